@@ -20,7 +20,7 @@ from microbot_ocp._base.status import Status
 from microbot_ocp.ocp import Explanation, Solution
 from microbot_ocp.ocp.refinement import Refiner
 from microbot_ocp.ocp.solution import StepProgress, quiet, unpack
-from microbot_ocp.planning.search._problem import MotionProblem
+from microbot_ocp.planning.search._problem import MotionProblem, TrialStart
 from microbot_ocp.planning.search._settings import TimeOptimalSettings
 
 
@@ -90,14 +90,29 @@ class SearchState:
 
 
 Choose = Callable[["MotionSearch", SearchState], "NextStep | None"]
-Run = Callable[["MotionSearch", SearchState, MotionAnswer | None], MotionAnswer]
+Run = Callable[["MotionSearch", "NextStep"], MotionAnswer]
 
 
 @dataclass(frozen=True, eq=False)
 class NextStep:
-    """What a strategy works on next: an answer, or nothing where it makes the first ones."""
+    """What a strategy works on next.
+
+    Attributes
+    ----------
+    subject : an answer; None where the strategy makes the first ones
+    start : what is tried then
+    intervals : a phase, on which it is tried
+    """
 
     subject: MotionAnswer | None = None
+    start: TrialStart | None = None
+    intervals: int = 0
+
+    @property
+    def answer(self) -> MotionAnswer:
+        """The answer that is worked on, by strategies that always have one."""
+        assert self.subject is not None
+        return self.subject
 
 
 @dataclass(frozen=True)
@@ -180,7 +195,7 @@ class MotionSearch:
         if known in self.memory:
             return self.memory[known]
         begin = time.perf_counter()
-        answer = strategy.run(self, state, step.subject)
+        answer = strategy.run(self, step)
         answer = replace(answer, before=step.subject, seconds=time.perf_counter() - begin)
         if known is not None:
             self.memory[known] = answer

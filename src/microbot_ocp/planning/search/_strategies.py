@@ -187,7 +187,7 @@ def next_start(search: MotionSearch, state: SearchState) -> NextStep | None:
     if tried and search.over:
         return None
     if not search.problem.compares_starts or len(tried) < settings.starts:
-        return NextStep() if search.problem.next_start(search, state) is not None else None
+        return _fresh(search, state)
     compared = sample(search, state)
     if settled(compared, settings):
         return None
@@ -196,8 +196,17 @@ def next_start(search: MotionSearch, state: SearchState) -> NextStep | None:
         carried = by_promise([answer for answer in tried if answer.intervals == first])
         for answer in carried if second > first else ():
             if state.made_of(answer, "start") is None:
-                return NextStep(answer)
-    return NextStep() if search.problem.next_start(search, state) is not None else None
+                return NextStep(answer, intervals=second)
+    return _fresh(search, state)
+
+
+def _fresh(search: MotionSearch, state: SearchState) -> NextStep | None:
+    """The next initial guess, on the mesh that answers are compared on."""
+    start = search.problem.next_start(search, state)
+    carried = any(answer.before is not None for answer in state.of("start"))
+    if start is None:
+        return None
+    return NextStep(start=start, intervals=_start_meshes(search)[carried])
 
 
 def _start_meshes(search: MotionSearch) -> tuple[int, int]:
@@ -205,37 +214,33 @@ def _start_meshes(search: MotionSearch) -> tuple[int, int]:
     return first, min(2 * first, full_mesh(search))
 
 
-def try_start(
-    search: MotionSearch, state: SearchState, subject: MotionAnswer | None
-) -> MotionAnswer:
+def try_start(search: MotionSearch, step: NextStep) -> MotionAnswer:
     """Solve from an initial guess, or what it led to on a finer mesh."""
-    first, second = _start_meshes(search)
-    refiner, phases = coarse(search), len(search.problem.names)
-    if subject is not None:
+    refiner, start = coarse(search), step.start
+    if start is None:
+        name, origin = step.answer.start, step.answer.origin
         refiner = replace(refiner, rough=SEARCH.explore_tolerance, once=True)
-        solution = refiner.finer(subject.solution, [second] * phases)
-        search.progress(
-            f"start {subject.start}: {solution.duration:.4f} s on {second} intervals a phase, "
-            f"{solution.status}"
+        meshes = [step.intervals] * len(search.problem.names)
+        solution = refiner.finer(step.answer.solution, meshes)
+    else:
+        name, origin = start.guess.name, start.origin
+        if start.most_iterations is not None:
+            limited = replace(refiner.settings, max_iterations=start.most_iterations)
+            refiner = replace(refiner, settings=limited)
+        if start.options is not None:
+            settings = replace(refiner.settings, options=start.options)
+            refiner = replace(refiner, settings=settings)
+        solution = refiner.solve(
+            step.intervals,
+            start.guess.guesses,
+            tolerance=SEARCH.explore_tolerance,
+            solver=start.solver,
         )
-        return _answer(search, "start", subject.start, solution, refiner, subject.origin)
-    start = search.problem.next_start(search, state)
-    assert start is not None
-    if start.most_iterations is not None:
-        limited = replace(refiner.settings, max_iterations=start.most_iterations)
-        refiner = replace(refiner, settings=limited)
-    if start.options is not None:
-        refiner = replace(refiner, settings=replace(refiner.settings, options=start.options))
-    carried = any(answer.before is not None for answer in state.of("start"))
-    mesh = second if carried else first
-    solution = refiner.solve(
-        mesh, start.guess.guesses, tolerance=SEARCH.explore_tolerance, solver=start.solver
-    )
     search.progress(
-        f"start {start.guess.name}: {solution.duration:.4f} s on {mesh} intervals a phase, "
+        f"start {name}: {solution.duration:.4f} s on {step.intervals} intervals a phase, "
         f"{solution.status}"
     )
-    return _answer(search, "start", start.guess.name, solution, refiner, start.origin)
+    return _answer(search, "start", name, solution, refiner, origin)
 
 
 def _answer(
@@ -279,12 +284,10 @@ def next_from_known(search: MotionSearch, state: SearchState) -> NextStep | None
     return step if step is not None and search.problem.known is not None else None
 
 
-def from_known(
-    search: MotionSearch, state: SearchState, subject: MotionAnswer | None
-) -> MotionAnswer:
+def from_known(search: MotionSearch, step: NextStep) -> MotionAnswer:
     """Solve from a way with its best timing."""
     known = search.problem.known
-    assert subject is not None
+    subject = step.answer
     assert known is not None
     refiner = coarse(search)
     solution = refiner.solve(
@@ -302,11 +305,9 @@ def next_relaxed(search: MotionSearch, state: SearchState) -> NextStep | None:
     return _nothing_solved(search, state, "relaxed problem")
 
 
-def from_relaxed(
-    search: MotionSearch, state: SearchState, subject: MotionAnswer | None
-) -> MotionAnswer:
+def from_relaxed(search: MotionSearch, step: NextStep) -> MotionAnswer:
     """Look at what limits have to give; solve from there where they have to give nothing."""
-    assert subject is not None
+    subject = step.answer
     refiner, problem = coarse(search), search.problem
     meshes = [phase.mesh for phase in subject.solution.phases]
     own = initial_guesses(problem.family, problem.via, problem.names, 1, search.settings.seed)
@@ -375,11 +376,9 @@ def next_timed_way(search: MotionSearch, state: SearchState) -> NextStep | None:
     return NextStep(_nearest(state))
 
 
-def from_timed_way(
-    search: MotionSearch, state: SearchState, subject: MotionAnswer | None
-) -> MotionAnswer:
+def from_timed_way(search: MotionSearch, step: NextStep) -> MotionAnswer:
     """Solve on the full mesh, near the best timed way."""
-    assert subject is not None
+    subject = step.answer
     search.progress("no coarse answer is faster than the best path: solved from there")
     best = min(search.problem.guided, key=duration_of)
     refiner = _going_on(subject)
@@ -419,11 +418,9 @@ def _coarse_of(answer: MotionAnswer) -> MotionAnswer:
     return answer
 
 
-def to_full_mesh(
-    search: MotionSearch, state: SearchState, subject: MotionAnswer | None
-) -> MotionAnswer:
+def to_full_mesh(search: MotionSearch, step: NextStep) -> MotionAnswer:
     """Solve on a finer mesh, finer still where the coarse accelerations change."""
-    assert subject is not None
+    subject = step.answer
     refiner, before = _going_on(subject), subject.solution
     if not accelerations_jump(search.problem.family):
         solution = refiner.finer(before, [full_mesh(search)] * len(before.phases))
@@ -494,15 +491,13 @@ def _within_limits(search: MotionSearch, answer: MotionAnswer) -> Any:
     return slowed or getattr(search.problem.known, "motion", None)
 
 
-def less_and_less_smoothing(
-    search: MotionSearch, state: SearchState, subject: MotionAnswer | None
-) -> MotionAnswer:
+def less_and_less_smoothing(search: MotionSearch, step: NextStep) -> MotionAnswer:
     """Solve on the full mesh from a motion within the limits, smoothed ever less.
 
     For arms so light or fast that torques change more between the points of a coarse mesh than it
     can tell: what it calls an optimum is none, and finer meshes do not find one from there.
     """
-    assert subject is not None
+    subject = step.answer
     refiner = _going_on(subject)
     limited = replace(refiner.settings, max_iterations=SEARCH.smoother_iterations)
     meshes = [full_mesh(search)] * len(search.problem.names)
@@ -511,19 +506,19 @@ def less_and_less_smoothing(
     last, kernels = None, refiner.transcription
     barrier: float | None = SEARCH.smoother_barrier
     for steps in (SEARCH.smoother, (*SEARCH.smoothest, *SEARCH.smoother)):
-        for step in steps:
-            weights = {name: {JERK_WEIGHT: step * usual} for name in search.problem.names}
+        for times in steps:
+            weights = {name: {JERK_WEIGHT: times * usual} for name in search.problem.names}
             kernels = search.refiner.transcription.with_parameters(weights)
             smoothed = replace(refiner, transcription=kernels, settings=limited)
             solution = smoothed.solve(meshes, start, barrier=barrier)
             search.progress(
-                f"smoothed {step:g} times: {solution.duration:.6f} s, {solution.status}"
+                f"smoothed {times:g} times: {solution.duration:.6f} s, {solution.status}"
             )
             if not solution.status.solved:
                 break
             worth = np.inf if last is None else last.duration / solution.duration - 1.0
-            start, last, barrier, weight = solution, solution, None, step * usual
-            if step == SEARCH.smoother[-1] or worth < SEARCH.worth_less:
+            start, last, barrier, weight = solution, solution, None, times * usual
+            if times == SEARCH.smoother[-1] or worth < SEARCH.worth_less:
                 finer = replace(refiner, transcription=kernels)
                 name = "less and less smoothing"
                 return _finer(subject, name, solution, refiner, finer, weight)
@@ -552,11 +547,9 @@ def next_splitting(search: MotionSearch, state: SearchState) -> NextStep | None:
     return None
 
 
-def split_where_exceeded(
-    search: MotionSearch, state: SearchState, subject: MotionAnswer | None
-) -> MotionAnswer:
+def split_where_exceeded(search: MotionSearch, step: NextStep) -> MotionAnswer:
     """Split intervals until limits hold between mesh points, and where something switches."""
-    assert subject is not None
+    subject = step.answer
     refiner, best = _going_on(subject), subject.solution
     if not accelerations_jump(search.problem.family):
         best = refiner.refine(best)
@@ -587,11 +580,9 @@ def next_last_digits(search: MotionSearch, state: SearchState) -> NextStep | Non
     return NextStep(best) if best.solved and not search.over else None
 
 
-def last_digits(
-    search: MotionSearch, state: SearchState, subject: MotionAnswer | None
-) -> MotionAnswer:
+def last_digits(search: MotionSearch, step: NextStep) -> MotionAnswer:
     """Solve to the full tolerance."""
-    assert subject is not None
+    subject = step.answer
     refiner = _going_on(subject)
     return _finer(subject, "last digits", refiner.finished(subject.solution), refiner)
 
