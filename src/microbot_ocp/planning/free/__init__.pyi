@@ -14,6 +14,7 @@ from ._problem import (
     BUDGET as BUDGET,
     JERK_WEIGHT as JERK_WEIGHT,
     OF_VARIABLES as OF_VARIABLES,
+    SMOOTHING as SMOOTHING,
     accelerations_jump as accelerations_jump,
     effort_scale as effort_scale,
     excess_along as excess_along,
@@ -21,7 +22,6 @@ from ._problem import (
     motion_at_mesh as motion_at_mesh,
     phase_names as phase_names,
     polynomial as polynomial,
-    smoothing_of as smoothing_of,
     transcription as transcription,
     via_times as via_times,
 )

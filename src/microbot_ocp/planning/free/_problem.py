@@ -34,39 +34,19 @@ from microbot_ocp.planning.task import (
 )
 from microbot_ocp.robot import Robot
 
+# Weight of the squared jerk: picks one motion where many are equally fast. It costs 1.3e-5 of the
+# duration of the Microbot task and halves the swing of the torques that are not at a limit.
+SMOOTHING = 1e-6
 JERK_WEIGHT = "jerk weight"  # the parameter of a phase
 CLOSED = 1e-5  # share of the way, or of the change of velocity, that gaps add up to
 BUDGET = "budget"  # a parameter of every phase
 OF_VARIABLES = ("q", "qd", "qdd")  # limits that are bounds of states and of the control
 
 
-@dataclass(frozen=True)
-class Smoothing:
-    """Weight of the squared jerk: picks one motion where many are equally fast.
-
-    Attributes
-    ----------
-    bang_bang : where accelerations jump; 1e-6 costs up to 6e-3 of the duration there
-    otherwise : with dry friction, limits of jerk or torque rate and further ones, where it costs
-        next to nothing and less takes half as many iterations again
-    """
-
-    bang_bang: float = 1e-8
-    otherwise: float = 1e-6
-
-
-WEIGHTS = Smoothing()
-
-
 def accelerations_jump(family: LimitFamily) -> bool:
     """Whether only velocities, accelerations and smooth torques are limited: bang-bang arcs."""
     plain = all(member.limit is None for member in family)
     return plain and not has_windows(family) and not {"qddd", "taud"} & set(family.keys)
-
-
-def smoothing_of(family: LimitFamily) -> float:
-    """Weight of the squared jerk in the problem of a family of limits."""
-    return WEIGHTS.bang_bang if accelerations_jump(family) else WEIGHTS.otherwise
 
 
 def phase_names(count: int) -> list[str]:
@@ -208,7 +188,7 @@ def _declare_segment(
         moved = qdd if tau is None else tau
         phase.running_cost(ca.sumsqr(moved / effort_scale(form.family, form.scales[1])))
     if not form.jumps:
-        weight = phase.parameter(JERK_WEIGHT, smoothing_of(form.family))
+        weight = phase.parameter(JERK_WEIGHT, SMOOTHING)
         phase.running_cost(weight * ca.sumsqr(jerk / size.jerk))
 
 

@@ -23,12 +23,12 @@ from microbot_ocp.ocp.solution import quiet, unpack
 from microbot_ocp.ocp.transcription import Guess, Transcription
 from microbot_ocp.planning.free import (
     OF_VARIABLES,
+    SMOOTHING,
     excess_between,
     initial_guesses,
     largest_excess,
     phase_names,
     polynomial,
-    smoothing_of,
     transcription,
     via_times,
     within_limits,
@@ -278,9 +278,7 @@ class TimeOptimalSolver:
             if (solution.status.solved and led_there and not search) or deadline.over():
                 break
         name, best = min(tried, key=lambda pair: (not pair[1].status.solved, pair[1].duration))
-        kernels, smoothing = (
-            (own.kernels, own.smoothing) if own else (self._kernels, smoothing_of(family))
-        )
+        kernels, smoothing = (own.kernels, own.smoothing) if own else (self._kernels, SMOOTHING)
         solution, excess = self._refined(family, best, changes, kernels)
         # an arm with a payload is met once: nothing is compiled for it
         with interpreted() if payload else nullcontext():

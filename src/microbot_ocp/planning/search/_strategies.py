@@ -23,13 +23,13 @@ from microbot_ocp.ocp.refinement import WORSE, Refiner
 from microbot_ocp.ocp.solution import StepProgress
 from microbot_ocp.planning.free import (
     JERK_WEIGHT,
+    SMOOTHING,
     InitialGuess,
     accelerations_jump,
     guesses_from,
     initial_guesses,
     least_violation,
     motion_at_mesh,
-    smoothing_of,
     transcription,
     with_motion,
 )
@@ -66,8 +66,6 @@ def search_of(
     if deadline.over():  # they may not be compiled: made again the next time
         transcription.cache_clear()
     kernel_time = time.perf_counter() - begin
-    # weights so small ask for pivots where meshes are fine
-    options = {} if accelerations_jump(problem.family) else LDL
     windows, guided = has_windows(problem.family), bool(problem.guided)
     polishing = 0 if windows or len(problem.names) > SEARCH.most_polished else SEARCH.polishing
     refiner = Refiner(
@@ -78,11 +76,9 @@ def search_of(
         solver="ipopt" if settings.solver == "auto" else settings.solver,
         tolerance=ROUGH_TOLERANCE if guided else 1e-8,
         progress=with_motion(progress, problem.family.robot, problem.via, motion_at_mesh),
-        settings=SolverSettings(
-            gap=np.inf, options=options, max_iterations=SEARCH.guided_iterations
-        )
+        settings=SolverSettings(gap=np.inf, options=LDL, max_iterations=SEARCH.guided_iterations)
         if guided
-        else SolverSettings(gap=GAP, options=options),
+        else SolverSettings(gap=GAP, options=LDL),
         rough=None if guided else ROUGH_TOLERANCE,
         polishing=polishing,
         fitted=partial(with_windows, dry_friction(problem.family.robot) > 0.0) if windows else None,
@@ -162,8 +158,7 @@ def full_mesh(search: MotionSearch) -> int:
 
 def coarse(search: MotionSearch) -> Refiner:
     """How coarse answers are solved for: with dry friction rounded off."""
-    settings = replace(search.refiner.settings, options=LDL)
-    refiner = replace(search.refiner, history=[], settings=settings)
+    refiner = replace(search.refiner, history=[])
     if refiner.fitted is None:
         return refiner
     kernels = rounded(refiner.transcription, search.problem.scale.velocity)
@@ -258,7 +253,7 @@ def _answer(
         start,
         solution,
         search.refiner,
-        smoothing_of(search.problem.family),
+        SMOOTHING,
         solves=solves,
         origin=origin,
     )
@@ -434,7 +429,7 @@ def to_full_mesh(search: MotionSearch, step: NextStep) -> MotionAnswer:
         solution = refiner.solve(meshes, search.problem.guesses(before))
         if solution.status.solved and solution.cost <= (1 + WORSE) * before.cost:
             return _finer(subject, "full mesh", solution, refiner)
-    options = {"ipopt": {"mu_init": SEARCH.far_barrier}}
+    options = {"ipopt": {**LDL["ipopt"], "mu_init": SEARCH.far_barrier}}
     settings, once = replace(refiner.settings, options=options), False
     if len(before.phases) <= SEARCH.many_phases and _within_limits(search, subject) is not None:
         limited = min(settings.max_iterations, SEARCH.first_iterations)
@@ -532,6 +527,40 @@ def less_and_less_smoothing(search: MotionSearch, step: NextStep) -> MotionAnswe
     return _finer(subject, "less and less smoothing", failed, refiner)
 
 
+def next_less_smoothing(search: MotionSearch, state: SearchState) -> NextStep | None:
+    """What was solved on a full mesh, where its smoothing costs much."""
+    for answer in state.of("full mesh"):
+        assert answer.before is not None
+        costly = answer.solution.cost - answer.solution.duration > (
+            SEARCH.smoothing_told * answer.solution.duration
+        )
+        is_full = answer.solved and answer.solution is not answer.before.solution
+        jumps = accelerations_jump(search.problem.family)
+        untried = state.made_of(answer, "less smoothing") is None
+        if is_full and costly and jumps and untried and not search.over:
+            return NextStep(answer)
+    return None
+
+
+def less_smoothing(search: MotionSearch, step: NextStep) -> MotionAnswer:
+    """Solve on the same mesh with less smoothing, as on all that follow."""
+    subject = step.answer
+    refiner, weight = _going_on(subject), SEARCH.less_smoothing * SMOOTHING
+    lower = {name: {JERK_WEIGHT: weight} for name in search.problem.names}
+    # without pivots so little curvature is lost in rounding: 40 iterations in place of 21
+    usual = replace(refiner.settings, options={})
+    kernels = refiner.transcription.with_parameters(lower)
+    finer = replace(refiner, transcription=kernels, settings=usual)
+    options = {"ipopt": {"mu_init": SEARCH.less_smoothing_barrier}}
+    settings = replace(usual, options=options, max_iterations=SEARCH.most_exact)
+    meshes = [phase.mesh for phase in subject.solution.phases]
+    solution = replace(finer, settings=settings).solve(meshes, subject.solution)
+    search.progress(f"smoothed less: {solution.duration:.6f} s, {solution.status}")
+    if solution.status.solved and solution.duration >= subject.solution.duration:
+        solution = replace(solution, status=Status.NOT_ACCEPTED)
+    return _finer(subject, "less smoothing", solution, refiner, finer, weight)
+
+
 def next_splitting(search: MotionSearch, state: SearchState) -> NextStep | None:
     """What was solved on a full mesh, or where none was the coarse answer itself."""
     for coarser in (*state.of("full mesh"), *state.of("less and less smoothing")):
@@ -539,6 +568,9 @@ def next_splitting(search: MotionSearch, state: SearchState) -> NextStep | None:
         assert before is not None
         made = [m for s in ON_FULL_MESH if (m := state.made_of(before, s)) and m.solved]
         chosen = next((m for m in reversed(made) if m.solution is not before.solution), before)
+        smoothed_less = state.made_of(chosen, "less smoothing")
+        if smoothed_less is not None and smoothed_less.solved:
+            chosen = smoothed_less
         if state.made_of(chosen, "splitting") is None:
             return NextStep(chosen)
     for way in state.of("timed way"):
@@ -652,6 +684,12 @@ STRATEGIES = (
         next_smoother,
         less_and_less_smoothing,
         "arms so light that torques change more between coarse mesh points than they tell",
+    ),
+    MotionStrategy(
+        "less smoothing",
+        next_less_smoothing,
+        less_smoothing,
+        "light arms, whose jerk is large where nothing is smoothed",
     ),
     MotionStrategy(
         "splitting", next_splitting, split_where_exceeded, "limits hold at mesh points only"
