@@ -11,6 +11,7 @@ import pytest
 import microbot_ocp as mo
 from microbot_ocp._base import deadline
 from microbot_ocp.planning.free import transcription
+from microbot_ocp.planning.search import _time_optimal
 
 ROBOT = mo.load_robot("microbot")
 VIA = np.radians([[0, 0, 0], [-8, 45, 30], [-90, 90, 90]])
@@ -87,7 +88,13 @@ def test_a_search_that_there_is_no_time_to_prepare_returns_what_needs_none(monke
     """The kernels of seven joints take seconds, and a limit may be over before they are made."""
     robot = mo.load_robot("panda")
     via = np.array([[0.0, -0.5, 0.0, -2.0, 0.0, 1.5, 0.0], [0.5, 0.2, 0.3, -1.5, 0.4, 1.8, 0.6]])
-    monkeypatch.setattr("microbot_ocp.planning.search._time_optimal.motion_through", None)
+
+    def late(*arguments, search_of=_time_optimal.search_of):
+        time.sleep(max(deadline.left(), 0.0))
+        return search_of(*arguments)
+
+    monkeypatch.setattr(_time_optimal, "search_of", late)
+    monkeypatch.setattr(_time_optimal, "motion_through", None)
     transcription.cache_clear()
     motion = mo.time_optimal(robot, via, compiled=False, time_limit=0.5)
     assert motion.status is LATE
