@@ -7,6 +7,7 @@ import io
 import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -57,29 +58,27 @@ class OneOf:
 
 
 class Axis(NamedTuple):
-    """One dimension of a grid or of random draws.
+    """One dimension of the cases: ``columns`` are one of the rows of ``values`` [K,k].
 
-    Either ``columns`` go from ``lower`` to ``upper``, or they are one of the rows of ``choices``.
+    Of random draws in a range there are none: the column goes from ``lower`` to ``upper``.
     """
 
     columns: slice
     lower: float = 0.0
     upper: float = 0.0
-    steps: int = 1
-    choices: FloatArray | None = None
+    values: FloatArray | None = None
 
     def at(self, share: FloatArray) -> FloatArray:
         """Values [K,k] at shares [K] from 0 to 1 of the way."""
-        if self.choices is None:
+        if self.values is None:
             return (self.lower + (self.upper - self.lower) * share)[:, None]
-        rows = np.minimum((share * len(self.choices)).astype(int), len(self.choices) - 1)
-        return self.choices[rows]
+        rows = np.minimum((share * len(self.values)).astype(int), len(self.values) - 1)
+        return self.values[rows]
 
-    def step(self, index: np.ndarray) -> FloatArray:
-        """Values [K,k] of the steps of these numbers [K]."""
-        if self.choices is not None:
-            return self.choices[index]
-        return np.linspace(self.lower, self.upper, self.steps)[index][:, None]
+    @property
+    def moves(self) -> Any:
+        """Which of the columns differ between cases."""
+        return np.True_ if self.values is None else (self.values != self.values[0]).any(axis=0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,13 +218,12 @@ class CaseSource:
         self.names = tuple(self.width)
         self.poses = pose_names(self.names)
         self._constant = np.concatenate(constants)
-        self._table = self._table_values()
-        if cases.kind == "grid":
-            sizes = [a.steps if a.choices is None else len(a.choices) for a in self._axes]
-            self.count = int(np.prod([float(size) for size in sizes])) if sizes else 1
-            self._sizes = tuple(sizes)
-        else:
-            self.count = len(self._table) if cases.kind == "table" else int(cases.count or 0)
+        if cases.kind == "table":
+            self._axes = [Axis(slice(0, place), values=self._table_values())]
+        self.count = int(cases.count or 0)
+        if cases.kind != "random":
+            self._sizes = tuple(len(axis.values) for axis in self._axes if axis.values is not None)
+            self.count = int(np.prod([float(size) for size in self._sizes]))
         checks.number("the count of cases", self.count, at_most=MOST_CASES)
 
     @property
@@ -239,7 +237,6 @@ class CaseSource:
             "width": self.width,
             "axes": [(a.columns.start, a.columns.stop, *a[1:]) for a in self._axes],
             "constant": self._constant,
-            "table": self._table,
         }
 
     @property
@@ -250,28 +247,21 @@ class CaseSource:
     @property
     def varying(self) -> tuple[str, ...]:
         """Names of the quantities that differ between cases."""
-        if self.cases.kind == "table":
-            moves = np.ptp(self._table, axis=0) > 0 if self.count > 1 else np.zeros(0, bool)
-            places = np.flatnonzero(moves)
-        else:
-            places = np.array(
-                [k for axis in self._axes for k in range(*axis.columns.indices(1 << 30))]
-            )
-        edges = np.cumsum(list(self.width.values()))
-        moving = {self.names[int(np.searchsorted(edges, k, side="right"))] for k in places}
-        return tuple(name for name in self.names if name in moving)
+        varies = np.zeros(self._constant.size, dtype=bool)
+        for axis in self._axes:
+            varies[axis.columns] = axis.moves
+        return tuple(name for name, of_name in self.values(varies).items() if of_name.any())
 
     def rows(self, start: int, stop: int) -> FloatArray:
         """Values [K,c] of the cases from ``start`` up to ``stop``, in the order of the columns."""
-        if self.cases.kind == "table":
-            return self._table[start:stop]
         values = np.tile(self._constant, (stop - start, 1))
         if not self._axes:
             return values
-        if self.cases.kind == "grid":
+        if self.cases.kind != "random":
             steps = np.unravel_index(np.arange(start, stop), self._sizes)
             for axis, index in zip(self._axes, steps, strict=True):
-                values[:, axis.columns] = axis.step(index)
+                assert axis.values is not None
+                values[:, axis.columns] = axis.values[index]
             return values
         qmc = needed("scipy.stats.qmc")
         engine = qmc.Sobol(len(self._axes), scramble=True, seed=self.cases.seed)
@@ -297,51 +287,36 @@ class CaseSource:
                 yield number, start, self.rows(start, min(start + size, self.count))
 
     def reference(self) -> dict[str, FloatArray]:
-        """One value for every limit, mass, friction and gravity: finite where some case has one."""
-        values = self.values(self.rows(0, 1)[0])
-        if self.cases.kind != "table":
-            for axis in self._axes:
-                if axis.choices is not None and not np.isfinite(axis.choices[0]).all():
-                    finite = axis.choices[np.isfinite(axis.choices).all(axis=1)]
-                    if len(finite):
-                        row = self.rows(0, 1)[0]
-                        row[axis.columns] = finite[0]
-                        name = next(
-                            n for n, v in self.values(row).items() if (v != values[n]).any()
-                        )
-                        values[name] = self.values(row)[name]
-            return values
-        finite = np.isfinite(self._table).all(axis=1)
-        return self.values(self._table[int(finite.argmax())])
+        """One value for every quantity: finite where some case has one."""
+        row = self.rows(0, 1)[0]
+        for axis in self._axes:
+            if axis.values is not None and not np.isfinite(row[axis.columns]).all():
+                finite = np.isfinite(axis.values).all(axis=1)
+                row[axis.columns] = axis.values[int(finite.argmax())]
+        return self.values(row)
 
     def robots(self) -> list[dict[str, FloatArray]] | None:
         """The few values that masses, gravity and friction take together; None where many."""
-        varying = set(self.varying) & set(DYNAMICS)
-        fixed = {name: v for name, v in self.reference().items() if name in DYNAMICS}
-        if not varying:
-            return [fixed]
-        edges = dict(zip(self.names, np.cumsum([0, *self.width.values()]), strict=False))
-        places = [edges[n] + k for n in sorted(varying) for k in range(self.width[n])]
-        if self.cases.kind == "table":
-            combined = np.unique(self._table[:, places], axis=0)
-        else:
-            axes = [a for a in self._axes if set(range(*a.columns.indices(1 << 30))) & set(places)]
-            if self.cases.kind == "random" and any(a.choices is None for a in axes):
+        reference = self.reference()
+        row = np.concatenate(list(reference.values()))
+        kinds = np.repeat([name in DYNAMICS for name in reference], list(self.width.values()))
+        places, choices = [], []
+        for axis in self._axes:
+            chosen = kinds[axis.columns]
+            if not chosen.any():
+                continue
+            if axis.values is None:
                 return None
-            sizes = [a.steps if a.choices is None else len(a.choices) for a in axes]
-            if np.prod([float(size) for size in sizes]) > FEW:
-                return None
-            rows = np.tile(self._constant, (int(np.prod(sizes)), 1))
-            steps = np.unravel_index(np.arange(len(rows)), sizes)
-            for axis, index in zip(axes, steps, strict=True):
-                rows[:, axis.columns] = axis.step(index)
-            combined = rows[:, places]
-        if len(combined) > FEW:
+            places.append(np.arange(row.size)[axis.columns][chosen])
+            choices.append(np.unique(axis.values[:, chosen], axis=0))
+        if np.prod([float(len(values)) for values in choices]) > FEW:
             return None
         robots = []
-        for row in combined:
-            parts = iter(np.split(row, np.cumsum([self.width[n] for n in sorted(varying)])[:-1]))
-            robots.append({**fixed, **{name: next(parts) for name in sorted(varying)}})
+        for combination in product(*choices):
+            for at, values in zip(places, combination, strict=True):
+                row[at] = values
+            every = self.values(row.copy())
+            robots.append({name: value for name, value in every.items() if name in DYNAMICS})
         return robots
 
     def _every(self) -> dict[str, Any]:
@@ -368,8 +343,7 @@ class CaseSource:
         return given
 
     def _table_values(self) -> FloatArray:
-        if self.cases.kind != "table":
-            return np.empty((0, 0))
+        """Values [N,c] of the columns of a table, constants beside them, in SI units."""
         count = len(next(iter(self.cases.columns.values())))
         values = np.tile(self._constant, (count, 1))
         place = 0
@@ -391,14 +365,14 @@ class CaseSource:
         if isinstance(given, OneOf):
             choices = self._choices(name, given)
             columns = slice(place, place + choices.shape[1])
-            return choices[0], [Axis(columns, choices=choices)] if len(choices) > 1 else []
+            return choices[0], [Axis(columns, values=choices)] if len(choices) > 1 else []
         if isinstance(given, Between):
             lower, upper = self._range(name, given)
-            axes = [
-                Axis(slice(place + k, place + k + 1), low, high, int(given.steps or 1))
-                for k, (low, high) in enumerate(zip(lower.tolist(), upper.tolist(), strict=True))
-                if low < high
-            ]
+            axes = []
+            for k, (low, high) in enumerate(zip(lower.tolist(), upper.tolist(), strict=True)):
+                steps = np.linspace(low, high, given.steps)[:, None] if given.steps else None
+                if low < high:
+                    axes.append(Axis(slice(place + k, place + k + 1), low, high, steps))
             return lower, axes
         value = self._numbers(name, given, widths(self._robot, name))
         return value * scale_to_si(self._robot, name, value.size), []
@@ -422,6 +396,7 @@ class CaseSource:
             raise InputError(f"{name} needs steps of at least 2 on a grid, not {shown(steps)}")
         if kind == "random" and steps is not None:
             raise InputError(f"{name} has steps, which are for grids: random draws have none")
+        checks.number(f"steps of {name}", steps or 1, at_most=MOST_CASES)
         allowed = widths(self._robot, name)
         ends = [
             self._numbers(f"{name}, {end}", value, (1, *allowed))  # one may stand for all
