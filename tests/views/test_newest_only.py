@@ -32,12 +32,10 @@ def test_it_can_be_asked_again_and_waited_for_when_idle():
     assert done == [1, 2]
 
 
-def test_a_job_that_fails_holds_up_nobody(monkeypatch):
-    seen = []
-    monkeypatch.setattr(threading, "excepthook", lambda told: seen.append(told.exc_type))
+def test_a_job_that_fails_holds_up_nobody_and_is_logged(caplog):
     work = NewestOnly(lambda request: 1 / request)
     work.ask(0)
     assert work.wait(timeout=10)
     work.ask(1)
     assert work.wait(timeout=10)
-    assert seen == [ZeroDivisionError]
+    assert [record.exc_info[0] for record in caplog.records] == [ZeroDivisionError]

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from typing import Generic, TypeVar
 
 Request = TypeVar("Request")
@@ -15,41 +15,21 @@ class NewestOnly(Generic[Request]):
     Parameters
     ----------
     job : callable
-        Takes a request. It runs in one thread at a time, never twice at once, and must not raise.
+        Takes a request. It runs in one thread, never twice at once; what it raises is logged.
     """
 
     def __init__(self, job: Callable[[Request], None]) -> None:
         self._job = job
-        self._condition = threading.Condition()
-        self._waiting: list[Request] = []  # one at most
-        self._running = False
+        self._thread = ThreadPoolExecutor(1)
+        self._newest: Future[None] | None = None
 
     def ask(self, request: Request) -> None:
         """Do the job for this request as soon as the one under way is done."""
-        with self._condition:
-            self._waiting = [request]
-            if not self._running:
-                self._running = True
-                threading.Thread(target=self._run, daemon=True).start()
+        if self._newest is not None:
+            self._newest.cancel()  # nothing happens to the one under way
+        self._newest = self._thread.submit(self._job, request)
+        self._newest.add_done_callback(lambda job: job.cancelled() or job.result())
 
     def wait(self, timeout: float | None = None) -> bool:
         """Wait until nothing is left to do; False where ``timeout`` seconds were not enough."""
-        with self._condition:
-            return self._condition.wait_for(lambda: not self._running, timeout)
-
-    def _run(self) -> None:
-        while True:
-            with self._condition:
-                if not self._waiting:
-                    self._running = False
-                    self._condition.notify_all()
-                    return
-                request = self._waiting.pop()
-            try:
-                self._job(request)
-            except BaseException:
-                with self._condition:  # else ``wait`` would wait for a thread that is gone
-                    self._waiting.clear()
-                    self._running = False
-                    self._condition.notify_all()
-                raise
+        return self._newest is None or not wait([self._newest], timeout).not_done
