@@ -5,7 +5,7 @@
 """
 
 from microbot_ocp._base import border
-from microbot_ocp.views._needed import need
+from microbot_ocp._base.needed import needed
 
-need("films", "matplotlib", "matplotlib")
+needed("matplotlib", "films need")
 __getattr__, __dir__, __all__ = border.attach_stub(__name__, __file__)

@@ -12,6 +12,7 @@ from PIL import Image
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import InputError
+from microbot_ocp._base.needed import needed
 from microbot_ocp._base.writing import whole_file
 from microbot_ocp.motion import Motion
 from microbot_ocp.robot import Robot
@@ -151,16 +152,11 @@ def _with_exactly(reduced: Image.Image, picture: Image.Image) -> Image.Image:
 
 
 def _write_mp4(path: Path, frames: Iterator[np.ndarray], rate: float) -> None:
-    try:
-        import imageio_ffmpeg
-    except ImportError:
-        raise InputError(
-            "this format needs imageio-ffmpeg: pip install 'microbot_ocp[export]'"
-        ) from None
+    ffmpeg = needed("imageio_ffmpeg", "this format needs", "export")
     last = next(frames)
     height, width, _ = last.shape
-    writer = imageio_ffmpeg.write_frames(
-        str(path), (width, height), fps=rate,  # pyright: ignore[reportArgumentType]
+    writer = ffmpeg.write_frames(
+        str(path), (width, height), fps=rate,
         codec="libx264", quality=8, macro_block_size=2,
         ffmpeg_log_level="error", output_params=["-f", "mp4", "-movflags", "+faststart"],
     )  # fmt: skip

@@ -5,7 +5,6 @@ from __future__ import annotations
 import html
 import time
 from dataclasses import dataclass, replace
-from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -13,12 +12,13 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import InputError
+from microbot_ocp._base.needed import needed
 from microbot_ocp.limits import limit_history
 from microbot_ocp.motion import Motion
 from microbot_ocp.planning import TimeOptimalSolver
 from microbot_ocp.robot import JointLimits, Robot
 from microbot_ocp.views._style import STYLE
-from microbot_ocp.views.live import NewestOnly
+from microbot_ocp.views.live import LivePlot, NewestOnly
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ class TimeOptimalSliders:
         payload: float = 2.0,
         **settings: Any,
     ) -> None:
-        widgets = _widgets()
+        widgets = needed("ipywidgets", "sliders need", "notebook")
         _check_range("torque", torque)
         _check_range("speed", speed)
         most = checks.number("payload", payload, "kg", above=0.0)
@@ -101,7 +101,8 @@ class TimeOptimalSliders:
                 "sliders need a task that is solved under the robot's own limits; this one is "
                 f"{self._reference.note}"
             )
-        self._draw = _live_plot(robot, self._reference, Setting(torque[1], speed[1]))
+        widest = Setting(torque[1], speed[1]).limits(robot)
+        self._draw = LivePlot(robot, self._reference, widest, 2.0 * self._reference.duration)
         self.motion: Motion | None = self._reference
         self.robot, self.message, self.solves = robot, "", 1
         self.solve_time = float(self._reference.provenance["wall_time"])
@@ -187,17 +188,3 @@ def _check_range(name: str, pair: tuple[float, float]) -> None:
         raise InputError(f"{name} must be a pair (lowest, highest) of shares, not {pair!r}")
     low = checks.number(f"lowest {name}", pair[0], above=0.0, at_most=1.0)
     checks.number(f"highest {name}", pair[1], at_least=max(1.0, low))
-
-
-def _widgets() -> Any:
-    try:
-        return import_module("ipywidgets")
-    except ModuleNotFoundError:
-        text = "sliders need ipywidgets: pip install 'microbot_ocp[notebook]'"
-        raise InputError(text) from None
-
-
-def _live_plot(robot: Robot, reference: Motion, widest: Setting) -> Any:
-    from microbot_ocp.views.live import LivePlot
-
-    return LivePlot(robot, reference, widest.limits(robot), 2.0 * reference.duration)

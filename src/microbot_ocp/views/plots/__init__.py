@@ -15,7 +15,7 @@ Examples
 """
 
 from microbot_ocp._base import border
-from microbot_ocp.views._needed import need
+from microbot_ocp._base.needed import needed
 
-need("figures", "matplotlib", "matplotlib")
+needed("matplotlib", "figures need")
 __getattr__, __dir__, __all__ = border.attach_stub(__name__, __file__)

@@ -6,7 +6,7 @@ A kind of recording is a function in ``_builders`` that makes a
 
 import lazy_loader
 
-from microbot_ocp.views._needed import need
+from microbot_ocp._base.needed import needed
 
-need("recordings", "rerun", "rerun-sdk")
+needed("rerun", "recordings need")
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -8,10 +8,10 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from microbot_ocp._base.needed import needed
 from microbot_ocp._base.status import Status
 from microbot_ocp.sweeps import Sweep
 from microbot_ocp.views._eye import Eye
-from microbot_ocp.views._needed import need
 from microbot_ocp.views._style import STYLE, look, rgb
 from microbot_ocp.views.recording._blueprint import eye_controls, folded, text_view
 from microbot_ocp.views.recording._writer import WORLD, file_writer
@@ -71,7 +71,5 @@ def of_sweep(results: Sweep, path: str | Path) -> Path:
 
 def _viridis(share: np.ndarray) -> np.ndarray:
     """Return colours [N,4] of shares [N] from dark to bright."""
-    need("atlases", "matplotlib", "matplotlib")
-    from matplotlib import colormaps
-
-    return (255 * colormaps["viridis"](np.clip(share, 0, 1))).astype(np.uint8)
+    viridis = needed("matplotlib", "atlases need").colormaps["viridis"]
+    return (255 * viridis(np.clip(share, 0, 1))).astype(np.uint8)
