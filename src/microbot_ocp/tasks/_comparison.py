@@ -373,7 +373,7 @@ def compare(
         begin = time.perf_counter()
         try:
             with deadline.within(SOLVING * seconds):
-                motion = METHODS[name].solve(task)
+                motion = METHODS[name].solve(*METHODS[name].arguments(task))
         except InputError as problem:  # this method cannot do the task; the others may
             wall = time.perf_counter() - begin
             entries.append(Entry.without(name, str(problem), wall))

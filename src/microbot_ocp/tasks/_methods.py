@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -25,7 +27,6 @@ from microbot_ocp.planning import (
 )
 from microbot_ocp.robot import Robot
 from microbot_ocp.trajectories import (
-    Scaled,
     ViaPoints,
     best_durations,
     best_split,
@@ -37,6 +38,7 @@ from microbot_ocp.trajectories import (
 )
 
 BLEND = 0.25  # of each segment, where LSPB's times are as given; its best ones start from it
+CUBIC, LINEAR = "cubic segments", "linear segments with parabolic blends"
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,10 +107,11 @@ class ComparedTask:
 
 @dataclass(frozen=True)
 class Method:
-    """One way to do a task."""
+    """One way to do a task: a function with what it takes of the task, by default all of it."""
 
     title: str
-    solve: Callable[[ComparedTask], Motion]
+    solve: Callable[..., Motion]
+    arguments: Callable[[ComparedTask], tuple[Any, ...]] = lambda task: (task,)
     timed: bool = False  # needs the times of the task
 
 
@@ -123,21 +126,66 @@ def _as_given(task: ComparedTask) -> Motion:
     )
 
 
-def _scaled_motion(
-    task: ComparedTask, scaled: Scaled, durations: FloatArray, label: str, method: str, note: str
-) -> Motion:
-    """The motion of a shape scaled to the limits, with the durations of its segments."""
+def _cubic(task: ComparedTask, best: bool) -> Motion:
+    return _scaled(task, best, CUBIC, task.cubic, task.first if best else task.given)[0]
+
+
+def _lspb(task: ComparedTask, best: bool) -> Motion:
+    """With blends of a share of each segment, or as is best for each."""
+    share = BLEND if task.blend is None and not best else task.blend
+    parts = task.first if best else task.given
+    count = len(task.via_q) - 1
+    if share is None:  # blends, then what is between them
+        parts = np.hstack([BLEND * parts, (1.0 - 2.0 * BLEND) * parts])
+
+    def both(parts: FloatArray) -> tuple[FloatArray, FloatArray]:
+        if share is None:
+            return 2.0 * parts[:count] + parts[count:], parts[:count]
+        return parts, share * parts
+
+    motion, parts = _scaled(
+        task, best, LINEAR, lambda parts: task.lspb(*both(parts)), parts, lambda p: both(p)[0]
+    )
+    blends = f"blends {share:g} of each segment" if share else _seconds("blends", both(parts)[1])
+    state = motion.sample([mark.time for mark in motion.marks[1:-1]])
+    passes = map(_passage, task.via_q[1:-1], state.q, state.qd)
+    return replace(motion, note="; ".join([motion.note, blends, *passes]))
+
+
+def _scaled(
+    task: ComparedTask,
+    best: bool,
+    shape: str,
+    make: Callable[[FloatArray], PiecewisePolynomial],
+    parts: FloatArray,
+    segments: Callable[[FloatArray], FloatArray] = lambda parts: parts,
+) -> tuple[Motion, FloatArray]:
+    """A shape scaled to the limits, all of its parts alike or each as is best, and their durations.
+
+    ``segments`` makes durations of the segments of those of the parts.
+    """
+    if best:
+        scaled = best_split(task.robot, make, parts)
+        assert scaled.split is not None
+        parts, label, scale = scaled.split, "best split", "a time scale each"
+        note = _seconds("segments", segments(parts))
+    else:
+        scaled = shortest_duration(task.robot, make(parts))
+        parts, label, scale = parts * scaled.factor, "as given, scaled", "one time scale"
+        note = f"all times x {scaled.factor:.4f}"
+    durations = segments(parts)
     of = f" of {scaled.joint}" if scaled.joint else ""
     where = f"{scaled.quantity.replace('_', ' ')}{of} at {scaled.time:.3f} s"
-    velocities = "Craig's heuristic" if task.via_qd is None else "as given, slower as the motion is"
-    via = f"; via velocities: {velocities}" if len(durations) > 1 else ""
-    return Motion.from_polynomial(
+    if len(durations) > 1:
+        craig, given = "Craig's heuristic", "as given, slower as the motion is"
+        note += f"; via velocities: {craig if task.via_qd is None else given}"
+    motion = Motion.from_polynomial(
         task.robot,
         scaled.polynomial,
-        label=label,
+        label=f"{'cubic' if shape == CUBIC else 'LSPB'}, {label}",
         marks=_via_marks(durations),
         provenance={
-            "method": method,
+            "method": f"{shape}, {scale}",
             "status": scaled.status,
             "factor": scaled.factor,
             "segments": durations.tolist(),
@@ -145,75 +193,9 @@ def _scaled_motion(
             "iterations": scaled.iterations,
             "wall_time": scaled.wall_time,
         },
-        note=f"{note}{via}; just meets the limit of {where}",
+        note=f"{note}; just meets the limit of {where}",
     )
-
-
-def _scaled_cubic(task: ComparedTask) -> Motion:
-    scaled = shortest_duration(task.robot, task.cubic(task.given))
-    return _scaled_motion(
-        task,
-        scaled,
-        task.given * scaled.factor,
-        "cubic, as given, scaled",
-        "cubic segments, one time scale",
-        f"all times x {scaled.factor:.4f}",
-    )
-
-
-def _best_cubic(task: ComparedTask) -> Motion:
-    scaled = best_split(task.robot, task.cubic, task.first)
-    assert scaled.split is not None
-    return _scaled_motion(
-        task,
-        scaled,
-        scaled.split,
-        "cubic, best split",
-        "cubic segments, a time scale each",
-        _seconds("segments", scaled.split),
-    )
-
-
-def _scaled_lspb(task: ComparedTask) -> Motion:
-    share = BLEND if task.blend is None else task.blend
-    scaled = shortest_duration(task.robot, task.lspb(task.given, share * task.given))
-    motion = _scaled_motion(
-        task,
-        scaled,
-        task.given * scaled.factor,
-        "LSPB, as given, scaled",
-        "linear segments with parabolic blends, one time scale",
-        f"all times x {scaled.factor:.4f}, blends {share:g} of each segment",
-    )
-    return _with_passages(task, motion, scaled.polynomial)
-
-
-def _best_lspb(task: ComparedTask) -> Motion:
-    """Best durations of the segments and, where no share is given, of their blends."""
-    share, count = task.blend, len(task.via_q) - 1
-
-    def durations(parts: FloatArray) -> FloatArray:  # of blends, then of what is between them
-        return parts if share is not None else 2.0 * parts[:count] + parts[count:]
-
-    def blends(parts: FloatArray) -> FloatArray:
-        return parts[:count] if share is None else share * parts
-
-    first = task.first
-    if share is None:
-        first = np.hstack([BLEND * first, (1.0 - 2.0 * BLEND) * first])
-    scaled = best_split(task.robot, lambda p: task.lspb(durations(p), blends(p)), first)
-    assert scaled.split is not None
-    segments = durations(scaled.split)
-    chosen = f"blends {share:g} of each" if share else _seconds("blends", blends(scaled.split))
-    motion = _scaled_motion(
-        task,
-        scaled,
-        segments,
-        "LSPB, best split",
-        "linear segments with parabolic blends, a time scale each",
-        f"{_seconds('segments', segments)}, {chosen}",
-    )
-    return _with_passages(task, motion, scaled.polynomial)
+    return motion, parts
 
 
 def _seconds(of: str, durations: FloatArray) -> str:
@@ -222,15 +204,8 @@ def _seconds(of: str, durations: FloatArray) -> str:
     return f"{of} of {', '.join(f'{duration:.3f}' for duration in durations)} s"
 
 
-def _with_passages(task: ComparedTask, motion: Motion, polynomial: PiecewisePolynomial) -> Motion:
-    """With a note of how LSPB passes the via points."""
-    times = np.array([mark.time for mark in motion.marks[1:-1]])
-    state = polynomial(times), polynomial.derivative()(times)
-    passes = "; ".join(_passage(*point) for point in zip(task.via_q[1:-1], *state, strict=True))
-    return motion if not passes else replace(motion, note=f"{motion.note}; {passes}")
-
-
 def _passage(via: FloatArray, q: FloatArray, qd: FloatArray) -> str:
+    """How LSPB passes a via point."""
     miss = float(np.abs(q - via).max())
     speeds = ", ".join(f"{v:.3f}" for v in qd)
     if miss < 1e-9:
@@ -253,19 +228,19 @@ def _timed(task: ComparedTask, path: PiecewisePolynomial, label: str) -> Motion:
     return best_timing(task.family, path, task.path_settings, label, task.tell)
 
 
-def _free(task: ComparedTask) -> Motion:
-    return fastest_motion(task.family, task.via_q, task.free_settings, task.tell)
-
-
 METHODS: dict[str, Method] = {
     "cubic_report": Method("cubic, as given", _as_given, timed=True),
-    "cubic_scaled": Method("cubic, as given, scaled", _scaled_cubic, timed=True),
-    "cubic": Method("cubic, best split of times", _best_cubic),
-    "lspb_scaled": Method("LSPB, as given, scaled", _scaled_lspb, timed=True),
-    "lspb": Method("LSPB, best split of times", _best_lspb),
+    "cubic_scaled": Method("cubic, as given, scaled", partial(_cubic, best=False), timed=True),
+    "cubic": Method("cubic, best split of times", partial(_cubic, best=True)),
+    "lspb_scaled": Method("LSPB, as given, scaled", partial(_lspb, best=False), timed=True),
+    "lspb": Method("LSPB, best split of times", partial(_lspb, best=True)),
     "straight_path": Method("straight path, best timing", _straight_path),
     "cubic_path": Method("cubic's path, best timing", _cubic_path),
-    "time_optimal": Method("time-optimal, free", _free),
+    "time_optimal": Method(
+        "time-optimal, free",
+        fastest_motion,
+        lambda task: (task.family, task.via_q, task.free_settings, task.tell),
+    ),
 }
 
 
