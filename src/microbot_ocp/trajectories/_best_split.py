@@ -197,7 +197,6 @@ class _SplitSearch:
         self.tolerance = checks.number("tolerance", tolerance, above=0.0, at_most=0.1)
         self.tried = 0
         self.weights = np.empty(0)  # of the parts' durations in the whole one
-        self.touched: np.ndarray | None = None  # which pieces [k,K] each part changes
 
     def best(self, first_durations: ArrayLike) -> FloatArray:
         """The durations of the best split that is found from any of the first ones."""
@@ -314,25 +313,10 @@ class _SplitSearch:
         return np.hstack([empty, *lasting.values()]), np.hstack([empty, *moving.values()])
 
     def slopes(self, split: _Split) -> FloatArray:
-        """Slopes [R,k] of the maxima in the logarithms of the durations.
-
-        Parts that change no piece in common are changed at a time.
-        """
-        slopes = np.zeros((split.use.size, split.logs.size))
-        if self.touched is None:
-            self.touched = np.array(
-                [
-                    _changed(split.shape, self.make(np.exp(split.logs + DIFFERENCE * unit)))
-                    for unit in np.eye(split.logs.size)
-                ]
-            )
-        for parts in _apart(self.touched):
-            changed = np.exp(split.logs + DIFFERENCE * np.isin(np.arange(split.logs.size), parts))
-            change = (self.uses(self.make(changed), split) - split.use) / DIFFERENCE
-            for part in parts:
-                near = self.touched[part, split.piece[split.at]]
-                slopes[near, part] = change[near]
-        return slopes
+        """Slopes [R,k] of the maxima in the logarithms of the durations."""
+        changed = np.exp(split.logs + DIFFERENCE * np.eye(split.logs.size))
+        uses = [self.uses(self.make(durations), split) for durations in changed]
+        return (np.stack(uses, axis=1) - split.use[:, None]) / DIFFERENCE
 
     def step(self, split: _Split, slopes: FloatArray, reach: float) -> tuple[FloatArray, float]:
         """The change of the logarithms, each by at most ``reach``, that promises most, and what."""
@@ -364,25 +348,3 @@ class _SplitSearch:
             return 0.0 * weights, 0.0
         promise = 1.0 + split.violation - change[-1] if split.violation else -weights @ change
         return change[: weights.size], float(promise)
-
-
-def _changed(shape: PiecewisePolynomial, other: PiecewisePolynomial) -> np.ndarray:
-    """Which pieces differ by more than rounding."""
-    rounding = DIFFERENCE**1.5  # between a difference of the parts and its square
-    length, coefficients = np.diff(shape.breaks), shape.coefficients
-    same = np.isclose(np.diff(other.breaks), length, rounding, 0.0)
-    return ~(same & np.isclose(other.coefficients, coefficients, rounding, 0.0).all(axis=(1, 2)))
-
-
-def _apart(touched: np.ndarray) -> list[list[int]]:
-    """Groups of parts of which no two change the same piece."""
-    groups: list[tuple[list[int], np.ndarray]] = []
-    for part, pieces in enumerate(touched):
-        for parts, taken in groups:
-            if not np.any(taken & pieces):
-                parts.append(part)
-                taken |= pieces
-                break
-        else:
-            groups.append(([part], pieces.copy()))
-    return [parts for parts, _ in groups]
