@@ -122,8 +122,27 @@ class SegmentCheck:
         return sentence
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ResimulationFigures:
+    """What a certificate has of a motion that was simulated again; see there."""
+
+    final_position_error: float = np.nan
+    final_velocity_error: float = np.nan
+    resimulation_status: Status = Status.NOT_POSSIBLE
+    path_position_error: float = np.nan
+    path_error_time: float = np.nan
+    segments: int = 0
+    defect: float = np.nan
+    defect_joint: str = ""
+    defect_time: float = np.nan
+    position_defect: float = np.nan
+    amplification: float = np.nan
+    undetermined_fraction: float = 0.0
+    undetermined_direction: FloatArray | None = None
+
+
 @dataclass(frozen=True, eq=False)
-class Certificate:
+class Certificate(ResimulationFigures):
     """What was checked of a motion, and the verdict.
 
     Attributes
@@ -198,25 +217,12 @@ class Certificate:
     ok: bool
     verdict: str
     limit_checks: tuple[LimitCheck, ...]
-    final_position_error: float = np.nan
-    final_velocity_error: float = np.nan
-    resimulation_status: Status = Status.NOT_POSSIBLE
     grid_step: float = np.nan
     grid_ratio: float = np.nan
     condition_peak: float = np.nan
     condition_time: float = np.nan
     saturated_fraction: float = np.nan
     condition_pose: FloatArray | None = None
-    path_position_error: float = np.nan
-    path_error_time: float = np.nan
-    segments: int = 0
-    defect: float = np.nan
-    defect_joint: str = ""
-    defect_time: float = np.nan
-    position_defect: float = np.nan
-    amplification: float = np.nan
-    undetermined_fraction: float = 0.0
-    undetermined_direction: FloatArray | None = None
     stored_torque_error: float = np.nan
     stored_torque_joint: str = ""
     stored_torque_time: float = np.nan

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from typing import Any, NamedTuple, cast
 
@@ -20,7 +20,12 @@ from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.check import Check, problems_of
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.growth import growth_said
-from microbot_ocp.certificate._certificate import Certificate, LimitCheck, ViaCheck
+from microbot_ocp.certificate._certificate import (
+    Certificate,
+    LimitCheck,
+    ResimulationFigures,
+    ViaCheck,
+)
 from microbot_ocp.certificate._resimulation import (
     RESIMULATION,
     Resimulation,
@@ -185,25 +190,26 @@ def certify(
         torque=checks.number("torque_tolerance", torque_tolerance, above=0.0),
         via=checks.number("via_tolerance", via_tolerance, at_least=0.0),
     )
+    task = via = None
     if via_q is not None and (is_task(via_q) or segments is not None or cycle):
-        from microbot_ocp.certificate._task_certificate import certificate_of_task
-
-        stops = list(cast("Sequence[Any]", via_q))
         arm = robot if scene is None else with_arm_capsules(robot)  # parts hang on capsules
+        stops = list(cast("Sequence[Any]", via_q))
         task = task_of(arm, stops, limits, segments=segments, cycle=cycle)
-        certificate = certificate_of_task(task, motion, tolerances)
-        if scene is None:
-            return certificate
-        return with_clearance(certificate, places_along(task, motion, scene), motion)
-    via = None
-    if via_q is not None:
+    elif via_q is not None:
         via = checks.array("via_q", cast("ArrayLike", via_q), (None, count), "rad")
     with deadline.within(time_limit):
-        family = LimitFamily.of(robot, limits)
-        certificate = certificate_of(family, motion, via, tolerances, simulated=simulated)
+        if task is None:
+            family = LimitFamily.of(robot, limits)
+            certificate = certificate_of(family, motion, via, tolerances, simulated=simulated)
+        else:
+            from microbot_ocp.certificate._task_certificate import certificate_of_task
+
+            certificate = certificate_of_task(task, motion, tolerances)
         if scene is None:
             return certificate
-        return with_clearance(certificate, [(0.0, motion.duration, robot, scene)], motion)
+        whole = [(0.0, motion.duration, robot, scene)]
+        places = whole if task is None else places_along(task, motion, scene)
+        return with_clearance(certificate, places, motion)
 
 
 def with_clearance(
@@ -213,19 +219,10 @@ def with_clearance(
 ) -> Certificate:
     """A certificate with the clearance of a motion: passed only where it is proved."""
     clearance = clearance_along(places, motion) if has_coal() else None
-    if clearance is None:
-        check = Check("clearance", False, "clearance is not proved: that needs coal")
-    else:
-        check = Check(
-            "clearance",
-            clearance.proved,
-            clearance.sentence,
-            clearance.pair,
-            clearance.time,
-            clearance.minimum,
-            clearance.wanted,
-            "m",
-        )
+    check = Check("clearance", False, "clearance is not proved: that needs coal")
+    if clearance is not None:
+        least = clearance.pair, clearance.time, clearance.minimum, clearance.wanted, "m"
+        check = Check("clearance", clearance.proved, clearance.sentence, *least)
     if certificate.ok and not check.passed:
         verdict = f"Failed: {check.problem}."
     else:
@@ -278,7 +275,7 @@ def certificate_of(
             "stored_torque_error": stored.value,
             "stored_torque_joint": stored.where,
             "stored_torque_time": stored.time,
-            **again.figures,
+            **{f.name: getattr(again, f.name) for f in fields(ResimulationFigures)},
         }
         but = _remarks(robot, again, figures)
         otherwise = _summary(limit_checks, again)
@@ -319,13 +316,13 @@ def _remarks(robot: Robot, again: Resimulation, figures: dict[str, Any]) -> str:
             f"; mass matrix near singular at {figures['condition_time']:.4g} s (condition number "
             f"{figures['condition_peak']:.2g} at q = {_pose(robot, figures['condition_pose'])})"
         )
-    if again.undetermined_fraction:
+    if again.undetermined_direction is not None:
         besides = again.undetermined_besides
         more = f" and of {besides} more direction{'s' * (besides > 1)}" if besides else ""
         remarks += (
             f"; for {100 * again.undetermined_fraction:.3g} % of the time no torque determines the "
-            f"motion of {_direction(robot, again.undetermined)}{more}: judged by inverse dynamics "
-            "there"
+            f"motion of {_direction(robot, again.undetermined_direction)}{more}: judged by inverse "
+            "dynamics there"
         )
     return remarks
 

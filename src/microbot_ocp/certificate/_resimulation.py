@@ -11,7 +11,7 @@ acceleration, so the motion's own is integrated there and inverse dynamics say w
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,9 +21,10 @@ from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.growth import carry, transition_matrices
 from microbot_ocp._base.status import Status
+from microbot_ocp.certificate._certificate import ResimulationFigures
 from microbot_ocp.motion import Motion, State, jump_gaps, mesh_of, nearest_samples, torque_along
 from microbot_ocp.robot import Robot, forward_dynamics, mass_matrix
-from microbot_ocp.simulation import interpolated
+from microbot_ocp.simulation import interpolated, lagrange_weights
 
 
 @dataclass(frozen=True)
@@ -91,33 +92,16 @@ MODES, _to_places = np.linalg.eig(INTEGRALS)
 _to_modes = np.linalg.inv(_to_places)
 
 
-class Resimulation(NamedTuple):
-    """What became of a motion; see the attributes of the same names of a certificate."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Resimulation(ResimulationFigures):
+    """What became of a motion, and what a certificate says of it in words alone.
 
-    resimulation_status: Status
-    message: str
-    segments: int
-    defect: float
-    defect_joint: str
-    defect_time: float
-    position_defect: float
-    amplification: float
-    undetermined: FloatArray  # [n], direction; zeros where the torques determine the motion
-    undetermined_besides: int  # how many more directions torques do not determine there
-    undetermined_fraction: float
-    final_position_error: float
-    final_velocity_error: float
-    path_position_error: float
-    path_error_time: float
+    ``undetermined_besides`` counts the further directions that torques do not determine where they
+    determine one least.
+    """
 
-    @property
-    def figures(self) -> dict[str, Any]:
-        """What a certificate has of them."""
-        figures = self._asdict()
-        direction = figures.pop("undetermined") if self.undetermined_fraction else None
-        inner = ("message", "undetermined", "undetermined_besides")
-        figures = {key: value for key, value in figures.items() if key not in inner}
-        return {**figures, "undetermined_direction": direction}
+    message: str = ""
+    undetermined_besides: int = 0
 
 
 class _Segments(NamedTuple):
@@ -180,14 +164,9 @@ def _missed(motion: Motion, first: IntArray) -> FloatArray:
     missed = np.zeros_like(motion.qdd)
     if count < 5:
         return missed
-    middle = np.arange(2, count - 2)
-    guess = np.zeros((middle.size, motion.joint_count))
-    for k in RESIMULATION.neighbours:
-        weight = np.ones(middle.size)
-        for other in RESIMULATION.neighbours:
-            if other != k:
-                weight *= (t[middle] - t[middle + other]) / (t[middle + k] - t[middle + other])
-        guess += weight[:, None] * motion.qdd[middle + k]
+    stencil = np.arange(2, count - 2)[:, None] + RESIMULATION.neighbours
+    weights = lagrange_weights(t[2:-2], t[stencil])
+    guess = (weights[:, :, None] * motion.qdd[stencil]).sum(axis=1)
     missed[2:-2] = 2.0 * np.abs(guess - motion.qdd[2:-2])
     # the stencils of the outermost intervals reach six samples in
     missed[:2], missed[-2:] = missed[2:6].max(axis=0), missed[-6:-2].max(axis=0)
@@ -243,7 +222,7 @@ def resimulate(robot: Robot, motion: Motion, tolerance: float, first: float = 0.
     why = "the time limit was over" if over else f"{tried} segments were tried"
     status = Status.TIME_LIMIT if over else Status.INTEGRATION_FAILED
     message = f"{why}, {left} of {judged.segments} segments are not resolved"
-    return judged._replace(resimulation_status=status, message=message)
+    return replace(judged, resimulation_status=status, message=message)
 
 
 def torque_sizes(robot: Robot, motion: Motion) -> FloatArray:
@@ -347,20 +326,14 @@ def _stiff_modes(
     The derivative of the acceleration by the velocity is taken in the middle of each; the inverses
     [stiff, NODES, n, n] are for the eigenvectors of the collocation's integrals.
     """
-    count = robot.joint_count
     middle = slice(RESIMULATION.nodes // 2, None, RESIMULATION.nodes)
-    q, qd, torque = state.q[middle], state.qd[middle], tau[:, RESIMULATION.nodes // 2]
-    slopes = np.zeros((h.size, count, count))
-    base = _accelerations(robot, q, qd, torque)
-    with np.errstate(over="ignore", invalid="ignore"):  # of singular mass matrices they are no use
-        for j in range(count):
-            step = RESIMULATION.difference * np.eye(count)[j]
-            slopes[:, :, j] = (
-                _accelerations(robot, q, qd + step, torque) - base
-            ) / RESIMULATION.difference
-    slopes = np.nan_to_num(slopes) * h[:, None, None]
+    torque = tau[:, RESIMULATION.nodes // 2]
+    slopes = _slopes(robot, state.q[middle], state.qd[middle], torque, (0.0, 1.0))
+    slopes *= h[:, None, None]
     stiff: BoolArray = np.abs(slopes).max(axis=(1, 2)) > RESIMULATION.stiff
-    return stiff, np.linalg.inv(np.eye(count) - MODES[:, None, None] * slopes[stiff, None])
+    return stiff, np.linalg.inv(
+        np.eye(robot.joint_count) - MODES[:, None, None] * slopes[stiff, None]
+    )
 
 
 def _judged(
@@ -382,7 +355,7 @@ def _judged(
     carried = carry(np.nan_to_num(every.defects), transition_matrices(slopes, lengths))
     along = np.abs(carried.errors[:, :count]).max(axis=1)
     worst = int(along.argmax())
-    direction, besides = np.zeros(count), 0
+    direction, besides = None, 0
     if not every.determined.all():
         matrices = _mass_matrices(robot, middle.q[~every.determined])
         values, vectors = np.linalg.eigh(matrices)
@@ -402,7 +375,7 @@ def _judged(
         defect_time=first + float(every.end[k]),
         position_defect=float(np.nan_to_num(np.abs(every.defects[:, :count]), nan=np.inf).max()),
         amplification=carried.amplification,
-        undetermined=direction,
+        undetermined_direction=direction,
         undetermined_besides=besides,
         undetermined_fraction=float(lengths[~every.determined].sum() / motion.duration),
         final_position_error=float(along[-1]),
@@ -417,15 +390,25 @@ def _linearised(robot: Robot, state: State) -> FloatArray:
     tau, count = torque_along(robot, state), robot.joint_count
     slopes = np.zeros((len(tau), 2 * count, 2 * count))
     slopes[:, :count, count:] = np.eye(count)
-    base = _accelerations(robot, state.q, state.qd, tau)
+    slopes[:, count:, :count] = _slopes(robot, state.q, state.qd, tau, (1.0, 0.0))
+    slopes[:, count:, count:] = _slopes(robot, state.q, state.qd, tau, (0.0, 1.0))
+    return slopes
+
+
+def _slopes(
+    robot: Robot, q: FloatArray, qd: FloatArray, tau: FloatArray, by: tuple[float, float]
+) -> FloatArray:
+    """Derivative [K,n,n] of the acceleration by the position, or by the velocity, as ``by`` says.
+
+    By differences; zero where the mass matrix is singular.
+    """
+    base = _accelerations(robot, q, qd, tau)
     with np.errstate(over="ignore", invalid="ignore"):
-        for j in range(count):
-            step = RESIMULATION.difference * np.eye(count)[j]
-            moved = _accelerations(robot, state.q + step, state.qd, tau)
-            faster = _accelerations(robot, state.q, state.qd + step, tau)
-            slopes[:, count:, j] = (moved - base) / RESIMULATION.difference
-            slopes[:, count:, count + j] = (faster - base) / RESIMULATION.difference
-    return np.nan_to_num(slopes)
+        changes = [
+            _accelerations(robot, q + by[0] * step, qd + by[1] * step, tau) - base
+            for step in RESIMULATION.difference * np.eye(robot.joint_count)
+        ]
+        return np.nan_to_num(np.stack(changes, axis=2) / RESIMULATION.difference)
 
 
 def _accelerations(robot: Robot, q: FloatArray, qd: FloatArray, tau: FloatArray) -> FloatArray:

@@ -29,4 +29,5 @@ from ._result import (
 )
 from ._signals import (
     interpolated as interpolated,
+    lagrange_weights as lagrange_weights,
 )

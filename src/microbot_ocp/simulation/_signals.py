@@ -143,14 +143,14 @@ def interpolated(motion: Motion, samples: FloatArray, breaks: FloatArray, most: 
             own = np.flatnonzero(widths == width)
             leftmost = np.clip(i[own] - width // 2 + 1, low[own], high[own] - width + 1)
             stencil = leftmost[:, None] + np.arange(width)
-            weights = _lagrange(times[own], motion.t[stencil])
+            weights = lagrange_weights(times[own], motion.t[stencil])
             answer[own] = (weights[:, :, None] * samples[stencil]).sum(axis=1)
         return answer
 
     return values
 
 
-def _lagrange(t: FloatArray, nodes: FloatArray) -> FloatArray:
+def lagrange_weights(t: FloatArray, nodes: FloatArray) -> FloatArray:
     """Weights [N,k] of values at nodes [N,k] in the polynomial through them, at times t [N]."""
     weights = np.ones_like(nodes)
     for k in range(nodes.shape[1]):
