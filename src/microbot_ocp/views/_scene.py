@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -115,27 +115,34 @@ def drawn_bounds(
 
 
 def limit_texts(robot: Robot, quantity: str) -> list[str]:
-    """Return a robot's limits of a quantity by joint or component, with units; "" for none.
-
-    Such as "±2 rad/s", "at most 1 m/s", "varies".
-    """
+    """Return a robot's limits of a quantity by joint or component, with units; "" for none."""
     family = LimitFamily.of(robot)
     if quantity not in family:
         return [""] * robot.joint_count
-    texts = []
-    for k in range(len(family[quantity].lower)):
-        low, high = drawn_bounds(robot, robot.limits, quantity, k)
-        if np.isnan(low) or np.isnan(high):
-            texts.append("varies")
-        elif np.isinf(low) and np.isinf(high):
-            texts.append("")
-        elif np.isfinite(low) and np.isfinite(high):
-            both = f"±{high:.4g}" if np.isclose(low, -high) else f"{low:.4g} to {high:.4g}"
-            texts.append(f"{both} {display_unit(robot, quantity, k)}")
-        else:
-            side = f"at most {high:.4g}" if np.isinf(low) else f"at least {low:.4g}"
-            texts.append(f"{side} {display_unit(robot, quantity, k)}")
-    return texts
+    return [
+        range_text(
+            *drawn_bounds(robot, robot.limits, quantity, k), display_unit(robot, quantity, k)
+        )
+        for k in range(len(family[quantity].lower))
+    ]
+
+
+def range_text(
+    low: float, high: float, unit: str = "", show: Callable[[float], str] = "{:.4g}".format
+) -> str:
+    """Write a range: "±2 rad/s", "0 to 2 rad/s", "at most 1 m/s"; "" without bounds.
+
+    Of bounds that are not one number "varies".
+    """
+    if np.isnan(low) or np.isnan(high):
+        return "varies"
+    if np.isinf(low) and np.isinf(high):
+        return ""
+    if np.isinf(low) or np.isinf(high):
+        text = f"at most {show(high)}" if np.isinf(low) else f"at least {show(low)}"
+    else:
+        text = f"±{show(high)}" if np.isclose(low, -high) else f"{show(low)} to {show(high)}"
+    return f"{text} {unit}".rstrip()
 
 
 class AxisLimits(NamedTuple):
@@ -169,9 +176,10 @@ def near_limits(
     lower, upper = (bound if is_near(bound, low, high) else None for bound in bounds)
     drawn = [low, high, *(bound for bound in (lower, upper) if bound is not None)]
     margin = STYLE.room * max(max(drawn) - min(drawn), 1e-6)
-    far = (np.inf if b in drawn else b for b in bounds)
-    text = _far_limits(*far, unit=display_unit(robot, quantity, joint))
-    return AxisLimits(lower, upper, (min(drawn) - margin, max(drawn) + margin), text)
+    low, high = (b if b not in drawn else o for b, o in zip(bounds, (-np.inf, np.inf), strict=True))
+    text = range_text(low, high, display_unit(robot, quantity, joint)).replace("-", "−")
+    far = f"limits {text}" if text else ""
+    return AxisLimits(lower, upper, (min(drawn) - margin, max(drawn) + margin), far)
 
 
 def _data_range(values: FloatArray) -> tuple[float, float]:
@@ -182,13 +190,3 @@ def _data_range(values: FloatArray) -> tuple[float, float]:
     if high - low > 1e-6 * max(1.0, abs(low)):
         return low, high
     return low - 0.5, high + 0.5  # a joint at rest: an axis needs some height
-
-
-def _far_limits(lower: float, upper: float, unit: str) -> str:
-    if np.isfinite(lower) and np.isclose(lower, -upper):
-        return f"limits ±{upper:.4g} {unit}"
-    if np.isfinite(lower) and np.isfinite(upper):
-        return f"limits {lower:.3g} to {upper:.3g} {unit}".replace("-", "−")
-    pairs: Iterable[tuple[str, float]] = (("lower", lower), ("upper", upper))
-    text = "".join(f"{side} limit {b:+.4g} {unit}" for side, b in pairs if np.isfinite(b))
-    return text.replace("-", "−")

@@ -30,7 +30,7 @@ from microbot_ocp.views.recording._animated_arm import drawn_rate, looks, moving
 from microbot_ocp.views.recording._limits import peak_table
 from microbot_ocp.views.recording._recording import Recording
 from microbot_ocp.views.recording._writer import BRANCH, TIME
-from microbot_ocp.views.tables import in_degrees, joint_units, narrow_table
+from microbot_ocp.views.tables import narrow_table, solutions_table
 
 
 def of_comparison(comparison: Comparison, rate: float | None = None) -> Recording:
@@ -189,19 +189,11 @@ def of_branches(
     target = None
     if orientation is not None:
         target = np.vstack([np.column_stack([orientation, position]), [0.0, 0.0, 0.0, 1.0]])
-    few = robot.joint_count <= STYLE.side_by_side
-    names = robot.joint_names if few else [f"q{k + 1}" for k in range(robot.joint_count)]
-    units = joint_units(robot)
-    heads = [f"{name} [{unit}]" for name, unit in zip(names, units, strict=True)]
-    rows = [
-        [
-            str(k),
-            *(f"{value:.2f}" for value in in_degrees(robot, s.q)),
-            f"{s.position_error:.1e}",
-            s.status,
-        ]
-        for k, s in enumerate(solutions, start=1)
-    ]
+    table = solutions_table(
+        robot, solutions, turned=target is not None, named=robot.joint_count <= STYLE.side_by_side
+    )
+    pairs = zip(table.rows, solutions, strict=True)
+    rows = [[str(k), *row, s.status] for k, (row, s) in enumerate(pairs, 1)]
     place = ", ".join(f"{value:.4g}" for value in position)
     title = f"{robot.name}: inverse kinematics to ({place}) m"
     return Recording(
@@ -212,9 +204,9 @@ def of_branches(
         places=np.array([position], dtype=float),
         place_names=("target",),
         summary=replace(
-            Table.of_text(["branch", *heads, "off [m]", "status"], rows),
+            Table.of_text(["branch", *table.heads, "status"], rows),
             title=title,
-            notes=list(dict.fromkeys(solution.advice for solution in solutions)),
+            notes=list(dict.fromkeys([table.title, *(s.advice for s in solutions)])),
         ),
         target=target,
         quantities=(),

@@ -17,28 +17,23 @@ from microbot_ocp.robot import Robot
 from microbot_ocp.sweeps import Quartiles, Sweep, SweepSummary
 from microbot_ocp.views import _scene as scene
 from microbot_ocp.views._style import method_title
+from microbot_ocp.views.tables._robot import dh_table
 
 
 def robot(robot: Robot) -> Table:
     """Return the DH table with masses and limits."""
-    columns = [Column("joint", left=True), Column("type", left=True)]
-    columns += [Column("alpha", "deg", ".4g"), Column("a", "m", ".4g"), Column("d", "m", ".4g")]
-    columns.append(Column("offset", "deg", ".4g"))
-    alpha, offset = np.degrees([robot.alpha, robot.theta_offset])
-    cells = [robot.joint_names, robot.joint_types, alpha, robot.a, robot.d, offset]
-    if robot.beta.any():
-        columns.append(Column("beta", "deg", ".4g"))
-        cells.append(np.degrees(robot.beta))
+    table = dh_table(robot)
+    columns, cells = list(table.columns), list(zip(*table.rows, strict=True))
     if robot.has_dynamics:
         columns.append(Column("mass", "kg", ".4g"))
-        cells.append([link.mass for link in robot.links])
+        cells.append(tuple(link.mass for link in robot.links))
     notes = ["Modified DH (Craig): alpha and a of a row come before its joint"]
     notes += [robot.description, f"{scene.reach(robot):.4g} m stretched out"]
     for member in LimitFamily.of(robot):
         texts = scene.limit_texts(robot, member.key)
         if scene.of_joints(robot, member.key):
             columns.append(Column(f"{member.name} limits"))
-            cells.append([text or "none" for text in texts])
+            cells.append(tuple(text or "none" for text in texts))
         else:
             notes.append(f"{member.name}: {', '.join(texts)}")
     return _table(robot, columns, zip(*cells, strict=True), notes)

@@ -6,9 +6,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from microbot_ocp._base.table import Table
+from microbot_ocp._base.table import NOTHING, Table
 from microbot_ocp.limits import JOINT_QUANTITIES, LimitFamily, not_judged
 from microbot_ocp.robot import Link, Robot, drive_advice
+from microbot_ocp.views import _scene as scene
 from microbot_ocp.views.tables._texts import number, point_text, span
 
 
@@ -16,10 +17,7 @@ def robot_blocks(robot: Robot) -> Iterator[str | Table]:
     """Yield tables that fit 80 columns, and sentences between them."""
     yield f"{robot.name}{f': {robot.description}' if robot.description else ''}"
     yield "\nModified DH rows (Craig)"
-    heads = ["joint", "type", "alpha [deg]", "a [m]", "d [m]", "theta [deg]"]
-    heads += ["beta [deg]"] if robot.beta.any() else []
-    rows = [_dh_row(robot, joint)[: len(heads)] for joint in range(robot.joint_count)]
-    yield Table.of_text(heads, rows, left=2)
+    yield dh_table(robot)
     yield f"Tool origin in the last link frame: {point_text(robot.tool[:3, 3])} m"
     if not np.array_equal(robot.base, np.eye(4)):
         turned = "" if np.array_equal(robot.base[:3, :3], np.eye(3)) else ", turned"
@@ -31,6 +29,14 @@ def robot_blocks(robot: Robot) -> Iterator[str | Table]:
     yield from _limits(robot)
     if left := not_judged(LimitFamily.of(robot).unjudged):
         yield f"{left.capitalize()}.\n"
+
+
+def dh_table(robot: Robot) -> Table:
+    """Return the rows of modified DH parameters, in degrees and metres."""
+    heads = ["joint", "type", "alpha [deg]", "a [m]", "d [m]", "theta [deg]"]
+    heads += ["beta [deg]"] if robot.beta.any() else []
+    rows = [_dh_row(robot, joint)[: len(heads)] for joint in range(robot.joint_count)]
+    return Table.of_text(heads, rows, left=2)
 
 
 def _dh_row(robot: Robot, joint: int) -> list[str]:
@@ -62,7 +68,7 @@ def _masses(robot: Robot) -> Iterator[str | Table]:
     heads = ["link", "mass [kg]", "centre of mass [m]", "Ixx, Iyy, Izz [kg m²]"]
     yield Table.of_text(heads, rows)
     drives = [_drive(link) for link in robot.links]
-    if np.any(drives):
+    if any(map(any, drives)):
         yield "Joints"
         heads = ["joint", "rotor inertia", "viscous friction", "Coulomb friction"]
         texts = [[f"{x:.4g}" for x in drive] for drive in drives]
@@ -90,13 +96,11 @@ def _limits(robot: Robot) -> Iterator[str | Table]:
 
 
 def _unit(robot: Robot, quantity: str, joint: int) -> str:
-    unit = robot.unit(quantity, joint)
-    return "deg" if unit == "rad" else unit.replace("^2", "²")
+    return scene.display_unit(robot, quantity, joint).replace("^2", "²")
 
 
 def _limit(robot: Robot, quantity: str, joint: int, *, bare: bool) -> str:
     unit = _unit(robot, quantity, joint)
-    factor, digits = (180 / np.pi, 2) if unit == "deg" else (1.0, 4)
-    lower, upper = (factor * float(bound[joint]) for bound in robot.limits.bounds(quantity))
-    text = span(lower, upper, digits)
-    return text if bare or text == "–" else f"{text} {unit}"
+    bounds = scene.drawn_bounds(robot, robot.limits, quantity, joint)
+    text = span(*bounds, digits=2 if unit == "deg" else 4)
+    return text if bare or text == NOTHING else f"{text} {unit}"

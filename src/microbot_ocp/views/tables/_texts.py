@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.table import NOTHING
 from microbot_ocp.robot import Robot, joint_scale
+from microbot_ocp.views._scene import range_text
 
 
 def number(value: float, digits: int = 4) -> str:
@@ -22,11 +23,7 @@ def number(value: float, digits: int = 4) -> str:
 
 def span(lower: float, upper: float, digits: int = 4) -> str:
     """Write a range: ± where it is symmetric, a dash where there is none."""
-    if math.isinf(lower) and math.isinf(upper):
-        return NOTHING
-    if math.isclose(lower, -upper):
-        return f"±{number(upper, digits)}"
-    return f"{number(lower, digits)} to {number(upper, digits)}"
+    return range_text(lower, upper, show=lambda value: number(value, digits)) or NOTHING
 
 
 def point_text(point: Iterable[float]) -> str:
