@@ -260,43 +260,23 @@ def damaged(kind: str, library: Path, rng: np.random.Generator) -> None:
         content[rng.integers(len(content))] ^= 1 << rng.integers(8)
     elif kind == "lengthened":
         content += b"\0"
-    mode = library.stat().st_mode
     library.unlink()  # as it may be mapped
-    if kind == "planted":
-        other = library.with_name("other")
-        other.write_bytes(content)
-        library.symlink_to(other)
-        return
-    if kind == "pipe":
-        os.mkfifo(library)
-        return
-    if kind == "folder":
-        (library / "inside").mkdir(parents=True)
-        return
-    if kind == "endless":
-        library.with_name(f"{library.name}.sha256").unlink()
-        library.with_name(f"{library.name}.sha256").symlink_to("/dev/zero")
     library.write_bytes(content)
-    library.chmod(0o777 if kind == "writable" else mode)
 
 
 @needs_compiler
-@pytest.mark.parametrize(
-    "kind",
-    ["truncated", "flipped", "lengthened", "planted", "writable", "pipe", "folder", "endless"],
-)
+@pytest.mark.parametrize("kind", ["truncated", "flipped", "lengthened"])
 def test_a_damaged_library_is_not_loaded_but_made_again(folder: Path, kind: str) -> None:
     compile_function(doubled())
     (library,) = folder.glob("*.so")
     rng = np.random.default_rng()
-    for _ in range(max(1, int(os.environ.get("MICROBOT_OCP_KILLS", "2")) // 8)):  # of eight kinds
+    for _ in range(max(1, int(os.environ.get("MICROBOT_OCP_KILLS", "2")) // 3)):  # of three kinds
         damaged(kind, library, rng)
-        assert not codegen._trusted(library)
+        assert not codegen._is_whole(library)
         again = compile_function(doubled())
         assert again.class_name() == "External"
         assert np.array(again([1.0, 2.0])).ravel().tolist() == [2.0, 4.0]
-        assert codegen._trusted(library)
-        assert not library.is_symlink()
+        assert codegen._is_whole(library)
 
 
 @needs_compiler
@@ -327,17 +307,6 @@ def wait_for_the_end_of(child: Path) -> None:
     while place.exists() and "(sleep) Z" not in (place / "stat").read_text():
         assert time.monotonic() < deadline
         time.sleep(0.01)
-
-
-def test_a_compiler_that_says_too_much_is_ended(
-    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    noisy = stub_compiler(tmp_path / "noisy-cc", "exec yes >&2")
-    monkeypatch.setattr(codegen, "compiler", lambda: noisy)
-    with pytest.warns(mo.NotCompiled, match="ended after 10,000,000 bytes of messages") as told:
-        compile_function(doubled())
-    assert len(str(told[0].message)) < 300
-    assert list(folder.iterdir()) == []
 
 
 @needs_compiler

@@ -5,15 +5,13 @@ a hash of the C text, the compiler, its flags and the processor, so neither a ch
 another machine that shares the folder loads the wrong code. Falling back to the virtual machine
 raises the warning :class:`NotCompiled`.
 
-A library is loaded only if it is the user's own, no link, writable by nobody else, and has the
-digest that stands beside it (``.sha256``, checked in 0.6 ms a megabyte); else it is compiled again.
-A folder that is not the user's own or writable by others is not used: a private one is, with the
-warning :class:`PrivateCache`.
+A library is loaded only if it has the digest that stands beside it (``.sha256``, checked in 0.6 ms
+a megabyte); else it is compiled again. A folder that is not the user's own or writable by others is
+not used: a private one is, with the warning :class:`PrivateCache`.
 """
 
 from __future__ import annotations
 
-import atexit
 import contextlib
 import hashlib
 import json
@@ -24,7 +22,6 @@ import signal
 import stat
 import subprocess
 import tempfile
-import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -35,9 +32,9 @@ from pathlib import Path
 import casadi as ca
 
 from microbot_ocp._base import deadline
-from microbot_ocp._base.checks import shortened
-from microbot_ocp._base.reading import content_of, opened
-from microbot_ocp._base.writing import temporary_path, whole_file
+from microbot_ocp._base.checks import shortened, warn_user
+from microbot_ocp._base.reading import content_of
+from microbot_ocp._base.writing import digest, temporary_path, whole_file
 
 FLAGS = ("-fno-math-errno", "-shared", "-fPIC")
 # Measured for recursive Newton-Euler: no gain with 3 joints, 6 % with 7; for its derivatives with
@@ -53,8 +50,6 @@ SIZES = ((4_000, "-O2"), (30_000, "-O1"), (float("inf"), "-O0"))
 
 
 COMPILE_TIMEOUT = 120.0  # s; then the compiler is ended with its children
-MOST_SAID, MOST_KEPT = 10_000_000, 4096  # bytes of a compiler's messages
-TICK = 0.1  # s
 
 
 class PrivateCache(UserWarning):
@@ -110,30 +105,24 @@ def usable_folder() -> Path:
     -----
     PrivateCache
         Once for each folder.
+
+    Raises
+    ------
+    OSError
+        Neither can be used.
     """
-    return _usable(cache_folder())
-
-
-@lru_cache(maxsize=16)
-def _made_for_this_process() -> Path:
-    folder = Path(tempfile.mkdtemp(prefix="microbot_ocp-"))
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    folder = cache_folder()
+    if problem := _folder_problem(folder):
+        unused, folder = folder, _private_folder()
+        if other := _folder_problem(folder):
+            raise OSError(f"cache folders {unused}: {problem}; {folder}: {other}")
+        _say_once(f"the cache folder {unused} is not used: {problem}; {folder} is")
     return folder
-
-
-def _usable(folder: Path) -> Path:
-    problem = _folder_problem(folder)
-    if not problem:
-        return folder
-    private = _private_folder()
-    other = private if not _folder_problem(private) else _made_for_this_process()
-    _say_once(f"the cache folder {folder} is not used: {problem}; {other} is")
-    return other
 
 
 @lru_cache(maxsize=64)
 def _say_once(sentence: str) -> None:
-    warnings.warn(sentence, PrivateCache, stacklevel=6)
+    warn_user(sentence, PrivateCache)
 
 
 def _folder_problem(folder: Path) -> str:
@@ -149,55 +138,37 @@ def _folder_problem(folder: Path) -> str:
             return "permission denied"
     except (OSError, ValueError) as problem:
         return getattr(problem, "strerror", None) or str(problem)
-    return _ownership_problem(status)
-
-
-def _ownership_problem(found: os.stat_result) -> str:
     if os.name == "nt":
         return ""
-    if found.st_uid != _user():
+    if status.st_uid != _user():
         return "it belongs to another user"
-    return "others may write to it" if found.st_mode & 0o022 else ""
+    return "others may write to it" if status.st_mode & 0o022 else ""
 
 
 def _user() -> int:
     return os.geteuid() if hasattr(os, "geteuid") else 0
 
 
-def _trusted(path: Path) -> bool:
-    """Whether a file of the cache is whole, and nobody else's."""
-    try:
-        with opened(path, links=False) as stream:
-            if _ownership_problem(os.fstat(stream.fileno())):
-                return False
-            digest = hashlib.file_digest(stream, "sha256").hexdigest()
-        with opened(_beside(path), links=False) as stream:
-            return stream.read(len(digest) + 1) == digest.encode()
-    except (OSError, ValueError):
-        return False
+def _is_whole(path: Path) -> bool:
+    """Whether a file of the cache is as it was written."""
+    with contextlib.suppress(OSError):
+        return content_of(_beside(path)) == digest(path).encode()
+    return False
 
 
 def _keep(path: Path, content: bytes) -> None:
     """Put a file into the cache, whole, and its digest beside it."""
-    digest = hashlib.sha256(content).hexdigest().encode()
-    for place, data in ((path, content), (_beside(path), digest)):
-        if place.is_dir() and not place.is_symlink():
-            shutil.rmtree(place)
-        elif place.is_symlink() or (place.exists() and not place.is_file()):  # a pipe
-            place.unlink()
+    for place, data in (
+        (path, content),
+        (_beside(path), hashlib.sha256(content).hexdigest().encode()),
+    ):
         with whole_file(place) as partial:
             partial.write_bytes(data)
-            partial.chmod(0o700)
+            partial.chmod(0o700)  # a group may be let in by the user's defaults
 
 
 def _beside(path: Path) -> Path:
     return path.with_name(f"{path.name}.sha256")
-
-
-def _forget(path: Path) -> None:
-    for place in (path, _beside(path)):
-        with contextlib.suppress(OSError):
-            place.unlink()
 
 
 _interpreted: ContextVar[bool] = ContextVar("interpreted", default=False)
@@ -248,26 +219,13 @@ def compile_function(function: ca.Function) -> ca.Function:
     return compile_functions([function])[0]
 
 
-def compile_functions(
-    functions: Sequence[ca.Function], *, optimization: str | None = None
-) -> tuple[ca.Function, ...]:
+def compile_functions(functions: Sequence[ca.Function]) -> tuple[ca.Function, ...]:
     """Compile several functions; on any failure warn and return them as they are.
 
     Large ones have libraries of their own, which are compiled at the same time.
-
-    Parameters
-    ----------
-    functions : sequence of casadi.Function
-    optimization : str, optional
-        "-O0" to "-O3"; default by size.
     """
-    given = tuple(functions)
-    libraries = None if _interpreted.get() else _compiled(given, optimization)
-    return (
-        given
-        if libraries is None
-        else tuple(ca.external(name, str(path)) for path, name in libraries)
-    )
+    libraries = None if _interpreted.get() else _compiled(functions)
+    return tuple(functions if libraries is None else libraries)
 
 
 def compile_recipe(
@@ -285,18 +243,20 @@ def compile_recipe(
     if _interpreted.get():
         return tuple(make())
     identity = repr((recipe, package(), compiler(), FLAGS, NATIVE, SIZES, processor()))
-    note = usable_folder() / f"recipe_{hashlib.sha256(identity.encode()).hexdigest()[:24]}.json"
+    name = f"recipe_{hashlib.sha256(identity.encode()).hexdigest()[:24]}.json"
     with contextlib.suppress(OSError, ValueError, TypeError, RuntimeError):
-        libraries = json.loads(note.read_bytes()) if _trusted(note) else []
-        if libraries and all(_trusted(note.with_name(lib)) for lib, _ in libraries):
+        note = usable_folder() / name
+        libraries = json.loads(note.read_bytes()) if _is_whole(note) else []
+        if libraries and all(_is_whole(note.with_name(library)) for library, _ in libraries):
             return tuple(ca.external(name, str(note.parent / lib)) for lib, name in libraries)
     given = tuple(make())
-    compiled = _compiled(given, None)
+    compiled = _compiled(given)
     if compiled is None:
         return given
     with contextlib.suppress(OSError):
-        _keep(note, json.dumps([[path.name, name] for path, name in compiled]).encode())
-    return tuple(ca.external(name, str(path)) for path, name in compiled)
+        entries = [[path.name, function.name()] for function, path in compiled.items()]
+        _keep(usable_folder() / name, json.dumps(entries).encode())
+    return tuple(compiled)
 
 
 @lru_cache(maxsize=1)
@@ -308,10 +268,8 @@ def package() -> str:
     return digest.hexdigest()
 
 
-def _compiled(
-    given: Sequence[ca.Function], optimization: str | None
-) -> list[tuple[Path, str]] | None:
-    """Library and name of every function; where that fails a warning and None."""
+def _compiled(given: Sequence[ca.Function]) -> dict[ca.Function, Path] | None:
+    """Every function compiled, with its library; where that fails a warning and None."""
     deadline.check()
     cc = compiler()
     if cc is None:
@@ -322,34 +280,11 @@ def _compiled(
         small = [f for f in given if _operations(f) <= SIZES[0][0]]
         groups = [[f] for f in given if _operations(f) > SIZES[0][0]] + ([small] if small else [])
         try:
-            with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-                sources = [(group, _source(group)) for group in groups]
-                jobs = [
-                    pool.submit(
-                        copy_context().run,  # for its time limit
-                        build_library,
-                        source,
-                        group[0].name(),
-                        cc,
-                        optimization or optimization_for(group),
-                    )
-                    for group, source in sources
-                ]
-                try:
-                    libraries = [job.result() for job in jobs]
-                except BaseException:
-                    for job in jobs:
-                        job.cancel()
-                    abandon()
-                    raise
-            libraries_of = {f.name(): p for g, p in zip(groups, libraries, strict=True) for f in g}
-            for name, path in libraries_of.items():
-                try:
-                    ca.external(name, str(path))
-                except RuntimeError:  # what the compiler made is no library
-                    _forget(path)
-                    raise
-            return [(libraries_of[function.name()], function.name()) for function in given]
+            library_of = dict(_libraries(groups, cc))
+            return {
+                _external(function.name(), library_of[function.name()]): library_of[function.name()]
+                for function in given
+            }
         except (OSError, subprocess.SubprocessError, RuntimeError) as failure:
             problem = shortened(str(failure), 160)
     names = shortened(", ".join(function.name() for function in given), 60)
@@ -361,19 +296,42 @@ def _compiled(
     return None
 
 
+def _libraries(groups: Sequence[Sequence[ca.Function]], cc: str) -> Iterator[tuple[str, Path]]:
+    """Name and library of every function of groups, which are compiled at the same time."""
+    sources = [c_source(group) for group in groups]
+    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+        jobs = []
+        for group, source in zip(groups, sources, strict=True):
+            size = sum(map(_operations, group))
+            option = next(option for limit, option in SIZES if size <= limit)
+            run = copy_context().run  # for its time limit
+            jobs.append(pool.submit(run, build_library, source, group[0].name(), cc, option))
+        try:
+            libraries = [job.result() for job in jobs]
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            abandon()
+            raise
+    for group, library in zip(groups, libraries, strict=True):
+        yield from ((function.name(), library) for function in group)
+
+
+def _external(name: str, library: Path) -> ca.Function:
+    try:
+        return ca.external(name, str(library))
+    except RuntimeError:  # what the compiler made is no library
+        library.unlink(missing_ok=True)
+        raise
+
+
 def _operations(function: ca.Function) -> int:
     """Operations of a function and of all that it calls."""
     inner = (function, *function.find_functions())
     return sum(k.n_instructions() for k in inner if k.is_a("SXFunction"))
 
 
-def optimization_for(functions: Sequence[ca.Function]) -> str:
-    """Compiler option for functions of this size."""
-    size = sum(map(_operations, functions))
-    return next(option for limit, option in SIZES if size <= limit)
-
-
-def _source(functions: Sequence[ca.Function]) -> str:
+def c_source(functions: Sequence[ca.Function]) -> str:
+    """C text of functions."""
     generator = ca.CodeGenerator(f"{functions[0].name()}.c", {"with_header": False})
     for function in functions:
         generator.add(function)
@@ -386,7 +344,6 @@ def build_library(
     cc: str,
     optimization: str,
     *,
-    include: Sequence[str] = (),
     further: Sequence[str] = (),
     suffix: str = ".so",
     serves: str = "",
@@ -398,7 +355,6 @@ def build_library(
     ----------
     source, stem : C text, and the start of the library's name
     cc, optimization : compiler, and "-O0" to "-O3"
-    include : folders of headers
     further : more flags of the compiler
     suffix : end of the library's name
     serves : what else the library depends on, for the key of the cache
@@ -415,7 +371,7 @@ def build_library(
     key = hashlib.sha256(identity.encode()).hexdigest()[:24]
     folder = usable_folder()
     library = folder / f"{stem}_{key}{suffix}"
-    if _trusted(library):
+    if _is_whole(library):
         return library
     if not make:
         raise FileNotFoundError(library)
@@ -423,13 +379,12 @@ def build_library(
         work.mkdir(mode=0o700)
         text, compiled = work / "function.c", work / "function.so"
         text.write_text(source)
-        headers = [f"-I{header}" for header in include]
-        rest = [*flags, *headers, str(text), "-o", str(compiled), "-lm"]
+        rest = [*flags, str(text), "-o", str(compiled), "-lm"]
         messages = work / "messages"
         # a compiler that does not know the flag gets a second try
         status = _run([cc, NATIVE, *rest], messages) and _run([cc, *rest], messages)
         if status:
-            ending = " ".join(messages.read_bytes()[-MOST_KEPT:].decode(errors="replace").split())
+            ending = " ".join(messages.read_bytes().decode(errors="replace").split())
             raise RuntimeError(f"{cc} ended with status {status}: {shortened(ending, 100)}")
         _keep(library, content_of(compiled))
     return library
@@ -446,12 +401,11 @@ def _run(command: list[str], messages: Path) -> int:
     Raises
     ------
     RuntimeError
-        It takes too long, says too much, or was ended.
+        It takes too long, or was ended.
     """
     if deadline.over():
         raise RuntimeError("the time limit was over")
     seconds = min(COMPILE_TIMEOUT, deadline.left())
-    until, problem = time.monotonic() + seconds, ""
     with (
         messages.open("wb") as stream,
         subprocess.Popen(
@@ -460,21 +414,14 @@ def _run(command: list[str], messages: Path) -> int:
     ):
         _running.add(process)
         try:
-            status = None
-            while status is None and not problem:
-                with contextlib.suppress(subprocess.TimeoutExpired):
-                    status = process.wait(min(TICK, seconds))
-                if messages.stat().st_size > MOST_SAID:
-                    problem = f"it was ended after {MOST_SAID:,} bytes of messages"
-                elif status is None and time.monotonic() > until:
-                    problem = f"it was ended after {seconds:.3g} s"
+            status = process.wait(seconds)
+        except subprocess.TimeoutExpired:
+            raise RuntimeError(f"{command[0]}: it was ended after {seconds:.3g} s") from None
         finally:
             _end(process)  # or what it left
             _running.discard(process)
-    if status is not None and status < 0:
-        problem = f"it was ended by signal {-status}"
-    if problem or status is None:
-        raise RuntimeError(f"{command[0]}: {problem}")
+    if status < 0:
+        raise RuntimeError(f"{command[0]}: it was ended by signal {-status}")
     return status
 
 

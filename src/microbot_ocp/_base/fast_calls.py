@@ -25,7 +25,13 @@ import numpy as np
 
 from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp._base.codegen import build_library, compile_function, compiler, compiles
+from microbot_ocp._base.codegen import (
+    build_library,
+    c_source,
+    compile_function,
+    compiler,
+    compiles,
+)
 
 FastCall = Callable[..., Any]
 
@@ -192,16 +198,12 @@ def _extension(function: ca.Function, most: int, *, make: bool = True) -> FastCa
 
 
 def _build(function: ca.Function, most: int, cc: str, headers: list[str], make: bool) -> Path:
-    name = function.name()
-    generator = ca.CodeGenerator(f"{name}.c", {"with_header": False})
-    generator.add(function)
     return build_library(
-        generator.dump() + _glue(function, most),
-        f"fast_{name}",
+        c_source([function]) + _glue(function, most),
+        f"fast_{function.name()}",
         cc,
         "-O2",
-        include=headers,
-        further=ROUNDED_ALIKE,
+        further=(*ROUNDED_ALIKE, *(f"-I{header}" for header in headers)),
         suffix=EXTENSION_SUFFIXES[0],
         serves=f"{sys.version} {np.__version__}",
         make=make,
