@@ -145,7 +145,7 @@ def test_a_file_may_have_either_convention(tmp_path: Path) -> None:
     ("alpha", "a", "convention", "says"),
     [
         (ALPHA, A, None, r"joints 5 and 6 turn about the same axis.*convention='standard'"),
-        ([0, 0], [1, 1], None, r"first row is not zero \(alpha 0 deg, a 1 m\).*'standard'"),
+        ([0, 0], [1, 1], None, r"before its first joint \(alpha 0 deg, a 1 m\).*'standard'"),
         ([0, -np.pi / 2, 0], [0, 0, 0.4], "standard", "joints 1 and 2.*convention='modified'"),
     ],
 )
@@ -165,6 +165,17 @@ def test_tables_as_they_should_be_raise_no_doubt(name: str) -> None:
         mo.Robot.from_dh(arm.alpha, arm.a, arm.d, joint_type=arm.joint_types)
         mo.Robot.from_dh(ALPHA, A, D, convention="modified")
         puma()
+
+
+def test_a_first_row_that_places_the_base_is_not_odd() -> None:
+    """Of Craig's tables with any twists, and of parallel last axes where something follows."""
+    rng = np.random.default_rng(0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for count in rng.integers(2, 8, 50):
+            mo.Robot.from_dh(*rng.uniform(-2.0, 2.0, (3, count)))
+        mo.Robot.from_dh([0, 0], [1, 1], [0, 0], tool=[0, 0.3, 0, 0])
+        mo.Robot.from_dh([0, 0], [1, 1], [0, 0], base=np.eye(4))
 
 
 def test_standard_rows_have_no_turn_about_y() -> None:

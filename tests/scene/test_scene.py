@@ -26,7 +26,7 @@ ENDS = np.array([[-0.6, 0.3, 0.2], [0.9, 0.3, 0.2]])
     [
         (lambda: mo.Sphere([0, 0, 0], 0.0), "radius of the sphere must be above 0 m"),
         (lambda: mo.Box([1, 1, -1]), "every edge of the box must be above 0 m"),
-        (lambda: mo.Box([1, 1, 1], 2 * np.eye(4)), "pose of the box must be a rigid transform"),
+        (lambda: mo.Box([1, 1, 1], 2 * np.eye(4)), "pose of the box must be a homogeneous"),
         (lambda: mo.HalfSpace([0, 0, 0]), "must have a direction"),
         (lambda: mo.ConvexMesh(np.eye(3)), "at least 4 that do not lie in a plane"),
         (lambda: mo.Scene([1.0]), "obstacles must be of Sphere, Box"),

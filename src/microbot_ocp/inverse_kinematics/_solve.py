@@ -31,7 +31,7 @@ from microbot_ocp.inverse_kinematics._search import (
     task_errors,
     within_limits,
 )
-from microbot_ocp.robot import Robot, stretched_out
+from microbot_ocp.robot import Robot, is_rotation, stretched_out
 
 REACHED = "The tool reaches the target within the joint limits."
 
@@ -356,8 +356,7 @@ def _check_robot(robot: Robot) -> None:
 
 def _rotation_rows(name: str, turns: FloatArray) -> FloatArray:
     """Columns [N,9] of rotations [N,3,3], made exact; ``name`` has a place for the index."""
-    slip = np.abs(turns @ turns.swapaxes(1, 2) - np.eye(3)).max(axis=(1, 2))
-    bad = np.flatnonzero((slip > 1e-6) | (np.linalg.det(turns) < 0))
+    bad = np.flatnonzero(~is_rotation(turns))
     if bad.size:
         raise InputError(
             f"{name.format(bad[0])} must be a rotation (orthonormal, determinant +1), not "

@@ -42,14 +42,9 @@ from ._model import (
     JointLimits as JointLimits,
     Limits as Limits,
     Robot as Robot,
-    dh_transform as dh_transform,
 )
 from ._motion_state import (
     MotionState as MotionState,
-)
-from ._orientation import (
-    fixed_angles as fixed_angles,
-    rotation_of as rotation_of,
 )
 from ._reach import (
     largest_reach as largest_reach,
@@ -64,6 +59,14 @@ from ._shapes import (
 )
 from ._torque_derivatives import (
     torque_derivatives as torque_derivatives,
+)
+from ._transforms import (
+    dh_transform as dh_transform,
+    fixed_angles as fixed_angles,
+    is_rotation as is_rotation,
+    of_quaternion as of_quaternion,
+    rigid_transform as rigid_transform,
+    rotation_of as rotation_of,
 )
 from .files import (
     RobotFileWarning as RobotFileWarning,

@@ -21,8 +21,9 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp.robot._model import Robot, dh_transform
+from microbot_ocp.robot._model import Robot
 from microbot_ocp.robot._shapes import ROLES, Capsule, Role, Shape, read_mesh
+from microbot_ocp.robot._transforms import dh_transform
 
 
 @dataclass(frozen=True)

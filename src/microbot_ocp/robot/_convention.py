@@ -68,19 +68,24 @@ def doubts(
     a: FloatArray,
     joint_types: Sequence[str],
     *,
-    has_base: bool,
+    placed: bool,
 ) -> str:
-    """What is odd about a table and would not be in the other convention; empty if nothing."""
+    """What is odd about a table and would not be in the other convention; empty if nothing.
+
+    Of the modified convention a first row that is not zero places the base, as is usual. It is odd
+    only where nothing is ``placed`` by a base or a tool and the last two axes are parallel: then
+    the table has a link before its first joint, but none after its last.
+    """
     coincident = {
         "modified": _coincident(alpha[1:], a[1:], joint_types),
         "standard": _coincident(alpha[:-1], a[:-1], joint_types),
     }
     odd = coincident[convention]
     other: Convention = "standard" if convention == "modified" else "modified"
-    first = convention == "modified" and alpha.size > 1 and not has_base
+    first = convention == "modified" and alpha.size > 1 and not placed and alpha[-1] == 0.0
     if first and joint_types[0] == "revolute" and (alpha[0] or a[0]):  # rails lie as they please
-        twist = np.degrees(alpha[0])
-        odd = [f"its first row is not zero (alpha {twist:.4g} deg, a {a[0]:.4g} m)", *odd]
+        twist = f"alpha {np.degrees(alpha[0]):.4g} deg, a {a[0]:.4g} m"
+        odd = [f"there is a link before its first joint ({twist}), but none after its last", *odd]
     if not odd or coincident[other]:
         return ""
     meant = ", or convention='modified' if it is meant" if convention == "modified" else ""

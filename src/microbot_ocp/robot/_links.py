@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -176,3 +177,19 @@ def inertia_fault(inertia: FloatArray) -> str | None:
             f"{principal[1]:.6g} < {principal[2]:.6g} kg m^2, which no rigid body has"
         )
     return None
+
+
+def checked_links(links: Any, count: int) -> tuple[Link, ...]:
+    """The links of a chain, one a joint."""
+    chain = tuple(links)
+    if len(chain) != count:
+        raise InputError(f"links has {len(chain)} entries for {count} joints")
+    for entry in chain:
+        if not isinstance(entry, Link):
+            raise InputError(f"links must hold Link objects, not {entry!r}")
+        carrier = entry.rotor.carrier if entry.rotor else None
+        if carrier is not None and carrier > count:
+            raise InputError(
+                f"carrier of the rotor must be a link from 0 (the base) to {count}, not {carrier}"
+            )
+    return chain

@@ -15,7 +15,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Literal, Unpack
+from typing import TYPE_CHECKING, Any, Literal, Unpack, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,37 +32,15 @@ from microbot_ocp.robot._convention import (
     modified_rows,
     shapes_at_joints,
 )
-from microbot_ocp.robot._links import Link, Rotor
-from microbot_ocp.robot._shapes import Capsule, Shape
+from microbot_ocp.robot._links import Link, Rotor, checked_links
+from microbot_ocp.robot._shapes import Capsule, Shape, checked_shapes
+from microbot_ocp.robot._transforms import rigid_transform
 
 if TYPE_CHECKING:
     from microbot_ocp.robot._motion_state import MotionState
 
 JointType = Literal["revolute", "prismatic"]
 LOOSE = 10 * np.pi  # rad: files have limits such as 10 rad where there is none to speak of
-
-
-def dh_transform(alpha: float, a: float, d: float, theta: float, beta: float = 0.0) -> FloatArray:
-    """Homogeneous transform [4,4] of one modified-DH row (Craig, equation 3.6; Hayati's beta)."""
-    ca, sa, ct, st = np.cos(alpha), np.sin(alpha), np.cos(theta), np.sin(theta)
-    matrix = np.array(
-        [
-            [ct, -st, 0.0, a],
-            [st * ca, ct * ca, -sa, -sa * d],
-            [st * sa, ct * sa, ca, ca * d],
-            [0.0, 0.0, 0.0, 1.0],
-        ]
-    )
-    if beta:
-        cb, sb = np.cos(beta), np.sin(beta)
-        about_x = np.array([[1.0, 0.0, 0.0], [0.0, ca, -sa], [0.0, sa, ca]])
-        matrix[:3, :3] = about_x @ [[cb * ct, -cb * st, sb], [st, ct, 0], [-sb * ct, sb * st, cb]]
-        matrix[:3, 3] = np.array([a, 0.0, 0.0]) + d * matrix[:3, 2]
-    return matrix + 0.0  # no -0.0, which would be printed and written
-
-
-def _identity() -> FloatArray:
-    return _rigid_transform("base", None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +67,7 @@ class Robot:
     gravity: FloatArray
     tool: FloatArray
     description: str = field(default="", compare=False)
-    base: FloatArray = field(default_factory=_identity)
+    base: FloatArray = field(default_factory=lambda: rigid_transform("base", None))
     shapes: tuple[Shape, ...] = ()
     capsules: tuple[tuple[int, Capsule], ...] = ()
     disabled_pairs: tuple[tuple[str, str], ...] | None = None
@@ -182,26 +160,15 @@ class Robot:
         >>> standard == robot
         True
         """
-        rows = {"alpha": (alpha, "rad"), "a": (a, "m"), "d": (d, "m")}
-        table = {k: checks.array(k, v, (None,), u) for k, (v, u) in rows.items()}
+        table = _columns(
+            alpha=(alpha, "rad"),
+            a=(a, "m"),
+            d=(d, "m"),
+            theta_offset=(theta_offset, "rad"),
+            beta=(beta, "rad"),
+        )
         count = table["alpha"].size
-        if count == 0:
-            raise InputError("alpha must have at least one row, not 0")
-        for key, column in table.items():
-            if column.size != count:
-                raise InputError(
-                    f"the DH columns differ in length: alpha has {count} rows, {key} has "
-                    f"{column.size}"
-                )
-        offset = np.zeros(count) if theta_offset is None else theta_offset
-        offset = checks.array("theta_offset", offset, (count,), "rad")
-        if not isinstance(joint_type, str | list | tuple):
-            raise InputError(f"joint_type must be text or a list of text, not {joint_type!r}")
-        types = (joint_type,) * count if isinstance(joint_type, str) else tuple(joint_type)
-        if len(types) != count:
-            raise InputError(f"joint_type has {len(types)} entries for {count} joints")
-        for entry in types:
-            checks.one_of("joint_type", entry, ("revolute", "prismatic"))
+        types = _joint_types(joint_type, count)
         names = tuple(joint_names or (f"joint {i + 1}" for i in range(count)))
         all_text = all(isinstance(entry, str) for entry in names)
         if not all_text or len(names) != count or len(set(names)) != count:
@@ -211,40 +178,36 @@ class Robot:
                 raise InputError(f"{key} must be text, not {text!r}")
         if convention is not None:
             checks.one_of("convention", convention, ("modified", "standard"))
-        _warn_of_units(name, table, offset)
+        _warn_of_units(name, table)
         joint_limits = _joint_limits(Limits() if limits is None else limits, count)
         _warn_of_degrees(joint_limits, types, ("q_min", "q_max"))
-        chain = _chain(links, count) if links else ()
-        tool_pose, geometry = _rigid_transform("tool", tool), _shapes(shapes, count)
-        alpha, a = table["alpha"], table["a"]
+        tool_pose, geometry = rigid_transform("tool", tool), checked_shapes(shapes, count)
+        chain = checked_links(links, count) if links else ()
         if convention != "modified":
-            odd = doubts(convention or "modified", alpha, a, types, has_base=base is not None)
+            placed = base is not None or tool is not None
+            odd = doubts(convention or "modified", table["alpha"], table["a"], types, placed=placed)
             if odd:
                 warn_user(f"{name}: {odd}")
         if convention == "standard":
-            if beta is not None and np.any(beta):
+            if table["beta"].any():
                 raise InputError("beta is for modified rows: give it without convention='standard'")
-            ends = [far_end(*row) for row in zip(alpha, a, strict=True)]
-            tool_pose = _rigid_transform("tool", ends[-1] @ tool_pose)
+            ends = [far_end(*row) for row in zip(table["alpha"], table["a"], strict=True)]
+            tool_pose = rigid_transform("tool", ends[-1] @ tool_pose)
             chain = links_at_joints(chain, ends) if chain else ()
             geometry = shapes_at_joints(geometry, ends)
-            alpha, a = modified_rows(alpha, a)
+            table["alpha"], table["a"] = modified_rows(table["alpha"], table["a"])
         return cls(
             name=name,
-            alpha=alpha,
-            a=a,
-            d=table["d"],
-            theta_offset=offset,
-            beta=checks.array("beta", np.zeros(count) if beta is None else beta, (count,), "rad"),
-            joint_types=types,  # type: ignore[arg-type]
+            joint_types=types,
             joint_names=names,
             links=chain,
             limits=joint_limits,
             gravity=checks.array("gravity", gravity, (3,), "m/s^2"),
             tool=tool_pose,
             description=description,
-            base=_rigid_transform("base", base),
+            base=rigid_transform("base", base),
             shapes=geometry,
+            **table,
         )
 
     def __repr__(self) -> str:
@@ -386,7 +349,7 @@ class Robot:
 
     def with_links(self, links: Sequence[Link]) -> Robot:
         """Return the same robot with other links (payload, model mismatch, rotor inertia)."""
-        return replace(self, links=_chain(links, self.joint_count))
+        return replace(self, links=checked_links(links, self.joint_count))
 
     def with_payload(
         self,
@@ -560,28 +523,31 @@ def _of_unit_mass(offset: FloatArray) -> FloatArray:
     return offset @ offset * np.eye(3) - np.outer(offset, offset)
 
 
-def _chain(links: Any, count: int) -> tuple[Link, ...]:
-    chain = tuple(links)
-    if len(chain) != count:
-        raise InputError(f"links has {len(chain)} entries for {count} joints")
-    for entry in chain:
-        if not isinstance(entry, Link):
-            raise InputError(f"links must hold Link objects, not {entry!r}")
-        carrier = entry.rotor.carrier if entry.rotor else None
-        if carrier is not None and carrier > count:
+def _columns(**columns: tuple[Any, str]) -> dict[str, Any]:
+    """Columns [n] of a table, each given with its unit; zero where there is none."""
+    count = checks.array("alpha", columns["alpha"][0], (None,), "rad").size
+    if count == 0:
+        raise InputError("alpha must have at least one row, not 0")
+    table = {}
+    for key, (values, unit) in columns.items():
+        column = checks.array(key, np.zeros(count) if values is None else values, (None,), unit)
+        if column.size != count:
             raise InputError(
-                f"carrier of the rotor must be a link from 0 (the base) to {count}, not {carrier}"
+                f"the DH columns differ in length: alpha has {count} rows, {key} has {column.size}"
             )
-    return chain
+        table[key] = column
+    return table
 
 
-def _shapes(shapes: Sequence[Shape], count: int) -> tuple[Shape, ...]:
-    for shape in shapes:
-        if not isinstance(shape, Shape) or not 0 <= shape.frame <= count:
-            raise InputError(
-                f"shapes must hold Shape objects of frames 0 to {count}, not {shape!r}"
-            )
-    return tuple(shapes)
+def _joint_types(joint_type: Any, count: int) -> tuple[JointType, ...]:
+    if not isinstance(joint_type, str | list | tuple):
+        raise InputError(f"joint_type must be text or a list of text, not {joint_type!r}")
+    types: Any = (joint_type,) * count if isinstance(joint_type, str) else tuple(joint_type)
+    if len(types) != count:
+        raise InputError(f"joint_type has {len(types)} entries for {count} joints")
+    for entry in types:
+        checks.one_of("joint_type", entry, get_args(JointType))
+    return types
 
 
 def _joint_limits(limits: Any, count: int) -> JointLimits:
@@ -599,34 +565,11 @@ def _warn_of_degrees(limits: JointLimits, joint_types: Sequence[str], keys: Iter
             warn_user(f"{key} is {angles.tolist()} rad{hint}")
 
 
-def _warn_of_units(name: str, table: Mapping[str, FloatArray], offset: FloatArray) -> None:
+def _warn_of_units(name: str, table: Mapping[str, FloatArray]) -> None:
     """Warn of a table whose angles look like degrees, or its lengths like millimetres."""
-    for key, angles in (("alpha", table["alpha"]), ("theta_offset", offset)):
-        if hint := checks.degrees_hint(angles):
-            warn_user(f"{name}: {key} is {angles.tolist()} rad{hint}")
+    for key in ("alpha", "theta_offset"):
+        if hint := checks.degrees_hint(table[key]):
+            warn_user(f"{name}: {key} is {table[key].tolist()} rad{hint}")
     for key in ("a", "d"):
         if np.abs(table[key]).max() > checks.LONGEST_LINK:
             warn_user(f"{name}: {key} is {table[key].tolist()} m; that looks like millimetres")
-
-
-def _rigid_transform(name: str, value: ArrayLike | None) -> FloatArray:
-    """Read-only homogeneous transform [4,4] from one, from a DH row [4], or the identity."""
-    if value is None:
-        matrix = np.eye(4)
-    elif np.ndim(np.asarray(value, dtype=object)) == 1:
-        row = checks.array(name, value, (4,))
-        matrix = dh_transform(*row)
-    else:
-        matrix = np.array(checks.array(name, value, (4, 4)))
-        rotation = matrix[:3, :3]
-        if (
-            np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-6
-            or np.linalg.det(rotation) < 0
-            or np.abs(matrix[3] - [0, 0, 0, 1]).max() > 1e-9
-        ):
-            raise InputError(
-                f"{name} must be a homogeneous transform (rotation of determinant +1, last row "
-                f"0 0 0 1), not {matrix.tolist()}"
-            )
-    matrix.setflags(write=False)
-    return matrix

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any, Literal, NamedTuple
@@ -84,6 +85,16 @@ class Shape:
             raise InputError(f"{label} must have a path if it is a mesh, and only then")
         if self.color is not None:
             put(self, "color", tuple(checks.array(f"color of {label}", self.color, (4,)).tolist()))
+
+
+def checked_shapes(shapes: Sequence[Shape], count: int) -> tuple[Shape, ...]:
+    """Shapes of the frames of a chain of so many joints."""
+    for shape in shapes:
+        if not isinstance(shape, Shape) or not 0 <= shape.frame <= count:
+            raise InputError(
+                f"shapes must hold Shape objects of frames 0 to {count}, not {shape!r}"
+            )
+    return tuple(shapes)
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,7 +15,7 @@ import numpy as np
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError, naming, shown
 from microbot_ocp._base.reading import yaml_of
-from microbot_ocp.robot import Robot
+from microbot_ocp.robot import Robot, of_quaternion
 from microbot_ocp.scene._obstacles import Box, Cylinder, Obstacle, Sphere
 from microbot_ocp.scene._scene import Scene
 
@@ -133,10 +133,8 @@ def _pose(table: Any) -> FloatArray:
         value = _of(table, key)
         value = [_of(value, letter) for letter in letters] if isinstance(value, Mapping) else value
         entries.append(checks.array(key, value, (len(letters),)))
-    pose[:3, 3], turn = entries
-    length = float(np.linalg.norm(turn))
-    if length == 0.0:
+    pose[:3, 3], (x, y, z, w) = entries
+    if not np.any(entries[1]):
         raise InputError("orientation must be a quaternion, not zero")
-    skew, w = np.cross(np.eye(3), turn[:3] / length), turn[3] / length
-    pose[:3, :3] += 2 * (w * skew + skew @ skew)
+    pose[:3, :3] = of_quaternion((w, x, y, z))
     return pose

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp.robot import Capsule
+from microbot_ocp.robot import Capsule, rigid_transform
 from microbot_ocp.scene._distance import (
     PointFunction,
     from_segment,
@@ -366,8 +366,4 @@ def _pose(name: str, value: ArrayLike) -> FloatArray:
         pose = np.eye(4)
         pose[:3, 3] = checks.array(name, value, (3,), "m")
         return pose
-    pose = checks.array(name, value, (4, 4), "m")
-    turn = pose[:3, :3]
-    if np.abs(turn @ turn.T - np.eye(3)).max() > 1e-6 or np.linalg.det(turn) < 0:
-        raise InputError(f"{name} must be a rigid transform, not {pose.tolist()}")
-    return pose
+    return rigid_transform(name, value)

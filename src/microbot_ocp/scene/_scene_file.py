@@ -25,7 +25,7 @@ from microbot_ocp._base.schema import (
     read_table,
     table_from,
 )
-from microbot_ocp.robot import Capsule, Shape, read_mesh
+from microbot_ocp.robot import Capsule, Shape, read_mesh, rotation_of
 from microbot_ocp.robot.files import read_urdf_shapes
 from microbot_ocp.scene._moveit import moveit_scene
 from microbot_ocp.scene._obstacles import (
@@ -151,12 +151,7 @@ def _pose(table: Mapping[str, Any]) -> FloatArray:
     pose = np.eye(4)
     pose[:3, 3] = checks.array("center", table.get("center", (0.0, 0.0, 0.0)), (3,), "m")
     angles = checks.array("rotation_deg", table.get("rotation_deg", (0, 0, 0)), (3,), "deg")
-    for axis, angle in enumerate(np.radians(angles)):
-        turn, (i, j) = np.eye(3), ((1, 2), (2, 0), (0, 1))[axis]
-        turn[i, i] = turn[j, j] = np.cos(angle)
-        turn[j, i] = np.sin(angle)
-        turn[i, j] = -np.sin(angle)
-        pose[:3, :3] = turn @ pose[:3, :3]
+    pose[:3, :3] = rotation_of(np.radians(angles))
     return pose
 
 

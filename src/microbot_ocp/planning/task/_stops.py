@@ -10,7 +10,7 @@ import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError, naming
-from microbot_ocp.robot import Capsule, Link, Robot, forward_kinematics
+from microbot_ocp.robot import Capsule, Link, Robot, forward_kinematics, is_rotation
 
 AXES = ("x", "y", "z")
 SHAPE = ("start", "end", "radius", "name")  # of a part
@@ -258,6 +258,6 @@ def _capsules(given: Any) -> tuple[Capsule, ...]:
 
 def _rotation(what: str, given: Any) -> tuple[Numbers, ...]:
     matrix = checks.array(what, given, (3, 3))
-    if np.abs(matrix @ matrix.T - np.eye(3)).max() > 1e-6 or np.linalg.det(matrix) < 0:
+    if not is_rotation(matrix):
         raise InputError(f"{what} must be a rotation matrix, not {matrix.tolist()}")
     return tuple(tuple(row) for row in matrix.tolist())

@@ -20,6 +20,7 @@ from microbot_ocp._base.checks import FloatArray, InputError, naming
 from microbot_ocp._base.reading import bytes_of
 from microbot_ocp.robot._model import Robot
 from microbot_ocp.robot._shapes import Shape
+from microbot_ocp.robot._transforms import of_quaternion
 from microbot_ocp.robot.files._remarks import Remarks
 from microbot_ocp.robot.files._urdf_file import Inertial, UrdfFile, UrdfJoint, UrdfLink
 from microbot_ocp.robot.files._urdf_reader import PARALLEL, joint_motion, robot_of
@@ -288,12 +289,7 @@ class _Model:
 
 def _pose(position: FloatArray, quaternion: FloatArray) -> FloatArray:
     """Transform [4,4] of a position and a quaternion, scalar first."""
-    w, x, y, z = quaternion / np.linalg.norm(quaternion)
     pose = np.eye(4)
-    pose[:3, :3] = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
+    pose[:3, :3] = of_quaternion(quaternion)
     pose[:3, 3] = position
     return np.where(np.abs(pose) < 1e-15, 0.0, pose)  # without the dust of right angles

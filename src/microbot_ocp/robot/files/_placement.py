@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.robot._model import dh_transform
+from microbot_ocp.robot._transforms import dh_transform
 
 
 @dataclass(frozen=True)

@@ -41,8 +41,9 @@ from microbot_ocp._base.schema import (
 from microbot_ocp._base.writing import write_whole
 from microbot_ocp.limits import JOINT_QUANTITIES, Limit, Limits
 from microbot_ocp.robot._links import Link, Rotor
-from microbot_ocp.robot._model import Robot, dh_transform
+from microbot_ocp.robot._model import Robot
 from microbot_ocp.robot._shapes import Shape
+from microbot_ocp.robot._transforms import dh_transform
 
 GEOMETRY = ("alpha", "a", "d", "theta_offset")
 INERTIAL = ("mass", "center_of_mass", "inertia", "armature", "allow_unphysical", "rotor")

@@ -17,6 +17,7 @@ from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.limits import JOINT_QUANTITIES
 from microbot_ocp.robot._shapes import ROLES, SIZES, Role, Shape
+from microbot_ocp.robot._transforms import rotation_of
 from microbot_ocp.robot.files._mesh_files import find_mesh
 from microbot_ocp.robot.files._remarks import Remarks
 
@@ -164,13 +165,7 @@ def _frame(element: Element, label: str) -> FloatArray:
     frame, origin = np.eye(4), element.find("origin")
     if origin is None:
         return frame
-    roll, pitch, yaw = _vector(origin, "rpy", label, "0 0 0")
-    (sr, cr), (sp, cp), (sy, cy) = ((np.sin(t), np.cos(t)) for t in (roll, pitch, yaw))
-    frame[:3, :3] = [
-        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-        [-sp, cp * sr, cp * cr],
-    ]
+    frame[:3, :3] = rotation_of(_vector(origin, "rpy", label, "0 0 0"))
     frame[:3, 3] = _vector(origin, "xyz", label, "0 0 0")
     return np.where(np.abs(frame) < 1e-15, 0.0, frame)  # without the dust of right angles
 

@@ -11,8 +11,9 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.robot._links import Link
-from microbot_ocp.robot._model import Robot, dh_transform
+from microbot_ocp.robot._model import Robot
 from microbot_ocp.robot._shapes import SIZES, Shape
+from microbot_ocp.robot._transforms import dh_transform
 from microbot_ocp.robot.files._toml import save_text
 from microbot_ocp.robot.files._urdf_file import ACCELERATION, EXTENSION, RANGES
 

@@ -1,0 +1,92 @@
+"""Rotations and homogeneous transforms: of angles, of DH rows, of quaternions, as users give them.
+
+Fixed angles are roll, pitch, yaw about the axes of the base (Craig, 3rd ed., equation 2.64).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import FloatArray, InputError
+
+
+def rotation_of(angles: ArrayLike) -> FloatArray:
+    """Rotation [3,3] from roll, pitch, yaw [3] about the base axes, rad."""
+    (cr, cp, cy), (sr, sp, sy) = np.cos(angles), np.sin(angles)
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+
+
+def fixed_angles(rotation: ArrayLike) -> FloatArray:
+    """Roll, pitch, yaw [3], rad, of a rotation [3,3]; where pitch is a quarter turn the yaw is 0.
+
+    >>> fixed_angles(rotation_of([0.1, 0.2, 0.3])).round(6).tolist()
+    [0.1, 0.2, 0.3]
+    """
+    matrix = checks.array("rotation", rotation, (3, 3))
+    pitch = np.arctan2(-matrix[2, 0], np.hypot(matrix[0, 0], matrix[1, 0]))
+    if abs(np.cos(pitch)) < 1e-9:  # about the vertical, roll and yaw are one
+        return np.array([np.sign(pitch) * np.arctan2(matrix[0, 1], matrix[1, 1]), pitch, 0.0])
+    roll = np.arctan2(matrix[2, 1], matrix[2, 2])
+    return np.array([roll, pitch, np.arctan2(matrix[1, 0], matrix[0, 0])])
+
+
+def dh_transform(alpha: float, a: float, d: float, theta: float, beta: float = 0.0) -> FloatArray:
+    """Homogeneous transform [4,4] of one modified-DH row (Craig, equation 3.6; Hayati's beta)."""
+    ca, sa, ct, st = np.cos(alpha), np.sin(alpha), np.cos(theta), np.sin(theta)
+    matrix = np.array(
+        [
+            [ct, -st, 0.0, a],
+            [st * ca, ct * ca, -sa, -sa * d],
+            [st * sa, ct * sa, ca, ca * d],
+            [0.0, 0.0, 0.0, 1.0],
+        ]
+    )
+    if beta:
+        cb, sb = np.cos(beta), np.sin(beta)
+        about_x = np.array([[1.0, 0.0, 0.0], [0.0, ca, -sa], [0.0, sa, ca]])
+        matrix[:3, :3] = about_x @ [[cb * ct, -cb * st, sb], [st, ct, 0], [-sb * ct, sb * st, cb]]
+        matrix[:3, 3] = np.array([a, 0.0, 0.0]) + d * matrix[:3, 2]
+    return matrix + 0.0  # no -0.0, which would be printed and written
+
+
+def is_rotation(matrices: FloatArray) -> np.ndarray:
+    """Whether matrices [...,3,3] are rotations, to six digits."""
+    slip = np.abs(matrices @ np.swapaxes(matrices, -1, -2) - np.eye(3)).max(axis=(-2, -1))
+    return (slip <= 1e-6) & (np.linalg.det(matrices) > 0)
+
+
+def rigid_transform(name: str, value: ArrayLike | None) -> FloatArray:
+    """Read-only homogeneous transform [4,4] from one, from a DH row [4], or the identity."""
+    if value is None:
+        matrix = np.eye(4)
+    elif np.ndim(np.asarray(value, dtype=object)) == 1:
+        matrix = dh_transform(*checks.array(name, value, (4,)))
+    else:
+        matrix = np.array(checks.array(name, value, (4, 4)))
+        if not is_rotation(matrix[:3, :3]) or np.abs(matrix[3] - [0, 0, 0, 1]).max() > 1e-9:
+            raise InputError(
+                f"{name} must be a homogeneous transform (rotation of determinant +1, last row "
+                f"0 0 0 1), not {matrix.tolist()}"
+            )
+    matrix.setflags(write=False)
+    return matrix
+
+
+def of_quaternion(quaternion: ArrayLike) -> FloatArray:
+    """Rotation [3,3] of a quaternion w, x, y, z of any length but zero."""
+    w, x, y, z = np.asarray(quaternion) / np.linalg.norm(quaternion)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
