@@ -232,7 +232,10 @@ def test_limits_as_plain_lists(microbot: Robot) -> None:
         ({"alpha": 0.0}, "alpha must have shape [any], not []"),
         ({"a": [0.0, np.nan]}, "a must be finite, but entry [1] is nan m"),
         ({"d": ["0", "1"]}, "d must be an array of numbers, not ['0', '1']"),
-        ({"theta_offset": [0.0]}, "columns differ in length: alpha has 2 rows, theta_offset has 1"),
+        (
+            {"theta_offset": [0.0]},
+            "the DH columns differ in length: alpha has 2 rows, theta_offset has 1",
+        ),
         ({"joint_type": "screw"}, "joint_type must be one of revolute, prismatic, not 'screw'"),
         ({"joint_type": ["revolute"]}, "joint_type has 1 entries for 2 joints"),
         (
