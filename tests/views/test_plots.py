@@ -70,7 +70,7 @@ def test_limits_near_the_data_only(curves):
     assert high > 2.0
     one_sided = curves.axes[4]
     assert [line.get_ydata()[0] for line in named_lines(one_sided, "_limit")] == [2.0]
-    assert [t.get_text() for t in one_sided.texts] == ["limits at least −2 rad/s"]
+    assert [t.get_text() for t in one_sided.texts] == ["lower limit −2 rad/s"]
 
 
 def test_no_limit_is_neither_drawn_nor_named(comparison):

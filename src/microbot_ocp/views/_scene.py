@@ -176,10 +176,16 @@ def near_limits(
     lower, upper = (bound if is_near(bound, low, high) else None for bound in bounds)
     drawn = [low, high, *(bound for bound in (lower, upper) if bound is not None)]
     margin = STYLE.room * max(max(drawn) - min(drawn), 1e-6)
-    low, high = (b if b not in drawn else o for b, o in zip(bounds, (-np.inf, np.inf), strict=True))
-    text = range_text(low, high, display_unit(robot, quantity, joint)).replace("-", "−")
-    far = f"limits {text}" if text else ""
-    return AxisLimits(lower, upper, (min(drawn) - margin, max(drawn) + margin), far)
+    far = [np.nan if bound in drawn else bound for bound in bounds]
+    unit = display_unit(robot, quantity, joint)
+    if np.isfinite(far).all():
+        digits = 4 if np.isclose(far[0], -far[1]) else 3
+        text = f"limits {range_text(*bounds, unit, lambda bound: f'{bound:.{digits}g}')}"
+    else:
+        named = (p for p in zip(("lower", "upper"), far, strict=True) if np.isfinite(p[1]))
+        text = "".join(f"{side} limit {bound:+.4g} {unit}" for side, bound in named)
+    axis = min(drawn) - margin, max(drawn) + margin
+    return AxisLimits(lower, upper, axis, text.replace("-", "−"))
 
 
 def _data_range(values: FloatArray) -> tuple[float, float]:
