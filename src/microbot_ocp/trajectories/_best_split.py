@@ -17,7 +17,12 @@ from microbot_ocp.limits import ROUNDING, LimitFamily, MotionSamples
 from microbot_ocp.limits._peaks import PEAK_SEARCH
 from microbot_ocp.motion import PiecewisePolynomial
 from microbot_ocp.robot import JointLimits, Limits, Robot
-from microbot_ocp.trajectories._shortest_duration import DURATION_SEARCH, Scaled, shortest_duration
+from microbot_ocp.trajectories._shortest_duration import (
+    DURATION_SEARCH,
+    Scaled,
+    checked_shape,
+    shortest_duration,
+)
 
 MakeSplit = Callable[[FloatArray], PiecewisePolynomial]
 DIFFERENCE = float(np.sqrt(np.finfo(float).eps))  # of logarithms, for slopes by differences
@@ -129,15 +134,7 @@ def first_splits(via_q: ArrayLike) -> FloatArray:
 
 
 def _check_stretch(robot: Robot, make: MakeSplit, durations: FloatArray) -> None:
-    shape, slower = make(durations), make(2.0 * durations)
-    if not isinstance(shape, PiecewisePolynomial):
-        kind = type(shape).__name__
-        raise InputError(f"make_motion must return a PiecewisePolynomial, not {kind}")
-    if shape.coefficients.shape[2] != robot.joint_count:
-        raise InputError(
-            f"make_motion is for {shape.coefficients.shape[2]} joints, but the robot has "
-            f"{robot.joint_count}"
-        )
+    shape, slower = checked_shape(robot, make(durations)), make(2.0 * durations)
     same = shape.stretched(2.0)
     if slower.coefficients.shape != same.coefficients.shape or not (
         np.allclose(slower.breaks, same.breaks)

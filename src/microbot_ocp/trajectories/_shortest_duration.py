@@ -184,73 +184,39 @@ class _DurationSearch:
         self.tried = 0
         self.shape: PiecewisePolynomial | None = None
         if isinstance(make_motion, PiecewisePolynomial):
-            self.shape = shape = self._checked(make_motion)
+            self.shape = shape = checked_shape(robot, make_motion)
             self.first = shape.duration
             self.make: MakeMotion = lambda duration: shape.stretched(duration / shape.duration)
-            refusal = refusal_of(robot, self.family, shape)
+            if refusal := refusal_of(robot, self.family, shape):
+                raise InputError(refusal)
         else:
             self.first = checks.number("first_duration", first_duration, "s", above=0.0)
             self.make = make_motion
-            refusal = self._refusal_of_callable()
-        if refusal:
-            raise InputError(refusal)
         friction = any(link.viscous_friction or link.coulomb_friction for link in robot.links)
-        # Without friction a longer duration of the same shape never asks for more.
-        self.from_above = self.shape is None or (
-            (friction and bool({"tau", "taud"} & set(self.kinds))) or self._unusual()
+        # Without friction a longer duration of the same shape never asks for more; of a limit of
+        # the user's own nothing is known.
+        self.from_above = (
+            self.shape is None
+            or (friction and bool({"tau", "taud"} & set(self.kinds)))
+            or any(member.limit is not None for member in self.family)
         )
-
-    def _unusual(self) -> bool:
-        """Whether a limit is of the user's own, about which nothing is known."""
-        return any(member.limit is not None for member in self.family)
-
-    def _checked(self, polynomial: PiecewisePolynomial) -> PiecewisePolynomial:
-        width = polynomial.coefficients.shape[2]
-        if width != self.robot.joint_count:
-            raise InputError(
-                f"make_motion is for {width} joints, but the robot has {self.robot.joint_count}"
-            )
-        return polynomial
-
-    def _refusal_of_callable(self) -> str | None:
-        """Its path may depend on the duration: refuse only what ten times as long does not cure."""
-        refusal = None
-        for duration in (self.first, 10.0 * self.first):
-            try:
-                polynomial = self._made(duration)
-            except _TooShort:
-                continue
-            refusal = refusal_of(self.robot, self.family, polynomial)
-            if refusal is None:
-                return None
-        return refusal
-
-    def _made(self, duration: float) -> PiecewisePolynomial:
-        try:
-            made = self.make(duration)
-        except InputError as problem:
-            raise _TooShort(str(problem)) from problem
-        if not isinstance(made, PiecewisePolynomial):
-            raise InputError(
-                f"make_motion must return a PiecewisePolynomial, not {type(made).__name__}"
-            )
-        if abs(made.duration - duration) > 1e-6 * duration:
-            raise InputError(
-                f"make_motion({duration:g}) must return a motion of {duration:g} s, not "
-                f"{made.duration:g} s"
-            )
-        return self._checked(made)
 
     def evaluate(self, duration: float) -> Peak:
         """The largest use of the limits at this duration."""
         self.tried += 1
         try:
-            polynomial = self._made(duration)
-        except _TooShort as problem:
+            polynomial = self.make(duration)
+        except InputError as problem:
             if duration > 0.1 * DURATION_SEARCH.longest * self.first:
                 raise InputError(f"make_motion refuses every duration: {problem}") from problem
             return Peak(np.inf)
         if self.shape is None:
+            length = checked_shape(self.robot, polynomial).duration
+            if abs(length - duration) > 1e-6 * duration:
+                raise InputError(
+                    f"make_motion({duration:g}) must return a motion of {duration:g} s, not "
+                    f"{length:g} s"
+                )
             place = largest_use(self.family, polynomial, self.family.of_order(0))
             if place.use > 1.0 + ROUNDING:
                 return replace(place, use=np.inf)
@@ -264,17 +230,17 @@ class _DurationSearch:
         if np.isinf(cause.use) and cause.quantity in self.family.of_order(3):
             raise InputError(_jumps_text(self.family[cause.quantity], cause))
         polynomial = self.make(good)
-        named = cause.quantity != "shape"
+        member = None if cause.quantity == "shape" else self.family[cause.quantity]
         return Scaled(
             polynomial=polynomial,
             duration=polynomial.duration,
             factor=good / self.first if self.shape is not None else np.nan,
             quantity=cause.quantity,
-            joint=self.family[cause.quantity].labels[cause.joint] if named else "",
+            joint=member.labels[cause.joint] if member else "",
             time=cause.time,
             value=cause.value,
             limit=cause.limit,
-            unit=self.family[cause.quantity].units[cause.joint] if named else "",
+            unit=member.units[cause.joint] if member else "",
             utilisation=met.use,
             iterations=self.tried,
             wall_time=time.perf_counter() - started,
@@ -310,16 +276,15 @@ class _DurationSearch:
             if not self.from_above or peak.use < 0.1:
                 shorter = duration * float(np.clip(0.95 * peak.use, 0.1, 0.9))
             trial = (shorter, self.evaluate(shorter))
-            if trial[1].use > 1.0:
-                bad = trial
-            else:
-                good = trial
+            good, bad = (good, trial) if trial[1].use > 1.0 else (trial, None)
         return good, bad
 
     def _no_duration(self, last: tuple[float, Peak]) -> str:
         duration, peak = last
         if peak.quantity == "shape":
             return f"make_motion refuses every duration up to {duration:g} s"
+        if refusal := refusal_of(self.robot, self.family, self.make(duration)):
+            return refusal
         member = self.family[peak.quantity]
         unit = member.units[peak.joint]
         return (
@@ -333,36 +298,40 @@ class _DurationSearch:
     ) -> tuple[float, Peak, Peak]:
         """Illinois regula falsi in 1/T^2, in which a torque-limited use is affine."""
         aim = 1.0 - 0.5 * self.tolerance
-        weight_good, weight_bad = 1.0, 1.0
-        last = 0
+        ends, weights, last = [good, bad], [1.0, 1.0], -1
         for iteration in range(200):
-            (long, met), (short, missed) = good, bad
+            (long, met), (short, missed) = ends
             near = met.use >= 1.0 - self.tolerance or long - short <= 1e-13 * long
             if near or deadline.over():
                 break
             s_good, s_bad = long**-2, short**-2
-            gap_good = (aim - met.use) * weight_good
-            gap_bad = (missed.use - aim) * weight_bad
+            gap_good, gap_bad = (aim - met.use) * weights[0], (missed.use - aim) * weights[1]
             share = gap_good / (gap_good + gap_bad) if np.isfinite(gap_bad) else 0.5
             if iteration % 4 == 3 or not 0.0 < share < 1.0:
                 share = 0.5
             middle = (s_good + share * (s_bad - s_good)) ** -0.5
             if not short < middle < long:
                 middle = 0.5 * (short + long)
-            trial = (middle, self.evaluate(middle))
-            if trial[1].use > 1.0:
-                bad, weight_bad = trial, 1.0
-                weight_good = 0.5 * weight_good if last == 1 else 1.0
-                last = 1
-            else:
-                good, weight_good = trial, 1.0
-                weight_bad = 0.5 * weight_bad if last == -1 else 1.0
-                last = -1
-        return good[0], good[1], bad[1]
+            peak = self.evaluate(middle)
+            end = int(peak.use > 1.0)
+            ends[end], weights[end] = (middle, peak), 1.0
+            weights[1 - end] = 0.5 * weights[1 - end] if last == end else 1.0
+            last = end
+        return ends[0][0], ends[0][1], ends[1][1]
 
 
-class _TooShort(Exception):
-    """A callable that refuses a duration."""
+def checked_shape(robot: Robot, shape: object) -> PiecewisePolynomial:
+    """What ``make_motion`` is or returns, of as many joints as the robot."""
+    if not isinstance(shape, PiecewisePolynomial):
+        raise InputError(
+            f"make_motion must return a PiecewisePolynomial, not {type(shape).__name__}"
+        )
+    width = shape.coefficients.shape[2]
+    if width != robot.joint_count:
+        raise InputError(
+            f"make_motion is for {width} joints, but the robot has {robot.joint_count}"
+        )
+    return shape
 
 
 def refusal_of(robot: Robot, family: LimitFamily, shape: PiecewisePolynomial) -> str | None:
