@@ -18,13 +18,11 @@ from microbot_ocp.motion import (
     Columns,
     Mark,
     Motion,
-    PiecewisePolynomial,
     State,
-    pieces_of,
     torque_along,
     write_columns,
 )
-from microbot_ocp.planning.free import within_limits
+from microbot_ocp.planning.free._within_limits import SLOWING
 from microbot_ocp.robot import Robot, gravity_torque
 from microbot_ocp.scene import Scene
 
@@ -129,15 +127,15 @@ def commanded(
     """
     chosen = controller_profile(profile)
     family = LimitFamily.of(robot, chosen.limits_of(robot))
-    slowed, duration = motion, motion.duration
+    steps = max(1, int(np.ceil(motion.duration / chosen.step - ROUNDING)))
+    most = SLOWING.most_evenly * steps + 1.0
     while True:
-        steps = np.ceil(duration / chosen.step - ROUNDING)
-        slowed = _stretched(robot, motion, max(1.0, steps) * chosen.step / motion.duration)
+        slowed = _stretched(robot, motion, steps * chosen.step / motion.duration)
         curve = executed(robot, slowed, chosen)
-        factor = _factor(family, curve)
+        factor = _factor(LimitHistory.of(family, curve.history()), most / steps)
         if factor == 1.0:
             break
-        duration = max(factor * slowed.duration, slowed.duration + chosen.step)
+        steps = max(steps + 1, int(np.ceil(steps * factor)))
     rows = rows_of(slowed, chosen)
     state = State(rows.q, np.asarray(rows.qd), np.asarray(rows.qdd))
     rows = replace(rows, tau=_efforts(robot, chosen, state))
@@ -159,41 +157,32 @@ def _stretched(robot: Robot, motion: Motion, factor: float) -> Motion:
     )  # fmt: skip
 
 
-def _factor(family: LimitFamily, curve: Motion) -> float:
-    """By what the curve has to be slower to keep all limits.
+def _factor(history: LimitHistory, most: float) -> float:
+    """By what a curve has to be slower to keep all limits: about that, or somewhat less.
+
+    A limit of a derivative of some order is used by the power of it less; of a torque all but the
+    part of gravity.
 
     Raises
     ------
     InputError
-        Slowing down does not help, or takes too much.
+        Slowing down does not help, or takes more than ``most``.
     """
-    history = LimitHistory.of(family, curve.history())
-    if max(float(history.judged(key)[2].max()) for key in family.keys) <= 1.0 + ROUNDING:
+    uses = {key: history.judged(key)[2] for key in history.family.keys}
+    key = max(uses, key=lambda key: float(uses[key].max()))
+    if uses[key].max() <= 1.0 + ROUNDING:
         return 1.0
-    if not family.jerk_matters:
-        # A limit of the jerk that the curve keeps has it slowed down evenly: timed anew it would
-        # be another curve after the controller's sampling.
-        along = curve.history()
-        jerks = np.concatenate([along.samples.qddd, along.jumps.qddd])
-        family = LimitFamily.of(family.robot.with_limits(qddd_max=1.0 + np.abs(jerks).max()))
-    shape = PiecewisePolynomial(curve.t, pieces_of(curve))
-    slowed = within_limits(family, shape, np.zeros(0), ROUNDING, False)
-    if slowed is None:
-        raise InputError(
-            f"motion cannot be slowed down for the controller: {_reason(history)}; plan under the "
-            "limits of the profile, profile.limits_of(robot)"
-        )
-    return slowed.duration / curve.duration
-
-
-def _reason(history: LimitHistory) -> str:
-    key = max(history.family.keys, key=lambda key: float(history.judged(key)[2].max()))
+    orders = {key: history.family[key].order for key in uses}
+    factor = max(float(use.max()) ** (1.0 / max(orders[key], 1)) for key, use in uses.items())
+    if orders[key] and factor <= most:
+        return factor
     t, values, use = history.judged(key)
     row, joint = np.unravel_index(int(use.argmax()), use.shape)
     member = history.family[key]
-    return (
-        f"{member.title(int(joint))} is {values.value[row, joint]:.5g} {member.units[joint]} at "
-        f"{t[row]:.4g} s"
+    raise InputError(
+        f"motion cannot be slowed down for the controller: {member.title(int(joint))} is "
+        f"{values.value[row, joint]:.5g} {member.units[joint]} at {t[row]:.4g} s; plan under the "
+        "limits of the profile, profile.limits_of(robot)"
     )
 
 
