@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -16,8 +16,6 @@ from microbot_ocp.ocp.transcription._kernels import joined
 from microbot_ocp.ocp.transcription._layout import (
     Bounds,
     PhaseLayout,
-    PointGroup,
-    StageGroup,
     bounds_of,
     row_labels,
     variable_labels,
@@ -91,8 +89,9 @@ class _Entries:
         self.values: list[ca.MX] = []
 
     def add(self, rows: ArrayLike, columns: ArrayLike, values: ca.MX | FloatArray) -> None:
-        self.rows.append(np.asarray(rows, dtype=int).ravel())
-        self.columns.append(np.asarray(columns, dtype=int).ravel())
+        both = np.broadcast_arrays(rows, columns)
+        for indices, places in zip((self.rows, self.columns), both, strict=True):
+            indices.append(places.astype(int).ravel())
         # the nonzeros of a single row come as a row
         self.values.append(ca.vec(values) if isinstance(values, ca.MX) else ca.MX(ca.DM(values)))
 
@@ -113,6 +112,9 @@ class _Entries:
         sparsity = ca.Sparsity(height, width, first.tolist(), rows.tolist())
         return ca.MX(sparsity, nonzeros)
 
+    def vector(self, height: int) -> ca.MX:
+        return ca.densify(self.matrix(height, 1))
+
 
 def assemble(layouts: Sequence[PhaseLayout], *, parametric: bool = False) -> Program:
     """Put the stages of all phases together.
@@ -127,22 +129,26 @@ def assemble(layouts: Sequence[PhaseLayout], *, parametric: bool = False) -> Pro
     p = ca.MX.sym("p", parameters.size)
     offsets = np.cumsum([0, *(d.size for d in declared)]).tolist()
     lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", height)
-    cost, rows = ca.MX(0), _Parts()
-    cost_again, rows_again, gradient = ca.MX(0), _Parts(), _Parts()
-    jacobian, hessian = _Entries(), _Entries()
+    cost, cost_again = ca.MX(0), ca.MX(0)
+    rows, rows_again, gradient, jacobian, hessian = (_Entries() for _ in range(5))
     for index, layout in enumerate(layouts):
         begin, end = offsets[index : index + 2]
         constants = p[begin:end] if parametric else ca.MX(ca.DM(declared[index]))
-        piece = _PhasePiece(layout, x, constants)
-        cost = cost + piece.values(rows)
-        cost_again = cost_again + piece.first_order(rows_again, gradient, jacobian)
-        piece.second_order(lam_f, lam_g, hessian)
+        for places, columns, factors in _conditions(layout):
+            for vector in (rows, rows_again):
+                vector.add(places, 0, ca.DM(factors) * x[columns.tolist()])
+            jacobian.add(places, columns, factors)
+        free = layout.transition.places  # the cost does not depend on them
+        gradient.add(free, 0, np.zeros(free.size))
+        for piece in _pieces(layout, x, constants):
+            cost = cost + piece.values(rows)
+            cost_again = cost_again + piece.first_order(rows_again, gradient, jacobian)
+            piece.second_order(lam_f, lam_g, hessian)
     # without a cost it is a sparse zero, which solvers refuse
     cost, cost_again = ca.densify(cost), ca.densify(cost_again)
     curvature = [x, p, lam_f, lam_g]
     slope_of_p = ca.MX.zeros(parameters.size)  # solvers take it only if they are asked for it
-    # solvers assume a dense gradient
-    g_again, slope = rows_again.vector(), ca.densify(gradient.vector())
+    g_again, slope = rows_again.vector(height), gradient.vector(width)
     jacobian_matrix = jacobian.matrix(height, width)
     stationarity = lam_f * slope + jacobian_matrix.T @ lam_g
     empty = ca.MX(width, 1)
@@ -162,166 +168,115 @@ def assemble(layouts: Sequence[PhaseLayout], *, parametric: bool = False) -> Pro
     }
     return Program(
         layouts=tuple(layouts),
-        nlp={"x": x, "f": cost, "g": rows.vector(), **({"p": p} if parametric else {})},
+        nlp={"x": x, "f": cost, "g": rows.vector(height), **({"p": p} if parametric else {})},
         functions=MadeOnDemand(functions),
         **vars(bounds),
         parameters=parameters,
     )
 
 
-class _Parts:
-    """A vector, gathered part by part."""
+@dataclass(frozen=True, eq=False)
+class _Piece:
+    """Stages, or mesh points, of one kind.
 
-    def __init__(self) -> None:
-        self.places: list[np.ndarray] = []
-        self.values: list[ca.MX] = []
+    Attributes
+    ----------
+    kernels : their values, with first and with second derivatives
+    variables : indices of what they are of [M, K]
+    rows : indices of their rows [M, R]
+    arrivals : indices of the next z, of which the first rows are [M, nz]; of points [M, 0]
+    v, arrived : variables [K, M] and next z [nz, M]
+    constants : second argument of the kernels [..., M]
+    """
 
-    def add(self, places: np.ndarray, values: ca.MX) -> None:
-        """Values at places; of a matrix [..., M] those of column m are at the places [m, ...]."""
-        self.places.append(np.asarray(places, dtype=int).ravel())
-        self.values.append(ca.vec(values))
+    kernels: tuple[ca.Function, ca.Function, ca.Function]
+    variables: np.ndarray
+    rows: np.ndarray
+    arrivals: np.ndarray
+    v: ca.MX
+    arrived: ca.MX
+    constants: ca.MX
 
-    def vector(self) -> ca.MX:
-        # every place is filled once
-        order = np.argsort(np.concatenate(self.places))
-        return ca.vertcat(*self.values)[order.tolist()]
+    def called(self, order: int, *more: ca.MX) -> list[ca.MX]:
+        """Outputs of a kernel for all stages or points at once."""
+        kernel, count = self.kernels[order], self.rows.shape[0]
+        threads = self.v.size1() >= LARGE_STAGE and count >= MANY_STAGES and spare_processor()
+        mapped = kernel.map(count, "thread", 2) if threads else kernel.map(count)
+        return mapped.call([self.v, self.constants, *more])
 
-
-class _PhasePiece:
-    """Values and derivatives of one phase as expressions of all variables."""
-
-    def __init__(self, layout: PhaseLayout, x: ca.MX, constants: ca.MX) -> None:
-        nodes = layout.nodes
-        self.layout = layout
-        self.conditions = [
-            (block.places[0], nodes[place, layout.node_columns(block)])
-            for block, place in ((layout.initial, 0), (layout.final, -1))
-        ]
-        self.x = x
-        self.points = [_PointPiece(layout, group, x, constants) for group in layout.points]
-        fixed = constants[: layout.parameters.size]
-        grid = np.vstack([layout.mesh[:-1], np.diff(layout.mesh)])
-        self.groups = [
-            _GroupPiece(
-                group=group,
-                v=_gathered(x, group.variables),
-                z_next=_gathered(x, nodes[group.intervals + 1]),
-                arrivals=nodes[group.intervals + 1],
-                grid=ca.vertcat(
-                    ca.MX(ca.DM(grid[:, group.intervals])),
-                    ca.repmat(fixed, 1, group.intervals.size),
-                ),
-            )
-            for group in layout.groups
-        ]
-
-    def _common_rows(self, rows: _Parts) -> None:
-        layout, x = self.layout, self.x
-        for places, columns in self.conditions:
-            rows.add(places, x[columns.tolist()])
-        source, target = x[layout.sources.tolist()], x[layout.targets.tolist()]
-        rows.add(layout.link.places, target - ca.DM(layout.factors) * source)
-
-    def values(self, rows: _Parts) -> ca.MX:
+    def values(self, rows: _Entries) -> ca.MX:
         """Cost; rows are added to those of the program."""
-        self._common_rows(rows)
-        cost = ca.MX(0)
-        for point in self.points:
-            constraints_there, added = point.mapped(point.kernel.point)(point.z, point.c)
-            rows.add(point.group.block.places, constraints_there)
-            cost = cost + ca.sum2(added)
-        for own in self.groups:
-            kernel = own.mapped(own.group.kind.kernels.stage)
-            following, constraints, running = kernel(own.v, own.grid)
-            rows.add(own.group.rows, ca.vertcat(own.z_next - following, constraints))
-            cost = cost + ca.sum2(running)
-        return cost
+        *parts, cost = self.called(0)
+        if self.arrivals.size:
+            parts[0] = self.arrived - parts[0]
+        rows.add(self.rows, 0, ca.vertcat(*parts))
+        return ca.sum2(cost)
 
-    def first_order(self, rows: _Parts, gradient: _Parts, jacobian: _Entries) -> ca.MX:
+    def first_order(self, rows: _Entries, gradient: _Entries, jacobian: _Entries) -> ca.MX:
         """Cost; rows, its gradient and the Jacobian are added to those of the program."""
-        layout = self.layout
-        nz, cost = layout.node_size, ca.MX(0)
-        self._common_rows(rows)
-        slopes = ca.MX.zeros(nz, layout.intervals + 1)
-        inner = any(point.group.nodes[0] < layout.intervals for point in self.points)
-        for point in self.points:
-            kernel = point.kernel.jacobian
-            constraints_there, block, added, slope = point.mapped(kernel)(point.z, point.c)
-            rows.add(point.group.block.places, constraints_there)
-            slopes[:, point.group.nodes.tolist()] += slope
-            at, column = _triplet(kernel, 1)
-            jacobian.add(point.group.block.places[:, at], point.places[:, column], block.nz[:])
-            cost = cost + ca.sum2(added)
-        gradient.add(layout.nodes[-1], slopes[:, -1])
-        gradient.add(layout.transition.places, ca.MX.zeros(layout.transition.places.size))
-        for places, columns in self.conditions:
-            jacobian.add(places, columns, np.ones(places.size))
-        jacobian.add(layout.link.places, layout.targets, np.ones(layout.targets.size))
-        jacobian.add(layout.link.places, layout.sources, -layout.factors)
-        for own in self.groups:
-            group, kernel = own.group, own.group.kind.kernels.stage_jacobian
-            both, block, running, slope = own.mapped(kernel)(own.v, own.grid)
-            at, column = _triplet(kernel, 1)
-            sign = np.tile(np.where(at < nz, -1.0, 1.0), own.count)
-            jacobian.add(group.rows[:, at], group.variables[:, column], block.nz[:] * ca.DM(sign))
-            jacobian.add(group.rows[:, :nz], own.arrivals, np.ones(own.arrivals.size))
-            rows.add(group.rows, ca.vertcat(own.z_next - both[:nz, :], both[nz:, :]))
-            if inner:
-                slope[:nz, :] += slopes[:, group.intervals.tolist()]
-            gradient.add(group.variables, slope)
-            cost = cost + ca.sum2(running)
-        return cost
+        both, block, cost, slope = self.called(1)
+        at, column = _triplet(self.kernels[1], 1)
+        entries, steps = block.nz[:], self.arrivals.shape[1]
+        if steps:
+            entries *= ca.DM(np.tile(np.where(at < steps, -1.0, 1.0), self.rows.shape[0]))
+            jacobian.add(self.rows[:, :steps], self.arrivals, np.ones(self.arrivals.size))
+            both = ca.vertcat(self.arrived - both[:steps, :], both[steps:, :])
+        jacobian.add(self.rows[:, at], self.variables[:, column], entries)
+        rows.add(self.rows, 0, both)
+        gradient.add(self.variables, 0, slope)
+        return ca.sum2(cost)
 
     def second_order(self, lam_f: ca.MX, lam_g: ca.MX, hessian: _Entries) -> None:
         """The Hessian is added to that of the program."""
-        for point in self.points:
-            kernel = point.kernel.hessian
-            lam = _gathered(lam_g, point.group.block.places)
-            factor = ca.repmat(lam_f, 1, point.group.nodes.size)
-            block = point.mapped(kernel)(point.z, point.c, lam, factor)
-            row, column = _triplet(kernel, 0)
-            hessian.add(point.places[:, row], point.places[:, column], block.nz[:])
-        for own in self.groups:
-            group, kernel = own.group, own.group.kind.kernels.stage_hessian
-            lam = _gathered(lam_g, group.rows)
-            block = own.mapped(kernel)(own.v, own.grid, lam, ca.repmat(lam_f, 1, own.count))
-            row, column = _triplet(kernel, 0)
-            hessian.add(group.variables[:, row], group.variables[:, column], block.nz[:])
+        lam = _gathered(lam_g, self.rows)
+        (block,) = self.called(2, lam, ca.repmat(lam_f, 1, self.rows.shape[0]))
+        row, column = _triplet(self.kernels[2], 0)
+        hessian.add(self.variables[:, row], self.variables[:, column], block.nz[:])
 
 
-class _PointPiece:
-    """Points of one kind: their z with its indices, and their constants."""
-
-    def __init__(self, layout: PhaseLayout, group: PointGroup, x: ca.MX, constants: ca.MX) -> None:
-        self.group, self.kernel = group, group.kernel
-        self.places = layout.nodes[group.nodes]
-        self.z = _gathered(x, self.places)
-        fractions = ca.MX(ca.DM(layout.mesh[group.nodes]).T)
-        self.c = ca.vertcat(fractions, _gathered(constants, layout.point_places(group).T))
-
-    def mapped(self, function: ca.Function) -> ca.Function:
-        return function.map(self.group.nodes.size)
+def _conditions(layout: PhaseLayout) -> Iterator[tuple[np.ndarray, np.ndarray, FloatArray]]:
+    """Linear rows of a phase: where they stand, of which variables they are, and their factors."""
+    for block, node in ((layout.initial, 0), (layout.final, -1)):
+        columns = layout.nodes[node, layout.node_columns(block)]
+        yield block.places[0], columns, np.ones(columns.size)
+    yield layout.link.places[0], layout.targets, np.ones(layout.targets.size)
+    yield layout.link.places[0], layout.sources, -layout.factors
 
 
-@dataclass(frozen=True, eq=False)
-class _GroupPiece:
-    """Stages of one kind: their (z, w), the next z with its indices, and their constants."""
-
-    group: StageGroup
-    v: ca.MX
-    z_next: ca.MX
-    arrivals: np.ndarray
-    grid: ca.MX
-
-    @property
-    def count(self) -> int:
-        return self.group.intervals.size
-
-    def mapped(self, kernel: ca.Function) -> ca.Function:
-        """The kernel for all stages at once."""
-        if self.v.size1() >= LARGE_STAGE and self.count >= MANY_STAGES and spare_processor():
-            return kernel.map(self.count, "thread", 2)
-        return kernel.map(self.count)
+def _pieces(layout: PhaseLayout, x: ca.MX, constants: ca.MX) -> list[_Piece]:
+    """Points of a phase, then its stages, as expressions of all variables."""
+    pieces, nodes = [], layout.nodes
+    grid = np.vstack([layout.mesh[:-1], np.diff(layout.mesh)])
+    fixed = constants[: layout.parameters.size]
+    for group in layout.points:
+        kernel, places = group.kernel, nodes[group.nodes]
+        data = _gathered(constants, layout.point_places(group).T)
+        pieces.append(
+            _Piece(
+                kernels=(kernel.point, kernel.jacobian, kernel.hessian),
+                variables=places,
+                rows=group.block.places,
+                arrivals=places[:, :0],
+                v=_gathered(x, places),
+                arrived=ca.MX(),
+                constants=ca.vertcat(ca.MX(ca.DM(layout.mesh[group.nodes]).T), data),
+            )
+        )
+    for group in layout.groups:
+        kernels, count, following = group.kind.kernels, group.intervals.size, group.intervals + 1
+        steps = ca.MX(ca.DM(grid[:, group.intervals]))
+        pieces.append(
+            _Piece(
+                kernels=(kernels.stage, kernels.stage_jacobian, kernels.stage_hessian),
+                variables=group.variables,
+                rows=group.rows,
+                arrivals=nodes[following],
+                v=_gathered(x, group.variables),
+                arrived=_gathered(x, nodes[following]),
+                constants=ca.vertcat(steps, ca.repmat(fixed, 1, count)),
+            )
+        )
+    return pieces
 
 
 def _gathered(x: ca.MX, places: np.ndarray) -> ca.MX:
