@@ -163,7 +163,7 @@ def test_another_process_takes_it(tmp_path):
         ({"bounds": {"move": {"w": (0, 1)}}}, "phase 'move' has no limit 'w'; it has"),
         ({"bounds": {"move": {"u": 1.0}}}, "bounds of 'u' must be a pair (lower, upper), not 1.0"),
         ({"bounds": {"move": {"u": (1.0, -1.0)}}}, "bounds of 'u' are crossed: lower 1 is above"),
-        ({"bounds": {"move": {"u": ([1, 2], 3)}}}, "bounds of 'u' must have shape [1], not [2]"),
+        ({"bounds": {"move": {"u": ([1, 2], 3)}}}, "lower u must have shape [1], not [2]"),
         ({"parameters": {"move": {"k": 1.0}}}, "phase 'move' has no parameter 'k'; it has"),
         ({"parameters": {"move": {"mass": [1, 2]}}}, "parameter 'mass' must have shape [1]"),
         ({"parameters": {"move": {"mass": np.nan}}}, "parameter 'mass' must be finite"),

@@ -128,6 +128,13 @@ def number(
     return result
 
 
+def whole(name: str, value: Any, at_least: int = 1) -> int:
+    """Return a whole number that is large enough."""
+    if not isinstance(value, int | np.integer) or value < at_least:
+        raise InputError(f"{name} must be a whole number from {at_least} up, not {shown(value)}")
+    return int(value)
+
+
 def longest_step(duration: float, most: int) -> float:
     """Least step between samples of a motion, s: of ``most`` in 100 s, of fewer in longer ones.
 

@@ -14,6 +14,8 @@ from ._items import (
     PointConstraint as PointConstraint,
     PointCost as PointCost,
     Variable as Variable,
+    duration_bounds as duration_bounds,
+    ordered as ordered,
 )
 from ._numeric import (
     numeric_function as numeric_function,
@@ -24,5 +26,8 @@ from ._phase import (
 from ._problem import (
     OptimalControlProblem as OptimalControlProblem,
     node_variables as node_variables,
+    with_items as with_items,
+    with_phases as with_phases,
     with_shapes as with_shapes,
+    with_values as with_values,
 )

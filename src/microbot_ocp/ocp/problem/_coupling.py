@@ -11,7 +11,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import casadi as ca
-import numpy as np
 
 from microbot_ocp._base.checks import InputError
 from microbot_ocp.ocp.problem._items import (
@@ -20,8 +19,8 @@ from microbot_ocp.ocp.problem._items import (
     PointConstraint,
     PointValue,
     Variable,
-    free_variable,
     limit_of,
+    variable_of,
 )
 from microbot_ocp.ocp.problem._relations import as_expression
 
@@ -85,14 +84,11 @@ def _take(phase: Phase, value: PointValue) -> None:
     """Make a value at a point of the phase one of its free parameters."""
     if value.name in {v.name for v in phase.free_parameters}:
         return
-    phase.free_parameters.append(free_variable(value.name, value.symbol, unit=value.unit))
-    zeros = np.zeros(value.symbol.shape[0])
+    free = limit_of(value.name, value.symbol, unit=value.unit)
+    phase.free_parameters.append(variable_of(free, "parameter"))
     rest = value.expression - value.symbol
-    demanded = limit_of(value.name, rest, zeros, zeros, None, value.unit)
-    place = np.array([value.fraction])
-    phase.point_constraints.append(
-        PointConstraint(**vars(demanded), fractions=place, defines=value.name)
-    )
+    demanded = limit_of(value.name, rest, 0.0, 0.0, unit=value.unit)
+    phase.point_constraints.append(PointConstraint.of(demanded, value.fraction, value.name))
 
 
 def _carry(phase: Phase, owner: Phase, symbol: ca.MX) -> None:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, Self
 
 import casadi as ca
 import numpy as np
@@ -67,6 +67,11 @@ class PointConstraint(PathConstraint):
     fractions: FloatArray
     defines: str = ""
 
+    @classmethod
+    def of(cls, limit: PathConstraint, fractions: ArrayLike, defines: str = "") -> Self:
+        """A limit at some fractions of the phase."""
+        return cls(**vars(limit), fractions=np.atleast_1d(fractions), defines=defines)
+
 
 @dataclass(frozen=True, eq=False)
 class PointCost:
@@ -83,6 +88,12 @@ class Parameter:
     name: str
     symbol: ca.MX
     value: FloatArray
+
+    def with_value(self, value: ArrayLike) -> Self:
+        """The same with another value."""
+        flat = np.ravel(np.asarray(value, dtype=float))
+        flat = checks.array(f"parameter {self.name!r}", flat, (self.value.size,))
+        return replace(self, value=flat.reshape(self.value.shape))
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,6 +138,13 @@ def fill(name: str, value: ArrayLike, size: int) -> FloatArray:
     return checks.array(name, given.ravel(), (size,), finite=False)
 
 
+def duration_bounds(phase: str, value: float | tuple[float, float]) -> tuple[float, float]:
+    """Bounds of the duration of a phase, s, from a fixed one or from (lower, upper)."""
+    low, high = value if isinstance(value, tuple) else (value, value)
+    low = checks.number(f"duration of phase {phase!r}", low, "s", above=0.0)
+    return low, checks.number(f"upper duration of phase {phase!r}", high, "s", at_least=low)
+
+
 def ordered(
     name: str, lower: ArrayLike, upper: ArrayLike, size: int, unit: str
 ) -> tuple[FloatArray, FloatArray]:
@@ -169,29 +187,37 @@ def positive_scale(name: str, value: ArrayLike | None, size: int) -> FloatArray:
 def limit_of(
     name: str,
     expression: ca.MX,
-    lower: FloatArray,
-    upper: FloatArray,
-    scale: ArrayLike | None,
-    unit: str,
-) -> PathConstraint:
-    """A limit with its scale, if one was declared."""
-    size = positive_scale(name, scale, expression.shape[0])
-    return PathConstraint(name, expression, lower, upper, size, unit, scaled=scale is not None)
-
-
-def free_variable(
-    name: str,
-    symbol: ca.MX,
     lower: ArrayLike = -np.inf,
     upper: ArrayLike = np.inf,
     scale: ArrayLike | None = None,
     unit: str = "",
-) -> Variable:
-    """A free parameter."""
-    size = symbol.shape[0]
+) -> PathConstraint:
+    """A limit whose bounds are not crossed, with its scale if one was declared."""
+    size = expression.shape[0]
     low, high = ordered(name, lower, upper, size, unit)
-    own, scaled = positive_scale(name, scale, size), scale is not None
-    return Variable(name, symbol, low, high, None, None, own, unit, "parameter", scaled=scaled)
+    sizes = positive_scale(name, scale, size)
+    return PathConstraint(name, expression, low, high, sizes, unit, scaled=scale is not None)
+
+
+def variable_of(
+    limit: PathConstraint, shape: str, initial: Bound = None, final: Bound = None
+) -> Variable:
+    """A variable within a limit of its symbol; conditions that are expressions are left out."""
+    name, symbol, unit = limit.name, limit.expression, limit.unit
+    size = symbol.shape[0]
+    return Variable(
+        name=name,
+        symbol=symbol,
+        lower=limit.lower,
+        upper=limit.upper,
+        initial=condition(f"initial {name}", initial, size, unit),
+        final=condition(f"final {name}", final, size, unit),
+        scale=limit.scale,
+        unit=unit,
+        shape=shape,
+        rate=ca.MX.sym(f"{symbol.name()}.rate", size) if shape == "linear" else None,
+        scaled=limit.scaled,
+    )
 
 
 def converted(value: Any) -> ca.MX:

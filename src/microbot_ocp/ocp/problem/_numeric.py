@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp._base import checks
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import FloatArray
 
 _KEPT: list[ca.Callback] = []  # expressions that call them do not keep them
 
@@ -55,8 +55,7 @@ def numeric_function(
     1.3863
     """
     for size in (*sizes, result):
-        if not isinstance(size, int | np.integer) or size < 1:
-            raise InputError(f"sizes must be whole numbers from 1 up, not {size!r}")
+        checks.whole("every size", size)
     callback = _Numeric(function, sizes, result)
     _KEPT.append(callback)
     return callback

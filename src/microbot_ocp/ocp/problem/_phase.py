@@ -27,13 +27,12 @@ from microbot_ocp.ocp.problem._items import (
     PointCost,
     PointValue,
     Variable,
-    condition,
     converted,
     limit_of,
     ordered,
-    positive_scale,
+    variable_of,
 )
-from microbot_ocp.ocp.problem._relations import as_expression, bounded_rows, refuse_steps, sides
+from microbot_ocp.ocp.problem._relations import as_expression, limits_of, refuse_steps, sides
 
 if TYPE_CHECKING:
     from microbot_ocp.ocp.problem._problem import OptimalControlProblem
@@ -158,10 +157,11 @@ class Phase:
         >>> solution["second"]["m"][[0, -1], 0].round(6)
         array([2. , 1.5])
         """
-        variable = self._declare(name, size, lower, upper, initial, final, scale, unit, "state")
-        self.states.append(replace(variable, interior_points=interior_points))
-        self._add_moving(variable, lower, upper, initial, final)
-        return variable.symbol
+        symbol = self._declare(
+            self.states, name, size, "state", lower, upper, scale, unit, initial, final
+        )
+        self.states[-1] = replace(self.states[-1], interior_points=interior_points)
+        return symbol
 
     def control(
         self,
@@ -186,12 +186,11 @@ class Phase:
         checks.one_of("shape", shape, ("auto", "constant", "linear", "polynomial"))
         if shape == "auto" and (initial is not None or final is not None):
             shape = "linear"
-        variable = self._declare(name, size, lower, upper, initial, final, scale, unit, shape)
         if shape != "linear" and (initial is not None or final is not None):
             raise InputError(f"control {name!r} is {shape}: initial and final need shape='linear'")
-        self.controls.append(variable)
-        self._add_moving(variable, lower, upper, initial, final)
-        return variable.symbol
+        return self._declare(
+            self.controls, name, size, shape, lower, upper, scale, unit, initial, final
+        )
 
     def algebraic(
         self,
@@ -204,10 +203,7 @@ class Phase:
         unit: str = "",
     ) -> ca.MX:
         """Declare an algebraic variable; :meth:`algebraic_equation` determines it (collocation)."""
-        variable = self._declare(name, size, lower, upper, None, None, scale, unit, "algebraic")
-        self.algebraics.append(variable)
-        self._add_moving(variable, lower, upper, None, None)
-        return variable.symbol
+        return self._declare(self.algebraics, name, size, "algebraic", lower, upper, scale, unit)
 
     def algebraic_equation(self, expression: ca.MX) -> None:
         """Demand that ``expression`` be zero, or an equation ``x == y``, at collocation points."""
@@ -222,7 +218,7 @@ class Phase:
         Phases that differ in parameters only share compiled kernels. What the solver is to find is
         a :meth:`~OptimalControlProblem.free_parameter` of the problem.
         """
-        self._refuse_second(f"parameter {name!r}", name, [*self.parameters, *self.measurements])
+        self._refuse_second(f"parameter {name!r}", name, self.parameters, self.measurements)
         given = checks.array(f"parameter {name!r}", np.ravel(np.asarray(value, float)), (None,))
         symbol = ca.MX.sym(f"{self.name}.{name}", given.size)
         self.parameters.append(Parameter(name, symbol, given))
@@ -261,7 +257,7 @@ class Phase:
         >>> round(float(solve(problem, mesh=10).parameters["rate"][0]), 4)
         0.7
         """
-        self._refuse_second(f"measurement {name!r}", name, [*self.parameters, *self.measurements])
+        self._refuse_second(f"measurement {name!r}", name, self.parameters, self.measurements)
         fractions = self._fractions(f"times of {name!r}", at)
         table = checks.numbers(f"values of {name!r}", values)
         table = table[:, None] if table.ndim == 1 else table
@@ -370,9 +366,8 @@ class Phase:
         >>> round(solve(problem, mesh=4).duration, 4)
         2.0
         """
-        for row in bounded_rows(name, expression, lower, upper, unit):
-            own = row._replace(expression=owned(self, row.expression))
-            self.constraints.append(limit_of(*own, scale, unit))
+        limits = limits_of(name, expression, lower, upper, scale, unit)
+        self.constraints += self._owned(limits)
 
     def end_constraint(
         self,
@@ -407,9 +402,8 @@ class Phase:
         >>> round(solve(problem, mesh=40).duration, 3)  # 2 pi
         6.283
         """
-        for row in bounded_rows(name, expression, lower, upper, unit):
-            own = row._replace(expression=owned(self, row.expression, at=1.0))
-            self.end_constraints.append(limit_of(*own, scale, unit))
+        limits = limits_of(name, expression, lower, upper, scale, unit)
+        self.end_constraints += self._owned(limits, at=1.0)
 
     def point_constraint(
         self,
@@ -428,14 +422,12 @@ class Phase:
         one time or several [M], s since the start, and may be 0; by default they are those of the
         measurement in the expression. Other times than 0 need a phase of fixed duration.
         """
-        rows = bounded_rows(name, expression, lower, upper, unit)
-        whole = ca.vertcat(*(row.expression for row in rows))
+        limits = limits_of(name, expression, lower, upper, scale, unit)
+        whole = ca.vertcat(*(limit.expression for limit in limits))
         fractions = self._point_fractions(f"constraint {name!r}", whole, at)
         place = float(fractions[0]) if fractions.size == 1 else None
-        for row in rows:
-            own = row._replace(expression=owned(self, row.expression, at=place))
-            plain = limit_of(*own, scale, unit)
-            self.point_constraints.append(PointConstraint(**vars(plain), fractions=fractions))
+        there = self._owned(limits, at=place)
+        self.point_constraints += [PointConstraint.of(limit, fractions) for limit in there]
 
     def running_cost(self, expression: ca.MX) -> None:
         """Add the time integral of ``expression`` to the cost."""
@@ -532,58 +524,44 @@ class Phase:
         gains = self.problem is not None and self.problem.maximize
         return -expression if gains else expression
 
-    def _refuse_second(self, label: str, name: str, known: Sequence[Parameter]) -> None:
-        if name in {k.name for k in known}:
+    def _owned(
+        self, limits: Sequence[PathConstraint], at: float | None = None
+    ) -> list[PathConstraint]:
+        """Limits with everything that comes from elsewhere among the free parameters."""
+        return [replace(k, expression=owned(self, k.expression, at)) for k in limits]
+
+    def _refuse_second(
+        self, label: str, name: str, *lists: Sequence[Parameter] | Sequence[Variable]
+    ) -> None:
+        if any(item.name == name for items in lists for item in items):
             raise InputError(f"{label} is declared twice in phase {self.name!r}")
 
     def _declare(
         self,
+        variables: list[Variable],
         name: str,
         size: int,
+        shape: str,
         lower: Limit,
         upper: Limit,
-        initial: Bound,
-        final: Bound,
         scale: ArrayLike | None,
         unit: str,
-        shape: str,
-    ) -> Variable:
-        if name in {v.name for v in self.variables}:
-            raise InputError(f"{name!r} is declared twice in phase {self.name!r}")
-        if not isinstance(size, int | np.integer) or size < 1:
-            raise InputError(f"size of {name!r} must be a whole number from 1 up, not {size!r}")
-        for place, given in (
-            ("lower", lower),
-            ("upper", upper),
-            ("initial", initial),
-            ("final", final),
-        ):
+        initial: Bound = None,
+        final: Bound = None,
+    ) -> ca.MX:
+        """Add a variable to a list of the phase, and what of it are expressions as constraints."""
+        self._refuse_second(repr(name), name, self.variables)
+        checks.whole(f"size of {name!r}", size)
+        places = ("lower", "upper", "initial", "final")
+        for place, given in zip(places, (lower, upper, initial, final), strict=True):
             for side in given if isinstance(given, tuple) else (given,):
                 if isinstance(side, ca.MX):
                     as_expression(side, f"{place} of {name!r}")
+        symbol = ca.MX.sym(f"{self.name}.{name}", size)
         low = -np.inf if isinstance(lower, ca.MX) else lower
         high = np.inf if isinstance(upper, ca.MX) else upper
-        low, high = ordered(name, low, high, size, unit)
-        return Variable(
-            name=name,
-            symbol=ca.MX.sym(f"{self.name}.{name}", size),
-            lower=low,
-            upper=high,
-            initial=condition(f"initial {name}", initial, size, unit),
-            final=condition(f"final {name}", final, size, unit),
-            scale=positive_scale(name, scale, size),
-            scaled=scale is not None,
-            unit=unit,
-            shape=shape,
-            rate=ca.MX.sym(f"{self.name}.{name}.rate", size) if shape == "linear" else None,
-        )
-
-    def _add_moving(
-        self, variable: Variable, lower: Limit, upper: Limit, initial: Bound, final: Bound
-    ) -> None:
-        """Bounds and conditions that are expressions, as constraints."""
-        name, symbol, unit = variable.name, variable.symbol, variable.unit
-        scale = variable.scale if variable.scaled else None
+        limit = limit_of(name, symbol, low, high, scale, unit)
+        variables.append(variable_of(limit, shape, initial, final))
         if isinstance(lower, ca.MX):
             self.constraint(f"lower bound of {name}", symbol - lower, 0.0, scale=scale, unit=unit)
         if isinstance(upper, ca.MX):
@@ -591,9 +569,7 @@ class Phase:
             self.constraint(label, symbol - upper, upper=0.0, scale=scale, unit=unit)
         for given, fraction, where in ((initial, 0.0, "start"), (final, 1.0, "end")):
             for side, base, low, high in sides(given):
-                label = f"{where} of {name}{side}"
                 difference = owned(self, symbol - base, at=fraction)
-                bounds = ordered(label, low, high, variable.size, unit)
-                plain = limit_of(label, difference, *bounds, scale, unit)
-                own = PointConstraint(**vars(plain), fractions=np.array([fraction]))
-                self.point_constraints.append(own)
+                limit = limit_of(f"{where} of {name}{side}", difference, low, high, scale, unit)
+                self.point_constraints.append(PointConstraint.of(limit, fraction))
+        return symbol

@@ -7,7 +7,7 @@ declaration into a nonlinear program. Nothing here knows a robot.
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -19,10 +19,14 @@ from microbot_ocp._base import checks
 from microbot_ocp._base.checks import InputError
 from microbot_ocp.ocp.problem._coupling import copied
 from microbot_ocp.ocp.problem._items import (
+    CONSTANTS,
+    Parameter,
     PhaseLink,
     Variable,
     converted,
-    free_variable,
+    duration_bounds,
+    limit_of,
+    variable_of,
 )
 from microbot_ocp.ocp.problem._phase import Phase
 from microbot_ocp.ocp.problem._relations import as_expression
@@ -89,9 +93,7 @@ class OptimalControlProblem:
         """
         if name in {phase.name for phase in self.phases}:
             raise InputError(f"phase {name!r} is declared twice")
-        low, high = duration if isinstance(duration, tuple) else (duration, duration)
-        low = checks.number(f"duration of phase {name!r}", low, "s", above=0.0)
-        high = checks.number(f"upper duration of phase {name!r}", high, "s", at_least=low)
+        bounds = duration_bounds(name, duration)
         inner = None if interior_points is None else tuple(interior_points)
         if any(not 0 < fraction < 1 for fraction in inner or ()):
             raise InputError(f"interior_points must be fractions inside (0, 1), not {inner}")
@@ -105,7 +107,7 @@ class OptimalControlProblem:
                 f"start of {name!r}", lower=start[0], upper=start[1], unit="s"
             )
         begins = as_expression(start, f"start of phase {name!r}")
-        phase = Phase(name, (low, high), inner, scale, problem=self, begins=begins)
+        phase = Phase(name, bounds, inner, scale, problem=self, begins=begins)
         self.phases.append(phase)
         return phase
 
@@ -160,17 +162,14 @@ class OptimalControlProblem:
                 f"phase {phase.name!r} uses its start, which is not that of its copies: declare a "
                 "state with the derivative 1"
             )
-        if not isinstance(times, int | np.integer) or times < 1:
-            raise InputError(f"times must be a whole number from 1 up, not {times!r}")
+        checks.whole("times", times)
         if len(parameters) not in (0, times - 1):
             raise InputError(f"parameters must be of {times - 1} copies, not {len(parameters)}")
         linked = [v.name for v in phase.states] if names is None else list(names)
         phases = [phase]
         for k in range(2, times + 1):
             copy = copied(phase, f"{phase.name} {k}", linked)
-            for kind in ("parameters", "measurements"):
-                given = parameters[k - 2] if parameters else {}
-                setattr(copy, kind, [_with_value(p, given) for p in getattr(copy, kind)])
+            copy = with_values(copy, parameters[k - 2] if parameters else {})
             self.phases.append(copy)
             copy.begins = phases[-1].begins + phases[-1].duration
             self.link(phases[-1], copy, linked)
@@ -214,11 +213,10 @@ class OptimalControlProblem:
         """
         if name in {v.name for v in self.free_parameters}:
             raise InputError(f"free parameter {name!r} is declared twice")
-        if not isinstance(size, int | np.integer) or size < 1:
-            raise InputError(f"size of {name!r} must be a whole number from 1 up, not {size!r}")
-        symbol = ca.MX.sym(name, size)
-        self.free_parameters.append(free_variable(name, symbol, lower, upper, scale, unit))
-        return symbol
+        checks.whole(f"size of {name!r}", size)
+        limit = limit_of(name, ca.MX.sym(name, size), lower, upper, scale, unit)
+        self.free_parameters.append(variable_of(limit, "parameter"))
+        return limit.expression
 
     def constraint(
         self,
@@ -345,18 +343,6 @@ class OptimalControlProblem:
                 raise InputError(f"free parameter {free.name!r} appears nowhere")
 
 
-def _with_value(item: Any, given: Mapping[str, ArrayLike]) -> Any:
-    """A parameter or measurement with the value that is given for it."""
-    if item.name not in given:
-        return item
-    value = np.asarray(given[item.name], dtype=float)
-    label = f"parameter {item.name!r}"
-    return replace(
-        item,
-        value=checks.array(label, value.reshape(-1), (item.value.size,)).reshape(item.value.shape),
-    )
-
-
 def _check_symbols(phase: Phase, used: ca.MX) -> None:
     """Raise InputError for symbols that a phase cannot know, or not at its end."""
     variables = phase.variables
@@ -393,13 +379,36 @@ def _check_symbols(phase: Phase, used: ca.MX) -> None:
 
 def with_shapes(problem: OptimalControlProblem, shape: str) -> OptimalControlProblem:
     """The problem with a shape for every control that was declared without one."""
-    shaped = copy.copy(problem)
-    shaped.phases = [copy.copy(phase) for phase in problem.phases]
-    for phase in shaped.phases:
-        phase.controls = [
-            replace(c, shape=shape) if c.shape == "auto" else c for c in phase.controls
-        ]
-    return shaped
+
+    def shaped(control: Variable) -> Variable:
+        return replace(control, shape=shape) if control.shape == "auto" else control
+
+    phases = (with_items(phase, shaped, ["controls"]) for phase in problem.phases)
+    return with_phases(problem, phases)
+
+
+def with_phases(problem: OptimalControlProblem, phases: Iterable[Phase]) -> OptimalControlProblem:
+    """The problem with other phases; its symbols and links stay."""
+    changed = copy.copy(problem)
+    changed.phases = list(phases)
+    return changed
+
+
+def with_items(phase: Phase, change: Callable[[Any], Any], kinds: Iterable[str]) -> Phase:
+    """The phase with some of its lists changed item by item; symbols and expressions stay."""
+    changed = copy.copy(phase)
+    for kind in kinds:
+        setattr(changed, kind, [change(item) for item in getattr(phase, kind)])
+    return changed
+
+
+def with_values(phase: Phase, values: Mapping[str, ArrayLike]) -> Phase:
+    """The phase with other values of the parameters and measurements that are named."""
+
+    def valued(item: Parameter) -> Parameter:
+        return item.with_value(values[item.name]) if item.name in values else item
+
+    return with_items(phase, valued, CONSTANTS)
 
 
 def node_variables(phase: Phase) -> list[Variable]:

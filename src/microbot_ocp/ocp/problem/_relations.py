@@ -8,30 +8,33 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from dataclasses import replace
+from typing import Any
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from microbot_ocp._base.checks import FloatArray, InputError, shown
+from microbot_ocp._base.checks import InputError, shown
 from microbot_ocp._base.relations import ORDERS, RELATIONS, is_relation
-from microbot_ocp.ocp.problem._items import Bound, converted, moving, ordered
+from microbot_ocp.ocp.problem._items import (
+    Bound,
+    PathConstraint,
+    converted,
+    limit_of,
+    moving,
+)
 
 
-class BoundedRow(NamedTuple):
-    """``lower <= expression <= upper``, each [size]."""
-
-    name: str
-    expression: ca.MX
-    lower: FloatArray
-    upper: FloatArray
-
-
-def bounded_rows(
-    name: str, given: Any, lower: ArrayLike, upper: ArrayLike, unit: str
-) -> list[BoundedRow]:
-    """Return the rows that a constraint demands: of an expression with bounds, or of a relation.
+def limits_of(
+    name: str,
+    given: Any,
+    lower: ArrayLike,
+    upper: ArrayLike,
+    scale: ArrayLike | None,
+    unit: str,
+) -> list[PathConstraint]:
+    """Return the limits that a constraint sets: to an expression with bounds, or by a relation.
 
     Raises
     ------
@@ -39,22 +42,23 @@ def bounded_rows(
         Neither bounds nor a relation, or both, or a relation that no row expresses.
     """
     expression = converted(given)
-    low, high = ordered(name, lower, upper, expression.shape[0], unit)
-    bare = bool(np.isneginf(low).all() and np.isposinf(high).all())
-    if not is_relation(expression):
+    related = is_relation(expression)
+    limit = limit_of(name, expression, lower, upper, None if related else scale, unit)
+    bare = bool(np.isneginf(limit.lower).all() and np.isposinf(limit.upper).all())
+    if not related:
         if bare:
             raise InputError(
                 f"constraint {name!r} has no bounds: give lower, upper, or a relation such as "
                 "x <= 1, 0 <= (x <= 1) or x == y"
             )
         refuse_steps(f"constraint {name!r}", expression)
-        return [BoundedRow(name, expression, low, high)]
+        return [limit]
     if not bare:
         raise InputError(f"constraint {name!r} is a relation and has bounds as well: give one")
-    rows = list(_rows_of(name, expression, unit))
-    if len(rows) == 1:
-        return rows
-    return [row._replace(name=f"{name} ({k})") for k, row in enumerate(rows, 1)]
+    limits = list(_limits_of(name, expression, scale, unit))
+    if len(limits) == 1:
+        return limits
+    return [replace(limit, name=f"{name} ({k})") for k, limit in enumerate(limits, 1)]
 
 
 def sides(given: Bound) -> Iterator[tuple[str, ca.MX, float, float]]:
@@ -113,10 +117,12 @@ def _terms(sum_of_terms: ca.MX) -> list[ca.MX]:
     return [t for k in range(sum_of_terms.n_dep()) for t in _terms(sum_of_terms.dep(k))]
 
 
-def _rows_of(name: str, relation: ca.MX, unit: str) -> Iterator[BoundedRow]:
+def _limits_of(
+    name: str, relation: ca.MX, scale: ArrayLike | None, unit: str
+) -> Iterator[PathConstraint]:
     if relation.op() == ca.OP_AND:
         for k in range(relation.n_dep()):
-            yield from _rows_of(name, relation.dep(k), unit)
+            yield from _limits_of(name, relation.dep(k), scale, unit)
         return
     equal = relation.op() == ca.OP_EQ
     if not equal and relation.op() not in ORDERS:  # < is <=: the solvers know closed ranges only
@@ -129,21 +135,24 @@ def _rows_of(name: str, relation: ca.MX, unit: str) -> Iterator[BoundedRow]:
             raise InputError(f"constraint {name!r} compares a relation, {side}, with something")
     size = max(side.shape[0] for side in sides)
 
-    def row(side: ca.MX, lower: ArrayLike, upper: ArrayLike) -> BoundedRow:
+    def limit(side: ca.MX, lower: ArrayLike, upper: ArrayLike) -> PathConstraint:
         column = side if side.shape[0] == size else ca.repmat(side, size, 1)
-        return BoundedRow(name, column, *ordered(name, lower, upper, size, unit))
+        return limit_of(name, column, lower, upper, scale, unit)
 
-    numbers = [None if ca.symvar(side) else np.array(ca.evalf(side)).ravel() for side in sides]
+    numbers = [
+        None if ca.symvar(side) else np.array(ca.evalf(side)).ravel() * np.ones(size)
+        for side in sides
+    ]
     if len(sides) == 3 and numbers[0] is not None and numbers[2] is not None:
-        yield row(sides[1], numbers[0] * np.ones(size), numbers[2] * np.ones(size))
+        yield limit(sides[1], numbers[0], numbers[2])
         return
     for (first, low), (second, high) in itertools.pairwise(zip(sides, numbers, strict=True)):
         if high is not None:
-            yield row(first, high * np.ones(size) if equal else -np.inf, high * np.ones(size))
+            yield limit(first, high if equal else -np.inf, high)
         elif low is not None:
-            yield row(second, low * np.ones(size), low * np.ones(size) if equal else np.inf)
+            yield limit(second, low, low if equal else np.inf)
         else:
-            yield row(first - second, 0.0 if equal else -np.inf, 0.0)
+            yield limit(first - second, 0.0 if equal else -np.inf, 0.0)
 
 
 def _chain(relation: ca.MX) -> list[ca.MX]:

@@ -18,7 +18,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.ocp.diagnosis import finite_start
 from microbot_ocp.ocp.problem import (
@@ -29,7 +28,11 @@ from microbot_ocp.ocp.problem import (
     Parameter,
     Phase,
     Variable,
+    duration_bounds,
     node_variables,
+    ordered,
+    with_items,
+    with_phases,
 )
 from microbot_ocp.ocp.solution import Progress, Solution
 from microbot_ocp.ocp.solvers import (
@@ -154,8 +157,8 @@ class ParametricSolver:
         self._cost_scale = with_cost_scale(self.program, start.x, self.settings).cost_scale
 
     def _start(self, program: Program, guess: Mapping[str, Guess] | Solution | None) -> Any:
-        problem = copy.copy(self.transcription.problem)
-        problem.phases = [layout.phase for layout in program.layouts]
+        phases = (layout.phase for layout in program.layouts)
+        problem = with_phases(self.transcription.problem, phases)
         start = starting_point(program, problem, guess)
         return replace(start, x=finite_start(program, start.x))
 
@@ -193,99 +196,73 @@ def _restored(state: bytes) -> ParametricSolver:
 
 def _with_changes(phase: Phase, changes: Mapping[str, Any]) -> Phase:
     """A copy of a phase with the same expressions and other limits and parameters."""
-    changed = copy.copy(phase)
+    changed, nodes = copy.copy(phase), {v.name for v in node_variables(phase)}
     for name, value in (changes["parameters"] or {}).items():
-        _change(changed, "parameter", [CONSTANTS], name, partial(_with_value, value))
+        new = partial(Parameter.with_value, value=value)
+        changed = _changed(changed, "parameter", [CONSTANTS], name, new)
     for name, pair in (changes["bounds"] or {}).items():
-        _change(changed, "limit", [LIMITS, VARIABLES], name, partial(_with_bounds, pair))
+        changed = _changed(changed, "limit", [LIMITS, VARIABLES], name, partial(_bounded, pair))
     for which in ("initial", "final"):
         for name, value in (changes[which] or {}).items():
-            new = partial(_with_condition, phase, which, value)
-            _change(changed, which, [NODES], name, new)
+            new = partial(_conditioned, phase.name, which, value)
+            changed = _changed(changed, which, [VARIABLES], name, new, nodes)
     if changes["durations"] is not None:
-        changed.duration_bounds = _durations(phase, changes["durations"])
+        if phase.point_fractions:
+            raise InputError(
+                f"phase {phase.name!r} has costs or constraints at given times: its duration is "
+                "as declared"
+            )
+        changed.duration_bounds = duration_bounds(phase.name, changes["durations"])
     return changed
 
 
-NODES = ("states", "controls", "free_parameters")  # that may have conditions at an end
-Change = Callable[[Any], Any]
-
-
-def _change(
-    phase: Phase, what: str, groups: Sequence[Sequence[str]], name: str, new: Change
-) -> None:
-    """Change what bears a name, in those lists of the first group that have it."""
-    nodes = {v.name for v in node_variables(phase)}
+def _changed(
+    phase: Phase,
+    what: str,
+    groups: Sequence[Sequence[str]],
+    name: str,
+    new: Callable[[Any], Any],
+    among: set[str] | None = None,
+) -> Phase:
+    """The phase with what bears a name changed, in those lists of the first group that have it."""
     there: set[str] = set()
     for group in groups:
-        items = {kind: getattr(phase, kind) for kind in group}
-        names = {item.name for kind in group for item in items[kind]}
-        names &= nodes if group is NODES else names
+        names = {item.name for kind in group for item in getattr(phase, kind)}
+        names &= names if among is None else among
         there |= names
         if name in names:
-            for kind in group:
-                changed = [new(item) if item.name == name else item for item in items[kind]]
-                setattr(phase, kind, changed)
-            return
+            return with_items(phase, lambda item: new(item) if item.name == name else item, group)
     raise InputError(f"phase {phase.name!r} has no {what} {name!r}; it has {sorted(there)}")
 
 
-def _with_value(value: Any, old: Parameter) -> Parameter:
-    label = f"parameter {old.name!r}"
-    new = checks.array(label, np.ravel(np.asarray(value, float)), (old.value.size,))
-    return replace(old, value=new.reshape(old.value.shape))
-
-
-def _with_bounds(pair: Any, old: Any) -> Any:
-    low, high = _pair(f"bounds of {old.name!r}", pair, old.lower, old.upper)
+def _bounded(pair: Any, old: Any) -> Any:
+    low, high = _pair(old.name, pair, (old.lower, old.upper), old.unit)
     return replace(old, lower=low, upper=high)
 
 
-def _with_condition(phase: Phase, which: str, value: Any, old: Variable) -> Variable:
-    return replace(old, **{which: _condition(phase, old, which, value)})
-
-
-def _durations(phase: Phase, value: Any) -> tuple[float, float]:
-    if phase.point_fractions:
-        raise InputError(
-            f"phase {phase.name!r} has costs or constraints at given times: its duration is "
-            "as declared"
-        )
-    low, high = value if isinstance(value, tuple) else (value, value)
-    low = checks.number(f"duration of phase {phase.name!r}", low, "s", above=0.0)
-    return low, checks.number(f"upper duration of phase {phase.name!r}", high, "s", at_least=low)
-
-
-def _condition(phase: Phase, old: Any, which: str, value: Any) -> tuple[FloatArray, FloatArray]:
+def _conditioned(phase: str, which: str, value: Any, old: Variable) -> Variable:
     declared = getattr(old, which)
     if declared is None:
         raise InputError(
-            f"{old.name!r} of phase {phase.name!r} was declared without {which}: the program has "
+            f"{old.name!r} of phase {phase!r} was declared without {which}: the program has "
             f"no row for it; declare a range that always holds"
         )
     pair = value if isinstance(value, tuple) and len(value) == 2 else (value, value)
-    low, high = _pair(f"{which} {old.name!r}", pair, *declared)
+    low, high = _pair(f"{which} {old.name}", pair, declared, old.unit)
     free = np.isinf(declared[0]) & np.isinf(declared[1])
     if np.any(free & (np.isfinite(low) | np.isfinite(high))):
         raise InputError(
-            f"{which} {old.name!r} of phase {phase.name!r} was declared free in entry "
+            f"{which} {old.name!r} of phase {phase!r} was declared free in entry "
             f"{int(np.argmax(free))}: the program has no row for it"
         )
-    return low, high
+    return replace(old, **{which: (low, high)})
 
 
 def _pair(
-    label: str, pair: Any, lower: FloatArray, upper: FloatArray
+    name: str, pair: Any, declared: tuple[FloatArray, FloatArray], unit: str
 ) -> tuple[FloatArray, FloatArray]:
+    """Bounds from a pair in which None leaves one of them as it was declared."""
     if not isinstance(pair, tuple) or len(pair) != 2:
-        raise InputError(f"{label} must be a pair (lower, upper), not {pair!r}")
-    ends = []
-    for value, old in zip(pair, (lower, upper), strict=True):
-        given = old if value is None else np.asarray(value, dtype=float)
-        given = np.full(old.size, float(given)) if given.ndim == 0 else given
-        ends.append(checks.array(label, given.ravel(), (old.size,), finite=False))
-    low, high = ends
-    if np.any(low > high):
-        i = int(np.argmax(low > high))
-        raise InputError(f"{label} are crossed: lower {low[i]:g} is above upper {high[i]:g}")
-    return low, high
+        raise InputError(f"bounds of {name!r} must be a pair (lower, upper), not {pair!r}")
+    low, high = (old if new is None else new for new, old in zip(pair, declared, strict=True))
+    return ordered(name, low, high, declared[0].size, unit)

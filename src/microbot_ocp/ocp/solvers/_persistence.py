@@ -6,7 +6,6 @@ settings of the solver and the versions of the packages.
 
 from __future__ import annotations
 
-import copy
 import platform
 from collections.abc import Callable
 from dataclasses import replace
@@ -21,7 +20,7 @@ from microbot_ocp._base.archive import no_archive, read_archive, write_archive
 from microbot_ocp._base.checks import FloatArray, InputError, shortened
 from microbot_ocp._base.outcome import Ledger
 from microbot_ocp._base.status import Status
-from microbot_ocp.ocp.problem import OptimalControlProblem
+from microbot_ocp.ocp.problem import OptimalControlProblem, with_phases
 from microbot_ocp.ocp.solution import UNKNOWN, Attempt, Gap, PhaseSolution, Solution, StartingPoint
 from microbot_ocp.ocp.solvers import SolverSettings, run_chain
 from microbot_ocp.ocp.starts import problem_data, with_problem_data
@@ -296,11 +295,8 @@ def _as_solved(
         if isinstance(problem, Transcription):
             return problem
         raise InputError("the solution has no problem data: give its transcription")
-    solved = copy.copy(given)
-    solved.phases = [
-        with_problem_data(phase, d["numbers"])
-        for phase, d in zip(given.phases, described, strict=True)
-    ]
+    pairs = zip(given.phases, described, strict=True)
+    solved = with_phases(given, (with_problem_data(phase, d["numbers"]) for phase, d in pairs))
     if isinstance(problem, Transcription):
         return Transcription(solved, scheme=problem.scheme)
     name, settings = described[0]["scheme"]

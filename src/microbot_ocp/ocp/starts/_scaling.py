@@ -13,7 +13,6 @@ problem in good units is solved as it was written.
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -28,7 +27,10 @@ from microbot_ocp.ocp.problem import (
     OptimalControlProblem,
     PathConstraint,
     Phase,
+    PointConstraint,
     Variable,
+    with_items,
+    with_phases,
 )
 from microbot_ocp.ocp.solution import Solution
 from microbot_ocp.ocp.starts._initial_guess import completed, default_guess, guess_from
@@ -121,9 +123,8 @@ def scaled(
             else np.asarray(v.scale)
             for v in look.variables
         }
-        limits = look.limit_scales(scales)
-        phases.append(_with_scales(look.phase, scales, limits, look.duration_scale))
-    return _with_phases(problem, phases)
+        phases.append(look.scaled(scales))
+    return with_phases(problem, phases)
 
 
 def cost_scale(program: Program, x: FloatArray) -> float:
@@ -146,29 +147,6 @@ def cost_change(program: Program, x: FloatArray) -> float:
         slope = np.array(program.functions["gradient"](point, program.parameters)[1])
         sizes.append(float(np.abs(slope).sum()))
     return max((size for size in sizes if np.isfinite(size)), default=SETTINGS.cost)
-
-
-def _with_phases(problem: OptimalControlProblem, phases: Sequence[Phase]) -> OptimalControlProblem:
-    changed = copy.copy(problem)
-    changed.phases = list(phases)
-    return changed
-
-
-def _with_scales(
-    phase: Phase,
-    scales: Mapping[str, FloatArray],
-    limits: Sequence[FloatArray],
-    duration_scale: float | None,
-) -> Phase:
-    changed = copy.copy(phase)
-    for kind in VARIABLES:
-        own = [replace(v, scale=scales.get(v.name, v.scale)) for v in getattr(phase, kind)]
-        setattr(changed, kind, own)
-    own_scales = iter(limits)
-    for kind in LIMITS:
-        setattr(changed, kind, [replace(c, scale=next(own_scales)) for c in getattr(phase, kind)])
-    changed.duration_scale = duration_scale
-    return changed
 
 
 def _rounded(size: FloatArray, band: float = SETTINGS.band) -> FloatArray:
@@ -265,23 +243,24 @@ class _Look:
                 return
             self._take(np.where(unknown, new, sizes))
 
-    def limit_scales(self, scales: Mapping[str, FloatArray]) -> list[FloatArray]:
-        """How far constraints change when the variables change by their scales."""
+    def scaled(self, scales: Mapping[str, FloatArray]) -> Phase:
+        """The phase with these scales of its variables, and those of constraints for them."""
         self.sizes = dict(scales)
-        limits = [limit for kind in LIMITS for limit in getattr(self.phase, kind)]
-        limit_sizes = []
-        for limit in limits:
-            if getattr(limit, "defines", ""):
-                limit_sizes.append(scales[limit.defines])
-                continue
-            if limit.scaled:
-                limit_sizes.append(limit.scale)
-                continue
-            slopes = self._evaluated(limit.expression, rates=True).slopes
-            span = np.concatenate([self._stacked(self.variables), self._rate_sizes()])
-            size = _typical((np.abs(slopes) * span).max(axis=2))
-            limit_sizes.append(_rounded(np.where(size > 0, size, _magnitude(limit))))
-        return limit_sizes
+        changed = with_items(self.phase, lambda v: replace(v, scale=scales[v.name]), VARIABLES)
+        changed = with_items(changed, lambda c: replace(c, scale=self._limit_scale(c)), LIMITS)
+        changed.duration_scale = self.duration_scale
+        return changed
+
+    def _limit_scale(self, limit: PathConstraint) -> FloatArray:
+        """How far a constraint changes when the variables change by their scales."""
+        if isinstance(limit, PointConstraint) and limit.defines:
+            return self.sizes[limit.defines]
+        if limit.scaled:
+            return limit.scale
+        slopes = self._evaluated(limit.expression, rates=True).slopes
+        span = np.concatenate([self._stacked(self.variables), self._rate_sizes()])
+        size = _typical((np.abs(slopes) * span).max(axis=2))
+        return _rounded(np.where(size > 0, size, _magnitude(limit)))
 
     def _stacked(self, variables: Sequence[Variable]) -> FloatArray:
         return np.concatenate([self.sizes[v.name] for v in variables])

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Iterator, Mapping, Sequence, Sized
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
@@ -18,7 +18,13 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp.ocp.problem import OptimalControlProblem, Phase, with_shapes
+from microbot_ocp.ocp.problem import (
+    OptimalControlProblem,
+    Phase,
+    with_phases,
+    with_shapes,
+    with_values,
+)
 from microbot_ocp.ocp.transcription._composition import Composition, Derivatives, automatic
 from microbot_ocp.ocp.transcription._kernels import (
     build_kernels,
@@ -102,16 +108,8 @@ class Transcription:
     ) -> Transcription:
         """The same kernels with other values of phase parameters, by phase and name."""
         changed = copy.copy(self)
-        changed.problem = copy.copy(self.problem)
-        changed.problem.phases = [copy.copy(phase) for phase in self.problem.phases]
-        for phase in changed.problem.phases:
-            own = values.get(phase.name, {})
-            phase.parameters = [
-                replace(p, value=np.broadcast_to(np.asarray(own[p.name], float), p.value.shape))
-                if p.name in own
-                else p
-                for p in phase.parameters
-            ]
+        phases = (with_values(p, values.get(p.name, {})) for p in self.problem.phases)
+        changed.problem = with_phases(self.problem, phases)
         return changed
 
     def _derive(
