@@ -387,7 +387,7 @@ def test_as_dict_is_plain(robot):
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda r, m: certify(slider(), m), "motion is of 3 joints, but the robot has 1"),
+        (lambda r, m: certify(slider(), m), "motion has 3 joints, but the robot has 1"),
         (lambda r, m: certify(r, m, mo.Limits(qd_max=[1.0, 2.0])), "qd_max"),
         (lambda r, m: certify(r, m, via_q=[[0.0, 0.0]]), r"via_q must have shape \[any, 3\]"),
         (lambda r, m: certify(r, m, limit_tolerance=-0.1), "limit_tolerance must be at least 0"),

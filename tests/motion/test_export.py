@@ -105,7 +105,7 @@ def test_what_cannot_be_written_is_refused(motion, tmp_path):
         motion.export(tmp_path / "a.txt")
     with pytest.raises(mo.InputError, match="rate must be above 0"):
         motion.export(tmp_path / "a.csv", rate=0.0)
-    with pytest.raises(mo.InputError, match="robot has 3 joints"):
+    with pytest.raises(mo.InputError, match="motion has 6 joints, but the robot has 3"):
         motion.export(tmp_path / "a.csv", robot=mo.load_robot("microbot"))
     assert list(tmp_path.iterdir()) == []
 

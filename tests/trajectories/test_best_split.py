@@ -167,7 +167,7 @@ def test_the_same_answer_in_every_thread(microbot):
         (cubic(VIA_Q), [1.0, np.nan], "first_durations must be finite"),
         (cubic(VIA_Q), [], "first_durations must be above 0 s, not"),
         (cubic(VIA_Q), [1.0, 1.0, 1.0], "via_t must have shape"),
-        (cubic(VIA_Q[:, :2]), [1.0, 1.0], "is for 2 joints, but the robot has 3"),
+        (cubic(VIA_Q[:, :2]), [1.0, 1.0], "has 2 joints, but the robot has 3"),
         (lambda durations: durations, [1.0, 1.0], "must return a PiecewisePolynomial"),
         (
             lambda durations: mo.lspb(VIA_Q, times(durations), 0.2),

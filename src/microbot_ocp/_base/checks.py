@@ -199,6 +199,12 @@ def size(what: str, count: float, most: int) -> None:
         )
 
 
+def joints(name: str, count: int, robot: Any) -> None:
+    """Refuse what has another number of joints than the robot."""
+    if count != robot.joint_count:
+        raise InputError(f"{name} has {count} joints, but the robot has {robot.joint_count}")
+
+
 def step_count(duration: float, step: float) -> int:
     """How many steps of at most ``step`` s a duration takes; too many are refused."""
     size("the number of samples", duration / step, MOST_GIVEN)

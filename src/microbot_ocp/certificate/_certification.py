@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.check import Check, problems_of
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.growth import growth_said
 from microbot_ocp.certificate._certificate import (
     Certificate,
@@ -182,8 +182,7 @@ def certify(
     (True, True)
     """
     count = robot.joint_count
-    if motion.joint_count != count:
-        raise InputError(f"motion is of {motion.joint_count} joints, but the robot has {count}")
+    checks.joints("motion", motion.joint_count, robot)
     tolerances = Tolerances(
         limit=checks.number("limit_tolerance", limit_tolerance, at_least=0.0),
         position=checks.number("position_tolerance", position_tolerance, at_least=0.0),

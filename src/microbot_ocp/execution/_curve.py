@@ -62,10 +62,7 @@ def executed(robot: Robot, motion: Motion | CommandRows, profile: str | Profile)
     2.004
     """
     chosen = controller_profile(profile)
-    if motion.q.shape[1] != robot.joint_count:
-        raise InputError(
-            f"motion is of {motion.q.shape[1]} joints, but the robot has {robot.joint_count}"
-        )
+    checks.joints("motion", motion.q.shape[1], robot)
     rows = motion if isinstance(motion, CommandRows) else rows_of(motion, chosen)
     curve = curve_of(rows, chosen)
     return Motion.from_polynomial(

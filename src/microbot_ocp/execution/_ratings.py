@@ -101,31 +101,20 @@ class Ratings:
 
     def table(self) -> Table:
         """One row a joint."""
-        columns = [
-            Column("joint", left=True),
-            Column("r.m.s.", "N m", ".4g"),
-            Column("cubic mean", "N m", ".4g"),
-            Column("peak", "N m", ".4g"),
-            Column("peak speed", "rad/s", ".4g"),
-            Column("peak power", "W", ".4g"),
-            Column("drawn", "J", ".4g"),
-            Column("returned", "J", ".4g"),
-        ]
-        values = (
-            self.rms_torque,
-            self.cubic_torque,
-            self.peak_torque,
-            self.peak_speed,
-            self.peak_power,
-            self.energy_drawn,
-            self.energy_returned,
-        )
-        rows = [
-            [name, *map(float, row)]
-            for name, row in zip(self.robot.joint_names, np.transpose(values), strict=True)
-        ]
+        shown = {
+            "r.m.s.": ("N m", self.rms_torque),
+            "cubic mean": ("N m", self.cubic_torque),
+            "peak": ("N m", self.peak_torque),
+            "peak speed": ("rad/s", self.peak_speed),
+            "peak power": ("W", self.peak_power),
+            "drawn": ("J", self.energy_drawn),
+            "returned": ("J", self.energy_returned),
+        }
+        columns = [Column(name, unit, ".4g") for name, (unit, _) in shown.items()]
+        values = (array.tolist() for _, array in shown.values())
+        rows = [list(row) for row in zip(self.robot.joint_names, *values, strict=True)]
         note = f"{self.duration:.4g} s and a dwell of {self.dwell:.4g} s: {self.mean_power:.4g} W"
-        return Table(columns, rows, notes=[note])
+        return Table([Column("joint", left=True), *columns], rows, notes=[note])
 
 
 def ratings(robot: Robot, motion: Motion, dwell: float = 0.0) -> Ratings:
@@ -157,10 +146,7 @@ def ratings(robot: Robot, motion: Motion, dwell: float = 0.0) -> Ratings:
     >>> bool((found.rms_torque <= found.peak_torque).all())
     True
     """
-    if robot.joint_count != motion.joint_count:
-        raise InputError(
-            f"robot has {robot.joint_count} joints, but the motion has {motion.joint_count}"
-        )
+    checks.joints("motion", motion.joint_count, robot)
     if not robot.has_dynamics:
         raise InputError(f"robot {robot.name!r} has no masses that torques follow from")
     rest = checks.number("dwell", dwell, "s", at_least=0.0)

@@ -15,6 +15,7 @@ from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
 from microbot_ocp._base.status import Status
 from microbot_ocp._base.table import Column, Table
+from microbot_ocp.execution._robust import checked_box
 from microbot_ocp.limits import LIMIT_TOLERANCE, JointLimits, LimitFamily, Limits
 from microbot_ocp.motion import Motion, PiecewisePolynomial, pieces_of
 from microbot_ocp.planning import time_optimal, tool_poses
@@ -139,7 +140,7 @@ def differing_plants(
     Raises
     ------
     InputError
-        Shares outside of 0 to 1, a payload below 0, a robot without masses.
+        Shares outside of 0 to 1, a payload below 0 or in the wrong order, a robot without masses.
 
     Examples
     --------
@@ -148,11 +149,7 @@ def differing_plants(
     >>> len(plants), [round(plant.links[1].mass, 3) for plant in plants[:2]]
     (5, [1.9, 2.1])
     """
-    if not robot.has_dynamics:
-        raise InputError(f"robot {robot.name!r} has no masses that could differ")
-    for name, share in (("mass", mass), ("friction", friction)):
-        checks.number(name, share, at_least=0.0, at_most=1.0)
-    low, high = (checks.number("payload", each, "kg", at_least=0.0) for each in payload)
+    low, high = checked_box(robot, mass, friction, payload)
     if not (isinstance(count, int) and 0 <= count <= 100_000):
         raise InputError(f"count must be a whole number, 0 to 100,000, not {checks.shown(count)}")
     links, draw = len(robot.links), np.random.default_rng(seed)
@@ -265,18 +262,19 @@ def smallest_reserve(
         trials[reserve] = _tried(robot, motion, controller, plants, reserve, loop)
         return motion.solved and trials[reserve].error <= bound
 
+    def ordered() -> tuple[Trial, ...]:
+        return tuple(trials[each] for each in sorted(trials))
+
     advice = ["no reserve keeps the bound: the controller itself does not, or torques are too few"]
     good, bad = 0.0, -accuracy
     while not keeps(good):
         bad, good = good, accuracy if not good else 2.0 * good
         if good >= 1.0 or not np.isfinite(trials[bad].duration):
-            ordered = tuple(trials[each] for each in sorted(trials))
-            return Reserve(Status.NOT_FOUND, np.nan, ideal, ideal, bound, ordered, advice[0])
+            return Reserve(Status.NOT_FOUND, np.nan, ideal, ideal, bound, ordered(), advice[0])
     while good - bad > accuracy * (1.0 + 1e-9):
         middle = 0.5 * (good + bad)
         good, bad = (middle, bad) if keeps(middle) else (good, middle)
-    ordered = tuple(trials[each] for each in sorted(trials))
-    return Reserve(Status.SOLVED, good, motions[good], ideal, bound, ordered)
+    return Reserve(Status.SOLVED, good, motions[good], ideal, bound, ordered())
 
 
 def _planner(

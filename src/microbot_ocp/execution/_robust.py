@@ -61,6 +61,20 @@ def _link_alone(robot: Robot, kept: int) -> Robot:
     return robot.with_links(alone)
 
 
+def checked_box(
+    robot: Robot, mass: float, friction: float, payload: tuple[float, float]
+) -> tuple[float, float]:
+    """The least and the largest payload, kg, of a box of arms whose figures are all right."""
+    if not robot.has_dynamics:
+        raise InputError(f"robot {robot.name!r} has no masses that could differ")
+    for name, share in (("mass", mass), ("friction", friction)):
+        checks.number(name, share, at_least=0.0, at_most=1.0)
+    low, high = (checks.number("payload", each, "kg", at_least=0.0) for each in payload)
+    if low > high:
+        raise InputError(f"payload must be (least, largest) in kg, not {payload}")
+    return low, high
+
+
 def robust_limits(
     robot: Robot,
     limits: Limits | JointLimits | None = None,
@@ -108,17 +122,11 @@ def robust_limits(
     >>> mo.certify(robot, motion, limits).ok
     True
     """
-    if not robot.has_dynamics:
-        raise InputError(f"robot {robot.name!r} has no masses that could differ")
-    for name, share in (("mass", mass), ("friction", friction)):
-        checks.number(name, share, at_least=0.0, at_most=1.0)
-    low, high = (checks.number("payload", each, "kg", at_least=0.0) for each in payload)
-    if low > high:
-        raise InputError(f"payload must be (least, largest) in kg, not {payload}")
+    loads = checked_box(robot, mass, friction, payload)
     own = robot.limits if limits is None else limits.for_joints(robot.joint_count)
     if not np.isfinite(own.bounds("tau")).any():
         raise InputError(f"robot {robot.name!r} has no limits of torques: give tau_max")
-    box = replace(robot, limits=Limits().for_joints(robot.joint_count)), mass, friction, (low, high)
+    box = replace(robot, limits=Limits().for_joints(robot.joint_count)), mass, friction, loads
     also = (
         Limit("largest torque", _Extreme(*box, 1.0), upper=own.tau_max, unit="N m"),
         Limit("least torque", _Extreme(*box, -1.0), lower=own.tau_min, unit="N m"),

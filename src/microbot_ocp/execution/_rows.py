@@ -89,10 +89,7 @@ def read_rows(path: str | Path, robot: Robot) -> CommandRows:
             rows = _of_archive(target)
         else:
             rows = _of_message(_document(target), robot)
-        if rows.q.shape[1] != robot.joint_count:
-            raise InputError(
-                f"it has {rows.q.shape[1]} joints, but robot {robot.name!r} has {robot.joint_count}"
-            )
+        checks.joints("it", rows.q.shape[1], robot)
     return rows
 
 

@@ -43,13 +43,12 @@ class Columns(NamedTuple):
     def of(cls, motion: Any, robot: Robot | None) -> Columns:
         """Of a motion; without a robot joints are numbered and taken for revolute ones."""
         count = motion.joint_count
-        if robot is not None and robot.joint_count != count:
-            raise InputError(f"robot has {robot.joint_count} joints, but the motion has {count}")
         if robot is None:
             usual = {"q": "rad", "qd": "rad/s", "qdd": "rad/s^2", "tau": "N m"}
             joints = tuple(f"joint_{j + 1}" for j in range(count))
             units = {key: (unit,) * count for key, unit in usual.items()}
         else:
+            checks.joints("motion", count, robot)
             joints = robot.joint_names
             units = {key: tuple(robot.unit(key, j) for j in range(count)) for key in QUANTITIES}
         values = {key: getattr(motion, key) for key in QUANTITIES}

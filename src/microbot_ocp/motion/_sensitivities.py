@@ -97,10 +97,7 @@ def sensitivities_of(
             "motion has no multipliers: those of time_optimal and prepared solvers through via "
             "points have"
         )
-    if robot.joint_count != motion.joint_count:
-        raise InputError(
-            f"robot has {robot.joint_count} joints, but the motion has {motion.joint_count}"
-        )
+    checks.joints("motion", motion.joint_count, robot)
     load = checks.number("mass", mass, "kg", at_least=0.0)
     place = checks.array("center_of_mass", center_of_mass, (3,), "m")
     by_mass, by_place = np.nan, np.full(3, np.nan)

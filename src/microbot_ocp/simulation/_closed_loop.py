@@ -27,7 +27,6 @@ from microbot_ocp.simulation._inputs import (
     Integrator,
     checked_settings,
     checked_start,
-    same_joints,
 )
 from microbot_ocp.simulation._integration import ForcedEquation, integrate
 from microbot_ocp.simulation._outcome import result_fields
@@ -122,7 +121,7 @@ def track(
     started = time.perf_counter()
     arm = robot if plant is None else plant
     count = robot.joint_count
-    same_joints("plant", arm.joint_count, robot)
+    checks.joints("plant", arm.joint_count, robot)
     chosen = ("cvodes" if sample_rate is None else "rk") if integrator is None else integrator
     settings = checked_settings(chosen, tolerance, max_steps)
     begin, end, signal = reference_signal(motion, duration, robot)

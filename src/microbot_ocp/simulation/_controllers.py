@@ -71,8 +71,8 @@ class ComputedTorque:
     label: ClassVar[str] = "computed torque"
 
     def __post_init__(self) -> None:
-        kp = _gains("kp", self.kp, "1/s^2")
-        kv = 2.0 * np.sqrt(kp) if self.kv is None else _gains("kv", self.kv, "1/s")
+        kp = _vector("kp", self.kp, "1/s^2", above=0.0)
+        kv = 2.0 * np.sqrt(kp) if self.kv is None else _vector("kv", self.kv, "1/s", above=0.0)
         object.__setattr__(self, "kp", kp)
         object.__setattr__(self, "kv", kv)
 
@@ -107,8 +107,8 @@ class PDGravity:
     label: ClassVar[str] = "PD + gravity"
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "kp", _gains("kp", self.kp, "N m/rad"))
-        object.__setattr__(self, "kv", _gains("kv", self.kv, "N m s/rad"))
+        object.__setattr__(self, "kp", _vector("kp", self.kp, "N m/rad", above=0.0))
+        object.__setattr__(self, "kv", _vector("kv", self.kv, "N m s/rad", above=0.0))
 
     def torque(self, model: Robot, reference: Reference, q: ca.SX, qd: ca.SX) -> ca.SX:
         """Torque SX [n], N m (N)."""
@@ -146,7 +146,8 @@ class SensorNoise:
 
     def __post_init__(self) -> None:
         for name, unit in (("q", "rad"), ("qd", "rad/s")):
-            object.__setattr__(self, name, _vector(f"noise {name}", getattr(self, name), unit, 0.0))
+            spread = _vector(f"noise {name}", getattr(self, name), unit, at_least=0.0)
+            object.__setattr__(self, name, spread)
         if isinstance(self.seed, bool) or not isinstance(self.seed, int) or self.seed < 0:
             raise InputError(f"seed must be a whole number of at least 0, not {self.seed!r}")
 
@@ -189,7 +190,7 @@ def widened(name: str, value: ArrayLike, count: int) -> FloatArray:
     return np.broadcast_to(vector, (count,))
 
 
-def _vector(name: str, value: ArrayLike, unit: str, at_least: float) -> FloatArray:
+def _vector(name: str, value: ArrayLike, unit: str, **bound: float) -> FloatArray:
     if np.ndim(np.asarray(value, dtype=object)) == 0:
         value = [value]  # type: ignore[list-item]
     vector = checks.array(name, value, (None,), unit)
@@ -197,15 +198,7 @@ def _vector(name: str, value: ArrayLike, unit: str, at_least: float) -> FloatArr
         raise InputError(f"{name} must hold at least one value")
     for joint, entry in enumerate(vector):
         of_joint = f" of joint {joint + 1}" if vector.size > 1 else ""
-        checks.number(f"{name}{of_joint}", entry, unit, at_least=at_least)
-    return vector
-
-
-def _gains(name: str, value: ArrayLike, unit: str) -> FloatArray:
-    vector = _vector(name, value, unit, -np.inf)
-    for joint, entry in enumerate(vector):
-        of_joint = f" of joint {joint + 1}" if vector.size > 1 else ""
-        checks.number(f"{name}{of_joint}", float(entry), unit, above=0.0)
+        checks.number(f"{name}{of_joint}", float(entry), unit, **bound)
     return vector
 
 

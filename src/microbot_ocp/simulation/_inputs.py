@@ -70,8 +70,3 @@ def checked_start(
             f"torque determines the acceleration there; {ARMATURE}"
         )
     return np.concatenate([q, qd])
-
-
-def same_joints(name: str, count: int, robot: Robot) -> None:
-    if count != robot.joint_count:
-        raise InputError(f"{name} has {count} joints, but the robot has {robot.joint_count}")

@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from microbot_ocp._base import deadline
+from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import InputError
 from microbot_ocp.motion import Motion
 from microbot_ocp.robot import Robot, forward_dynamics
@@ -17,7 +17,6 @@ from microbot_ocp.simulation._inputs import (
     checked_settings,
     checked_start,
     checked_times,
-    same_joints,
 )
 from microbot_ocp.simulation._integration import ForcedEquation, integrate
 from microbot_ocp.simulation._outcome import result_fields
@@ -92,7 +91,7 @@ def simulate(
     count = robot.joint_count
     settings = checked_settings(integrator, tolerance, max_steps)
     if isinstance(tau, Motion):
-        same_joints("motion", tau.joint_count, robot)
+        checks.joints("motion", tau.joint_count, robot)
         q0, qd0 = tau.q[0] if q0 is None else q0, tau.qd[0] if qd0 is None else qd0
         t = tau.t if t is None else t
     if t is None or q0 is None:

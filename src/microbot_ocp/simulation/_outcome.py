@@ -53,6 +53,15 @@ def result_fields(
     elif status.solved and condition[worst] > SINGULAR:
         status = Status.SINGULAR
         message = f"mass matrix singular at {times[worst]:.4g} s: no torque determines the motion"
+    hint = "ask for a coarser tolerance, or for more steps by max_steps" if message else ""
+    if unbounded:
+        hint = OPEN_LOOP if disturbance is None else CLOSED_LOOP
+    elif condition[worst] > NEAR_SINGULAR:
+        hint = (
+            f"mass matrix near singular at {times[worst]:.4g} s (condition number "
+            f"{condition[worst]:.2g} at q = {np.round(trace[worst, :count], 4).tolist()}): "
+            f"{ARMATURE}"
+        )
     return {
         "t": grid,
         "q": q,
@@ -65,16 +74,7 @@ def result_fields(
         "steps": run.steps,
         "condition_peak": float(condition[worst]),
         "condition_time": float(times[worst]),
-        "advice": message
-        if stopped
-        else _advice(
-            message,
-            unbounded,
-            disturbance,
-            float(condition[worst]),
-            times[worst],
-            trace[worst, :count],
-        ),
+        "advice": message if stopped else "; ".join(filter(None, (message, hint))),
         "wall_time": time.perf_counter() - started,
     }
 
@@ -86,23 +86,3 @@ def _unbounded(times: FloatArray, trace: FloatArray) -> float | None:
     with np.errstate(invalid="ignore"):
         gone = ~(np.abs(trace).max(axis=1) < UNBOUNDED)
     return float(times[gone.argmax()]) if gone.any() else None
-
-
-def _advice(
-    message: str,
-    unbounded: bool,
-    disturbance: ca.Function | None,
-    condition: float,
-    moment: float,
-    q: FloatArray,
-) -> str:
-    if unbounded:
-        hint = OPEN_LOOP if disturbance is None else CLOSED_LOOP
-    elif condition > NEAR_SINGULAR:
-        hint = (
-            f"mass matrix near singular at {moment:.4g} s (condition number {condition:.2g} at q = "
-            f"{np.round(q, 4).tolist()}): {ARMATURE}"
-        )
-    else:
-        hint = "ask for a coarser tolerance, or for more steps by max_steps" if message else ""
-    return "; ".join(part for part in (message, hint) if part)

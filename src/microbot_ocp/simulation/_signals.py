@@ -20,7 +20,6 @@ from microbot_ocp.motion import (
     nearest_samples,
 )
 from microbot_ocp.robot import Robot
-from microbot_ocp.simulation._inputs import same_joints
 from microbot_ocp.simulation._integration import INTEGRATION, Signal, Values, fitted, formula_signal
 
 Formula = Callable[[Any], Any]  # of the CasADi time, to n expressions
@@ -65,11 +64,11 @@ def reference_signal(
     """Start and end, s, and the signal of position, velocity and acceleration [3n]."""
     count = robot.joint_count
     if isinstance(motion, Motion):
-        same_joints("motion", motion.joint_count, robot)
+        checks.joints("motion", motion.joint_count, robot)
         begin, longest, breaks = 0.0, motion.duration, mesh_of(motion)
         values, fit = (lambda times: np.hstack(motion.sample(times))), SAMPLED_FIT
     elif isinstance(motion, PiecewisePolynomial):
-        same_joints("motion", motion.coefficients.shape[2], robot)
+        checks.joints("motion", motion.coefficients.shape[2], robot)
         begin, longest, breaks = float(motion.breaks[0]), motion.duration, motion.breaks
         parts = (motion, motion.derivative(), motion.derivative().derivative())
         values, fit = (

@@ -98,8 +98,8 @@ def _stored_limits(origin: str, saved: Mapping[str, list[Any]]) -> Limits:
 def _entry(robot: Robot, via: FloatArray, folder: Path, name: str, row: Mapping[str, Any]) -> Entry:
     path = folder / "motions" / f"{name}.npz"
     motion = Motion.load(path) if path.exists() else None
-    if motion is not None and motion.joint_count != robot.joint_count:
-        raise InputError(f"{path} has {motion.joint_count} joints, the robot {robot.joint_count}")
+    if motion is not None:
+        checks.joints(str(path), motion.joint_count, robot)
     return Entry(
         name=name,
         title=str(row.get("title", name)),

@@ -326,11 +326,7 @@ def checked_shape(robot: Robot, shape: object) -> PiecewisePolynomial:
         raise InputError(
             f"make_motion must return a PiecewisePolynomial, not {type(shape).__name__}"
         )
-    width = shape.coefficients.shape[2]
-    if width != robot.joint_count:
-        raise InputError(
-            f"make_motion is for {width} joints, but the robot has {robot.joint_count}"
-        )
+    checks.joints("make_motion", shape.coefficients.shape[2], robot)
     return shape
 
 
