@@ -32,7 +32,7 @@ from microbot_ocp.ocp.problem._items import (
     ordered,
     variable_of,
 )
-from microbot_ocp.ocp.problem._relations import as_expression, limits_of, refuse_steps, sides
+from microbot_ocp.ocp.problem._relations import as_expression, declared_limits, refuse_steps, sides
 
 if TYPE_CHECKING:
     from microbot_ocp.ocp.problem._problem import OptimalControlProblem
@@ -366,7 +366,7 @@ class Phase:
         >>> round(solve(problem, mesh=4).duration, 4)
         2.0
         """
-        limits = limits_of(name, expression, lower, upper, scale, unit)
+        limits = declared_limits(name, expression, lower, upper, scale, unit)
         self.constraints += self._owned(limits)
 
     def end_constraint(
@@ -402,7 +402,7 @@ class Phase:
         >>> round(solve(problem, mesh=40).duration, 3)  # 2 pi
         6.283
         """
-        limits = limits_of(name, expression, lower, upper, scale, unit)
+        limits = declared_limits(name, expression, lower, upper, scale, unit)
         self.end_constraints += self._owned(limits, at=1.0)
 
     def point_constraint(
@@ -422,7 +422,7 @@ class Phase:
         one time or several [M], s since the start, and may be 0; by default they are those of the
         measurement in the expression. Other times than 0 need a phase of fixed duration.
         """
-        limits = limits_of(name, expression, lower, upper, scale, unit)
+        limits = declared_limits(name, expression, lower, upper, scale, unit)
         whole = ca.vertcat(*(limit.expression for limit in limits))
         fractions = self._point_fractions(f"constraint {name!r}", whole, at)
         place = float(fractions[0]) if fractions.size == 1 else None

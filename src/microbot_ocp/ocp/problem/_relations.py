@@ -26,7 +26,7 @@ from microbot_ocp.ocp.problem._items import (
 )
 
 
-def limits_of(
+def declared_limits(
     name: str,
     given: Any,
     lower: ArrayLike,

@@ -7,10 +7,8 @@ from ._assembly import (
 from ._kernels import (
     Kernels as Kernels,
     PointKernel as PointKernel,
-    build_kernels as build_kernels,
     interpolated_variables as interpolated_variables,
     joined as joined,
-    stage_variables as stage_variables,
 )
 from ._layout import (
     Bounds as Bounds,

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import casadi as ca
 import numpy as np
+from numpy.typing import ArrayLike
 
 from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray
@@ -129,39 +130,32 @@ def build_kernels(
     derive: Derive = with_derivatives,
 ) -> Kernels:
     """Kernels of a phase, expanded to scalar graphs where its expressions allow it."""
-    physics = _Physics(phase)
-    inner = stage_variables(phase, scheme)
-    node_scale = np.append(joined([v.scale for v in node_variables(phase)]), duration_scale)
+    physics = _Physics(phase, duration_scale)
+    inner, node_scale = stage_variables(phase, scheme), physics.node_scale
     scale = np.concatenate([node_scale, *(k.source.scale for k in inner)])
     v = ca.MX.sym("v", scale.size)
     c = ca.MX.sym("c", 2 + physics.constants.shape[0])
-    interval, values = _interval(phase, physics, v * scale, c, inner)
+    interval, values = _interval(physics, v * scale, c, inner)
     step = scheme.step(phase, interval, values)
     following = ca.vertcat(step.arrived, interval.end, interval.duration) / node_scale
     rows = _Rows(phase)
     for point, defect in step.defects:
         rows.add("defect", phase.states, defect, point)
-    _path_rows(phase, physics, scheme, interval, step, rows)
+    _path_rows(physics, scheme, interval, step, rows)
     stage = ca.Function("stage", [v, c], [following, rows.stacked(), step.running])
     s = ca.MX.sym("s")
     dense = ca.Function("dense", [v, c, s], list(step.at(s)))
-    points = [*_points(phase, physics, node_scale), _end(phase, physics, node_scale)]
-    functions = [_expanded(stage), *(_expanded(own.function) for own in points)]
+    points = [*_points(physics), _end(physics)]
+    functions = [_expanded(stage), *(_expanded(point.point) for point in points)]
     derived = derive(functions, divided(stage))
+    first, *others = zip(derived[::3], derived[1::3], derived[2::3], strict=True)
     return Kernels(
-        *derived[:3],
+        *first,
         dense=_expanded(dense),
         stage_rows=tuple(rows.entries),
         points=tuple(
-            PointKernel(
-                point=derived[3 * k],
-                jacobian=derived[3 * k + 1],
-                hessian=derived[3 * k + 2],
-                rows=tuple(own.rows.entries),
-                fractions=own.fractions,
-                data=own.data,
-            )
-            for k, own in enumerate(points, start=1)
+            replace(point, point=value, jacobian=jacobian, hessian=hessian)
+            for point, (value, jacobian, hessian) in zip(points, others, strict=True)
         ),
     )
 
@@ -201,7 +195,11 @@ class _Rows:
 class _Physics:
     """Dynamics with running cost, path and end constraints, algebraic equations and end cost."""
 
-    def __init__(self, phase: Phase) -> None:
+    def __init__(self, phase: Phase, duration_scale: float) -> None:
+        self.phase = phase
+        self.node_scale = np.append(
+            joined([v.scale for v in node_variables(phase)]), duration_scale
+        )
         x = ca.vertcat(*(s.symbol for s in phase.states))
         controls = interpolated_variables(phase)[len(phase.states) :]
         u = ca.vertcat(*(k.symbol for k in controls), ca.MX(0, 1))
@@ -230,14 +228,10 @@ class _Physics:
 
 
 def _interval(
-    phase: Phase,
-    physics: _Physics,
-    unscaled: ca.MX,
-    c: ca.MX,
-    inner: Sequence[StageVariable],
+    physics: _Physics, unscaled: ca.MX, c: ca.MX, inner: Sequence[StageVariable]
 ) -> tuple[Interval, list[ca.MX]]:
     """Symbols of the interval, and the values that its scheme asked for."""
-    own = [k.source.size for k in inner]
+    phase, own = physics.phase, [k.source.size for k in inner]
     node = (phase.states, _linear(phase), phase.free_parameters)
     head = [*(sum(v.size for v in own) for own in node), 1]
     edges = np.cumsum([0, *head, *own]).tolist()
@@ -262,68 +256,35 @@ def _interval(
 
 
 def _path_rows(
-    phase: Phase,
-    physics: _Physics,
-    scheme: Scheme,
-    interval: Interval,
-    step: IntervalStep,
-    rows: _Rows,
+    physics: _Physics, scheme: Scheme, interval: Interval, step: IntervalStep, rows: _Rows
 ) -> None:
-    """Path constraints and algebraic equations at the points where they hold."""
-    for place in _path_points(phase, scheme):
-        point = place.fraction
+    """Bounds of states, algebraic equations and path constraints at the points where they hold."""
+    phase = physics.phase
+    inner = scheme.points if phase.interior_points is None else phase.interior_points
+    inner = tuple(p for p in inner if p < 1.0)
+    # where a state is a variable with bounds it needs no row
+    held = {(k.source.name, k.fraction) for k in scheme.variables(phase)}
+    points = {0.0, *inner, 1.0, *(scheme.points if pointwise(phase) else ())}
+    for point in sorted(points):
         x, u = step.at(point) if point else (interval.x, interval.control(0.0))
         if point == 0.0:
             u = ca.vertcat(u, physics.missing)
-        offset = 0
-        for state in phase.states:
-            if state in place.states:
-                rows.add("bound", [state], x[offset : offset + state.size], point)
-            offset += state.size
+        for state, part in zip(phase.states, _split(x, phase.states), strict=True):
+            if point in inner and state.interior_points and (state.name, point) not in held:
+                rows.add("bound", [state], part, point)
         time = interval.start + point * interval.length
         arguments = (x, u, interval.rate, time, interval.duration, interval.constants)
-        if place.equations:
+        if point in scheme.points and phase.algebraic_equations:
             rows.add_equations(physics.equations(*arguments), point)
-        values = _as_list(physics.limits(*arguments))
+        values = physics.limits.call(arguments)
         for limit, value in zip(phase.constraints, values, strict=True):
-            if limit in place.constraints:
+            if _holds(phase, limit.expression, point, inner, scheme.points):
                 rows.add("constraint", [limit], value, point)
 
 
-@dataclass(frozen=True, eq=False)
-class _PathPoint:
-    """What the rows of an interval say at one of its points, in this order."""
-
-    fraction: float
-    states: tuple[Variable, ...]  # whose bounds are rows here
-    equations: bool  # whether the algebraic equations hold here
-    constraints: tuple[PathConstraint, ...]
-
-
-def _path_points(phase: Phase, scheme: Scheme) -> list[_PathPoint]:
-    """Points of every interval at which something holds, and what."""
-    inner = scheme.points if phase.interior_points is None else phase.interior_points
-    inner = tuple(p for p in inner if p < 1.0)
-    local = pointwise(phase)
-    held = {(k.source.name, k.fraction) for k in scheme.variables(phase)}
-    return [
-        _PathPoint(
-            fraction=point,
-            # where a state is a variable with bounds it needs no row
-            states=tuple(
-                s
-                for s in phase.states
-                if point in inner and s.interior_points and (s.name, point) not in held
-            ),
-            equations=point in scheme.points and bool(phase.algebraic_equations),
-            constraints=tuple(
-                limit
-                for limit in phase.constraints
-                if _holds(phase, limit.expression, point, inner, scheme.points)
-            ),
-        )
-        for point in sorted({0.0, *inner, 1.0, *(scheme.points if local else ())})
-    ]
+def _split(table: ca.MX, variables: Sequence[Variable]) -> list[ca.MX]:
+    """Parts of a column, one a variable."""
+    return ca.vertsplit(table, np.cumsum([0, *(v.size for v in variables)]).tolist())
 
 
 def _holds(
@@ -345,41 +306,32 @@ def _holds(
     return point == 0.0 or point in inner
 
 
-@dataclass(frozen=True, eq=False)
-class _Point:
-    """A function of points before it is differentiated, as in :class:`PointKernel`."""
-
-    function: ca.Function
-    rows: _Rows
-    fractions: tuple[float, ...]
-    data: tuple[str, ...] = ()
-
-
-def _end(phase: Phase, physics: _Physics, node_scale: FloatArray) -> _Point:
-    """Cost, end constraints and continuous path constraints at the end of the phase."""
-    z, c, at_end = _node(phase, physics, node_scale)
+def _end(physics: _Physics) -> PointKernel:
+    """Cost, end constraints and continuous path constraints at the end, not differentiated yet."""
+    phase = physics.phase
+    z, c, at_end = _node(physics)
     no_rate = ca.MX.zeros(sum(v.size for v in _linear(phase)))
     x, u, *rest = at_end
-    values = _as_list(physics.limits(x, u, no_rate, *rest))
+    values = physics.limits.call([x, u, no_rate, *rest])
     rows = _Rows(phase)
     for limit, value in zip(phase.constraints, values, strict=True):
         if _continuous(phase, limit.expression):
             rows.add("constraint", [limit], value)
-    for limit, value in zip(
-        phase.end_constraints, _as_list(physics.end_limits(*at_end)), strict=True
-    ):
+    ends = physics.end_limits.call(at_end)
+    for limit, value in zip(phase.end_constraints, ends, strict=True):
         rows.add("end", [limit], value)
     cost = physics.end_cost(*at_end)
-    return _Point(ca.Function("point", [z, c], [rows.stacked(), cost]), rows, (1.0,))
+    end = ca.Function("point", [z, c], [rows.stacked(), cost])
+    return PointKernel(end, end, end, tuple(rows.entries), (1.0,))
 
 
-def _points(phase: Phase, physics: _Physics, node_scale: FloatArray) -> list[_Point]:
-    """What is demanded or costs at given times, one function a declaration."""
-    kernels = []
+def _points(physics: _Physics) -> list[PointKernel]:
+    """What is demanded or costs at given times, one a declaration, not differentiated yet."""
+    phase, kernels = physics.phase, []
     for item in (*phase.point_constraints, *phase.point_costs):
         data = [m for m in phase.measurements if ca.depends_on(item.expression, m.symbol)]
         symbols = ca.vertcat(*(m.symbol for m in data), ca.MX(0, 1))
-        z, c, at_point = _node(phase, physics, node_scale, symbols.shape[0])
+        z, c, at_point = _node(physics, symbols.shape[0])
         value = ca.Function("value", [*physics.at_point, symbols], [item.expression])
         values = value(*at_point, c[c.shape[0] - symbols.shape[0] :])
         rows, cost = _Rows(phase), ca.MX(0)
@@ -387,20 +339,19 @@ def _points(phase: Phase, physics: _Physics, node_scale: FloatArray) -> list[_Po
             rows.add("value" if item.defines else "point", [item], values)
         else:
             cost = values
-        function = ca.Function(f"point_{len(kernels)}", [z, c], [rows.stacked(), cost])
-        names = tuple(m.name for m in data)
-        kernels.append(_Point(function, rows, tuple(item.fractions.tolist()), names))
+        point = ca.Function(f"point_{len(kernels)}", [z, c], [rows.stacked(), cost])
+        fractions, names = tuple(item.fractions.tolist()), tuple(m.name for m in data)
+        kernels.append(PointKernel(point, point, point, tuple(rows.entries), fractions, names))
     return kernels
 
 
-def _node(
-    phase: Phase, physics: _Physics, node_scale: FloatArray, data: int = 0
-) -> tuple[ca.MX, ca.MX, list[ca.MX]]:
+def _node(physics: _Physics, data: int = 0) -> tuple[ca.MX, ca.MX, list[ca.MX]]:
     """Scaled z and constants of a mesh point, and the arguments of functions of points."""
-    z = ca.MX.sym("z", node_scale.size)
+    phase = physics.phase
+    z = ca.MX.sym("z", physics.node_scale.size)
     size = physics.constants.shape[0]
     c = ca.MX.sym("c", 1 + size + data)
-    last = z * node_scale
+    last = z * physics.node_scale
     states = sum(v.size for v in phase.states)
     duration = last[-1]
     no_control = ca.MX.zeros(sum(v.size for v in _constant(phase)))
@@ -408,14 +359,8 @@ def _node(
     return z, c, [last[:states], u, c[0] * duration, duration, c[1 : 1 + size]]
 
 
-def joined(parts: Sequence[FloatArray]) -> FloatArray:
-    return np.concatenate(parts) if parts else np.zeros(0)
-
-
-def _as_list(values: Any) -> list[ca.MX]:
-    if isinstance(values, ca.MX):
-        return [values]
-    return list(values) if isinstance(values, (list, tuple)) else []
+def joined(parts: Sequence[ArrayLike]) -> FloatArray:
+    return np.concatenate([*parts, np.zeros(0)])
 
 
 def _depends(expression: ca.MX, symbols: Sequence[ca.MX]) -> bool:

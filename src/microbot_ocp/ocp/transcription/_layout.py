@@ -19,10 +19,13 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp.problem import Phase, Variable, node_variables
 from microbot_ocp.ocp.transcription._kernels import (
+    Derive,
     Kernels,
     PointKernel,
+    build_kernels,
     interpolated_variables,
     joined,
+    stage_variables,
 )
 from microbot_ocp.ocp.transcription._mesh import IntArray, Mesh
 from microbot_ocp.ocp.transcription._table import (
@@ -69,14 +72,10 @@ class StageKind:
         return np.array([entry.scale for entry in self.variables])
 
 
-def stage_kind(
-    phase: Phase,
-    scheme: Scheme,
-    inner: Sequence[StageVariable],
-    kernels: Kernels,
-    duration_scale: float,
-) -> StageKind:
+def stage_kind(phase: Phase, scheme: Scheme, duration_scale: float, derive: Derive) -> StageKind:
     """Stages of a phase by one scheme, with what their kernels hold."""
+    inner = stage_variables(phase, scheme)
+    kernels = build_kernels(phase, duration_scale, scheme, derive)
     node: list[TableEntry] = []
     for variable in node_variables(phase):
         node += entries_of(phase, _kind(variable), variable)
@@ -333,16 +332,13 @@ class PhaseLayout:
 
 def _within_bounds(phase: Phase, kind: StageKind, table: FloatArray) -> FloatArray:
     """Scaled (z, w) [M, ...] whose polynomial controls keep their bounds all along."""
-    limited, row = table.copy(), kind.node_size
-    places: dict[str, list[int]] = {}
-    for own in kind.inner:
-        places.setdefault(own.source.name, []).append(row)
-        row += own.source.size
-    for variable in phase.controls:
+    limited, sources = table.copy(), [entry.source for entry in kind.variables]
+    for index, variable in enumerate(phase.controls):
         if variable.shape != "polynomial":
             continue
-        columns = np.add.outer(places[variable.name], np.arange(variable.size))
-        points = [k.fraction for k in kind.inner if k.source.name == variable.name]
+        places = [k for k, source in enumerate(sources) if source == ("controls", index)]
+        columns = np.reshape(places, (-1, variable.size))
+        points = [kind.variables[k].fraction for k in columns[:, 0]]
         limits = variable.lower / variable.scale, variable.upper / variable.scale
         limited[:, columns] = within_bounds(table[:, columns], points, *limits)
     return limited

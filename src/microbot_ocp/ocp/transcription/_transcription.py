@@ -26,11 +26,7 @@ from microbot_ocp.ocp.problem import (
     with_values,
 )
 from microbot_ocp.ocp.transcription._composition import Composition, Derivatives, automatic
-from microbot_ocp.ocp.transcription._kernels import (
-    build_kernels,
-    stage_variables,
-    with_derivatives,
-)
+from microbot_ocp.ocp.transcription._kernels import with_derivatives
 from microbot_ocp.ocp.transcription._layout import PhaseLayout, StageKind, lay_out, stage_kind
 from microbot_ocp.ocp.transcription._mesh import Mesh, Meshes, mesh_of, with_points
 from microbot_ocp.ocp.transcription.schemes import SCHEMES, Collocation, Scheme, with_degree
@@ -122,21 +118,12 @@ class Transcription:
             self._known[key] = make() if self._prepare is None else self._prepare(key, make)
         return self._known[key]
 
-    def _duration_scale(self, phase: Phase) -> float:
-        return self.duration_scale if phase.duration_scale is None else phase.duration_scale
-
     def _kind(self, index: int, degree: int | None) -> StageKind:
         if (index, degree) not in self._kinds:
             phase = self.problem.phases[index]
             scheme = self.scheme if degree is None else with_degree(self.scheme, degree)
-            scale = self._duration_scale(phase)
-            self._kinds[index, degree] = stage_kind(
-                phase,
-                scheme,
-                stage_variables(phase, scheme),
-                build_kernels(phase, scale, scheme, self._derive),
-                scale,
-            )
+            scale = phase.duration_scale or self.duration_scale
+            self._kinds[index, degree] = stage_kind(phase, scheme, scale, self._derive)
         return self._kinds[index, degree]
 
     def _kinds_on(self, index: int, mesh: Mesh) -> tuple[tuple[StageKind, ...], np.ndarray]:

@@ -16,10 +16,8 @@ from microbot_ocp.ocp.transcription import (
     PhaseLayout,
     PointGroup,
     Transcription,
-    build_kernels,
     fill_transitions,
     stage_kind,
-    stage_variables,
 )
 from microbot_ocp.ocp.verification._reintegration import phase_layout
 
@@ -69,9 +67,7 @@ def _laid_out(phase: Phase, given: PhaseLayout) -> PhaseLayout:
     groups, scale = [], float(given.node_scale[-1])
     for group in given.groups:
         scheme = group.kind.scheme
-        kernels = build_kernels(phase, scale, scheme, derive)
-        kind = stage_kind(phase, scheme, stage_variables(phase, scheme), kernels, scale)
-        groups.append(replace(group, kind=kind))
+        groups.append(replace(group, kind=stage_kind(phase, scheme, scale, derive)))
     points = tuple(
         PointGroup(kernel, replace(point.block, entries=kernel.rows))
         for point, kernel in zip(given.points, groups[0].kind.kernels.points, strict=True)

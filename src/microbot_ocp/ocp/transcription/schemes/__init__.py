@@ -4,15 +4,21 @@ from dataclasses import replace
 
 from microbot_ocp._base.checks import InputError
 from microbot_ocp.ocp.transcription.schemes._base import (
-    Interval,
-    IntervalStep,
+    Interval as Interval,
+    IntervalStep as IntervalStep,
     Scheme,
-    StageVariable,
-    lagrange,
-    pointwise,
+    StageVariable as StageVariable,
+    lagrange as lagrange,
+    pointwise as pointwise,
 )
-from microbot_ocp.ocp.transcription.schemes._collocation import Collocation, within_bounds
-from microbot_ocp.ocp.transcription.schemes._shooting import IntegratorShooting, Shooting
+from microbot_ocp.ocp.transcription.schemes._collocation import (
+    Collocation,
+    within_bounds as within_bounds,
+)
+from microbot_ocp.ocp.transcription.schemes._shooting import (
+    IntegratorShooting as IntegratorShooting,
+    Shooting,
+)
 from microbot_ocp.ocp.transcription.schemes._trapezoidal import HermiteSimpson, Trapezoidal
 
 SCHEMES: dict[str, Scheme] = {
@@ -36,21 +42,3 @@ def with_degree(scheme: Scheme, degree: int) -> Scheme:
         return replace(scheme, degree=degree)
     name = type(scheme).__name__
     raise InputError(f"a mesh with degrees needs collocation ('radau' or 'gauss'), not {name}")
-
-
-__all__ = [
-    "SCHEMES",
-    "Collocation",
-    "HermiteSimpson",
-    "IntegratorShooting",
-    "Interval",
-    "IntervalStep",
-    "Scheme",
-    "Shooting",
-    "StageVariable",
-    "Trapezoidal",
-    "lagrange",
-    "pointwise",
-    "with_degree",
-    "within_bounds",
-]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import casadi as ca
@@ -81,31 +81,20 @@ class IntegratorShooting:
 
     def step(self, phase: Phase, interval: Interval, values: Sequence[ca.MX]) -> IntervalStep:
         """The integrator runs over the fraction s of the interval, from 0 to 1."""
-        size = interval.x.shape[0]
-        inputs = [
-            interval.begin,
-            interval.end,
-            interval.constant,
-            interval.start,
-            interval.length,
-            interval.duration,
-            interval.constants,
-        ]
-        symbols = [ca.MX.sym(f"p{i}", k.shape[0]) for i, k in enumerate(inputs)]
-        begin, end, constant, start, length, duration, constants = symbols
-        reach = ca.MX.sym("reach")
-        rate = ((end - begin) / length)[: interval.rate.shape[0]]
-        x, s = ca.MX.sym("x", size), ca.MX.sym("s")
-        inner = Interval(
-            x, begin, end, constant, rate, start, length, duration, constants, interval.dynamics
-        )
+        names = ("begin", "end", "constant", "start", "length", "duration", "constants")
+        inputs = [getattr(interval, name) for name in names]
+        symbols = [ca.MX.sym(name, k.shape[0]) for name, k in zip(names, inputs, strict=True)]
+        x, s, reach = ca.MX.sym("x", interval.x.shape[0]), ca.MX.sym("s"), ca.MX.sym("reach")
+        inner = replace(interval, x=x, **dict(zip(names, symbols, strict=True)))
+        rate = ((inner.end - inner.begin) / inner.length)[: interval.rate.shape[0]]
+        inner = replace(inner, rate=rate)
         slope, cost = inner.f(x, inner.control(s * reach), s * reach)
         dae = {
             "x": x,
             "t": s,
             "p": ca.vertcat(*symbols, reach),
-            "ode": reach * length * slope,
-            "quad": reach * length * cost,
+            "ode": reach * inner.length * slope,
+            "quad": reach * inner.length * cost,
         }
         # without control of its error the running cost is integrated by steps for the states alone
         tolerant = {"abstol": 1e-10, "reltol": 1e-10, "quad_err_con": True}
