@@ -364,3 +364,20 @@ def test_a_finer_mesh_that_costs_more_says_why():
     rises = [b > a + 1e-6 * abs(a) for a, b in itertools.pairwise(costs)]
     assert any(rises)
     assert refined.advice.count("The cost rises from") == sum(rises)
+
+
+def test_constant_controls_are_as_accurate_as_the_free_ones_that_they_replace():
+    """Halving 50 intervals gains 2e-6 of the cost only, of the 5e-5 that they cost too much."""
+    mixing = OptimalControlProblem("Egerstedt, relaxed (mintOC)")
+    phase = mixing.phase("only", 1.0)
+    x = phase.state("x", initial=0.5)
+    y = phase.state("y", initial=0.5, lower=0.4)
+    a, b, c = (phase.control(name, lower=0.0, upper=1.0) for name in "abc")
+    phase.derivative(x, -x * a + (x + y) * b + (x - y) * c)
+    phase.derivative(y, (x + 2 * y) * a + (x - 2 * y) * b + (x + y) * c)
+    phase.constraint("one", a + b + c, 1.0, 1.0)
+    phase.running_cost(x**2 + y**2)
+    refined = solve(mixing, accuracy=1e-6)
+    assert refined.solved, refined.advice
+    assert abs(refined.cost / 0.989124 - 1) < 1e-5
+    assert refined.history[-1].cost_error > abs(refined.history[-1].cost / 0.989124 - 1) / 2

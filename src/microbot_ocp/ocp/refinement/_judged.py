@@ -142,15 +142,18 @@ def judged(
     *,
     finer: bool,
     accuracy: Accuracy | None = None,
+    freer_cost: float = np.inf,
 ) -> tuple[Solution, bool]:
     """The solution with the status that its judgement gives it, and whether that is final.
 
     With ``finer`` on meshes so fine that it passes and its cost does not change any more; with an
-    accuracy until that is met. It is final where no other strategy would do better.
+    accuracy until that is met. It is final where no other strategy would do better. An accuracy of
+    the cost is also of its distance to ``freer_cost``, of a solution with more freedom.
     """
     if solution.status not in CONVERGED:
         return _alone(solution), solution.status is Status.INTERRUPTED
-    return _Work(transcription, settings, until, progress, finer, accuracy).run(solution)
+    work = _Work(transcription, settings, until, progress, finer, accuracy, freer_cost)
+    return work.run(solution)
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,6 +166,7 @@ class _Work:
     progress: Progress | None
     finer: bool
     accuracy: Accuracy | None
+    freer_cost: float
 
     @property
     def _over(self) -> bool:
@@ -260,6 +264,8 @@ class _Work:
             return replace(seen, step=replace(seen.step, cost_error=0.0))
         freer = self._solved(solution, with_more_freedom(solution))
         error = cost_error(solution, freer) if freer.status in CONVERGED else np.inf
+        missed = solution.cost - self.freer_cost
+        error = max(error, missed / cost_size(solution.cost, solution.cost_scale))
         step = replace(seen.step, cost_error=error)
         return replace(seen, step=step, at=time.perf_counter(), freer=freer)
 

@@ -288,11 +288,19 @@ class Task:
             mesh = self.accuracy.first_mesh(program, mesh)
         return Start(program, mesh, self.guess, self.few)._replace(**changes)
 
-    def judged(self, solution: Solution, transcription: Transcription) -> tuple[Solution, bool]:
+    def judged(
+        self, solution: Solution, transcription: Transcription, freer_cost: float = np.inf
+    ) -> tuple[Solution, bool]:
         """The solution on its way to one that passes, and whether that is final."""
-        finer = self.given is None or self.accuracy is not None
         how = self.short, self.until, self.progress
-        return judged(solution, transcription, *how, finer=finer, accuracy=self.accuracy)
+        return judged(
+            solution,
+            transcription,
+            *how,
+            finer=self.given is None or self.accuracy is not None,
+            accuracy=self.accuracy,
+            freer_cost=freer_cost,
+        )
 
     def unconverged(
         self,
@@ -439,7 +447,7 @@ def _with_constant_controls(task: Task, before: Solution) -> tuple[Solution, boo
     settings = task.settings if task.alone else replace(task.settings, solver="ipopt")
     start = own.start(settings=settings)
     answer = solve_on(*start[:4], task.until, task.progress)
-    answer, final = own.judged(answer, start.transcription)
+    answer, final = own.judged(answer, start.transcription, freer_cost=before.cost)
     tried = named(CONSTANT, answer.attempts)
     solved = answer if answer.status.solved else None
     row = entry(CONSTANT, before, solved, tried, time.perf_counter() - began)
