@@ -14,7 +14,6 @@ from ._detector import (
     merged as merged,
     mixed_limits as mixed_limits,
     plan_of as plan_of,
-    runs as runs,
 )
 from ._mesh_points import (
     hold as hold,

@@ -13,7 +13,6 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -23,7 +22,7 @@ from microbot_ocp.ocp.arcs._settings import DETECTOR
 from microbot_ocp.ocp.problem import Expressions, PathConstraint, Phase, Variable
 from microbot_ocp.ocp.solution import PhaseSolution
 from microbot_ocp.ocp.transcription.schemes import Collocation
-from microbot_ocp.ocp.verification import phase_layout, point_values
+from microbot_ocp.ocp.verification import phase_layout, point_values, runs
 
 Sample = Callable[[FloatArray], dict[str, FloatArray]]  # of the times since the start of a phase
 Signature = tuple[int, ...]  # sides of all control components, then of all limits
@@ -304,22 +303,6 @@ def mixed_limits(phase: PhaseSolution, declared: Phase) -> list[Activity]:
 
 
 # switches -----------------------------------------------------------------------------------------
-
-
-class SideRun(NamedTuple):
-    """Intervals from ``begin`` until before ``after`` with one side."""
-
-    begin: int
-    after: int
-    side: int
-
-
-def runs(sides: np.ndarray) -> list[SideRun]:
-    """Join neighbouring intervals that have a side in common; of rows [N, K], all sides."""
-    table = sides.reshape(len(sides), -1)
-    edges = np.flatnonzero(np.any(np.diff(table, axis=0) != 0, axis=1)) + 1
-    pairs = itertools.pairwise([0, *edges.tolist(), len(table)])
-    return [SideRun(a, b, int(table[a, 0])) for a, b in pairs]
 
 
 def find_switches(phase: PhaseSolution) -> tuple[Switch, ...]:

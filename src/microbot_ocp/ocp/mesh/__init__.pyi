@@ -3,7 +3,6 @@
 from ._mesh_error import (
     DIVISION as DIVISION,
     divide as divide,
-    excess_of_limits as excess_of_limits,
     state_errors as state_errors,
 )
 from ._refined import (

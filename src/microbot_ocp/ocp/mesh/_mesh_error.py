@@ -17,16 +17,10 @@ from numpy.typing import ArrayLike
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp.solution import Solution, cost_size
 from microbot_ocp.ocp.verification import (
-    ALONG,
-    OCPLimitUse,
     Recomputation,
-    dense_phase,
     each_interval,
-    limit_uses,
-    mesh_states,
+    interval_errors,
     phase_layout,
-    relative_excess,
-    state_weights,
 )
 
 
@@ -58,24 +52,10 @@ def state_errors(solution: Solution) -> list[FloatArray]:
     errors = []
     size = cost_size(solution.cost, solution.cost_scale)
     for phase in solution.phases:
-        costs = bool(phase_layout(phase).phase.running_costs)
-        arrived = each_interval(phase, cost=costs)
-        gap = np.abs(arrived.states - mesh_states(phase)[1:]) / state_weights(phase)
-        own = gap.max(axis=1)
-        if costs:
-            summed = Recomputation(phase).costs[:-1]
-            own = np.maximum(own, np.abs(arrived.costs - summed) / size)
-        errors.append(np.nan_to_num(own, nan=np.inf))
+        running = bool(phase_layout(phase).phase.running_costs)
+        costs = Recomputation(phase).costs if running else np.zeros(phase.mesh.size)
+        errors.append(interval_errors(phase, each_interval(phase, cost=running), costs, size))
     return errors
-
-
-def excess_of_limits(solution: Solution) -> tuple[list[FloatArray], OCPLimitUse | None]:
-    """Relative excess of limits on a dense grid, [N, K] a phase, and the worst of all."""
-    dense = [dense_phase(phase) for phase in solution.phases]
-    uses = [use for own in dense for use in limit_uses(own) if use.kind in ALONG and use.excess > 0]
-    return [relative_excess(own) for own in dense], max(
-        uses, key=lambda use: use.relative, default=None
-    )
 
 
 def divide(mesh: FloatArray, errors: FloatArray, accuracy: float, order: ArrayLike) -> FloatArray:

@@ -14,11 +14,11 @@ from microbot_ocp.ocp.solution import Solution
 from microbot_ocp.ocp.transcription import Mesh
 from microbot_ocp.ocp.transcription.schemes import Collocation
 from microbot_ocp.ocp.verification import (
-    ALONG,
     Judgement,
     OCPLimitUse,
     phase_layout,
     relative_excess,
+    worst_along,
 )
 
 COLUMNS = (
@@ -141,11 +141,11 @@ def step_of(solution: Solution, judgement: Judgement | None, wall_time: float) -
         for kind in layout.kinds
         if isinstance(kind.scheme, Collocation)
     ]
-    errors, excess, uses = [np.inf], [np.inf], []
+    errors, excess, worst = [np.inf], [np.inf], None
     if judgement is not None:
         errors = [float(own.max()) for own in judgement.state_errors]
         excess = [float(relative_excess(dense).max()) for dense in judgement.dense]
-        uses = [use for use in judgement.limits if use.kind in ALONG and use.excess > 0]
+        worst = worst_along(judgement.limits)
     return RefinementStep(
         meshes=tuple(layout.chosen for layout in layouts),
         degrees=(min(used), max(used)) if used else None,
@@ -153,7 +153,7 @@ def step_of(solution: Solution, judgement: Judgement | None, wall_time: float) -
         state_error=max(errors),
         switch_offset=max((s.offset for own in switches for s in own), default=0.0),
         limit_excess=max(excess),
-        worst_limit=max(uses, key=lambda use: use.relative, default=None),
+        worst_limit=worst,
         switches=switches,
         cost=solution.cost,
         duration=solution.duration,

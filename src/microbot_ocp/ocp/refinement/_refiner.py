@@ -7,9 +7,9 @@ points, too: what a coarse mesh gains by exceeding them is no reason to refuse a
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, cast
 
 import numpy as np
@@ -82,8 +82,6 @@ class Refiner:
         Called with a line of text at every step, and with every iteration of the solvers.
     settings : SolverSettings
         What else the solvers are told.
-    until : float
-        When the time is over, by the clock of ``time.perf_counter``.
     rough : float, optional
         Tolerance of all solves until :meth:`finished`: on a flat minimum most iterations are
         spent on the last digits, which the next mesh changes.
@@ -109,7 +107,6 @@ class Refiner:
     rounds: int = 10
     progress: StepProgress = quiet
     settings: SolverSettings = field(default_factory=SolverSettings)
-    until: float = np.inf
     rough: float | None = None
     polishing: int = SETTINGS.polishing
     foresight: float = 1.0
@@ -117,7 +114,6 @@ class Refiner:
     once: bool = False
     enough: Callable[[Solution], bool] | None = None
     history: list[dict[str, Any]] = field(default_factory=list)
-    last: Solution | None = None  # of any solve, accepted or not
 
     def solve(
         self,
@@ -139,23 +135,17 @@ class Refiner:
         )
         return self._solve(mesh, guesses, settings, warm_only=self.once)
 
-    @property
-    def over(self) -> bool:
-        """Whether the time is over."""
-        return time.perf_counter() >= min(self.until, deadline.until())
-
     def finished(self, solution: Solution) -> Solution:
         """A rough solution to the full tolerance and refined so further.
 
         As it is where that takes too long or does not keep the limits.
         """
-        if not (self.rough and self.polishing and solution.status.solved) or self.over:
-            return solution
-        if self._is_enough(solution):
+        if not (self.rough and self.polishing and solution.status.solved) or deadline.over():
             return solution
         wanted = self.settings.gap
         polished = cast("float", solution.settings.get("gap", np.inf)) <= wanted  # it was solved so
-        if polished or solution.gap.total <= SETTINGS.polished * wanted * abs(solution.cost):
+        near = solution.gap.total <= SETTINGS.polished * wanted * abs(solution.cost)
+        if self._is_enough(solution) or polished or near:
             return solution
         settings = replace(
             self.settings,
@@ -182,18 +172,11 @@ class Refiner:
         settings: SolverSettings,
         **further: Any,
     ) -> Solution:
-        watched = None if self.progress is quiet else self.progress
-        fitted, kernels = self.fitted, self.transcription
-        solution = solve_on(
-            kernels if fitted is None else fitted(kernels, mesh, guesses),
-            mesh,
-            guesses,
-            settings,
-            until=self.until,
-            progress=watched,
-            **further,
-        )
-        self.last = solution
+        kernels = self.transcription
+        if self.fitted is not None:
+            kernels = self.fitted(kernels, mesh, guesses)
+        further["progress"] = None if self.progress is quiet else self.progress
+        solution = solve_on(kernels, mesh, guesses, settings, np.inf, **further)
         self.history.append(
             {
                 "intervals": [phase.mesh.size - 1 for phase in solution.phases],
@@ -209,39 +192,30 @@ class Refiner:
 
     def finer(self, before: Solution, meshes: Sequence[MeshLike]) -> Solution:
         """Solve on another mesh from a solution; keep the old one where the new one is worse."""
-        if self.over:
+        if deadline.over():
             return before
         guesses = self.guess_from(before)
-        first: tuple[str | tuple[str, ...], float | None, Mapping[str, Guess] | Solution]
-        first = (self.solver, SETTINGS.warm_barrier, guesses)
-        if (
-            self.solver == "ipopt"
-            and before.status.solved
-            and before.variable_multipliers is not None
-        ):
+        warm = self.solver == "ipopt" and before.status.solved
+        starts: list[tuple[Any, float | None, Mapping[str, Guess] | Solution]]
+        if warm and before.variable_multipliers is not None:
             # with multipliers: 20 against 30 iterations on the Microbot task from 20 to 100
-            first = ("ipopt", None, before)
-        after, dearer = before, None
-        starts = [first] if self.once else [first, ("ipopt", None, guesses)]
+            starts = [("ipopt", None, before)]
+        else:
+            starts = [(self.solver, SETTINGS.warm_barrier, guesses)]
+        if not self.once:
+            starts.append(("ipopt", None, guesses))
+        after, dearer, owed = before, None, self._owed_to_excess(before)
         for name, barrier, start in starts:
             after = self.solve(meshes, start, solver=name, barrier=barrier)
-            accepted = self._accepts(before, after)
-            self.history[-1]["accepted"] = accepted
+            accepted = self.history[-1]["accepted"] = self._accepts(before, after)
             sizes = " + ".join(str(phase.mesh.size - 1) for phase in after.phases)
-            status = after.status
-            self.progress(
-                f"mesh {sizes}: {after.duration:.6f} s, {status}"
-                f"{'' if accepted else ', not accepted'}"
-            )
+            note = "" if accepted else ", not accepted"
+            self.progress(f"mesh {sizes}: {after.duration:.6f} s, {after.status}{note}")
             if accepted:
                 return after
-            if after.status is Status.INTERRUPTED or self.over:
+            if after.status is Status.INTERRUPTED or deadline.over():
                 break
-            honest = (
-                after.status.solved
-                and self._owed_to_excess(before) > 0
-                and not self._exceeds_grossly(before, after)
-            )
+            honest = after.status.solved and owed > 0 and not self._exceeds_grossly(before, after)
             if honest and (dearer is None or after.cost < dearer.cost):
                 dearer = after
         if dearer is not None:
@@ -272,8 +246,8 @@ class Refiner:
             return after.status.solved
         if self._exceeds_grossly(before, after):
             return False
-        more, size = after.cost - before.cost, abs(before.cost)
-        return more <= WORSE * size or more <= (WORSE + self._owed_to_excess(before)) * size
+        more = WORSE + self._owed_to_excess(before)
+        return after.cost - before.cost <= more * abs(before.cost)
 
     def refine(self, solution: Solution, switching: Switching | None = None) -> Solution:
         """Split intervals until no constraint is exceeded between mesh points by more.
@@ -282,7 +256,7 @@ class Refiner:
         """
         return self._refined(
             solution,
-            lambda rounds, answer: self._exceeded(rounds, answer, switching),
+            partial(self._exceeded, switching),
             self._split_where_exceeded,
             lambda before, after: after is not before,
             self._keeps_limits,
@@ -296,17 +270,18 @@ class Refiner:
         What is constant over an interval is a mean of its two values there, which costs in
         proportion to the square of the interval's length.
         """
+
+        def done(rounds: _Rounds, _: list[FloatArray]) -> Status | None:
+            last = rounds[-1]
+            worthless = _gained(rounds) < worth * abs(last.solution.cost)
+            return Status.SOLVED if worthless or not last.measure.switched else None
+
         return self._refined(
             solution,
             lambda _, answer: _Exceeded([], switching(answer)),
             lambda rounds: _split_all(rounds[-1].solution, rounds[-1].measure.switches),
             lambda before, after: after.cost < before.cost,
-            lambda rounds, _: (
-                Status.SOLVED
-                if not rounds[-1].measure.switched
-                or _gained(rounds) < worth * abs(rounds[-1].solution.cost)
-                else None
-            ),
+            done,
         )
 
     def _refined(
@@ -320,26 +295,25 @@ class Refiner:
         """The last answer of the one loop, which ends where it must or where it is done."""
 
         def ended(rounds: _Rounds, meshes: list[FloatArray]) -> Status | None:
-            if self.over or not rounds[-1].solution.status.solved:
+            if deadline.over() or not rounds[-1].solution.status.solved:
                 return Status.TIME_LIMIT
             return Status.ROUND_LIMIT if len(rounds) > self.rounds else done(rounds, meshes)
 
-        if self.over or not solution.status.solved:
+        if deadline.over() or not solution.status.solved:
             return solution
         *_, last = refined(solution, self.finer, measure, split, accept, ended)
         return last.solution
 
     def _exceeded(
-        self, rounds: _Rounds, solution: Solution, switching: Switching | None
+        self, switching: Switching | None, rounds: _Rounds, solution: Solution
     ) -> _Exceeded:
-        excess = self.excess(solution)
-        worst = max(float(e.max()) for e in excess)
-        self.history[-1]["excess"] = worst
+        worst = self.history[-1]["excess"] = self._worst(solution)
         self.progress(f"largest excess of a limit between mesh points: {100 * worst:.3g} %")
         gained = rounds[-1].solution.cost - solution.cost if rounds else np.inf
-        if switching is None or not gained > SETTINGS.sharp * abs(solution.cost):
-            return _Exceeded(excess, [], worst)
-        return _Exceeded(excess, switching(solution), worst)
+        sharp = gained > SETTINGS.sharp * abs(solution.cost)
+        return _Exceeded(
+            self.excess(solution), switching(solution) if switching and sharp else [], worst
+        )
 
     def _split_where_exceeded(self, rounds: _Rounds) -> list[FloatArray]:
         solution, seen = rounds[-1].solution, rounds[-1].measure
@@ -352,9 +326,9 @@ class Refiner:
 
     def _keeps_limits(self, rounds: _Rounds, _: list[FloatArray]) -> Status | None:
         """Why no more is split: limits are kept, or enough, or finer meshes come no nearer."""
-        solution, seen = rounds[-1].solution, rounds[-1].measure
+        seen = rounds[-1].measure
         within = seen.worst <= self.limit_tolerance
-        if (within and not seen.switched) or self._is_enough(solution):
+        if (within and not seen.switched) or self._is_enough(rounds[-1].solution):
             return Status.SOLVED
         stubborn = _stubborn([own.measure.worst for own in rounds]) >= SETTINGS.stubborn
         return Status.NO_PROGRESS if stubborn and not within else None

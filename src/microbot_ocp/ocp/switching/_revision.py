@@ -23,14 +23,13 @@ from microbot_ocp.ocp.arcs import (
     jumping,
     merged,
     mixed_limits,
-    runs,
 )
 from microbot_ocp.ocp.problem import Phase
 from microbot_ocp.ocp.solution import PhaseSolution, Solution
 from microbot_ocp.ocp.switching._settings import CUTTER, SWITCHING
 from microbot_ocp.ocp.transcription import row_labels, variable_labels
 from microbot_ocp.ocp.transcription.schemes import Collocation
-from microbot_ocp.ocp.verification import phase_layout
+from microbot_ocp.ocp.verification import phase_layout, runs
 
 
 @dataclass(frozen=True, eq=False)

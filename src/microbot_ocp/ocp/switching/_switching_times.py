@@ -33,7 +33,7 @@ from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import InputError
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.arcs import ArcPlan, Signature, plan_of
-from microbot_ocp.ocp.mesh import divide, excess_of_limits, state_errors
+from microbot_ocp.ocp.mesh import divide, state_errors
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.search import solve
 from microbot_ocp.ocp.solution import PhaseSolution, Solution, StepProgress, cost_size, quiet
@@ -45,6 +45,7 @@ from microbot_ocp.ocp.switching._revision import ArcSolution, with_finer_meshes,
 from microbot_ocp.ocp.switching._settings import CUTTER, HIGH_ORDER, SWITCHING
 from microbot_ocp.ocp.switching._singular import NotPossibleError, solve_conditions
 from microbot_ocp.ocp.transcription import Transcription
+from microbot_ocp.ocp.verification import dense_phase, limit_uses, relative_excess, worst_along
 
 SETTINGS = SolverSettings(
     "ipopt", tolerance=1e-10, gap=1e-7, initial_barrier=1e-4, max_iterations=300
@@ -255,12 +256,11 @@ class _SwitchingSearch:
     def _finer(self, solved: ArcSolution, errors: Sequence[np.ndarray]) -> dict[str, int]:
         """Count intervals of every arc: for its dynamics, and for limits between points."""
         intervals = {}
-        rows = excess_of_limits(solved.solution)[0]
-        for piece, error, excess in zip(solved.solution.phases, errors, rows, strict=True):
+        for piece, error in zip(solved.solution.phases, errors, strict=True):
             count = piece.mesh.size - 1
             divided = divide(piece.mesh, error, self.accuracy, HIGH_ORDER.order)
             intervals[piece.name] = divided.size - 1
-            ratio = excess.max(initial=0.0) / SWITCHING.kept
+            ratio = relative_excess(dense_phase(piece)).max(initial=0.0) / SWITCHING.kept
             if ratio > 1.0 and count < SWITCHING.finest:
                 parts = int(np.clip(np.ceil(ratio ** (1 / SWITCHING.degree)), 2, 4))
                 intervals[piece.name] = max(intervals[piece.name], parts * count)
@@ -275,7 +275,7 @@ class _SwitchingSearch:
                 f"The arcs cost {solution.cost:.8g}, more than the {first.cost:.8g} of the "
                 "solution that they were read from: give one of a finer mesh.",
             )
-        worst = excess_of_limits(solution)[1]
+        worst = worst_along(use for p in solution.phases for use in limit_uses(dense_phase(p)))
         if worst is not None and worst.relative > SWITCHING.exceeded:
             return _Verdict(
                 Status.LIMITS_EXCEEDED,

@@ -28,10 +28,10 @@ from ._judgement import (
     judge as judge,
 )
 from ._limits import (
-    ALONG as ALONG,
     dense_phase as dense_phase,
     limit_uses as limit_uses,
     relative_excess as relative_excess,
+    worst_along as worst_along,
 )
 from ._recomputation import (
     Recomputation as Recomputation,
@@ -39,6 +39,7 @@ from ._recomputation import (
 )
 from ._reintegration import (
     each_interval as each_interval,
+    interval_errors as interval_errors,
     mesh_states as mesh_states,
     phase_layout as phase_layout,
     point_values as point_values,
@@ -48,4 +49,8 @@ from ._reintegration import (
 from ._stationarity import (
     differentiate as differentiate,
     lagrangian_gradient as lagrangian_gradient,
+)
+from ._switching import (
+    SideRun as SideRun,
+    runs as runs,
 )

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 
 import numpy as np
 
+from microbot_ocp._base.growth import growth_said
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.solution import Solution
 from microbot_ocp.ocp.transcription import Transcription
-from microbot_ocp.ocp.verification._certificate import OCPCertificate, Thresholds
+from microbot_ocp.ocp.verification._certificate import Hamiltonian, OCPCertificate, Thresholds
 from microbot_ocp.ocp.verification._hamiltonian import costates_of, hamiltonian_of
-from microbot_ocp.ocp.verification._judgement import judge
-from microbot_ocp.ocp.verification._messages import summary_of
-from microbot_ocp.ocp.verification._switching import THRESHOLDS, Prices, arcs_of
+from microbot_ocp.ocp.verification._judgement import Judgement, judge
+from microbot_ocp.ocp.verification._switching import THRESHOLDS, arcs_of
 
 
 def verify(
@@ -75,17 +76,16 @@ def verify(
         hamiltonian_of(phase, part, lam_x)
         for phase, part in zip(own.phases, own.derivatives, strict=True)
     )
-    prices = Prices(own.layouts, own.labels, np.concatenate([lam_x, lam_g]))
     worth = THRESHOLDS.worthless * max(abs(solution.cost), 1e-6)
-    arcs = tuple(arc for dense in own.dense for arc in arcs_of(dense, prices, worth))
-    checks = own.resimulations, own.limits, own.optimality
+    arcs = tuple(arcs_of(own.dense, own.labels, np.concatenate(own.multipliers), worth))
     failures = [failure.sentence for failure in own.failures]
     coarse = any(failure.status is Status.TOO_COARSE for failure in own.failures)
     if coarse and (solution.solved or solution.status is Status.TOO_COARSE):
         failures.append("the mesh is too coarse: solve(problem, accuracy=1e-6) refines it")
     declared = problem.problem if isinstance(problem, Transcription) else problem
-    has_cost = any(phase.has_cost for phase in declared.phases)
-    sentences = failures or summary_of(*checks, hamiltonians, arcs, has_cost)
+    sentences = failures or _summary(
+        own, hamiltonians, len(arcs), any(phase.has_cost for phase in declared.phases)
+    )
     return OCPCertificate(
         problem=declared.name,
         ok=not failures,
@@ -101,3 +101,32 @@ def verify(
         thresholds=thresholds or Thresholds(),
         wall_time=time.perf_counter() - started,
     )
+
+
+def _summary(
+    own: Judgement, hamiltonians: Sequence[Hamiltonian], arcs: int, has_cost: bool
+) -> list[str]:
+    """What is to be said of a solution that passed."""
+    optimality, worst = own.optimality, max((use.relative for use in own.limits), default=0.0)
+    limits_kept = "is kept" if worst <= 1e-6 else f"is kept to within {100 * worst:.2g} %"
+    growth = growth_said(max(check.amplification for check in own.resimulations))
+    error = max(check.error for check in own.resimulations)
+    sentences = [
+        f"first-order conditions hold to {optimality.stationarity.scaled:.1e} (stationarity) and "
+        f"{optimality.complementarity.scaled:.1e} (complementarity), and the second-order one of a "
+        "minimum",
+        f"the cost is at most {optimality.gap.total:.1e} above that of the local optimum"
+        if has_cost
+        else "no cost is declared, so any answer that keeps the constraints is as good",
+        f"re-simulation by intervals stays within {error:.2g} of the states' size (errors grow up "
+        f"to {growth})",
+        f"every limit {limits_kept} between mesh points",
+    ]
+    for along in hamiltonians:
+        if along.autonomous:
+            due = "" if along.expected is None else f" (expected {along.expected:.4g})"
+            sentences.append(
+                f"Hamiltonian of phase {along.phase!r} {along.mean:.4g}{due} with a drift of "
+                f"{along.drift:.1e}"
+            )
+    return [*sentences, f"{arcs} arc{'' if arcs == 1 else 's'} on limits"]

@@ -7,6 +7,7 @@ the point itself. A solve goes on until nothing is missing here, or its status s
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +15,7 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.problem import OptimalControlProblem
-from microbot_ocp.ocp.solution import PhaseSolution, Solution, unpack
+from microbot_ocp.ocp.solution import PhaseSolution, Solution, cost_size, unpack
 from microbot_ocp.ocp.transcription import (
     Label,
     PhaseLayout,
@@ -28,6 +29,7 @@ from microbot_ocp.ocp.verification._certificate import (
     Curvature,
     OCPLimitUse,
     Optimality,
+    Residual,
     ResimulationCheck,
     Thresholds,
 )
@@ -39,7 +41,6 @@ from microbot_ocp.ocp.verification._limits import (
     limit_uses,
     relative_excess,
 )
-from microbot_ocp.ocp.verification._messages import Failure, curved, judged, problems_of
 from microbot_ocp.ocp.verification._recomputation import (
     Recomputation,
     check_cost,
@@ -48,10 +49,9 @@ from microbot_ocp.ocp.verification._recomputation import (
 )
 from microbot_ocp.ocp.verification._reintegration import (
     each_interval,
-    mesh_states,
+    interval_errors,
     phase_layout,
     resimulate,
-    state_weights,
 )
 from microbot_ocp.ocp.verification._stationarity import (
     Derivatives,
@@ -60,6 +60,23 @@ from microbot_ocp.ocp.verification._stationarity import (
     lagrangian_gradient,
     optimality_of,
 )
+
+JUDGED = (Status.TOO_COARSE, Status.SADDLE)  # by the same checks, which are made again
+RESIDUALS = {
+    "feasibility": "not feasible: {} is violated by {}",
+    "stationarity": "not stationary: {} has a slope of {} left",
+    "complementarity": "not complementary: {} has a multiplier away from its limit, worth {}",
+    "sign": "multiplier of the wrong sign: {} with {}",
+}
+STALE = 1e-9  # relative difference between the values and the stages of a solution
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A check that did not pass: the status it stands for, and what is wrong."""
+
+    status: Status
+    sentence: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,22 +160,21 @@ def judge(
     dense = tuple(dense_phase(own.phase, own.interpolated) for own in again)
     uses = tuple(use for d in dense for use in limit_uses(d))
     failures = [
-        *problems_of(solution, unpack(layouts, x)),
+        *_problems_of(solution, unpack(layouts, x)),
         *(Failure(Status.INFEASIBLE, k) for k in missed_conditions(again, passes.feasibility)),
-        *judged(cost, resimulations, uses, optimality, passes, solution.cost_scale),
+        *_failures_of(cost, resimulations, uses, optimality, passes, solution.cost_scale),
     ]
-    errors = []
-    for phase, own, arrived in zip(phases, again, local, strict=True):
-        missed = np.abs(arrived.states - mesh_states(phase)[1:]) / state_weights(phase)
-        share = np.abs(arrived.costs - own.costs[: missed.shape[0]]) / cost.size
-        allowed = passes.state_error / missed.shape[0]
-        errors.append(np.nan_to_num(np.maximum(missed.max(axis=1), share) / allowed, nan=np.inf))
     curvature = None
     if not failures:
         curvature = curvature_of(
             solution, bounds, x, g, np.concatenate([lam_x, lam_g]), passes.gap, cost.size
         )
-        failures += curved(curvature)
+        if not curvature.minimum:
+            sentence = (
+                "a saddle, not a minimum: where variables move by their scales along one direction "
+                f"the cost curves downwards by {-curvature.least:.2g} of itself"
+            )
+            failures.append(Failure(Status.SADDLE, sentence))
     return Judgement(
         failures=tuple(failures),
         cost=cost,
@@ -166,7 +182,11 @@ def judge(
         limits=uses,
         optimality=optimality,
         curvature=curvature,
-        errors=tuple(errors),
+        errors=tuple(
+            interval_errors(phase, arrived, own.costs, cost.size)
+            / (passes.state_error / (phase.mesh.size - 1))
+            for phase, own, arrived in zip(phases, again, local, strict=True)
+        ),
         excess=tuple(relative_excess(d).max(axis=1) / passes.excess for d in dense),
         passes=passes,
         phases=phases,
@@ -176,3 +196,74 @@ def judge(
         multipliers=(lam_x, lam_g),
         dense=dense,
     )
+
+
+# what did not pass --------------------------------------------------------------------------------
+
+
+def _problems_of(solution: Solution, stages: Sequence[PhaseSolution]) -> list[Failure]:
+    """What is wrong with a solution before anything is evaluated.
+
+    ``stages`` are the phases as the stages of the program have them.
+    """
+    failures = []
+    if not solution.status.solved and solution.status not in JUDGED:
+        failures.append(Failure(solution.status, f"the solve did not converge: {solution.status}"))
+    for phase, again in zip(solution.phases, stages, strict=True):
+        for name, values in phase.values.items():
+            size = max(1e-9, float(np.abs(again.values[name]).max()))
+            if not np.abs(values - again.values[name]).max() <= STALE * size:
+                sentence = (
+                    f"the values of {name} in phase {phase.name!r} are not those of its stages"
+                )
+                failures.append(Failure(Status.FAILED, sentence))
+    return failures
+
+
+def _failures_of(
+    cost: CostCheck,
+    resimulations: Sequence[ResimulationCheck],
+    uses: Sequence[OCPLimitUse],
+    optimality: Optimality,
+    passes: Thresholds,
+    cost_scale: float,
+) -> Iterator[Failure]:
+    """What did not pass; nothing where all did."""
+    if not cost.error <= passes.cost:
+        sentence = f"the cost is {cost.recomputed:.8g}, not the {cost.given:.8g} given"
+        yield Failure(Status.FAILED, sentence)
+    elif not cost.integration_error <= passes.state_error:
+        sentence = f"the cost is {cost.integrated:.8g} when it is integrated again, not "
+        yield Failure(Status.TOO_COARSE, f"{sentence}{cost.given:.8g}")
+    for check in resimulations:
+        start = f"re-simulation of phase {check.phase!r}"
+        if not check.status.solved:
+            yield Failure(Status.TOO_COARSE, f"{start} stopped: {check.failure}")
+        elif not check.error <= passes.state_error:
+            sentence = (
+                f"{start} has {_component(check.state, check.component)} = {check.value:.6g} "
+                f"{check.unit} instead of {check.wanted:.6g} at {check.time:.4g} s, after one "
+                f"interval: an error of {check.local_error:.2g} of its size; those of all "
+                f"intervals come to {check.error:.2g}"
+            )
+            yield Failure(Status.TOO_COARSE, sentence)
+    for use in uses:
+        if not use.relative <= passes.excess:
+            sentence = (
+                f"{use.kind} {_component(use.name, use.component)} of phase {use.phase!r} is "
+                f"{use.value:.6g} {use.unit} at {use.time:.4g} s, {use.excess:.3g} beyond its "
+                f"limit of {use.limit:.6g}"
+            )
+            yield Failure(Status.TOO_COARSE, sentence)
+    if not optimality.gap.total <= passes.gap * cost_size(cost.size, cost_scale):
+        above = f"may be {optimality.gap.total:.2g} above that of the local optimum"
+        yield Failure(Status.GAP_LEFT, f"the cost of {cost.recomputed:.8g} {above}")
+    for name, template in RESIDUALS.items():
+        residual: Residual = getattr(optimality, name)
+        if not residual.scaled <= getattr(passes, name):
+            amount = f"{residual.value:.3g} {residual.unit}"
+            yield Failure(Status.GAP_LEFT, template.format(residual.where, amount))
+
+
+def _component(name: str, component: int) -> str:
+    return f"{name}[{component}]" if component else name

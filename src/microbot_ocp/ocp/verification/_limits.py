@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -142,6 +142,12 @@ def limit_uses(dense: DensePhase) -> list[OCPLimitUse]:
                 )
             )
     return uses
+
+
+def worst_along(uses: Iterable[OCPLimitUse]) -> OCPLimitUse | None:
+    """The limit that a mesh is refined for and that is exceeded most; None where all are kept."""
+    exceeded = (use for use in uses if use.kind in ALONG and use.excess > 0)
+    return max(exceeded, key=lambda use: use.relative, default=None)
 
 
 def relative_excess(dense: DensePhase) -> FloatArray:

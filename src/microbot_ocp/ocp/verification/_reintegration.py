@@ -116,6 +116,15 @@ def each_interval(
     return Integrated(ends, costs)
 
 
+def interval_errors(
+    phase: PhaseSolution, arrived: Integrated, costs: FloatArray, size: float
+) -> FloatArray:
+    """Relative errors of every interval [N]: of its states, and of its running costs by a size."""
+    missed = np.abs(arrived.states - mesh_states(phase)[1:]) / state_weights(phase)
+    error = np.maximum(missed.max(axis=1), np.abs(arrived.costs - costs[: len(missed)]) / size)
+    return np.nan_to_num(error, nan=np.inf)
+
+
 def transitions(phase: PhaseSolution) -> FloatArray:
     """Transition matrices [N,n,n] of the intervals, in states divided by their weights.
 

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.ocp.transcription import Label, PhaseLayout
+from microbot_ocp.ocp.transcription import Label
 from microbot_ocp.ocp.verification._certificate import Arc
-from microbot_ocp.ocp.verification._limits import POINTS, DensePhase
+from microbot_ocp.ocp.verification._limits import POINTS, DensePhase, Limited
+from microbot_ocp.ocp.verification._reintegration import phase_layout
 
 
 @dataclass(frozen=True)
@@ -32,88 +35,91 @@ class ArcThresholds:
 THRESHOLDS = ArcThresholds()
 
 
-class Prices:
-    """Multipliers of bounds and path constraints by phase and name, in cost per unit."""
+class SideRun(NamedTuple):
+    """Entries from ``begin`` until before ``after`` with one side."""
 
-    def __init__(
-        self, layouts: Sequence[PhaseLayout], labels: Sequence[Label], multipliers: FloatArray
-    ) -> None:
-        self.entries: dict[tuple[str, str, int], list[tuple[float, int, float]]] = {}
-        by_name = {layout.phase.name: layout for layout in layouts}
-        for label, multiplier in zip(labels, multipliers, strict=True):
-            if label.kind in ("state", "control", "algebraic", "bound", "constraint"):
-                own = self.entries.setdefault((label.phase, label.name, label.component), [])
-                place = by_name[label.phase].place_of(label)
-                own.append((place, label.interval, multiplier / label.scale))
-
-    def of(self, phase: str, name: str, component: int) -> np.ndarray:
-        """Place, interval and multiplier [M, 3]."""
-        return np.array(self.entries.get((phase, name, component), []), dtype=float).reshape(-1, 3)
+    begin: int
+    after: int
+    side: int
 
 
-def arcs_of(dense: DensePhase, prices: Prices, worth: float) -> list[Arc]:
-    """Stretches of a phase during which a limit acts and is worth something."""
-    phase = dense.phase
-    arcs = []
-    for limited in dense.limited:
-        for i in range(0 if limited.end else limited.lower.size):
-            low, high = float(limited.lower[i]), float(limited.upper[i])
-            if low == high:
-                continue
-            size = limited.size(i)
-            own = prices.of(phase.name, limited.name, i)
-            for side, limit, sign in (("lower", low, -1.0), ("upper", high, 1.0)):
-                if not np.isfinite(limit):
-                    continue
-                slack = sign * (limit - limited.values[:, i]) / size
-                push = np.maximum(sign * own[:, 2], 0.0)
-                strength = np.zeros(phase.mesh.size)
-                np.maximum.at(strength, own[:, 1].astype(int), push * size)
-                active = slack <= THRESHOLDS.active
-                active |= (slack <= THRESHOLDS.nearly_active) & (strength[dense.interval] > slack)
-                for first, last in _joined_runs(dense, active):
-                    start, end = float(dense.t[first]), float(dense.t[last])
-                    # to the nearest dense point, as the multipliers stand at points of the mesh
-                    reach = 1e-9 + float(np.diff(phase.mesh).max()) / POINTS
-                    near = own[:, 0] >= start / phase.duration - reach
-                    near &= own[:, 0] <= end / phase.duration + reach
-                    price = float(push[near].sum())
-                    if price * size > worth:
-                        arcs.append(
-                            Arc(
-                                phase.name,
-                                limited.kind,
-                                limited.name,
-                                i,
-                                side,
-                                start,
-                                end,
-                                price,
-                                limited.unit,
-                            )
-                        )
-    return sorted(arcs, key=lambda arc: (arc.name, arc.component, arc.start))
+def runs(sides: np.ndarray) -> list[SideRun]:
+    """Join neighbouring entries that have a side in common; of rows [N, K], all sides."""
+    table = sides.reshape(len(sides), -1)
+    edges = np.flatnonzero(np.any(np.diff(table, axis=0) != 0, axis=1)) + 1
+    pairs = itertools.pairwise([0, *edges.tolist(), len(table)])
+    return [SideRun(a, b, int(table[a, 0])) for a, b in pairs]
+
+
+def arcs_of(
+    phases: Sequence[DensePhase], labels: Sequence[Label], multipliers: FloatArray, worth: float
+) -> Iterator[Arc]:
+    """Stretches of the phases during which a limit acts and is worth something."""
+    prices = _prices(phases, labels, multipliers)
+    none = np.zeros((0, 3))
+    for dense in phases:
+        arcs = [
+            arc
+            for limited in dense.limited
+            for i in range(0 if limited.end else limited.lower.size)
+            if limited.lower[i] != limited.upper[i]
+            for arc in _acting(
+                dense, limited, i, prices.get((dense.phase.name, limited.name, i), none)
+            )
+            if arc.price * limited.size(i) > worth
+        ]
+        yield from sorted(arcs, key=lambda arc: (arc.name, arc.component, arc.start))
+
+
+def _prices(
+    phases: Sequence[DensePhase], labels: Sequence[Label], multipliers: FloatArray
+) -> dict[tuple[str, str, int], np.ndarray]:
+    """Place, interval and multiplier [M, 3] of bounds and path constraints, in cost per unit."""
+    entries: dict[tuple[str, str, int], list[tuple[float, int, float]]] = {}
+    layouts = {dense.phase.name: phase_layout(dense.phase) for dense in phases}
+    for label, multiplier in zip(labels, multipliers, strict=True):
+        if label.kind in ("state", "control", "algebraic", "bound", "constraint"):
+            own = entries.setdefault((label.phase, label.name, label.component), [])
+            place = layouts[label.phase].place_of(label)
+            own.append((place, label.interval, multiplier / label.scale))
+    return {key: np.array(own, dtype=float) for key, own in entries.items()}
+
+
+def _acting(dense: DensePhase, limited: Limited, i: int, prices: np.ndarray) -> Iterator[Arc]:
+    """Stretches of a phase during which a component of a limit acts, and what each is worth."""
+    phase, size = dense.phase, limited.size(i)
+    # to the nearest dense point, as the multipliers stand at points of the mesh
+    reach = 1e-9 + float(np.diff(phase.mesh).max()) / POINTS
+    for side, limit, sign in (("lower", limited.lower[i], -1.0), ("upper", limited.upper[i], 1.0)):
+        if not np.isfinite(limit):
+            continue
+        slack = sign * (limit - limited.values[:, i]) / size
+        push = np.maximum(sign * prices[:, 2], 0.0)
+        strength = np.zeros(phase.mesh.size)
+        np.maximum.at(strength, prices[:, 1].astype(int), push * size)
+        active = slack <= THRESHOLDS.active
+        active |= (slack <= THRESHOLDS.nearly_active) & (strength[dense.interval] > slack)
+        for first, last in _joined_runs(dense, active):
+            start, end = float(dense.t[first]), float(dense.t[last])
+            near = prices[:, 0] >= start / phase.duration - reach
+            near &= prices[:, 0] <= end / phase.duration + reach
+            what = phase.name, limited.kind, limited.name, i, side, start, end
+            yield Arc(*what, float(push[near].sum()), limited.unit)
 
 
 def _joined_runs(dense: DensePhase, active: np.ndarray) -> list[tuple[int, int]]:
-    """Runs of true values; those that are less than an interval apart are one.
+    """First and last of runs of true values; those less than an interval apart are one.
 
     A limit that is kept at a few points of every interval leaves it a little between them.
     """
     steps = np.diff(dense.phase.t)
     joined: list[tuple[int, int]] = []
-    for first, last in _runs(active):
-        if joined:
-            begin, end = joined[-1]
-            if dense.t[first] - dense.t[end] < (1 - 1e-6) * steps[dense.interval[end]]:
-                joined[-1] = (begin, last)
-                continue
-        joined.append((first, last))
+    for first, after, acts in runs(active):
+        begin, end = joined[-1] if joined else (0, 0)
+        if not acts:
+            continue
+        if joined and dense.t[first] - dense.t[end] < (1 - 1e-6) * steps[dense.interval[end]]:
+            joined[-1] = (begin, after - 1)
+        else:
+            joined.append((first, after - 1))
     return joined
-
-
-def _runs(active: np.ndarray) -> list[tuple[int, int]]:
-    """First and last index of every run of true values."""
-    change = np.diff(np.concatenate([[0], active.astype(int), [0]]))
-    ends = np.flatnonzero(change < 0) - 1
-    return list(zip(np.flatnonzero(change > 0).tolist(), ends.tolist(), strict=True))
