@@ -15,7 +15,6 @@ import signal
 import sys
 import warnings
 from collections.abc import Sequence
-from difflib import get_close_matches
 from enum import IntEnum
 from functools import cache, cached_property
 from importlib import import_module
@@ -26,6 +25,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from microbot_ocp._base.checks import InputError, shortened
+from microbot_ocp._base.schema import suggestion
 from microbot_ocp._base.writing import NotWritten
 from microbot_ocp.cli import _process as process
 
@@ -71,9 +71,7 @@ class Commands(TyperGroup):
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Find the command of the first word; refuse an unknown one with those that are allowed."""
         if args and args[0] not in self.commands and not args[0].startswith("-"):
-            near = get_close_matches(args[0], self.commands, 1)
-            hint = f"did you mean {near[0]!r}? " if near else ""
-            raise InputError(f"no command {args[0]!r}; {hint}allowed: {', '.join(self.commands)}")
+            raise InputError(f"no command {args[0]!r}{suggestion(args[0], self.commands)}")
         return super().resolve_command(ctx, args)
 
 

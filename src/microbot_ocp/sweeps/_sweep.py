@@ -145,17 +145,12 @@ class Sweep:
             )
         if table is None:
             return {name: np.empty(0, _empty(kinds[name])) for name in names}
-        order = np.argsort(table["case"].to_numpy())
+        order, empty = np.argsort(table["case"].to_numpy()), {"text": "", "bool": False}
         arrays = {}
-        for name in names:
-            column = table[name]
-            if kinds[name] == "text":
-                values = np.array([v or "" for v in column.to_pylist()], dtype=object)
-            elif kinds[name] == "bool":
-                values = np.array([bool(v) for v in column.to_pylist()])
-            else:
-                values = column.to_numpy()
-            arrays[name] = values[order]
+        for name in names:  # a number that is not there is NaN
+            rest = empty.get(kinds[name])
+            column = table[name] if rest is None else table[name].fill_null(rest)
+            arrays[name] = column.to_numpy()[order]
         return arrays
 
     def savings(self, method: str) -> FloatArray:

@@ -223,21 +223,14 @@ def _checked(axes: Any, rows: int, columns: int) -> AxesGrid:
     for entry in given:
         if not isinstance(entry, Axes):
             raise InputError(f"axes must be {wanted} matplotlib axes, not {shown(entry)}")
-    if len(given) != rows * columns:
-        raise InputError(f"axes must be {wanted} matplotlib axes, not {len(given)}")
-    grid = np.empty(len(given), dtype=object)
-    grid[:] = given
-    return grid.reshape(rows, columns).view(AxesGrid)
+    if given.size != rows * columns:
+        raise InputError(f"axes must be {wanted} matplotlib axes, not {given.size}")
+    return given.reshape(rows, columns).view(AxesGrid)
 
 
-def _entries(drawn: Any) -> list[Any]:
-    """Return what a sequence of sequences or an array holds; all else is one entry."""
-    if isinstance(drawn, np.ndarray):
-        return drawn.ravel().tolist()
-    if not isinstance(drawn, list | tuple):
-        return [drawn]
-    rows = (row if isinstance(row, list | tuple) else _entries(row) for row in drawn)
-    return [entry for row in rows for entry in row]
+def _entries(drawn: Any) -> np.ndarray:
+    """Return what an array or a sequence of sequences holds; all else is one entry."""
+    return np.array(drawn, dtype=object).ravel()
 
 
 def figure_of(drawn: Drawn) -> Figure:
