@@ -872,13 +872,6 @@ def test_a_warning_is_one_line_without_its_place_in_the_program(tmp_path):
     )
 
 
-def test_too_few_file_descriptors_are_one_line():
-    few = f"ulimit -n 12; exec {sys.executable} -m microbot_ocp.cli robots"
-    done = subprocess.run(["bash", "-c", few], capture_output=True, text=True)
-    assert (done.returncode, done.stdout) == (1, "")
-    assert done.stderr == "error: 12 file descriptors are too few: 32 are needed (ulimit -n)\n"
-
-
 def test_a_current_folder_that_is_gone_is_named(tmp_path, monkeypatch, capsys):
     gone = tmp_path / "gone"
     gone.mkdir()

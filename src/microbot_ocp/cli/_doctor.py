@@ -94,13 +94,13 @@ def _name_in(requirement: str, extra: str) -> str:
 def _solvers() -> Iterator[Finding]:
     import casadi as ca
 
-    use = "optimal control, inverse kinematics"
-    yield Finding("solver", "ipopt", ca.has_nlpsol("ipopt"), use, needed=True)
-    use = "optimal control, the first look; IPOPT steps in"
-    yield Finding("solver", "fatrop", ca.has_nlpsol("fatrop"), use)
-    use = "certificates, simulation"
-    yield Finding("solver", "cvodes", ca.has_integrator("cvodes"), use, needed=True)
-    yield Finding("solver", "idas", ca.has_integrator("idas"), "simulation")
+    for name, has, needed, use in (
+        ("ipopt", ca.has_nlpsol, True, "optimal control, inverse kinematics"),
+        ("fatrop", ca.has_nlpsol, False, "optimal control, the first look; IPOPT steps in"),
+        ("cvodes", ca.has_integrator, True, "certificates, simulation"),
+        ("idas", ca.has_integrator, False, "simulation"),
+    ):
+        yield Finding("solver", name, has(name), use, needed)
 
 
 def _compiler() -> Iterator[Finding]:

@@ -35,9 +35,6 @@ def entry() -> int:
     """
     try:
         _open_streams()
-        if few := _few_descriptors():
-            print(f"error: {few}", file=sys.stderr)
-            return 1
         watch()
         from microbot_ocp.cli._program import run
 
@@ -60,24 +57,6 @@ def entry() -> int:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: os._exit(code))  # Python is on its way out
     return code
-
-
-def _few_descriptors(least: int = 32) -> str:
-    """Say what is wrong where a process may open fewer than ``least`` files and cannot be let.
-
-    The library that writes recordings ends the program there.
-    """
-    try:
-        import resource
-    except ImportError:  # Windows
-        return ""
-    now, allowed = resource.getrlimit(resource.RLIMIT_NOFILE)
-    if now == resource.RLIM_INFINITY or now >= least:
-        return ""
-    if allowed == resource.RLIM_INFINITY or allowed >= least:
-        resource.setrlimit(resource.RLIMIT_NOFILE, (least, allowed))
-        return ""
-    return f"{now} file descriptors are too few: {least} are needed (ulimit -n)"
 
 
 def _open_streams() -> None:

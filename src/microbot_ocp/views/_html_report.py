@@ -73,7 +73,7 @@ def comparison_report(comparison: Comparison, path: str | Path) -> Path:
     parts = [
         _words(said),
         _section("The fastest motion, the usual one as a ghost", film),
-        _section("Every method", _table(comparison_table(comparison))),
+        _section("Every method", comparison_table(comparison)._repr_html_()),
         _section("Position, velocity and torque", _figure(comparison.plot(), "Curves over time")),
         _section("Way of the tool", _figure(comparison.plot_paths(), "Tool paths in space")),
         _section("Is it true?", _verdicts(verdicts)),
@@ -92,7 +92,7 @@ def cell_report(cell: Cell, path: str | Path) -> Path:
     parts = [
         _words(said),
         _section("The motion", film),
-        _section("Stops", _table(Table.of_text(["stop", "time [s]"], stops))),
+        _section("Stops", Table.of_text(["stop", "time [s]"], stops)._repr_html_()),
         _section("Curves and limits", _figure(motion.plot(robot), "Curves over time")),
         _section("Is it true?", _verdicts([("certificate", cell.certificate.verdict)])),
     ]
@@ -119,10 +119,6 @@ def _words(sentences: Iterable[str]) -> str:
 
 def _section(title: str, body: str) -> str:
     return f'<h2>{escape(title)}</h2>\n<div class="wide">{body}</div>' if body else ""
-
-
-def _table(table: Table) -> str:
-    return table._repr_html_()
 
 
 def _verdicts(verdicts: Sequence[tuple[str, str]]) -> str:

@@ -73,13 +73,13 @@ def draw_paths(
     above: Axes, side: Axes, comparison: Comparison, methods: Sequence[str] | None = None
 ) -> None:
     """Draw tool paths from above and from the side, of some methods or all, on given axes."""
-    _draw_projection(above, comparison, _from_above, methods)
+    _draw_projection(above, comparison, _onto(0, 1), methods)
     above.set(title="from above", xlabel="x [m]", ylabel="y [m]")
     if has_vertical_waist(comparison):
         _draw_projection(side, comparison, _in_arm_plane, methods)
         side.set(title="in the plane of the arm", xlabel="r from the waist's axis [m]")
     else:
-        _draw_projection(side, comparison, _from_side, methods)
+        _draw_projection(side, comparison, _onto(0, 2), methods)
         side.set(title="from the side", xlabel="x [m]")
     side.set_ylabel("z [m]")
     for flat in (above, side):
@@ -124,12 +124,9 @@ def _path_line(style: EntryStyle) -> dict[str, Any]:
 Projection = Callable[[Robot, FloatArray, FloatArray], FloatArray]
 
 
-def _from_above(robot: Robot, q: FloatArray, points: FloatArray) -> FloatArray:
-    return points[..., [0, 1]]
-
-
-def _from_side(robot: Robot, q: FloatArray, points: FloatArray) -> FloatArray:
-    return points[..., [0, 2]]
+def _onto(*axes: int) -> Projection:
+    """Return the projection of points onto some of the axes of the base frame."""
+    return lambda robot, q, points: points[..., list(axes)]
 
 
 def _in_arm_plane(robot: Robot, q: FloatArray, points: FloatArray) -> FloatArray:
@@ -175,7 +172,7 @@ def _draw_projection(
 
 
 def _draw_in_space(axes: Any, comparison: Comparison) -> None:
-    vias = _draw(axes, comparison, lambda robot, q, points: points, None)
+    vias = _draw(axes, comparison, _onto(0, 1, 2), None)
     for number, place in enumerate(vias, start=1):
         axes.text(*place, f"  {number}", path_effects=halo(), **NUMBER)
     lines = [line for line in axes.get_lines() if line.get_label() != "_via"]
@@ -263,10 +260,9 @@ def arms(
     x, y, z = drawn_arms[0, 0]
     panel.text(x, y, z, "  base", path_effects=halo(), zorder=8)
     set_space(panel, drawn)
-    spans, each = np.ptp(drawn, axis=0), ("x", "y", "z")
-    for axis, span in zip(each, spans, strict=True):  # six ticks along the longest axis
-        ticks: Any = {"axis": axis, "nbins": max(2, round(6 * span / spans.max()))}
-        panel.locator_params(**ticks)
+    spans = np.ptp(drawn, axis=0)
+    for axis, span in zip("xyz", spans, strict=True):  # six ticks along the longest axis
+        panel.locator_params(axis=axis, nbins=max(2, round(6 * span / spans.max())))
     panel.view_init(elev=22, azim=azimuth(drawn_arms[:, -1]) - 40)
     page.legend(panel.get_legend_handles_labels()[0], 3)
     return panel
