@@ -6,6 +6,7 @@ import sys
 import webbrowser
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from functools import partial
 from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Annotated, Any
@@ -122,10 +123,7 @@ def simulate(
         return Answer(document, blocks, solved=False, files={})
     provenance = {"method": "simulation", "robot": robot.name, "torques": source}
     simulated = replace(result.as_motion(f"simulation, {source}"), provenance=provenance)
-
-    def record(path: Path) -> object:
-        return simulated.to_rerun(robot, path)
-
+    record = partial(simulated.to_rerun, robot)
     return Answer(document, blocks, save=simulated.save, record=record)
 
 
@@ -280,10 +278,7 @@ def solve(
     points = (cell,) if front is None else front.points
     solved = all(point.motion.solved for point in points)
     certified = all(point.certificate.ok for point in points)
-
-    def save(path: Path) -> object:
-        return cell.save(path, stops.outputs)
-
+    save = partial(cell.save, outputs=stops.outputs)
     return Answer(cell.as_dict(), blocks, (), solved, certified, save=save)
 
 
@@ -369,10 +364,7 @@ def _compared(comparison: mo.Comparison, outputs: Sequence[str], progress: Progr
         "certified": comparison.certified,
         "entries": tables.comparison_rows(comparison),
     }
-
-    def save(path: Path) -> object:
-        return comparison.save(path, outputs, progress=progress)
-
+    save = partial(comparison.save, outputs=outputs, progress=progress)
     table = comparison.table()
     good = comparison.solved, comparison.certified
     return Answer(
