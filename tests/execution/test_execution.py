@@ -135,7 +135,7 @@ def test_what_slowing_down_does_not_help(microbot):
         ("a.csv", "", "a.csv: it is empty"),
         ("a.csv", "0,1,2\n1,2,3\n", "1 to 4 columns for each of 3 joints, not 3"),
         ("a.csv", "t,a,b,c\n0,0,0,0\n1,1,1\n", "must hold as many numbers"),
-        ("a.csv", "0,0,0,0\n0,1,1,1\n", "two increasing times"),
+        ("a.csv", "0,0,0,0\n0,1,1,1\n", "two strictly increasing times"),
         ("a.csv", "t,a,b,c\n0,0,0,x\n", "must hold as many numbers"),
         ("a.json", "{", "it is no JSON"),
         ("a.json", "{}", "no trajectory with joint_names and points"),

@@ -273,9 +273,15 @@ def still(**changes: Any) -> Motion:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"t": [0.0]}, "t must be at least two strictly increasing times from 0, s"),
-        ({"t": [0.0, 0.0]}, "t must be at least two strictly increasing times from 0, s"),
-        ({"t": [1.0, 2.0]}, "t must be at least two strictly increasing times from 0, s"),
+        ({"t": [0.0]}, "t must be at least two strictly increasing times from 0, s, not [0.0]"),
+        (
+            {"t": [0.0, 0.0]},
+            "t must be at least two strictly increasing times from 0, s, but t[1] is 0 s after t[0] of 0 s",
+        ),
+        (
+            {"t": [1.0, 2.0]},
+            "t must be at least two strictly increasing times from 0, s, not [1.0, 2.0]",
+        ),
         ({"t": [0.0, np.nan]}, "t must be finite, but entry [1] is nan s"),
         ({"q": np.zeros((3, 3))}, "q must have shape [2, any], not [3, 3]"),
         ({"q": np.zeros(2)}, "q must have shape [2, any], not [2]"),

@@ -228,7 +228,7 @@ SLIDER = slider(armature=0.0).with_limits(mo.Limits(q_min=-1.0, q_max=1.0))
 BAD_INPUTS = [
     (lambda: mo.simulate(SLIDER, None, [0.0]), "t and q0 must be given"),
     (lambda: mo.simulate(SLIDER, None, [0.0], t=[0.0, 1.0, 1.0]), r"t\[2\] is 1 s after t\[1\]"),
-    (lambda: mo.simulate(SLIDER, None, [0.0], t=[0.0]), "at least two times"),
+    (lambda: mo.simulate(SLIDER, None, [0.0], t=[0.0]), "at least two strictly increasing times"),
     (lambda: mo.simulate(SLIDER, None, [0.0, 0.0], t=[0, 1]), r"q0 must have shape \[1\]"),
     (lambda: mo.simulate(SLIDER, None, [0.0], [0, 0], [0, 1]), r"qd0 must have shape \[1\]"),
     (lambda: mo.simulate(SLIDER, None, [1.5], t=[0, 1]), r"q0 of joint 1 is 1.5 m, outside"),

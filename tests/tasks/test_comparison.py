@@ -249,9 +249,18 @@ def test_a_corner_that_cannot_be_held_is_an_entry_without_motion(pendulum):
         ({"blend": 0.6}, "blend must be at most 0.5 of a segment, not 0.6"),
         ({"blend": 0.0}, "blend must be above 0 of a segment, not 0.0"),
         ({"via_t": [0.0, 1.0]}, "via_t must have shape [3], not [2]"),
-        ({"via_t": [0.0, 1.0, 1.0]}, "via_t must increase from 0 s without a duration of zero"),
-        ({"via_t": [0.0, 2.0, 1.0]}, "via_t must increase from 0 s"),
-        ({"via_t": [1.0, 2.0, 3.0]}, "via_t must increase from 0 s"),
+        (
+            {"via_t": [0.0, 1.0, 1.0]},
+            "via_t must be at least two strictly increasing times from 0, s, but via_t",
+        ),
+        (
+            {"via_t": [0.0, 2.0, 1.0]},
+            "via_t must be at least two strictly increasing times from 0, s",
+        ),
+        (
+            {"via_t": [1.0, 2.0, 3.0]},
+            "via_t must be at least two strictly increasing times from 0, s",
+        ),
         ({"via_t": [0.0, 1.0, np.nan]}, "via_t must be finite, but entry [2] is nan s"),
         ({"via_qd": VIA_QD[:2], "via_t": VIA_T}, "via_qd must have shape [3, 3], not [2, 3]"),
         ({"via_qd": VIA_QD}, "via_qd needs via_t, the times at which"),

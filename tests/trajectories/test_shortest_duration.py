@@ -215,7 +215,10 @@ REFUSALS = [
         ),
         "meets no limit",
     ),
-    (lambda: refuse(mo.Limits(qd_max=1.0), cubic([[0], [1]], [0, 1])), "has 1 joints, but the robot has 3"),
+    (
+        lambda: refuse(mo.Limits(qd_max=1.0), cubic([[0], [1]], [0, 1])),
+        "has 1 joints, but the robot has 3",
+    ),
     (
         lambda: refuse(mo.Limits(qd_max=1.0), 3.0),
         "make_motion must be a PiecewisePolynomial or a function, not 3",

@@ -190,6 +190,23 @@ def array(
     return result
 
 
+def times(
+    name: str, value: ArrayLike, count: int | None = None, *, from_zero: bool = False
+) -> FloatArray:
+    """Return at least two strictly increasing times, s."""
+    t = array(name, value, (count,), "s")
+    wanted = f"{name} must be at least two strictly increasing times{' from 0' * from_zero}, s"
+    if t.size < 2 or (from_zero and t[0] != 0.0):
+        raise InputError(f"{wanted}, not {shown(t.tolist())}")
+    stuck = np.flatnonzero(np.diff(t) <= 0)
+    if stuck.size:
+        i = int(stuck[0])
+        raise InputError(
+            f"{wanted}, but {name}[{i + 1}] is {t[i + 1]:g} s after {name}[{i}] of {t[i]:g} s"
+        )
+    return t
+
+
 def size(what: str, count: float, most: int) -> None:
     """Refuse what would have more than ``most`` entries (samples, intervals) before it is made."""
     if not count <= most:

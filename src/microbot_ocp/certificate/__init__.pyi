@@ -10,4 +10,5 @@ from ._certificate import (
 from ._certification import (
     certificate_of as certificate_of,
     certify as certify,
+    limit_checks_of as limit_checks_of,
 )

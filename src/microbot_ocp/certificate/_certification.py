@@ -255,7 +255,7 @@ def certificate_of(
     robot: Robot = family.robot
     tolerances = tolerances or Tolerances()
     t, ratio = dense_times(motion)
-    limit_checks, saturated = _check_limits(family, history or motion.history())
+    limit_checks, saturated = limit_checks_of(family, history or motion.history())
     vias = () if via is None else _check_vias(motion, via, t)
     figures: dict[str, Any] = {}
     passed = [_limit_kept(check, tolerances.limit) for check in limit_checks]
@@ -326,9 +326,10 @@ def _remarks(robot: Robot, again: Resimulation, figures: dict[str, Any]) -> str:
     return remarks
 
 
-def _check_limits(
+def limit_checks_of(
     family: LimitFamily, states: StateHistory
 ) -> tuple[tuple[LimitCheck, ...], float]:
+    """The worst of every limit, and the share of the time in which one is used."""
     history = LimitHistory.of(family, states)
     limit_checks = []
     busy = np.zeros(history.t.size, dtype=bool)

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp.certificate import Certificate
+from microbot_ocp.certificate import Certificate, limit_checks_of
 from microbot_ocp.execution._check import judged
 from microbot_ocp.execution._curve import executed, rows_of
 from microbot_ocp.execution._profile import Profile, controller_profile
 from microbot_ocp.execution._rows import CommandRows
-from microbot_ocp.limits import ROUNDING, LimitFamily, LimitHistory
+from microbot_ocp.limits import ROUNDING, LimitFamily
 from microbot_ocp.motion import (
     Columns,
     Mark,
@@ -132,7 +132,7 @@ def commanded(
     while True:
         slowed = _stretched(robot, motion, steps * chosen.step / motion.duration)
         curve = executed(robot, slowed, chosen)
-        factor = _factor(LimitHistory.of(family, curve.history()), most / steps)
+        factor = _factor(family, curve, most / steps)
         if factor == 1.0:
             break
         steps = max(steps + 1, int(np.ceil(steps * factor)))
@@ -157,7 +157,7 @@ def _stretched(robot: Robot, motion: Motion, factor: float) -> Motion:
     )  # fmt: skip
 
 
-def _factor(history: LimitHistory, most: float) -> float:
+def _factor(family: LimitFamily, curve: Motion, most: float) -> float:
     """By what a curve has to be slower to keep all limits: about that, or somewhat less.
 
     A limit of a derivative of some order is used by the power of it less; of a torque all but the
@@ -168,21 +168,18 @@ def _factor(history: LimitHistory, most: float) -> float:
     InputError
         Slowing down does not help, or takes more than ``most``.
     """
-    uses = {key: history.judged(key)[2] for key in history.family.keys}
-    key = max(uses, key=lambda key: float(uses[key].max()))
-    if uses[key].max() <= 1.0 + ROUNDING:
+    limits, _ = limit_checks_of(family, curve.history())
+    worst = max(limits, key=lambda check: check.violation)
+    if worst.violation <= ROUNDING:
         return 1.0
-    orders = {key: history.family[key].order for key in uses}
-    factor = max(float(use.max()) ** (1.0 / max(orders[key], 1)) for key, use in uses.items())
-    if orders[key] and factor <= most:
+    orders = {check.quantity: family[check.quantity].order for check in limits}
+    factor = max((1.0 + c.violation) ** (1.0 / max(orders[c.quantity], 1)) for c in limits)
+    if orders[worst.quantity] and factor <= most:
         return factor
-    t, values, use = history.judged(key)
-    row, joint = np.unravel_index(int(use.argmax()), use.shape)
-    member = history.family[key]
     raise InputError(
-        f"motion cannot be slowed down for the controller: {member.title(int(joint))} is "
-        f"{values.value[row, joint]:.5g} {member.units[joint]} at {t[row]:.4g} s; plan under the "
-        "limits of the profile, profile.limits_of(robot)"
+        f"motion cannot be slowed down for the controller: {worst.title} is {worst.value:.5g} "
+        f"{worst.unit} at {worst.time:.4g} s; plan under the limits of the profile, "
+        "profile.limits_of(robot)"
     )
 
 

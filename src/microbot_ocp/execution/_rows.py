@@ -49,11 +49,7 @@ class CommandRows:
 
     def __post_init__(self) -> None:
         put = object.__setattr__
-        t = checks.array("t", self.t, (None,), "s")
-        backwards = np.flatnonzero(np.diff(t) <= 0)
-        if t.size < 2 or backwards.size:
-            where = f"row {backwards[0] + 2}" if backwards.size else "one row"
-            raise InputError(f"t must be at least two increasing times, s, but not at {where}")
+        t = checks.times("t", self.t)
         put(self, "t", t - t[0])
         put(self, "q", checks.array("q", self.q, (t.size, None), "rad"))
         for name, unit in (("qd", "rad/s"), ("qdd", "rad/s^2"), ("tau", "N m")):

@@ -107,9 +107,7 @@ class Motion:
 
     def __post_init__(self) -> None:
         put = object.__setattr__
-        put(self, "t", checks.array("t", self.t, (None,), "s"))
-        if self.t.size < 2 or self.t[0] != 0.0 or np.any(np.diff(self.t) <= 0):
-            raise InputError("t must be at least two strictly increasing times from 0, s")
+        put(self, "t", checks.times("t", self.t, from_zero=True))
         put(self, "q", checks.array("q", self.q, (self.t.size, None), "rad"))
         for name, unit in (("qd", "rad/s"), ("qdd", "rad/s^2"), ("tau", "N m")):
             put(self, name, checks.array(name, getattr(self, name), self.q.shape, unit))

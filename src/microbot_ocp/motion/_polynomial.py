@@ -36,9 +36,7 @@ class PiecewisePolynomial:
     coefficients: FloatArray
 
     def __post_init__(self) -> None:
-        breaks = checks.array("breaks", self.breaks, (None,), "s")
-        if breaks.size < 2 or np.any(np.diff(breaks) <= 0):
-            raise InputError("breaks must be at least two strictly increasing times, s")
+        breaks = checks.times("breaks", self.breaks)
         object.__setattr__(self, "breaks", breaks)
         shape = (breaks.size - 1, None, None)
         coefficients = checks.array("coefficients", self.coefficients, shape)

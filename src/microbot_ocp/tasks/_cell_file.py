@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -93,12 +93,12 @@ class CellFile:
     robot : Robot
         With its own limits.
     stops : tuple of Stop
+    limits : JointLimits
     segments : tuple of segments, or None
         None where every way is free.
     cycle : bool
     order : "given" or "free"
     duration : float or None, s
-    limits : JointLimits
     settings : TimeOptimalSettings
     outputs : tuple of str
     scene : Scene or None
@@ -110,13 +110,13 @@ class CellFile:
     origin: str
     robot: Robot
     stops: tuple[Stop, ...]
-    segments: tuple[Segment, ...] | None
-    cycle: bool
-    order: str
-    duration: float | None
     limits: JointLimits
-    settings: TimeOptimalSettings
-    outputs: tuple[str, ...]
+    segments: tuple[Segment, ...] | None = None
+    cycle: bool = False
+    order: str = "given"
+    duration: float | None = None
+    settings: TimeOptimalSettings = field(default_factory=TimeOptimalSettings)
+    outputs: tuple[str, ...] = CELL_OUTPUTS
     scene: Scene | None = None
     front: tuple[str, tuple[float, ...]] | None = None
 
@@ -350,19 +350,8 @@ def request_cell(path: str | Path, robot: Robot, scene: Scene | None) -> CellFil
         As :func:`~microbot_ocp.read_request`.
     """
     ends = zip(("start", "goal"), read_request(path, robot), strict=True)
-    return CellFile(
-        origin=Path(path).name,
-        robot=robot,
-        stops=tuple(Stop(q=q, name=name) for name, q in ends),
-        segments=None,
-        cycle=False,
-        order="given",
-        duration=None,
-        limits=robot.limits,
-        settings=TimeOptimalSettings(),
-        outputs=CELL_OUTPUTS,
-        scene=scene,
-    )
+    stops = tuple(Stop(q=q, name=name) for name, q in ends)
+    return CellFile(Path(path).name, robot, stops, robot.limits, scene=scene)
 
 
 def _cell(data: Mapping[str, Any], origin: str, folder: Path) -> CellFile:
@@ -371,29 +360,26 @@ def _cell(data: Mapping[str, Any], origin: str, folder: Path) -> CellFile:
     robot = _with_capsules(robot_from(data, folder), given.get("capsule", []))
     rows = given.get("stop", [])
     stops = tuple(_stop(robot, row, f"stop {k + 1}") for k, row in enumerate(rows))
-    cycle, order, duration = (given.get(key) for key in ("cycle", "order", "duration"))
-    if duration is not None:
-        checks.number("duration", duration, "s", above=0.0)
+    if "duration" in given:
+        checks.number("duration", given["duration"], "s", above=0.0)
     front = _front(given["front"]) if "front" in given else None
-    if front is not None and (duration is not None or order == "free"):
+    if front is not None and ("duration" in given or given.get("order") == "free"):
         raise InputError("[front] does not go with a duration or a free order of the stops")
     settings = settings_from(given.get("settings", {}))
     for key in ("grid", "blend"):
         if key in settings:
             raise InputError(f"settings.{key} is of tasks of via points, not of stops")
     return CellFile(
-        origin=origin,
-        robot=robot,
-        stops=stops,
-        segments=_segments(given.get("segment", []), stops, bool(cycle)),
-        cycle=bool(cycle),
-        order=order or "given",
-        duration=duration,
-        limits=limits_from(robot, given.get("limits", {})),
+        origin,
+        robot,
+        stops,
+        limits_from(robot, given.get("limits", {})),
+        segments=_segments(given.get("segment", []), stops, given.get("cycle", False)),
         settings=TimeOptimalSettings(**settings),
         outputs=tuple(given.get("outputs", CELL_OUTPUTS)),
         scene=_scene(given.get("scene"), folder),
         front=front,
+        **{key: given[key] for key in ("cycle", "order", "duration") if key in given},
     )
 
 

@@ -422,12 +422,8 @@ def _timing(
         if via_qd is not None:
             raise InputError("via_qd needs via_t, the times at which the via velocities are meant")
         return None, None
-    times = checks.array("via_t", via_t, (len(via),), "s")
+    times = checks.times("via_t", via_t, len(via), from_zero=True)
     checks.number("the last of via_t", times[-1], "s", at_most=checks.LONGEST)
-    if times[0] != 0.0 or np.any(np.diff(times) <= 0):
-        raise InputError(
-            f"via_t must increase from 0 s without a duration of zero, not {times.tolist()}"
-        )
     if via_qd is None:
         return times, None
     return times, checks.array("via_qd", via_qd, via.shape, "rad/s")

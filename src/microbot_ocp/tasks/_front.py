@@ -120,7 +120,7 @@ def time_effort_front(
     InputError
         As of :func:`microbot_ocp.time_optimal`; no slack, or one that is not above zero.
     """
-    for slack in _some("slacks", slacks):
+    for slack in slacks:
         checks.number("slacks", slack, above=0.0)
     task = robot, via_q, limits, segments, cycle, scene
     return _front(task, progress, changes, slacks=tuple(slacks))
@@ -159,7 +159,7 @@ def time_torque_front(
         As of :func:`microbot_ocp.time_optimal`; no share, or one that is not above 0 and at most 1;
         a robot without masses.
     """
-    for share in _some("shares", shares):
+    for share in shares:
         checks.number("shares", share, above=0.0, at_most=1.0)
     if not robot.has_dynamics:
         raise InputError(f"robot {robot.name!r} has no masses, so its motions have no torques")
@@ -167,17 +167,13 @@ def time_torque_front(
     return _front(task, progress, changes, shares=tuple(shares))
 
 
-def _some(name: str, values: Sequence[float]) -> Sequence[float]:
-    if not len(values):
-        raise InputError(f"{name} must have at least one number")
-    return values
-
-
 def _front(
     task: Any, progress: StepProgress | None, changes: dict[str, Any], **asked: tuple[float, ...]
 ) -> Front:
     """The motions of a front, each certified."""
     robot, via_q, limits, segments, cycle, scene = task
+    if not all(asked.values()):
+        raise InputError(f"{next(iter(asked))} must have at least one number")
     try:
         stops = list(via_q)
     except TypeError:

@@ -15,15 +15,14 @@ from microbot_ocp._base.reading import content_of
 from microbot_ocp._base.schema import check_schema
 from microbot_ocp._base.status import Status
 from microbot_ocp.certificate import certify
-from microbot_ocp.limits import JOINT_QUANTITIES
 from microbot_ocp.motion import Motion
 from microbot_ocp.planning import check_limits, check_via
 from microbot_ocp.robot import Limits, Robot, load_robot, packaged_robots
 from microbot_ocp.tasks._comparison import Comparison, Entry
 from microbot_ocp.tasks._folder import INDEX, NAME, check_run, check_unchanged
+from microbot_ocp.tasks._task_file import JOINT_KEYS
 
 SCHEMA = 1
-LIMIT_KEYS = [f"{key}_{side}" for key in JOINT_QUANTITIES for side in ("min", "max")]
 
 
 def load_comparison(folder: str | Path, robot: Robot | str | None = None) -> Comparison:
@@ -89,7 +88,7 @@ def _stored_limits(origin: str, saved: Mapping[str, list[Any]]) -> Limits:
     """Limits from JSON, where what is infinite is null."""
     arrays = {}
     for key, values in saved.items():
-        checks.one_of(f"limits of {origin}", key, LIMIT_KEYS)
+        checks.one_of(f"limits of {origin}", key, JOINT_KEYS)
         none = -np.inf if key.endswith("_min") else np.inf
         arrays[key] = [none if value is None else value for value in values]
     return Limits(**arrays)

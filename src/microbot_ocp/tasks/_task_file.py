@@ -49,11 +49,12 @@ ANGULAR = ("q", "qd", "qdd", "qddd")  # quantities that may be given in degrees
 _SETTINGS: dict[str, Callable[..., Any]] = {
     f.name: TimeOptimalSettings for f in fields(TimeOptimalSettings)
 } | {"grid": PathTimingSettings}
-LIMITS = {
+JOINT_KEYS = {
     f"{quantity}_{side}": Key(degrees=quantity in ANGULAR)
     for quantity in JOINT_QUANTITIES
     for side in ("min", "max")
-} | dict.fromkeys(MEMBER_KEYS, ANY)
+}
+LIMITS = JOINT_KEYS | dict.fromkeys(MEMBER_KEYS, ANY)
 SETTINGS = {**dict.fromkeys(_SETTINGS, ANY), "compiled": FLAG, "blend": ANY}
 COMMON = {"schema": ANY, "robot": ANY, "tip": TEXT}
 TASK = {
@@ -205,9 +206,7 @@ def _task(data: dict[str, Any], origin: str, folder: Path) -> TaskFile:
     if len(via_q) < 2:
         raise InputError(f"via.q must have at least 2 rows, not {len(via_q)}")
     if "t" in via:
-        via_t = checks.array("via.t", via["t"], (len(via_q),), "s")
-        if via_t[0] != 0.0 or np.any(np.diff(via_t) <= 0):
-            raise InputError(f"via.t must increase from 0 s, not {via['t']}")
+        via_t = checks.times("via.t", via["t"], len(via_q), from_zero=True)
     if via_qd is not None and via_qd.shape != via_q.shape:
         raise InputError(f"via.qd must have {len(via_q)} rows as via.q has, not {len(via_qd)}")
     methods = given.get("methods")
