@@ -51,10 +51,10 @@ def of_motion(robot: mo.Robot, motion: mo.Motion, **task: Any) -> Row:
     arrays = (motion.t, motion.q, motion.qd, motion.qdd, motion.tau)
     return {
         "cost": float(motion.duration),
-        "status": str(motion.provenance.get("status", "solved")),
+        "status": str(motion.status),
         "solved": bool(motion.solved),
         "certified": bool(mo.certify(robot, motion, **task).ok),
-        "ledger": motion.provenance.get("ledger"),
+        "ledger": motion.outcome.ledger.as_dicts() or None,
         "bits": digest(*(a for a in arrays if a is not None)),
     }
 

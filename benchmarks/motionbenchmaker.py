@@ -201,7 +201,7 @@ def measured(folder: Path, name: str, family: str, number: int, limit: float) ->
     return row | {
         "outcome": "solved" if good else "known motion" if known else "not certified",
         "status": str(motion.status),
-        "why": "" if good else motion.provenance.get("advice", ""),
+        "why": "" if good else motion.advice,
         "duration": motion.duration,
         "timed_path": min((p["duration"] for p in motion.provenance["paths"]), default=None),
         "first": first[0] if first else None,

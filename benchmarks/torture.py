@@ -272,8 +272,8 @@ def solve(
     except mo.InputError as problem:
         return {"status": f"refused: {problem}", "time": _processor_time() - begin}
     return {
-        "status": motion.provenance["status"],
-        "advice": motion.provenance["advice"],
+        "status": motion.status,
+        "advice": motion.advice,
         "solved": bool(motion.solved),
         "certified": bool(certificate.ok),
         "verdict": certificate.verdict,

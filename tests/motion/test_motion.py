@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import json
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +17,7 @@ from numpy.polynomial import Polynomial
 import microbot_ocp as mo
 from helpers import batch
 from microbot_ocp import InputError
+from microbot_ocp._base.outcome import SOLVED, Advice, Outcome
 from microbot_ocp.motion import (
     JUMP_GAP,
     SCHEMA,
@@ -67,7 +67,7 @@ def bang_bang() -> Motion:
         label="bang-bang",
         marks=[Mark(0.0, "start"), Mark(1.0, "switch")],
         provenance={"method": "by hand", "iterations": 3, "nested": {"a": [1, 2.5, None]}},
-        note="a note",
+        remark="a note",
     )
 
 
@@ -304,17 +304,22 @@ def test_impossible_motion_is_refused(changes: dict[str, Any], message: str) -> 
     assert str(refused.value) == message
 
 
-@pytest.mark.parametrize("written", ["iteration limit", "iteration_limit"])
-def test_status_is_read_from_the_provenance(bang_bang: Motion, written: str) -> None:
+def test_the_outcome_tells_status_advice_and_note(bang_bang: Motion, tmp_path) -> None:
     assert bang_bang.status is mo.Status.SOLVED
-    failed = replace(bang_bang, provenance={"status": written})
+    assert bang_bang.note == bang_bang.remark
+    row = Advice("limit", "too fast by 2 rad/s", "speed", 2.0, "rad/s")
+    failed = bang_bang.ended(Outcome.of(mo.Status.ITERATION_LIMIT).and_(row), tries=3)
     assert failed.status is mo.Status.ITERATION_LIMIT
     assert not failed.solved
     assert "iteration limit" in repr(failed)
+    assert failed.note == f"not solved: {mo.Status.ITERATION_LIMIT.sentence}\n{row.sentence}"
+    assert failed.provenance["tries"] == 3
+    assert Motion.load(failed.save(tmp_path / "failed.npz")).outcome == failed.outcome
 
 
-def test_an_unknown_status_is_not_taken_for_solved(bang_bang: Motion) -> None:
-    assert replace(bang_bang, provenance={"status": "almost"}).status is mo.Status.FAILED
+def test_an_unknown_status_is_not_taken_for_solved() -> None:
+    written = SOLVED.as_dict() | {"status": "almost"}
+    assert Outcome.read(written).status is mo.Status.FAILED
 
 
 def test_motion_for_another_robot_is_refused(microbot: mo.Robot) -> None:
@@ -358,7 +363,11 @@ def test_any_motion_comes_back_the_same(
     microbot: mo.Robot, tmp_path: Path, seed: int, label: str, name: str
 ) -> None:
     motion = Motion.from_polynomial(
-        microbot, smooth_quintics([0.2, 0.3], seed), label=label, marks=[Mark(0.2, name)], note=name
+        microbot,
+        smooth_quintics([0.2, 0.3], seed),
+        label=label,
+        marks=[Mark(0.2, name)],
+        remark=name,
     )
     assert_same(Motion.load(motion.save(tmp_path / "any.npz")), motion)
 

@@ -216,7 +216,7 @@ def test_starts_go_on_while_another_is_likely_to_lead_elsewhere(led_to, enough):
 def test_starts_leave_half_of_the_time_for_finer_meshes(microbot, monkeypatch):
     monkeypatch.setattr(_search.MotionSearch, "spent", 0.6)
     motion = time_optimal(microbot, VIA_Q, mesh=20)
-    rows = {row["strategy"]: row["run"] for row in motion.provenance["ledger"]}
+    rows = {row.strategy: row.run for row in motion.outcome.ledger}
     assert rows["start"] == rows["full mesh"] == rows["splitting"] == 1
     assert motion.status is mo.Status.LOCAL_OPTIMUM
 
@@ -239,7 +239,6 @@ def test_starts_are_compared_on_one_mesh():
 def test_the_provenance_tells_every_start_and_every_mesh(report):
     provenance = report.provenance
     assert [start["start"] for start in provenance["starts"]] == ["cubic", "straight", "bow 1"]
-    assert provenance["status"] == "solved"
     assert sum(provenance["phase_durations"]) == pytest.approx(report.duration, rel=1e-12)
     assert 1e-5 < provenance["smoothing_cost"] / report.duration < 1e-4
     assert provenance["solves"][-1]["accepted"]
@@ -339,9 +338,9 @@ def test_a_motion_that_was_not_solved_says_so(monkeypatch):
     monkeypatch.setattr(refinement, "solve_on", stopped)
     motion = time_optimal(arm(), ARM_VIA, mesh=20, starts=2)
     assert not motion.solved
-    assert motion.provenance["status"] == "iteration limit"
+    assert motion.status == "iteration limit"
     assert motion.note.startswith("not solved: Stopped at the iteration limit")
-    assert motion.provenance["advice"] in motion.note
+    assert motion.advice in motion.note
     # what is returned all the same keeps the limits
     assert "Returned is" in motion.note
     assert max(dense_excess(arm(), motion).values()) < 5e-3
@@ -403,7 +402,7 @@ def test_solved_keeps_its_limits_as_well_as_was_asked_for():
     family = mo.limits.LimitFamily.of(arm())
     for excess, said in ((0.9e-6, "solved"), (1.1e-6, "limits exceeded")):
         found = verdict(family, converged, [np.array([0.0, excess])], limit_tolerance=1e-6)
-        assert found["status"] == said
+        assert found.status == said
 
 
 def test_who_says_nothing_of_time_has_two_minutes_and_infinite_is_no_limit():

@@ -99,7 +99,7 @@ def test_starts_that_disagree_on_a_coarse_mesh_are_compared_on_a_finer_one():
     """A light arm that turns by radians in 0.1 s: a coarse mesh exceeds its torques by 114 %."""
     task = task_of(16)
     motion = mo.time_optimal(task.robot, task.via)
-    rows = {row["strategy"]: row["run"] for row in motion.provenance["ledger"]}
+    rows = {row.strategy: row.run for row in motion.outcome.ledger}
     assert rows["start"] > len(motion.provenance["starts"])  # some were solved on both meshes
     assert motion.solved
     assert motion.duration < 0.09323  # 0.0932088 s; the coarse mesh promises 0.0930
@@ -110,7 +110,7 @@ def test_without_a_search_cubics_stay_within_position_limits_that_a_spline_leave
     robot = mo.load_robot("planar_2r").with_limits(q_min=-1.0, q_max=1.0)
     via = [[0.9, 0.0], [1.0, 0.5], [-0.9, 0.0]]
     motion = mo.time_optimal(robot, via, time_limit=1e-3, compiled=False)
-    assert motion.provenance["status"] == "time limit"
+    assert motion.status == "time limit"
     assert mo.certify(robot, motion, via_q=via).ok
 
 
@@ -146,7 +146,7 @@ def test_an_answer_on_a_bound_of_the_duration_says_so(monkeypatch):
     assert not motion.solved
     monkeypatch.setattr(_scale, "TYPICAL", replace(usual, shortest=5.0))
     motion = mo.time_optimal(robot, [[0.0], [1.2345]], mesh=20, compiled=False)
-    assert "could not be shorter than" in motion.provenance["advice"]
+    assert "could not be shorter than" in motion.advice
 
 
 @pytest.mark.slow
@@ -210,7 +210,7 @@ def test_a_task_that_cannot_be_done_is_told_in_its_own_words():
     motion = mo.time_optimal(robot, [[0.0], [np.pi]], mesh=10, tries=3, starts=2, compiled=False)
     assert not motion.solved
     for word in ("phase", "q[", "explain", "declare"):
-        assert word not in motion.provenance["advice"]
+        assert word not in motion.advice
 
 
 @pytest.mark.slow

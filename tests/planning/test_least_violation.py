@@ -20,7 +20,7 @@ def test_a_torque_that_is_too_small_is_named_with_place_and_amount():
     via_q = [[-np.pi / 2], [np.pi / 2]]
     motion = mo.time_optimal(arm, via_q, starts=1, tries=0, mesh=20, compiled=False)
     assert str(motion.status) == "infeasible"
-    assert "torque of joint 1 between via points 1 and 2" in motion.provenance["advice"]
+    assert "torque of joint 1 between via points 1 and 2" in motion.advice
     (found,) = motion.provenance["least_violation"]
     assert found["value"] == 4.0
     # at 0.2 rad/s swinging saves next to nothing

@@ -276,7 +276,7 @@ def test_a_path_that_cannot_be_travelled_is_a_status_with_the_place():
     assert "the end cannot be reached from s = " in motion.note
     assert any("the end cannot be reached" in line for line in said)
     assert motion.status == "infeasible"
-    assert "torque of joint 1" in motion.provenance["advice"]
+    assert "torque of joint 1" in motion.advice
     (least,) = motion.provenance["least_violation"]
     # the work up to every angle must be what the weight gains: 9.81 (1 - cos q) / q at its largest
     q = np.linspace(0.1, np.pi, 10_000)
@@ -382,7 +382,6 @@ def test_more_viscous_friction_than_reachability_can_follow_is_said():
 
 def test_what_happened_is_in_the_provenance(report_cubic):
     provenance = report_cubic.provenance
-    assert provenance["status"] == "solved"
     assert sum(provenance["phase_durations"]) == pytest.approx(report_cubic.duration)
     assert provenance["solves"][0]["solver"] == "ipopt"
     assert provenance["limits_kept_by"]["program on places"] == ["power"]

@@ -82,7 +82,7 @@ def test_what_cannot_be_done_is_not_called_solved():
     )
     motion = solver(mo.Limits(q_min=-0.01, q_max=3.2, tau_max=3.0))
     assert not motion.solved
-    assert motion.provenance["status"] in ("infeasible", "iteration limit")
+    assert motion.status in ("infeasible", "iteration limit")
     assert "not solved" in motion.note
     assert [start["start"] for start in motion.provenance["starts"]] == ["cubic", "straight"]
     assert solver().solved

@@ -146,7 +146,7 @@ def test_least_effort_in_a_given_time_takes_it_all(rail):
     assert motion.tau[0, 0] == pytest.approx(2.0 * 6.0 / 4.0, rel=1e-2)
     late = mo.time_optimal(rail, [[0.0], [1.0]], duration=1.0, **QUICK)
     assert late.status is mo.Status.INFEASIBLE
-    assert "cannot be done in 1 s" in late.provenance["advice"]
+    assert "cannot be done in 1 s" in late.advice
 
 
 def test_a_tool_line_is_followed_and_certified(two_links, cut):
@@ -457,6 +457,6 @@ def test_without_time_for_a_search_segments_go_from_rest_to_rest(rail):
     with deadline.within(60.0):
         shapes, made_from = search._at_rest()
     assert "rests at every stop" in made_from
-    motion = motion_of(task, shapes, {}, "")
+    motion = motion_of(task, shapes, {})
     assert motion.duration == pytest.approx(2 * np.sqrt(0.5 / 2.0) + 0.3 + 2.0, rel=1e-3)
     assert mo.certify(rail, motion, via_q=stops).ok

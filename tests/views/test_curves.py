@@ -9,6 +9,7 @@ import pytest
 from matplotlib.figure import Figure
 
 import microbot_ocp as mo
+from microbot_ocp.motion import Outcome
 from microbot_ocp.views.plots import Curve, curves
 from planning.shared import slider
 
@@ -118,7 +119,7 @@ def test_a_joint_that_is_not_there_and_other_input(robot, motion):
 
 
 def test_what_was_not_solved_is_said_in_red(robot, motion):
-    failed = replace(motion, provenance={"status": "iteration_limit"})
+    failed = replace(motion, outcome=Outcome.of(mo.Status.ITERATION_LIMIT))
     title = failed.plot(robot).figure.legends[0].get_title()
     assert title.get_text() == "spline: not solved: iteration limit"
     assert title.get_color() == "#B00020"

@@ -18,6 +18,7 @@ from matplotlib.figure import Figure
 import microbot_ocp as mo
 from limits.test_limit_history import bang_cruise_bang
 from microbot_ocp import ocp
+from microbot_ocp.motion import Outcome
 from microbot_ocp.tasks import Comparison
 from planning.shared import slider
 
@@ -72,7 +73,7 @@ def test_limit_use_of_a_slider_at_its_limits() -> Figure:
 @pictured
 def test_motion_that_was_not_solved(comparison: Comparison) -> Figure:
     motion = motion_of(comparison, "cubic")
-    failed = replace(motion, provenance={"status": "iteration_limit"})
+    failed = replace(motion, outcome=Outcome.of(mo.Status.ITERATION_LIMIT))
     return failed.plot(comparison.robot).figure
 
 

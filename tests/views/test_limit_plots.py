@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 import microbot_ocp as mo
 from limits.test_limit_history import bang_cruise_bang
+from microbot_ocp.motion import Outcome
 from planning.shared import slider
 from views.test_curves import assert_all_on_the_page, legend_texts
 
@@ -88,6 +89,6 @@ def test_saturation_of_a_comparison_tells_what_failed(comparison):
 
 
 def test_a_motion_that_was_not_solved_says_so(robot, motion):
-    failed = replace(motion, provenance={"status": "iteration_limit"})
+    failed = replace(motion, outcome=Outcome.of(mo.Status.ITERATION_LIMIT))
     title = mo.plots.limit_use(robot, failed).figure.legends[0].get_title().get_text()
     assert title == "not solved: iteration limit"

@@ -10,6 +10,7 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
 import microbot_ocp as mo
+from microbot_ocp.motion import Outcome
 from microbot_ocp.robot import Limits
 from microbot_ocp.views import plots
 
@@ -197,9 +198,10 @@ def test_save(paths, tmp_path):
 
 def test_a_motion_that_its_solver_disowns_says_so(comparison):
     entry = comparison.entries[2]
-    provenance = {"status": "iteration_limit"}
     doubtful = replace(
-        entry, motion=replace(entry.motion, provenance=provenance), status="iteration limit"
+        entry,
+        motion=entry.motion.ended(Outcome.of(mo.Status.ITERATION_LIMIT)),
+        status="iteration limit",
     )
     figure = plots.comparison(replace(comparison, entries=(doubtful,))).figure
     title = "time-optimal, free, 1.500 s (NOT SOLVED: iteration limit)"

@@ -8,6 +8,7 @@ import pytest
 from PIL import Image
 
 import microbot_ocp as mo
+from microbot_ocp.motion import Outcome
 
 VIA_Q = np.radians([[0, 0, 0], [-8, 45, 30], [-90, 90, 90]])
 
@@ -79,8 +80,8 @@ def test_a_setting_that_cannot_be_is_told_and_shows_no_motion(at_rest):
 
 
 def test_a_solver_that_fails_is_told(at_rest, monkeypatch):
-    failed = mo.Motion(*([0.0, 1.0], *np.zeros((4, 2, 3))), provenance={"status": "infeasible"},
-                       note="not solved: it cannot be")  # fmt: skip
+    outcome = Outcome.of(mo.Status.INFEASIBLE, "it cannot be")
+    failed = mo.Motion(*([0.0, 1.0], *np.zeros((4, 2, 3))), outcome=outcome)
     monkeypatch.setattr(at_rest, "_solver", lambda *_: failed)
     at_rest.torque.value = 90
     assert at_rest.wait()

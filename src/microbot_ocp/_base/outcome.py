@@ -1,4 +1,4 @@
-"""What a search did: a row for every strategy, so that one sees which of them decide answers."""
+"""How a search ended: status, advice by rows, and a ledger with a row for every strategy."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
+from microbot_ocp._base.status import Status
 from microbot_ocp._base.table import Column, Table
 
 COLUMNS = (
@@ -92,3 +93,86 @@ def _sum(one: LedgerRow, other: LedgerRow) -> LedgerRow:
         one.iterations + other.iterations,
         one.seconds + other.seconds,
     )
+
+
+NO_LEDGER = Ledger()
+
+
+@dataclass(frozen=True)
+class Advice:
+    """One thing that is known of how something ended.
+
+    Attributes
+    ----------
+    kind : what programs tell rows apart by: "status", "limit", "remark", "returned", ...
+    sentence : what it means, for the user
+    label : what it is about, such as the name of a limit
+    amount : by how much, in ``unit``; None where there is none
+    unit : of the amount
+    """
+
+    kind: str
+    sentence: str
+    label: str = ""
+    amount: float | None = None
+    unit: str = ""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How something that may fail ended, and why.
+
+    Attributes
+    ----------
+    status : Status
+    advice : rows, the most important one first
+    ledger : what the strategies of a search did
+
+    Examples
+    --------
+    >>> ended = Outcome.of(Status.TIME_LIMIT)
+    >>> ended.solved, ended.text
+    (False, 'Stopped at the time limit: the best so far is returned.')
+    """
+
+    status: Status = Status.SOLVED
+    advice: tuple[Advice, ...] = ()
+    ledger: Ledger = NO_LEDGER
+
+    @classmethod
+    def of(cls, status: Status, sentence: str | None = None, *more: Advice) -> Outcome:
+        """An outcome with one sentence on its status (default: what the status means)."""
+        words = status.sentence if sentence is None else sentence
+        return cls(status, (*((Advice("status", words),) if words else ()), *more))
+
+    @classmethod
+    def read(cls, values: Mapping[str, Any]) -> Outcome:
+        """The outcome that a file holds; failed where its status is not known."""
+        try:
+            status = Status(values["status"])
+        except ValueError:
+            status = Status.FAILED
+        rows = tuple(Advice(**row) for row in values["advice"])
+        return cls(status, rows, Ledger.read(values["ledger"]))
+
+    @property
+    def solved(self) -> bool:
+        """Whether it ended well."""
+        return self.status.solved
+
+    @property
+    def text(self) -> str:
+        """All sentences, one a line."""
+        return "\n".join(row.sentence for row in self.advice)
+
+    def and_(self, *rows: Advice) -> Outcome:
+        """The outcome with more advice."""
+        return replace(self, advice=(*self.advice, *rows))
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        rows = [asdict(row) for row in self.advice]
+        return {"status": str(self.status), "advice": rows, "ledger": self.ledger.as_dicts()}
+
+
+SOLVED = Outcome()

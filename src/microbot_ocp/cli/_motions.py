@@ -196,7 +196,6 @@ def time_optimal(
     progress(f"certify: {motion.duration:.4f} s")
     certificate = mo.certify(limited, motion, via_q=via_q)
     motion = replace(motion, provenance={**motion.provenance, "robot": robot.name})
-    advice = motion.provenance.get("advice", "")
 
     def record(path: Path) -> object:
         from microbot_ocp.views.recording import of_motion
@@ -209,7 +208,7 @@ def time_optimal(
         "limits": limited.limits.as_dict(),
         "solved": motion.solved,
         "status": motion.status,
-        "advice": advice,
+        "advice": motion.advice,
         "duration": motion.duration,
         "marks": [{"time": mark.time, "name": mark.name} for mark in motion.marks],
         "certificate": certificate.as_dict(),
@@ -220,7 +219,7 @@ def time_optimal(
     blocks = [
         *_motion(robot, motion, passages, ""),
         *tables.use_blocks(robot, certificate),
-        *[f"Advice: {advice}"] * (bool(advice) and not motion.solved),
+        *[f"Advice: {motion.advice}"] * (not motion.solved),
     ]
     good = motion.solved, certificate.ok
     return Answer(document, blocks, (), *good, save=motion.save, record=record)

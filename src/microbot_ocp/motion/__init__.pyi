@@ -11,6 +11,7 @@ from ._motion import (
     SCHEMA as SCHEMA,
     Mark as Mark,
     Motion as Motion,
+    Outcome as Outcome,
     pieces_of as pieces_of,
     sample_times as sample_times,
     torque_along as torque_along,

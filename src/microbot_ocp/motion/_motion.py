@@ -8,7 +8,7 @@ the acceleration jumps there are two samples 1 microsecond apart, the earlier on
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 from microbot_ocp._base import checks
 from microbot_ocp._base.archive import no_archive, read_archive, write_archive
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.outcome import SOLVED, Outcome
 from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import MotionSamples, StateHistory
@@ -84,9 +85,11 @@ class Motion:
     marks : sequence of Mark
         Named instants.
     provenance : mapping
-        How it was made: method, solver, status, versions. Plain JSON values.
-    note : str
+        How it was made: method, solver, versions. Plain JSON values.
+    remark : str
         A sentence for the reader of a table.
+    outcome : Outcome
+        How the search that made it ended; solved where none did.
 
     Raises
     ------
@@ -103,7 +106,8 @@ class Motion:
     breaks: FloatArray | None = None
     marks: tuple[Mark, ...] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)
-    note: str = ""
+    remark: str = ""
+    outcome: Outcome = SOLVED
 
     def __post_init__(self) -> None:
         put = object.__setattr__
@@ -140,19 +144,27 @@ class Motion:
 
     @property
     def status(self) -> Status:
-        """How the solver that made it ended, from the provenance.
-
-        Solved where none is named, failed where the name is not known.
-        """
-        try:
-            return Status(self.provenance.get("status", Status.SOLVED))
-        except ValueError:
-            return Status.FAILED
+        """How the solver that made it ended."""
+        return self.outcome.status
 
     @property
     def solved(self) -> bool:
-        """False where the solver that made it did not converge; the provenance says more."""
+        """False where the solver that made it did not converge; :attr:`advice` says more."""
         return self.status.solved
+
+    @property
+    def advice(self) -> str:
+        """What is known of how the search ended, one sentence a line."""
+        return self.outcome.text
+
+    @property
+    def note(self) -> str:
+        """The remark, or why it is no solution."""
+        return self.remark if self.solved else f"not solved: {self.advice}"
+
+    def ended(self, outcome: Outcome, **provenance: Any) -> Motion:
+        """The motion with another outcome, and more entries of its provenance."""
+        return replace(self, outcome=outcome, provenance={**self.provenance, **provenance})
 
     @classmethod
     def from_polynomial(
@@ -163,7 +175,7 @@ class Motion:
         label: str,
         marks: Sequence[Mark] = (),
         provenance: Mapping[str, Any] | None = None,
-        note: str = "",
+        remark: str = "",
         step: float = SAMPLING.step,
         jumps_at: Sequence[float] = (),
     ) -> Motion:
@@ -204,7 +216,7 @@ class Motion:
             breaks=breaks,
             marks=marks,
             provenance=provenance,
-            note=note,
+            remark=remark,
         )
 
     @classmethod
@@ -218,7 +230,7 @@ class Motion:
         breaks: ArrayLike | None = None,
         marks: Sequence[Mark] = (),
         provenance: Mapping[str, Any] | None = None,
-        note: str = "",
+        remark: str = "",
     ) -> Motion:
         """Motion with the torques that inverse dynamics asks for at every sample."""
         return cls(
@@ -231,7 +243,7 @@ class Motion:
             breaks=None if breaks is None else np.asarray(breaks, dtype=float),
             marks=tuple(marks),
             provenance=dict(provenance or {}),
-            note=note,
+            remark=remark,
         )
 
     def sample(self, t: ArrayLike) -> State:
@@ -306,7 +318,15 @@ class Motion:
         else:
             tau = np.column_stack([np.interp(t, self.t, column) for column in self.tau.T])
         return Motion(
-            t, *state, tau, self.label, None, self.marks, dict(self.provenance), self.note
+            t,
+            *state,
+            tau,
+            self.label,
+            None,
+            self.marks,
+            dict(self.provenance),
+            self.remark,
+            self.outcome,
         )
 
     def sensitivities(
@@ -425,11 +445,12 @@ class Motion:
         metadata = {
             "schema": SCHEMA,
             "label": self.label,
-            "note": self.note,
+            "remark": self.remark,
             "duration": self.duration,
             "units": "s, rad (m), rad/s, rad/s^2, N m (N)",
             "marks": [[mark.time, mark.name] for mark in self.marks],
             "provenance": dict(self.provenance),
+            "outcome": self.outcome.as_dict(),
         }
         return write_archive(path, arrays, metadata, "provenance")
 
@@ -449,7 +470,8 @@ class Motion:
                 label=metadata["label"],
                 marks=tuple(Mark(float(time), str(name)) for time, name in metadata["marks"]),
                 provenance=metadata["provenance"],
-                note=metadata["note"],
+                remark=metadata["remark"],
+                outcome=Outcome.read(metadata["outcome"]),
             )
         except (LookupError, TypeError, ValueError, OverflowError) as problem:
             raise no_archive(path, "motion", problem) from None

@@ -178,7 +178,7 @@ class CaseSolver:
 
 
 def _judged(robot: Robot, task: CaseTask, motion: Motion) -> CaseOutcome:
-    reason = "" if motion.solved else str(motion.provenance.get("advice", motion.note))
+    reason = "" if motion.solved else motion.advice
     return CaseOutcome(motion.status, reason, motion, certify(robot, motion, via_q=task.via_q))
 
 

@@ -225,7 +225,7 @@ class Cell:
             "cycle": self.cycle,
             "solved": self.motion.solved,
             "status": str(self.motion.status),
-            "advice": provenance.get("advice", ""),
+            "advice": self.motion.advice,
             "duration": self.motion.duration,
             "marks": [{"time": m.time, "name": m.name} for m in self.motion.marks],
             "branches": provenance.get("branches", []),

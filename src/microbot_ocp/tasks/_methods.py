@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp._base.status import Status
+from microbot_ocp._base.outcome import Outcome
 from microbot_ocp.limits import LimitFamily
 from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial
 from microbot_ocp.ocp.solution import StepProgress
@@ -121,8 +121,8 @@ def _as_given(task: ComparedTask) -> Motion:
         task.cubic(task.given),
         label="cubic as given",
         marks=_via_marks(task.given),
-        provenance={"method": "cubic segments at the given timing", "status": Status.SOLVED},
-        note="not scaled to the limits",
+        provenance={"method": "cubic segments at the given timing"},
+        remark="not scaled to the limits",
     )
 
 
@@ -149,7 +149,7 @@ def _lspb(task: ComparedTask, best: bool) -> Motion:
     blends = f"blends {share:g} of each segment" if share else _seconds("blends", both(parts)[1])
     state = motion.sample([mark.time for mark in motion.marks[1:-1]])
     passes = map(_passage, task.via_q[1:-1], state.q, state.qd)
-    return replace(motion, note="; ".join([motion.note, blends, *passes]))
+    return replace(motion, remark="; ".join([motion.remark, blends, *passes]))
 
 
 def _scaled(
@@ -186,15 +186,14 @@ def _scaled(
         marks=_via_marks(durations),
         provenance={
             "method": f"{shape}, {scale}",
-            "status": scaled.status,
             "factor": scaled.factor,
             "segments": durations.tolist(),
             "met": where,
             "iterations": scaled.iterations,
             "wall_time": scaled.wall_time,
         },
-        note=f"{note}; just meets the limit of {where}",
-    )
+        remark=f"{note}; just meets the limit of {where}",
+    ).ended(Outcome.of(scaled.status))
     return motion, parts
 
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from microbot_ocp._base.outcome import Advice, Outcome
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import LimitFamily
 from microbot_ocp.ocp import Explanation, PhaseSolution, Relaxation, Solution, explain
@@ -20,7 +21,7 @@ from microbot_ocp.planning.task import in_words_of_the_task
 
 MOST_ITERATIONS = 200  # of each relaxed solve
 UNCONFIRMED = (
-    "\nNot confirmed: the relaxed problem, in which limits may give, did not converge either, so "
+    "Not confirmed: the relaxed problem, in which limits may give, did not converge either, so "
     "there may be a motion: try more starts, or another seed."
 )
 
@@ -61,37 +62,33 @@ def guesses_from(explanation: Explanation) -> dict[str, Guess]:
     }
 
 
-def judged(explanation: Explanation, family: LimitFamily, advice: str) -> dict[str, Any]:
-    """Entries of the provenance: status and advice where limits have to give, and by how much."""
+def judged(
+    explanation: Explanation, family: LimitFamily, outcome: Outcome
+) -> tuple[Outcome, dict[str, Any]]:
+    """Outcome where limits have to give, and an entry of the provenance with all figures."""
     if not explanation.conclusive:
-        return {"advice": advice + UNCONFIRMED}
+        return outcome.and_(Advice("remark", UNCONFIRMED)), {}
     if explanation.feasible:
-        return {}
+        return outcome, {}
     found = sorted(explanation.gives, key=lambda g: -(g.amount or 0.0) / abs(g.limit or 1.0))
     poses = [_pose(gives, explanation) for gives in found]
-    lines = [CONFIRMED]
+    rows = []
     for gives, pose in zip(found, poses, strict=True):
         joints = enumerate(pose)
         at = ", ".join(family.robot.position_text(j, float(f"{value:.4g}")) for j, value in joints)
         unit = f" {gives.unit}".rstrip()
-        lines.append(
-            f"  {_what(gives, family)} by {gives.amount:.4g}{unit}, the limit being "
-            f"{gives.limit:.6g}{unit}, most at q = ({at})"
+        what = _what(gives, family)
+        sentence = (
+            f"  {what} by {gives.amount:.4g}{unit}, the limit being {gives.limit:.6g}{unit}, most "
+            f"at q = ({at})"
         )
-    return {
-        "status": str(Status.INFEASIBLE),
-        "advice": "\n".join(lines),
-        "least_violation": [
-            {
-                "limit": _what(gives, family),
-                "value": gives.limit,
-                "exceeded_by": gives.amount,
-                "unit": gives.unit,
-                "q": pose,
-            }
-            for gives, pose in zip(found, poses, strict=True)
-        ],
-    }
+        rows.append(Advice("limit", sentence, what, gives.amount, gives.unit))
+    entries = [
+        {"limit": row.label, "value": gives.limit, "exceeded_by": row.amount, "unit": row.unit}
+        | {"q": pose}
+        for row, gives, pose in zip(rows, found, poses, strict=True)
+    ]
+    return Outcome.of(Status.INFEASIBLE, CONFIRMED, *rows), {"least_violation": entries}
 
 
 def _what(gives: Relaxation, family: LimitFamily) -> str:

@@ -84,8 +84,8 @@ def in_arcs(
             "switching_times": record,
             "on_a_mesh": motion.duration,
         },
-        note=f"{len(exact.junctions)} switching times are unknowns; {motion.note}",
-    )
+        remark=f"{len(exact.junctions)} switching times are unknowns; {motion.remark}",
+    ).ended(motion.outcome)
 
 
 def _solved(

@@ -107,10 +107,9 @@ class PathTiming:
             breaks=breaks,
             provenance={
                 "method": "timing of a path by reachability on a grid",
-                "status": str(self.status),
                 "limits_kept_by": self.limits_kept_by,
             },
-            note=f"not kept: {unkept}" if unkept else "",
+            remark=f"not kept: {unkept}" if unkept else "",
         )
 
 

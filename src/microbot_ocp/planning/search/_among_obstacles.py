@@ -21,6 +21,7 @@ import numpy as np
 from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.codegen import compiles
+from microbot_ocp._base.outcome import Advice, Outcome
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import LIMIT_TOLERANCE, LimitFamily
 from microbot_ocp.motion import (
@@ -35,7 +36,7 @@ from microbot_ocp.ocp.solution import StepProgress, quiet
 from microbot_ocp.planning.free import InitialGuess, guesses_along, known_ways, phase_names
 from microbot_ocp.planning.path import LATER, PathTiming, check_path, time_path
 from microbot_ocp.planning.search._problem import FreeProblem
-from microbot_ocp.planning.search._result import KEEPS_LIMITS, motion_through
+from microbot_ocp.planning.search._result import NONE_WITHIN, motion_through, returned
 from microbot_ocp.planning.search._settings import TimeOptimalSettings, sparing
 from microbot_ocp.planning.search._strategies import search_of
 from microbot_ocp.planning.task import TaskScale, length_text, reach_of
@@ -292,43 +293,41 @@ def fastest_among(
 
 def at_least(known: TimedPath, found: Motion | None, proof: Clearance | None) -> Motion:
     """What a search found; a timed path where that is not solved, not proved clear or slower."""
-    status, advice = Status.TIME_LIMIT, Status.TIME_LIMIT.sentence
+    outcome = Outcome.of(Status.TIME_LIMIT)
     if found is not None:
-        status, advice = found.status, found.provenance["advice"]
+        outcome = found.outcome
         faster = found.duration < known.motion.duration or "least_effort" in found.provenance
         if proof is not None and proof.proved and (faster or not found.solved):
             told = {**found.provenance, "clearance": as_plain(proof)}
             return replace(found, provenance=told)
     if proof is not None and proof.proved:
-        advice = "the search found nothing faster"
+        outcome = Outcome.of(outcome.status, "the search found nothing faster")
         if deadline.over():
-            status, advice = Status.TIME_LIMIT, Status.TIME_LIMIT.sentence
+            outcome = Outcome.of(Status.TIME_LIMIT)
     elif proof is not None:
-        status, advice = Status.NOT_ACCEPTED, proof.sentence
-    elif status in (Status.INFEASIBLE, Status.LIMITS_EXCEEDED):  # there is a motion
-        status, advice = Status.FAILED, "The search found no motion within the limits."
+        outcome = Outcome.of(Status.NOT_ACCEPTED, proof.sentence)
+    elif outcome.status in (Status.INFEASIBLE, Status.LIMITS_EXCEEDED):  # there is a motion
+        outcome = Outcome.of(Status.FAILED, NONE_WITHIN)
+    if found is not None:
+        outcome = replace(outcome, ledger=found.outcome.ledger.discarded())
     made_from = "the best timing of a path around the obstacles"
-    note = f"{made_from}: {advice}"
-    if not status.solved:
-        advice += "\n" + KEEPS_LIMITS.format(made_from)
-        note = f"not solved: {advice}"
-    told = {**known.motion.provenance, "advice": advice, "status": str(status)}
-    told |= {"made_from": made_from, "clearance": as_plain(known.clearance)}
-    return replace(known.motion, label="time-optimal", provenance=told, note=note)
+    if not outcome.solved:
+        outcome = outcome.and_(returned(made_from))
+    remark = f"{made_from}: {outcome.text}"
+    return replace(known.motion, label="time-optimal", remark=remark).ended(
+        outcome,
+        made_from=made_from,
+        clearance=as_plain(known.clearance),
+    )
 
 
 def not_found(motion: Motion, why: str, hit: Clearance) -> Motion:
     """What is returned where no way was found: a motion as without obstacles, and what it hits."""
     advice = f"{why}. {Status.NOT_FOUND.sentence}\nReturned is a motion that ignores the obstacles."
-    told = {
-        "method": "free time-optimal motion among obstacles",
-        **motion.provenance,
-        "status": str(Status.NOT_FOUND),
-        "advice": advice,
-        "clearance": as_plain(hit),
-    }
-    note = f"not solved: {advice} {hit.sentence}"
-    return replace(motion, label="time-optimal", provenance=told, note=note)
+    told = {"method": "free time-optimal motion among obstacles", **motion.provenance}
+    outcome = Outcome.of(Status.NOT_FOUND, advice, Advice("contact", hit.sentence))
+    found = replace(motion, label="time-optimal", provenance=told)
+    return found.ended(outcome, clearance=as_plain(hit))
 
 
 def check_apart(around: Surroundings, via: FloatArray) -> None:

@@ -42,8 +42,8 @@ class LeastEffort:
         return {key: value for key, value in vars(self).items() if key != "answer"}
 
     @property
-    def note(self) -> str:
-        """What it saves, for a note."""
+    def remark(self) -> str:
+        """What it saves, for a remark."""
         duration = self.answer.solution.duration
         if duration == self.fastest:
             return f"; no motion of less effort was found ({self.status})"
@@ -87,7 +87,7 @@ def least_effort(search: MotionSearch, fastest: MotionAnswer, slack: float) -> L
 def effort_of(search: MotionSearch, solution: Solution) -> float:
     """The time integral of the squared torques (accelerations without masses), each relative, s."""
     problem = search.problem
-    motion = problem.motion(solution, {}, "")
+    motion = problem.motion(solution, {})
     moved = motion.tau if problem.family.robot.has_dynamics else motion.qdd
     scaled = moved / effort_scale(problem.family, problem.scale.acceleration)
     return float(np.trapezoid((scaled**2).sum(axis=1), motion.t))

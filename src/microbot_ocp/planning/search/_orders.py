@@ -246,7 +246,7 @@ def _refined(
             "orders": rows,
             "orders_left_out": len(told) - len(rows),
         },
-        note=f"order {_named(best.provenance['order'])} of {len(told)}, {counts}; {best.note}",
+        remark=f"order {_named(best.provenance['order'])} of {len(told)}, {counts}; {best.remark}",
     )
 
 

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.codegen import compiles, interpreted
+from microbot_ocp._base.outcome import Outcome
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import LIMIT_TOLERANCE, JointLimits, LimitFamily, Limits, with_reserve
 from microbot_ocp.motion import Motion
@@ -46,6 +47,7 @@ from microbot_ocp.planning.task import (
     check_limits,
     check_via,
     dry_friction,
+    largest,
     locked_joints,
     provenance_of,
     verdict,
@@ -445,14 +447,13 @@ class TimeOptimalSolver:
         smoothing: float,
     ) -> Motion:
         tolerance = TimeOptimalSettings.limit_tolerance
-        outcome = verdict(family, solution, excess, tolerance)
+        outcome, worst = verdict(family, solution, excess, tolerance), largest(excess)
         slowed = None
-        if outcome["status"] == Status.LIMITS_EXCEEDED:
+        if outcome.status is Status.LIMITS_EXCEEDED:
             shape, fast = polynomial(solution), compiles(self._settings.compiled)
             slowed = within_limits(family, shape, via_times(solution), tolerance, fast)
         if slowed is not None and slowed.duration <= (1.0 + WORSE) * solution.duration:
-            outcome |= {"status": str(Status.SOLVED), "advice": Status.SOLVED.sentence}
-            outcome["excess"] = largest_excess(family, slowed)
+            outcome, worst = Outcome.of(Status.SOLVED), largest_excess(family, slowed)
         else:
             slowed = None
         starts = [
@@ -469,19 +470,19 @@ class TimeOptimalSolver:
             solution,
             provenance_of(
                 "free time-optimal motion, solved again with other numbers",
-                outcome,
                 solution,
+                worst,
                 time.perf_counter() - begin,
                 smoothing,
                 start=start,
                 starts=starts,
                 payload=float(payload),
             ),
-            "" if outcome["status"] == "solved" else f"not solved: {outcome['advice']}",
         )
         if slowed is None:
-            return motion
-        return replace(slowed, provenance=motion.provenance, note="slowed down at limits")
+            return motion.ended(outcome)
+        slowed = replace(slowed, provenance=motion.provenance, remark="slowed down at limits")
+        return slowed.ended(outcome)
 
     def __reduce__(self) -> tuple[Any, ...]:
         if self._own is None:

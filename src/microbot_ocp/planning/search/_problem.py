@@ -120,7 +120,7 @@ class MotionProblem(Protocol):
         """A solution slowed down until it keeps the limits; None where it is none."""
         ...
 
-    def motion(self, solution: Solution, provenance: dict[str, Any], note: str) -> Motion:
+    def motion(self, solution: Solution, provenance: dict[str, Any]) -> Motion:
         """A solution as a motion."""
         ...
 
@@ -251,12 +251,12 @@ class FreeProblem:
             return None  # where a solve was stopped
         return within_limits(self.family, shape, times, self.settings.limit_tolerance, self.fast)
 
-    def motion(self, solution: Solution, provenance: dict[str, Any], note: str) -> Motion:
+    def motion(self, solution: Solution, provenance: dict[str, Any]) -> Motion:
         """A solution as a motion with the via points marked."""
-        return as_motion(self.family.robot, solution, provenance, note)
+        return as_motion(self.family.robot, solution, provenance)
 
 
-def as_motion(robot: Robot, solution: Solution, provenance: dict[str, Any], note: str) -> Motion:
+def as_motion(robot: Robot, solution: Solution, provenance: dict[str, Any]) -> Motion:
     """A solution as a motion with the via points marked."""
     marks = [Mark(float(t), f"via {i + 1}") for i, t in enumerate(via_times(solution))]
     return Motion.from_polynomial(
@@ -265,5 +265,4 @@ def as_motion(robot: Robot, solution: Solution, provenance: dict[str, Any], note
         label="time-optimal",
         marks=marks,
         provenance=provenance,
-        note=note,
     )

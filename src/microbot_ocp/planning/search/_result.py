@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from microbot_ocp._base import deadline
+from microbot_ocp._base.outcome import Advice, Outcome
 from microbot_ocp._base.status import Status
 from microbot_ocp.motion import Motion
 from microbot_ocp.ocp.refinement import WORSE
@@ -26,13 +27,20 @@ from microbot_ocp.planning.search._strategies import (
     settled,
 )
 from microbot_ocp.planning.task import (
+    largest,
     provenance_of,
     rates_at_reversals,
     verdict,
     with_locked_joints_held,
 )
 
-KEEPS_LIMITS = "Returned is {}: it keeps every limit, but others may be faster."
+NONE_WITHIN = "The search found no motion within the limits."
+
+
+def returned(made_from: str) -> Advice:
+    """Advice on a motion that is returned in the place of a solution."""
+    sentence = f"Returned is {made_from}: it keeps every limit, but others may be faster."
+    return Advice("returned", sentence, made_from)
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,31 +100,36 @@ def motion_of_answer(found: Fastest, **more: Any) -> Motion:
     """The best answer as a motion, with the whole search in its provenance."""
     search, state, solution = found.search, found.state, found.answer.solution
     problem, excess = search.problem, search.problem.excess(solution)
-    outcome = verdict(problem.family, solution, excess, search.settings.limit_tolerance)
-    outcome["advice"] += problem.scale.active_bounds([p.duration for p in solution.phases])
-    outcome["advice"] += rates_at_reversals(problem.family, solution)
+    outcome, least = (
+        verdict(problem.family, solution, excess, search.settings.limit_tolerance).and_(
+            *problem.scale.active_bounds([p.duration for p in solution.phases]),
+            *rates_at_reversals(problem.family, solution),
+        ),
+        {},
+    )
     relaxed = next((a.relaxed for a in state.answers if a.relaxed is not None), None)
     if relaxed is not None and not (solution.status.solved or deadline.over()):
-        outcome |= judged(relaxed, problem.family, outcome["advice"])
+        outcome, least = judged(relaxed, problem.family, outcome)
+    outcome = replace(outcome, ledger=ledger_of(state, found.answer))
     starts = starts_of(state)
     optima = sorted({round(s["duration"], 3) for s in starts if s["status"] == "solved"})
     provenance = provenance_of(
         "free time-optimal motion, multiple shooting on the inverse dynamics",
-        outcome,
         solution,
+        largest(excess),
         found.wall_time + search.kernel_time,
         found.answer.smoothing,
         smoothing_cost=found.smoothing_cost,
         optima_seen=optima,
         starts=starts,
         solves=[solve for answer in state.answers for solve in answer.solves],
-        ledger=ledger_of(state, found.answer).as_dicts(),
         kernel_time=search.kernel_time,
         **({"least_effort": found.calmer.as_dict()} if found.calmer else {}),
+        **least,
         **more,
     )
-    note = _note(outcome, len(problem.via), len(starts), optima)
-    return problem.motion(solution, provenance, note + further_notes(found))
+    remark = _remark(len(problem.via), len(starts), optima) + further_remarks(found)
+    return replace(problem.motion(solution, provenance), remark=remark, outcome=outcome)
 
 
 def starts_of(state: SearchState, rested: float = 0.0) -> list[dict[str, Any]]:
@@ -132,13 +145,13 @@ def starts_of(state: SearchState, rested: float = 0.0) -> list[dict[str, Any]]:
     ]
 
 
-def further_notes(found: Fastest) -> str:
+def further_remarks(found: Fastest) -> str:
     """What less effort saves, and what the smoothing costs where it is much."""
-    solution, note = found.answer.solution, found.calmer.note if found.calmer else ""
+    solution, remark = found.answer.solution, found.calmer.remark if found.calmer else ""
     share = found.smoothing_cost / solution.duration
     if not solution.status.solved or share < SEARCH.smoothing_told:
-        return note
-    return note + f"; without smoothing of the jerk it could be about {100 * share:.1g} % faster"
+        return remark
+    return remark + f"; without smoothing of the jerk it could be about {100 * share:.1g} % faster"
 
 
 def _within_limits(found: Fastest, motion: Motion) -> Motion:
@@ -149,8 +162,7 @@ def _within_limits(found: Fastest, motion: Motion) -> Motion:
     search, solution = found.search, found.answer.solution
     problem = search.problem
     assert isinstance(problem, FreeProblem)
-    told, kept = motion.provenance, motion.solved
-    kept = kept and not is_enough(problem, search.settings, solution)
+    kept = motion.solved and not is_enough(problem, search.settings, solution)
     # not even time may be left to slow it down
     if not kept and (problem.way is None or not deadline.over()):
         problem.slowed(solution)
@@ -164,22 +176,22 @@ def _within_limits(found: Fastest, motion: Motion) -> Motion:
     more = known.duration / solution.duration - 1.0
     if kept and (found.calmer or more >= -WORSE):
         return motion
-    status, advice, note = told["status"], told["advice"], motion.note
-    if status != Status.TIME_LIMIT and solution.status.solved and abs(more) <= WORSE:
-        status = Status.SOLVED
-    elif status in (Status.LIMITS_EXCEEDED, Status.SOLVED):
-        status, advice = Status.NOT_ACCEPTED, Status.NOT_ACCEPTED.sentence
-    elif status == Status.INFEASIBLE:  # there is a motion
-        status, advice = Status.FAILED, "The search found no motion within the limits."
-    if status == Status.SOLVED:
-        advice = Status.SOLVED.sentence
-        note += f"; slowed down by {100 * more:.2g} % where it exceeded limits"
-    else:
-        advice += "\n" + KEEPS_LIMITS.format(made_from)
-        note = f"not solved: {advice}"
-    now = {"status": str(status), "advice": advice, "made_from": made_from}
-    now["excess"] = largest_excess(problem.family, known)
-    return replace(known, provenance={**told, **now}, note=note)
+    outcome = motion.outcome
+    if motion.status is not Status.TIME_LIMIT and solution.status.solved and abs(more) <= WORSE:
+        outcome = Outcome.of(Status.SOLVED)
+    elif motion.status in (Status.LIMITS_EXCEEDED, Status.SOLVED):
+        outcome = Outcome.of(Status.NOT_ACCEPTED)
+    elif motion.status is Status.INFEASIBLE:  # there is a motion
+        outcome = Outcome.of(Status.FAILED, NONE_WITHIN)
+    outcome = replace(outcome, ledger=motion.outcome.ledger)
+    if not outcome.solved:
+        outcome = outcome.and_(returned(made_from))
+    remark = f"{motion.remark}; slowed down by {100 * more:.2g} % where it exceeded limits"
+    return replace(known, provenance=motion.provenance, remark=remark).ended(
+        outcome,
+        made_from=made_from,
+        excess=largest_excess(problem.family, known),
+    )
 
 
 def _slowed(search: MotionSearch, found: Fastest) -> list[tuple[MotionAnswer, Motion]]:
@@ -201,20 +213,15 @@ def _name(is_answer: bool) -> str:
 
 def _unsettled(motion: Motion) -> Motion:
     """The motion, which is not the fastest where further starts would lead to better ones."""
-    told = motion.provenance
     advice = (
-        f"Of {len(told['starts'])} starts nearly every one led to another optimum, so that others "
-        "may well be faster: allow more tries, or take another seed."
+        f"Of {len(motion.provenance['starts'])} starts nearly every one led to another optimum, so "
+        "that others may well be faster: allow more tries, or take another seed."
     )
-    told = {**told, "status": str(Status.LOCAL_OPTIMUM), "advice": advice}
-    return replace(motion, provenance=told, note=f"not solved: {advice}")
+    outcome = Outcome.of(Status.LOCAL_OPTIMUM, advice)
+    return motion.ended(replace(outcome, ledger=motion.outcome.ledger))
 
 
-def _note(
-    outcome: dict[str, Any], via_count: int, start_count: int, optima: Sequence[float]
-) -> str:
-    if outcome["status"] != "solved":
-        return f"not solved: {outcome['advice']}"
+def _remark(via_count: int, start_count: int, optima: Sequence[float]) -> str:
     durations = ", ".join(f"{duration:.3f}" for duration in optima)
     passed = {2: "", 3: "via point passed at any velocity; "}
     return (

@@ -15,7 +15,7 @@ from microbot_ocp.robot import Robot
 
 
 def motion_of(
-    task: Task, shapes: Sequence[PiecewisePolynomial], provenance: dict[str, Any], note: str
+    task: Task, shapes: Sequence[PiecewisePolynomial], provenance: dict[str, Any]
 ) -> Motion:
     """The segments one after the other, with the dwells; torques with what the tool holds then."""
     breaks, pieces, marks = [np.zeros(1)], [], []
@@ -46,7 +46,6 @@ def motion_of(
         label="time-optimal",
         marks=marks,
         provenance=provenance,
-        note=note,
         jumps_at=jumps,
     )
     if not any(payload.mass for payload in task.payloads):

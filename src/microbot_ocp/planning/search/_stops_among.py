@@ -315,7 +315,7 @@ class _Among:
             free = [None if kind else leg for kind, leg in zip(task.segments, own, strict=True)]
             why = nothing_found(free, names)
         else:
-            why = found.provenance["advice"] if proof is None else proof.sentence
+            why = found.advice if proof is None else proof.sentence
         shapes = [_unhindered(task, way, k) for k in range(len(task.segments))]
         motion = _joined(task, way, shapes)
         hit = clearance_along(places_along(task, motion, self._scene), motion)
@@ -337,7 +337,7 @@ def _joined(task: Task, way: Way, shapes: Sequence[PiecewisePolynomial]) -> Moti
         "branches": [{"branches": list(way.branches), "q": way.via.tolist(), "taken": True}],
         "segments": [type(kind).__name__ if kind else "free" for kind in task.segments],
     }
-    return motion_of(task, shapes, told, "")
+    return motion_of(task, shapes, told)
 
 
 def _may_rest(stop: Stop) -> bool:

@@ -17,6 +17,7 @@ import numpy as np
 from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.codegen import compiles
+from microbot_ocp._base.outcome import Outcome
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import LimitFamily, MotionSamples
 from microbot_ocp.motion import Motion, PiecewisePolynomial, pieces_of
@@ -44,11 +45,11 @@ from microbot_ocp.planning.search._branches import (
 from microbot_ocp.planning.search._least_effort import effort_of, least_effort
 from microbot_ocp.planning.search._problem import TrialStart
 from microbot_ocp.planning.search._result import (
-    KEEPS_LIMITS,
     Fastest,
     fastest,
-    further_notes,
+    further_remarks,
     motion_of_answer,
+    returned,
     starts_of,
 )
 from microbot_ocp.planning.search._search import MotionSearch, SearchState
@@ -302,9 +303,9 @@ class StopProblem:
         """None: velocities at stops are given."""
         return None
 
-    def motion(self, solution: Solution, provenance: dict[str, Any], note: str) -> Motion:
+    def motion(self, solution: Solution, provenance: dict[str, Any]) -> Motion:
         """A solution as a motion with the stops marked."""
-        return motion_of(self.task, phase_shapes(solution), provenance, note)
+        return motion_of(self.task, phase_shapes(solution), provenance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -384,9 +385,9 @@ class StopSearch:
         if slow is None:
             return motion
         shapes, made_from = slow
-        advice = f"{motion.provenance['advice']}\n{KEEPS_LIMITS.format(made_from)}"
-        told = {**motion.provenance, "advice": advice, "made_from": made_from}
-        return motion_of(self.stops.task, shapes, told, f"not solved: {advice}")
+        told = {**motion.provenance, "made_from": made_from}
+        at_rest = motion_of(self.stops.task, shapes, told)
+        return at_rest.ended(motion.outcome.and_(returned(made_from)))
 
     def _at_rest(self) -> tuple[list[PiecewisePolynomial], str] | None:
         """Segments that need no search, from rest to rest, where stops and segments allow them."""
@@ -412,15 +413,16 @@ class StopSearch:
         told["starts"] = starts_of(found.state, self.stops.rested)
         told["branches"] = branches(self.stops, found.state, solution)
         told["segments"] = [type(kind).__name__ if kind else "free" for kind in task.segments]
+        outcome = motion.outcome
         late = self.duration is not None and self.duration < shortest * (1 - SEARCH.same)
         if motion.solved and late:
-            told["status"] = str(Status.INFEASIBLE)
-            told["advice"] = (
+            advice = (
                 f"The task cannot be done in {self.duration:g} s: the fastest motion that was "
                 f"found takes {shortest:.6g} s."
             )
-        note = _note(told) if told["status"] == "solved" else f"not solved: {told['advice']}"
-        return replace(motion, provenance=told, note=note + further_notes(found))
+            outcome = replace(Outcome.of(Status.INFEASIBLE, advice), ledger=outcome.ledger)
+        remark = _remark(told) + further_remarks(found)
+        return replace(motion, remark=remark, outcome=outcome, provenance=told)
 
 
 def branches(stops: StopProblem, state: SearchState, solution: Solution) -> list[dict[str, Any]]:
@@ -454,7 +456,7 @@ def branches(stops: StopProblem, state: SearchState, solution: Solution) -> list
     return rows
 
 
-def _note(told: dict[str, Any]) -> str:
+def _remark(told: dict[str, Any]) -> str:
     taken, *others = told["branches"]
     named = "-".join(map(str, taken["branches"]))
     if not others:
@@ -511,7 +513,7 @@ def torque_front(asked: StopSearch, shares: Sequence[float]) -> Front:
         found = _slower(search, found, float(np.sqrt(before / share)))
         before, motion = share, search._motion(found)
         if not motion.solved:
-            why = motion.provenance["advice"] or motion.status.sentence
+            why = motion.advice or motion.status.sentence
             return points, f"With {100 * share:.3g} % of the torques: {why}"
         points.append((effort_of(search.search, found.answer.solution), motion))
     return points, ""

@@ -13,13 +13,14 @@ from numpy.typing import ArrayLike
 from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.codegen import compiles
+from microbot_ocp._base.outcome import Outcome
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import JointLimits, LimitFamily, Limits, with_reserve
 from microbot_ocp.motion import Motion
 from microbot_ocp.ocp.solution import StepProgress, quiet
 from microbot_ocp.planning.free import Slowed, known_ways
 from microbot_ocp.planning.search._problem import FreeProblem
-from microbot_ocp.planning.search._result import KEEPS_LIMITS, motion_through
+from microbot_ocp.planning.search._result import motion_through, returned
 from microbot_ocp.planning.search._settings import TimeOptimalSettings, sparing
 from microbot_ocp.planning.search._strategies import search_of
 from microbot_ocp.planning.task import (
@@ -182,15 +183,13 @@ def fastest_motion(
 
 def _without_search(known: Slowed, wall: float) -> Motion:
     """What needs no search, where there was no time to prepare one."""
-    advice = f"{Status.TIME_LIMIT.sentence}\n{KEEPS_LIMITS.format(known.made_from)}"
     told = {
         "method": "free motion without a search",
-        "status": str(Status.TIME_LIMIT),
-        "advice": advice,
         "made_from": known.made_from,
         "wall_time": wall,
     }
-    return replace(known.motion, provenance=told, note=f"not solved: {advice}")
+    outcome = Outcome.of(Status.TIME_LIMIT).and_(returned(known.made_from))
+    return replace(known.motion, provenance=told).ended(outcome)
 
 
 def motions_of_front(

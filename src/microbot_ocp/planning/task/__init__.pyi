@@ -18,6 +18,7 @@ from ._checks import (
     in_words_of_the_task as in_words_of_the_task,
     jerk_switches as jerk_switches,
     knows_derivatives as knows_derivatives,
+    largest as largest,
     length_text as length_text,
     locked_joints as locked_joints,
     provenance_of as provenance_of,

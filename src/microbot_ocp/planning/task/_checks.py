@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.codegen import compile_recipe
+from microbot_ocp._base.outcome import Advice, Outcome
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import (
     ROUNDING,
@@ -75,16 +76,18 @@ def with_changes(settings: Settings, changes: Mapping[str, Any]) -> Settings:
 def with_drives_noted(
     robot: Robot, motion: Motion, limits: Limits | JointLimits | None = None
 ) -> Motion:
-    """The motion, whose note says what of the drives nothing is known of.
+    """The motion, whose note and outcome say what of the drives nothing is known of.
 
     These are limits of torques without masses, and torques on light links that alone decide how
     fast it begins.
     """
     family = LimitFamily.of(robot, limits)
     advice = drive_advice(family.robot, motion.qdd)
-    sentences = [motion.note, advice, not_judged(family.unjudged)]
-    note = "; ".join(s for k, s in enumerate(sentences) if s and (k == 0 or s not in motion.note))
-    return motion if note == motion.note else replace(motion, note=note)
+    rows = [("drives", advice), ("not judged", not_judged(family.unjudged))]
+    rows = [Advice(kind, text) for kind, text in rows if text]
+    new = [row for row in rows if row not in motion.outcome.advice]
+    remark = "; ".join(filter(None, [motion.remark, *(row.sentence for row in new)]))
+    return replace(motion, remark=remark, outcome=motion.outcome.and_(*new))
 
 
 def verdict(
@@ -92,25 +95,27 @@ def verdict(
     solution: Solution,
     excess: Sequence[FloatArray],
     limit_tolerance: float,
-) -> dict[str, Any]:
-    """Status, advice and largest excess of a limit between mesh points, for the provenance.
+) -> Outcome:
+    """Status and advice of a motion, by the excess of its limits between mesh points.
 
     A solver that converged on the mesh points is not believed where limits are exceeded in between
     by more than was asked for.
     """
-    worst = max(float(e.max()) for e in excess)
-    advice = in_words_of_the_task(solution.advice, family)
-    found = {"status": str(solution.status), "advice": advice, "excess": worst}
+    worst = largest(excess)
     if deadline.over() and solution.status is not Status.INTERRUPTED:
-        found["status"], found["advice"] = str(Status.TIME_LIMIT), Status.TIME_LIMIT.sentence
-        return found
+        return Outcome.of(Status.TIME_LIMIT)
     if solution.status.solved and not worst <= limit_tolerance:
-        found["status"] = str(Status.LIMITS_EXCEEDED)
-        found["advice"] = (
+        return Outcome.of(
+            Status.LIMITS_EXCEEDED,
             f"limits are exceeded by {100 * worst:.3g} % between mesh points, and refinement ended "
-            "there: give a finer mesh, or look for a place that cannot be passed"
+            "there: give a finer mesh, or look for a place that cannot be passed",
         )
-    return found
+    return Outcome.of(solution.status, in_words_of_the_task(solution.advice, family))
+
+
+def largest(excess: Sequence[FloatArray]) -> float:
+    """The largest excess of all phases, relative to its limit."""
+    return max(float(e.max()) for e in excess)
 
 
 def in_words_of_the_task(advice: str, family: LimitFamily) -> str:
@@ -157,8 +162,8 @@ def _named(found: re.Match[str], family: LimitFamily) -> str:
 
 def provenance_of(
     method: str,
-    outcome: Mapping[str, Any],
     solution: Solution,
+    excess: float,
     wall_time: float,
     smoothing: float,
     **more: Any,
@@ -166,7 +171,7 @@ def provenance_of(
     """How a motion was made: what every time-optimal motion says, and ``more``."""
     return {
         "method": method,
-        **outcome,
+        "excess": excess,
         "solver": solution.attempts[-1].solver,
         "gap": solution.gap.total,  # s: from the local optimum of the smoothed task, at most
         "intervals": [phase.mesh.size - 1 for phase in solution.phases],

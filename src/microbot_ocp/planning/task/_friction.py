@@ -18,6 +18,7 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.outcome import Advice
 from microbot_ocp.limits import LimitFamily
 from microbot_ocp.ocp import Phase, PhaseSolution, Solution
 from microbot_ocp.ocp.transcription import Guess, Meshes, Transcription, mesh_of
@@ -130,10 +131,10 @@ def reversals(velocity: FloatArray, joints: np.ndarray) -> np.ndarray:
     return np.any(turns, axis=1)
 
 
-def rates_at_reversals(family: LimitFamily, solution: Solution) -> str:
-    """A sentence on joints whose torque rate is limited where dry friction lets the torque jump."""
+def rates_at_reversals(family: LimitFamily, solution: Solution) -> tuple[Advice, ...]:
+    """Advice on joints whose torque rate is limited where dry friction lets the torque jump."""
     if "taud" not in family:
-        return ""
+        return ()
     robot: Robot = family.robot
     limited = np.isfinite(robot.limits.taud_max) | np.isfinite(robot.limits.taud_min)
     turning = [
@@ -144,11 +145,13 @@ def rates_at_reversals(family: LimitFamily, solution: Solution) -> str:
         and any(reversals(p["qd"], np.array([joint])).any() for p in solution.phases)
     ]
     if not turning:
-        return ""
-    return (
-        f"\nWhere {', '.join(turning)} turns back dry friction lets the torque jump: its rate is "
-        "limited at mesh points only, so look at the certificate."
+        return ()
+    names = ", ".join(turning)
+    sentence = (
+        f"Where {names} turns back dry friction lets the torque jump: its rate is limited at mesh "
+        "points only, so look at the certificate."
     )
+    return (Advice("friction", sentence, names),)
 
 
 def with_windows(

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.outcome import Advice
 from microbot_ocp.limits import LimitFamily, MotionSamples
 from microbot_ocp.robot import inverse_dynamics
 
@@ -131,16 +132,19 @@ class TaskScale:
             jerk=np.maximum(jerk, np.where(highest < speed, 0.0, needed)),
         )
 
-    def active_bounds(self, durations: Sequence[float]) -> str:
-        """Sentences on the segments whose durations [m-1] stand on a bound, "" where none does."""
-        said = ""
+    def active_bounds(self, durations: Sequence[float]) -> tuple[Advice, ...]:
+        """Advice on the segments whose durations [m-1] stand on a bound."""
+        rows, why = [], "a bound of the search, which no limit asks for"
         for k, duration in enumerate(durations):
             between = f"between via points {k + 1} and {k + 2}"
             if duration <= self.shortest[k] * (1 + TYPICAL.at_bound):
-                said += f"\nThe time {between} could not be shorter than {duration:.3g} s"
+                sentence = f"The time {between} could not be shorter than {duration:.3g} s: {why}."
             elif duration >= self.longest[k] * (1 - TYPICAL.at_bound):
-                said += f"\nThe time {between} could not be longer than {duration:.3g} s"
-        return said and f"{said}: bounds of the search, which no limit asks for."
+                sentence = f"The time {between} could not be longer than {duration:.3g} s: {why}."
+            else:
+                continue
+            rows.append(Advice("bound", sentence, f"time {between}", duration, "s"))
+        return tuple(rows)
 
 
 def _stretch(family: LimitFamily, via: FloatArray, durations: FloatArray) -> float:

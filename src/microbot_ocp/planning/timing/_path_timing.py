@@ -9,7 +9,7 @@ the arm has to stop. Where no timing keeps the limits those that decide are name
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.codegen import compiles
+from microbot_ocp._base.outcome import Advice, Outcome
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import JointLimits, LimitFamily, Limits, with_reserve
 from microbot_ocp.motion import (
@@ -225,15 +226,20 @@ class _PathSearch:
         for at in self.blocked_at:
             self.progress(f"reachability: the end cannot be reached from s = {at:g}")
         if self.blocked_at:
-            outcome = self._blocking(timings)
+            rows, entries = self._blocking(timings)
             timings = [self._walk(k, timing) for k, timing in enumerate(timings)]
-            if outcome:
+            if rows:
                 excess = [
                     CurveLimits.of(self.family, curve, timing.s, self.fast).excess(timing, curve)
                     for curve, timing in zip(self.passed, timings, strict=True)
                 ]
-                outcome["excess"] = float(np.max(np.concatenate(excess)))
-                return self._reached_motion(timings, outcome, WALK)
+                return self._reached_motion(
+                    timings,
+                    Outcome.of(Status.INFEASIBLE, BLOCKED, *rows),
+                    WALK,
+                    excess=float(np.max(np.concatenate(excess))),
+                    least_violation=entries,
+                )
         else:
             self.progress(f"reachability on a grid: {self.reached:.6f} s")
             complete = not self.limits_kept_by[LATER] and excess <= self.settings.limit_tolerance
@@ -316,16 +322,18 @@ class _PathSearch:
         return profiles
 
     def _passes_motion(self, timings: list[Reached], excess: float) -> Motion:
-        outcome = {"status": str(Status.SOLVED), "advice": "", "excess": excess}
+        outcome = Outcome()
         if deadline.over():
             left = self.limits_kept_by[LATER]
             advice = TOO_LATE.format(", ".join(left)) if left else LATE
-            outcome |= {"status": str(Status.TIME_LIMIT), "advice": advice}
-        return self._reached_motion(timings, outcome, PASSES)
+            outcome = Outcome.of(Status.TIME_LIMIT, advice)
+        return self._reached_motion(timings, outcome, PASSES, excess=excess)
 
-    def _reached_motion(self, timings: list[Reached], outcome: dict[str, Any], how: str) -> Motion:
+    def _reached_motion(
+        self, timings: list[Reached], outcome: Outcome, how: str, **more: Any
+    ) -> Motion:
         samples = sampled(list(zip(self.passed, timings, strict=True)))
-        return self._with_provenance(samples, self.passed, timings, how, outcome)
+        return self._with_provenance(samples, self.passed, timings, how, outcome, **more)
 
     def _profile_motion(self, profiles: list[SpeedProfile]) -> Motion:
         """Give profiles of all segments as a motion, and judge them."""
@@ -349,7 +357,8 @@ class _PathSearch:
             self.curves,
             profiles,
             PLACES_METHOD,
-            {"status": str(status), "advice": advice, "excess": excess},
+            Outcome.of(status, advice),
+            excess=excess,
             solver=attempts[-1].solver,
             gap=sum(profile.gap for profile in profiles),  # s: from the local optimum, at most
             smoothing=PROGRAM.smoothing,
@@ -381,7 +390,7 @@ class _PathSearch:
         curves: Sequence[PathCurve],
         parts: Sequence[Reached | SpeedProfile],
         how: str,
-        outcome: dict[str, Any],
+        outcome: Outcome,
         **more: Any,
     ) -> Motion:
         """Give samples as a motion that says how it was found."""
@@ -400,7 +409,6 @@ class _PathSearch:
             marks=[Mark(float(at), f"via {i + 1}") for i, at in enumerate(passed)],
             provenance={
                 "method": f"time-optimal timing of a given path, {how}",
-                **outcome,
                 "intervals": [part.t.size - 1 for part in parts],
                 "phase_durations": durations,
                 "reachability_duration": self.reached if np.isfinite(self.reached) else None,
@@ -411,14 +419,16 @@ class _PathSearch:
                 "casadi": ca.CasadiMeta.version(),
                 **more,
             },
-            note=self._note(outcome, how),
-        )
+            remark=self._remark(how),
+        ).ended(outcome if outcome.solved else outcome.and_(*self._blocked()))
 
-    def _note(self, outcome: dict[str, Any], how: str) -> str:
-        if outcome["status"] != Status.SOLVED:
-            at = self.blocked_at
-            where = f"; the end cannot be reached from s = {at[0]:g}" if at else ""
-            return f"not solved: {outcome['advice']}{where}"
+    def _blocked(self) -> Iterator[Advice]:
+        """Say from where on the end cannot be reached."""
+        for at in self.blocked_at[:1]:
+            sentence = f"the end cannot be reached from s = {at:g}"
+            yield Advice("blocked", sentence, "s", at)
+
+    def _remark(self, how: str) -> str:
         count = self.stops.size
         what = "corner" if count == corners(self.path).size else "jump of the curvature or corner"
         rests = f"stops at {count} {what}{'s' if count != 1 else ''}" if count else "no stop"
@@ -433,9 +443,9 @@ class _PathSearch:
         begin = [float(self.path.breaks[0]), *map(float, self.stops)][segment]
         return begin + float(self.passed[segment].parameter(np.array([at]))[0][0])
 
-    def _blocking(self, timings: list[Reached]) -> dict[str, Any]:
-        """Give status and advice that name the limits that keep the path from being travelled."""
-        lines, entries = [], []
+    def _blocking(self, timings: list[Reached]) -> tuple[list[Advice], list[dict[str, Any]]]:
+        """Give the limits that keep the path from being travelled, as rows and as figures."""
+        rows, entries = [], []
         for index, (curve, timing) in enumerate(zip(self.passed, timings, strict=True)):
             limit = None if timing.feasible else blocking_limit(self.family, curve, self.fast)
             if limit is None:
@@ -448,10 +458,11 @@ class _PathSearch:
             at = ", ".join(
                 self.robot.position_text(j, float(f"{value:.4g}")) for j, value in joints
             )
-            lines.append(
+            sentence = (
                 f"  {name}, {beyond:.4g} {unit} beyond its limit of {limit.limit:.6g} {unit}, at "
                 f"s = {s:.4g}, q = ({at}), with every limit {100 * limit.share:.3g} % larger"
             )
+            rows.append(Advice("limit", sentence, name, beyond, unit))
             entries.append(
                 {
                     "limit": name,
@@ -462,10 +473,4 @@ class _PathSearch:
                     "q": limit.q.tolist(),
                 }
             )
-        if not lines:
-            return {}
-        return {
-            "status": str(Status.INFEASIBLE),
-            "advice": "\n".join([BLOCKED, *lines]),
-            "least_violation": entries,
-        }
+        return rows, entries
