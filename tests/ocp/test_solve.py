@@ -185,8 +185,8 @@ def test_what_one_solver_leaves_open_goes_to_the_next():
 
 
 def test_only_the_limit_of_time_of_all_ends_a_solver_that_another_follows(monkeypatch):
-    ends, run = [], _chain.run
-    monkeypatch.setattr(_chain, "run", lambda *given: ends.append(given[-1]) or run(*given))
+    ends, runner = [], _chain.Runner
+    monkeypatch.setattr(_chain, "Runner", lambda *given: ends.append(given[-1]) or runner(*given))
     before = time.perf_counter()
     settings = SolverSettings(("fatrop", "ipopt"), time_limit=100.0)
     assert solve(double_integrator(), 10, settings=settings, time_limit=100.0).status.solved

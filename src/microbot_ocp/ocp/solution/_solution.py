@@ -141,6 +141,13 @@ class StartingPoint:
         """Whether there are multipliers."""
         return self.row_multipliers is not None and self.variable_multipliers is not None
 
+    @property
+    def multipliers(self) -> tuple[FloatArray, FloatArray]:
+        """Those of the rows and of the variables, where there are some."""
+        assert self.row_multipliers is not None
+        assert self.variable_multipliers is not None
+        return self.row_multipliers, self.variable_multipliers
+
 
 @dataclass(frozen=True, eq=False)
 class Solution:

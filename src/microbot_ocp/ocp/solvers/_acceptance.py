@@ -48,60 +48,35 @@ def accepted(
     finite = all(np.isfinite(v).all() for v in (x, rows, row_multipliers, variable_multipliers))
     if not finite or not program.violations(x, rows).max() <= tolerance:
         return None
-    lam_g, lam_x = (
-        np.array(lam) / program.cost_scale for lam in (row_multipliers, variable_multipliers)
-    )
-    equal = np.flatnonzero(program.row_lower == program.row_upper)
-    fixed = np.flatnonzero(program.variable_lower == program.variable_upper)
-    lam_g[equal], lam_x[fixed] = 0.0, 0.0
-    lam_g[np.abs(lam_g) < _distance(lam_g, rows, program.row_lower, program.row_upper)] = 0.0
-    own = _distance(lam_x, x, program.variable_lower, program.variable_upper)
-    lam_x[np.abs(lam_x) < own] = 0.0
+    low, high, value = program.lower, program.upper, np.concatenate([rows, x])
+    lam = np.concatenate([row_multipliers, variable_multipliers]) / program.cost_scale
+    decided = np.flatnonzero(low == high)
+    lam[decided] = 0.0
+    lam[np.abs(lam) < np.where(lam > 0, high - value, value - low)] = 0.0
     given = np.array(slope).ravel() / program.cost_scale
-    given = given + np.array(ca.mtimes(jacobian.T, ca.DM(lam_g))).ravel() + lam_x
+    given = given + np.array(ca.mtimes(jacobian.T, ca.DM(lam[: rows.size]))).ravel()
+    given = given + lam[rows.size :]
+    slopes = ca.vertcat(jacobian, ca.DM.eye(x.size))[decided.tolist(), :]
     try:
-        lam_g[equal], lam_x[fixed], left = _least_squares(jacobian, equal, fixed, given)
+        lam[decided], left = _least_squares(slopes, given)
     except RuntimeError:  # the matrix has no factors
         return None
-    size = max(100.0, float(np.mean(np.abs(np.concatenate([lam_g, lam_x]))))) / 100.0
-    error = max(
-        float(np.abs(left).max()),
-        _wrong(lam_g, rows, program.row_lower, program.row_upper),
-        _wrong(lam_x, x, program.variable_lower, program.variable_upper),
-    )
-    error /= size
+    # a multiplier times the distance to its limit, or one of a limit that is none
+    distance = np.where(lam > 0, high - value, value - low)
+    weight = np.where(np.isfinite(distance), np.maximum(distance, 0.0), 1.0)
+    acts = (lam != 0) & (low < high)
+    error = max(np.abs(left).max(), np.max(np.abs(lam) * weight, where=acts, initial=0.0))
+    error /= max(100.0, np.mean(np.abs(lam))) / 100.0
     if not error <= tolerance:
         return None
-    return Accepted(lam_g * program.cost_scale, lam_x * program.cost_scale, error)
+    lam *= program.cost_scale
+    return Accepted(lam[: rows.size], lam[rows.size :], float(error))
 
 
-def _least_squares(
-    jacobian: ca.DM, equal: np.ndarray, fixed: np.ndarray, given: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _least_squares(slopes: ca.DM, given: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Multipliers of equations and fixed variables that leave least of a slope, and the rest."""
-    pick = ca.DM.triplet(
-        list(range(fixed.size)), fixed.tolist(), ca.DM.ones(fixed.size), fixed.size, given.size
-    )
-    rows = ca.vertcat(jacobian[equal.tolist(), :], pick)
-    count = rows.shape[0]
-    matrix = ca.blockcat([[ca.DM.eye(given.size), rows.T], [rows, -REGULAR * ca.DM.eye(count)]])
+    count = slopes.shape[0]
+    matrix = ca.blockcat([[ca.DM.eye(given.size), slopes.T], [slopes, -REGULAR * ca.DM.eye(count)]])
     right = ca.DM(np.concatenate([-given, np.zeros(count)]))
-    solved = np.array(ca.solve(matrix, right, "qr")).ravel()
-    lam = solved[given.size :]
-    left = given + np.array(ca.mtimes(rows.T, ca.DM(lam))).ravel()
-    return lam[: equal.size], lam[equal.size :], left
-
-
-def _distance(
-    lam: FloatArray, value: FloatArray, lower: FloatArray, upper: FloatArray
-) -> FloatArray:
-    """Distance to the limit that a multiplier is of."""
-    return np.where(lam > 0, upper - value, value - lower)
-
-
-def _wrong(lam: FloatArray, value: FloatArray, lower: FloatArray, upper: FloatArray) -> float:
-    """Largest multiplier times distance to its limit, or multiplier of a limit that is none."""
-    distance = _distance(lam, value, lower, upper)
-    acts = (lam != 0) & (lower < upper)
-    weight = np.where(np.isfinite(distance), np.maximum(distance, 0.0), 1.0)
-    return float(np.max(np.abs(lam) * weight, where=acts, initial=0.0))
+    lam = np.array(ca.solve(matrix, right, "qr")).ravel()[given.size :]
+    return lam, given + np.array(ca.mtimes(slopes.T, ca.DM(lam))).ravel()

@@ -20,7 +20,7 @@ from microbot_ocp.ocp.diagnosis import advice, finite_start
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.solution import Attempt, Progress, Solution, StartingPoint, unpack
 from microbot_ocp.ocp.solvers._ldl import asks_for_ldl, without_ldl
-from microbot_ocp.ocp.solvers._run import Made, Outcome, run
+from microbot_ocp.ocp.solvers._run import Made, Outcome, Runner
 from microbot_ocp.ocp.solvers._settings import SolverSettings
 from microbot_ocp.ocp.solvers._tightening import tightened
 from microbot_ocp.ocp.starts import cost_scale, scaled, starting_point
@@ -102,6 +102,7 @@ def run_chain(
     """
     until = time.perf_counter() + settings.time_limit if until is None else until
     until = min(until, deadline.until())
+    runner = Runner(program, settings, progress, made, until)
     turns = [(name, False) for name in settings.chain()]
     if settings.solver == "sqp":
         turns.append(("sqp", True))
@@ -111,11 +112,11 @@ def run_chain(
     outcome: Outcome | None = None
     for name, variant in turns:
         given = start if variant or name == "sqp" else StartingPoint(start.x)
-        tried = run(program, name, settings, given, variant, progress, made, until)
+        tried = runner.run(name, given, variant=variant)
         attempts.append(tried.attempt)
         if name == "ipopt" and tried.attempt.status in UNSURE and asks_for_ldl(settings.options):
             usual = replace(settings, options=without_ldl(settings.options))
-            tried = run(program, name, usual, given, variant, progress, None, until)
+            tried = replace(runner, settings=usual, made=None).run(name, given, variant=variant)
             attempts.append(tried.attempt)
         status = tried.attempt.status
         # what one solver finds infeasible is not less so where the next one breaks down
@@ -124,23 +125,24 @@ def run_chain(
         if time.perf_counter() >= until or status in (Status.SOLVED, Status.INTERRUPTED):
             break
     assert outcome is not None
-    outcome, gap, further = tightened(program, settings, outcome, progress, until)
+    outcome, gap, further = tightened(runner, outcome)
     attempts += further
     ended = [*(a for a in attempts if a is not outcome.attempt), outcome.attempt]
+    point = outcome.point
     return Solution(
         status=outcome.attempt.status,
         cost=outcome.attempt.cost,
-        phases=unpack(program.layouts, outcome.x),
+        phases=unpack(program.layouts, point.x),
         attempts=tuple(attempts),
-        row_multipliers=outcome.row_multipliers,
+        row_multipliers=point.multipliers[0],
         build_time=build_time,
-        variable_multipliers=outcome.variable_multipliers,
-        variables=outcome.x,
+        variable_multipliers=point.multipliers[1],
+        variables=point.x,
         settings=settings.as_dict(),
         cost_scale=program.cost_scale,
         gap=gap,
         start=start,
-        advice=advice(program, start, outcome.x, ended),
+        advice=advice(program, start, point.x, ended),
         maximize=_maximizes(program),
     )
 

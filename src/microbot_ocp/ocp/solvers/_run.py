@@ -52,9 +52,7 @@ class Outcome:
     """What one solver left."""
 
     attempt: Attempt
-    x: FloatArray
-    row_multipliers: FloatArray
-    variable_multipliers: FloatArray
+    point: StartingPoint
 
 
 # by name, variant, scale of the cost and thread
@@ -72,77 +70,129 @@ class _Answer:
     out_of_time: bool = False
 
 
-def run(
-    program: Program,
-    name: str,
-    settings: SolverSettings,
-    start: StartingPoint,
-    variant: bool,
-    progress: Progress | None,
-    made: Made | None,
-    until: float = np.inf,
-) -> Outcome:
-    """Run one solver from a start until a time of ``time.perf_counter``.
+@dataclass(frozen=True, eq=False)
+class Runner:
+    """Solvers of one program.
 
-    ``made`` keeps it for further solves of the program.
+    Attributes
+    ----------
+    program : Program
+    settings : SolverSettings
+    progress : callable, optional
+    made : keeps solvers for further solves of the program
+    until : when they end, by the clock of ``time.perf_counter``
     """
-    begin = time.perf_counter()
-    trusted = _trusted(
-        name, start.x.size, settings, until, kept=made is not None and progress is None
-    )
-    forks = not trusted and can_fork()
-    watch = None if progress is None else Watch(program, name, progress)
-    left = settings.time_limit
-    if made is None:
-        left = until - begin
-        if forks:  # it answers before its process is ended, and what it had is known then
-            left -= max(SETTINGS.earlier * left, SETTINGS.least_earlier)
-            watch = watch or Watch(program, name, quiet)
-    solver, broken = _solver(program, name, settings, variant, watch, made, left)
-    created = time.perf_counter()
-    arguments = _arguments(program, start)
-    if solver is None:
-        answer, interrupted = _Answer(broken=broken), False
-    elif forks:
-        answer, interrupted = _answered_by_child(solver, name, arguments, watch, until)
-    else:
-        answer, interrupted = _answered(solver, name, arguments, watch)
-    if answer.broken and settings.options.get(name) and "option" in answer.broken.lower():
-        raise InputError(f"options of {name} were refused: {answer.broken}")
-    done = time.perf_counter()
-    if watch is not None and watch.failure is not None:
-        raise watch.failure
-    stopped = interrupted or (watch is not None and watch.stopped)
-    outcome = _outcome(program, name, settings, start, answer, watch, stopped)
-    timed = replace(outcome.attempt, wall_time=done - created, create_time=created - begin)
-    return _accepted(
-        program, replace(outcome, attempt=timed), settings, answered=bool(answer.values)
-    )
 
+    program: Program
+    settings: SolverSettings
+    progress: Progress | None = None
+    made: Made | None = None
+    until: float = np.inf
 
-def _solver(
-    program: Program,
-    name: str,
-    settings: SolverSettings,
-    variant: bool,
-    watch: Watch | None,
-    made: Made | None,
-    seconds: float,
-) -> tuple[ca.Function | None, str]:
-    """A solver, the one that is kept where there is one; or why it could not be made.
+    def run(self, name: str, start: StartingPoint, *, variant: bool = False) -> Outcome:
+        """Run one solver from a start."""
+        begin = time.perf_counter()
+        forks = not self._trusted(name, start.x.size) and can_fork()
+        watch = None if self.progress is None else Watch(self.program, name, self.progress)
+        left = self.settings.time_limit
+        if self.made is None:
+            left = self.until - begin
+            if forks:  # it answers before its process is ended, and what it had is known then
+                left -= max(SETTINGS.earlier * left, SETTINGS.least_earlier)
+                watch = watch or Watch(self.program, name, quiet)
+        solver, broken = self._solver(name, variant, watch, left)
+        created = time.perf_counter()
+        arguments = _arguments(self.program, start)
+        if solver is None:
+            answer, interrupted = _Answer(broken=broken), False
+        elif forks:
+            answer, interrupted = _answered_by_child(solver, name, arguments, watch, self.until)
+        else:
+            answer, interrupted = _answered(solver, name, arguments, watch)
+        refused = answer.broken and self.settings.options.get(name)
+        if refused and "option" in answer.broken.lower():
+            raise InputError(f"options of {name} were refused: {answer.broken}")
+        done = time.perf_counter()
+        if watch is not None and watch.failure is not None:
+            raise watch.failure
+        stopped = interrupted or (watch is not None and watch.stopped)
+        outcome = self._outcome(name, start, answer, watch, stopped)
+        timed = replace(outcome.attempt, wall_time=done - created, create_time=created - begin)
+        outcome = replace(outcome, attempt=timed)
+        return self._accepted(outcome) if answer.values else outcome
 
-    One that is watched is not kept.
-    """
-    key = (name, variant, program.cost_scale, get_ident())
-    kept = made if made is not None and watch is None else {}
-    if key in kept:
-        return kept[key], ""
-    try:
-        solver = create(program, name, settings, variant=variant, watch=watch, seconds=seconds)
-    except RuntimeError as problem:
-        return None, first_cause(problem)
-    kept[key] = solver
-    return solver, ""
+    def _trusted(self, name: str, size: int) -> bool:
+        """Whether a solver ends by itself in time, or has all the time there is."""
+        # one that is kept was made with the limit of the settings in place of that of this call
+        kept = self.made is not None and self.progress is None
+        endless = kept and not np.isfinite(self.settings.time_limit)
+        short = size <= SETTINGS.large and not endless
+        return name == "ipopt" and (short or not np.isfinite(self.until))
+
+    def _solver(
+        self, name: str, variant: bool, watch: Watch | None, seconds: float
+    ) -> tuple[ca.Function | None, str]:
+        """A solver, the one that is kept where there is one; or why it could not be made.
+
+        One that is watched is not kept.
+        """
+        key = (name, variant, self.program.cost_scale, get_ident())
+        solvers = self.made if self.made is not None and watch is None else {}
+        if key not in solvers:
+            given = self.program, name, self.settings
+            try:
+                solvers[key] = create(*given, variant=variant, watch=watch, seconds=seconds)
+            except RuntimeError as problem:
+                return None, first_cause(problem)
+        return solvers[key], ""
+
+    def _outcome(
+        self, name: str, start: StartingPoint, answer: _Answer, watch: Watch | None, stopped: bool
+    ) -> Outcome:
+        """What a call left, measured again; its times are not in it yet."""
+        program, stats, result = self.program, answer.stats, answer.values
+        last = start.x if watch is None or watch.x is None else watch.x
+        x = last if not result or (stopped and watch is not None) else result["x"]
+        cost, infeasibility = checked(program, x)
+        status = status_of(name, stats, self.settings, infeasibility)
+        message = answer.broken or str(stats.get("return_status", ""))
+        if answer.out_of_time:
+            status, message = Status.TIME_LIMIT, "did not return and was ended"
+        count = stats.get("iter_count", -1) if not answer.broken else -1
+        if count < 0:  # a solver that broke down has not counted
+            count = max(0 if watch is None else watch.count, 0)
+        attempt = Attempt(
+            solver=name,
+            status=Status.INTERRUPTED if stopped else status,
+            message=message,
+            iterations=int(count),
+            cost=cost,
+            infeasibility=infeasibility,
+            wall_time=0.0,
+            create_time=0.0,
+            function_time=sum(v for k, v in stats.items() if k.startswith("t_wall_nlp_")),
+            broke_down=bool(answer.broken),
+        )
+        # the solvers hand over the multipliers of their own bounds, though CasADi computes none
+        rows, variables = (
+            result[key] * program.cost_scale if result else np.zeros(size)
+            for key, size in (("lam_g", program.row_lower.size), ("lam_x", x.size))
+        )
+        return Outcome(attempt, StartingPoint(x, rows, variables))
+
+    def _accepted(self, outcome: Outcome) -> Outcome:
+        """The outcome, as solved where a solver stopped at what is an optimum all the same."""
+        attempt, point = outcome.attempt, outcome.point
+        stopped = attempt.status in (Status.ITERATION_LIMIT, Status.FAILED)
+        if not stopped or attempt.solver == "sqp":
+            return outcome
+        passed = accepted(self.program, point.x, *point.multipliers, self.settings.tolerance)
+        if passed is None:
+            return outcome
+        message = f"stopped, but its point is an optimum to {passed.error:.1e}"
+        attempt = replace(attempt, status=Status.SOLVED, message=message)
+        multipliers = passed.row_multipliers, passed.variable_multipliers
+        return Outcome(attempt, StartingPoint(point.x, *multipliers))
 
 
 def _arguments(program: Program, start: StartingPoint) -> dict[str, Any]:
@@ -159,71 +209,6 @@ def _arguments(program: Program, start: StartingPoint) -> dict[str, Any]:
         arguments["lam_x0"] = np.asarray(start.variable_multipliers) / program.cost_scale
         arguments["lam_g0"] = np.asarray(start.row_multipliers) / program.cost_scale
     return arguments
-
-
-def _outcome(
-    program: Program,
-    name: str,
-    settings: SolverSettings,
-    start: StartingPoint,
-    answer: _Answer,
-    watch: Watch | None,
-    stopped: bool,
-) -> Outcome:
-    """What a call left, measured again; its times are not in it yet."""
-    stats, result = answer.stats, answer.values
-    last = start.x if watch is None or watch.x is None else watch.x
-    x = last if not result or (stopped and watch is not None) else result["x"]
-    cost, infeasibility = checked(program, x)
-    status = status_of(name, stats, settings, infeasibility)
-    message = answer.broken or str(stats.get("return_status", ""))
-    if answer.out_of_time:
-        status, message = Status.TIME_LIMIT, "did not return and was ended"
-    count = stats.get("iter_count", -1) if not answer.broken else -1
-    if count < 0:  # a solver that broke down has not counted
-        count = max(0 if watch is None else watch.count, 0)
-    attempt = Attempt(
-        solver=name,
-        status=Status.INTERRUPTED if stopped else status,
-        message=message,
-        iterations=int(count),
-        cost=cost,
-        infeasibility=infeasibility,
-        wall_time=0.0,
-        create_time=0.0,
-        function_time=sum(v for k, v in stats.items() if k.startswith("t_wall_nlp_")),
-        broke_down=bool(answer.broken),
-    )
-    # the solvers hand over the multipliers of their own bounds, though CasADi computes none
-    rows, variables = (
-        result[key] * program.cost_scale if result else np.zeros(size)
-        for key, size in (("lam_g", program.row_lower.size), ("lam_x", x.size))
-    )
-    return Outcome(attempt, x, rows, variables)
-
-
-def _accepted(
-    program: Program, outcome: Outcome, settings: SolverSettings, *, answered: bool
-) -> Outcome:
-    """The outcome, as solved where a solver stopped at what is an optimum all the same."""
-    attempt = outcome.attempt
-    stopped = attempt.status in (Status.ITERATION_LIMIT, Status.FAILED)
-    if not (stopped and answered) or attempt.solver == "sqp":
-        return outcome
-    point = outcome.x, outcome.row_multipliers, outcome.variable_multipliers
-    passed = accepted(program, *point, settings.tolerance)
-    if passed is None:
-        return outcome
-    message = f"stopped, but its point is an optimum to {passed.error:.1e}"
-    attempt = replace(attempt, status=Status.SOLVED, message=message)
-    return Outcome(attempt, outcome.x, passed.row_multipliers, passed.variable_multipliers)
-
-
-def _trusted(name: str, size: int, settings: SolverSettings, until: float, *, kept: bool) -> bool:
-    """Whether a solver ends by itself in time, or has all the time there is."""
-    # one that is kept was made with the limit of the settings in place of that of this call
-    endless = kept and not np.isfinite(settings.time_limit)
-    return name == "ipopt" and ((size <= SETTINGS.large and not endless) or not np.isfinite(until))
 
 
 def _answered(
@@ -246,11 +231,8 @@ def _answered(
 def _called(solver: ca.Function, arguments: Mapping[str, Any]) -> _Answer:
     result = solver(**arguments)
     values = {key: np.array(result[key]).ravel() for key in ("x", "lam_g", "lam_x")}
-    return _Answer(values, _plain(stats_of(solver)))
-
-
-def _plain(stats: Mapping[str, Any]) -> dict[str, Any]:
-    return {k: v for k, v in stats.items() if isinstance(v, (bool, int, float, str))}
+    plain = {k: v for k, v in stats_of(solver).items() if isinstance(v, bool | int | float | str)}
+    return _Answer(values, plain)
 
 
 def _answered_by_child(

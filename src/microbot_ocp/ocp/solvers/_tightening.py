@@ -18,17 +18,9 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.status import Status
-from microbot_ocp.ocp.solution import (
-    UNKNOWN,
-    Attempt,
-    Gap,
-    Progress,
-    StartingPoint,
-    cost_size,
-    gap_of,
-)
+from microbot_ocp.ocp.solution import UNKNOWN, Attempt, Gap, cost_size, gap_of
 from microbot_ocp.ocp.solvers._plugins import WARM_PUSHES
-from microbot_ocp.ocp.solvers._run import Outcome, run
+from microbot_ocp.ocp.solvers._run import Outcome, Runner
 from microbot_ocp.ocp.solvers._settings import SolverSettings
 from microbot_ocp.ocp.transcription import Program
 from microbot_ocp.ocp.verification import Thresholds
@@ -60,7 +52,7 @@ FURTHER: tuple[tuple[float, dict[str, float]], ...] = (
 
 def gap_at(program: Program, outcome: Outcome) -> Gap:
     """Gap of what a solver left; not a number where it is none."""
-    x, lam_g, lam_x = outcome.x, outcome.row_multipliers, outcome.variable_multipliers
+    x, lam_g, lam_x = outcome.point.x, *outcome.point.multipliers
     if not all(np.isfinite(k).all() for k in (x, lam_g, lam_x)):
         return UNKNOWN
     rows, jacobian = program.functions["jacobian"](x, program.parameters)
@@ -74,13 +66,7 @@ def wanted_gap(program: Program, settings: SolverSettings, cost: float) -> float
     return settings.gap * cost_size(cost, program.cost_scale)
 
 
-def tightened(
-    program: Program,
-    settings: SolverSettings,
-    outcome: Outcome,
-    progress: Progress | None,
-    until: float = np.inf,
-) -> tuple[Outcome, Gap, list[Attempt]]:
+def tightened(runner: Runner, outcome: Outcome) -> tuple[Outcome, Gap, list[Attempt]]:
     """An outcome as near its optimum as wanted, its gap, and the further attempts that it took.
 
     What did not converge stays as it is. Where the gap stays larger than wanted, that is the status
@@ -88,24 +74,23 @@ def tightened(
     """
     if outcome.attempt.status is not Status.SOLVED:
         return outcome, UNKNOWN, []
+    program, settings = runner.program, runner.settings
     best, gap = outcome, gap_at(program, outcome)
     attempts: list[Attempt] = []
     wanted = wanted_gap(program, settings, best.attempt.cost)
     for tolerance, options in FURTHER:
         near = not gap.total > wanted and (wanted == np.inf or _keeps_all(best))
-        if near or time.perf_counter() > until:
+        if near or time.perf_counter() > runner.until:
             break
-        aim = min(wanted, gap.slack)
-        how = (tolerance, options)
-        tried = _further(program, settings, best, aim, how, progress, until)
+        tried = _further(runner, best, min(wanted, gap.slack), tolerance, options)
         attempts.append(tried.attempt)
         if tried.attempt.status is Status.INTERRUPTED:
             return tried, UNKNOWN, attempts
-        own = gap_at(program, tried)
-        nearer = own.total < gap.total or (own.total <= wanted and not _keeps_all(best))
+        gap_there = gap_at(program, tried)
+        nearer = gap_there.total < gap.total or (gap_there.total <= wanted and not _keeps_all(best))
         if nearer and _feasible(tried, best, settings):
-            best, gap = replace(tried, attempt=replace(tried.attempt, status=Status.SOLVED)), own
-            attempts[-1] = best.attempt
+            best = replace(tried, attempt=replace(tried.attempt, status=Status.SOLVED))
+            gap, attempts[-1] = gap_there, best.attempt
         wanted = wanted_gap(program, settings, best.attempt.cost)
     if not gap.total <= wanted:
         message = f"at most {gap.total:.2g} above the optimum, {wanted:.2g} is wanted"
@@ -126,40 +111,28 @@ def _feasible(tried: Outcome, best: Outcome, settings: SolverSettings) -> bool:
 
 
 def _further(
-    program: Program,
-    settings: SolverSettings,
-    before: Outcome,
-    slack: float,
-    how: tuple[float, dict[str, float]],
-    progress: Progress | None,
-    until: float,
+    runner: Runner, before: Outcome, slack: float, tolerance: float, options: Mapping[str, float]
 ) -> Outcome:
-    count = sum(
-        int(np.sum(np.isfinite(low) & (low < high)) + np.sum(np.isfinite(high) & (low < high)))
-        for low, high in (
-            (program.variable_lower, program.variable_upper),
-            (program.row_lower, program.row_upper),
-        )
-    )
+    program, settings = runner.program, runner.settings
+    ranges = program.lower < program.upper
+    count = sum(int(np.sum(np.isfinite(k) & ranges)) for k in (program.lower, program.upper))
     barrier = max(
         TIGHTENING.ratio * slack / program.cost_scale / max(count, 1), TIGHTENING.least_barrier
     )
-    own: dict[str, Any] = {
+    closer: dict[str, Any] = {
         "compl_inf_tol": barrier,
         "constr_viol_tol": settings.tolerance,
         "mu_init": barrier,
         **dict.fromkeys(WARM_PUSHES, 1e-16),
-        **how[1],
+        **options,
+        **settings.options.get("ipopt", {}),
     }
-    given: Mapping[str, Any] = settings.options.get("ipopt", {})
     finer = replace(
         settings,
         solver="ipopt",
-        tolerance=min(settings.tolerance, how[0]),
-        max_iterations=settings.max_iterations,
+        tolerance=min(settings.tolerance, tolerance),
         initial_barrier=None,
-        options={**settings.options, "ipopt": {**own, **given}},
+        options={**settings.options, "ipopt": closer},
     )
-    start = StartingPoint(before.x, before.row_multipliers, before.variable_multipliers)
     # not kept for other solves: it has the barrier of this one
-    return run(program, "ipopt", finer, start, True, progress, None, until)
+    return replace(runner, settings=finer, made=None).run("ipopt", before.point, variant=True)

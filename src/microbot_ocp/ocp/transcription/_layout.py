@@ -465,15 +465,23 @@ class Bounds:
     row_lower: FloatArray
     row_upper: FloatArray
 
+    @cached_property
+    def lower(self) -> FloatArray:
+        """Lower bounds of the rows, then of the variables."""
+        return np.concatenate([self.row_lower, self.variable_lower])
+
+    @cached_property
+    def upper(self) -> FloatArray:
+        """Upper bounds of the rows, then of the variables."""
+        return np.concatenate([self.row_upper, self.variable_upper])
+
     def violations(self, x: FloatArray, rows: FloatArray) -> FloatArray:
         """How far the rows, then the variables, are beyond their bounds, scaled.
 
         Infinite where a value is not finite.
         """
         values = np.concatenate([rows, x])
-        low = np.concatenate([self.row_lower, self.variable_lower])
-        high = np.concatenate([self.row_upper, self.variable_upper])
-        excess = np.maximum(np.maximum(low - values, values - high), 0.0)
+        excess = np.maximum(np.maximum(self.lower - values, values - self.upper), 0.0)
         return np.nan_to_num(excess, nan=np.inf, posinf=np.inf)
 
 
