@@ -276,7 +276,8 @@ def still(**changes: Any) -> Motion:
         ({"t": [0.0]}, "t must be at least two strictly increasing times from 0, s, not [0.0]"),
         (
             {"t": [0.0, 0.0]},
-            "t must be at least two strictly increasing times from 0, s, but t[1] is 0 s after t[0] of 0 s",
+            "t must be at least two strictly increasing times from 0, s, "
+            "but t[1] is 0 s after t[0] of 0 s",
         ),
         (
             {"t": [1.0, 2.0]},

@@ -80,7 +80,7 @@ def largest_use(
     wanted = [key for key in keys if key in family]
     if not wanted:
         return Peak(-np.inf)
-    orders = _orders(polynomial)
+    orders = orders_of(polynomial)
     jump = None if at_rest else largest_jump(family, polynomial, wanted)
     if jump is not None:
         return jump
@@ -92,7 +92,7 @@ def largest_use(
     piece = np.repeat(np.arange(pieces), points + 1)
 
     def use_at(which: np.ndarray, local: FloatArray) -> FloatArray:
-        use = family.use(_samples(orders, which, local), wanted)
+        use = family.use(samples_of(orders, which, local), wanted)
         return np.hstack([use[key] for key in wanted])
 
     local = (lengths[:, None] * fraction).ravel()
@@ -112,7 +112,7 @@ def largest_use(
         reach = reach / 4.0
     top = int(best.argmax())
     quantity, joint = _channel(family, wanted, int(channel[top]))
-    values = family.values(_samples(orders, k[[top]], center[[top]]), [quantity])[quantity]
+    values = family.values(samples_of(orders, k[[top]], center[[top]]), [quantity])[quantity]
     return Peak(
         use=float(best[top]),
         quantity=quantity,
@@ -125,9 +125,9 @@ def largest_use(
 
 def jumps_of(polynomial: Polynomial) -> MotionSamples:
     """Jumps of the acceleration [K+1] at the breaks of a motion, both ends included."""
-    orders, lengths = _orders(polynomial), np.diff(polynomial.breaks)
+    orders, lengths = orders_of(polynomial), np.diff(polynomial.breaks)
     pieces = np.arange(lengths.size)
-    starts, ends = (_samples(orders, pieces, local) for local in (0.0 * lengths, lengths))
+    starts, ends = (samples_of(orders, pieces, local) for local in (0.0 * lengths, lengths))
     return jumps_between(starts, ends)
 
 
@@ -165,12 +165,12 @@ def _channel(family: LimitFamily, keys: Sequence[str], channel: int) -> tuple[st
     raise AssertionError
 
 
-def _samples(orders: Sequence[FloatArray], piece: np.ndarray, local: FloatArray) -> MotionSamples:
+def samples_of(orders: Sequence[FloatArray], piece: np.ndarray, local: FloatArray) -> MotionSamples:
     """State at ``local`` seconds [S] after the start of the pieces [S]."""
     return MotionSamples(*(_horner(coefficients[piece], local) for coefficients in orders))
 
 
-def _orders(polynomial: Polynomial) -> list[FloatArray]:
+def orders_of(polynomial: Polynomial) -> list[FloatArray]:
     """Coefficients of position, velocity, acceleration and jerk."""
     orders = [polynomial]
     for _ in range(3):

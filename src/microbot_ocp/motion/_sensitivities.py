@@ -14,7 +14,6 @@ from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
 from microbot_ocp._base.table import Column, Table
 from microbot_ocp.limits import LimitFamily
-from microbot_ocp.motion._polynomial import State
 from microbot_ocp.robot import Robot
 
 if TYPE_CHECKING:
@@ -106,7 +105,8 @@ def sensitivities_of(
         slopes, state = np.array(told["torques"]["slopes"]), motion.sample(t)
 
         def total(heavy: float, at: FloatArray) -> float:
-            return float((slopes * _torques(robot.with_payload(heavy, at), state)).sum())
+            loaded = robot.with_payload(heavy, at)
+            return float((slopes * loaded.torques_along(*state)["tau"]).sum())
 
         by_mass = total(load + 1.0, place) - total(load, place)  # torques are affine in it
         sides = [total(load, place + STEP * each) for each in np.vstack([np.eye(3), -np.eye(3)])]
@@ -116,7 +116,3 @@ def sensitivities_of(
     )
     via = np.array(told["via"])
     return Sensitivities(robot, motion.duration, lower, upper, via, by_mass, by_place)
-
-
-def _torques(robot: Robot, state: State) -> FloatArray:
-    return robot.torques_along(*state)["tau"]

@@ -15,10 +15,11 @@ from microbot_ocp._base.checks import InputError
 from microbot_ocp._base.relations import reason_of
 from microbot_ocp.limits import AT_LIMIT, use_of
 from microbot_ocp.motion import SAMPLE_STEP, Motion, PiecewisePolynomial, State
-from microbot_ocp.robot import JointLimits, Limits, Robot, forward_dynamics
+from microbot_ocp.robot import Robot, forward_dynamics
 from microbot_ocp.simulation._controllers import (
     Controller,
     Reference,
+    Saturation,
     SensorNoise,
     saturate,
     torque_limits,
@@ -35,7 +36,6 @@ from microbot_ocp.simulation._sampled import SampledLoop, Samples
 from microbot_ocp.simulation._signals import Formula, disturbance_function, reference_signal
 
 MOST_DELAY = 1000  # samples, each of which is a part of the state
-Saturation = bool | ArrayLike | tuple[ArrayLike, ArrayLike] | Limits | JointLimits
 
 
 def track(

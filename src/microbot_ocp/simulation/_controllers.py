@@ -19,6 +19,8 @@ from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.robot import JointLimits, Limits, Robot, gravity_torque, inverse_dynamics
 
+Saturation = bool | ArrayLike | tuple[ArrayLike, ArrayLike] | Limits | JointLimits
+
 
 class Reference(NamedTuple):
     """Wanted position, velocity and acceleration at one instant, SX [n] each."""
@@ -168,9 +170,7 @@ def saturate(tau: ca.SX, lower: FloatArray, upper: FloatArray) -> ca.SX:
     return tau
 
 
-def torque_limits(
-    saturation: bool | ArrayLike | tuple[ArrayLike, ArrayLike] | Limits | JointLimits, robot: Robot
-) -> tuple[FloatArray, FloatArray]:
+def torque_limits(saturation: Saturation, robot: Robot) -> tuple[FloatArray, FloatArray]:
     """Lower and upper torque [n] of a ``saturation`` argument: those of the robot if True."""
     count = robot.joint_count
     if isinstance(saturation, bool):

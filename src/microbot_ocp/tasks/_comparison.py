@@ -88,20 +88,14 @@ class Entry:
 
     name: str
     title: str
-    motion: Motion | None
-    certificate: Certificate | None
-    status: Status
-    note: str
-    solve_time: float
-    torque_squared: float
-    work: float
-    details: Mapping[str, Any]
-
-    @classmethod
-    def without(cls, name: str, note: str, wall: float) -> Entry:
-        """The entry of a method that has no motion, in a wall time, s."""
-        title, status, nothing = METHODS[name].title, Status.NOT_POSSIBLE, float("nan")
-        return cls(name, title, None, None, status, note, wall, nothing, nothing, {})
+    motion: Motion | None = None
+    certificate: Certificate | None = None
+    status: Status = Status.NOT_POSSIBLE
+    note: str = ""
+    solve_time: float = np.nan
+    torque_squared: float = np.nan
+    work: float = np.nan
+    details: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def solved(self) -> bool:
@@ -376,13 +370,12 @@ def compare(
                 motion = METHODS[name].solve(*METHODS[name].arguments(task))
         except InputError as problem:  # this method cannot do the task; the others may
             wall = time.perf_counter() - begin
-            entries.append(Entry.without(name, str(problem), wall))
+            entries.append(Entry(name, METHODS[name].title, note=str(problem), solve_time=wall))
             continue
         wall = time.perf_counter() - begin
         tell(f"{motion.duration:.4f} s, certifying", stage="certify")
-        entry = _entry(name, task, motion, wall, seconds)
         played = _played(family.robot, motion, profile, trackable)
-        entries.append(replace(entry, details={**entry.details, **played}))
+        entries.append(_entry(name, task, motion, wall, seconds, played))
     if progress is not None:
         progress(Step(total, total, "done", f"{len(names)} methods done"))
     return Comparison(robot, via, family.robot.limits, tuple(entries), REFERENCE)
@@ -451,7 +444,14 @@ def _played(
     return durations
 
 
-def _entry(name: str, task: ComparedTask, motion: Motion, wall: float, seconds: float) -> Entry:
+def _entry(
+    name: str,
+    task: ComparedTask,
+    motion: Motion,
+    wall: float,
+    seconds: float,
+    played: Mapping[str, float],
+) -> Entry:
     """The motion of a method, certified in what is left of its time, s."""
     tau = motion.tau if task.robot.has_dynamics else np.full_like(motion.tau, np.nan)
     motion = replace(motion, provenance={**motion.provenance, "robot": task.robot.name})
@@ -467,5 +467,5 @@ def _entry(name: str, task: ComparedTask, motion: Motion, wall: float, seconds: 
         solve_time=wall,
         torque_squared=float(np.trapezoid(np.sum(tau**2, axis=1), motion.t)),
         work=float(np.trapezoid(np.sum(np.abs(tau * motion.qd), axis=1), motion.t)),
-        details={"certify_time": certificate.wall_time},
+        details={"certify_time": certificate.wall_time, **played},
     )

@@ -104,18 +104,12 @@ def _entry(robot: Robot, via: FloatArray, folder: Path, name: str, row: Mapping[
         title=str(row.get("title", name)),
         motion=motion,
         certificate=None if motion is None else certify(robot, motion, via_q=via),
-        status=_status(row.get("status")),
+        status=Status(checks.one_of("status", row.get("status", ""), list(Status))),
         note=str(row.get("note", "")),
-        **{key: _float(row.get(key)) for key in ("solve_time", "torque_squared", "work")},
-        details={},
+        solve_time=_float(row.get("solve_time")),
+        torque_squared=_float(row.get("torque_squared")),
+        work=_float(row.get("work")),
     )
-
-
-def _status(value: Any) -> Status:
-    try:
-        return Status(value)
-    except ValueError:
-        raise InputError(f"status must be a known word, not {shown(value)}") from None
 
 
 def _float(value: Any) -> float:

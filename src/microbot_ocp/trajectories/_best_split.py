@@ -14,7 +14,7 @@ from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import ROUNDING, LimitFamily, MotionSamples
-from microbot_ocp.limits._peaks import PEAK_SEARCH
+from microbot_ocp.limits._peaks import PEAK_SEARCH, orders_of, samples_of
 from microbot_ocp.motion import PiecewisePolynomial
 from microbot_ocp.robot import JointLimits, Limits, Robot
 from microbot_ocp.trajectories._shortest_duration import (
@@ -294,13 +294,7 @@ class _SplitSearch:
         self, shape: PiecewisePolynomial, piece: np.ndarray, fraction: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """Use [S, ...] of the limits at any duration, and of those of the motion."""
-        local = (np.diff(shape.breaks)[piece] * fraction)[:, None]
-        orders, order = [], shape
-        for _ in MotionSamples._fields:
-            factors = order.coefficients[piece]
-            orders.append(sum(factors[:, k] * local**k for k in range(factors.shape[1])))
-            order = order.derivative()
-        samples = MotionSamples(*orders)
+        samples = samples_of(orders_of(shape), piece, np.diff(shape.breaks)[piece] * fraction)
         rest = MotionSamples(samples.q, *(np.zeros_like(samples.q),) * 3)
         limited = self.family.of_order(1, 2, 3)
         held = [key for key in limited if key not in ("qd", "qdd", "qddd", "taud")]
