@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
@@ -55,6 +55,8 @@ class Iteration:
         return unpack(self.program.layouts, self.x)
 
 
+Options = dict[str, Any]
+Functions = dict[str, ca.Function]
 Progress = Callable[[Iteration], object]
 # of what takes several solves: their iterations, and a line of text at every step between them
 StepProgress = Callable[[Iteration | str], object]
@@ -62,14 +64,6 @@ StepProgress = Callable[[Iteration | str], object]
 
 def quiet(_: Iteration | str) -> None:
     """No progress is reported; solves run without callbacks."""
-
-
-@dataclass(frozen=True, eq=False)
-class Hook:
-    """Options and functions that let a solver report."""
-
-    options: Mapping[str, Any]
-    cache: Mapping[str, ca.Function]
 
 
 @dataclass(eq=False)
@@ -92,15 +86,15 @@ class Watch:
     stopped: bool = False
     failure: BaseException | None = None
     asked: Callable[[], bool] = bool  # whether Ctrl-C was pressed
-    kept: ca.Callback | None = None
+    callback: ca.Callback | None = None  # which CasADi does not keep
 
-    def hook(self, cache: Mapping[str, ca.Function]) -> Hook:
-        """Options and functions to give to the solver."""
+    def hooked(self, options: Options, functions: Functions) -> tuple[Options, Functions]:
+        """Options and functions of a solver that let it report."""
         if self.solver == "fatrop":
-            self.kept = _JacobianCall(self, cache["nlp_jac_g"])
-            return Hook({}, {"nlp_jac_g": self.kept})
-        self.kept = _IterationCall(self)
-        return Hook({"iteration_callback": self.kept}, {})
+            self.callback = _JacobianCall(self, functions["nlp_jac_g"])
+            return options, {**functions, "nlp_jac_g": self.callback}
+        self.callback = _IterationCall(self)
+        return {**options, "iteration_callback": self.callback}, functions
 
     def report(self, x: FloatArray, g: FloatArray, cost: float | None = None) -> bool:
         """Take in an iterate; False where the solve should stop."""

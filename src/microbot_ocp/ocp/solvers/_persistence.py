@@ -39,7 +39,7 @@ _SCHEMES: dict[str, Callable[..., Scheme]] = {
     kind.__name__: kind
     for kind in (Collocation, HermiteSimpson, IntegratorShooting, Shooting, Trapezoidal)
 }
-_OPTIONAL = ("variable_multipliers", "variables")
+_OF_ROWS = ("row_multipliers", "start.rows")  # the other arrays are of the variables
 
 
 def versions() -> dict[str, str]:
@@ -59,17 +59,7 @@ def save_solution(solution: Solution, path: str | Path) -> Path:
     InputError
         Solver options that are no plain JSON values.
     """
-    arrays: dict[str, Any] = {"row_multipliers": solution.row_multipliers}
-    for name in _OPTIONAL:
-        value = getattr(solution, name)
-        if value is not None:
-            arrays[name] = value
-    if solution.start is not None:
-        arrays["start.x"] = solution.start.x
-        if solution.start.warm:
-            arrays["start.rows"] = solution.start.row_multipliers
-            arrays["start.variables"] = solution.start.variable_multipliers
-    phases = []
+    arrays, phases = _arrays_of(solution), []
     for index, phase in enumerate(solution.phases):
         arrays[f"phase{index}.mesh"] = phase.mesh
         if phase.degrees is not None:
@@ -107,6 +97,20 @@ def save_solution(solution: Solution, path: str | Path) -> Path:
         "versions": versions(),
     }
     return write_archive(path, arrays, metadata, "the options of a solution")
+
+
+def _arrays_of(solution: Solution) -> dict[str, FloatArray]:
+    """Arrays over the whole program, those that there are."""
+    start = solution.start or StartingPoint(np.zeros(0))
+    arrays = {
+        "row_multipliers": solution.row_multipliers,
+        "variable_multipliers": solution.variable_multipliers,
+        "variables": solution.variables,
+        "start.x": None if solution.start is None else start.x,
+        "start.rows": start.row_multipliers,
+        "start.variables": start.variable_multipliers,
+    }
+    return {name: values for name, values in arrays.items() if values is not None}
 
 
 def load_solution(
@@ -201,7 +205,7 @@ def _restored(
                 name: arrays[f"phase{i}.value{k}"] for k, name in enumerate(described["values"])
             },
             layout=layouts[i],
-            stages=_flat(arrays.get(f"phase{i}.stages")),
+            stages=arrays.get(f"phase{i}.stages"),
             degrees=meshes[i].degrees,
             parameters={k: np.array(v, float) for k, v in described.get("free", {}).items()},
         )
@@ -245,18 +249,10 @@ def _check_numbers(solution: Solution) -> None:
         raise InputError("it has no phases")
     layouts = [phase.layout for phase in solution.phases if phase.layout is not None]
     if layouts:
-        bounds, start = bounds_of(layouts), solution.start or StartingPoint(np.zeros(0))
-        height, width = (bounds.row_lower.size,), (bounds.variable_lower.size,)
-        for name, values, size in (
-            ("row_multipliers", solution.row_multipliers, height),
-            ("variable_multipliers", solution.variable_multipliers, width),
-            ("variables", solution.variables, width),
-            ("start.x", start.x if solution.start else None, width),
-            ("start.rows", start.row_multipliers, height),
-            ("start.variables", start.variable_multipliers, width),
-        ):
-            if values is not None:
-                checks.array(name, values, size, finite=solution.status.solved)
+        bounds = bounds_of(layouts)
+        for name, values in _arrays_of(solution).items():
+            shape = (bounds.row_lower if name in _OF_ROWS else bounds.variable_lower).shape
+            checks.array(name, values, shape, finite=solution.status.solved)
     for phase in solution.phases:
         rows = {phase.mesh.size - 1, phase.mesh.size}
         if phase.degrees is not None:
@@ -275,11 +271,6 @@ def _check_numbers(solution: Solution) -> None:
                 if not np.isfinite(values).all():
                     raise InputError(f"{name!r} of phase {phase.name!r} must be finite")
     checks.number("cost_scale", solution.cost_scale, above=0.0)
-
-
-def _flat(stages: FloatArray | None) -> FloatArray | None:
-    # earlier versions wrote a table [N, components]
-    return None if stages is None else stages.ravel()
 
 
 def _as_solved(

@@ -99,17 +99,13 @@ def create(
         "error_on_fail": False,
         "show_eval_warnings": False,  # the advice reports it
     }
-    plugin, options, cache = {
-        "fatrop": _fatrop,
-        "ipopt": _warm_ipopt if variant else _ipopt,
-        "sqp": _regularised_sqp if variant else _sqp,
-    }[name](program, settings)
+    make = {"fatrop": _fatrop, "ipopt": _ipopt, "sqp": _sqp}[name]
+    plugin, options, cache = make(program, settings, variant)
     if name == "ipopt" and np.isfinite(seconds):
         own = {"max_wall_time": max(seconds, 1e-3), **options["ipopt"]}
         options = {**options, "ipopt": own}
     if watch is not None:
-        hook = watch.hook(cache)
-        options, cache = {**options, **hook.options}, {**cache, **hook.cache}
+        options, cache = watch.hooked(options, cache)
     nlp = {**program.nlp, "f": program.nlp["f"] / program.cost_scale}
     if name == "fatrop":  # which would try steps for ever where values are not finite
         nlp = {**nlp, "f": ca.fmin(nlp["f"], SETTINGS.far), "g": ca.fmin(nlp["g"], SETTINGS.far)}
@@ -118,42 +114,29 @@ def create(
 
 Plugin = tuple[str, dict[str, Any], dict[str, ca.Function]]
 
+# how many outputs of a function are of the cost: the first
+_OF_COST = {"lagrangian": 1, "gradient": 2, "gradient_only": 1, "hessian": 0, "hessian_upper": 0}
+
 
 def _with_scaled_cost(program: Program) -> Mapping[str, ca.Function]:
     """The functions of a program as solvers get them."""
     functions, scale = program.functions, program.cost_scale
     if scale == 1.0:
         return functions
-    inputs = ("x", "p", "lam_f", "lam_g")
-    sizes = [functions["lagrangian"].sparsity_in(i) for i in range(len(inputs))]
-    x, p, lam_f, lam_g = (ca.MX.sym(k, size) for k, size in zip(inputs, sizes, strict=True))
-    curvature = [x, p, lam_f, lam_g]
 
-    def lagrangian() -> ca.Function:
-        cost, g, slope, slope_of_p = functions["lagrangian"](x, p, lam_f / scale, lam_g)
-        return ca.Function("nlp_grad", curvature, [cost / scale, g, slope, slope_of_p])
+    def divided(name: str, of_cost: int) -> ca.Function:
+        function = functions[name]
+        inputs = function.mx_in()
+        weights = [lam_f / scale for lam_f in inputs[2:3]]
+        outputs = function.call([*inputs[:2], *weights, *inputs[3:]])
+        outputs[:of_cost] = [output / scale for output in outputs[:of_cost]]
+        return ca.Function(function.name(), inputs, outputs)
 
-    def gradient(with_cost: bool) -> ca.Function:
-        outputs = [value / scale for value in functions["gradient"](x, p)]
-        return ca.Function("nlp_grad_f", [x, p], outputs if with_cost else outputs[1:])
-
-    def hessian(name: str) -> ca.Function:
-        outputs = functions[name].call([x, p, lam_f / scale, lam_g])
-        return ca.Function("nlp_hess_l", curvature, outputs)
-
-    return MadeOnDemand(
-        {
-            "lagrangian": lagrangian,
-            "jacobian": lambda: functions["jacobian"],
-            "gradient": partial(gradient, True),
-            "gradient_only": partial(gradient, False),
-            "hessian": partial(hessian, "hessian"),
-            "hessian_upper": partial(hessian, "hessian_upper"),
-        }
-    )
+    changed = {name: partial(divided, name, count) for name, count in _OF_COST.items()}
+    return MadeOnDemand({**changed, "jacobian": lambda: functions["jacobian"]})
 
 
-def _fatrop(program: Program, settings: SolverSettings) -> Plugin:
+def _fatrop(program: Program, settings: SolverSettings, _: bool) -> Plugin:
     functions = _with_scaled_cost(program)
     options: dict[str, Any] = {**FATROP_OPTIONS, "tolerance": settings.tolerance}
     options["max_iter"] = settings.max_iterations
@@ -181,8 +164,7 @@ def _fatrop(program: Program, settings: SolverSettings) -> Plugin:
 
 def _finite(function: ca.Function) -> ca.Function:
     """The function with zeros where it has no value."""
-    inputs = [ca.MX.sym(f"i{k}", function.sparsity_in(k)) for k in range(function.n_in())]
-    outputs = []
+    inputs, outputs = function.mx_in(), []
     for value in function.call(inputs):
         entries = value.nz[:]
         # the smaller of a number and what is none is the number
@@ -192,7 +174,7 @@ def _finite(function: ca.Function) -> ca.Function:
     return ca.Function(function.name(), inputs, outputs)
 
 
-def _ipopt(program: Program, settings: SolverSettings) -> Plugin:
+def _ipopt(program: Program, settings: SolverSettings, warm: bool) -> Plugin:
     functions = _with_scaled_cost(program)
     options: dict[str, Any] = {
         **IPOPT_OPTIONS,
@@ -209,25 +191,20 @@ def _ipopt(program: Program, settings: SolverSettings) -> Plugin:
         "nlp_grad_f": functions["gradient"],
         "nlp_hess_l": functions["hessian_upper"],
     }
-    own = {**options, **settings.options.get("ipopt", {})}
-    return "ipopt", {"ipopt": as_ipopt_knows(own)}, cache
+    options |= settings.options.get("ipopt", {})
+    if warm:
+        start = {
+            "warm_start_init_point": "yes",
+            "mu_init": SETTINGS.warm_barrier,
+            **dict.fromkeys(WARM_PUSHES, SETTINGS.warm_push),
+        }
+        options = {**start, **options, **settings.options.get("ipopt warm", {})}
+    return "ipopt", {"ipopt": as_ipopt_knows(options)}, cache
 
 
-def _warm_ipopt(program: Program, settings: SolverSettings) -> Plugin:
-    plugin, options, cache = _ipopt(program, settings)
-    warm = {
-        "warm_start_init_point": "yes",
-        "mu_init": SETTINGS.warm_barrier,
-        **dict.fromkeys(WARM_PUSHES, SETTINGS.warm_push),
-    }
-    own = settings.options.get("ipopt warm", {})
-    return plugin, {"ipopt": as_ipopt_knows({**warm, **options["ipopt"], **own})}, cache
-
-
-def _sqp(program: Program, settings: SolverSettings) -> Plugin:
+def _sqp(program: Program, settings: SolverSettings, regularised: bool) -> Plugin:
     functions = _with_scaled_cost(program)
-    x, p = (ca.MX.sym(k, functions["jacobian"].sparsity_in(i)) for i, k in enumerate("xp"))
-    lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", program.row_lower.size)
+    x, p, lam_f, lam_g = functions["hessian"].mx_in()
     g, jacobian = functions["jacobian"](x, p)
     f, slope = functions["gradient"](x, p)
     hessian = functions["hessian"](x, p, lam_f, lam_g)[1]
@@ -236,15 +213,13 @@ def _sqp(program: Program, settings: SolverSettings) -> Plugin:
         "nlp_jac_fg": ca.Function("nlp_jac_fg", [x, p], [f, slope, g, jacobian]),
         "nlp_hess_l": ca.Function("nlp_hess_l", [x, p, lam_f, lam_g], [hessian]),
     }
-    options = {
+    options: dict[str, Any] = {
         **SQP_OPTIONS,
         "max_iter": settings.max_iterations,
         "tol_pr": settings.tolerance,
         "tol_du": settings.tolerance,
     }
-    return "sqpmethod", {**options, **settings.options.get("sqp", {})}, cache
-
-
-def _regularised_sqp(program: Program, settings: SolverSettings) -> Plugin:
-    plugin, options, cache = _sqp(program, settings)
-    return plugin, {**options, "convexify_strategy": "regularize"}, cache
+    options |= settings.options.get("sqp", {})
+    if regularised:
+        options["convexify_strategy"] = "regularize"
+    return "sqpmethod", options, cache

@@ -47,7 +47,7 @@ class Composition:
 
 def divided(stage: ca.Function) -> Composition | None:
     """The stage around the heavy functions that it calls, or None where there are none."""
-    v, c = (ca.MX.sym(name, stage.size1_in(k)) for k, name in enumerate("vc"))
+    v, c = stage.mx_in()
     results = ca.cse(list(stage.call([v, c], True, False)))
     heavy = _heavy_calls(results)
     if not heavy:
@@ -128,7 +128,7 @@ def composed_derivatives(
 
 def _composed_stage(stage: Composition, values: Sequence[ca.Function]) -> ca.Function:
     """``(v, c) -> next, rows, cost``."""
-    v, c = _inputs(stage)
+    v, c = stage.outer.mx_in()[:2]
     results = []
     for calls, function in zip(stage.calls, values, strict=True):
         outputs = _at_every_call(function, calls.arguments(v, c))
@@ -139,9 +139,9 @@ def _composed_stage(stage: Composition, values: Sequence[ca.Function]) -> ca.Fun
 
 def _composed_jacobian(stage: Composition, first: Sequence[ca.Function]) -> ca.Function:
     """``(v, c) -> [next; rows], their Jacobian, cost, its gradient``, all by v."""
-    v, c = _inputs(stage)
+    v, c = stage.outer.mx_in()[:2]
     w, through = _results(stage, first, v, c)
-    sv, sc, sw = (ca.SX.sym("i", stage.outer.size1_in(k)) for k in range(3))
+    sv, sc, sw = stage.outer.sx_in()
     following, rows, cost = stage.outer(sv, sc, sw)
     both = ca.vertcat(following, rows)
     outputs = [both, cost, *(ca.jacobian(k, x) for x in (sv, sw) for k in (both, cost))]
@@ -155,7 +155,7 @@ def _composed_hessian(
     stage: Composition, first: Sequence[ca.Function], second: Sequence[ca.Function]
 ) -> ca.Function:
     """``(v, c, lam, sigma) -> H``: of sigma times the cost plus lam times [-next; rows], by v."""
-    v, c = _inputs(stage)
+    v, c = stage.outer.mx_in()[:2]
     lam = ca.MX.sym("lam", stage.outer.size1_out(0) + stage.outer.size1_out(1))
     sigma = ca.MX.sym("sigma")
     weights, light = _light_hessian(stage)
@@ -178,10 +178,6 @@ def _composed_hessian(
         half = by_vw @ through
         total = total + half + half.T + through.T @ (by_ww @ through)
     return ca.Function("stage_hessian", [v, c, lam, sigma], [total])
-
-
-def _inputs(stage: Composition) -> list[ca.MX]:
-    return [ca.MX.sym(name, stage.outer.size1_in(k)) for k, name in enumerate("vc")]
 
 
 def _result_size(stage: Composition) -> list[int]:
@@ -217,7 +213,7 @@ def _results(
 
 def _slopes(calls: Calls) -> ca.Function:
     """``(v, c) -> A [a, K]``, and its derivatives by v, those of every column below the last."""
-    v, c = (ca.SX.sym("i", calls.arguments.size1_in(k)) for k in range(2))
+    v, c = calls.arguments.sx_in()
     arguments = calls.arguments(v, c)
     slopes = ca.jacobian(ca.vec(arguments), v)
     return ca.Function("stage_slopes", [v, c], ca.cse([ca.densify(arguments), slopes]))
@@ -227,7 +223,7 @@ def _light_hessian(stage: Composition) -> tuple[ca.Function, ca.Function]:
     """``(v, c, w, lam, sigma) -> weights of w``, and with the gradients of all calls besides
     second derivatives by v, by v and w, by w.
     """
-    v, c, w = (ca.SX.sym("i", stage.outer.size1_in(k)) for k in range(3))
+    v, c, w = stage.outer.sx_in()
     following, rows, cost = stage.outer(v, c, w)
     lam, sigma = ca.SX.sym("lam", following.shape[0] + rows.shape[0]), ca.SX.sym("sigma")
     arguments = ca.vertcat(*(ca.vec(calls.arguments(v, c)) for calls in stage.calls))
@@ -254,7 +250,8 @@ def _at_every_call(function: ca.Function, arguments: ca.MX, *more: ca.MX) -> lis
 
 
 def _derivatives_of(function: ca.Function) -> tuple[ca.Function, ca.Function]:
-    inputs, stacked, values = _scalars(function)
+    inputs = function.sx_in()
+    stacked, values = ca.vertcat(*inputs), ca.vertcat(*function.call(inputs))
     first = ca.cse([ca.densify(values), ca.jacobian(values, stacked)])
     weights = ca.SX.sym("weights", values.shape[0])
     hessian, gradient = ca.hessian(ca.dot(weights, values), stacked)
@@ -263,8 +260,3 @@ def _derivatives_of(function: ca.Function) -> tuple[ca.Function, ca.Function]:
         ca.Function("first_derivatives", inputs, first),
         ca.Function("second_derivatives", [*inputs, weights], second),
     )
-
-
-def _scalars(function: ca.Function) -> tuple[list[ca.SX], ca.SX, ca.SX]:
-    inputs = [ca.SX.sym("i", function.size1_in(k)) for k in range(function.n_in())]
-    return inputs, ca.vertcat(*inputs), ca.vertcat(*function.call(inputs))

@@ -393,13 +393,14 @@ def _without_repeats(function: ca.Function) -> ca.Function:
     deadline.check()
     if not function.is_a("SXFunction"):
         return function
-    inputs = _symbols(function)
+    inputs = function.sx_in()
     return ca.Function(function.name(), inputs, ca.cse(function.call(inputs)))
 
 
 def _derivatives(function: ca.Function) -> tuple[ca.Function, ca.Function, ca.Function]:
     """A function of a stage or of points with its Jacobian and Hessian."""
-    v, c = _symbols(function)
+    symbols: Any = function.sx_in() if function.is_a("SXFunction") else function.mx_in()
+    v, c = symbols
     *parts, cost = function(v, c)
     both, name = ca.vertcat(*parts), function.name()
     lam, sigma = type(v).sym("lam", both.shape[0]), type(v).sym("sigma")
@@ -412,8 +413,3 @@ def _derivatives(function: ca.Function) -> tuple[ca.Function, ca.Function, ca.Fu
         _without_repeats(ca.Function(f"{name}_jacobian", [v, c], outputs)),
         _without_repeats(ca.Function(f"{name}_hessian", [v, c, lam, sigma], [hessian])),
     )
-
-
-def _symbols(function: ca.Function) -> list[Any]:
-    kind = ca.SX if function.is_a("SXFunction") else ca.MX
-    return [kind.sym(f"i{k}", function.sparsity_in(k)) for k in range(function.n_in())]
