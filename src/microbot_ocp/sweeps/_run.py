@@ -66,16 +66,12 @@ class SweepStopped(RuntimeError):
 def sweep(
     robot: Robot,
     cases: Cases,
-    methods: Sequence[str] | Mapping[str, OwnMethod | None] = (
-        "cubic",
-        "cubic_path",
-        "time_optimal",
-    ),
+    methods: Sequence[str] | Mapping[str, OwnMethod | None] = Study.methods,
     *,
     out: str | Path,
     client: Any = None,
     workers: int | None = None,
-    time_limit: float = 60.0,
+    time_limit: float = Study.time_limit,
     motions: bool = False,
     progress: Progress | None = None,
     **settings: Any,

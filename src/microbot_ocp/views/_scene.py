@@ -9,7 +9,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.fast_calls import buffered_call
 from microbot_ocp.limits import JOINT_QUANTITIES, LimitFamily
 from microbot_ocp.motion import Motion
@@ -25,12 +25,6 @@ POSITIONS = ("q", "error")  # drawn in degrees for revolute joints
 def solved_entries(comparison: Comparison) -> list[tuple[Entry, Motion]]:
     """Return the entries that have a motion, in their order."""
     return [(e, e.motion) for e in comparison.entries if e.motion is not None]
-
-
-def check_joints(robot: Robot, count: int, name: str) -> None:
-    """Refuse what has another number of joints than the robot."""
-    if count != robot.joint_count:
-        raise InputError(f"{name} has {count} joints, but the robot has {robot.joint_count}")
 
 
 def link_origins(robot: Robot, q: FloatArray) -> FloatArray:

@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.showing import GivenAxes
 from microbot_ocp.limits import LimitFamily
@@ -106,9 +107,7 @@ def curves(
 
 def _check_quantity(robot: Robot, quantity: str) -> None:
     family = LimitFamily.of(robot)
-    if quantity not in NAMES and quantity not in family:
-        names = ", ".join(dict.fromkeys([*NAMES, *family.keys]))
-        raise InputError(f"quantity must be one of {names}, not {quantity!r}")
+    checks.one_of("quantity", quantity, dict.fromkeys([*NAMES, *family.keys]))
     if not scene.of_joints(robot, quantity) and len(family[quantity].labels) > 1:
         raise InputError(
             f"quantity {quantity!r} has {len(family[quantity].labels)} components that are not the "

@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.showing import GivenAxes
 from microbot_ocp.limits import LimitFamily, LimitHistory, Spell, limit_history
@@ -74,9 +75,7 @@ def limit_use(
     if not history.use or not shown:
         raise InputError("limits must bound something: this robot has none")
     for quantity in shown:
-        if quantity not in history.use:
-            keys = ", ".join(history.use)
-            raise InputError(f"quantity must be one with a limit ({keys}), not {quantity!r}")
+        checks.one_of("quantity with a limit", quantity, history.use)
     size = (STYLE.width, 0.9 * STYLE.row * len(shown) + 1.3)
     title = f"{robot.name}, {motion.label}: use of the limits"
     page = axes_page(axes, len(shown), 1, size=size, title=title, sharex=True)

@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from microbot_ocp._base import checks
 from microbot_ocp._base.checks import InputError
 from microbot_ocp._base.showing import GivenAxes
 from microbot_ocp.motion import Motion
 from microbot_ocp.robot import JointLimits, Limits, Robot
 from microbot_ocp.simulation import Simulation, Tracking
-from microbot_ocp.views._scene import check_joints
 from microbot_ocp.views.plots._curve import Curve
 from microbot_ocp.views.plots._curves import curves
 from microbot_ocp.views.plots._page import AxesGrid
@@ -56,7 +56,7 @@ def motion(
     runs = [motion] if isinstance(motion, Motion | Simulation) else list(motion)
     for each in runs:
         name = "motion" if isinstance(each, Motion) else "simulation"
-        check_joints(robot, each.q.shape[1], name)
+        checks.joints(name, each.q.shape[1], robot)
     robot = robot if limits is None else robot.with_limits(limits)
     every = [Curve.of(each, robot=robot, quantities=quantities) for each in runs]
     return curves(
@@ -132,7 +132,7 @@ def tracking(
     if not runs:
         raise InputError("trackings must hold at least one tracking")
     for label, run in runs:
-        check_joints(robot, run.q.shape[1], f"tracking {label!r}")
+        checks.joints(f"tracking {label!r}", run.q.shape[1], robot)
     return curves(
         robot,
         [Curve.of(run, label, robot=robot, quantities=quantities) for label, run in runs],

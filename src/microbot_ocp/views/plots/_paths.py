@@ -260,8 +260,8 @@ def arms(
     x, y, z = drawn_arms[0, 0]
     panel.text(x, y, z, "  base", path_effects=halo(), zorder=8)
     set_space(panel, drawn)
-    spans = np.ptp(drawn, axis=0)
-    for axis, span in zip("xyz", spans, strict=True):  # six ticks along the longest axis
+    spans, each = np.ptp(drawn, axis=0), list[Any]("xyz")
+    for axis, span in zip(each, spans, strict=True):  # six ticks along the longest axis
         panel.locator_params(axis=axis, nbins=max(2, round(6 * span / spans.max())))
     panel.view_init(elev=22, azim=azimuth(drawn_arms[:, -1]) - 40)
     page.legend(panel.get_legend_handles_labels()[0], 3)

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.table import Table
 from microbot_ocp.certificate import Certificate
@@ -18,7 +19,6 @@ from microbot_ocp.scene import Scene, clearance, has_coal
 from microbot_ocp.simulation import Tracking
 from microbot_ocp.tasks import Cell, Comparison
 from microbot_ocp.views._scene import (
-    check_joints,
     display_factor,
     display_unit,
     solved_entries,
@@ -71,7 +71,7 @@ def of_motion(
     Its ends, and the marks named "via ...", are marked in space. With a scene its obstacles are
     drawn, the capsules of the arm, and the line between the nearest points with its length.
     """
-    check_joints(robot, motion.joint_count, "motion")
+    checks.joints("motion", motion.joint_count, robot)
     inner = sorted(
         m.time for m in motion.marks if m.name.startswith("via") and 0.0 < m.time < motion.duration
     )
@@ -135,7 +135,7 @@ def of_tracking(
     InputError
         The simulation did not arrive, or is of another robot.
     """
-    check_joints(robot, tracking.q.shape[1], "tracking")
+    checks.joints("tracking", tracking.q.shape[1], robot)
     motion = tracking.as_motion(tracking.label or "actual")
     reference = tracking.reference
     wanted = Motion(motion.t, *reference, np.zeros_like(reference.q), "desired")
@@ -181,7 +181,7 @@ def of_branches(
     """
     if not solutions:
         raise InputError("solutions must hold at least one IKSolution, not none")
-    check_joints(robot, len(solutions[0].q), "solutions")
+    checks.joints("solutions", len(solutions[0].q), robot)
     q = np.array([solution.q for solution in solutions])
     styles = [_ghost(f"branch_{k}", "") for k in range(1, len(q) + 1)]
     shown = looks(robot, [*styles, _solid("solution", "")])
