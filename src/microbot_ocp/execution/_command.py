@@ -70,18 +70,8 @@ class ControllerCommand:
             raise InputError(
                 f"profile {self.profile.name!r} does not accept it: {self.certificate.verdict}"
             )
-        count = range(robot.joint_count)
-        return write_columns(
-            path,
-            Columns(
-                self.rows.label,
-                self.rows.t,
-                {key: getattr(self.rows, key) for key in self.profile.columns},
-                robot.joint_names,
-                {key: tuple(robot.unit(key, j) for j in count) for key in self.profile.columns},
-                tuple((mark.time, mark.name) for mark in self.rows.marks),
-            ),
-        )
+        marks = tuple((mark.time, mark.name) for mark in self.rows.marks)
+        return write_columns(path, Columns.of(self.rows, robot, self.profile.columns, marks))
 
 
 def commanded(

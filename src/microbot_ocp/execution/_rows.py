@@ -16,10 +16,9 @@ import numpy as np
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError, naming, shown
 from microbot_ocp._base.reading import bytes_of, text_of, yaml_of
-from microbot_ocp.motion import Mark, Motion
+from microbot_ocp.motion import FIELDS, Mark, Motion
 from microbot_ocp.robot import Robot
 
-FIELDS = {"positions": "q", "velocities": "qd", "accelerations": "qdd", "effort": "tau"}
 FORMATS = (".csv", ".json", ".yaml", ".yml", ".npz")
 
 

@@ -2,6 +2,7 @@
 
 from ._export import (
     EXPORT_FORMATS as EXPORT_FORMATS,
+    FIELDS as FIELDS,
     FILM_FORMATS as FILM_FORMATS,
     Columns as Columns,
     write_columns as write_columns,

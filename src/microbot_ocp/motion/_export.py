@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
@@ -17,11 +17,13 @@ import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.needed import needed
 from microbot_ocp._base.showing import view_for
 from microbot_ocp._base.writing import whole_file
 from microbot_ocp.robot import Robot
 
-QUANTITIES = ("q", "qd", "qdd", "tau")
+QUANTITIES = {"q": "rad", "qd": "rad/s", "qdd": "rad/s^2", "tau": "N m"}
+FIELDS = {"positions": "q", "velocities": "qd", "accelerations": "qdd", "effort": "tau"}  # of ROS
 NANOSECONDS = 1_000_000_000
 MOST_SECONDS = 2**31  # that a time of ROS holds
 
@@ -40,19 +42,24 @@ class Columns(NamedTuple):
     marks: tuple[tuple[float, str], ...] | None = None
 
     @classmethod
-    def of(cls, motion: Any, robot: Robot | None) -> Columns:
+    def of(
+        cls,
+        samples: Any,
+        robot: Robot | None,
+        keys: Iterable[str] = tuple(QUANTITIES),
+        marks: Any = None,
+    ) -> Columns:
         """Of a motion; without a robot joints are numbered and taken for revolute ones."""
-        count = motion.joint_count
+        count = samples.q.shape[1]
         if robot is None:
-            usual = {"q": "rad", "qd": "rad/s", "qdd": "rad/s^2", "tau": "N m"}
             joints = tuple(f"joint_{j + 1}" for j in range(count))
-            units = {key: (unit,) * count for key, unit in usual.items()}
+            units = {key: (unit,) * count for key, unit in QUANTITIES.items()}
         else:
             checks.joints("motion", count, robot)
             joints = robot.joint_names
-            units = {key: tuple(robot.unit(key, j) for j in range(count)) for key in QUANTITIES}
-        values = {key: getattr(motion, key) for key in QUANTITIES}
-        return cls(motion.label, motion.t, values, joints, units)
+            units = {key: tuple(robot.unit(key, j) for j in range(count)) for key in keys}
+        values = {key: getattr(samples, key) for key in keys}
+        return cls(samples.label, samples.t, values, joints, units, marks)
 
     def table(self) -> tuple[list[str], FloatArray]:
         """Heads, such as "qd elbow [rad/s]", and values [N, 1 + 4 n]."""
@@ -123,8 +130,7 @@ def _write_csv(path: Path, columns: Columns) -> None:
 
 def _write_trajectory(path: Path, columns: Columns) -> None:
     """A ``trajectory_msgs/JointTrajectory`` of ROS as JSON."""
-    every = {"positions": "q", "velocities": "qd", "accelerations": "qdd", "effort": "tau"}
-    names = {name: key for name, key in every.items() if key in columns.values}
+    names = {name: key for name, key in FIELDS.items() if key in columns.values}
     whole = np.rint(columns.t * NANOSECONDS).astype(np.int64)
     # A controller wants increasing times: of two samples at a jump it gets the later one.
     kept = np.append(np.diff(whole) > 10_000, True)
@@ -154,7 +160,7 @@ def _stamp(nanoseconds: int) -> dict[str, int]:
 
 
 def _write_matlab(path: Path, columns: Columns) -> None:
-    savemat = _needed("scipy.io", "scipy").savemat
+    savemat = needed("scipy.io", "this format needs", "export").savemat
     units = {f"{key}_unit": list(columns.units[key]) for key in columns.values}
     named = {"joint_names": list(columns.joints), "label": columns.label}
     if columns.marks is not None:
@@ -163,7 +169,9 @@ def _write_matlab(path: Path, columns: Columns) -> None:
 
 
 def _write_parquet(path: Path, columns: Columns) -> None:
-    arrow, parquet = _needed("pyarrow", "pyarrow"), _needed("pyarrow.parquet", "pyarrow")
+    arrow, parquet = (
+        needed(module, "this format needs", "export") for module in ("pyarrow", "pyarrow.parquet")
+    )
     heads, values = columns.table()
     table = arrow.table(dict(zip(heads, values.T, strict=True)))
     metadata = {"label": columns.label}
@@ -183,15 +191,6 @@ def _write_keyframes(path: Path, columns: Columns) -> None:
         ElementTree.SubElement(frame, "key", {"name": str(i), "time": repr(t), **texts})
     ElementTree.indent(root)
     ElementTree.ElementTree(root).write(path, encoding="utf-8")
-
-
-def _needed(module: str, package: str) -> Any:
-    try:
-        return __import__(module, fromlist=["*"])
-    except ImportError:
-        raise InputError(
-            f"this format needs {package}: pip install 'microbot_ocp[export]'"
-        ) from None
 
 
 MOST_IN_TEXT = 3_000_000  # numbers

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from microbot_ocp.motion import Motion, sample_times
+from microbot_ocp.motion import SAMPLE_STEP, Motion
 from microbot_ocp.robot import Robot, rest_pose
 from microbot_ocp.trajectories._quintic import quintic
 
@@ -58,11 +58,5 @@ def joint_sweep(
         by_speed = 15 / 8 * way[moves] / speed[moves]
         by_acceleration = np.sqrt(10 / np.sqrt(3) * way[moves] / acceleration[moves])
         times.append(times[-1] + float(max([least_time, *by_speed, *by_acceleration])))
-    shape, label = quintic(points, times), "joint by joint"
-    if robot.has_dynamics:
-        return Motion.from_polynomial(robot, shape, label=label)
-    t = sample_times(np.array(times), np.array([]), 1e-2)
-    velocity = shape.derivative()
-    q = shape(t)
-    states = q, velocity(t), velocity.derivative()(t), np.zeros_like(q)
-    return Motion(t, *states, label, np.array(times))
+    step = SAMPLE_STEP if robot.has_dynamics else 10.0 * SAMPLE_STEP  # a quintic is exact
+    return Motion.from_polynomial(robot, quintic(points, times), label="joint by joint", step=step)
