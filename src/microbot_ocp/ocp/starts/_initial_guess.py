@@ -14,10 +14,10 @@ from functools import partial
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp.ocp.problem import OptimalControlProblem, Variable, node_variables
+from microbot_ocp.ocp.problem import OptimalControlProblem, Phase, Variable, node_variables
 from microbot_ocp.ocp.solution import PhaseSolution, Solution, StartingPoint, pack
 from microbot_ocp.ocp.starts._measured_guess import with_measurements
-from microbot_ocp.ocp.starts._rollout import rollout
+from microbot_ocp.ocp.starts._rollout import rollouts
 from microbot_ocp.ocp.transcription import Block, Guess, GuessValue, PhaseLayout, Program
 from microbot_ocp.ocp.transcription.schemes import Collocation
 
@@ -80,7 +80,7 @@ def completed(
     ----------
     problem : OptimalControlProblem
     guess : mapping from phase name to Guess, "rollout" or None
-        "rollout" simulates the problem: :func:`rollout`.
+        "rollout" simulates the problem: :func:`rollouts`.
 
     Raises
     ------
@@ -88,7 +88,7 @@ def completed(
         A phase that the problem does not have, or another word.
     """
     if guess == "rollout":
-        return rollout(problem, default_guess(problem))
+        return rollouts(problem, default_guess(problem))[0]
     if isinstance(guess, str):
         raise InputError(f"guess must be a mapping, a Solution or 'rollout', not {guess!r}")
     ordinary, given = default_guess(problem), guess or {}
@@ -160,22 +160,14 @@ def guess_from(problem: OptimalControlProblem, solution: Solution) -> dict[str, 
     solution is cut into as many pieces of equal duration as the problem has phases. What the
     solution does not have starts from the default guess.
     """
-    solved = {phase.name: phase for phase in solution.phases}
     ordinary = default_guess(problem)
     guesses = {}
-    matched = all(phase.name in solved for phase in problem.phases)
-    for index, phase in enumerate(problem.phases):
-        if matched:
-            pieces: tuple[PhaseSolution, ...] = (solved[phase.name],)
-            share = (0.0, 1.0)
-        else:
-            pieces = solution.phases
-            share = (index / len(problem.phases), (index + 1) / len(problem.phases))
-        whole = sum(piece.duration for piece in pieces)
+    for phase, pieces, share in _taken_over(problem, solution):
         values: dict[str, GuessValue] = dict(ordinary[phase.name].values)
         for variable in phase.variables:
             if all(_has(piece, variable) for piece in pieces):
                 values[variable.name] = partial(_along, pieces, variable.name, share)
+        whole = sum(piece.duration for piece in pieces)
         duration = float(np.clip(whole * (share[1] - share[0]), *phase.duration_bounds))
         guesses[phase.name] = Guess(duration, values)
     return guesses
@@ -183,13 +175,23 @@ def guess_from(problem: OptimalControlProblem, solution: Solution) -> dict[str, 
 
 def missing_from(problem: OptimalControlProblem, solution: Solution) -> Iterator[str]:
     """What of a problem starts from the default guess, as a solution does not have it."""
-    solved = {phase.name: phase for phase in solution.phases}
-    matched = all(phase.name in solved for phase in problem.phases)
-    for phase in problem.phases:
-        pieces = (solved[phase.name],) if matched else solution.phases
+    for phase, pieces, _ in _taken_over(problem, solution):
         for variable in phase.variables:
             if not all(_has(piece, variable) for piece in pieces):
                 yield f"{variable.name} of phase {phase.name!r}"
+
+
+def _taken_over(
+    problem: OptimalControlProblem, solution: Solution
+) -> Iterator[tuple[Phase, Sequence[PhaseSolution], tuple[float, float]]]:
+    """Every phase with the phases of a solution that it starts from, and its share of them."""
+    solved, count = {phase.name: phase for phase in solution.phases}, len(problem.phases)
+    matched = all(phase.name in solved for phase in problem.phases)
+    for k, phase in enumerate(problem.phases):
+        if matched:
+            yield phase, (solved[phase.name],), (0.0, 1.0)
+        else:
+            yield phase, solution.phases, (k / count, (k + 1) / count)
 
 
 def _has(piece: PhaseSolution, variable: Variable) -> bool:
@@ -239,8 +241,11 @@ def _moved_multipliers(
         ends = zip(before.rows[len(before.groups) :], after.rows[len(after.groups) :], strict=True)
         for old_block, new_block in ends:
             new_rows[new_block.places] = rows[old_block.places]
-        _move(_row_series(before), _row_series(after), rows, new_rows)
-        _move(_variable_series(before), _variable_series(after), variables, new_variables)
+        for blocks, values, new in (
+            (_row_blocks, rows, new_rows),
+            (_inner_blocks, variables, new_variables),
+        ):
+            _move(_series(before, blocks(before)), _series(after, blocks(after)), values, new)
         _move_nodes(before, after, variables, new_variables)
     return new_rows, new_variables
 
@@ -264,16 +269,13 @@ class _Series:
 Key = tuple[str, str, int, float]
 
 
-def _row_series(layout: PhaseLayout) -> dict[Key, _Series]:
-    return _series(layout, [Block(g.kind.rows, g.intervals, g.rows) for g in layout.groups])
+def _row_blocks(layout: PhaseLayout) -> list[Block]:
+    return [Block(g.kind.rows, g.intervals, g.rows) for g in layout.groups]
 
 
-def _variable_series(layout: PhaseLayout) -> dict[Key, _Series]:
+def _inner_blocks(layout: PhaseLayout) -> list[Block]:
     nz = layout.node_size
-    return _series(
-        layout,
-        [Block(g.kind.variables[nz:], g.intervals, g.variables[:, nz:]) for g in layout.groups],
-    )
+    return [Block(g.kind.variables[nz:], g.intervals, g.variables[:, nz:]) for g in layout.groups]
 
 
 def _series(layout: PhaseLayout, blocks: Sequence[Block]) -> dict[Key, _Series]:

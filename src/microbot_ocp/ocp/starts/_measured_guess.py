@@ -16,7 +16,7 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.ocp.problem import Expressions, OptimalControlProblem, Phase, Variable
-from microbot_ocp.ocp.transcription import Guess, GuessValue, guess_table
+from microbot_ocp.ocp.transcription import Guess, GuessValue, sampled
 
 Points = Mapping[int, tuple[FloatArray, FloatArray]]  # fractions [M] and values [M] by component
 
@@ -57,16 +57,9 @@ def _states(phase: Phase, guess: Guess, points: Points) -> dict[str, GuessValue]
     return states
 
 
-def _table(guess: Guess, variable: Variable, fractions: FloatArray) -> FloatArray:
-    """Return the guess of a variable [M, size] without measurements; zeros where there is none."""
-    value = guess.values.get(variable.name, np.clip(0.0, variable.lower, variable.upper))
-    table = guess_table(value, variable.size, fractions)
-    return np.broadcast_to(table, (fractions.size, variable.size)).copy()
-
-
 def _along(guess: Guess, state: Variable, points: Points, s: FloatArray) -> FloatArray:
     """Interpolate a state [M, size] at fractions [M], straight between what is known of it."""
-    table = _table(guess, state, s)
+    table = sampled(guess.values.get(state.name), state, s)
     for i, (fractions, values) in points.items():
         table[:, i] = np.interp(s, fractions, values)
     return np.clip(table, state.lower, state.upper)
@@ -87,7 +80,7 @@ def _points(phase: Phase, guess: Guess) -> Points:
         if not data:
             continue
         expressions, s = Expressions(phase, data), cost.fractions
-        values = {v.name: _table(guess, v, s).T for v in phase.variables}
+        values = {v.name: sampled(guess.values.get(v.name), v, s).T for v in phase.variables}
         measured = [m.value.T for m in data]
         inputs = expressions.tables(values, duration * s, duration, data=measured)
         curvature, slope = ca.hessian(cost.expression, x)
@@ -120,7 +113,8 @@ def _fitted(
     lower, upper = (np.concatenate([getattr(v, k) for v in unknown]) for k in ("lower", "upper"))
     holders = [next(p for p in phases if v in p.free_parameters) for v in unknown]
     pairs = zip(holders, unknown, strict=True)
-    start = np.concatenate([_table(guesses[p.name], v, np.zeros(1))[0] for p, v in pairs])
+    values = [(guesses[p.name].values.get(v.name), v) for p, v in pairs]
+    start = np.concatenate([sampled(value, v, np.zeros(1))[0] for value, v in values])
     edges = np.cumsum([v.size for v in unknown])[:-1]
     x = ca.MX.sym("free", start.size)
     parts = ca.vertsplit(x, [0, *edges.tolist(), start.size])
@@ -168,7 +162,7 @@ def _misfits(phase: Phase, guess: Guess, points: Points, free: Mapping[str, ca.M
     for i, (fractions, seen) in points.items():
         steps = np.diff(fractions)
         at = (fractions[:-1, None] + steps[:, None] * (nodes + 1) / 2).ravel()
-        values = {v.name: _table(guess, v, at).T for v in phase.variables}
+        values = {v.name: sampled(guess.values.get(v.name), v, at).T for v in phase.variables}
         inputs: list[ca.MX | FloatArray] = list(expressions.tables(values, duration * at, duration))
         for k, variable in enumerate(phase.variables):
             if variable.name in free:

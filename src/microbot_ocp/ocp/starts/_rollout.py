@@ -11,7 +11,7 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp.problem import OptimalControlProblem, Phase, Variable
-from microbot_ocp.ocp.transcription import Guess, GuessValue, guess_table
+from microbot_ocp.ocp.transcription import Guess, GuessValue, sampled
 
 
 @dataclass(frozen=True)
@@ -46,19 +46,8 @@ Ranges = Mapping[str, Mapping[str, Range]]
 Share = float | np.random.Generator  # of the range of a control; at random
 
 
-def rollout(
-    problem: OptimalControlProblem,
-    ordinary: Mapping[str, Guess],
-    durations: Mapping[str, float] | None = None,
-) -> dict[str, Guess]:
-    """The first of :func:`rollouts`."""
-    return rollouts(problem, ordinary, durations)[0]
-
-
 def rollouts(
-    problem: OptimalControlProblem,
-    ordinary: Mapping[str, Guess],
-    durations: Mapping[str, float] | None = None,
+    problem: OptimalControlProblem, ordinary: Mapping[str, Guess]
 ) -> list[dict[str, Guess]]:
     """Guesses whose states follow the dynamics under constant controls.
 
@@ -72,11 +61,10 @@ def rollouts(
     ----------
     problem : OptimalControlProblem
     ordinary : mapping from phase name to Guess
-        Where states start that have no condition, and what algebraic variables are.
-    durations : mapping from phase name to duration, s, optional
-        Default: those of ``ordinary``.
+        Where states start that have no condition, how long phases take, and what algebraic
+        variables are.
     """
-    return Rollouts(problem, ordinary).nearest_first(durations) or [dict(ordinary)]
+    return Rollouts(problem, ordinary).nearest_first() or [dict(ordinary)]
 
 
 class Rollouts:
@@ -183,7 +171,7 @@ class Rollouts:
             start = {
                 s.name: last[s.name]
                 if s.name in links.get(phase.name, ()) and s.name in last
-                else _values(own, s, np.zeros(1))[0]
+                else _at_start(own, s)
                 for s in phase.states
             }
             controls = {
@@ -195,15 +183,14 @@ class Rollouts:
             for name, (before, after) in controls.items():
                 same = np.array_equal(before, after)
                 values[name] = before if same else partial(_step, before, after, GRID[change])
-            offset = 0
-            for state in phase.states:
-                part = table[:, offset : offset + state.size]
-                offset += state.size
+            edges = np.cumsum([s.size for s in phase.states])[:-1]
+            for state, part in zip(phase.states, np.split(table, edges, axis=1), strict=True):
                 clipped = np.clip(part, state.lower, state.upper)
                 values[state.name] = partial(_along, clipped)
                 last[state.name] = clipped[-1]
                 size = np.maximum(np.abs(clipped).max(axis=0), 1e-6)
-                usual = np.abs(_values(own, state, np.array([0.0, 1.0]))).max(axis=0)
+                ends = sampled(own.values.get(state.name), state, np.array([0.0, 1.0]))
+                usual = np.abs(ends).max(axis=0)
                 if np.any(size > SETTINGS.explodes * np.maximum(usual, 1.0)):
                     miss = np.inf
                 miss += float((np.abs(part - clipped).max(axis=0) / size).sum())
@@ -236,12 +223,8 @@ def _step(before: FloatArray, after: FloatArray, change: float, s: FloatArray) -
     return np.where(np.asarray(s)[:, None] < change, before, after)
 
 
-def _values(guess: Guess, variable: Variable, share: FloatArray) -> FloatArray:
-    value = guess.values.get(variable.name, np.clip(0.0, variable.lower, variable.upper))
-    table = guess_table(value, variable.size, share)
-    if table.ndim <= 1 or len(table) < share.size:  # refused later, where the mesh is known
-        return np.zeros((share.size, variable.size))
-    return table[: share.size]
+def _at_start(guess: Guess, variable: Variable) -> FloatArray:
+    return sampled(guess.values.get(variable.name), variable, np.zeros(1))[0]
 
 
 def _along(table: FloatArray, s: FloatArray) -> FloatArray:
@@ -253,33 +236,24 @@ class _Integrators:
     """The dynamics of a phase in time from 0 to 1, with controls that are constant."""
 
     def __init__(self, phase: Phase, own: Guess) -> None:
-        self.phase, self.own = phase, own
+        self.phase = phase
         states = ca.vertcat(*(s.symbol for s in phase.states))
         algebraic = ca.vertcat(*(a.symbol for a in phase.algebraics), ca.MX(0, 1))
         slopes = ca.vertcat(*(phase.derivatives[s.name] for s in phase.states))
         equations = ca.vertcat(*phase.algebraic_equations, ca.MX(0, 1))
         share, begin, duration = ca.MX.sym("share"), ca.MX.sym("begin"), ca.MX.sym("duration")
-        replaced: list[ca.MX] = [phase.duration, phase.time]
-        values: list[ca.MX] = [duration, duration * (begin + share)]
-        for control in phase.controls:
-            if control.rate is not None:
-                replaced.append(control.rate)
-                values.append(ca.MX.zeros(control.size))
-        for parameter in phase.parameters:
-            replaced.append(parameter.symbol)
-            values.append(ca.MX(ca.DM(parameter.value)))
-        for free in phase.free_parameters:
-            replaced.append(free.symbol)
-            values.append(ca.MX(ca.DM(_values(own, free, np.zeros(1))[0])))
-        slopes, equations = ca.graph_substitute([slopes, equations], replaced, values)
+        pairs = [(phase.duration, duration), (phase.time, duration * (begin + share))]
+        pairs += [(c.rate, ca.MX.zeros(c.size)) for c in phase.controls if c.rate is not None]
+        pairs += [(p.symbol, ca.MX(ca.DM(p.value))) for p in phase.parameters]
+        pairs += [(f.symbol, ca.MX(ca.DM(_at_start(own, f)))) for f in phase.free_parameters]
+        symbols, values = ([pair[k] for pair in pairs] for k in range(2))
+        slopes, equations = ca.graph_substitute([slopes, equations], symbols, values)
         held = ca.vertcat(*(c.symbol for c in phase.controls), ca.MX(0, 1))
         given = ca.vertcat(begin, duration, held)
         self.dae = {"x": states, "t": share, "p": given, "ode": duration * slopes}
         if phase.algebraics:
             self.dae |= {"z": algebraic, "alg": equations}
-        self.z = np.concatenate(
-            [*(_values(own, a, np.zeros(1))[0] for a in phase.algebraics), np.zeros(0)]
-        )
+        self.z = np.concatenate([*(_at_start(own, a) for a in phase.algebraics), np.zeros(0)])
         self.half = self._made(GRID[1 : SETTINGS.middle + 1])
 
     @cached_property

@@ -13,7 +13,7 @@ problem in good units is solved as it was written.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import casadi as ca
@@ -35,7 +35,7 @@ from microbot_ocp.ocp.problem import (
 from microbot_ocp.ocp.solution import Solution
 from microbot_ocp.ocp.starts._initial_guess import completed, default_guess, guess_from
 from microbot_ocp.ocp.starts._rollout import rollouts
-from microbot_ocp.ocp.transcription import Guess, GuessValue, Program, guess_table
+from microbot_ocp.ocp.transcription import Guess, Program, sampled
 
 
 @dataclass(frozen=True)
@@ -157,14 +157,6 @@ def _rounded(size: FloatArray, band: float = SETTINGS.band) -> FloatArray:
     return np.where(near, 1.0, 10.0 ** np.round(np.log10(size)))
 
 
-@dataclass(frozen=True, eq=False)
-class _Slopes:
-    """Values [M, rows] of expressions of a phase and their slopes [M, rows, columns]."""
-
-    values: FloatArray
-    slopes: FloatArray
-
-
 class _Look:
     """What is known of the sizes in one phase; unknown ones are not numbers."""
 
@@ -180,7 +172,7 @@ class _Look:
         self.share = np.linspace(0.0, 1.0, SETTINGS.points)
         values = {} if given is None else given.values
         self.tables = {
-            v.name: _samples(values.get(v.name, ordinary.values.get(v.name, 0.0)), v, self.share)
+            v.name: sampled(values.get(v.name, ordinary.values.get(v.name, 0.0)), v, self.share)
             for v in self.variables
         }
         guessed_names = {*values, *(v.name for v in phase.free_parameters)}  # also by measurements
@@ -194,7 +186,7 @@ class _Look:
     def see(self, simulated: Guess) -> None:
         """Remember how large states become in a simulation."""
         for state in self.phase.states:
-            table = _samples(simulated.values[state.name], state, self.share)
+            table = sampled(simulated.values[state.name], state, self.share)
             old = self.reached.get(state.name, np.zeros(state.size))
             self.reached[state.name] = np.fmax(old, np.abs(table).max(axis=0))
 
@@ -210,10 +202,10 @@ class _Look:
         self._follow_dynamics()
         for limit in self.phase.point_constraints:
             if limit.defines and np.isnan(self.sizes[limit.defines]).any():
-                look = self._evaluated(limit.expression)
-                span = np.nan_to_num(self._stacked(self.variables))
-                size = _typical((np.abs(look.slopes) * span).max(axis=2))
-                self.sizes[limit.defines] = np.where(size > 0, size, _typical(np.abs(look.values)))
+                values, slopes = self._evaluated(limit.expression)
+                span = np.nan_to_num(self._stacked())
+                size = _typical((np.abs(slopes) * span).max(axis=2))
+                self.sizes[limit.defines] = np.where(size > 0, size, _typical(np.abs(values)))
 
     def _follow_dynamics(self) -> None:
         slope = ca.vertcat(*(self.phase.derivatives[s.name] for s in self.phase.states))
@@ -221,16 +213,16 @@ class _Look:
         most = np.concatenate(reached)
         most[most == 0] = np.inf
         for _ in range(SETTINGS.rounds):
-            sizes = self._stacked(self.variables)
+            sizes = self._stacked()
             if np.isfinite(sizes).all():
                 return
-            look = self._evaluated(slope)
+            values, slopes = self._evaluated(slope)
             states = sum(s.size for s in self.phase.states)
             with np.errstate(all="ignore"):
-                forward = self.duration * _typical(np.abs(look.values))
+                forward = self.duration * _typical(np.abs(values))
                 forward = np.fmax(np.fmin(forward, most), SETTINGS.missed * forward)
                 # what would move a state by its size during the phase
-                drive = sizes[:states, None] / (self.duration * _typical(np.abs(look.slopes)))
+                drive = sizes[:states, None] / (self.duration * _typical(np.abs(slopes)))
             drive[~np.isfinite(drive)] = np.inf
             np.fill_diagonal(drive, np.inf)
             backward = drive.min(axis=0)
@@ -241,7 +233,9 @@ class _Look:
                 new = np.where(np.isfinite(backward) & (backward > 0), backward, np.nan)
             if not np.isfinite(new[unknown]).any():
                 return
-            self._take(np.where(unknown, new, sizes))
+            edges = np.cumsum([v.size for v in self.variables])[:-1]
+            parts = np.split(np.where(unknown, new, sizes), edges)
+            self.sizes = {v.name: part for v, part in zip(self.variables, parts, strict=True)}
 
     def scaled(self, scales: Mapping[str, FloatArray]) -> Phase:
         """The phase with these scales of its variables, and those of constraints for them."""
@@ -257,26 +251,19 @@ class _Look:
             return self.sizes[limit.defines]
         if limit.scaled:
             return limit.scale
-        slopes = self._evaluated(limit.expression, rates=True).slopes
-        span = np.concatenate([self._stacked(self.variables), self._rate_sizes()])
+        _, slopes = self._evaluated(limit.expression, rates=True)
+        rates = [self.sizes[c.name] / self.duration for c in self.rates]
+        span = np.concatenate([self._stacked(), *rates])
         size = _typical((np.abs(slopes) * span).max(axis=2))
         return _rounded(np.where(size > 0, size, _magnitude(limit)))
 
-    def _stacked(self, variables: Sequence[Variable]) -> FloatArray:
-        return np.concatenate([self.sizes[v.name] for v in variables])
+    def _stacked(self) -> FloatArray:
+        return np.concatenate([self.sizes[v.name] for v in self.variables])
 
-    def _rate_sizes(self) -> FloatArray:
-        own = [self.sizes[c.name] / self.duration for c in self.rates]
-        return np.concatenate([*own, np.zeros(0)])
-
-    def _take(self, sizes: FloatArray) -> None:
-        offset = 0
-        for v in self.variables:
-            self.sizes[v.name] = sizes[offset : offset + v.size]
-            offset += v.size
-
-    def _evaluated(self, expression: ca.MX, *, rates: bool = False) -> _Slopes:
-        """An expression at the guess and around it, as far as the known sizes go."""
+    def _evaluated(
+        self, expression: ca.MX, *, rates: bool = False
+    ) -> tuple[FloatArray, FloatArray]:
+        """An expression [M, rows] and its slopes [M, rows, columns] at the guess and around it."""
         random, phase = np.random.default_rng(0), self.phase
         values, speeds, count = {}, {}, SETTINGS.points
         for v in self.variables:
@@ -300,17 +287,7 @@ class _Look:
         rows, columns = slopes.shape
         results, table = (np.array(out) for out in function(*points))
         # every point is a block of columns
-        return _Slopes(results.T, table.reshape(rows, count, columns).transpose(1, 0, 2))
-
-
-def _samples(value: GuessValue, variable: Variable, share: FloatArray) -> FloatArray:
-    """A guess [M, size] at fractions of the phase; zeros where its shape is wrong."""
-    table = guess_table(value, variable.size, share)
-    table = table[:, 0] if table.ndim == 3 else table
-    if table.ndim != 2 or table.shape[1] != variable.size:
-        return np.zeros((share.size, variable.size))  # refused where the guess is used
-    own = np.linspace(0.0, 1.0, table.shape[0])
-    return np.column_stack([np.interp(share, own, column) for column in table.T])
+        return results.T, table.reshape(rows, count, columns).transpose(1, 0, 2)
 
 
 def _size(variable: Variable, guess: FloatArray | None) -> FloatArray:

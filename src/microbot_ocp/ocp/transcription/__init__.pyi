@@ -43,6 +43,7 @@ from ._transcription import (
     GuessValue as GuessValue,
     Transcription as Transcription,
     guess_table as guess_table,
+    sampled as sampled,
 )
 from .schemes import (
     SCHEMES as SCHEMES,

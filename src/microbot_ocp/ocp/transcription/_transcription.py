@@ -21,6 +21,7 @@ from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.ocp.problem import (
     OptimalControlProblem,
     Phase,
+    Variable,
     with_phases,
     with_shapes,
     with_values,
@@ -57,6 +58,24 @@ def guess_table(value: GuessValue, size: int, fractions: FloatArray) -> FloatArr
     if table.ndim <= 1 and table.size in (1, size):
         return np.broadcast_to(table.reshape(1, -1), (fractions.size, size))
     return table[:, None] if table.ndim == 1 and size == 1 else table
+
+
+def sampled(value: GuessValue | None, variable: Variable, fractions: FloatArray) -> FloatArray:
+    """A guess of a variable at fractions [M] of its phase [M, size], whatever its mesh.
+
+    None is as near zero as the bounds allow. What has a wrong shape is zero: it is refused where
+    the guess is used.
+    """
+    if value is None:
+        value = np.clip(0.0, variable.lower, variable.upper)
+    table = guess_table(value, variable.size, fractions)
+    table = table[:, 0] if table.ndim == 3 else table
+    if table.ndim != 2 or table.shape[1] != variable.size:
+        return np.zeros((fractions.size, variable.size))
+    if len(table) == fractions.size:
+        return np.array(table)
+    points = np.linspace(0.0, 1.0, len(table))
+    return np.column_stack([np.interp(fractions, points, column) for column in table.T])
 
 
 class Transcription:
