@@ -616,7 +616,7 @@ def test_missing_xacro_names_the_extra(tmp_path: Path, monkeypatch: pytest.Monke
     monkeypatch.setitem(sys.modules, "xacro", None)
     with pytest.raises(
         InputError,
-        match=r"^reading xacro files needs the extra 'urdf': pip install 'microbot_ocp\[",
+        match=r"^reading xacro files needs xacro: pip install 'microbot_ocp\[",
     ):
         mo.load_robot(path)
 

@@ -18,9 +18,7 @@ def needed(module: str, what: str, extra: str = "") -> Any:
     """
     try:
         return import_module(module)
-    except ModuleNotFoundError as problem:
+    except ImportError:
         package = module.partition(".")[0]
-        if (problem.name or "").partition(".")[0] != package:
-            raise  # it lacks something itself
         install = f"'microbot_ocp[{extra}]'" if extra else DISTRIBUTIONS.get(package, package)
         raise InputError(f"{what} {package}: pip install {install}") from None

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.needed import needed
 from microbot_ocp._base.reading import opened
 
 # Kind -> what its size holds.
@@ -179,12 +180,7 @@ def read_mesh(shape: Shape) -> TriangleMesh:
 
 @lru_cache(maxsize=64)
 def _mesh_file(path: str, link: str) -> TriangleMesh:
-    try:
-        import trimesh
-    except ImportError:
-        raise InputError(
-            "reading meshes needs the extra 'urdf': pip install 'microbot_ocp[urdf]'"
-        ) from None
+    trimesh = needed("trimesh", "reading meshes needs", "urdf")
     try:
         opened(path).close()  # refuses a pipe, on which it would wait
         scene: Any = trimesh.load_scene(path, process=False)

@@ -10,6 +10,7 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.fast_calls import fast_call
+from microbot_ocp._base.needed import needed
 from microbot_ocp._base.threads import cached_in_thread
 from microbot_ocp.robot import Capsule, Robot, link_poses
 from microbot_ocp.scene._obstacles import (
@@ -215,13 +216,7 @@ def coal() -> Any:
     InputError
         It is not installed.
     """
-    try:
-        import coal as package  # pyright: ignore[reportMissingImports]
-    except ImportError:
-        raise InputError(
-            "distances to obstacles need the extra 'cell': pip install 'microbot_ocp[cell]'"
-        ) from None
-    return package
+    return needed("coal", "distances to obstacles need", "cell")
 
 
 def has_coal() -> bool:

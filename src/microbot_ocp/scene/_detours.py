@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 
 from microbot_ocp._base import deadline
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.needed import needed
 from microbot_ocp.limits import LimitFamily
 from microbot_ocp.motion import PiecewisePolynomial
 from microbot_ocp.robot import Robot
@@ -347,10 +348,8 @@ def _bounds(robot: Robot, start: FloatArray, goal: FloatArray) -> tuple[FloatArr
 
 
 def _ompl() -> tuple[Any, Any, Any]:
-    try:
-        from ompl import base, geometric, util
-    except ImportError:
-        raise InputError(
-            "a way around obstacles needs the extra 'cell': pip install 'microbot_ocp[cell]'"
-        ) from None
+    base, geometric, util = (
+        needed(f"ompl.{name}", "a way around obstacles needs", "cell")
+        for name in ("base", "geometric", "util")
+    )
     return base, geometric, util

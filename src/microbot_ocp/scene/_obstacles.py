@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.needed import needed
 from microbot_ocp.robot import Capsule, rigid_transform
 from microbot_ocp.scene._distance import (
     PointFunction,
@@ -331,13 +332,7 @@ def _rounded_maximum(values: ca.SX, rounding: ca.SX) -> ca.SX:
 
 
 def _hull(points: FloatArray) -> Any:
-    try:
-        from scipy.spatial import ConvexHull
-    except ImportError:
-        raise InputError(
-            "convex meshes need the extra 'cell': pip install 'microbot_ocp[cell]'"
-        ) from None
-    return ConvexHull(points)
+    return needed("scipy.spatial", "convex meshes need", "cell").ConvexHull(points)
 
 
 def _faces(points: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -8,6 +8,7 @@ from pathlib import Path
 from pkgutil import iter_modules
 
 from microbot_ocp._base.checks import InputError, shown, similar
+from microbot_ocp._base.needed import needed
 from microbot_ocp._base.reading import text_of
 from microbot_ocp.robot._model import Robot
 from microbot_ocp.robot.files._mjcf import read_mjcf
@@ -74,13 +75,7 @@ def load_robot(source: str | Path, tip: str | None = None) -> Robot:
 
 def _described(name: str, tip: str | None) -> Robot:
     """A robot by its name in the package ``robot_descriptions``."""
-    try:
-        package = import_module("robot_descriptions")
-    except ImportError:
-        raise InputError(
-            "robots by the names of robot_descriptions need the extra 'descriptions': "
-            "pip install 'microbot_ocp[descriptions]'"
-        ) from None
+    package = needed("robot_descriptions", "robots by these names need", "descriptions")
     modules = {module.name for module in iter_modules(package.__path__)}
     names = sorted(module for module in modules if module.endswith("_description"))
     if name not in names:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +16,7 @@ import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError, naming
+from microbot_ocp._base.needed import needed
 from microbot_ocp._base.reading import bytes_of
 from microbot_ocp.robot._model import Robot
 from microbot_ocp.robot._shapes import Shape
@@ -80,12 +80,7 @@ def read_mjcf(
     (('hinge',), [1.5708])
     """
     checks.number("parallel_tolerance", parallel_tolerance, "rad", at_least=0.0, at_most=0.1)
-    try:
-        mujoco: Any = import_module("mujoco")
-    except ImportError:
-        raise InputError(
-            "reading MJCF files needs the extra 'mjcf': pip install 'microbot_ocp[mjcf]'"
-        ) from None
+    mujoco = needed("mujoco", "reading MJCF files needs", "mjcf")
     bytes_of(path, "robot file")  # what cannot be read is said as of other files
     origin, remarks = Path(path).name, Remarks()
     with naming(f"{origin}: "):

@@ -9,6 +9,7 @@ from typing import Any
 
 from microbot_ocp._base.checks import InputError
 from microbot_ocp._base.child_process import Died, OutOfTime, can_fork, in_child
+from microbot_ocp._base.needed import needed
 from microbot_ocp._base.reading import MOST_BYTES, bytes_of
 from microbot_ocp.robot.files._mesh_files import package_folder
 
@@ -41,13 +42,8 @@ def expanded(path: Path, arguments: Mapping[str, str] | None = None) -> str:
     InputError
         The package ``xacro`` is missing, or what it says is wrong with the file.
     """
-    try:
-        import xacro
-        from xacro import substitution_args
-    except ImportError:
-        raise InputError(
-            "reading xacro files needs the extra 'urdf': pip install 'microbot_ocp[urdf]'"
-        ) from None
+    xacro = needed("xacro", "reading xacro files needs", "urdf")
+    substitution_args = needed("xacro.substitution_args", "reading xacro files needs", "urdf")
     folder, missing = path.absolute().parent, []
 
     def find(name: str) -> str:
