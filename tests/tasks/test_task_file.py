@@ -129,7 +129,7 @@ def test_a_robot_file_is_sought_beside_the_task(tmp_path):
         (TASK.replace(", [-90, 90, 90]", ""), ["via.q", "at least 2", "not 1"]),
         (TASK + "t = [0, 1, 2]", ["via.t", "[2]", "[3]"]),
         (TASK + "t = [1, 2]", ["via.t", "increasing times from 0", "[1.0, 2.0]"]),
-        (TASK + "qd = [[0, 0, 0]]", ["via.qd", "2 rows"]),
+        (TASK + "qd = [[0, 0, 0]]", ["via.qd needs via.t"]),
         (TASK + "qd = [[0, 0, 0], [0, 0, 0]]", ["via.qd needs via.t"]),
         (TASK + "speed = 3", ["'speed'", "[via]"]),
         (TASK + "[limits]\ntau_mx = 3", ["'tau_mx'", "did you mean 'tau_max'?"]),

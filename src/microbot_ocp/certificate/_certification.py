@@ -491,14 +491,14 @@ def _tightest(limit_checks: tuple[LimitCheck, ...], unjudged: Sequence[str] = ()
 
 def summary(certificate: Certificate) -> str:
     """What a certificate of several parts says when all of them passed."""
-    tightest = _tightest(certificate.limit_checks, certificate.unjudged)
-    if not np.isfinite(certificate.defect):
-        return f"{tightest}; kinematics only"
-    return "; ".join([tightest, *_agreement(certificate)])
+    limits = _tightest(certificate.limit_checks, certificate.unjudged)
+    return "; ".join([limits, *_agreement(certificate)])
 
 
-def _agreement(found: Certificate | Resimulation) -> list[str]:
+def _agreement(found: ResimulationFigures) -> list[str]:
     """That the torques lead along the motion; nothing where they never determine it."""
+    if not np.isfinite(found.defect):
+        return ["kinematics only"]
     if found.undetermined_fraction > SETTINGS.all_along:
         return []
     to = f" to {found.defect:.1g} of the torques" if found.defect > 1e-12 else ""
@@ -508,17 +508,12 @@ def _agreement(found: Certificate | Resimulation) -> list[str]:
 def _summary(limit_checks: tuple[LimitCheck, ...], again: Resimulation) -> str:
     parts = [_tightest(limit_checks)] if limit_checks else []
     parts += _agreement(again)
+    grown = growth_said(again.amplification)
+    open_loop = f"one simulation over the whole time says nothing, for errors grow up to {grown}"
     if again.final_position_error < SETTINGS.linear_error:
-        parts.append(
-            f"open loop it ends within {again.final_position_error:.2g} rad, errors growing up to "
-            f"{growth_said(again.amplification)}"
-        )
-    else:
-        parts.append(
-            f"one simulation over the whole time says nothing, for errors grow up to "
-            f"{growth_said(again.amplification)}"
-        )
-    return "; ".join(parts)
+        error = again.final_position_error
+        open_loop = f"open loop it ends within {error:.2g} rad, errors growing up to {grown}"
+    return "; ".join([*parts, open_loop])
 
 
 def _direction(robot: Robot, direction: FloatArray) -> str:

@@ -476,7 +476,7 @@ def _segments(
         where = f"in the segment after {after!r}"
         Key(choices=KINDS).check(f"kind {where}", word)
         given = read_table(row, keys_of(KINDS[str(word)], after=ANY, kind=ANY), where)
-        given = {key: value for key, value in given.items() if key not in ("after", "kind")}
+        del given["after"], given["kind"]
         if segments[begins.index(after)] is not None:
             raise InputError(f"two segments begin at stop {after!r}")
         with naming(f"{where}: "):

@@ -345,7 +345,7 @@ def compare(
         profile = controller_profile(profile)
         profile.limits_of(family.robot)  # refuses another number of joints before any solver
     free, path = _settings(settings)
-    times, velocities = _timing(via, via_t, via_qd)
+    times, velocities = timing(via, via_t, via_qd)
     total = sum(map(_work, names))
     entries: list[Entry] = []
     until = time.perf_counter() + min(checks.time_limit(time_limit), deadline.left())
@@ -408,18 +408,21 @@ def _settings(given: Mapping[str, Any]) -> tuple[TimeOptimalSettings, PathTiming
     return free, PathTimingSettings(**{k: v for k, v in given.items() if k in for_path})
 
 
-def _timing(
-    via: FloatArray, via_t: ArrayLike | None, via_qd: ArrayLike | None
+def timing(
+    via: FloatArray, via_t: ArrayLike | None, via_qd: ArrayLike | None, prefix: str = "via_"
 ) -> tuple[FloatArray | None, FloatArray | None]:
+    """Checked times and velocities at via points, which messages name with a prefix."""
     if via_t is None:
         if via_qd is not None:
-            raise InputError("via_qd needs via_t, the times at which the via velocities are meant")
+            raise InputError(
+                f"{prefix}qd needs {prefix}t, the times at which the via velocities are meant"
+            )
         return None, None
-    times = checks.times("via_t", via_t, len(via), from_zero=True)
-    checks.number("the last of via_t", times[-1], "s", at_most=checks.LONGEST)
+    times = checks.times(f"{prefix}t", via_t, len(via), from_zero=True)
+    checks.number(f"the last of {prefix}t", times[-1], "s", at_most=checks.LONGEST)
     if via_qd is None:
         return times, None
-    return times, checks.array("via_qd", via_qd, via.shape, "rad/s")
+    return times, checks.array(f"{prefix}qd", via_qd, via.shape, "rad/s")
 
 
 def _played(

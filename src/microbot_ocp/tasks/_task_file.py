@@ -42,6 +42,7 @@ from microbot_ocp.tasks._comparison import (
     Comparison,
     Progress,
     compare,
+    timing,
 )
 
 SCHEMA = 1
@@ -200,18 +201,13 @@ def _task(data: dict[str, Any], origin: str, folder: Path) -> TaskFile:
     if "via" not in given:
         raise InputError("table [via] is missing: it holds the via points, q or q_deg")
     via = read_table(given["via"], VIA, "in table [via]", "via.{}", partial(_via_rows, robot))
-    via_q, via_qd, via_t = via.get("q"), via.get("qd"), None
+    via_q = via.get("q")
     if via_q is None:
         raise InputError("via.q or via.q_deg is missing: one row of joint positions a via point")
     if len(via_q) < 2:
         raise InputError(f"via.q must have at least 2 rows, not {len(via_q)}")
-    if "t" in via:
-        via_t = checks.times("via.t", via["t"], len(via_q), from_zero=True)
-    if via_qd is not None and via_qd.shape != via_q.shape:
-        raise InputError(f"via.qd must have {len(via_q)} rows as via.q has, not {len(via_qd)}")
+    via_t, via_qd = timing(via_q, via.get("t"), via.get("qd"), "via.")
     methods = given.get("methods")
-    if via_qd is not None and via_t is None:
-        raise InputError("via.qd needs via.t, the times at which the via velocities are meant, s")
     for name in methods or ():
         if METHODS[name].timed and via_t is None:
             raise InputError(f"methods has {name!r}, which needs via.t, the times to take, s")
