@@ -15,6 +15,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import timedelta
 from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import Any
@@ -154,7 +155,10 @@ def run_study(
         needed(module)
     if workers is not None:
         checks.number(
-            "workers", workers, at_least=1, at_most=SCHEDULING.most_workers * _processors()
+            "workers",
+            workers,
+            at_least=1,
+            at_most=SCHEDULING.most_workers * _processors(),
         )
         if client is not None:
             raise InputError(
@@ -234,10 +238,8 @@ def _own_cluster(distributed: Any) -> Any:
 
 
 def _processors() -> int:
-    """Of this process."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+    """Of this process, by its affinity and its share of the machine."""
+    return needed("dask.system").CPU_COUNT
 
 
 @dataclass(eq=False)
@@ -267,7 +269,8 @@ class _Told:
         spent, done = time.monotonic() - self._begun, self.done - self._before
         if done and stage != "done":
             rate = done / spent
-            text += f", {rate:.3g} a second, {_span((self._count - self.done) / rate)} left"
+            left = timedelta(seconds=round((self._count - self.done) / rate))
+            text += f", {rate:.3g} a second, {left} left"
         elif stage != "done":
             text += ", starting"
         text += f", {self.failures:,} without a solution" if self.failures else ""
@@ -407,12 +410,3 @@ class _Run:
             f"{self.tell.done:,} of {self.results.count:,} cases are kept in "
             f"{self.results.folder}: the same command continues"
         )
-
-
-def _span(seconds: float) -> str:
-    if not np.isfinite(seconds):
-        return "?"
-    for unit, size in (("d", 86400.0), ("h", 3600.0), ("min", 60.0)):
-        if seconds >= 2 * size:
-            return f"{seconds / size:.3g} {unit}"
-    return f"{seconds:.0f} s"
