@@ -153,9 +153,7 @@ def _overdetermined(program: Program) -> Iterator[str]:
 
 
 def _placed(program: Program, label: Label, x: FloatArray) -> str:
-    layout = next(k for k in program.layouts if k.phase.name == label.phase)
-    duration = float(x[layout.nodes[0, -1]] * layout.node_scale[-1])
-    t = layout.place_of(label) * duration
+    t = program.time_of(label, x)
     return f"{label.description} in phase {label.phase!r} at t = {t:.4g} s"
 
 

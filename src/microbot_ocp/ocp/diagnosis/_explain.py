@@ -207,10 +207,8 @@ class _Elastic:
         self.count = low.size
         self.lower = np.concatenate([program.row_lower, low[self.bounded]])
         self.upper = np.concatenate([program.row_upper, high[self.bounded]])
-        self.labels = [
-            *program.row_labels,
-            *(program.variable_labels[i] for i in self.bounded),
-        ]
+        bounded = (program.variable_labels[i] for i in self.bounded)
+        self.labels = [*program.row_labels, *bounded]
         self.items = list(self._items())
         self.highest = np.full(self.count, np.inf)
         self._arrange()
@@ -269,14 +267,9 @@ class _Elastic:
         columns = np.repeat(np.arange(slacks), sizes)
         signs = np.repeat([-float(item.side) for item in self.items], sizes)
         give = ca.DM.triplet(rows.tolist(), columns.tolist(), ca.DM(signs), height, slacks)
-        bounded = self.bounded.tolist()
-        pick = ca.DM.triplet(
-            list(range(len(bounded))), bounded, ca.DM.ones(len(bounded)), len(bounded), self.count
-        )
-        order = self.source.tolist()
-        copies = ca.DM.triplet(
-            order, list(range(height)), ca.DM.ones(height), len(self.labels), height
-        )
+        bounded, order = self.bounded.tolist(), self.source.tolist()
+        pick = ca.DM.eye(self.count)[bounded, :]
+        copies = ca.DM.eye(len(self.labels))[:, order]
         weights = [1.0 + _WEIGHTS.get(item.kind, 0.0) for item in self.items]
         v = ca.MX.sym("v", self.count + slacks)
         p = ca.MX.sym("p", program.parameters.size)
@@ -310,11 +303,10 @@ class _Elastic:
         """Whether it converged, variables with slacks, multipliers of the rows."""
         slacks = len(self.items)
         most = np.where(allowed, [item.most for item in self.items], 0.0)
-        free = np.full(self.count, np.inf)
         result = self.solver(
             x0=np.concatenate([x, np.where(allowed, 0.1, 0.0)]),
             p=self.program.parameters,
-            lbx=np.concatenate([-free, np.zeros(slacks)]),
+            lbx=np.concatenate([np.full(self.count, -np.inf), np.zeros(slacks)]),
             ubx=np.concatenate([self.highest, most]),
             lbg=self.row_limits[0],
             ubg=self.row_limits[1],
@@ -390,9 +382,6 @@ class _Elastic:
         worst = int(np.argmax(item.side * values))
         if amount is None:
             worst = int(np.argmax(item.side * multipliers[self.places[index]]))
-        place = self.labels[item.rows[worst]]
-        layout = next(k for k in self.program.layouts if k.phase.name == label.phase)
-        duration = float(x[layout.nodes[0, -1]] * layout.node_scale[-1])
         return Relaxation(
             phase=label.phase,
             name=label.component_name,
@@ -401,5 +390,5 @@ class _Elastic:
             limit=item.value * label.scale,
             amount=None if amount is None else amount * label.scale,
             unit=label.unit,
-            time=layout.place_of(place) * duration,
+            time=self.program.time_of(self.labels[item.rows[worst]], x),
         )

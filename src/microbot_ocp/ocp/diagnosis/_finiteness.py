@@ -27,6 +27,17 @@ class _Term:
     at_end: bool = False
 
 
+_TERMS = {  # lists of a phase with what their items are called
+    "constraints": "constraint {!r}",
+    "algebraic_equations": "an algebraic equation",
+    "running_costs": "a running cost",
+    "point_costs": "a point cost",
+    "point_constraints": "point constraint {!r}",
+    "end_constraints": "end constraint {!r}",
+    "end_costs": "an end cost",
+}
+
+
 class NotFinite(InputError):
     """A start at which something has no finite value or slope."""
 
@@ -93,7 +104,7 @@ def not_finite(program: Program, x: FloatArray, where: str) -> str | None:
     for slopes in (False, True):
         for layout, phase in zip(program.layouts, unpack(program.layouts, x), strict=True):
             for term in _terms(layout.phase):
-                complaint = _said_of(layout, phase, term, slopes, where)
+                complaint = _complaint(layout, phase, term, slopes, where)
                 if complaint is not None:
                     return complaint
     bad = ~np.isfinite(np.array(g).ravel())
@@ -118,23 +129,14 @@ def _inside(program: Program, x: FloatArray) -> FloatArray:
 def _terms(phase: Phase) -> Iterator[_Term]:
     for name, expression in phase.derivatives.items():
         yield _Term(f"the dynamics of state {name!r}", expression)
-    for limit in phase.constraints:
-        yield _Term(f"constraint {limit.name!r}", limit.expression)
-    for equation in phase.algebraic_equations:
-        yield _Term("an algebraic equation", equation)
-    for cost in phase.running_costs:
-        yield _Term("a running cost", cost)
-    for item in phase.point_costs:
-        yield _Term("a point cost", item.expression)
-    for limit in phase.point_constraints:
-        yield _Term(f"point constraint {limit.name!r}", limit.expression)
-    for limit in phase.end_constraints:
-        yield _Term(f"end constraint {limit.name!r}", limit.expression, at_end=True)
-    for cost in phase.end_costs:
-        yield _Term("an end cost", cost, at_end=True)
+    for kind, label in _TERMS.items():
+        for item in getattr(phase, kind):
+            named = getattr(item, "name", "")
+            expression = item if isinstance(item, ca.MX) else item.expression
+            yield _Term(label.format(named), expression, at_end=kind.startswith("end"))
 
 
-def _said_of(
+def _complaint(
     layout: PhaseLayout, values: PhaseSolution, term: _Term, slopes: bool, where: str
 ) -> str | None:
     phase = layout.phase

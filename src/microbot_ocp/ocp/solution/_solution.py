@@ -14,7 +14,7 @@ from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.outcome import Ledger, LedgerRow
 from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
 from microbot_ocp._base.status import Status
-from microbot_ocp.ocp.problem import Phase, Variable, node_variables
+from microbot_ocp.ocp.problem import Variable, node_variables
 from microbot_ocp.ocp.solution._gap import UNKNOWN, Gap
 from microbot_ocp.ocp.transcription import (
     Guess,
@@ -45,6 +45,7 @@ class Rivals:
 
 
 RIVALS = Rivals()
+INSIDE = ("polynomial", "algebraic")  # shapes with values at the points of a scheme
 
 
 @dataclass(frozen=True)
@@ -294,7 +295,7 @@ def _phase_values(layout: PhaseLayout, x: FloatArray) -> PhaseSolution:
         controls = (x[group.variables] * group.kind.scale)[:, layout.node_size :]
         own: dict[str, list[FloatArray]] = {}
         for variable, columns in _columns([k.source for k in group.kind.inner]):
-            if variable.shape in ("constant", "polynomial", "algebraic"):
+            if variable.shape in ("constant", *INSIDE):
                 own.setdefault(variable.name, []).append(controls[:, columns])
         for name, parts in own.items():
             inside.setdefault(name, []).append((group.intervals, np.stack(parts, axis=1)))
@@ -336,25 +337,28 @@ def pack(program: Program, guesses: Mapping[str, Guess]) -> FloatArray:
     """
     x = np.zeros(program.variable_lower.size)
     for layout in program.layouts:
-        guess = _guess_for(layout.phase.name, guesses)
-        _check_names(layout.phase, guess)
-        nodes = node_variables(layout.phase)
-        table = [_guess_table(layout, guess, v, layout.mesh) for v in nodes]
-        table.append(np.full((layout.intervals + 1, 1), float(guess.duration or 0.0)))
-        z = np.hstack(table) / layout.node_scale
-        x[layout.nodes] = z
-        steps = np.diff(layout.mesh)
+        phase, steps = layout.phase, np.diff(layout.mesh)
+        guess, names = guesses[phase.name], [v.name for v in phase.variables]
+        label = f"guess of the duration of phase {phase.name!r}"
+        duration = checks.number(label, guess.duration, "s", above=0.0)
+        for name in guess.values:
+            if name not in names:
+                raise InputError(
+                    f"guess of phase {phase.name!r} has {name!r}, which is none of its variables: "
+                    f"{', '.join(names)}"
+                )
+        table = [_guess_table(layout, guess, v, layout.mesh) for v in node_variables(phase)]
+        table.append(np.full((layout.intervals + 1, 1), duration))
+        x[layout.nodes] = np.hstack(table) / layout.node_scale
         for group in layout.groups:
+            points = group.kind.scheme.points
             w = [
                 _guess_table(
                     layout,
                     guess,
                     k.source,
                     layout.mesh[:-1] + k.fraction * steps,
-                    default=None if k.source.shape in ("state", "linear") else 0.0,
-                    which=group.kind.scheme.points.index(k.fraction)
-                    if k.source.shape in ("polynomial", "algebraic")
-                    else None,
+                    points.index(k.fraction) if k.source.shape in INSIDE else None,
                 )[group.intervals]
                 for k in group.kind.inner
             ]
@@ -366,35 +370,19 @@ def pack(program: Program, guesses: Mapping[str, Guess]) -> FloatArray:
     return x
 
 
-def _guess_for(name: str, guesses: Mapping[str, Guess]) -> Guess:
-    label = f"guess of the duration of phase {name!r}"
-    checks.number(label, guesses[name].duration, "s", above=0.0)
-    return guesses[name]
-
-
-def _check_names(phase: Phase, guess: Guess) -> None:
-    names = [v.name for v in phase.variables]
-    for name in guess.values:
-        if name not in names:
-            raise InputError(
-                f"guess of phase {phase.name!r} has {name!r}, which is none of its variables: "
-                f"{', '.join(names)}"
-            )
-
-
 def _guess_table(
     layout: PhaseLayout,
     guess: Guess,
     variable: Variable,
     points: FloatArray,
-    default: float | None = None,
     which: int | None = None,
 ) -> FloatArray:
+    """Guess of a variable at fractions of the phase, at a point of the scheme where it has some."""
     label = f"guess of {variable.name!r} in phase {layout.phase.name!r}"
-    if variable.name not in guess.values and default is not None:
-        return np.full((points.size, variable.size), default)
     if variable.name not in guess.values:
-        raise InputError(f"{label} is missing")
+        if variable.shape in ("state", "linear", "parameter"):
+            raise InputError(f"{label} is missing")
+        return np.zeros((points.size, variable.size))
     table = guess_table(guess.values[variable.name], variable.size, points)
     if table.ndim == 3 and which is not None and which < table.shape[1]:
         table = table[:, which]  # of the values of an earlier solution

@@ -75,6 +75,11 @@ class Program(Bounds):
         sizes = zip(*(layout.stage_sizes for layout in self.layouts), strict=True)
         return tuple(np.concatenate(own) for own in sizes)
 
+    def time_of(self, label: Label, x: FloatArray) -> float:
+        """When a row or variable stands at x, s since the start of its phase."""
+        layout = next(k for k in self.layouts if k.phase.name == label.phase)
+        return layout.place_of(label) * float(x[layout.nodes[0, -1]] * layout.node_scale[-1])
+
     def row_values(self, x: FloatArray) -> FloatArray:
         """Values of all rows at x, scaled."""
         return np.array(self.functions["jacobian"](x, self.parameters)[0]).ravel()

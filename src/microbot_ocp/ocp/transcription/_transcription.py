@@ -66,9 +66,8 @@ def sampled(value: GuessValue | None, variable: Variable, fractions: FloatArray)
     None is as near zero as the bounds allow. What has a wrong shape is zero: it is refused where
     the guess is used.
     """
-    if value is None:
-        value = np.clip(0.0, variable.lower, variable.upper)
-    table = guess_table(value, variable.size, fractions)
+    nearest = np.clip(0.0, variable.lower, variable.upper)
+    table = guess_table(nearest if value is None else value, variable.size, fractions)
     table = table[:, 0] if table.ndim == 3 else table
     if table.ndim != 2 or table.shape[1] != variable.size:
         return np.zeros((fractions.size, variable.size))
