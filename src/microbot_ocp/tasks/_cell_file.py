@@ -136,49 +136,29 @@ class CellFile:
                 find, key, _ = FRONTS[kind]
                 front = find(*task, **given, progress=progress, **{key: values})
                 fastest = front.points[0]
-                return replace(self._cell(fastest.motion, fastest.certificate), front=front)
+                return replace(self.certified(fastest.motion, fastest.certificate), front=front)
             motion = time_optimal(
                 *task, **given, order=self.order, duration=self.duration, progress=progress
             )
         progress(f"certify: {motion.duration:.4f} s")
         return self.certified(motion)
 
-    def certified(self, motion: Motion) -> Cell:
-        """A motion of this task, such as a saved one, with its certificate.
+    def certified(self, motion: Motion, certificate: Certificate | None = None) -> Cell:
+        """A motion of this task, such as a saved one, with its certificate, by default a new one.
 
         Raises
         ------
         InputError
             A motion of another task.
         """
-        stops, segments = self._in_order_of(motion)
-        certificate = certify(
-            self.robot,
-            motion,
-            self.limits,
-            via_q=stops,
-            segments=segments,
-            cycle=self.cycle,
-            scene=self.scene,
-        )
-        return self._cell(motion, certificate)
-
-    def _in_order_of(self, motion: Motion) -> tuple[tuple[Stop, ...], tuple[Segment, ...] | None]:
-        """Stops and segments in the order in which a motion has them."""
         order = motion.provenance.get("order", range(len(self.stops)))
-        return tuple(self.stops[k] for k in order), in_order(self.segments, order)
-
-    def _cell(self, motion: Motion, certificate: Certificate) -> Cell:
-        stops, segments = self._in_order_of(motion)
-        return Cell(
-            robot=self.robot.with_limits(self.limits),
-            stops=stops,
-            segments=segments,
-            cycle=self.cycle,
-            motion=replace(motion, provenance={**motion.provenance, "robot": self.robot.name}),
-            certificate=certificate,
-            scene=self.scene,
-        )
+        stops, segments = tuple(self.stops[k] for k in order), in_order(self.segments, order)
+        task: Any = {"segments": segments, "cycle": self.cycle, "scene": self.scene}
+        if certificate is None:
+            certificate = certify(self.robot, motion, self.limits, via_q=stops, **task)
+        motion = replace(motion, provenance={**motion.provenance, "robot": self.robot.name})
+        robot = self.robot.with_limits(self.limits)
+        return Cell(robot=robot, stops=stops, motion=motion, certificate=certificate, **task)
 
 
 @dataclass(frozen=True, eq=False)
