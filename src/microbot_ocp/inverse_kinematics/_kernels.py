@@ -19,7 +19,7 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.fast_calls import FastCall, fast_call, fast_loop
 from microbot_ocp._base.threads import cached_in_thread
-from microbot_ocp.robot import Robot, forward_kinematics, jacobian
+from microbot_ocp.robot import Robot, forward_kinematics, jacobian, solve_symmetric
 
 
 @dataclass(frozen=True)
@@ -124,25 +124,6 @@ def _residual(
     return error, ca.densify(slope), ca.norm_2(offset), angle
 
 
-def _solve_positive(matrix: ca.SX, right: ca.SX) -> ca.SX:
-    """Solve a small symmetric positive definite system by L D L', written out."""
-    count = right.numel()
-    lower = [[ca.SX(0)] * count for _ in range(count)]
-    pivot: list[ca.SX] = []
-    for j in range(count):
-        pivot.append(matrix[j, j] - sum((lower[j][k] ** 2 * pivot[k] for k in range(j)), ca.SX(0)))
-        for i in range(j + 1, count):
-            known = sum((lower[i][k] * lower[j][k] * pivot[k] for k in range(j)), ca.SX(0))
-            lower[i][j] = (matrix[i, j] - known) / pivot[j]
-    answer = [right[i] for i in range(count)]
-    for i in range(count):
-        answer[i] -= sum((lower[i][k] * answer[k] for k in range(i)), ca.SX(0))
-    answer = [value / pivot[i] for i, value in enumerate(answer)]
-    for i in reversed(range(count)):
-        answer[i] -= sum((lower[k][i] * answer[k] for k in range(i + 1, count)), ca.SX(0))
-    return ca.vertcat(*answer)
-
-
 class Descent(NamedTuple):
     """How a descent goes; its fields are the last input of :func:`descent`."""
 
@@ -228,11 +209,11 @@ def _step(
     rows, count = slope.shape
     if rows >= count:
         matrix = slope.T @ slope + damping * ca.SX.eye(count)
-        return _solve_positive(ca.densify(matrix), ca.densify(slope.T @ error)), ca.SX(0)
+        return solve_symmetric(matrix, ca.densify(slope.T @ error)), ca.SX(0)
     share = sought / (1 + ca.dot(error, error) / STEPS.pull_error**2)
     beside = missing * share * ca.fmin(1, 1 / (ca.norm_2(missing) + 1e-300))
     matrix = slope @ slope.T + damping * ca.SX.eye(rows)
-    move = slope.T @ _solve_positive(ca.densify(matrix), error - slope @ beside) + beside
+    move = slope.T @ solve_symmetric(matrix, error - slope @ beside) + beside
     return move, ca.if_else(sought, ca.norm_inf(move), 0)
 
 

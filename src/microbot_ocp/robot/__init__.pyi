@@ -21,6 +21,7 @@ from ._dynamics import (
     inverse_dynamics as inverse_dynamics,
     mass_matrix as mass_matrix,
     mass_matrix_condition as mass_matrix_condition,
+    solve_symmetric as solve_symmetric,
     torque_and_rate as torque_and_rate,
 )
 from ._joint_values import (

@@ -19,7 +19,7 @@ from functools import lru_cache
 import casadi as ca
 
 from microbot_ocp._base.checks import InputError
-from microbot_ocp.robot._function import function_maker, robot_function
+from microbot_ocp.robot._function import function_maker, robot_function, symbols
 from microbot_ocp.robot._kinematics import base_transform, joint_transform
 from microbot_ocp.robot._model import Robot
 
@@ -48,15 +48,12 @@ def friction_torque(robot: Robot, qd: ca.SX) -> ca.SX:
     return ca.vertcat(*terms)
 
 
-def _newton_euler(
-    robot: Robot, q: ca.SX, qd: ca.SX, qdd: ca.SX, *, gravity: bool = True, friction: bool = True
-) -> ca.SX:
+def _newton_euler(robot: Robot, q: ca.SX, qd: ca.SX, qdd: ca.SX, *, friction: bool = True) -> ca.SX:
     """Joint torques [n] by the outward and inward recursions of Craig, section 6.5."""
     _require_links(robot)
     count = robot.joint_count
     # An upward acceleration of the base acts as gravity does; here in frame 0 of the rows.
-    upward = base_transform(robot)[0].T @ ca.SX(ca.DM(-robot.gravity))
-    acceleration = ca.sparsify(upward) if gravity else ca.SX(3, 1)
+    acceleration = ca.sparsify(base_transform(robot)[0].T @ ca.SX(ca.DM(-robot.gravity)))
     omega, omega_dot = ca.SX(3, 1), ca.SX(3, 1)
     turns, steps, forces, moments, spins = [], [], [], [], [(omega, omega_dot)]
     for joint, link in enumerate(robot.links):
@@ -99,8 +96,7 @@ def _newton_euler(
             force = carried
         force = forces[joint] + force
         moment = moments[joint] + moment
-        along = moment if robot.joint_types[joint] == "revolute" else force
-        torque[joint] += ca.densify(along)[2]
+        torque[joint] += _axis_component(robot, joint, force, moment)
     total = ca.vertcat(*torque)
     return total + friction_torque(robot, qd) if friction else total
 
@@ -166,13 +162,7 @@ def _axis_component(robot: Robot, joint: int, force: ca.SX, moment: ca.SX) -> ca
     return ca.densify(along)[2]
 
 
-def _state(robot: Robot) -> tuple[ca.SX, ca.SX, ca.SX]:
-    count = robot.joint_count
-    return ca.SX.sym("q", count), ca.SX.sym("qd", count), ca.SX.sym("qdd", count)
-
-
 @function_maker
-@lru_cache(maxsize=64)
 def inverse_dynamics(robot: Robot, *, compiled: bool = False) -> ca.Function:
     """Joint torques of a motion, by recursive Newton-Euler (Craig, section 6.5).
 
@@ -188,29 +178,26 @@ def inverse_dynamics(robot: Robot, *, compiled: bool = False) -> ca.Function:
     >>> [round(v, 6) for v in tau([0, 0, 0], [0, 0, 0], [0, 0, 0]).full().ravel().tolist()]
     [0.0, 196.0, 78.4]
     """
-    q, qd, qdd = _state(robot)
-    tau = ca.densify(_newton_euler(robot, q, qd, qdd))
-    function = ca.Function("inverse_dynamics", [q, qd, qdd], [tau], ["q", "qd", "qdd"], ["tau"])
-    return robot_function(function, compiled)
+    state = symbols(robot, "q", "qd", "qdd")
+    tau = _newton_euler(robot, *state.values())
+    return robot_function("inverse_dynamics", state, {"tau": tau}, compiled)
 
 
 @function_maker
-@lru_cache(maxsize=64)
 def mass_matrix(robot: Robot, *, compiled: bool = False) -> ca.Function:
     """Mass matrix ``(q[n]) -> M[n,n]``, kg m^2, with rotor inertia on the diagonal."""
-    q, _, _ = _state(robot)
-    matrix = ca.densify(_mass_matrix(robot, q))
-    return robot_function(ca.Function("mass_matrix", [q], [matrix], ["q"], ["M"]), compiled)
+    state = symbols(robot, "q")
+    return robot_function("mass_matrix", state, {"M": _mass_matrix(robot, **state)}, compiled)
 
 
 @function_maker
-@lru_cache(maxsize=64)
 def coriolis_matrix(robot: Robot, *, compiled: bool = False) -> ca.Function:
     """Coriolis and centrifugal matrix ``(q[n], qd[n]) -> C[n,n]`` from Christoffel symbols.
 
     With it ``dM/dt - 2 C`` is skew-symmetric. Friction is not part of it.
     """
-    q, qd, _ = _state(robot)
+    state = symbols(robot, "q", "qd")
+    q, qd = state.values()
     count = robot.joint_count
     matrix = ca.densify(_mass_matrix(robot, q))
     slope = [ca.reshape(ca.jacobian(matrix, q[k]), count, count) for k in range(count)]
@@ -221,56 +208,31 @@ def coriolis_matrix(robot: Robot, *, compiled: bool = False) -> ca.Function:
             terms = (slope[k][i, j] + slope[j][i, k] - slope[i][j, k] for k in range(count))
             row.append(sum((0.5 * term * qd[k] for k, term in enumerate(terms)), ca.SX(0)))
         rows.append(ca.horzcat(*row))
-    coriolis = ca.densify(ca.vertcat(*rows))
-    function = ca.Function("coriolis_matrix", [q, qd], [coriolis], ["q", "qd"], ["C"])
-    return robot_function(function, compiled)
+    return robot_function("coriolis_matrix", state, {"C": ca.vertcat(*rows)}, compiled)
 
 
 @function_maker
-@lru_cache(maxsize=64)
 def gravity_torque(robot: Robot, *, compiled: bool = False) -> ca.Function:
     """Torque that holds the arm still: ``(q[n]) -> tau[n]``, N m."""
-    q, _, _ = _state(robot)
-    zero = ca.SX(robot.joint_count, 1)
-    tau = ca.densify(_newton_euler(robot, q, zero, zero, friction=False))
-    return robot_function(ca.Function("gravity_torque", [q], [tau], ["q"], ["tau"]), compiled)
+    state, zero = symbols(robot, "q"), ca.SX(robot.joint_count, 1)
+    tau = _newton_euler(robot, state["q"], zero, zero, friction=False)
+    return robot_function("gravity_torque", state, {"tau": tau}, compiled)
 
 
 @function_maker
-@lru_cache(maxsize=64)
 def bias_torque(robot: Robot, *, compiled: bool = False) -> ca.Function:
     """Torque at zero acceleration, ``C qd + g + friction``: ``(q[n], qd[n]) -> tau[n]``, N m."""
-    q, qd, _ = _state(robot)
-    tau = ca.densify(_newton_euler(robot, q, qd, ca.SX(robot.joint_count, 1)))
-    function = ca.Function("bias_torque", [q, qd], [tau], ["q", "qd"], ["tau"])
-    return robot_function(function, compiled)
+    state = symbols(robot, "q", "qd")
+    tau = _newton_euler(robot, state["q"], state["qd"], ca.SX(robot.joint_count, 1))
+    return robot_function("bias_torque", state, {"tau": tau}, compiled)
 
 
-def _solve_symmetric(matrix: ca.SX, right: ca.SX) -> ca.SX:
-    """Solve ``matrix x = right`` for a symmetric positive definite matrix by L D L'."""
-    count = matrix.shape[0]
-    lower = [[ca.SX(0)] * count for _ in range(count)]
-    pivot: list[ca.SX] = []
-    for j in range(count):
-        work = [lower[j][k] * pivot[k] for k in range(j)]
-        pivot.append(matrix[j, j] - sum((lower[j][k] * work[k] for k in range(j)), ca.SX(0)))
-        for i in range(j + 1, count):
-            gathered = sum((lower[i][k] * work[k] for k in range(j)), ca.SX(0))
-            lower[i][j] = (matrix[i, j] - gathered) / pivot[j]
-    solution = []
-    for column in range(right.shape[1]):
-        x = [right[i, column] for i in range(count)]
-        for i in range(count):
-            x[i] = x[i] - sum((lower[i][k] * x[k] for k in range(i)), ca.SX(0))
-        x = [x[i] / pivot[i] for i in range(count)]
-        for i in reversed(range(count)):
-            x[i] = x[i] - sum((lower[k][i] * x[k] for k in range(i + 1, count)), ca.SX(0))
-        solution.append(ca.vertcat(*x))
-    return ca.horzcat(*solution)
+def solve_symmetric(matrix: ca.SX, right: ca.SX) -> ca.SX:
+    """Solve ``matrix x = right``, symmetric and positive definite, by L D L' written out."""
+    return ca.ldl_solve(right, *ca.ldl(ca.densify(matrix), False))
 
 
 @function_maker
-@lru_cache(maxsize=64)
 def forward_dynamics(robot: Robot, *, compiled: bool = False) -> ca.Function:
     """Accelerations that torques cause: ``(q[n], qd[n], tau[n]) -> qdd[n]``.
 
@@ -278,35 +240,32 @@ def forward_dynamics(robot: Robot, *, compiled: bool = False) -> ca.Function:
     there is no such acceleration: see :func:`mass_matrix_condition`, or give the links
     ``armature``.
     """
-    q, qd, _ = _state(robot)
-    tau = ca.SX.sym("tau", robot.joint_count)
+    state = symbols(robot, "q", "qd", "tau")
+    q, qd, tau = state.values()
     bias = _newton_euler(robot, q, qd, ca.SX(robot.joint_count, 1))
-    qdd = ca.densify(_solve_symmetric(ca.densify(_mass_matrix(robot, q)), tau - bias))
-    function = ca.Function("forward_dynamics", [q, qd, tau], [qdd], ["q", "qd", "tau"], ["qdd"])
-    return robot_function(function, compiled)
+    qdd = solve_symmetric(_mass_matrix(robot, q), tau - bias)
+    return robot_function("forward_dynamics", state, {"qdd": qdd}, compiled)
 
 
 @function_maker
-@lru_cache(maxsize=64)
 def mass_matrix_condition(robot: Robot, *, compiled: bool = False) -> ca.Function:
     """Condition number of the mass matrix in the 1-norm: ``(q[n]) -> condition``, 1 to infinity."""
-    q, _, _ = _state(robot)
-    matrix = ca.densify(_mass_matrix(robot, q))
-    inverse = _solve_symmetric(matrix, ca.SX.eye(robot.joint_count))
+    state = symbols(robot, "q")
+    matrix = ca.densify(_mass_matrix(robot, **state))
+    inverse = solve_symmetric(matrix, ca.SX.eye(robot.joint_count))
     condition = ca.norm_inf(ca.sum1(ca.fabs(matrix))) * ca.norm_inf(ca.sum1(ca.fabs(inverse)))
     condition = ca.if_else(condition > 0, condition, ca.inf)  # a zero pivot may give 0/0
-    function = ca.Function("mass_matrix_condition", [q], [condition], ["q"], ["condition"])
-    return robot_function(function, compiled)
+    return robot_function("mass_matrix_condition", state, {"condition": condition}, compiled)
 
 
 @function_maker
-@lru_cache(maxsize=64)
 def energy(robot: Robot, *, compiled: bool = False) -> ca.Function:
     """Mechanical energy: ``(q[n], qd[n]) -> kinetic, potential``, J.
 
     The potential is zero at the base origin; rotor inertia counts as kinetic energy.
     """
-    q, qd, _ = _state(robot)
+    state = symbols(robot, "q", "qd")
+    q, qd = state.values()
     kinetic = 0.5 * ca.dot(qd, ca.densify(_mass_matrix(robot, q)) @ qd)
     (rotation, origin), potential = base_transform(robot), ca.SX(0)
     gravity = ca.SX(ca.DM(robot.gravity))
@@ -315,10 +274,8 @@ def energy(robot: Robot, *, compiled: bool = False) -> ca.Function:
         origin, rotation = origin + rotation @ step, rotation @ turn
         com = origin + rotation @ ca.SX(ca.DM(link.center_of_mass))
         potential = potential - link.mass * ca.dot(gravity, com)
-    function = ca.Function(
-        "energy", [q, qd], [kinetic, potential], ["q", "qd"], ["kinetic", "potential"]
-    )
-    return robot_function(function, compiled)
+    energies = {"kinetic": kinetic, "potential": potential}
+    return robot_function("energy", state, energies, compiled)
 
 
 @lru_cache(maxsize=64)
@@ -330,8 +287,8 @@ def torque_and_rate(robot: Robot) -> ca.Function:
     casadi.Function
         ``(q[n], qd[n], qdd[n], qddd[n]) -> tau[n], taud[n]``, N m and N m/s.
     """
-    state = [ca.SX.sym(name, robot.joint_count) for name in ("q", "qd", "qdd", "qddd")]
-    tau = inverse_dynamics(robot)(*state[:3])
-    taud = ca.jtimes(tau, ca.vertcat(*state[:3]), ca.vertcat(*state[1:]))
-    names = ["q", "qd", "qdd", "qddd"]
-    return ca.Function("torque_and_rate", state, [tau, ca.densify(taud)], names, ["tau", "taud"])
+    state = symbols(robot, "q", "qd", "qdd", "qddd")
+    every = [*state.values()]
+    tau = inverse_dynamics(robot)(*every[:3])
+    taud = ca.densify(ca.jtimes(tau, ca.vertcat(*every[:3]), ca.vertcat(*every[1:])))
+    return ca.Function("torque_and_rate", every, [tau, taud], [*state], ["tau", "taud"])

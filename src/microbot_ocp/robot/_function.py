@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import update_wrapper
+from functools import lru_cache, update_wrapper
 from typing import Any, TypeVar
 
 import casadi as ca
@@ -63,22 +63,35 @@ def _shape(value: Any) -> tuple[int, ...]:
         return (-1,)
 
 
-def robot_function(function: ca.Function, compiled: bool) -> RobotFunction:
-    """``function``, compiled if wanted, with messages of its own."""
+def symbols(robot: Any, *names: str) -> dict[str, ca.SX]:
+    """Vectors of symbols, one entry a joint."""
+    return {name: ca.SX.sym(name, robot.joint_count) for name in names}
+
+
+def robot_function(
+    name: str, inputs: dict[str, ca.SX], outputs: dict[str, Any], compiled: bool
+) -> RobotFunction:
+    """The function of these expressions, compiled if wanted, with messages of its own."""
+    results = [ca.densify(value) for value in outputs.values()]
+    function = ca.Function(name, [*inputs.values()], results, [*inputs], [*outputs])
     return RobotFunction(maybe_compiled(function, compiled))
 
 
-def function_maker(cached: Maker) -> Maker:
-    """Have a maker of functions of a robot say so where it is given what the function takes."""
+def function_maker(make: Maker) -> Maker:
+    """Cache what a maker of functions of a robot makes.
+
+    Where it is given what the function takes, it says so.
+    """
+    cached = lru_cache(maxsize=128, typed=True)(make)
 
     def maker(robot: Any, *arguments: Any, **settings: Any) -> Any:
         if any(_is_value(value) for value in arguments):
-            name = cached.__name__
+            name = make.__name__
             inputs = ", ".join(cached(robot).name_in())
             raise InputError(f"{name} makes a function: write {name}(robot)({inputs})")
         return cached(robot, *arguments, **settings)
 
-    update_wrapper(maker, cached.__wrapped__)  # type: ignore[attr-defined]
+    update_wrapper(maker, make)
     for name in ("cache_clear", "cache_info"):
         setattr(maker, name, getattr(cached, name))
     return maker  # type: ignore[return-value]

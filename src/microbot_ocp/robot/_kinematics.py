@@ -6,13 +6,11 @@ Sources: Craig, *Introduction to Robotics*, 3rd ed.: transforms (3.6), velocity 
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp.robot._function import function_maker, robot_function
+from microbot_ocp.robot._function import function_maker, robot_function, symbols
 from microbot_ocp.robot._model import Robot
 
 
@@ -99,7 +97,6 @@ def _homogeneous(rotation: ca.SX, origin: ca.SX) -> ca.SX:
 
 
 @function_maker
-@lru_cache(maxsize=256, typed=True)
 def forward_kinematics(
     robot: Robot, frame: int | None = None, *, compiled: bool = False
 ) -> ca.Function:
@@ -132,34 +129,28 @@ def forward_kinematics(
         raise InputError(
             f"frame must be a whole number from 0 (base) to {last} (tool), not {frame!r}"
         )
-    q = ca.SX.sym("q", robot.joint_count)
-    pose = ca.SX.eye(4) if index == 0 else _homogeneous(*_frames(robot, q)[index - 1])
-    function = ca.Function("forward_kinematics", [q], [ca.densify(pose)], ["q"], ["T"])
-    return robot_function(function, compiled)
+    state = symbols(robot, "q")
+    pose = ca.SX.eye(4) if index == 0 else _homogeneous(*_frames(robot, **state)[index - 1])
+    return robot_function("forward_kinematics", state, {"T": pose}, compiled)
 
 
 @function_maker
-@lru_cache(maxsize=64)
 def link_poses(robot: Robot, *, compiled: bool = False) -> ca.Function:
     """Poses of the base and link frames 1 to n side by side: ``(q[n]) -> poses[4, 4 (n+1)]``."""
-    q = ca.SX.sym("q", robot.joint_count)
-    poses = [ca.SX.eye(4), *(_homogeneous(*frame) for frame in _frames(robot, q)[:-1])]
-    function = ca.Function("link_poses", [q], [ca.densify(ca.horzcat(*poses))], ["q"], ["poses"])
-    return robot_function(function, compiled)
+    state = symbols(robot, "q")
+    poses = [ca.SX.eye(4), *(_homogeneous(*frame) for frame in _frames(robot, **state)[:-1])]
+    return robot_function("link_poses", state, {"poses": ca.horzcat(*poses)}, compiled)
 
 
 @function_maker
-@lru_cache(maxsize=64)
 def frame_origins(robot: Robot, *, compiled: bool = False) -> ca.Function:
     """Origins of the base, every link frame and the tool: ``(q[n]) -> origins[3, n+2]``, m."""
-    q = ca.SX.sym("q", robot.joint_count)
-    origins = [ca.SX.zeros(3), *(ca.densify(origin) for _, origin in _frames(robot, q))]
-    function = ca.Function("frame_origins", [q], [ca.horzcat(*origins)], ["q"], ["origins"])
-    return robot_function(function, compiled)
+    state = symbols(robot, "q")
+    origins = [ca.SX.zeros(3), *(ca.densify(origin) for _, origin in _frames(robot, **state))]
+    return robot_function("frame_origins", state, {"origins": ca.horzcat(*origins)}, compiled)
 
 
 @function_maker
-@lru_cache(maxsize=64)
 def jacobian(robot: Robot, *, compiled: bool = False) -> ca.Function:
     """Geometric Jacobian at the tool origin in the base frame.
 
@@ -169,8 +160,8 @@ def jacobian(robot: Robot, *, compiled: bool = False) -> ca.Function:
         ``(q[n]) -> J[6,n]``: rows linear velocity (m/s) then angular velocity (rad/s) per joint
         speed.
     """
-    q = ca.SX.sym("q", robot.joint_count)
-    frames = _frames(robot, q)
+    state = symbols(robot, "q")
+    frames = _frames(robot, **state)
     tool = frames[-1][1]
     columns = []
     for joint in range(robot.joint_count):
@@ -180,12 +171,10 @@ def jacobian(robot: Robot, *, compiled: bool = False) -> ca.Function:
             columns.append(ca.vertcat(ca.cross(axis, ca.densify(tool - origin)), axis))
         else:
             columns.append(ca.vertcat(axis, ca.SX.zeros(3)))
-    function = ca.Function("jacobian", [q], [ca.horzcat(*columns)], ["q"], ["J"])
-    return robot_function(function, compiled)
+    return robot_function("jacobian", state, {"J": ca.horzcat(*columns)}, compiled)
 
 
 @function_maker
-@lru_cache(maxsize=64)
 def velocity_propagation(robot: Robot, *, compiled: bool = False) -> ca.Function:
     """Velocities of every link frame by outward propagation (Craig, equations 5.45 to 5.48).
 
@@ -196,7 +185,8 @@ def velocity_propagation(robot: Robot, *, compiled: bool = False) -> ca.Function
         origin (m/s) and its angular velocity (rad/s) expressed in that frame; the tool is last.
     """
     count = robot.joint_count
-    q, qd = ca.SX.sym("q", count), ca.SX.sym("qd", count)
+    state = symbols(robot, "q", "qd")
+    q, qd = state.values()
     v, omega = ca.SX.zeros(3), ca.SX.zeros(3)
     all_v, all_omega = [], []
     for joint in range(count + 1):
@@ -212,11 +202,5 @@ def velocity_propagation(robot: Robot, *, compiled: bool = False) -> ca.Function
                 v = v + along_axis
         all_v.append(ca.densify(v))
         all_omega.append(ca.densify(omega))
-    function = ca.Function(
-        "velocity_propagation",
-        [q, qd],
-        [ca.horzcat(*all_v), ca.horzcat(*all_omega)],
-        ["q", "qd"],
-        ["v", "omega"],
-    )
-    return robot_function(function, compiled)
+    velocities = {"v": ca.horzcat(*all_v), "omega": ca.horzcat(*all_omega)}
+    return robot_function("velocity_propagation", state, velocities, compiled)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import casadi as ca
 
 from microbot_ocp.robot._dynamics import inverse_dynamics, torque_and_rate
+from microbot_ocp.robot._function import symbols
 from microbot_ocp.robot._kinematics import forward_kinematics, jacobian, link_poses
 
 if TYPE_CHECKING:
@@ -79,8 +80,8 @@ class MotionState:
 @lru_cache(maxsize=64)
 def tool_acceleration(robot: Robot) -> ca.Function:
     """Acceleration of the tool: ``(q[n], qd[n], qdd[n]) -> a[6]``, linear, then angular."""
-    names = ("q", "qd", "qdd")
-    q, qd, qdd = (ca.SX.sym(name, robot.joint_count) for name in names)
+    state = symbols(robot, "q", "qd", "qdd")
+    q, qd, qdd = state.values()
     velocity = jacobian(robot)(q) @ qd
     change = ca.jtimes(velocity, ca.vertcat(q, qd), ca.vertcat(qd, qdd))
-    return ca.Function("tool_acceleration", [q, qd, qdd], [ca.densify(change)], list(names), ["a"])
+    return ca.Function("tool_acceleration", [q, qd, qdd], [ca.densify(change)], [*state], ["a"])
