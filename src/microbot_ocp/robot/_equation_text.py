@@ -6,7 +6,10 @@ import keyword
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import reduce
 from itertools import combinations_with_replacement, product
+from operator import getitem
+from typing import Any
 
 from microbot_ocp.robot._closed_form import ClosedForm, Series, Term
 
@@ -25,7 +28,7 @@ class Typesetting:
 
     program_width: int = 96
     most_terms: int = 200
-    latex_width: int = 75
+    latex_width: int = 73
     digits: int = 6
 
 
@@ -40,7 +43,7 @@ def plain(series: Series) -> str:
         powers = ((f"q{j + 1}", term.powers[j]) for j in series.displacements)
         return [name if n == 1 else f"{name}^{n}" for name, n in powers if n] + waves
 
-    parts = list(_parts(series, factors, " ", lambda value: f"{value:.{TYPESETTING.digits}g}"))
+    parts = _parts(series, factors, " ", lambda value: f"{value:.{TYPESETTING.digits}g}")
     return " ".join(parts) or "0"
 
 
@@ -73,60 +76,58 @@ def _parts(
         yield f"{sign} {body}" if at else body if value > 0 else f"-{body}"
 
 
-def _broken(parts: Iterable[str], width: int, between: str) -> str:
+def _broken(
+    parts: Iterable[str], width: int, between: str, size: Callable[[str], int] = len
+) -> str:
     """The terms in lines of at most this width where they can be."""
-    lines: list[str] = []
+    lines: list[list[str]] = []
+    room = 0
     for part in parts:
-        if lines and len(lines[-1]) + len(part) < width:
-            lines[-1] += f" {part}"
-        else:
-            lines.append(part)
-    return between.join(lines)
+        if not lines or room + size(part) > width:
+            lines.append([])
+            room = 0
+        lines[-1].append(part)
+        room += size(part) + 1
+    return between.join(" ".join(line) for line in lines)
 
 
 # LaTeX --------------------------------------------------------------------------------------------
 
 
+HEADINGS = {
+    "T": (
+        "Pose of the tool",
+        "The transform $T$ from the tool frame to the base frame, lengths in m.",
+    ),
+    "M": ("Mass matrix", "In kg m$^2$, of prismatic joints in kg m or kg; $M_{ji} = M_{ij}$."),
+    "c": (
+        "Coriolis and centrifugal matrix",
+        r"$C_{ij} = \sum_k c_{ijk}\,\dot q_k$ with the Christoffel symbols $c_{ikj} = c_{ijk}$.",
+    ),
+    "g": ("Gravity torque", "In N m, of a prismatic joint in N."),
+}
+
+
+def _entries(form: ClosedForm, symbol: str) -> Iterator[tuple[tuple[int, ...], Series]]:
+    """Places and entries of a tensor that are not zero; of what is symmetric one half."""
+    every = range(form.robot.joint_count)
+    pairs = list(combinations_with_replacement(every, 2))
+    places, tensor = {
+        "T": (product(range(4), range(4)), form.pose),
+        "M": (pairs, form.mass),
+        "c": (((i, j, k) for i in every for j, k in pairs), form.christoffel),
+        "g": (zip(every), form.gravity),
+    }[symbol]
+    for place in places:
+        entry: Any = reduce(getitem, place, tensor)
+        if entry.terms:
+            yield place, entry
+
+
 def latex(form: ClosedForm) -> str:
     """A LaTeX document with every entry that is not zero."""
-    count = form.robot.joint_count
-    types = form.robot.joint_types
-    names = ["d" if kind == "prismatic" else r"\theta" for kind in types]
+    names = ["d" if kind == "prismatic" else r"\theta" for kind in form.robot.joint_types]
     variables = ", ".join(f"${name}_{i}$" for i, name in enumerate(names, start=1))
-    every = range(count)
-    blocks = [
-        (
-            "Pose of the tool",
-            "The transform $T$ from the tool frame to the base frame, lengths in m.",
-            [(f"T_{{{i + 1}{j + 1}}}", form.pose[i][j]) for i in range(3) for j in range(4)],
-        )
-    ]
-    if form.mass:
-        symbols = [(i, j, k) for i in every for j, k in combinations_with_replacement(every, 2)]
-        blocks += [
-            (
-                "Mass matrix",
-                "In kg m$^2$, of prismatic joints in kg m or kg; $M_{ji} = M_{ij}$.",
-                [
-                    (f"M_{{{i + 1}{j + 1}}}", form.mass[i][j])
-                    for i, j in combinations_with_replacement(every, 2)
-                ],
-            ),
-            (
-                "Coriolis and centrifugal matrix",
-                r"$C_{ij} = \sum_k c_{ijk}\,\dot q_k$ with the Christoffel symbols"
-                " $c_{ikj} = c_{ijk}$.",
-                [
-                    (f"c_{{{i + 1}{j + 1}{k + 1}}}", form.christoffel[i][j][k])
-                    for i, j, k in symbols
-                ],
-            ),
-            (
-                "Gravity torque",
-                "In N m, of a prismatic joint in N.",
-                [(f"g_{{{i + 1}}}", form.gravity[i]) for i in every],
-            ),
-        ]
     title = re.sub(r"([&%$#_{}])", r"\\\1", re.sub(r"[\\~^]", " ", form.robot.name))
     digits = TYPESETTING.digits
     lines = [
@@ -140,11 +141,15 @@ def latex(form: ClosedForm) -> str:
         rf"Joint positions $q$: {variables}. SI units, radians; coefficients have {digits} digits;",
         "friction is left out; entries that are not listed are zero.",
     ]
-    for heading, about, entries in blocks:
-        shown = [(name, series) for name, series in entries if series.terms]
+    for symbol in HEADINGS if form.mass else "T":
+        heading, about = HEADINGS[symbol]
         lines += [rf"\subsection*{{{heading}}}", about]
-        if shown:
-            rows = [f"{name} &= {_latex_sum(series, names)}" for name, series in shown]
+        rows = [
+            f"{symbol}_{{{''.join(str(i + 1) for i in place)}}} &= {_latex_sum(series, names)}"
+            for place, series in _entries(form, symbol)
+            if symbol != "T" or place[0] < 3
+        ]
+        if rows:
             lines += [r"\begin{align*}", " \\\\\n".join(rows), r"\end{align*}"]
     return "\n".join([*lines, r"\end{document}", ""])
 
@@ -161,18 +166,11 @@ def _latex_sum(series: Series, names: Sequence[str]) -> str:
             found.append(rf"\{wave} {angle}" if single else rf"\{wave}({angle})")
         return found
 
-    parts = list(_parts(series, factors, r"\,", _latex_number))
-    lines: list[str] = []
-    room = 0
-    for part in parts:  # a command takes the room of one letter or of its name
-        size = len(re.sub(r"\\theta_|\\[,{}]|\\(?=[cs])|\{|\}|\^", "", part)) + 1
-        if lines and room + size < TYPESETTING.latex_width:
-            lines[-1] += f" {part}"
-            room += size
-        else:
-            lines.append(part)
-            room = size
-    return " \\\\\n  &\\quad ".join(lines)
+    def size(part: str) -> int:  # a command takes the room of one letter or of its name
+        return len(re.sub(r"\\theta_|\\[,{}]|\\(?=[cs])|\{|\}|\^", "", part))
+
+    parts = _parts(series, factors, r"\,", _latex_number)
+    return _broken(parts, TYPESETTING.latex_width, " \\\\\n  &\\quad ", size)
 
 
 def _latex_number(value: float) -> str:
@@ -316,34 +314,21 @@ def _statements(form: ClosedForm, language: str, matrix: str) -> list[str]:
     def sums(series: Series) -> Iterator[str]:
         return _parts(series, lambda term: _code_factors(series, term, waves), "*", repr)
 
-    if matrix == "T":
-        for i, j in product(range(4), range(4)):
-            if form.pose[i][j].terms:
-                assign(at(i, j), sums(form.pose[i][j]))
-    elif matrix == "M":
-        for i, j in combinations_with_replacement(every, 2):
-            if form.mass[i][j].terms:
-                assign(at(i, j), sums(form.mass[i][j]))
-                if i != j:
-                    assign(at(j, i), [at(i, j)])
-    elif matrix == "g":
-        for i in every:
-            if form.gravity[i].terms:
-                assign(at(i), sums(form.gravity[i]))
-    else:
-        for i in every:
-            for j, k in combinations_with_replacement(every, 2):
-                if form.christoffel[i][j][k].terms:
-                    name = f"h{i + 1}{j + 1}{k + 1}"
-                    assign(name, sums(form.christoffel[i][j][k]), syntax.let)
-        for i, j in product(every, every):
-            speeds = [
-                f"h{i + 1}{min(j, k) + 1}{max(j, k) + 1}*qd{k + 1}"
-                for k in every
-                if form.christoffel[i][j][k].terms
-            ]
-            if speeds:
-                assign(at(i, j), [speeds[0], *(f"+ {speed}" for speed in speeds[1:])])
+    for place, series in _entries(form, matrix.replace("C", "c")):
+        if matrix == "C":
+            assign("h" + "".join(str(i + 1) for i in place), sums(series), syntax.let)
+            continue
+        assign(at(*place), sums(series))
+        if matrix == "M" and place[0] != place[1]:
+            assign(at(*place[::-1]), [at(*place)])
+    for i, j in product(every, every) if matrix == "C" else ():
+        speeds = [
+            f"h{i + 1}{min(j, k) + 1}{max(j, k) + 1}*qd{k + 1}"
+            for k in every
+            if form.christoffel[i][j][k].terms
+        ]
+        if speeds:
+            assign(at(i, j), [speeds[0], *(f"+ {speed}" for speed in speeds[1:])])
     first = [f"{syntax.let}{name} = {value}{syntax.end}" for name, value in sorted(waves.items())]
     return [*first, *entries]
 
