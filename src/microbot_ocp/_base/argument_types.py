@@ -109,7 +109,7 @@ def _refuse(
     for name, value in itertools.chain(zip(positional, arguments, strict=False), named.items()):
         if name in hints and not fits(value, hints[name]):
             raise InputError(
-                f"{name} must be {words(hints[name])}, not {shown(value)}"
+                f"{name} must be {_rule(hints[name])[1]}, not {shown(value)}"
             ) from problem
 
 
@@ -150,56 +150,75 @@ def _is_number(value: Any) -> bool:
     if isinstance(value, int | float | np.integer | np.floating):
         return not isinstance(value, bool)
     other = complex | np.generic | type | str | bytes  # of which float may make one, too
-    try:
-        return not isinstance(value, other) and float(value) is not None
-    except Exception:  # of an array, or of a symbol
-        return False
+    return not isinstance(value, other) and _succeeds(float, value)
 
 
 def _is_array(value: Any) -> bool:
+    return _succeeds(np.asarray, value) and (
+        np.asarray(value).dtype.kind in "iuf" or _succeeds(np.asarray, value, float)
+    )
+
+
+def _succeeds(make: Callable[..., Any], *arguments: Any) -> bool:
     try:
-        return np.asarray(value).dtype.kind in "iuf" or np.asarray(value, float).dtype.kind == "f"
-    except Exception:  # anyone's code
+        return make(*arguments) is not None
+    except Exception:  # anyone's code: of an array, or of a symbol
         return False
 
 
-PLAIN: dict[Any, tuple[Callable[[Any], bool], str]] = {
+Fits = Callable[[Any], bool]
+
+
+def _of(*kinds: type) -> Fits:
+    return lambda value: isinstance(value, kinds) and (bool in kinds or type(value) is not bool)
+
+
+NOTHING = (lambda value: value is None, "None")
+PLAIN: dict[Any, tuple[Fits, str]] = {
     float: (_is_number, "a number"),
-    int: (
-        lambda value: isinstance(value, int | np.integer) and not isinstance(value, bool),
-        "a whole number",
-    ),
-    bool: (lambda value: isinstance(value, bool | np.bool_), "True or False"),
-    str: (lambda value: isinstance(value, str), "text"),
-    Path: (lambda value: isinstance(value, os.PathLike), "a path"),
+    int: (_of(int, np.integer), "a whole number"),
+    bool: (_of(bool, np.bool_), "True or False"),
+    str: (_of(str), "text"),
+    Path: (_of(os.PathLike), "a path"),
     np.ndarray: (_is_array, "an array of numbers"),
-    types.NoneType: (lambda value: value is None, "None"),
-    None: (lambda value: value is None, "None"),
+    types.NoneType: NOTHING,
+    None: NOTHING,
     abc.Callable: (callable, "a function"),
 }
 
 
 def fits(value: Any, hint: Any) -> bool:
     """Whether a value is of an annotation's type; of what is no type of ours anything is."""
+    return _rule(hint)[0](value)
+
+
+def _rule(hint: Any) -> tuple[Fits, str]:
+    """What fits an annotation, and what to call it; empty where all does."""
     kind, inner = typing.get_origin(hint) or hint, typing.get_args(hint)
-    if kind in UNIONS:
-        return any(fits(value, part) for part in inner)
-    if kind is typing.Literal:
-        return isinstance(value, str | int) and value in inner
-    if kind in SEQUENCES:
-        return _is_sequence(value, kind, inner)
-    if kind in MAPPINGS:
-        return isinstance(value, abc.Mapping) and all(
-            fits(part, of)
-            for entry in value.items()
-            for part, of in zip(entry, inner, strict=False)
-        )
     if kind in PLAIN:
-        return PLAIN[kind][0](value)
+        return PLAIN[kind]
+    if kind is typing.Literal:
+        listed = ", ".join(map(str, inner))
+        return lambda value: isinstance(value, str | int) and value in inner, f"one of {listed}"
+    if kind in UNIONS + SEQUENCES + MAPPINGS:
+        rules = [_rule(part) for part in inner if part is not Ellipsis]
+        if kind in UNIONS:
+            called = " or ".join(dict.fromkeys(words for _, words in rules))
+            return lambda value: any(test(value) for test, _ in rules), called
+        if kind in SEQUENCES:
+            each = f", each entry {rules[0][1]}" if rules and rules[0][1] else ""
+            return lambda value: _is_sequence(value, kind, inner, rules), f"a list{each}"
+        each = f", each entry {rules[-1][1]}" if rules and rules[-1][1] else ""
+        return lambda value: _is_mapping(value, rules), f"a mapping{each}"
     if not inspect.isclass(kind):
-        return True
+        return lambda value: True, ""
+    article = "an" if kind.__name__[0] in "AEIO" else "a"
     if kind.__module__.startswith("casadi"):
-        return _can_be(kind, value)
+        return lambda value: _can_be(kind, value), f"a CasADi {kind.__name__}"
+    return lambda value: _is_ours(value, kind), f"{article} {kind.__name__}"
+
+
+def _is_ours(value: Any, kind: Any) -> bool:
     if not kind.__module__.startswith(PACKAGE):
         return True
     if getattr(kind, "_is_protocol", False):
@@ -209,35 +228,19 @@ def fits(value: Any, hint: Any) -> bool:
     return kind.__name__ in [base.__name__ for base in type(value).__mro__]
 
 
-def words(hint: Any) -> str:
-    """What to call the values that fit; empty where all do."""
-    kind, inner = typing.get_origin(hint) or hint, typing.get_args(hint)
-    if kind in UNIONS:
-        return " or ".join(dict.fromkeys(map(words, inner)))
-    if kind is typing.Literal:
-        return "one of " + ", ".join(map(str, inner))
-    if kind in SEQUENCES + MAPPINGS:
-        each = words(inner[-1 if kind in MAPPINGS else 0]) if inner else ""
-        return ("a mapping" if kind in MAPPINGS else "a list") + (each and f", each entry {each}")
-    if kind in PLAIN:
-        return PLAIN[kind][1]
-    if not inspect.isclass(kind):
-        return ""
-    casadi = "CasADi " if kind.__module__.startswith("casadi") else ""
-    article = "an" if not casadi and kind.__name__[0] in "AEIO" else "a"
-    return f"{article} {casadi}{kind.__name__}"
-
-
 def _can_be(kind: Any, value: Any) -> bool:
-    if isinstance(value, kind):
-        return True
-    try:
-        return kind.__name__ in ("SX", "MX", "DM") and kind(value) is not None
-    except Exception:  # CasADi has many
-        return False
+    return isinstance(value, kind) or (
+        kind.__name__ in ("SX", "MX", "DM") and _succeeds(kind, value)
+    )
 
 
-def _is_sequence(value: Any, kind: Any, inner: tuple[Any, ...]) -> bool:
+def _is_mapping(value: Any, rules: list[tuple[Fits, str]]) -> bool:
+    return isinstance(value, abc.Mapping) and all(
+        test(part) for entry in value.items() for part, (test, _) in zip(entry, rules, strict=False)
+    )
+
+
+def _is_sequence(value: Any, kind: Any, inner: tuple[Any, ...], rules: Any) -> bool:
     if isinstance(value, str | bytes | abc.Mapping | type):
         return False
     if not isinstance(value, abc.Iterable) or getattr(value, "ndim", 1) == 0:
@@ -246,6 +249,4 @@ def _is_sequence(value: Any, kind: Any, inner: tuple[Any, ...]) -> bool:
         return kind is abc.Iterable
     if len(inner) > 1 and inner[1] is not Ellipsis:  # a tuple of so many
         return isinstance(value, tuple | list) and len(value) == len(inner)
-    return not inner or all(
-        fits(entry, inner[0]) for entry in itertools.islice(value, MOST_ENTRIES)
-    )
+    return not rules or all(map(rules[0][0], itertools.islice(value, MOST_ENTRIES)))
