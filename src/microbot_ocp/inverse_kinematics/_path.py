@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.status import Status
-from microbot_ocp.inverse_kinematics._kernels import joint_scale
+from microbot_ocp.inverse_kinematics._kernels import joint_scale, revolute
 from microbot_ocp.inverse_kinematics._result import IKPath, read_only
 from microbot_ocp.inverse_kinematics._search import (
     descend,
@@ -119,15 +119,14 @@ def _path(robot: Robot, targets: FloatArray, seed: ArrayLike | None) -> IKPath:
 
 def _with_turns(robot: Robot, starts: FloatArray) -> FloatArray:
     """The starts [K,n], most central first, and those one turn of one joint away within limits."""
-    limits, rows = robot.limits, [starts]
-    for joint, kind in enumerate(robot.joint_types):
-        bounded = np.isfinite(limits.q_min[joint]) or np.isfinite(limits.q_max[joint])
-        if kind == "revolute" and bounded:
-            for turn in (-2 * np.pi, 2 * np.pi):
-                moved = np.array(starts)
-                moved[:, joint] += turn
-                value = moved[:, joint]
-                rows.append(moved[(value >= limits.q_min[joint]) & (value <= limits.q_max[joint])])
+    low, high = robot.limits.bounds("q")
+    rows = [starts]
+    for joint in np.flatnonzero(revolute(robot) & (np.isfinite(low) | np.isfinite(high))):
+        for turn in (-2 * np.pi, 2 * np.pi):
+            moved = np.array(starts)
+            moved[:, joint] += turn
+            value = moved[:, joint]
+            rows.append(moved[(value >= low[joint]) & (value <= high[joint])])
     everything = np.concatenate(rows)
     return everything[np.argsort(np.linalg.norm(everything - middle(robot), axis=1))][
         : FOLLOWING.branches
@@ -135,10 +134,9 @@ def _with_turns(robot: Robot, starts: FloatArray) -> FloatArray:
 
 
 def _rows_followed(robot: Robot, targets: FloatArray, start: FloatArray) -> int:
-    bounds = robot.limits.q_min, robot.limits.q_max
     here, where = start, targets[0]
     for row, target in enumerate(targets):
-        following = _advance(robot, here, where, target, bounds, FOLLOWING.halvings)
+        following = _advance(robot, here, where, target)
         if following is None:
             return row
         here, where = following, target
@@ -146,7 +144,6 @@ def _rows_followed(robot: Robot, targets: FloatArray, start: FloatArray) -> int:
 
 
 def _followed(robot: Robot, targets: FloatArray, start: FloatArray, begin: float) -> IKPath:
-    bounds = robot.limits.q_min, robot.limits.q_max
     q, statuses, jumps = [], [], []
     here, where = start, targets[0]
     reached = True  # whether the row before was, so that a branch exists to be kept
@@ -156,9 +153,7 @@ def _followed(robot: Robot, targets: FloatArray, start: FloatArray, begin: float
             q += [here] * left
             statuses += [Status.TIME_LIMIT] * left
             break
-        following = (
-            _advance(robot, here, where, target, bounds, FOLLOWING.halvings) if reached else None
-        )
+        following = _advance(robot, here, where, target) if reached else None
         if following is not None:
             here, status = following, Status.SOLVED
         else:
@@ -190,20 +185,17 @@ def _advance(
     q: FloatArray,
     origin: FloatArray,
     target: FloatArray,
-    bounds: tuple[FloatArray, FloatArray],
-    halvings: int,
+    halvings: int = FOLLOWING.halvings,
 ) -> FloatArray | None:
     """From q at ``origin`` to ``target`` on the same branch; None where that does not go."""
-    ended, errors = descend(robot, q[None], target[None], bounds)
+    ended, errors = descend(robot, q[None], target[None], robot.limits.bounds("q"))
     if errors[0] < goal(robot) and _step(robot, ended[0], q) <= FOLLOWING.largest_step:
         return ended[0]
     if halvings == 0 or np.array_equal(origin, target) or deadline.over():
         return None
     between = _halfway(origin, target)
-    half = _advance(robot, q, origin, between, bounds, halvings - 1)
-    if half is None:
-        return None
-    return _advance(robot, half, between, target, bounds, halvings - 1)
+    half = _advance(robot, q, origin, between, halvings - 1)
+    return None if half is None else _advance(robot, half, between, target, halvings - 1)
 
 
 def _step(robot: Robot, ours: FloatArray, theirs: FloatArray) -> float:

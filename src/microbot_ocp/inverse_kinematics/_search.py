@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray
@@ -100,7 +101,7 @@ def quasi_random(count: int, dimensions: int, skip: int = 0) -> FloatArray:
 @lru_cache(maxsize=64)
 def middle(robot: Robot) -> FloatArray:
     """Middle of the joint limits [n]; where a side is open, the allowed value nearest to zero."""
-    lower, upper = robot.limits.q_min, robot.limits.q_max
+    lower, upper = robot.limits.bounds("q")
     closed = np.isfinite(lower) & np.isfinite(upper)
     half = (np.where(closed, lower, 0.0) + np.where(closed, upper, 0.0)) / 2
     return read_only(np.where(closed, half, np.clip(0.0, lower, upper)))
@@ -130,7 +131,7 @@ def difference(robot: Robot, ours: FloatArray, theirs: FloatArray) -> FloatArray
 
 def within_limits(robot: Robot, q: FloatArray, near: FloatArray) -> tuple[FloatArray, np.ndarray]:
     """Move joints [K,n] by whole turns into the limits, nearest to ``near``; whether that went."""
-    lower, upper = robot.limits.q_min, robot.limits.q_max
+    lower, upper = robot.limits.bounds("q")
     turn = 2 * np.pi
     slack = 1e-9
     first = np.ceil((lower - slack - q) / turn)
@@ -169,9 +170,8 @@ def descend_from(
     robot: Robot, seeds: FloatArray, targets: FloatArray
 ) -> tuple[FloatArray, np.ndarray]:
     """Solutions [N,n] within limits downhill from seeds [N,n] or near them; whether one is."""
-    bounds = robot.limits.q_min, robot.limits.q_max
+    bounds, given = robot.limits.bounds("q"), FROM_SEED
     clipped = np.clip(seeds, *bounds)
-    given = FROM_SEED
     if robot.joint_count > generic_rank(robot, targets.shape[1]):
         given = given._replace(attempts=BRANCH_SEARCH.redundant_attempts)
     q, errors = descend(robot, clipped, targets, bounds, given, clipped)
@@ -192,6 +192,12 @@ def pose_errors(poses: FloatArray, targets: FloatArray) -> tuple[FloatArray, Flo
     turn = poses[:, :3, :3] @ targets[:, 3:].reshape(-1, 3, 3)
     twice_sine = np.linalg.norm((turn - turn.swapaxes(1, 2)).reshape(-1, 9), axis=1) / np.sqrt(2)
     return distance, np.arctan2(twice_sine, np.trace(turn, axis1=1, axis2=2) - 1)
+
+
+def reaches(distance: ArrayLike, angle: ArrayLike) -> np.ndarray:
+    """Whether distances (m) and angles (rad) from targets are within the tolerances."""
+    near = np.less(distance, BRANCH_SEARCH.position_tolerance)
+    return near & np.less(angle, BRANCH_SEARCH.orientation_tolerance)
 
 
 def clusters(robot: Robot, q: FloatArray, tolerance: float) -> tuple[FloatArray, np.ndarray]:
@@ -219,10 +225,7 @@ def _merge_doubles(
     between = q[pairs[:, 0]] + difference(robot, q[pairs[:, 1]], q[pairs[:, 0]]) * (
         joint_scale(robot) / 2
     )
-    distance, angle = task_errors(robot, between, np.tile(target, (len(pairs), 1)))
-    one = (distance < BRANCH_SEARCH.position_tolerance) & (
-        angle < BRANCH_SEARCH.orientation_tolerance
-    )
+    one = reaches(*task_errors(robot, between, np.tile(target, (len(pairs), 1))))
     kept = np.ones(len(q), dtype=bool)
     for first, second in pairs[one]:
         if kept[first] and kept[second]:
@@ -292,21 +295,17 @@ def nearest_on_continuum(
     robot: Robot, start: FloatArray, target: FloatArray, wanted: FloatArray
 ) -> FloatArray | None:
     """On the self-motion through ``start`` [n] the joints nearest to ``wanted``, within limits."""
-    bounds = robot.limits.q_min, robot.limits.q_max
+    bounds = robot.limits.bounds("q")
     q = np.clip(start, *bounds)
     quick, errors = descend(robot, q[None], target[None], bounds, SLIDE, wanted[None])
     if errors[0] < goal(robot) and _is_nearest(robot, quick[0], target, wanted):
         return quick[0]
     for _ in range(2):  # the second time with the equations that are independent at the answer
-        jacobian = scaled_jacobian(robot, q[None], target.size)
-        left, values, _ = np.linalg.svd(jacobian[0])
-        rank = max(1, int((values > STEPS.rank_tolerance * max(values[0], 1e-12)).sum()))
+        rank = max(1, int(ranks(robot, q[None], target.size)[0]))
         if rank >= robot.joint_count:
             break
-        solve = nearest_joints_nlp(robot, target.size, rank)
-        parameters = np.concatenate([target, wanted, left[:, :rank].T.ravel("F")])
-        answer = solve(x0=q, p=parameters, lbx=bounds[0], ubx=bounds[1], lbg=0.0, ubg=0.0)
-        polished, errors = descend(robot, np.array(answer["x"]).T, target[None], bounds)
+        answer = _nearest_by_nlp(robot, q, target, wanted, rank)
+        polished, errors = descend(robot, answer, target[None], bounds)
         if errors[0] > goal(robot):
             break
         q = polished[0]
@@ -335,14 +334,14 @@ def _slide(
 
     The NLP gives up where a doubled root lies on the continuum; this does not.
     """
-    bounds = robot.limits.q_min, robot.limits.q_max
+    bounds = robot.limits.bounds("q")
     found, errors = descend(robot, q[None], target[None], bounds)
     if errors[0] > goal(robot):
         return None
     q, scale, length = found[0], joint_scale(robot), 0.3
     for _ in range(60):
         _, values, right = np.linalg.svd(scaled_jacobian(robot, q[None], target.size)[0])
-        rank = int((values > STEPS.rank_tolerance * max(values[0], 1e-12)).sum())
+        rank = int(_rank(values[None])[0])
         missing = (wanted - q) / scale
         along = right[rank:].T @ (right[rank:] @ missing)
         size = float(np.linalg.norm(along))
@@ -367,16 +366,12 @@ def find_branches(robot: Robot, targets: FloatArray) -> list[Found]:
     count, width = robot.joint_count, targets.shape[1]
     rank = generic_rank(robot, width)
     redundant = count > rank
-    balanced_when_complete = bool(revolute(robot).all()) and count == rank == (
-        3 if width == 3 else 6
-    )
+    balanced_when_complete = bool(revolute(robot).all()) and count == rank == min(width, 6)
     low, high = start_range(robot)
     if not redundant:
         around = np.where(revolute(robot), np.pi, 0.0)
-        low, high = (
-            np.minimum(low, middle(robot) - around),
-            np.maximum(high, middle(robot) + around),
-        )
+        low = np.minimum(low, middle(robot) - around)
+        high = np.maximum(high, middle(robot) + around)
     bounds = (robot.limits.q_min, robot.limits.q_max) if redundant else None
     size = 8 * 2 ** min(count, 3)
     pools = [np.zeros((0, count)) for _ in targets]
@@ -398,11 +393,11 @@ def find_branches(robot: Robot, targets: FloatArray) -> list[Found]:
             jacobians = scaled_jacobian(robot, q, width)
             values = np.linalg.svd(jacobians, compute_uv=False)
             answers[index], jacobian_ranks[index] = q, _rank(values)
-            if redundant and len(q):
-                enough = len(q) >= BRANCH_SEARCH.continuum_samples
-            else:
-                enough = _complete(jacobians, values, met, turn, balanced_when_complete)
-            if not enough:
+            if not (
+                len(q) >= BRANCH_SEARCH.continuum_samples
+                if redundant and len(q)
+                else _complete(jacobians, values, met, turn, balanced_when_complete)
+            ):
                 still.append(index)
         pending = np.array(still, dtype=int)
         if not pending.size or deadline.over():
@@ -472,7 +467,7 @@ def nearest_pose(
     weighted by a thousandth of it the best starts are found, then the position alone is brought
     home.
     """
-    bounds = robot.limits.q_min, robot.limits.q_max
+    bounds = robot.limits.bounds("q")
     low, high = start_range(robot)
     weight = 1e-3 if target.size == 12 else 1.0
     count = 64
@@ -527,21 +522,22 @@ def _stationary(robot: Robot, q: FloatArray, target: FloatArray) -> bool:
 def search_by_nlp(robot: Robot, target: FloatArray, starts: int) -> FloatArray:
     """Branches [K,n] of a target [3] or [12]: from every start the joints nearest to it."""
     low, high = start_range(robot)
-    bounds = robot.limits.q_min, robot.limits.q_max
     rank = generic_rank(robot, target.size)
-    found = []
-    for start in low + (high - low) * quasi_random(starts, robot.joint_count):
-        left, _, _ = np.linalg.svd(scaled_jacobian(robot, start[None], target.size)[0])
-        solve = nearest_joints_nlp(robot, target.size, rank)
-        parameters = np.concatenate([target, start, left[:, :rank].T.ravel("F")])
-        answer = solve(x0=start, p=parameters, lbx=bounds[0], ubx=bounds[1], lbg=0.0, ubg=0.0)
-        q = np.clip(np.array(answer["x"]).T, *bounds)
-        distance, angle = task_errors(robot, q, target[None])
-        if (
-            distance[0] < BRANCH_SEARCH.position_tolerance
-            and angle[0] < BRANCH_SEARCH.orientation_tolerance
-        ):
-            found.append(within_limits(robot, q, middle(robot))[0][0])
-    return clusters(
-        robot, np.array(found).reshape(-1, robot.joint_count), BRANCH_SEARCH.same_solution
-    )[0]
+    spread = low + (high - low) * quasi_random(starts, robot.joint_count)
+    rows = np.vstack([_nearest_by_nlp(robot, start, target, start, rank) for start in spread])
+    q = np.clip(rows, *robot.limits.bounds("q"))
+    q = q[reaches(*task_errors(robot, q, np.tile(target, (len(q), 1))))]
+    q, _ = within_limits(robot, q, middle(robot))
+    return clusters(robot, q, BRANCH_SEARCH.same_solution)[0]
+
+
+def _nearest_by_nlp(
+    robot: Robot, start: FloatArray, target: FloatArray, wanted: FloatArray, rank: int
+) -> FloatArray:
+    """Joints [1,n] nearest to ``wanted`` by the NLP, under what is independent at the start."""
+    left, _, _ = np.linalg.svd(scaled_jacobian(robot, start[None], target.size)[0])
+    parameters = np.concatenate([target, wanted, left[:, :rank].T.ravel("F")])
+    low, high = robot.limits.bounds("q")
+    solve = nearest_joints_nlp(robot, target.size, rank)
+    answer = solve(x0=start, p=parameters, lbx=low, ubx=high, lbg=0.0, ubg=0.0)
+    return np.array(answer["x"]).T

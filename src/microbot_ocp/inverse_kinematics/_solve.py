@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import time
-from dataclasses import replace
+from collections.abc import Callable
+from functools import partial
+from itertools import chain
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,7 +17,6 @@ from microbot_ocp._base.status import Status
 from microbot_ocp.inverse_kinematics._kernels import generic_rank, joint_scale, pose_of
 from microbot_ocp.inverse_kinematics._result import IKSolution, read_only
 from microbot_ocp.inverse_kinematics._search import (
-    BRANCH_SEARCH,
     Found,
     descend,
     descend_from,
@@ -26,6 +28,7 @@ from microbot_ocp.inverse_kinematics._search import (
     nearest_pose,
     pose_errors,
     ranks,
+    reaches,
     search_by_nlp,
     self_motions,
     task_errors,
@@ -134,19 +137,19 @@ def solve_ik_each(
     shape = (robot.joint_count,) if np.ndim(given) == 1 else (len(targets), robot.joint_count)
     wanted = checks.array("seeds", given, shape, "rad (prismatic: m)")
     wanted = np.broadcast_to(wanted, (len(targets), shape[-1]))
-    found: list[IKSolution] = []
-    with deadline.within(time_limit):
-        for part in _parts(len(targets)):
-            found += _from_seeds(robot, targets[part], wanted[part])
-    return tuple(found)
+    return _in_parts(partial(_from_seeds, robot), time_limit, targets, wanted)
 
 
 PART = 64  # targets that are solved at once where there is a time limit
 
 
-def _parts(count: int) -> list[slice]:
-    size = PART if np.isfinite(deadline.until()) else count
-    return [slice(k, k + size) for k in range(0, count, size)]
+def _in_parts(solve: Callable[..., Any], time_limit: float, *rows: FloatArray) -> tuple[Any, ...]:
+    """What is solved of rows of targets (and seeds), part after part until the time is over."""
+    with deadline.within(time_limit):
+        count = len(rows[0])
+        size = PART if np.isfinite(deadline.until()) else count
+        parts = [slice(k, k + size) for k in range(0, count, size)]
+        return tuple(chain(*(solve(*(each[part] for each in rows)) for part in parts)))
 
 
 def _given_up(robot: Robot, target: FloatArray) -> IKSolution:
@@ -230,11 +233,7 @@ def solve_ik_batch(
         As for :func:`solve_ik`.
     """
     targets = checked_targets(robot, positions, orientations)
-    found: list[tuple[IKSolution, ...]] = []
-    with deadline.within(time_limit):
-        for part in _parts(len(targets)):
-            found += _branches(robot, targets[part])
-    return tuple(found)
+    return _in_parts(partial(_branches, robot), time_limit, targets)
 
 
 def _branches(robot: Robot, targets: FloatArray) -> tuple[tuple[IKSolution, ...], ...]:
@@ -319,7 +318,6 @@ FARTHEST = 1e6  # m; beyond, nothing is left of a reach in double precision
 
 def checked_target(robot: Robot, position: ArrayLike, orientation: ArrayLike | None) -> FloatArray:
     """Row [3] or [12] of a checked position [3] and orientation [3,3]."""
-    _check_robot(robot)
     place = checks.array("position", position, (3,), "m")
     _check_near("position", place)
     if orientation is None:
@@ -332,7 +330,6 @@ def checked_targets(
     robot: Robot, positions: ArrayLike, orientations: ArrayLike | None
 ) -> FloatArray:
     """Rows [N,3] or [N,12] of checked positions [N,3] and orientations [N,3,3]."""
-    _check_robot(robot)
     places = checks.array("positions", positions, (None, 3), "m")
     if not len(places):
         raise InputError("positions must have at least one row, not 0")
@@ -347,11 +344,6 @@ def _check_near(name: str, places: FloatArray) -> None:
     far = float(np.abs(places).max())
     if far > FARTHEST:
         raise InputError(f"{name} must be within {FARTHEST:g} m of the base, not {far:g} m")
-
-
-def _check_robot(robot: Robot) -> None:
-    if not isinstance(robot, Robot):
-        raise InputError(f"robot must be a Robot, such as load_robot('microbot'), not {robot!r}")
 
 
 def _rotation_rows(name: str, turns: FloatArray) -> FloatArray:
@@ -374,9 +366,9 @@ def _missed(
     begin = time.perf_counter()
     q, converged = nearest_pose(robot, target)
     q = within_limits(robot, q[None], wanted)[0][0]
-    distance, angle = (float(x[0]) for x in task_errors(robot, q[None], target[None]))
-    near = distance < BRANCH_SEARCH.position_tolerance
-    if near and angle < BRANCH_SEARCH.orientation_tolerance:
+    distance, angle = (x[0] for x in task_errors(robot, q[None], target[None]))
+    near = reaches(distance, 0.0)
+    if reaches(distance, angle):
         status = Status.SOLVED
     elif deadline.over():
         status = Status.TIME_LIMIT
@@ -394,17 +386,12 @@ def _missed(
 
 
 def _reached_without_limits(robot: Robot, target: FloatArray) -> bool:
-    limits = robot.limits
-    if not (np.isfinite(limits.q_min).any() or np.isfinite(limits.q_max).any()):
+    if not np.isfinite(robot.limits.bounds("q")).any():
         return False
     if robot.joint_count <= generic_rank(robot, target.size):
         return False  # the search has looked beyond the limits already
-    open_limits = replace(
-        limits,
-        q_min=np.full(robot.joint_count, -np.inf),
-        q_max=np.full(robot.joint_count, np.inf),
-    )
-    return find_branches(robot.with_limits(open_limits), target[None])[0].reached
+    without = robot.with_limits(q_min=-np.inf, q_max=np.inf)
+    return find_branches(without, target[None])[0].reached
 
 
 def _solution(

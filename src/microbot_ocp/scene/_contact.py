@@ -129,10 +129,15 @@ class ContactModel:
     def direction(self, index: int) -> FloatArray:
         """Unit vector [3] from the other thing of a pair to the arm; zero at contact."""
         side = 1.0 if self.distance(index) > 0.0 else -1.0
-        ends = self._result.getNearestPoint1(), self._result.getNearestPoint2()
-        way = side * (np.array(ends[0]) - np.array(ends[1]))
+        on_arm, on_other = self._points()
+        way = side * (on_arm - on_other)
         apart = float(np.linalg.norm(way))
         return way / apart if apart > ACCURACY else np.zeros(3)
+
+    def _points(self) -> tuple[FloatArray, FloatArray]:
+        """Nearest points [3] of the pair that was asked for last."""
+        result = self._result
+        return np.array(result.getNearestPoint1()), np.array(result.getNearestPoint2())
 
     def distances(self, q: FloatArray) -> FloatArray:
         """Distances [N,k] of all pairs in poses q [N,n], m."""
@@ -142,19 +147,12 @@ class ContactModel:
             row[:] = [self.distance(index) for index in range(len(self.pairs))]
         return found
 
-    def is_free(self, q: FloatArray, clearance: float) -> bool:
-        """Whether all pairs keep a distance in a pose [n]."""
-        self.put(self.poses(q[None])[0])
-        return all(self.distance(index) > clearance for index in range(len(self.pairs)))
-
     def nearest(self, q: FloatArray) -> Nearest:
         """The nearest of all pairs in a pose [n]."""
-        self.put(self.poses(np.reshape(q, (1, -1)))[0])
-        found = [self.distance(index) for index in range(len(self.pairs))]
-        index = int(np.argmin(found))
+        apart = self.distances(np.reshape(q, (1, -1)))[0]
+        index = int(apart.argmin())
         self.distance(index)
-        points = (np.array(self._result.getNearestPoint1()), self._result.getNearestPoint2())
-        return Nearest(self.pairs[index], found[index], points[0], np.array(points[1]))
+        return Nearest(self.pairs[index], float(apart[index]), *self._points())
 
 
 def facing(robot: Robot, pairs: Sequence[Pair], q: FloatArray) -> tuple[Pair, ...]:

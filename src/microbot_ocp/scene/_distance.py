@@ -46,14 +46,7 @@ def segment_to_body(
     def slope(t: ca.SX) -> ca.SX:
         return ca.dot(away(start + t * along), along) + parabola * (t - 0.5)
 
-    low, high = ca.SX(0.0), ca.SX(1.0)
-    for _ in range(BISECTIONS):
-        middle = 0.5 * (low + high)
-        falls = slope(middle) < 0
-        low, high = ca.if_else(falls, middle, low), ca.if_else(falls, high, middle)
-    before, after = slope(low), slope(high)
-    share = -before / ca.fmax(after - before, TINY)
-    t = low + (high - low) * ca.fmin(ca.fmax(share, 0.0), 1.0)
+    t = _least(slope)
     point = start + t * along
     square = ca.sumsqr(away(point)) + parabola * ((t - 0.5) ** 2 - 0.25)
     outside = ca.sqrt(ca.fmax(square, TINY))
@@ -71,28 +64,24 @@ def segment_to_function(
 
     ``distance`` is a function of the point [3] and of ``numbers``.
     """
-    t, first, last, given, bow = (
-        ca.SX.sym(name, size)
-        for name, size in (
-            ("t", 1),
-            ("first", 3),
-            ("last", 3),
-            ("given", numbers.shape[0]),
-            ("bow", 1),
-        )
-    )
+    t, bow, given = ca.SX.sym("t"), ca.SX.sym("bow"), ca.SX.sym("given", numbers.shape[0])
+    first, last = ca.SX.sym("first", 3), ca.SX.sym("last", 3)
     value = distance(first + t * (last - first), given) + bow * ((t - 0.5) ** 2 - 0.25)
     both = ca.Function("along", [t, first, last, given, bow], [value, ca.gradient(value, t)])
-    known = start, end, numbers, rounding
+    rest = start, end, numbers, rounding
+    return both(_least(lambda t: both(t, *rest)[1]), *rest)[0]
+
+
+def _least(slope: PointFunction) -> ca.SX:
+    """Where from 0 to 1 a convex function of this slope is least: bisection, then a secant."""
     low, high = ca.SX(0.0), ca.SX(1.0)
     for _ in range(BISECTIONS):
         middle = 0.5 * (low + high)
-        falls = both(middle, *known)[1] < 0
+        falls = slope(middle) < 0
         low, high = ca.if_else(falls, middle, low), ca.if_else(falls, high, middle)
-    before, after = (both(place, *known)[1] for place in (low, high))
+    before, after = slope(low), slope(high)
     share = -before / ca.fmax(after - before, TINY)
-    nearest = low + (high - low) * ca.fmin(ca.fmax(share, 0.0), 1.0)
-    return both(nearest, *known)[0]
+    return low + (high - low) * ca.fmin(ca.fmax(share, 0.0), 1.0)
 
 
 def segment_to_plane(start_height: ca.SX, end_height: ca.SX, rounding: ca.SX) -> ca.SX:

@@ -72,21 +72,12 @@ class Distances:
     pairs: tuple[Pair, ...]
 
     def __call__(self, state: Any) -> Any:
-        poses = state.link_poses
-        ends: dict[tuple[int, int], Any] = {}
-
-        def placed(frame: int, capsule: Capsule) -> Any:
-            key = (frame, id(capsule))
-            if key not in ends:
-                turn, origin = poses[frame][:3, :3], poses[frame][:3, 3]
-                both = origin + turn @ capsule.start, origin + turn @ capsule.end
-                ends[key] = ca.vertcat(*both)
-            return ends[key]
-
+        axes = {(frame, id(c)): (frame, c) for pair in self.pairs for frame, c in _axes(pair)}
+        ends = {key: _ends(state.link_poses, *axis) for key, axis in axes.items()}
         values = []
         for pair in self.pairs:
-            axes = ca.vertcat(*(placed(*axis) for axis in _axes(pair)))
-            values.append(_distance(*_kind(pair))(axes, _numbers(pair)))
+            given = ca.vertcat(*(ends[frame, id(capsule)] for frame, capsule in _axes(pair)))
+            values.append(_distance(*_kind(pair))(given, _numbers(pair)))
         return ca.vertcat(*values)
 
     def derivatives(self, robot: Robot, compiled: bool) -> tuple[ca.Function, ...]:
@@ -102,6 +93,12 @@ def _axes(pair: Pair) -> list[tuple[int, Capsule]]:
     if pair.other_frame and isinstance(pair.other, Capsule):
         found.append((pair.other_frame, pair.other))
     return found
+
+
+def _ends(poses: Sequence[Any], frame: int, capsule: Capsule) -> Any:
+    """Ends [6] of the axis of a capsule in the base frame."""
+    turn, origin = poses[frame][:3, :3], poses[frame][:3, 3]
+    return ca.vertcat(origin + turn @ capsule.start, origin + turn @ capsule.end)
 
 
 def _kind(pair: Pair) -> tuple[type[Obstacle], int]:
@@ -223,10 +220,7 @@ def _of_axes(
     def make() -> Sequence[ca.Function]:
         q = ca.SX.sym("q", robot.joint_count)
         placed = ca.horzsplit(poses(q), 4)
-        columns: list[Any] = []
-        for frame, capsule in axes:
-            turn, origin = placed[frame][:3, :3], placed[frame][:3, 3]
-            columns.append(ca.vertcat(origin + turn @ capsule.start, origin + turn @ capsule.end))
+        columns = [_ends(placed, *axis) for axis in axes]
         weights = ca.SX.sym("weights", 6 * len(axes))
         slopes = ca.horzcat(*(ca.densify(ca.jacobian(column, q)) for column in columns))
         curve: Any = ca.densify(ca.hessian(ca.dot(weights, ca.vertcat(*columns)), q)[0])

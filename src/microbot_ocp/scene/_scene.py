@@ -199,22 +199,17 @@ def _own_pairs(robot: Robot) -> list[Pair]:
     Nor those that touch in the zero pose.
     """
     disabled = {frozenset(pair) for pair in robot.disabled_pairs or ()}
-    found = []
-    for frame, capsule in robot.capsules:
-        for other_frame, other in robot.capsules:
-            if frame - other_frame < 2:
-                continue
-            if frozenset((capsule.name, other.name)) in disabled:
-                continue
-            if other_frame:
-                found.append(Pair(frame, capsule, other, other_frame))
-            else:
-                found.append(Pair(frame, capsule, other))
-    if not found:
+    pairs = [
+        Pair(frame, capsule, other, other_frame)
+        for frame, capsule in robot.capsules
+        for other_frame, other in robot.capsules
+        if frame - other_frame >= 2 and frozenset((capsule.name, other.name)) not in disabled
+    ]
+    if not pairs:
         return []
-    zero = clearances(robot, found, np.zeros((1, robot.joint_count)))[0]
-    touching = {_fitted(pair) for pair, apart in zip(found, zero, strict=True) if apart <= 0.0}
-    return [pair for pair in found if _fitted(pair) not in touching]
+    zero = clearances(robot, pairs, np.zeros((1, robot.joint_count)))[0]
+    touching = {_fitted(pair) for pair, apart in zip(pairs, zero, strict=True) if apart <= 0.0}
+    return [pair for pair in pairs if _fitted(pair) not in touching]
 
 
 def _fitted(pair: Pair) -> Any:
