@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -26,26 +26,6 @@ from microbot_ocp.limits._use import nearest_bound, use_of
 
 STATE = ("q", "qd", "qdd", "qddd")
 OF_TORQUES = ("tau", "taud")
-
-
-class Arm(Protocol):
-    """What the engine asks of a robot."""
-
-    @property
-    def joint_count(self) -> int: ...
-    @property
-    def joint_names(self) -> tuple[str, ...]: ...
-    @property
-    def limits(self) -> JointLimits: ...
-    @property
-    def has_dynamics(self) -> bool: ...
-    def unit(self, quantity: str, joint: int) -> str: ...
-    def motion_state(
-        self, q: Any, qd: Any, qdd: Any, qddd: Any, torques: ca.Function | None = None
-    ) -> Any: ...
-    def torques_along(
-        self, q: FloatArray, qd: FloatArray, qdd: FloatArray, qddd: FloatArray | None
-    ) -> dict[str, FloatArray]: ...
 
 
 class MotionSamples(NamedTuple):
@@ -157,8 +137,8 @@ class LimitFamily:
         torques where it has no masses.
     """
 
-    def __init__(self, robot: Arm) -> None:
-        self.robot: Any = robot
+    def __init__(self, robot: Any) -> None:
+        self.robot = robot
         every = (_joint_member(robot, key) for key in JOINT_QUANTITIES)
         joints = [member for member in every if member.limited.any()]
         # a file may state limits of torques without masses, which are what torques follow from
@@ -220,18 +200,15 @@ class LimitFamily:
 
     def bounds_motion_of(self, joint: int) -> bool:
         """Whether any limit bounds how fast a joint may move."""
-        for member in self.members:
-            if member.order == 0:
-                continue
+
+        def bounds(member: Member) -> bool:
             if member.limit is None:
-                if member.limited[joint]:
-                    return True
-                continue
+                return bool(member.limited[joint])
             function, _, used = _function(self.robot, (member.key,))
             moving = [place for place, k in enumerate(used) if k > 0]
-            if any(joint in function.sparsity_jac(place, 0).get_col() for place in moving):
-                return True
-        return False
+            return any(joint in function.sparsity_jac(place, 0).get_col() for place in moving)
+
+        return any(member.order > 0 and bounds(member) for member in self.members)
 
     def values(
         self,
@@ -249,26 +226,13 @@ class LimitFamily:
         if torques:
             jerk = samples.qddd if "taud" in torques else None
             given = self.robot.torques_along(*samples[:3], jerk) | given
-        computed = tuple(key for key in wanted if key not in given)
-        results: dict[str, list[FloatArray]] = {}
-        if computed:
+        entries = {key: [given.get(key), self[key].lower, self[key].upper] for key in wanted}
+        if computed := tuple(key for key in wanted if key not in given):
             function, names, used = _function(self.robot, computed)
             arrays = deferred_call(function)(*(samples[k] for k in used))
             for (key, side), array in zip(names, _as_tuple(arrays), strict=True):
-                results.setdefault(key, [np.empty(0)] * 3)[side] = array
-        entries = {}
-        for key in wanted:
-            member = self[key]
-            if key in given:
-                entries[key] = LimitValues(given[key], member.lower, member.upper)
-                continue
-            value, lower, upper = results[key]
-            entries[key] = LimitValues(
-                value,
-                lower if lower.size else member.lower,
-                upper if upper.size else member.upper,
-            )
-        return entries
+                entries[key][side] = array
+        return {key: LimitValues(*entry) for key, entry in entries.items()}
 
     def use(
         self, samples: MotionSamples, keys: Iterable[str] | None = None
@@ -278,10 +242,8 @@ class LimitFamily:
 
     def excess(self, samples: MotionSamples) -> FloatArray:
         """Largest relative excess [N] over any limit; negative inside them."""
-        worst = np.full(len(samples.q), -1.0)
-        for use in self.use(samples).values():
-            worst = np.maximum(worst, use.max(axis=1) - 1.0)
-        return worst
+        uses = [use.max(axis=1) - 1.0 for use in self.use(samples).values()]
+        return np.max([np.full(len(samples.q), -1.0), *uses], axis=0)
 
     def expressions(
         self, keys: Sequence[str], state: Sequence[Any], torques: ca.Function | None = None
@@ -336,7 +298,7 @@ def _as_tuple(answer: Any) -> tuple[Any, ...]:
     return answer if isinstance(answer, tuple) else (answer,)
 
 
-def _joint_member(robot: Arm, key: str) -> Member:
+def _joint_member(robot: Any, key: str) -> Member:
     quantity = JOINT_QUANTITIES[key]
     lower, upper = robot.limits.bounds(key)
     return Member(
@@ -350,7 +312,7 @@ def _joint_member(robot: Arm, key: str) -> Member:
     )
 
 
-def _further_member(robot: Arm, limit: Limit) -> Member:
+def _further_member(robot: Any, limit: Limit) -> Member:
     function, names, used = _function(robot, (limit.key,))
     size = function.size1_out(0)
     labels = limit.labels or (robot.joint_names if size == robot.joint_count > 1 else ("",) * size)
@@ -361,20 +323,16 @@ def _further_member(robot: Arm, limit: Limit) -> Member:
     if size > 1 and not any(labels):
         labels = tuple(str(k + 1) for k in range(size))
     bounds = []
-    for side, default in (("lower", -np.inf), ("upper", np.inf)):
-        given = getattr(limit, side)
+    for side, without in (("lower", -np.inf), ("upper", np.inf)):
         constant = limit.constant(side)
-        if given is None:
-            bounds.append(np.full(size, default))
-        elif constant is None:
-            bounds.append(np.full(size, np.nan))
-        elif constant.size not in (1, size):
+        if constant is None:
+            constant = np.array([without if getattr(limit, side) is None else np.nan])
+        if constant.size not in (1, size):
             raise InputError(
                 f"{side} bound of limit {limit.name!r} must be one number, or {size} as its "
                 f"expression has, not {constant.size}"
             )
-        else:
-            bounds.append(np.broadcast_to(constant, (size,)).copy())
+        bounds.append(np.broadcast_to(constant, (size,)).copy())
     depends = [
         k
         for place, k in enumerate(used)

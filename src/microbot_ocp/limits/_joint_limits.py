@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, TypedDict
 
 import numpy as np
@@ -113,62 +113,50 @@ class Limits:
             zero inside, two limits of one name.
         """
         arrays: dict[str, FloatArray] = {}
-        for quantity in JOINT_QUANTITIES:
-            lower, upper = self._pair(quantity, count)
-            arrays[f"{quantity}_min"], arrays[f"{quantity}_max"] = lower, upper
-            unit = JOINT_QUANTITIES[quantity].either_unit
-            crossed = np.flatnonzero((lower > upper) | (lower == np.inf) | (upper == -np.inf))
-            if crossed.size:
-                j = crossed[0]
+        for key, quantity in JOINT_QUANTITIES.items():
+            unit = quantity.either_unit
+            lower, upper = self._pair(key, unit, count)
+            arrays[f"{key}_min"], arrays[f"{key}_max"] = lower, upper
+            for j in np.flatnonzero((lower > upper) | (lower == np.inf) | (upper == -np.inf)):
                 raise InputError(
-                    f"{quantity}_min of joint {j + 1} must be finite or -inf and at most its "
-                    f"{quantity}_max of {upper[j]:g} {unit}, not {lower[j]:g}"
+                    f"{key}_min of joint {j + 1} must be finite or -inf and at most its "
+                    f"{key}_max of {upper[j]:g} {unit}, not {lower[j]:g}"
                 )
-            if quantity != "q":
-                outside = np.flatnonzero((lower > 0) | (upper < 0))
-                if outside.size:
-                    j = outside[0]
-                    raise InputError(
-                        f"{quantity}_max of joint {j + 1} must leave room for zero, not "
-                        f"[{lower[j]:g}, {upper[j]:g}] {unit} (a tuple means "
-                        "(lower, upper); give one value a joint as a list)"
-                    )
+            for j in np.flatnonzero((lower > 0) | (upper < 0)) if key != "q" else ():
+                raise InputError(
+                    f"{key}_max of joint {j + 1} must leave room for zero, not "
+                    f"[{lower[j]:g}, {upper[j]:g}] {unit} (a tuple means "
+                    "(lower, upper); give one value a joint as a list)"
+                )
         return JointLimits(**arrays, also=_further(self.also))
 
-    def _pair(self, quantity: str, count: int) -> tuple[FloatArray, FloatArray]:
-        name = f"{quantity}_max"
-        if quantity == "q":
-            for side, value in (("q_min", self.q_min), (name, self.q_max)):
+    def _pair(self, key: str, unit: str, count: int) -> tuple[FloatArray, FloatArray]:
+        low, high = f"{key}_min", f"{key}_max"
+        lower, upper = getattr(self, low), getattr(self, high)
+        if key == "q":
+            for side, value in ((low, lower), (high, upper)):
                 if isinstance(value, tuple):
                     raise InputError(
                         f"{side} must be a number or a list with one value a joint, not the tuple "
                         f"{value}: q_min and q_max are the pair"
                     )
-            return _per_joint("q_min", self.q_min, count), _per_joint(name, self.q_max, count)
-        value = getattr(self, name)
-        explicit_lower = getattr(self, f"{quantity}_min")
-        if isinstance(value, tuple):
-            if len(value) != 2:
+        elif isinstance(upper, tuple):
+            if len(upper) != 2:
                 raise InputError(
-                    f"{name} as a tuple must be (lower, upper), not {len(value)} entries; give "
+                    f"{high} as a tuple must be (lower, upper), not {len(upper)} entries; give "
                     "one value a joint as a list"
                 )
-            if explicit_lower is not None:
-                raise InputError(
-                    f"{quantity}_min is given twice: as {explicit_lower!r} and in the tuple {name}"
-                )
-            return _per_joint(name, value[0], count), _per_joint(name, value[1], count)
-        upper = _per_joint(name, value, count)
-        if explicit_lower is not None:
-            return _per_joint(f"{quantity}_min", explicit_lower, count), upper
-        negative = np.flatnonzero(upper < 0)
-        if negative.size:
-            j = negative[0]
+            if lower is not None:
+                raise InputError(f"{low} is given twice: as {lower!r} and in the tuple {high}")
+            low, (lower, upper) = high, upper
+        values = _per_joint(high, upper, count)
+        if lower is not None:
+            return _per_joint(low, lower, count), values
+        for j in np.flatnonzero(values < 0):
             raise InputError(
-                f"{name} of joint {j + 1} must be at least 0 "
-                f"{JOINT_QUANTITIES[quantity].either_unit}, not {upper[j]:g}"
+                f"{high} of joint {j + 1} must be at least 0 {unit}, not {values[j]:g}"
             )
-        return -upper, upper
+        return -values, values
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,17 +199,11 @@ class JointLimits:
 
         Of two further limits of one name that of ``other`` counts.
         """
-        bounds = {
-            f"{key}_{side}": choose(mine, theirs)
-            for key in JOINT_QUANTITIES
-            for side, choose, mine, theirs in zip(
-                ("min", "max"),
-                (np.maximum, np.minimum),
-                self.bounds(key),
-                other.bounds(key),
-                strict=True,
-            )
-        }
+        bounds: dict[str, Any] = {}
+        for key in JOINT_QUANTITIES:
+            (low, high), (lower, upper) = self.bounds(key), other.bounds(key)
+            bounds[f"{key}_min"] = np.maximum(low, lower)
+            bounds[f"{key}_max"] = np.minimum(high, upper)
         names = {limit.key for limit in other.also}
         also = (*(limit for limit in self.also if limit.key not in names), *other.also)
         return Limits(**bounds, also=also).for_joints(self.q_min.size)
@@ -265,7 +247,7 @@ class JointLimits:
             raise InputError(
                 f"limits are for {np.size(self.q_min)} joints, but the robot has {count}"
             )
-        values = {item.name: getattr(self, item.name) for item in fields(self)}
+        values = vars(self)
         checked = Limits(**values).for_joints(count)
         as_they_are = all(
             isinstance(values[name], np.ndarray) and np.array_equal(values[name], value)
