@@ -20,7 +20,7 @@ import casadi as ca
 
 from microbot_ocp._base.checks import InputError
 from microbot_ocp.robot._function import function_maker, robot_function, symbols
-from microbot_ocp.robot._kinematics import base_transform, joint_transform
+from microbot_ocp.robot._kinematics import constant_transform, frames, joint_transform
 from microbot_ocp.robot._model import Robot
 
 COULOMB_SMOOTHING = 0.01  # rad/s or m/s: speed at which tanh reaches 76 % of the Coulomb friction
@@ -53,7 +53,7 @@ def _newton_euler(robot: Robot, q: ca.SX, qd: ca.SX, qdd: ca.SX, *, friction: bo
     _require_links(robot)
     count = robot.joint_count
     # An upward acceleration of the base acts as gravity does; here in frame 0 of the rows.
-    acceleration = ca.sparsify(base_transform(robot)[0].T @ ca.SX(ca.DM(-robot.gravity)))
+    acceleration = ca.sparsify(constant_transform(robot.base)[0].T @ ca.SX(ca.DM(-robot.gravity)))
     omega, omega_dot = ca.SX(3, 1), ca.SX(3, 1)
     turns, steps, forces, moments, spins = [], [], [], [], [(omega, omega_dot)]
     for joint, link in enumerate(robot.links):
@@ -267,11 +267,8 @@ def energy(robot: Robot, *, compiled: bool = False) -> ca.Function:
     state = symbols(robot, "q", "qd")
     q, qd = state.values()
     kinetic = 0.5 * ca.dot(qd, ca.densify(_mass_matrix(robot, q)) @ qd)
-    (rotation, origin), potential = base_transform(robot), ca.SX(0)
-    gravity = ca.SX(ca.DM(robot.gravity))
-    for joint, link in enumerate(robot.links):
-        turn, step = joint_transform(robot, joint, q[joint])
-        origin, rotation = origin + rotation @ step, rotation @ turn
+    gravity, potential = ca.SX(ca.DM(robot.gravity)), ca.SX(0)
+    for link, (rotation, origin) in zip(robot.links, frames(robot, q), strict=False):
         com = origin + rotation @ ca.SX(ca.DM(link.center_of_mass))
         potential = potential - link.mass * ca.dot(gravity, com)
     energies = {"kinetic": kinetic, "potential": potential}

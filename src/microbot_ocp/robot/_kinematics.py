@@ -62,33 +62,23 @@ def joint_transform(robot: Robot, joint: int, q: ca.SX) -> tuple[ca.SX, ca.SX]:
     return ca.sparsify(rotation), ca.sparsify(position)
 
 
-def _constant(transform: FloatArray) -> tuple[ca.SX, ca.SX]:
+def constant_transform(transform: FloatArray) -> tuple[ca.SX, ca.SX]:
+    """Rotation [3,3] and position [3] of a transform [4,4], such as that of the tool or base."""
     clean = np.where(np.abs(transform) < 1e-15, 0.0, transform)
     return ca.sparsify(ca.SX(ca.DM(clean[:3, :3]))), ca.sparsify(ca.SX(ca.DM(clean[:3, 3])))
 
 
-def tool_transform(robot: Robot) -> tuple[ca.SX, ca.SX]:
-    """Constant rotation [3,3] and position [3] of the tool frame in the last link frame."""
-    return _constant(robot.tool)
-
-
-def base_transform(robot: Robot) -> tuple[ca.SX, ca.SX]:
-    """Constant rotation [3,3] and position [3] of frame 0 of the DH rows in the base frame."""
-    return _constant(robot.base)
-
-
-def _frames(robot: Robot, q: ca.SX) -> list[tuple[ca.SX, ca.SX]]:
+def frames(robot: Robot, q: ca.SX) -> list[tuple[ca.SX, ca.SX]]:
     """Rotation and origin in the base frame of link frames 1 to n and of the tool."""
-    rotation, origin = base_transform(robot)
-    frames = []
+    rotation, origin = constant_transform(robot.base)
+    placed = []
     for joint in range(robot.joint_count):
         turn, step = joint_transform(robot, joint, q[joint])
         origin = origin + rotation @ step
         rotation = rotation @ turn
-        frames.append((rotation, origin))
-    turn, step = tool_transform(robot)
-    frames.append((rotation @ turn, origin + rotation @ step))
-    return frames
+        placed.append((rotation, origin))
+    turn, step = constant_transform(robot.tool)
+    return [*placed, (rotation @ turn, origin + rotation @ step)]
 
 
 def _homogeneous(rotation: ca.SX, origin: ca.SX) -> ca.SX:
@@ -130,7 +120,7 @@ def forward_kinematics(
             f"frame must be a whole number from 0 (base) to {last} (tool), not {frame!r}"
         )
     state = symbols(robot, "q")
-    pose = ca.SX.eye(4) if index == 0 else _homogeneous(*_frames(robot, **state)[index - 1])
+    pose = ca.SX.eye(4) if index == 0 else _homogeneous(*frames(robot, **state)[index - 1])
     return robot_function("forward_kinematics", state, {"T": pose}, compiled)
 
 
@@ -138,7 +128,7 @@ def forward_kinematics(
 def link_poses(robot: Robot, *, compiled: bool = False) -> ca.Function:
     """Poses of the base and link frames 1 to n side by side: ``(q[n]) -> poses[4, 4 (n+1)]``."""
     state = symbols(robot, "q")
-    poses = [ca.SX.eye(4), *(_homogeneous(*frame) for frame in _frames(robot, **state)[:-1])]
+    poses = [ca.SX.eye(4), *(_homogeneous(*frame) for frame in frames(robot, **state)[:-1])]
     return robot_function("link_poses", state, {"poses": ca.horzcat(*poses)}, compiled)
 
 
@@ -146,7 +136,7 @@ def link_poses(robot: Robot, *, compiled: bool = False) -> ca.Function:
 def frame_origins(robot: Robot, *, compiled: bool = False) -> ca.Function:
     """Origins of the base, every link frame and the tool: ``(q[n]) -> origins[3, n+2]``, m."""
     state = symbols(robot, "q")
-    origins = [ca.SX.zeros(3), *(ca.densify(origin) for _, origin in _frames(robot, **state))]
+    origins = [ca.SX.zeros(3), *(ca.densify(origin) for _, origin in frames(robot, **state))]
     return robot_function("frame_origins", state, {"origins": ca.horzcat(*origins)}, compiled)
 
 
@@ -161,11 +151,11 @@ def jacobian(robot: Robot, *, compiled: bool = False) -> ca.Function:
         speed.
     """
     state = symbols(robot, "q")
-    frames = _frames(robot, **state)
-    tool = frames[-1][1]
+    poses = frames(robot, **state)
+    tool = poses[-1][1]
     columns = []
     for joint in range(robot.joint_count):
-        rotation, origin = frames[joint]
+        rotation, origin = poses[joint]
         axis = ca.densify(rotation)[:, 2]
         if robot.joint_types[joint] == "revolute":
             columns.append(ca.vertcat(ca.cross(axis, ca.densify(tool - origin)), axis))
@@ -191,7 +181,9 @@ def velocity_propagation(robot: Robot, *, compiled: bool = False) -> ca.Function
     all_v, all_omega = [], []
     for joint in range(count + 1):
         at_tool = joint == count
-        turn, step = tool_transform(robot) if at_tool else joint_transform(robot, joint, q[joint])
+        turn, step = (
+            constant_transform(robot.tool) if at_tool else joint_transform(robot, joint, q[joint])
+        )
         v = turn.T @ (v + ca.cross(omega, ca.densify(step)))
         omega = turn.T @ omega
         if not at_tool:

@@ -482,29 +482,23 @@ class Robot:
 
     def _make_digest(self) -> str:
         digest = hashlib.sha256(repr((self.name, self.joint_types, self.joint_names)).encode())
-        arrays = [self.alpha, self.a, self.d, self.theta_offset, self.gravity, self.tool]
+        rows = self.alpha, self.a, self.d, self.theta_offset
+        arrays: list[ArrayLike] = [*rows, self.gravity, self.tool]
         arrays += [bound for key in JOINT_QUANTITIES for bound in self.limits.bounds(key)]
         for link in self.links:
-            scalars = [
-                link.mass,
-                link.armature,
-                link.viscous_friction,
-                link.coulomb_friction,
-            ]
-            arrays += [np.array(scalars), link.center_of_mass, link.inertia]
+            friction = link.viscous_friction, link.coulomb_friction
+            arrays += [(link.mass, link.armature, *friction), link.center_of_mass, link.inertia]
         for joint, rotor, carrier in self.rotors:
-            arrays += [np.array([joint, rotor.inertia, rotor.gear_ratio, carrier]), rotor.axis]
-        if not np.array_equal(self.base, np.eye(4)):
-            arrays.append(self.base)
-        if self.beta.any():
-            arrays.append(self.beta)
+            arrays += [(joint, rotor.inertia, rotor.gear_ratio, carrier), rotor.axis]
+        arrays += [] if np.array_equal(self.base, np.eye(4)) else [self.base]
+        arrays += [self.beta] if self.beta.any() else []
         if self.disabled_pairs is not None:
             digest.update(repr(self.disabled_pairs).encode())
         for frame, capsule in self.capsules:
             digest.update(capsule.name.encode())
-            arrays += [np.array([frame, capsule.radius]), capsule.start, capsule.end]
+            arrays += [(frame, capsule.radius), capsule.start, capsule.end]
         for item in arrays:
-            digest.update(np.ascontiguousarray(item, dtype=float).tobytes())
+            digest.update(np.array(item, dtype=float, order="C").tobytes())
         return digest.hexdigest()
 
     def __eq__(self, other: object) -> bool:

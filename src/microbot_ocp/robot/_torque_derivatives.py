@@ -28,7 +28,7 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp.robot._dynamics import friction_torque
-from microbot_ocp.robot._kinematics import base_transform, joint_transform
+from microbot_ocp.robot._kinematics import constant_transform, joint_transform
 from microbot_ocp.robot._model import Robot
 
 FROM_JOINTS = 6  # with fewer joints automatic derivatives are the smaller ones
@@ -138,7 +138,7 @@ class _Link(NamedTuple):
 def _chain(
     robot: Robot, q: ca.SX, qd: ca.SX, qdd: ca.SX, nu: ca.SX, payload: ca.SX | None
 ) -> list[_Link]:
-    rotation, origin = (ca.densify(part) for part in base_transform(robot))
+    rotation, origin = (ca.densify(part) for part in constant_transform(robot.base))
     upward = ca.SX(ca.DM(-robot.gravity))
     v, a, w = _none(), _Pair(ca.SX.zeros(3), upward), _none()
     screws: list[tuple[_Pair, _Pair, _Pair, _Pair]] = []

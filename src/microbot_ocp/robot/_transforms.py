@@ -30,12 +30,14 @@ def fixed_angles(rotation: ArrayLike) -> FloatArray:
     >>> fixed_angles(rotation_of([0.1, 0.2, 0.3])).round(6).tolist()
     [0.1, 0.2, 0.3]
     """
-    matrix = checks.array("rotation", rotation, (3, 3))
-    pitch = np.arctan2(-matrix[2, 0], np.hypot(matrix[0, 0], matrix[1, 0]))
-    if abs(np.cos(pitch)) < 1e-9:  # about the vertical, roll and yaw are one
-        return np.array([np.sign(pitch) * np.arctan2(matrix[0, 1], matrix[1, 1]), pitch, 0.0])
-    roll = np.arctan2(matrix[2, 1], matrix[2, 2])
-    return np.array([roll, pitch, np.arctan2(matrix[1, 0], matrix[0, 0])])
+    m = checks.array("rotation", rotation, (3, 3))
+    vertical = np.hypot(m[0, 0], m[1, 0]) < 1e-15  # then roll and yaw are one
+    yaw = 0.0 if vertical else np.arctan2(m[1, 0], m[0, 0])
+    # with the yaw taken out the three fit together to the last digit, however steep the pitch
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    pitch = np.arctan2(-m[2, 0], cos * m[0, 0] + sin * m[1, 0])
+    roll = np.arctan2(sin * m[0, 2] - cos * m[1, 2], cos * m[1, 1] - sin * m[0, 1])
+    return np.array([roll, pitch, yaw])
 
 
 def dh_transform(alpha: float, a: float, d: float, theta: float, beta: float = 0.0) -> FloatArray:

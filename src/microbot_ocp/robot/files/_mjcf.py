@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -117,13 +118,10 @@ class _Model:
 
     def file(self) -> UrdfFile:
         model = self.model
-        for body in range(model.nbody):
-            inertial = None
-            if model.body_mass[body] or model.body_inertia[body].any():
-                frame = _pose(model.body_ipos[body], model.body_iquat[body])
-                inertia = np.diag(model.body_inertia[body])
-                inertial = Inertial(float(model.body_mass[body]), inertia, frame)
-            name = self.bodies[body]
+        for body, name in enumerate(self.bodies):
+            frame = _pose(model.body_ipos[body], model.body_iquat[body])
+            inertia = np.diag(model.body_inertia[body])
+            inertial = Inertial(float(model.body_mass[body]), inertia, frame)
             self.links[name] = UrdfLink(name, inertial, tuple(self._shapes(body)))
             if body:
                 self._join(body)
@@ -145,7 +143,7 @@ class _Model:
     def _join(self, body: int) -> None:
         """The joints of a body, one after another about their anchors, as MuJoCo has them."""
         model, name = self.model, self.bodies[body]
-        parent, frame = self.bodies[model.body_parentid[body]], np.eye(4)
+        parent = self.bodies[model.body_parentid[body]]
         frame = _pose(model.body_pos[body], model.body_quat[body])
         first = int(model.body_jntadr[body])
         numbers = range(first, first + int(model.body_jntnum[body]))
@@ -171,7 +169,7 @@ class _Model:
         model, name = self.model, self.joint_names[number]
         if kind in ("floating", "spherical"):
             return UrdfJoint(name, kind, parent, child, frame)
-        dof, at = int(model.jnt_dofadr[number]), float(self._reference(number))
+        dof = int(model.jnt_dofadr[number])
         lower, upper = -math.inf, math.inf
         if model.jnt_limited[number]:
             lower, upper = model.jnt_range[number].tolist()
@@ -200,11 +198,11 @@ class _Model:
                 "tau_max": repr(most),
             },
         )  # fmt: skip
-        turned = frame @ joint_motion(joint, -at)  # the file's pose is that at the reference
-        return UrdfJoint(**{**vars(joint), "frame": turned})
+        # the file's pose is that at the reference
+        return replace(joint, frame=frame @ joint_motion(joint, -self._reference(number)))
 
     def _reference(self, number: int) -> float:
-        return self.model.qpos0[self.model.jnt_qposadr[number]]
+        return float(self.model.qpos0[self.model.jnt_qposadr[number]])
 
     def _leader(self, number: int) -> tuple[str | None, float, float]:
         """Joint that another follows by an equality, with the factor and the offset."""
@@ -258,24 +256,20 @@ class _Model:
                     self.remarks.add("meshes without a file are left out", self.bodies[body])
                     continue
             elif kind in SOLIDS:
-                count, factor = {
-                    "SPHERE": (1, [1.0]),
-                    "BOX": (3, [2.0, 2.0, 2.0]),
-                }.get(kind, (2, [1.0, 2.0]))  # half lengths
-                size = size[:count] * factor
+                half = {"SPHERE": [1.0], "BOX": [2.0, 2.0, 2.0]}.get(kind, [1.0, 2.0])
+                size = size[: len(half)] * half
             else:
                 self.remarks.add("geoms of other kinds than solids and meshes are left out", kind)
                 continue
             material = int(model.geom_matid[k])
             color = model.geom_rgba[k] if material < 0 else model.mat_rgba[material]
+            collides = model.geom_contype[k] or model.geom_conaffinity[k]
             yield Shape(
                 frame=0,
                 pose=pose,
                 kind=SOLIDS.get(kind, "mesh"),
                 size=np.array(size),
-                role="collision"
-                if model.geom_contype[k] or model.geom_conaffinity[k]
-                else "visual",
+                role="collision" if collides else "visual",
                 link=self.bodies[body],
                 path=path,
                 color=tuple(color.tolist()),

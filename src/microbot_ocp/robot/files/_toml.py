@@ -46,8 +46,16 @@ from microbot_ocp.robot._shapes import Shape
 from microbot_ocp.robot._transforms import dh_transform
 
 GEOMETRY = ("alpha", "a", "d", "theta_offset")
-INERTIAL = ("mass", "center_of_mass", "inertia", "armature", "allow_unphysical", "rotor")
-FRICTION = ("viscous_friction", "coulomb_friction")
+LINK = (
+    "mass",
+    "center_of_mass",
+    "inertia",
+    "allow_unphysical",
+    "armature",
+    "viscous_friction",
+    "coulomb_friction",
+    "rotor",
+)
 BOUNDS = ("q_min", *(f"{key}_max" for key in JOINT_QUANTITIES))
 ROBOT = {
     "name": TEXT,
@@ -71,7 +79,7 @@ JOINT = {
     "d": NEEDED,
     "theta_offset": ANGLE,
     "beta": ANGLE,
-    **dict.fromkeys((*INERTIAL, *FRICTION), ANY),
+    **dict.fromkeys(LINK, ANY),
     "rotor": TABLE,
     **{key: Key(degrees=not key.startswith("tau")) for key in BOUNDS},
 }
@@ -92,8 +100,8 @@ def _robot(data: dict[str, Any], name: str) -> Robot:
         raise InputError("there must be at least one [[joint]] table")
     rows = [_row(joint, i) for i, joint in enumerate(joints)]
     links = [_link(row) for row in rows]
-    if any(link is None for link in links) and any(link is not None for link in links):
-        missing = next(row["name"] for row, link in zip(rows, links, strict=True) if link is None)
+    if None in links and any(links):
+        missing = rows[links.index(None)]["name"]
         raise InputError(f"mass of joint {missing!r} is missing: give all or none")
     shapes = data.get("shape", [])
     robot = Robot.from_dh(
@@ -149,7 +157,7 @@ def _row(table: dict[str, Any], index: int) -> dict[str, Any]:
 
 
 def _link(row: dict[str, Any]) -> Link | None:
-    given = {key: row[key] for key in (*INERTIAL, *FRICTION) if key in row}
+    given = {key: row[key] for key in LINK if key in row}
     if not given:
         return None
     if "mass" not in given:
@@ -164,10 +172,9 @@ def _link(row: dict[str, Any]) -> Link | None:
 
 
 def _limits(rows: list[dict[str, Any]], also: tuple[Limit, ...]) -> Limits:
-    free = {"q_min": -math.inf}
     columns: dict[str, Any] = {}
     for key in BOUNDS:
-        values = [row.get(key, free.get(key, math.inf)) for row in rows]
+        values = [row.get(key, -math.inf if key == "q_min" else math.inf) for row in rows]
         for row, value in zip(rows, values, strict=True):
             name = f"{key} of joint {row['name']!r}"
             if not isinstance(value, list):
@@ -176,11 +183,10 @@ def _limits(rows: list[dict[str, Any]], also: tuple[Limit, ...]) -> Limits:
                 raise InputError(f"{name} must be a number, not {value}")
             else:
                 checks.array(f"{name} as [lower, upper]", value, (2,), finite=False)
+        columns[key] = values
         if any(isinstance(value, list) for value in values):
             pairs = [value if isinstance(value, list) else [-value, value] for value in values]
-            columns[key] = ([pair[0] for pair in pairs], [pair[1] for pair in pairs])
-        else:
-            columns[key] = values
+            columns[key] = tuple(map(list, zip(*pairs, strict=True)))
     return Limits(**columns, also=also)
 
 
@@ -259,7 +265,7 @@ def robot_to_toml(robot: Robot) -> str:
         if robot.beta[joint]:
             lines.append(f"beta = {float(robot.beta[joint])!r}")
         if robot.has_dynamics:
-            lines += _link_lines(robot.links[joint])
+            lines += _lines(robot.links[joint], *LINK)
         for key in BOUNDS:
             lines += _bound_line(robot, key, joint)
     if robot.limits.also:
@@ -274,7 +280,7 @@ def robot_to_toml(robot: Robot) -> str:
         poses = (f"{_text(name)} = {q.tolist()}" for name, q in robot.named_poses.items())
         lines += ["", "[named_poses]", *poses]
     for shape in robot.shapes:
-        lines += ["", "[[shape]]", *_shape_lines(shape)]
+        lines += ["", "[[shape]]", *_lines(shape, *SHAPE)]
     return "\n".join(lines) + "\n"
 
 
@@ -283,26 +289,22 @@ def _text(value: str) -> str:
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
-def _link_lines(link: Link) -> list[str]:
-    lines = [f"mass = {link.mass!r}", f"center_of_mass = {link.center_of_mass.tolist()}"]
-    lines.append(f"inertia = {link.inertia.tolist()}")
-    if link.allow_unphysical:
-        lines.append("allow_unphysical = true")
-    lines += [f"{key} = {getattr(link, key)!r}" for key in ("armature", *FRICTION)]
-    if link.rotor is not None:
-        values = {key: getattr(link.rotor, key) for key in ROTOR}
-        values["axis"] = link.rotor.axis.tolist()
-        entries = (f"{key} = {value!r}" for key, value in values.items() if value is not None)
-        lines.append(f"rotor = {{ {', '.join(entries)} }}")
-    return lines
+def _lines(item: Any, *keys: str) -> list[str]:
+    """What an object has under these keys, but for what is empty."""
+    given = ((key, getattr(item, key)) for key in keys)
+    return [f"{key} = {_value(value)}" for key, value in given if not _is_empty(value)]
 
 
-def _shape_lines(shape: Shape) -> list[str]:
-    lines = [f"frame = {shape.frame}", f"pose = {shape.pose.tolist()}"]
-    lines += [f"kind = {_text(shape.kind)}", f"size = {shape.size.tolist()}"]
-    lines += [f"role = {_text(shape.role)}", f"link = {_text(shape.link)}"]
-    lines += [f"path = {_text(shape.path)}"] if shape.path else []
-    return lines + ([f"color = {list(shape.color)}"] if shape.color else [])
+def _is_empty(value: Any) -> bool:
+    return value is None or value is False or (isinstance(value, str) and not value)
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, Rotor):
+        return f"{{ {', '.join(_lines(value, *ROTOR))} }}"
+    if isinstance(value, np.ndarray | tuple):
+        return str(np.asarray(value).tolist())
+    return _text(value) if isinstance(value, str) else repr(value).lower()
 
 
 def _bound_line(robot: Robot, key: str, joint: int) -> list[str]:

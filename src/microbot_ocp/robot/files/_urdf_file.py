@@ -113,7 +113,7 @@ def urdf_file(root: Element, origin: str, folder: Path | None, remarks: Remarks)
         for name, element in _named(root, "link").items()
     }
     joints = {name: _joint(e, name, remarks) for name, e in _named(root, "joint").items()}
-    gravity = [number_from("gravity", entry) for entry in about.get("gravity", "0 0 -9.81").split()]
+    gravity = numbers_from("gravity", about.get("gravity", "0 0 -9.81"))
     name = root.get("name") or Path(origin).stem
     return UrdfFile(name, links, joints, gravity, about.get("description", ""))
 
@@ -148,16 +148,21 @@ def _finite(
     at_least: float | None = None,
 ) -> float:
     text = None if element is None else element.get(key)
-    if text is None:
-        return default
-    return checks.number(
-        f"{key} of {label}", number_from(f"{key} of {label}", text), at_least=at_least
+    label = f"{key} of {label}"
+    return (
+        default
+        if text is None
+        else checks.number(label, number_from(label, text), at_least=at_least)
     )
 
 
+def numbers_from(label: str, text: str) -> list[float]:
+    """The numbers that stand in a text."""
+    return [number_from(label, entry) for entry in text.split()]
+
+
 def _vector(element: Element, key: str, label: str, default: str, count: int = 3) -> FloatArray:
-    text = element.get(key, default)
-    return checks.array(label, [number_from(label, entry) for entry in text.split()], (count,))
+    return checks.array(label, numbers_from(label, element.get(key, default)), (count,))
 
 
 def _frame(element: Element, label: str) -> FloatArray:
@@ -201,13 +206,13 @@ def _joint(element: Element, name: str, remarks: Remarks) -> UrdfJoint:
         raise InputError(
             f"{label} is {kind}: only {', '.join((*MOVING, *HELD))} and fixed joints can be read"
         )
-    ends = {}
-    for role in ("parent", "child"):
-        end = element.find(role)
-        ends[role] = "" if end is None else end.get("link", "")
+    ends = [
+        "" if (end := element.find(role)) is None else end.get("link", "")
+        for role in ("parent", "child")
+    ]
     frame = _frame(element, f"origin of {label}")
     if kind not in MOVING:
-        return UrdfJoint(name, kind, **ends, frame=frame)
+        return UrdfJoint(name, kind, *ends, frame=frame)
     extension, mimic = element.find(EXTENSION), element.find("mimic")
     extra = {} if extension is None else dict(extension.attrib)
     for key in extra:
@@ -217,7 +222,7 @@ def _joint(element: Element, name: str, remarks: Remarks) -> UrdfJoint:
     return UrdfJoint(
         name,
         kind,
-        **ends,
+        *ends,
         frame=frame,
         axis=_axis(element, name, remarks),
         lower=lower,
@@ -237,9 +242,8 @@ def _joint(element: Element, name: str, remarks: Remarks) -> UrdfJoint:
 def _axis(joint: Element, name: str, remarks: Remarks) -> FloatArray:
     """Unit axis [3] of a moving joint in its own frame."""
     element = joint.find("axis")
-    axis = np.array([1.0, 0.0, 0.0])
-    if element is not None:
-        axis = _vector(element, "xyz", f"axis of joint {name!r}", "1 0 0")
+    given = Element("axis") if element is None else element
+    axis = _vector(given, "xyz", f"axis of joint {name!r}", "1 0 0")
     length = float(np.linalg.norm(axis))
     if length < 1e-6:
         raise InputError(
@@ -268,23 +272,17 @@ def _range(limit: Element | None, kind: str, name: str, remarks: Remarks) -> tup
     """Lower and upper position of a joint, rad or m."""
     if kind == "continuous":
         return -math.inf, math.inf
-    given = (
-        {}
-        if limit is None
-        else {k: limit.attrib[k] for k in ("lower", "upper") if k in limit.attrib}
-    )
-    if not given:
+    given = {} if limit is None else limit.attrib
+    if not given.keys() & {"lower", "upper"}:
         remarks.add("joints without lower and upper limit are read as unlimited", repr(name))
         return -math.inf, math.inf
-    # URDF takes one side that is not given as zero.
-    lower, upper = (
-        number_from(f"{side} limit of joint {name!r}", given.get(side, "0"))
-        for side in ("lower", "upper")
-    )
-    for side, value in (("lower", lower), ("upper", upper)):
-        if math.isnan(value):
-            raise InputError(f"{side} limit of joint {name!r} must be a number, not nan")
-    return lower, upper
+    sides = []
+    for side in ("lower", "upper"):
+        label = f"{side} limit of joint {name!r}"
+        sides.append(number_from(label, given.get(side, "0")))  # as URDF has it
+        if math.isnan(sides[-1]):
+            raise InputError(f"{label} must be a number, not nan")
+    return sides[0], sides[1]
 
 
 def _shapes(
@@ -331,13 +329,10 @@ def _shape(
 def _size(element: Element, label: str) -> list[float]:
     """Size of a shape, in the order of ``SIZES``."""
     if element.tag == "mesh":
-        scale = element.get("scale", "1 1 1").split()
-        values = [number_from(f"scale of the {label}", entry) for entry in scale]
+        values = numbers_from(f"scale of the {label}", element.get("scale", "1 1 1"))
         return values * 3 if len(values) == 1 else values
     if element.tag == "box":
-        return [
-            number_from(f"size of the {label}", entry) for entry in element.get("size", "").split()
-        ]
+        return numbers_from(f"size of the {label}", element.get("size", ""))
     names = SIZES[element.tag]
     return [number_from(f"{name} of the {label}", element.get(name, "")) for name in names]
 

@@ -36,6 +36,7 @@ from microbot_ocp.robot.files._urdf_file import (
     Inertial,
     UrdfFile,
     UrdfJoint,
+    number_from,
     urdf_file,
 )
 from microbot_ocp.robot.files._xacro import urdf_content
@@ -282,13 +283,10 @@ class _Tree:
         }
         return [joint for joint in way if joint.name in chosen]
 
-    def _ends(self) -> list[str]:
-        """Links without others outward of them."""
-        return [name for name in self.links if not self.below[name]]
-
-    def _tips(self, more: list[str] | None = None) -> str:
+    def _tips(self, *more: str) -> str:
         """Links that can be the tip, those with the most joints on the way first, for messages."""
-        counts = {name: len(self._free(self._way(name))) for name in [*(more or []), *self._ends()]}
+        ends = [*more, *(name for name in self.links if not self.below[name])]
+        counts = {name: len(self._free(self._way(name))) for name in ends}
         longest = sorted(counts.items(), key=lambda pair: -pair[1])
         return _some([f"{name!r} ({count})" for name, count in longest if count])
 
@@ -305,7 +303,7 @@ class _Tree:
                 names = _some([repr(joint.name) for joint in arms])
                 raise InputError(
                     f"the file branches at link {last!r} into joints {names}: choose an end by "
-                    f"tip, one of (with its number of joints) {self._tips([last])}"
+                    f"tip, one of (with its number of joints) {self._tips(last)}"
                 )
             last = arms[0].child
         ends = sorted(name for name in self._outward(last) if not self.below[name])
@@ -432,7 +430,11 @@ class _Tree:
         return [
             body.as_link(
                 frame,
-                armature=_armature(joint),
+                armature=checks.number(
+                    f"armature of joint {joint.name!r}",
+                    _extra(joint, "armature", 0.0),
+                    at_least=0.0,
+                ),
                 viscous_friction=joint.damping,
                 coulomb_friction=joint.friction,
                 name=joint.child,
@@ -467,19 +469,9 @@ def _some(texts: list[str]) -> str:
 
 
 def _extra(joint: UrdfJoint, key: str, default: float) -> float:
-    text = joint.extra.get(key)
-    if text is None:
-        return default
-    try:
-        value = float(text)
-    except ValueError:
-        raise InputError(f"{key} of joint {joint.name!r} must be a number, not {text!r}") from None
-    return value if value == default else checks.number(f"{key} of joint {joint.name!r}", value)
-
-
-def _armature(joint: UrdfJoint) -> float:
-    label = f"armature of joint {joint.name!r}"
-    return checks.number(label, _extra(joint, "armature", 0.0), at_least=0.0)
+    label = f"{key} of joint {joint.name!r}"
+    value = number_from(label, joint.extra.get(key, repr(default)))
+    return value if value == default else checks.number(label, value)
 
 
 def _limits(moving: list[UrdfJoint]) -> Limits:

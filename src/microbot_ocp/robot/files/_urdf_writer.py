@@ -13,7 +13,7 @@ from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.robot._links import Link
 from microbot_ocp.robot._model import Robot
 from microbot_ocp.robot._shapes import SIZES, Shape
-from microbot_ocp.robot._transforms import dh_transform
+from microbot_ocp.robot._transforms import dh_transform, fixed_angles
 from microbot_ocp.robot.files._toml import save_text
 from microbot_ocp.robot.files._urdf_file import ACCELERATION, EXTENSION, RANGES
 
@@ -129,7 +129,7 @@ def _write_shape(link: ElementTree.Element, shape: Shape) -> None:
 
 
 def _write_origin(element: ElementTree.Element, placement: FloatArray) -> None:
-    rpy = _vector(_roll_pitch_yaw(placement[:3, :3]))
+    rpy = _vector(fixed_angles(placement[:3, :3]))
     ElementTree.SubElement(element, "origin", xyz=_vector(placement[:3, 3]), rpy=rpy)
 
 
@@ -141,21 +141,6 @@ def _write_joint(
     ElementTree.SubElement(joint, "child", link=links[1])
     _write_origin(joint, placement)
     return joint
-
-
-def _roll_pitch_yaw(rotation: FloatArray) -> FloatArray:
-    """Angles [3] of Rz(yaw) Ry(pitch) Rx(roll), rad.
-
-    Roll is found after yaw is taken out, so that the three fit together to the last digit even
-    where pitch is a right angle and yaw alone is arbitrary.
-    """
-    yaw = np.arctan2(rotation[1, 0], rotation[0, 0])
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    pitch = np.arctan2(-rotation[2, 0], cos * rotation[0, 0] + sin * rotation[1, 0])
-    roll = np.arctan2(
-        sin * rotation[0, 2] - cos * rotation[1, 2], cos * rotation[1, 1] - sin * rotation[0, 1]
-    )
-    return np.array([roll, pitch, yaw])
 
 
 def _write_moving(element: ElementTree.Element, robot: Robot, joint: int) -> None:
