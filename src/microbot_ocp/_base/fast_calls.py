@@ -271,9 +271,9 @@ def buffered_call(function: ca.Function) -> FastCall:
     >>> buffered_call(tau)(np.zeros((3, 4)), np.zeros((3, 4)), np.zeros((3, 4))).shape
     (3, 4)
     """
-    dense_in = (function.sparsity_in(i).is_dense() for i in range(function.n_in()))
-    dense_out = (function.sparsity_out(i).is_dense() for i in range(function.n_out()))
-    if not (all(dense_in) and all(dense_out)):
+    inputs = map(function.sparsity_in, range(function.n_in()))
+    outputs = map(function.sparsity_out, range(function.n_out()))
+    if not all(sparsity.is_dense() for sparsity in (*inputs, *outputs)):
         raise InputError(f"every input and output of {function.name()} must be dense")
     name, labels = function.name(), function.name_in()
     idle: list[_Memory] = []  # a call takes one, so that each thread works in its own
@@ -355,17 +355,11 @@ def _stand_in(function: ca.Function) -> FastCall:
 def _repeated(single: FastCall, most: int) -> FastCall:
     """What :func:`fast_loop` promises, without an extension module."""
 
-    def call(state: Any, *given: Any) -> Any:
-        arrays = [np.asarray(value, dtype=float) for value in (state, *given)]
-        rows = max((len(array) for array in arrays if array.ndim == 2), default=-1)
-        if rows < 1:
-            answers = single(*arrays)
-            for _ in range(most - 1 if rows else 0):
-                if not answers[1][0] > 0:
-                    break
-                answers = single(answers[0], *arrays[1:])
-            return answers
-        wide = [np.array(np.broadcast_to(array, (rows, array.shape[-1]))) for array in arrays]
+    def call(*given: Any) -> Any:
+        arrays = [np.asarray(value, dtype=float) for value in given]
+        counts = [len(array) for array in arrays if array.ndim == 2]
+        size = max(counts, default=1)
+        wide = [np.array(np.broadcast_to(array, (size, array.shape[-1]))) for array in arrays]
         answers = single(*wide)
         for _ in range(most - 1):
             going = np.flatnonzero(answers[1][:, 0] > 0)
@@ -374,7 +368,7 @@ def _repeated(single: FastCall, most: int) -> FastCall:
             again = single(answers[0][going], *(array[going] for array in wide[1:]))
             for answer, part in zip(answers, again, strict=True):
                 answer[going] = part
-        return answers
+        return answers if counts else tuple(answer[0] for answer in answers)
 
     return call
 

@@ -13,18 +13,6 @@ from microbot_ocp._base.checks import FloatArray, InputError
 DUST = 1e-15  # kg m^2, that of 1 mg at 30 um: what rounding leaves of an inertia meant to be zero
 
 
-def _origin() -> FloatArray:
-    return np.zeros(3)
-
-
-def _point_mass() -> FloatArray:
-    return np.zeros((3, 3))
-
-
-def _along_joint() -> FloatArray:
-    return np.array([0.0, 0.0, 1.0])
-
-
 @dataclass(frozen=True, eq=False)
 class Rotor:
     """The rotor of a geared drive, which spins on the link that carries it.
@@ -60,7 +48,7 @@ class Rotor:
 
     inertia: float
     gear_ratio: float
-    axis: FloatArray = field(default_factory=_along_joint)
+    axis: FloatArray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
     carrier: int | None = None
 
     def __post_init__(self) -> None:
@@ -121,8 +109,8 @@ class Link:
     """
 
     mass: float
-    center_of_mass: FloatArray = field(default_factory=_origin)
-    inertia: FloatArray = field(default_factory=_point_mass)
+    center_of_mass: FloatArray = field(default_factory=lambda: np.zeros(3))
+    inertia: FloatArray = field(default_factory=lambda: np.zeros((3, 3)))
     armature: float = 0.0
     viscous_friction: float = 0.0
     coulomb_friction: float = 0.0
@@ -133,12 +121,8 @@ class Link:
     def __post_init__(self) -> None:
         label = f"link {self.name!r}" if self.name else "link"
         put = object.__setattr__
-        put(self, "mass", checks.number(f"mass of {label}", self.mass, "kg", at_least=0.0))
-        put(
-            self,
-            "center_of_mass",
-            checks.array(f"center_of_mass of {label}", self.center_of_mass, (3,), "m"),
-        )
+        center = checks.array(f"center_of_mass of {label}", self.center_of_mass, (3,), "m")
+        put(self, "center_of_mass", center)
         inertia = checks.array(f"inertia of {label}", self.inertia, (3, 3), "kg m^2")
         if np.abs(inertia - inertia.T).max() > 1e-9 * np.abs(inertia).max():
             raise InputError(f"inertia of {label} must be symmetric, not {inertia.tolist()} kg m^2")
@@ -153,6 +137,7 @@ class Link:
             raise InputError(f"inertia of {label} {fault}")
         put(self, "inertia", inertia)
         for name, unit in (
+            ("mass", "kg"),
             ("armature", "kg m^2"),
             ("viscous_friction", "N m s/rad"),
             ("coulomb_friction", "N m"),

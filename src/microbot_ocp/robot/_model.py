@@ -467,14 +467,14 @@ class Robot:
         if not self.capsules:
             raise InputError("a robot needs capsules of its own first: robot.with_capsules(...)")
         turn, shift = self.tool[:3, :3], self.tool[:3, 3]
-        held = []
+        held = list(self.capsules)
         for entry in capsules:
             if not isinstance(entry, Capsule):
                 raise InputError(f"a part must be made of mo.Capsule, not {entry!r}")
             start, end = (turn @ end + shift for end in (entry.start, entry.end))
             named = Capsule(start, end, entry.radius, entry.name or "part")
             held.append((self.joint_count, named))
-        return replace(self, capsules=(*self.capsules, *held))
+        return replace(self, capsules=tuple(held))
 
     def with_gravity(self, gravity: ArrayLike) -> Robot:
         """Return the same robot under another gravity vector [3], m/s^2, in the base frame."""

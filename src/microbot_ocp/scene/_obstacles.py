@@ -33,10 +33,6 @@ MOST_FACES = 26  # of a mesh as the solver sees it; hulls with more are enclosed
 ROUNDED = 0.05  # of a mesh's smallest half width: how far the solver's corners are rounded
 
 
-def _identity() -> FloatArray:
-    return np.eye(4)
-
-
 @dataclass(frozen=True, eq=False)
 class Sphere:
     """A ball.
@@ -84,14 +80,12 @@ class Box:
     """
 
     size: FloatArray
-    pose: FloatArray = field(default_factory=_identity)
+    pose: FloatArray = field(default_factory=lambda: np.eye(4))
     name: str = ""
 
     def __post_init__(self) -> None:
-        size = checks.array("size of the box", self.size, (3,), "m")
-        for edge in size:
-            _positive("every edge of the box", edge)
-        _put(self, "size", size)
+        _put(self, "size", checks.array("size of the box", self.size, (3,), "m"))
+        _positive("every edge of the box", self.size.min())
         _put(self, "pose", _pose("pose of the box", self.pose))
 
 
@@ -115,7 +109,7 @@ class Cylinder:
 
     radius: float
     length: float
-    pose: FloatArray = field(default_factory=_identity)
+    pose: FloatArray = field(default_factory=lambda: np.eye(4))
     name: str = ""
 
     def __post_init__(self) -> None:
@@ -178,13 +172,12 @@ class ConvexMesh:
     """
 
     vertices: FloatArray
-    pose: FloatArray = field(default_factory=_identity)
+    pose: FloatArray = field(default_factory=lambda: np.eye(4))
     name: str = ""
 
     def __post_init__(self) -> None:
         points = checks.array("vertices of the mesh", self.vertices, (None, 3), "m")
-        flat = len(points) < 4 or np.linalg.matrix_rank(points - points[0], tol=1e-9) < 3
-        if flat:
+        if len(points) < 4 or np.linalg.matrix_rank(points - points[0], tol=1e-9) < 3:
             raise InputError("vertices of the mesh must be at least 4 that do not lie in a plane")
         _put(self, "vertices", points)
         _put(self, "pose", _pose("pose of the mesh", self.pose))
