@@ -6,6 +6,7 @@ A message names the argument, the value that was given, its unit and what is all
 from __future__ import annotations
 
 import difflib
+import operator
 import reprlib
 import sys
 import warnings
@@ -84,6 +85,10 @@ def shortened(text: str, most: int) -> str:
     return line if len(line) <= most else f"{line[: most // 2]}…{line[len(line) - most // 2 + 1 :]}"
 
 
+# what numpy and Python raise of what they cannot make numbers of; recursion is a RuntimeError
+NO_NUMBERS = (TypeError, ValueError, OverflowError, AttributeError, RuntimeError)
+
+
 def _with_unit(value: Any, unit: str) -> str:
     return f"{value} {unit}".rstrip()
 
@@ -113,18 +118,17 @@ def number(
         if not _is_numeric(value) or (isinstance(value, np.ndarray) and value.ndim):
             raise TypeError
         result = float(value)
-    except (TypeError, ValueError, OverflowError, RecursionError, AttributeError, RuntimeError):
+    except NO_NUMBERS:
         raise InputError(f"{name} must be a number, not {shown(value)}") from None
     if not np.isfinite(result):
         raise InputError(f"{name} must be finite, not {_with_unit(value, unit)}")
-    if above is not None and result <= above:
-        raise InputError(f"{name} must be above {_with_unit(f'{above:g}', unit)}, not {value}")
-    if at_least is not None and result < at_least:
-        raise InputError(
-            f"{name} must be at least {_with_unit(f'{at_least:g}', unit)}, not {value}"
-        )
-    if at_most is not None and result > at_most:
-        raise InputError(f"{name} must be at most {_with_unit(f'{at_most:g}', unit)}, not {value}")
+    for bound, breaks, words in (
+        (above, operator.le, "above"),
+        (at_least, operator.lt, "at least"),
+        (at_most, operator.gt, "at most"),
+    ):
+        if bound is not None and breaks(result, bound):
+            raise InputError(f"{name} must be {words} {_with_unit(f'{bound:g}', unit)}, not {value}")
     return result
 
 
@@ -157,10 +161,7 @@ def numbers(name: str, value: ArrayLike) -> FloatArray:
         if not _is_numeric(value) or np.ma.is_masked(value):  # what is masked is no number
             raise TypeError
         return np.array(value, dtype=float)
-    except (
-        TypeError, ValueError, OverflowError, RecursionError, AttributeError, RuntimeError,
-        NotImplementedError,
-    ):  # fmt: skip
+    except NO_NUMBERS:
         raise InputError(f"{name} must be an array of numbers, not {shown(value)}") from None
 
 

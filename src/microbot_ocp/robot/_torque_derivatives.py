@@ -63,15 +63,11 @@ class _Pair(NamedTuple):
 
     def moments(self, first: ca.SX, second: ca.SX) -> ca.SX:
         """Sum of m x(r) r' of the velocities x(r) of this screw: [3,3]."""
-        return self.linear @ first.T + _matrix(self.angular) @ second
+        return self.linear @ first.T + ca.skew(self.angular) @ second
 
     def momentum(self, mass: ca.SX, first: ca.SX) -> ca.SX:
         """Sum of m x(r): [3]."""
         return mass * self.linear + ca.cross(self.angular, first)
-
-
-def _matrix(vector: ca.SX) -> ca.SX:
-    return ca.skew(vector)
 
 
 def _axial(matrix: ca.SX) -> ca.SX:
@@ -153,8 +149,10 @@ def _chain(
         screws.append((screw, rate, a.on_screw(screw) + v.on_screw(rate), w.on_screw(screw)))
         v, w = v + screw.times(qd[k]), w + screw.times(nu[k])
         a = a + screw.times(qdd[k]) + rate.times(qd[k])
-        center, spread = ca.DM(link.center_of_mass), _spread(link.inertia)
-        mass, local, spread = ca.SX(link.mass), ca.SX(link.mass * center), ca.SX(spread)
+        center = ca.DM(link.center_of_mass)
+        mass, local = ca.SX(link.mass), ca.SX(link.mass * center)
+        # second moment of the mass about its centre
+        spread = ca.SX(ca.DM(0.5 * np.trace(link.inertia) * np.eye(3) - link.inertia))
         if payload is not None and k == robot.joint_count - 1:
             tool = ca.DM(robot.tool[:3, 3])
             mass, local = mass + payload, local + payload * tool
@@ -170,9 +168,9 @@ def _chain(
         velocities, virtuals = v.moments(first, second), w.moments(first, second)
         velocity, virtual = v.momentum(mass, first), w.momentum(mass, first)
         # m r' x r*, with r* = w(r): the moment of r* with r gives it
-        both = ca.cross(v.linear, virtual) + _axial(virtuals @ _matrix(v.angular).T)
+        both = ca.cross(v.linear, virtual) + _axial(virtuals @ ca.skew(v.angular).T)
         force = a.momentum(mass, first) + ca.cross(v.angular, velocity)
-        moment = _axial(a.moments(first, second) + _matrix(v.angular) @ velocities)
+        moment = _axial(a.moments(first, second) + ca.skew(v.angular) @ velocities)
         own.append(
             _Moments(
                 mass, first, second, velocity, velocities, virtual, virtuals, both,
@@ -185,11 +183,6 @@ def _chain(
         outside = moments if outside is None else moments + outside
         links.append(_Link(*parts, outside))
     return links[::-1]
-
-
-def _spread(inertia: np.ndarray) -> ca.DM:
-    """Second moment of the mass about its centre, of the inertia there."""
-    return ca.DM(0.5 * np.trace(inertia) * np.eye(3) - inertia)
 
 
 def torque_derivatives(
@@ -262,19 +255,16 @@ def _derivatives(robot: Robot, rates: bool, payload: bool) -> tuple[ca.Function,
             (1, 1): second["qd qd"],
         }
     size = sum(k.shape[0] for k in inputs)
-    matrix, edge = ca.SX(size, size), 0
+    matrix = ca.SX(size, size)
     for (i, k), block in hessian.items():
         matrix[i * n : (i + 1) * n, k * n : (k + 1) * n] = block
         matrix[k * n : (k + 1) * n, i * n : (i + 1) * n] = block.T
     rows = ca.blockcat(jacobian)
-    edge = ca.SX(rows.shape[0], len(held))
-    own = [values, ca.horzcat(rows, edge)]
-    slope = [ca.vertcat(*gradient, *(ca.SX(1, 1) for _ in held)), matrix]
+    rows = ca.horzcat(rows, ca.SX(rows.shape[0], len(held)))
+    slope = ca.densify(ca.vertcat(*gradient, ca.SX(len(held), 1)))
     return (
-        ca.Function("first_derivatives", inputs, ca.cse([ca.densify(own[0]), own[1]])),
-        ca.Function(
-            "second_derivatives", [*inputs, weights], ca.cse([ca.densify(slope[0]), slope[1]])
-        ),
+        ca.Function("first_derivatives", inputs, ca.cse([ca.densify(values), rows])),
+        ca.Function("second_derivatives", [*inputs, weights], ca.cse([slope, matrix])),
     )
 
 

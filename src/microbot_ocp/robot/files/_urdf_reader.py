@@ -14,7 +14,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Set
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
@@ -33,7 +33,6 @@ from microbot_ocp.robot.files._srdf_file import SrdfFile, read_srdf
 from microbot_ocp.robot.files._urdf_file import (
     HELD,
     RANGES,
-    Inertial,
     UrdfFile,
     UrdfJoint,
     number_from,
@@ -47,43 +46,28 @@ USUAL_TOOL = "tool0"  # name of the tool frame by ROS-Industrial's convention
 ROOM = 70  # characters that a list of names takes in a message
 
 
-@dataclass
-class _Body:
-    """Mass, first moment and inertia about the root's origin; bodies add up."""
+Part = tuple[float, FloatArray, FloatArray]  # mass, centre [3], inertia about it [3,3]
 
-    mass: float = 0.0
-    first: FloatArray = field(default_factory=lambda: np.zeros(3))
-    parts: list[tuple[float, FloatArray, FloatArray]] = field(default_factory=list)
 
-    def add(self, inertial: Inertial, frame: FloatArray) -> None:
-        """Add what has its figures in ``frame`` [4,4] of the root."""
-        rotation, center = frame[:3, :3], frame[:3, 3]
-        self.mass += inertial.mass
-        self.first = self.first + inertial.mass * center
-        self.parts.append((inertial.mass, center, rotation @ inertial.inertia @ rotation.T))
-
-    @property
-    def empty(self) -> bool:
-        """Whether it has neither mass nor inertia."""
-        return not self.mass and not any(inertia.any() for _, _, inertia in self.parts)
-
-    def as_link(self, frame: FloatArray, **joint: Any) -> Link:
-        """The same body in the link frame ``frame`` [4,4] of the root."""
-        center = self.first / self.mass if self.mass else frame[:3, 3]
-        about_center = np.zeros((3, 3))
-        for mass, place, inertia in self.parts:
-            arm = place - center
-            about_center += inertia + mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
-        rotation = frame[:3, :3]
-        turned = rotation.T @ about_center @ rotation
-        inertia = (turned + turned.T) / 2
-        return Link(
-            mass=self.mass,
-            center_of_mass=rotation.T @ (center - frame[:3, 3]),
-            inertia=inertia,
-            allow_unphysical=inertia_fault(inertia) is not None,
-            **joint,
-        )
+def _link(parts: list[Part], frame: FloatArray, **joint: Any) -> Link:
+    """The body of parts, given in the root's frame, in the link frame ``frame`` [4,4] of it."""
+    total = sum(mass for mass, _, _ in parts)
+    first = sum((mass * center for mass, center, _ in parts), np.zeros(3))
+    center = first / total if total else frame[:3, 3]
+    about_center = np.zeros((3, 3))
+    for mass, place, inertia in parts:
+        arm = place - center
+        about_center += inertia + mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    rotation = frame[:3, :3]
+    turned = rotation.T @ about_center @ rotation
+    inertia = (turned + turned.T) / 2
+    return Link(
+        mass=total,
+        center_of_mass=rotation.T @ (center - frame[:3, 3]),
+        inertia=inertia,
+        allow_unphysical=inertia_fault(inertia) is not None,
+        **joint,
+    )
 
 
 def read_urdf(
@@ -418,17 +402,20 @@ class _Tree:
         placed: list[FloatArray],
     ) -> list[Link]:
         """One link a joint, of all that moves with it; none if nothing has a mass."""
-        bodies = [_Body() for _ in range(len(moving) + 1)]
+        bodies: list[list[Part]] = [[] for _ in range(len(moving) + 1)]
         for name in self.order:
             if own := self.links[name].inertial:
-                bodies[carriers[name]].add(own, frames[name] @ own.frame)
+                frame = frames[name] @ own.frame
+                inertia = frame[:3, :3] @ own.inertia @ frame[:3, :3].T
+                bodies[carriers[name]].append((own.mass, frame[:3, 3], inertia))
                 if fault := inertia_fault(own.inertia):
                     what = "are taken as they stand" if carriers[name] else "do not move here"
                     self.remarks.add(f"inertias that no rigid body has {what}", f"{name!r} {fault}")
-        if all(body.empty for body in bodies[1:]):
+        if not any(mass or inertia.any() for body in bodies[1:] for mass, _, inertia in body):
             return []
         return [
-            body.as_link(
+            _link(
+                body,
                 frame,
                 armature=checks.number(
                     f"armature of joint {joint.name!r}",
