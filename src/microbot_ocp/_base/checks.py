@@ -128,7 +128,8 @@ def number(
         (at_most, operator.gt, "at most"),
     ):
         if bound is not None and breaks(result, bound):
-            raise InputError(f"{name} must be {words} {_with_unit(f'{bound:g}', unit)}, not {value}")
+            allowed = f"{words} {_with_unit(f'{bound:g}', unit)}"
+            raise InputError(f"{name} must be {allowed}, not {value}")
     return result
 
 

@@ -111,7 +111,8 @@ def largest_use(
         center, best = around[row, pick], np.maximum(best, component[row, pick])
         reach = reach / 4.0
     top = int(best.argmax())
-    quantity, joint = _channel(family, wanted, int(channel[top]))
+    channels = [(key, joint) for key in wanted for joint in range(len(family[key].labels))]
+    quantity, joint = channels[int(channel[top])]
     values = family.values(samples_of(orders, k[[top]], center[[top]]), [quantity])[quantity]
     return Peak(
         use=float(best[top]),
@@ -154,15 +155,6 @@ def largest_jump(family: LimitFamily, polynomial: Polynomial, keys: Iterable[str
                 limit=float(bound),
             )
     return worst
-
-
-def _channel(family: LimitFamily, keys: Sequence[str], channel: int) -> tuple[str, int]:
-    for key in keys:
-        size = len(family[key].labels)
-        if channel < size:
-            return key, channel
-        channel -= size
-    raise AssertionError
 
 
 def samples_of(orders: Sequence[FloatArray], piece: np.ndarray, local: FloatArray) -> MotionSamples:
