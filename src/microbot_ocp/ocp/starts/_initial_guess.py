@@ -8,7 +8,6 @@ are, those of path constraints and bounds stand for an interval and are interpol
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -250,23 +249,10 @@ def _moved_multipliers(
     return new_rows, new_variables
 
 
-@dataclass(frozen=True, eq=False)
-class _Series:
-    """Multipliers of one kind along a phase: where they stand, and what they weigh.
-
-    Attributes
-    ----------
-    places : fractions of the phase [M], increasing
-    indices : in the program [M]
-    weights : of a multiplier against its density along the phase [M]
-    """
-
-    places: FloatArray
-    indices: np.ndarray
-    weights: FloatArray
-
-
 Key = tuple[str, str, int, float]
+# Multipliers of one kind [3, M]: where they stand, as increasing fractions of the phase, their
+# indices in the program, and what they weigh against their density along the phase.
+Series = Mapping[Key, FloatArray]
 
 
 def _row_blocks(layout: PhaseLayout) -> list[Block]:
@@ -278,7 +264,7 @@ def _inner_blocks(layout: PhaseLayout) -> list[Block]:
     return [Block(g.kind.variables[nz:], g.intervals, g.variables[:, nz:]) for g in layout.groups]
 
 
-def _series(layout: PhaseLayout, blocks: Sequence[Block]) -> dict[Key, _Series]:
+def _series(layout: PhaseLayout, blocks: Sequence[Block]) -> Series:
     """Everything that has the same name and stands at the same kind of point."""
     gathered: dict[Key, list[FloatArray]] = {}
     for group, block in zip(layout.groups, blocks, strict=True):
@@ -298,26 +284,15 @@ def _series(layout: PhaseLayout, blocks: Sequence[Block]) -> dict[Key, _Series]:
                 weight = weight * h
             part = np.vstack([start + entry.fraction * h, places, weight])
             gathered.setdefault((entry.kind, entry.name, entry.component, point), []).append(part)
-    series = {}
-    for key, parts in gathered.items():
-        places, indices, weights = np.hstack(parts)
-        order = np.argsort(places, kind="stable")
-        series[key] = _Series(places[order], indices[order].astype(int), weights[order])
-    return series
+    tables = {key: np.hstack(parts) for key, parts in gathered.items()}
+    return {key: table[:, np.argsort(table[0], kind="stable")] for key, table in tables.items()}
 
 
-def _move(
-    before: Mapping[Key, _Series],
-    after: Mapping[Key, _Series],
-    values: FloatArray,
-    new_values: FloatArray,
-) -> None:
-    for key, new in after.items():
-        if key in before:
-            old = before[key]
-            density = values[old.indices] / old.weights
-            moved = np.interp(new.places, old.places, density)
-            new_values[new.indices] = moved * new.weights
+def _move(before: Series, after: Series, values: FloatArray, new_values: FloatArray) -> None:
+    for key in before.keys() & after.keys():
+        (old_places, old, old_weights), (places, new, weights) = before[key], after[key]
+        density = values[old.astype(int)] / old_weights
+        new_values[new.astype(int)] = np.interp(places, old_places, density) * weights
 
 
 def _move_nodes(
