@@ -121,6 +121,14 @@ def test_efforts_without_gravity(panda, tmp_path):
     np.testing.assert_allclose(last[-7:], 0.0, atol=1e-6)  # at rest nothing but gravity is left
 
 
+def test_a_robot_without_limits_is_not_slowed_down():
+    robot = mo.Robot.from_dh(alpha=[0.0], a=[1.0], d=[0.0])
+    motion = mo.Motion.from_polynomial(robot, mo.quintic([[0.0], [1.0]], [0.0, 1.0]), label="any")
+    command = mo.commanded(robot, motion, "hold@100")
+    assert command.accepted
+    assert command.cost == 0.0
+
+
 def test_what_slowing_down_does_not_help(microbot):
     beyond = float(microbot.limits.q_max[1]) + 0.1
     leaves = mo.quintic([[0.0, 0.0, 0.0], [0.0, beyond, 0.0]], [0.0, 20.0])

@@ -159,8 +159,8 @@ def _factor(family: LimitFamily, curve: Motion, most: float) -> float:
         Slowing down does not help, or takes more than ``most``.
     """
     limits, _ = limit_checks_of(family, curve.history())
-    worst = max(limits, key=lambda check: check.violation)
-    if worst.violation <= ROUNDING:
+    worst = max(limits, key=lambda check: check.violation, default=None)
+    if worst is None or worst.violation <= ROUNDING:
         return 1.0
     orders = {check.quantity: family[check.quantity].order for check in limits}
     factor = max((1.0 + c.violation) ** (1.0 / max(orders[c.quantity], 1)) for c in limits)
