@@ -10,6 +10,7 @@ from ._contact import (
     contact_model as contact_model,
     facing as facing,
     has_coal as has_coal,
+    rotation_to as rotation_to,
 )
 from ._detours import (
     FIRST_SEARCHES as FIRST_SEARCHES,

@@ -92,7 +92,7 @@ class ContactModel:
             length, middle = float(np.linalg.norm(along)), (thing.start + thing.end) / 2
             if length < 1e-12:
                 return made.Sphere(thing.radius), unturned, middle
-            return made.Capsule(thing.radius, length), _turned_to(along / length), middle
+            return made.Capsule(thing.radius, length), rotation_to(along / length), middle
         if isinstance(thing, HalfSpace):
             return made.Halfspace(thing.normal, thing.offset), unturned, np.zeros(3)
         turn, shift = np.array(thing.pose[:3, :3]), np.array(thing.pose[:3, 3])
@@ -226,7 +226,7 @@ def has_coal() -> bool:
     return True
 
 
-def _turned_to(direction: FloatArray) -> FloatArray:
+def rotation_to(direction: FloatArray) -> FloatArray:
     """A rotation [3,3] whose Z axis is a unit vector."""
     side = np.cross(np.eye(3)[np.argmin(np.abs(direction))], direction)
     side /= np.linalg.norm(side)

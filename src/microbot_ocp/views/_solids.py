@@ -15,7 +15,7 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.planning import Payload
 from microbot_ocp.robot import Capsule, Robot, Shape, TriangleMesh, read_mesh
-from microbot_ocp.scene import Box, ConvexMesh, Cylinder, HalfSpace, Sphere
+from microbot_ocp.scene import Box, ConvexMesh, Cylinder, HalfSpace, Sphere, rotation_to
 from microbot_ocp.views._scene import reach
 from microbot_ocp.views._style import STYLE, Color
 
@@ -130,10 +130,8 @@ def part_solids(payload: Payload) -> list[Solid]:
 
 def frame_along(direction: FloatArray) -> FloatArray:
     """Return a frame [4,4] at the origin whose z axis is a unit vector."""
-    side: Any = np.cross(np.eye(3)[np.abs(direction).argmin()], direction)
-    side = side / np.linalg.norm(side)
     pose = np.eye(4)
-    pose[:3, :3] = np.column_stack([side, np.cross(direction, side), direction])
+    pose[:3, :3] = rotation_to(direction)
     return pose
 
 
