@@ -15,7 +15,7 @@ from microbot_ocp._base.child_process import Died, OutOfTime, in_child
 from microbot_ocp.ocp import verify
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.search import _other_starts, _solve, solve
-from microbot_ocp.ocp.solvers import SolverSettings, _run, solve_on
+from microbot_ocp.ocp.solvers import SolverSettings, _run
 from microbot_ocp.ocp.starts import Rollouts, completed, default_guess, scaled
 from microbot_ocp.ocp.transcription import Guess
 from microbot_ocp.ocp.transcription.schemes import within_bounds
@@ -390,7 +390,7 @@ def test_where_optima_are_near_the_best_of_several_is_kept_and_it_is_said():
     newton = BY_NAME["newton"].build()
     how = None, SolverSettings(), "radau", np.inf, None, None
     (start,) = _solve._moved(task := _solve.Task(newton, 20, *how), journal := _solve.Journal())
-    first = solve_on(*start[:4])
+    first = start.solved()
     solution, _ = _solve._finished(task, journal, _solve.STRATEGIES[0], first, start)
     assert solution.cost == pytest.approx(1.49926395, rel=1e-3)  # 1.50668 from the guess
     assert len(solution.rivals) > 1

@@ -3,6 +3,9 @@
 from ._accuracy import (
     Accuracy as Accuracy,
 )
+from ._context import (
+    SolveContext as SolveContext,
+)
 from ._degrees import (
     Degrees as Degrees,
     decay_rates as decay_rates,

@@ -7,14 +7,13 @@ to stay, is kept where it costs less.
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass, replace
 
 from microbot_ocp.ocp import verification
-from microbot_ocp.ocp.solution import Attempt, Progress, Solution, cost_size
-from microbot_ocp.ocp.solvers import SolverSettings, solve_on
+from microbot_ocp.ocp.refinement._context import SolveContext
+from microbot_ocp.ocp.solution import Attempt, Solution, cost_size
 from microbot_ocp.ocp.starts import guess_from
-from microbot_ocp.ocp.transcription import Guess, Transcription
+from microbot_ocp.ocp.transcription import Guess
 
 
 @dataclass(frozen=True)
@@ -49,32 +48,21 @@ def improvable(solution: Solution) -> float:
     return gain / cost_size(solution.cost, solution.cost_scale)
 
 
-def improved(
-    solution: Solution,
-    transcription: Transcription,
-    settings: SolverSettings,
-    until: float,
-    progress: Progress | None,
-) -> tuple[Solution, list[Attempt]]:
+def improved(solution: Solution, context: SolveContext) -> tuple[Solution, list[Attempt]]:
     """The solution, or one on its mesh that costs less, and what was tried."""
     attempts: list[Attempt] = []
-    own = replace(
-        settings,
-        solver="ipopt",
-        initial_barrier=IMPROVEMENT.barrier,
-        max_iterations=min(settings.max_iterations, IMPROVEMENT.iterations),
-    )
+    most = min(context.settings.max_iterations, IMPROVEMENT.iterations)
+    how = {"solver": "ipopt", "initial_barrier": IMPROVEMENT.barrier, "max_iterations": most}
     for _ in range(IMPROVEMENT.solves):
         gain, controls = verification.better_controls(solution)
         size = cost_size(solution.cost, solution.cost_scale)
-        if not gain > IMPROVEMENT.worth * size or time.perf_counter() >= until:
+        if not gain > IMPROVEMENT.worth * size or context.over:
             break
         guess = {
             name: Guess(old.duration, {**old.values, **controls.get(name, {})})
-            for name, old in guess_from(transcription.problem, solution).items()
+            for name, old in guess_from(context.transcription.problem, solution).items()
         }
-        meshes = [phase.mesh for phase in solution.phases]
-        tried = solve_on(transcription, meshes, guess, own, until, progress)
+        tried = context.solve([phase.mesh for phase in solution.phases], guess, **how)
         attempts += [replace(a, way=WAY) for a in tried.attempts]
         if not (tried.status.solved and tried.cost < solution.cost - IMPROVEMENT.least_gain * gain):
             break

@@ -23,12 +23,12 @@ from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.diagnosis import BESIDE, falls_for_ever
 from microbot_ocp.ocp.mesh import Refinement, Round, divide, refined
 from microbot_ocp.ocp.refinement._accuracy import Accuracy
+from microbot_ocp.ocp.refinement._context import SolveContext
 from microbot_ocp.ocp.refinement._cost_error import cost_error, with_more_freedom
 from microbot_ocp.ocp.refinement._history import History, RefinementStep, step_of
 from microbot_ocp.ocp.refinement._improvement import improvable, improved
-from microbot_ocp.ocp.solution import Attempt, Progress, Solution, StepProgress, cost_size, entry
-from microbot_ocp.ocp.solvers import SolverSettings, solve_on
-from microbot_ocp.ocp.transcription import Mesh, Transcription, mesh_of
+from microbot_ocp.ocp.solution import Attempt, Solution, StepProgress, cost_size, entry
+from microbot_ocp.ocp.transcription import Mesh, mesh_of
 from microbot_ocp.ocp.verification import (
     Judgement,
     Thresholds,
@@ -135,10 +135,7 @@ Next = Beside | Solution | Sequence[Mesh | FloatArray]
 
 def judged(
     solution: Solution,
-    transcription: Transcription,
-    settings: SolverSettings,
-    until: float,
-    progress: Progress | None = None,
+    context: SolveContext,
     *,
     finer: bool,
     accuracy: Accuracy | None = None,
@@ -152,30 +149,22 @@ def judged(
     """
     if solution.status not in CONVERGED:
         return _alone(solution), solution.status is Status.INTERRUPTED
-    work = _Work(transcription, settings, until, progress, finer, accuracy, freer_cost)
-    return work.run(solution)
+    return _Work(context, finer, accuracy, freer_cost).run(solution)
 
 
 @dataclass(frozen=True, eq=False)
 class _Work:
     """How a solution is taken on: what is solved, split, measured, and when it ends."""
 
-    transcription: Transcription
-    settings: SolverSettings
-    until: float
-    progress: Progress | None
+    context: SolveContext
     finer: bool
     accuracy: Accuracy | None
     freer_cost: float
 
     @property
-    def _over(self) -> bool:
-        return time.perf_counter() >= self.until
-
-    @property
     def _alone(self) -> bool:
         """Whether a solver was chosen: what others would save is not looked for."""
-        return self.settings.solver != "auto"
+        return self.context.settings.solver != "auto"
 
     def run(self, first: Solution) -> tuple[Solution, bool]:
         began, state = time.perf_counter(), None
@@ -214,8 +203,8 @@ class _Work:
         return replace(answer, advice=advice).with_rivals_of(best)
 
     def _solve(self, meshes: Sequence[Mesh | FloatArray], start: Solution) -> Solution:
-        own = self.settings if self._alone else replace(self.settings, solver="ipopt")
-        return solve_on(self.transcription, meshes, start, own, self.until, self.progress)
+        solver = self.context.settings.solver if self._alone else "ipopt"
+        return self.context.solve(meshes, start, solver=solver)
 
     def _below(self, saddle: Solution, starts: Beside) -> Solution:
         """The cheaper of what solves lead to on both sides of a saddle.
@@ -242,7 +231,7 @@ class _Work:
         return after.status in CONVERGED and not worse
 
     def _measured(self, began: float, rounds: Rounds, solution: Solution) -> Seen:
-        judgement = judge(self.transcription, solution)
+        judgement = judge(self.context.transcription, solution)
         before = rounds[-1].measure if rounds else None
         step = step_of(solution, judgement, time.perf_counter() - (before.at if before else began))
         if before is None or self._at_saddle(before):
@@ -252,7 +241,7 @@ class _Work:
             size = max(cost_size(cost, solution.cost_scale) for cost in costs)
             left = before.left.entered(abs(costs[0] - costs[1]) / size)
             seen = Seen(judgement, step, left)
-        if self.accuracy is None or self._over:
+        if self.accuracy is None or self.context.over:
             return seen
         return self._with_cost_error(solution, seen, self.accuracy)
 
@@ -300,7 +289,7 @@ class _Work:
                 return Status.SOLVED
             if goal is not None and goal.met(seen.step) and seen.step.cost_error <= goal.cost:
                 return Status.SOLVED
-        if self._over:
+        if self.context.over:
             return Status.TIME_LIMIT
         if len(rounds) > (PASSING if goal is None else goal).rounds:
             return Status.ROUND_LIMIT
@@ -331,8 +320,7 @@ class _Work:
         if self._alone or not saved > PASSING.change:
             return state, saved, []
         began, before = time.perf_counter(), state.measure
-        how = self.settings, self.until, self.progress
-        better, tried = improved(state.solution, self.transcription, *how)
+        better, tried = improved(state.solution, self.context)
         if better is state.solution:
             return state, saved, tried
         seen = self._measured(began, state.rounds, better)
@@ -368,8 +356,9 @@ class _Work:
         )
 
     def _report(self, state: Course) -> None:
-        if self.accuracy is not None and self.progress is not None and state.ended is None:
-            cast("StepProgress", self.progress)(str(state.measure.step))
+        progress = self.context.progress
+        if self.accuracy is not None and progress is not None and state.ended is None:
+            cast("StepProgress", progress)(str(state.measure.step))
 
     def _judged(self, solution: Solution, state: Course, saved: float) -> tuple[Solution, bool]:
         """The solution with a status and advice that says what is missing, and whether it is final.
@@ -400,7 +389,7 @@ class _Work:
         if (status is solution.status and settled) or (not missing and status.solved):
             return solution, True
         if goal is None and self.finer and status in (Status.SOLVED, Status.TOO_COARSE):
-            status = Status.TIME_LIMIT if self._over else Status.NO_PROGRESS
+            status = Status.TIME_LIMIT if self.context.over else Status.NO_PROGRESS
         parts = missing if goal is not None else missing[:1]
         advice = f"{status.sentence} Missing: {'; '.join(parts)}." if parts else status.sentence
         if goal is not None and rises:

@@ -24,14 +24,9 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp.diagnosis import NotFinite, finite_start
 from microbot_ocp.ocp.problem import OptimalControlProblem
-from microbot_ocp.ocp.solution import RIVALS, Attempt, Progress, Solution, cost_size
-from microbot_ocp.ocp.solvers import (
-    Made,
-    SolverSettings,
-    run_chain,
-    solve_on,
-    with_cost_scale,
-)
+from microbot_ocp.ocp.refinement import SolveContext
+from microbot_ocp.ocp.solution import RIVALS, Attempt, Solution, StartingPoint, cost_size
+from microbot_ocp.ocp.solvers import Made, run_chain, with_cost_scale
 from microbot_ocp.ocp.starts import Ranges, Rollouts, default_guess, starting_point
 from microbot_ocp.ocp.transcription import (
     Collocation,
@@ -106,29 +101,17 @@ ALONE = "It was compared with nothing: no other start led to an answer."
 Given = Mapping[str, Guess] | Solution | str | None
 
 
-def cheapest_of_starts(
-    transcription: Transcription,
-    settings: SolverSettings,
-    most: int,
-    until: float,
-    progress: Progress | None,
-) -> tuple[Solution | None, list[Attempt]]:
+def cheapest_of_starts(context: SolveContext, most: int) -> tuple[Solution | None, list[Attempt]]:
     """The cheapest answer on a coarse mesh that any of ``most`` simulations leads to."""
-    starts = islice(_starts(transcription.problem, most, {}), most)
-    answers = list(_solved(_Coarse(transcription, settings, until, progress), starts))
+    starts = islice(_starts(context.transcription.problem, most, {}), most)
+    answers = list(_solved(_Coarse(context), starts))
     attempts = [replace(a, way=WAY) for answer in answers for a in answer.attempts]
     solved = (answer for answer in answers if answer.solved)
     return min(solved, key=lambda answer: answer.cost, default=None), attempts
 
 
 def cheaper_elsewhere(
-    solution: Solution,
-    transcription: Transcription,
-    settings: SolverSettings,
-    most: int,
-    until: float,
-    progress: Progress | None,
-    guess: Given = None,
+    solution: Solution, context: SolveContext, most: int, guess: Given = None
 ) -> tuple[Solution, list[Attempt]]:
     """The solution, or the cheapest on its mesh that one of ``most`` other starts leads to.
 
@@ -136,7 +119,7 @@ def cheaper_elsewhere(
     is what the solution was found from.
     """
     size = cost_size(solution.cost, solution.cost_scale)
-    coarse, comparable = _comparable(solution, transcription, settings, until, progress)
+    coarse, comparable = _comparable(solution, context)
     here = comparable if comparable.status.solved else solution
     answers = [k for k in _until_they_agree(coarse, most, here, guess) if k.status.solved]
     others = _distinct(answers, here, COMPARISON.worth * size)
@@ -144,12 +127,11 @@ def cheaper_elsewhere(
     finalists = [k for k in others if k.cost < here.cost - COMPARISON.worth * size]
     finalists += [k for k in near if k not in finalists]
     best, attempts = solution, []
-    own = replace(settings, solver="ipopt")
     meshes = [phase.mesh for phase in solution.phases]
     for start in finalists[: COMPARISON.finalists]:
-        if time.perf_counter() >= until:
+        if context.over:
             break
-        finer = solve_on(transcription, meshes, start, own, until, progress)
+        finer = context.solve(meshes, start, solver="ipopt")
         if finer.status.solved and finer.cost < best.cost - COMPARISON.worth * size:
             best = finer
             attempts = [replace(a, way=WAY) for k in (start, finer) for a in k.attempts]
@@ -159,7 +141,7 @@ def cheaper_elsewhere(
     rivals = sorted((k.cost - least) / size for k in (here, *others)) if several else ()
     if several:
         best = replace(best, agreed=met, compared=len(answers) + 1)
-    if time.perf_counter() >= until:
+    if context.over:
         best = replace(best, advice=f"{best.advice} {CUT_SHORT}")
     elif not answers:
         best = replace(best, advice=f"{best.advice} {ALONE}")
@@ -199,7 +181,7 @@ def _as_function(value: GuessValue, size: int) -> GuessValue:
 
 def _solved(coarse: _Coarse, starts: Iterable[dict[str, Guess]]) -> Iterator[Solution]:
     for start in starts:
-        if time.perf_counter() >= coarse.until:
+        if coarse.context.over:
             break
         with contextlib.suppress(NotFinite):
             yield coarse.solved(start)
@@ -213,18 +195,16 @@ def _answers(
     Each with whether it is the answer of a simulation. Kinds of starts take turns; the one that
     leads to an optimum more often comes more often.
     """
-    problem = coarse.transcription.problem
+    problem = coarse.context.transcription.problem
     starts = _starts(problem, most, _ranges(here), coarse.cost)
     simulated = _solved(coarse, islice(starts, most))
     if most <= COMPARISON.each + 1:
         yield from ((answer, True) for answer in simulated)
         return
-    own, guess = coarse.settings, on_any_mesh(guess, problem)
+    guess = on_any_mesh(guess, problem)
     for intervals in COMPARISON.meshes:
         with contextlib.suppress(NotFinite):
-            elsewhere = solve_on(
-                coarse.transcription, intervals, guess, own, coarse.until, coarse.progress
-            )
+            elsewhere = coarse.context.solve(intervals, guess)
             yield (coarse.solved(elsewhere) if elsewhere.status.solved else elsewhere), False
     usual = default_guess(problem)
     durations = {phase.name: phase.duration for phase in here.phases}
@@ -359,18 +339,12 @@ def _starts(
         yield from simulations.nearest_first(durations, steps=True)[: COMPARISON.each]
 
 
-def _comparable(
-    solution: Solution,
-    transcription: Transcription,
-    settings: SolverSettings,
-    until: float,
-    progress: Progress | None,
-) -> tuple[_Coarse, Solution]:
+def _comparable(solution: Solution, context: SolveContext) -> tuple[_Coarse, Solution]:
     """The coarsest program on which the answer costs about the same, and its answer there."""
     size = cost_size(solution.cost, solution.cost_scale)
     fewest = min(phase.mesh.size - 1 for phase in solution.phases)
     for intervals in COMPARISON.coarse:
-        coarse = _Coarse(transcription, settings, until, progress, intervals)
+        coarse = _Coarse(context, intervals)
         answer = coarse.solved(solution)
         about = abs(answer.cost - solution.cost) <= COMPARISON.about * size
         if (answer.status.solved and about) or 2 * intervals > fewest:
@@ -381,43 +355,41 @@ def _comparable(
 class _Coarse:
     """Solves of one coarse program, by a solver that is kept."""
 
-    def __init__(
-        self,
-        transcription: Transcription,
-        settings: SolverSettings,
-        until: float,
-        progress: Progress | None,
-        intervals: int = COMPARISON.coarse[0],
-    ) -> None:
+    def __init__(self, context: SolveContext, intervals: int = COMPARISON.coarse[0]) -> None:
+        transcription = context.transcription
         if not isinstance(transcription.scheme, Collocation):
             # a simple rule has optima of its own where intervals are as long
             duration_scale = transcription.duration_scale
             transcription = Transcription(transcription.problem, duration_scale=duration_scale)
-        self.transcription, self.until, self.progress = transcription, until, progress
         self.program = assemble(transcription.layouts(intervals))
         self.made: Made = {}
-        self.settings = replace(
-            settings,
+        settings = replace(
+            context.settings,
             solver="ipopt",
             gap=np.inf,
-            max_iterations=min(settings.max_iterations, COMPARISON.iterations),
-            time_limit=max(until - time.perf_counter(), COMPARISON.least_time),
+            max_iterations=min(context.settings.max_iterations, COMPARISON.iterations),
+            time_limit=max(context.until - time.perf_counter(), COMPARISON.least_time),
         )
+        self.context = replace(context, transcription=transcription, settings=settings)
+
+    def start(self, guess: dict[str, Guess] | Solution) -> StartingPoint:
+        """Where a solve starts from a guess."""
+        return starting_point(self.program, self.context.transcription.problem, guess)
 
     def cost(self, guess: dict[str, Guess]) -> float:
         """What a guess costs as it stands, or infinity."""
-        x = starting_point(self.program, self.transcription.problem, guess).x
+        x = self.start(guess).x
         cost = float(self.program.functions["gradient"](x, self.program.parameters)[0])
         return cost if np.isfinite(cost) else np.inf
 
     def solved(self, guess: dict[str, Guess] | Solution) -> Solution:
-        begin = starting_point(self.program, self.transcription.problem, guess)
+        begin, context = self.start(guess), self.context
         begin = replace(begin, x=finite_start(self.program, begin.x))
         return run_chain(
-            with_cost_scale(self.program, begin.x, self.settings),
-            self.settings,
+            with_cost_scale(self.program, begin.x, context.settings),
+            context.settings,
             begin,
-            progress=self.progress,
+            progress=context.progress,
             made=self.made,
-            until=self.until,
+            until=context.until,
         )

@@ -12,7 +12,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple, cast
+from typing import NamedTuple, cast
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from microbot_ocp._base.outcome import Ledger, LedgerRow
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.diagnosis import POOR, NotFinite
 from microbot_ocp.ocp.problem import OptimalControlProblem, with_shapes
-from microbot_ocp.ocp.refinement import PASSING, Accuracy, improvable, judged
+from microbot_ocp.ocp.refinement import PASSING, Accuracy, SolveContext, improvable, judged
 from microbot_ocp.ocp.search._other_starts import (
     cheaper_elsewhere,
     cheapest_of_starts,
@@ -36,7 +36,7 @@ from microbot_ocp.ocp.solution import (
     cost_size,
     entry,
 )
-from microbot_ocp.ocp.solvers import SolverSettings, solve_on, transcribed
+from microbot_ocp.ocp.solvers import SolverSettings, transcribed
 from microbot_ocp.ocp.starts import Rollouts, default_guess, guess_from
 from microbot_ocp.ocp.transcription import Guess, Meshes, Transcription
 from microbot_ocp.ocp.transcription.schemes import Scheme
@@ -170,7 +170,7 @@ def solve(
     how = mesh, guess, settings, scheme, until, cast("Progress | None", progress), goal
     task, journal = Task(problem, *how), Journal()
     best: Solution | None = None
-    unconverged: tuple[Solution, Transcription] | None = None
+    unconverged: tuple[Solution, SolveContext] | None = None
     refused: InputError | None = None
     attempts: list[Attempt] = []
     ledger: list[LedgerRow] = []
@@ -180,7 +180,7 @@ def solve(
         began, tried, last = time.perf_counter(), len(journal.attempts), None
         try:
             for start in strategy.propose(task, journal):
-                solution = solve_on(*start[:4], until, task.progress, uneven=start.uneven)
+                solution = start.solved()
                 journal.attempts.extend(named(strategy.name, solution.attempts))
                 last = solution, start
                 if solution.status in ENDED:
@@ -195,7 +195,7 @@ def solve(
         ended = solution if solution.status in ENDED else None
         journal.enter(strategy.name or GIVEN, began, None, ended, journal.attempts[tried:])
         if ended is None:
-            unconverged = unconverged or (solution, start.transcription)
+            unconverged = unconverged or (solution, start.context)
             continue
         solution, final = _finished(task, journal, strategy, solution, start)
         attempts += solution.attempts
@@ -229,11 +229,13 @@ def default_mesh(problem: OptimalControlProblem | Transcription) -> int:
 class Start(NamedTuple):
     """A program on a mesh, with a guess and settings of its solve."""
 
-    transcription: Transcription
+    context: SolveContext
     mesh: Meshes
     guess: Given
-    settings: SolverSettings
     uneven: bool = False  # whether the guess is moved off what is symmetric
+
+    def solved(self) -> Solution:
+        return self.context.solve(self.mesh, self.guess, uneven=self.uneven)
 
 
 @dataclass(frozen=True, eq=False)
@@ -279,33 +281,30 @@ class Task:
         """The same by IPOPT, where no solver was chosen."""
         return self.settings if self.alone else replace(self.short, solver="ipopt")
 
-    def start(self, scaling: str = "", **changes: Any) -> Start:
-        """From the guess, by the few iterations of a try."""
+    def start(
+        self, scaling: str = "", settings: SolverSettings | None = None, uneven: bool = False
+    ) -> Start:
+        """From the guess, by the few iterations of a try or by other settings."""
         scaled = replace(self.settings, scaling=scaling or self.settings.scaling)
         program = transcribed(self.problem, scaled, scheme=self.scheme, guess=self.guess)
         mesh = self.mesh
         if self.accuracy is not None:
             mesh = self.accuracy.first_mesh(program, mesh)
-        return Start(program, mesh, self.guess, self.few)._replace(**changes)
+        context = SolveContext(program, settings or self.few, self.until, self.progress)
+        return Start(context, mesh, self.guess, uneven)
 
     def judged(
-        self, solution: Solution, transcription: Transcription, freer_cost: float = np.inf
+        self, solution: Solution, context: SolveContext, freer_cost: float = np.inf
     ) -> tuple[Solution, bool]:
         """The solution on its way to one that passes, and whether that is final."""
-        how = self.short, self.until, self.progress
-        return judged(
-            solution,
-            transcription,
-            *how,
-            finer=self.given is None or self.accuracy is not None,
-            accuracy=self.accuracy,
-            freer_cost=freer_cost,
-        )
+        finer, goal = self.given is None or self.accuracy is not None, self.accuracy
+        how = replace(context, settings=self.short)
+        return judged(solution, how, finer=finer, accuracy=goal, freer_cost=freer_cost)
 
     def unconverged(
         self,
         journal: Journal,
-        first: tuple[Solution, Transcription] | None,
+        first: tuple[Solution, SolveContext] | None,
         refused: InputError | None,
     ) -> Solution:
         """What the first strategy left, where none converged; else why nothing could be tried."""
@@ -369,8 +368,7 @@ def _finished(
     compared = task.alone or isinstance(task.guess, Solution)  # what was compared when it was found
     if not compared and solution.status in CONVERGED:
         began, before = time.perf_counter(), solution
-        how = start.settings, task.compared, task.until, task.progress, task.guess
-        solution, tried = cheaper_elsewhere(solution, start.transcription, *how)
+        solution, tried = cheaper_elsewhere(solution, start.context, task.compared, task.guess)
         journal.attempts.extend(tried)
         journal.enter(OTHER_STARTS, began, before, solution if tried else None, tried)
         if tried:  # another valley, of other sizes
@@ -381,7 +379,7 @@ def _finished(
     if solution.status.solved and solution.rivals:
         advice = f"{advice} {solution.several}"
     solution = replace(journal.closed(solution), advice=advice)
-    solution, final = task.judged(solution, start.transcription)
+    solution, final = task.judged(solution, start.context)
     if solution.status in UNSETTLED and _swings(task.problem, solution):
         return _with_constant_controls(task, solution)
     return solution, final
@@ -395,12 +393,13 @@ def _in_own_scales(
     What is small beside its scale is not accurate, and a cost of such a scale seems to be
     settled; what is far larger may be on its way to a slope at infinity.
     """
-    automatic = start.settings.scaling == "auto" and not task.alone
+    settings, problem = start.context.settings, start.context.transcription.problem
+    automatic = settings.scaling == "auto" and not task.alone
     if not automatic or solution.status not in CONVERGED:
         return solution, start
     began = time.perf_counter()
-    again = replace(task, guess=solution).start("auto", settings=start.settings)
-    pairs = zip(start.transcription.problem.phases, again.transcription.problem.phases, strict=True)
+    again = replace(task, guess=solution).start("auto", settings)
+    pairs = zip(problem.phases, again.context.transcription.problem.phases, strict=True)
     ratios = [
         np.abs(np.log(np.asarray(old.scale) / new.scale)).max()
         for before, after in pairs
@@ -409,7 +408,7 @@ def _in_own_scales(
     ]
     if max(ratios) < np.log(POOR):
         return solution, start
-    answer = solve_on(*again[:4], task.until, task.progress)
+    answer = again.solved()
     tried = named(OWN_SCALES, answer.attempts)
     most = solution.cost + PASSING.unmet * cost_size(answer.cost, solution.cost_scale)
     better = answer.status in CONVERGED and answer.cost <= most
@@ -446,8 +445,8 @@ def _with_constant_controls(task: Task, before: Solution) -> tuple[Solution, boo
     own = replace(task, problem=problem, guess=guess_from(problem, before), given=None)
     settings = task.settings if task.alone else replace(task.settings, solver="ipopt")
     start = own.start(settings=settings)
-    answer = solve_on(*start[:4], task.until, task.progress)
-    answer, final = own.judged(answer, start.transcription, freer_cost=before.cost)
+    answer = start.solved()
+    answer, final = own.judged(answer, start.context, freer_cost=before.cost)
     tried = named(CONSTANT, answer.attempts)
     solved = answer if answer.status.solved else None
     row = entry(CONSTANT, before, solved, tried, time.perf_counter() - began)
@@ -494,8 +493,8 @@ def _from_a_coarser_mesh(task: Task, journal: Journal) -> Iterator[Start]:
     if isinstance(task.mesh, int) and task.mesh <= coarser:
         return
     start = task.start()
-    guess = on_any_mesh(task.guess, start.transcription.problem)
-    coarse = solve_on(start.transcription, coarser, guess, task.few, task.until, task.progress)
+    guess = on_any_mesh(task.guess, start.context.transcription.problem)
+    coarse = start.context.solve(coarser, guess)
     journal.attempts.extend(named(COARSER, coarse.attempts))
     if coarse.status in ENDED:
         yield start._replace(guess=coarse)
@@ -511,8 +510,7 @@ def _simulated(task: Task, _: Journal) -> Iterator[Start]:
 
 def _from_many_starts(task: Task, journal: Journal) -> Iterator[Start]:
     start = task.start()
-    how = task.few, SEARCH.compared, task.until, task.progress
-    cheapest, attempts = cheapest_of_starts(start.transcription, *how)
+    cheapest, attempts = cheapest_of_starts(start.context, SEARCH.compared)
     journal.attempts.extend(attempts)
     if cheapest is not None:
         yield start._replace(guess=cheapest)

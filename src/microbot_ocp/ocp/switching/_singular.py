@@ -16,9 +16,9 @@ generalised one of Legendre and Clebsch, is ``B <= 0``: H. J. Kelley, R. E. Kopp
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -120,7 +120,7 @@ def solve_conditions(
 
 def _refuse(problem: OptimalControlProblem, plan: ArcPlan) -> None:
     """Refuse what the conditions would have to know more of."""
-    phase = plan.declared
+    phase, controls = plan.declared, sum(c.size for c in plan.declared.controls)
     reasons = {
         "the problem has several phases": len(problem.phases) > 1,
         "the problem has free parameters": bool(phase.free_parameters),
@@ -129,35 +129,26 @@ def _refuse(problem: OptimalControlProblem, plan: ArcPlan) -> None:
         "something is demanded or costs at points of the phase": bool(
             phase.point_constraints or phase.point_costs
         ),
+        "limits of states or path constraints act on an arc": any(
+            any(arc.signature[controls:]) for arc in plan.arcs
+        ),
     }
-    controls = sum(c.size for c in phase.controls)
-    if any(any(arc.signature[controls:]) for arc in plan.arcs):
-        reasons["limits of states or path constraints act on an arc"] = True
     for reason, holds in reasons.items():
         if holds:
             raise NotPossibleError(reason)
 
 
-@dataclass(frozen=True, eq=False)
-class _Law:
-    """Controls [m] of an arc, and which one is singular, if any.
+class _Law(NamedTuple):
+    """What holds along an arc.
 
-    The ``terms`` are functions of states, costates, controls and time: the first time derivative of
-    its switching function, and of the second one, ``A + B u``, A and B.
+    ``free`` is the control that is singular, if any. The ``terms`` are functions of states,
+    costates, controls and time: the first time derivative of its switching function, and of the
+    second one, ``A + B u``, A and B. The ``controls`` [m] are one of states, costates and time.
     """
 
-    held: FloatArray
     free: int | None
     terms: ca.Function
-
-    def controls(self, *values: ca.MX) -> ca.MX:
-        """Return the controls by symbols of states, costates and time."""
-        parts = [ca.MX(float(value)) for value in self.held]
-        if self.free is not None:
-            x, costate, time = values
-            _, rest, factor = self.terms(x, costate, self.held, time)
-            parts[self.free] = -rest / factor
-        return ca.vertcat(*parts)
+    controls: ca.Function
 
 
 class _FirstOrderConditions:
@@ -186,10 +177,16 @@ class _FirstOrderConditions:
         self.along = ca.Function("along", self.arguments, along)
         self.laws = [self._law(arc) for arc in plan.arcs]
         # of what switching functions are compared with, [m]
-        self.sizes = np.maximum.reduce(
-            [np.abs(values).max(axis=1) for values in self._switching_near()]
-        )
-        self._refuse_higher_order()
+        near = [self._nearby(arc) for arc in plan.arcs]
+        self.sizes = _largest(_values(self.along, *values)[-1] for values in near)
+        for law, values in zip(self.laws, near, strict=True):
+            if law.free is not None:
+                size = self.sizes[law.free] / plan.duration**2
+                if not np.abs(_values(law.terms, *values)[-1]).max() > SINGULAR.vanishing * size:
+                    raise NotPossibleError(
+                        "a singular control does not appear in the second time derivative of its "
+                        "switching function"
+                    )
 
     def declared(
         self, expressions: Sequence[ca.MX], x: ca.MX, u: ca.MX, time: ca.MX
@@ -213,8 +210,10 @@ class _FirstOrderConditions:
         sides = np.array(arc.signature[: self.lower.size])
         held = np.where(sides > 0, self.upper, self.lower)
         free = np.flatnonzero((sides == 0) & (self.lower < self.upper)).tolist()
+        inputs = [x, costate, time]
         if not free:
-            return _Law(held, None, ca.Function("none", self.arguments, [ca.MX(0.0)] * 3))
+            none = ca.Function("none", self.arguments, [ca.MX(0.0)] * 3)
+            return _Law(None, none, ca.Function("controls", inputs, [ca.MX(held)]))
         if len(free) > 1:
             raise NotPossibleError("more than one control is singular at a time")
         singular = free[0]
@@ -230,11 +229,13 @@ class _FirstOrderConditions:
         second = rate(first)
         factor = ca.jacobian(second, u)[singular]
         terms = [ca.substitute(e, u, rest) for e in (first, second, factor)]
-        return _Law(held, singular, ca.Function("terms", self.arguments, terms))
-
-    def _switching_near(self) -> list[FloatArray]:
-        """Evaluate switching functions [m, M] along the arcs of the solution that is near."""
-        return [_values(self.along, *self._nearby(arc))[-1] for arc in self.plan.arcs]
+        controls = ca.MX(held)
+        controls[singular] = -terms[1] / terms[2]
+        return _Law(
+            singular,
+            ca.Function("terms", self.arguments, terms),
+            ca.Function("controls", inputs, [controls]),
+        )
 
     def _times(self, arc: PlannedArc) -> FloatArray:
         """Return times at which an arc is looked at."""
@@ -243,23 +244,13 @@ class _FirstOrderConditions:
     def _nearby(self, arc: PlannedArc) -> list[FloatArray]:
         """Sample states, costates, controls and times along an arc of the solution that is near."""
         t = self._times(arc)
-        values, costates = self.plan.sample(t), self.costates(t)
-        tables = ((values, self.state_parts), (costates, self.state_parts))
-        tables = (*tables, (values, self.control_parts))
-        return [*(np.hstack([v[name] for name in parts]).T for v, parts in tables), t[None, :]]
-
-    def _refuse_higher_order(self) -> None:
-        """Demand the singular control in the second derivative of its switching function."""
-        for arc, law in zip(self.plan.arcs, self.laws, strict=True):
-            if law.free is None:
-                continue
-            terms = _values(law.terms, *self._nearby(arc))
-            size = self.sizes[law.free] / self.plan.duration**2
-            if not np.abs(terms[-1]).max() > SINGULAR.vanishing * size:
-                raise NotPossibleError(
-                    "a singular control does not appear in the second time derivative of its "
-                    "switching function"
-                )
+        values = self.plan.sample(t)
+        tables = (values, self.costates(t), values)
+        parts = (self.state_parts, self.state_parts, self.control_parts)
+        stacked = (
+            np.hstack([v[name] for name in own]).T for v, own in zip(tables, parts, strict=True)
+        )
+        return [*stacked, t[None, :]]
 
     # the problem ----------------------------------------------------------------------------------
 
@@ -276,7 +267,12 @@ class _FirstOrderConditions:
             cost = phase.state(COST, initial=0.0 if first else None)
             u = law.controls(x, costate, clock)
             slopes = self.along.call([x, costate, u, clock], True, False)
-            self._follow(phase, [*slopes[:3], ca.MX(1.0)], cost, clock)
+            symbols = {v.name: v.symbol for v in phase.states}
+            for state, part in self.state_parts.items():
+                phase.derivative(symbols[state], slopes[0][part])
+                phase.derivative(symbols[COSTATE + state], slopes[1][part])
+            phase.derivative(cost, slopes[2])
+            phase.derivative(clock, ca.MX(1.0))
             after = None if last else self.plan.arcs[index + 1]
             self._switch(phase, law, arc, after, [x, costate, u, clock], slopes[-1])
             if last:
@@ -312,15 +308,6 @@ class _FirstOrderConditions:
         value = self.plan.sample(np.array([time]))[state.name][0]
         low, high = given
         return _met(value, low, high, state.scale)
-
-    def _follow(self, phase: Phase, slopes: list[ca.MX], cost: ca.MX, clock: ca.MX) -> None:
-        f, slope, running, one = slopes
-        symbols = {v.name: v.symbol for v in phase.states}
-        for name, part in self.state_parts.items():
-            phase.derivative(symbols[name], f[part])
-            phase.derivative(symbols[COSTATE + name], slope[part])
-        phase.derivative(cost, running)
-        phase.derivative(clock, one)
 
     def _switch(
         self,
@@ -439,7 +426,7 @@ class _FirstOrderConditions:
         if lengths.min() <= 2 * SINGULAR.shortest * near.duration:
             raise NotPossibleError("an arc has no length")
         tables = [self._along_arc(*pair) for pair in zip(solution.phases, self.laws, strict=True)]
-        largest = np.maximum.reduce([np.abs(switching).max(axis=1) for _, switching, _ in tables])
+        largest = _largest(switching for _, switching, _ in tables)
         self._check_limits(tables)
         vanishing = 0.0
         kelley = -np.inf
@@ -490,11 +477,7 @@ class _FirstOrderConditions:
         x = np.hstack([values[name] for name in self.state_parts]).T
         costate = np.hstack([values[COSTATE + name] for name in self.state_parts]).T
         time = values[CLOCK].T
-        u = np.tile(law.held[:, None], (1, time.size))
-        if law.free is not None:
-            _, rest, factor = _values(law.terms, x, costate, u, time)
-            u[law.free] = -rest[0] / factor[0]
-        return [x, costate, u, time]
+        return [x, costate, _values(law.controls, x, costate, time)[0], time]
 
     def _sample(self, phase: PhaseSolution, law: _Law) -> Sample:
         def sample(t: FloatArray) -> dict[str, FloatArray]:
@@ -521,6 +504,11 @@ class _FirstOrderConditions:
             excess = np.maximum(values.max(axis=1) - limit.upper, limit.lower - values.min(axis=1))
             if np.any(excess > SINGULAR.kept * np.maximum(reach, SINGULAR.kept * limit.scale)):
                 raise NotPossibleError(f"{limit.name!r} is beyond its limit along an arc")
+
+
+def _largest(tables: Iterable[FloatArray]) -> FloatArray:
+    """Return the largest magnitude of every row of some tables."""
+    return np.maximum.reduce([np.abs(table).max(axis=1) for table in tables])
 
 
 def _values(run: ca.Function, *tables: FloatArray) -> list[FloatArray]:
