@@ -18,7 +18,6 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.ocp.arcs._settings import DETECTOR
 from microbot_ocp.ocp.problem import Expressions, PathConstraint, Phase, Variable
 from microbot_ocp.ocp.solution import PhaseSolution
 from microbot_ocp.ocp.transcription.schemes import Collocation
@@ -26,6 +25,33 @@ from microbot_ocp.ocp.verification import phase_layout, point_values, runs
 
 Sample = Callable[[FloatArray], dict[str, FloatArray]]  # of the times since the start of a phase
 Signature = tuple[int, ...]  # sides of all control components, then of all limits
+
+
+@dataclass(frozen=True)
+class DetectorSettings:
+    """When a control or limit counts as active, and what happens within a few intervals.
+
+    Attributes
+    ----------
+    at_bound : of a control's range: nearer to a bound it is at it
+    at_end_of_ramp : the same of a continuous control, whose ramp ends where it is worth so little
+        that a barrier keeps it farther away
+    at_state_limit : of a state's range along the phase: nearer to a limit at both ends of an
+        interval, it is active there
+    at_mixed_limit : of its range: nearer to a limit that depends on controls it is active
+    smeared : intervals over which a mesh may smear what happens at once
+    negligible : of an interval: what is shorter is none
+    """
+
+    at_bound: float = 1e-3
+    at_end_of_ramp: float = 1e-2
+    at_state_limit: float = 3e-3
+    at_mixed_limit: float = 2e-3
+    smeared: int = 3
+    negligible: float = 0.05
+
+
+DETECTOR = DetectorSettings()
 
 
 @dataclass(frozen=True)

@@ -3,13 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp.arcs._detector import Switch
-from microbot_ocp.ocp.arcs._settings import MESH_POINTS
+
+
+@dataclass(frozen=True)
+class MeshPointSettings:
+    """Mesh points at junctions and switches.
+
+    Attributes
+    ----------
+    bracket : of the interval next to a switch: how near to it points are added
+    ramp : of a ramp's length, that is left to each side of the switch
+    """
+
+    bracket: float = 0.1
+    ramp: float = 0.125
+
+
+MESH_POINTS = MeshPointSettings()
 
 
 def hold(

@@ -177,19 +177,15 @@ class _Work:
         if state is None:
             return _interrupted(_alone(first)), True
         last = state.refused
-        if last is not None and last.status is Status.INTERRUPTED:
+        if state.ended is None or Status.INTERRUPTED in (state.ended, last and last.status):
             return _interrupted(self._recorded(state)), True
         if last is not None and self._at_saddle(state.measure) and _endless(last):
             return replace(last, attempts=self._recorded(state).attempts), True
-        if state.ended in (None, Status.INTERRUPTED):
-            return _interrupted(self._recorded(state)), True
         state, saved, tried = self._improved(state)
-        saved = (
-            saved if self.finer else 0.0
-        )  # on a mesh that was given the mesh itself may cost more
         solution = self._recorded(state)
         solution = replace(solution, attempts=(*solution.attempts, *tried))
-        return self._judged(solution, state, saved)
+        # on a mesh that was given the mesh itself may cost more
+        return self._judged(solution, state, saved if self.finer else 0.0)
 
     # the parts of a round --------------------------------------------------------------------
 

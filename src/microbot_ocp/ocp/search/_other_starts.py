@@ -224,10 +224,6 @@ def _answers(
         yield answer, kind
 
 
-def _iterations(solution: Solution) -> int:
-    return sum(max(a.iterations, 0) for a in solution.attempts)
-
-
 def _until_they_agree(
     coarse: _Coarse, most: int, here: Solution, guess: Given
 ) -> Iterator[Solution]:
@@ -236,7 +232,7 @@ def _until_they_agree(
     costs, spent, simulations = [here.cost], 0, 0
     for answer, simulated in _answers(coarse, most, here, guess):
         yield answer
-        spent += _iterations(answer)
+        spent += sum(max(a.iterations, 0) for a in answer.attempts)
         simulations += simulated
         costs += [answer.cost] if answer.status.solved else []
         off = (np.array(costs) - min(costs)) / size

@@ -161,8 +161,10 @@ def solve(
     >>> str(solution.status), round(solution.cost, 4)
     ('solved', 2.0)
     """
-    settings, goal = settings or SolverSettings(), _goal(accuracy)
+    settings, goal = settings or SolverSettings(), accuracy
     if goal is not None:
+        if not isinstance(goal, Accuracy):
+            goal = Accuracy(checks.number("accuracy", goal, above=0.0))
         tolerance = max(goal.states / 10, SEARCH.least_tolerance)
         settings = replace(settings, tolerance=min(settings.tolerance, tolerance))
     seconds = min(checks.time_limit(time_limit), settings.time_limit)
@@ -206,15 +208,20 @@ def solve(
         if final:
             break
     if best is None:
-        best = task.unconverged(journal, unconverged, refused)
+        if unconverged is None:
+            assert refused is not None
+            raise refused
+        solution, context = unconverged
+        best = task.judged(journal.closed(solution), context)[0]
         attempts, ledger = list(best.attempts), list(best.ledger)
-    return task.ended(replace(best, attempts=tuple(attempts), ledger=Ledger.of(ledger)))
-
-
-def _goal(accuracy: float | Accuracy | None) -> Accuracy | None:
-    if accuracy is None or isinstance(accuracy, Accuracy):
-        return accuracy
-    return Accuracy(checks.number("accuracy", accuracy, above=0.0))
+    status, advice = best.status, best.advice
+    if status not in ENDED and task.over:
+        advice = f"{advice} {NOT_ALL}"
+    if best.solved and best.unsettled:
+        status = Status.LOCAL_OPTIMUM
+        advice = f"{status.sentence} {best.several}"
+    whole = tuple(attempts), Ledger.of(ledger)
+    return replace(best, status=status, advice=advice, attempts=whole[0], ledger=whole[1])
 
 
 def default_mesh(problem: OptimalControlProblem | Transcription) -> int:
@@ -300,27 +307,6 @@ class Task:
         finer, goal = self.given is None or self.accuracy is not None, self.accuracy
         how = replace(context, settings=self.short)
         return judged(solution, how, finer=finer, accuracy=goal, freer_cost=freer_cost)
-
-    def unconverged(
-        self,
-        journal: Journal,
-        first: tuple[Solution, SolveContext] | None,
-        refused: InputError | None,
-    ) -> Solution:
-        """What the first strategy left, where none converged; else why nothing could be tried."""
-        if first is None:
-            assert refused is not None
-            raise refused
-        return self.judged(journal.closed(first[0]), first[1])[0]
-
-    def ended(self, best: Solution) -> Solution:
-        """The answer, with what is to be said of the search."""
-        if best.status not in ENDED and self.over:
-            best = replace(best, advice=f"{best.advice} {NOT_ALL}")
-        if best.solved and best.unsettled:
-            status = Status.LOCAL_OPTIMUM
-            best = replace(best, status=status, advice=f"{status.sentence} {best.several}")
-        return best
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,8 +24,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -127,9 +127,8 @@ def solve_switching_times(
                     f"phase {phase.name!r} cannot be cut into arcs: what holds along it depends on "
                     "its duration, or is demanded at points within it"
                 )
-        search = _SwitchingSearch(
-            declared, first, accuracy, settings or SETTINGS, progress, transcribe
-        )
+        plans, how = [_planned(phase) for phase in first.phases], settings or SETTINGS
+        search = _SwitchingSearch(declared, first, accuracy, how, progress, transcribe, plans)
         return search.run(rounds)
 
 
@@ -144,33 +143,27 @@ def _planned(phase: PhaseSolution) -> ArcPlan:
     return replace(plan, arcs=tuple(arcs))
 
 
-@dataclass(frozen=True)
-class _Verdict:
+class _Verdict(NamedTuple):
     """What the search ends with."""
 
     status: Status
     advice: str = ""
 
 
+@dataclass(eq=False)
 class _SwitchingSearch:
     """Solves with one phase an arc, and what changes between them."""
 
-    def __init__(
-        self,
-        problem: OptimalControlProblem,
-        first: Solution,
-        accuracy: float,
-        settings: SolverSettings,
-        progress: StepProgress,
-        transcribe: Transcribe,
-    ) -> None:
-        self.problem, self.first = problem, first
-        self.accuracy, self.settings, self.progress = accuracy, settings, progress
-        self.transcribe = transcribe
-        self.plans = [_planned(phase) for phase in first.phases]
-        self.tried: set[tuple[tuple[Signature, ...], ...]] = set()
-        self.transcribed: tuple[Any, Transcription] | None = None  # for which signatures
-        self.why_not_singular = ""  # why conditions do not determine the singular arcs
+    problem: OptimalControlProblem
+    first: Solution
+    accuracy: float
+    settings: SolverSettings
+    progress: StepProgress
+    transcribe: Transcribe
+    plans: list[ArcPlan]
+    tried: set[tuple[tuple[Signature, ...], ...]] = field(default_factory=set)
+    transcribed: tuple[Any, Transcription] | None = None  # for which signatures
+    why_not_singular: str = ""  # why conditions do not determine the singular arcs
 
     def run(self, rounds: int) -> SwitchingTimes:
         """Go round the steps of the header."""

@@ -28,26 +28,19 @@ control on a short interval changes the cost by the difference of the Hamiltonia
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.ocp.problem import Variable
 from microbot_ocp.ocp.solution import PhaseSolution, Solution
 from microbot_ocp.ocp.transcription import PhaseLayout, StageGroup
 from microbot_ocp.ocp.transcription.schemes import Collocation
 from microbot_ocp.ocp.verification._certificate import Costates, Hamiltonian
-from microbot_ocp.ocp.verification._recomputation import Recomputation
+from microbot_ocp.ocp.verification._recomputation import Recomputation, parts_of
 from microbot_ocp.ocp.verification._reintegration import phase_layout
 from microbot_ocp.ocp.verification._stationarity import Derivatives
-
-
-def _split(states: Sequence[Variable], table: FloatArray) -> dict[str, FloatArray]:
-    edges = np.cumsum([0, *(s.size for s in states)])
-    return {s.name: table[:, a : a + s.size] for s, a in zip(states, edges[:-1], strict=True)}
 
 
 def costates_of(phase: PhaseSolution, part: Derivatives, lam_g: FloatArray) -> Costates:
@@ -73,10 +66,10 @@ def costates_of(phase: PhaseSolution, part: Derivatives, lam_g: FloatArray) -> C
     return Costates(
         phase=phase.name,
         t=phase.t,
-        values=_split(states, values),
-        after=_split(states, after),
+        values=parts_of(states, values),
+        after=parts_of(states, after),
         point_t=point_t,
-        point_values=_split(states, point_values),
+        point_values=parts_of(states, point_values),
     )
 
 
@@ -163,9 +156,8 @@ def _of_phase(phase: PhaseSolution, multipliers: FloatArray) -> tuple[float, dic
         for control in declared.controls
         if control.shape == "polynomial" and np.isfinite([control.lower, control.upper]).any()
     ]
-    if len(layout.groups) > 1 or not isinstance(scheme, Collocation):
-        return 0.0, {}
-    if declared.algebraics or not looked_at:
+    none = len(layout.groups) > 1 or bool(declared.algebraics) or not looked_at
+    if none or not isinstance(scheme, Collocation):
         return 0.0, {}
     count = scheme.degree
     intervals = np.repeat(group.intervals, count)
@@ -194,7 +186,7 @@ def _of_phase(phase: PhaseSolution, multipliers: FloatArray) -> tuple[float, dic
     before = hamiltonian(sampled)
     best, values = before.copy(), {c.name: sampled[c.name].copy() for c in looked_at}
     for control in looked_at:
-        for component in np.flatnonzero(_bounded(control)).tolist():
+        for component in np.flatnonzero(np.isfinite(control.upper - control.lower)).tolist():
             even = np.linspace(control.lower[component], control.upper[component], SETTINGS.tried)
             own = np.quantile(
                 sampled[control.name][:, component], np.linspace(0.0, 1.0, SETTINGS.tried)
@@ -211,7 +203,3 @@ def _of_phase(phase: PhaseSolution, multipliers: FloatArray) -> tuple[float, dic
     shape = (layout.intervals, count)
     found = {name: table.reshape(*shape, -1) for name, table in values.items()}
     return float(gain.sum()), found
-
-
-def _bounded(control: Variable) -> np.ndarray:
-    return np.isfinite(control.lower) & np.isfinite(control.upper)

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import product
 
 import casadi as ca
 import numpy as np
@@ -65,14 +66,14 @@ class Recomputation:
 
     def interpolated(self, intervals: IntArray, share: FloatArray) -> dict[str, FloatArray]:
         """All variables [M, size] in some intervals [M], at fractions [M] of them."""
-        variables = phase_layout(self.phase).phase.variables
-        tables = {v.name: np.zeros((share.size, v.size)) for v in variables}
+        declared = phase_layout(self.phase).phase
+        tables = {v.name: np.zeros((share.size, v.size)) for v in declared.variables}
         for own in self.groups:
             column = np.full(self.phase.mesh.size - 1, -1)
             column[own.group.intervals] = np.arange(own.group.intervals.size)
             for part in np.unique(share).tolist():
                 chosen = np.flatnonzero((share == part) & (column[intervals] >= 0))
-                values = own.values(own.step.state(part), part) | own.controls_within_bounds(part)
+                values = own.values(own.step.state(part), part, declared.controls)
                 for name, table in values.items():
                     tables[name][chosen] = table.T[column[intervals[chosen]]]
         return tables
@@ -86,7 +87,7 @@ class Recomputation:
         last[-1] = self.phase.duration
         inner = stages[layout.nodes[:-1] - layout.stages.start] * layout.node_scale
         table = np.vstack([inner, last])[k].T
-        return _split(nodes, table[:-1]), table[-1]
+        return parts_of(nodes, table[:-1], 0), table[-1]
 
     def _add_points(self) -> None:
         """Costs and constraints at given times, one declaration and time after the other."""
@@ -152,15 +153,11 @@ def missed_conditions(phases: Sequence[Recomputation], tolerance: float) -> list
     The tolerance is a share of the scale of a variable.
     """
     missed = []
-    for own in phases:
-        phase = own.phase
-        for variable in node_variables(phase_layout(phase).phase):
-            for condition, k, place in (
-                (variable.initial, 0, "start"),
-                (variable.final, -1, "end"),
-            ):
-                if condition is None:
-                    continue
+    ends = ("initial", 0, "start"), ("final", -1, "end")
+    for phase in (own.phase for own in phases):
+        for variable, (side, k, place) in product(node_variables(phase_layout(phase).phase), ends):
+            condition = getattr(variable, side)
+            if condition is not None:
                 value = phase[variable.name][k]
                 beyond = np.maximum(condition[0] - value, value - condition[1])
                 missed += [
@@ -182,8 +179,11 @@ def check_cost(
     return CostCheck(given, float(parts.sum()), integrals + ends, max(np.abs(parts).sum(), TINY))
 
 
-def _split(items: Sequence[Variable | PathConstraint], table: FloatArray) -> dict[str, FloatArray]:
-    parts = np.split(table, np.cumsum([item.scale.size for item in items])[:-1])
+def parts_of(
+    items: Sequence[Variable | PathConstraint], table: FloatArray, axis: int = -1
+) -> dict[str, FloatArray]:
+    """Parts of a table by what they are of, side by side or with axis 0 one below the other."""
+    parts = np.split(table, np.cumsum([item.scale.size for item in items])[:-1], axis)
     return {item.name: part for item, part in zip(items, parts, strict=bool(items))}
 
 
@@ -223,7 +223,7 @@ class _Intervals:
         self.states = layout.phase.states
         table = (layout.table(phase.stages, group) * group.kind.scale).T
         nodes = node_variables(layout.phase)
-        self.node = _split(nodes, table[: layout.node_size - 1])
+        self.node = parts_of(nodes, table[: layout.node_size - 1], 0)
         self.duration = table[layout.node_size - 1]
         self.start = layout.mesh[group.intervals] * self.duration
         self.length = np.diff(layout.mesh)[group.intervals] * self.duration
@@ -252,28 +252,28 @@ class _Intervals:
         fractions = self.inside[self.states[0].name]
         return {f: np.vstack([self.inside[s.name][f] for s in self.states]) for f in fractions}
 
-    def values(self, x: FloatArray, share: float) -> dict[str, FloatArray]:
-        """All variables [size, M] at a fraction of the intervals, where the state is x."""
-        tables = _split(self.states, x) | self.constant | self.free
+    def values(
+        self, x: FloatArray, share: float, applied: Sequence[Variable] = ()
+    ) -> dict[str, FloatArray]:
+        """All variables [size, M] at a fraction of the intervals, where the state is x.
+
+        Polynomial controls among ``applied`` are limited to their bounds.
+        """
+        tables = parts_of(self.states, x, 0) | self.constant | self.free
         for name, end in self.arrival.items():
             tables[name] = self.node[name] + share * (end - self.node[name])
         for name, points in self.inside.items():
             if name not in tables:
                 weights = _lagrange(list(points), share)
                 tables[name] = np.tensordot(weights, np.stack([*points.values()]), axes=1)
-        return tables
-
-    def controls_within_bounds(self, share: float) -> dict[str, FloatArray]:
-        """Polynomial controls [size, M] at a fraction of the intervals, as they are applied."""
-        applied = {}
-        for control in phase_layout(self.phase).phase.controls:
+        for control in applied:
             if control.shape == "polynomial":
                 points = self.inside[control.name]
                 values = np.stack([table.T for table in points.values()], axis=1)
                 limited = within_bounds(values, list(points), control.lower, control.upper)
                 weights = _lagrange(list(points), share)
-                applied[control.name] = np.tensordot(weights, limited, axes=(0, 1)).T
-        return applied
+                tables[control.name] = np.tensordot(weights, limited, axes=(0, 1)).T
+        return tables
 
     def table(self, x: FloatArray, share: float) -> FloatArray:
         t = self.start + share * self.length
@@ -287,8 +287,8 @@ class _Intervals:
     def rows(self, following: tuple[Values, FloatArray]) -> FloatArray:
         """Values of all rows [rows, M] of the stages, given the next mesh points."""
         ahead, duration = following
-        arrived = _split(self.states, self.step.arrived) | self.arrival | self.free
-        defects = {f: _split(self.states, value) for f, value in self.step.defects.items()}
+        arrived = parts_of(self.states, self.step.arrived, 0) | self.arrival | self.free
+        defects = {f: parts_of(self.states, value, 0) for f, value in self.step.defects.items()}
         places: dict[float, tuple[Values, Mapping[tuple[str, int] | None, FloatArray]]] = {}
         rows = []
         for entry in self.group.kind.rows:
@@ -303,7 +303,7 @@ class _Intervals:
                 if share not in places:
                     x = self.step.state(share)
                     places[share] = (
-                        _split(self.states, x),
+                        parts_of(self.states, x, 0),
                         self.expressions.limits(self.table(x, share)),
                     )
                 states, limits = places[share]

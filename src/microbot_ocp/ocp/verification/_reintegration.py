@@ -8,7 +8,6 @@ anew at every mesh point, so a control that jumps there costs no accuracy.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -97,22 +96,23 @@ def each_interval(
     integrated where ``cost`` asks for it.
     """
     start = mesh_states(phase)[:-1]
-    layout, ends, costs = phase_layout(phase), np.zeros_like(start), np.zeros(len(start))
+    layout, ends, costs = phase_layout(phase), np.full_like(start, np.nan), np.zeros(len(start))
     for group in layout.groups:
-        own = group.intervals
+        own, failure = group.intervals, ""
         data = _interval_data(phase, group, until)
-        reached, failure = _first_that_works(
-            layout,
-            group.kind,
-            tolerance,
-            lambda run, own=own, data=data: run.map(own.size)(start[own].T, data.T),
-            cost,
-        )
-        if reached is None:
-            return _failed(phase, failure)
-        ends[own] = reached[0]
-        if cost:
-            costs[own] = reached[1]
+        for method in _methods(layout.phase):
+            try:
+                with quiet():  # of a failure CasADi prints all inputs; the message is enough
+                    run = _integrator(layout, group.kind, method, tolerance, cost)
+                    states, summed = run.map(own.size)(start[own].T, data.T)
+            except RuntimeError as problem:
+                failure = _why(problem)
+                continue
+            ends[own] = states.full().T
+            costs[own] = summed.full().ravel() if cost else 0.0
+            break
+        else:
+            return Integrated(np.full_like(start, np.nan), np.full(len(start), np.nan), failure)
     return Integrated(ends, costs)
 
 
@@ -142,30 +142,6 @@ def transitions(phase: PhaseSolution) -> FloatArray:
         slopes[own] = linear.full().T.reshape(own.size, weights.size, -1).transpose(0, 2, 1)
     slopes = np.nan_to_num(slopes) * (weights[None, None, :] / weights[None, :, None])
     return transition_matrices(slopes, np.ones(layout.intervals))
-
-
-def _failed(phase: PhaseSolution, failure: str) -> Integrated:
-    states = np.full_like(mesh_states(phase)[1:], np.nan)
-    return Integrated(states, np.full(len(states), np.nan), failure)
-
-
-def _first_that_works(
-    layout: PhaseLayout,
-    kind: StageKind,
-    tolerance: float,
-    call: Callable[[ca.Function], Any],
-    cost: bool = False,
-) -> tuple[tuple[FloatArray, FloatArray] | None, str]:
-    """States [M, n] and costs [M] by the first integrator that gets through, or why none did."""
-    failure = ""
-    for method in _methods(layout.phase):
-        try:
-            with quiet():  # of a failure CasADi prints all inputs; the message is enough
-                states, costs = call(_integrator(layout, kind, method, tolerance, cost))
-            return (states.full().T, costs.full().ravel()), ""
-        except RuntimeError as problem:
-            failure = _why(problem)
-    return None, failure
 
 
 def _methods(phase: Phase) -> tuple[str, ...]:
