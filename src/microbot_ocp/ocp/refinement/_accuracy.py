@@ -13,6 +13,7 @@ import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.arcs import Switch, move_to_switches
 from microbot_ocp.ocp.mesh import divide
 from microbot_ocp.ocp.refinement._degrees import Degrees, decay_rates, degrees_on, refine_hp
@@ -20,7 +21,7 @@ from microbot_ocp.ocp.refinement._history import RefinementStep
 from microbot_ocp.ocp.refinement._refiner import split
 from microbot_ocp.ocp.solution import PhaseSolution
 from microbot_ocp.ocp.transcription import Mesh, Meshes, Transcription
-from microbot_ocp.ocp.verification import OCPLimitUse, phase_layout
+from microbot_ocp.ocp.verification import Failure, OCPLimitUse, phase_layout
 
 
 @dataclass(frozen=True)
@@ -90,8 +91,8 @@ class Accuracy:
             and step.limit_excess <= self.limits
         )
 
-    def missing(self, step: RefinementStep) -> list[str]:
-        """What a mesh misses, in words."""
+    def missing(self, step: RefinementStep) -> list[Failure]:
+        """What a mesh misses."""
         use = step.worst_limit
         parts = (
             ("state error", step.state_error, self.states, ""),
@@ -100,7 +101,7 @@ class Accuracy:
             ("error of the cost", step.cost_error, self.cost, " of it"),
         )
         return [
-            f"{name} {value:.1e} instead of {wanted:.1e}{unit}"
+            Failure(Status.NO_PROGRESS, f"{name} {value:.1e} instead of {wanted:.1e}{unit}")
             for name, value, wanted, unit in parts
             if wanted < value < np.inf
         ]

@@ -30,6 +30,7 @@ from microbot_ocp.ocp.refinement._improvement import improvable, improved
 from microbot_ocp.ocp.solution import Attempt, Solution, StepProgress, cost_size, entry
 from microbot_ocp.ocp.transcription import Mesh, mesh_of
 from microbot_ocp.ocp.verification import (
+    Failure,
     Judgement,
     Thresholds,
     judge,
@@ -39,7 +40,6 @@ from microbot_ocp.ocp.verification import (
 
 CONVERGED = (Status.SOLVED, Status.GAP_LEFT)
 FINAL = (*CONVERGED, Status.INTERRUPTED, Status.TOO_COARSE)  # no other strategy would change it
-CHATTERS = "the optimum may be approached by controls that jump to and fro ever faster."
 
 
 @dataclass(frozen=True)
@@ -362,12 +362,12 @@ class _Work:
         That is so, too, where only the mesh or the kind of control is missing.
         """
         seen, goal = state.measure, self.accuracy
-        status, failures = seen.judgement.status, seen.judgement.failures
-        missing = [failure.sentence for failure in failures]
+        status, missing = seen.judgement.status, list(seen.judgement.failures)
         settled = goal is not None or not self.finer or seen.left.estimate <= PASSING.most_left
         if not settled:
             change = f"by {seen.left.change:.1g} of itself" if seen.left.known else "unknown"
-            missing.append(f"what the cost changes from mesh to mesh: {change}")
+            sentence = f"what the cost changes from mesh to mesh: {change}"
+            missing.append(Failure(Status.NO_PROGRESS, sentence))
         if goal is not None:
             missing = [*goal.missing(seen.step), *missing]
             status = _of_accuracy(status, state.ended, missing)
@@ -376,7 +376,7 @@ class _Work:
         if not missing and saved > PASSING.most_left:
             lost = (
                 f"Other controls would save {saved:.1g} of the cost, but no solve from there does: "
-                f"{CHATTERS}"
+                "the optimum may be approached by controls that jump to and fro ever faster."
             )
             if saved <= PASSING.unmet:
                 return replace(solution, advice=f"{solution.advice} {lost}"), True
@@ -386,15 +386,15 @@ class _Work:
             return solution, True
         if goal is None and self.finer and status in (Status.SOLVED, Status.TOO_COARSE):
             status = Status.TIME_LIMIT if self.context.over else Status.NO_PROGRESS
-        parts = missing if goal is not None else missing[:1]
+        parts = [failure.sentence for failure in missing[: None if goal is not None else 1]]
         advice = f"{status.sentence} Missing: {'; '.join(parts)}." if parts else status.sentence
         if goal is not None and rises:
             advice = f"{advice} {rises}"
-        final = status in FINAL or (goal is not None and not failures)
+        final = status in FINAL or (goal is not None and not seen.judgement.failures)
         return replace(solution, status=status, advice=advice), final
 
 
-def _of_accuracy(judged: Status, ended: Status | None, missing: Sequence[str]) -> Status:
+def _of_accuracy(judged: Status, ended: Status | None, missing: Sequence[Failure]) -> Status:
     """The status of what was refined to an accuracy."""
     if ended is not Status.SOLVED:
         return ended or Status.INTERRUPTED

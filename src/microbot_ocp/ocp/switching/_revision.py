@@ -55,17 +55,10 @@ class ArcSolution:
             plans.append(replace(plan, arcs=arcs, duration=float(sum(lengths)), sample=sample))
         return plans
 
-    def has_lost_arcs(self) -> bool:
-        """Tell whether an arc shrank to nothing."""
-        return any(
-            _is_gone(plan, piece)
-            for index, plan in enumerate(self.plans)
-            for piece in self.pieces(index)
-        )
-
     def revised(self) -> list[ArcPlan]:
         """Plan the arcs that the solution asks for; first without those that are none."""
-        wrong = {} if self.has_lost_arcs() else wrong_signs(self)
+        pairs = [(plan, piece) for k, plan in enumerate(self.plans) for piece in self.pieces(k)]
+        wrong = {} if any(_is_gone(*pair) for pair in pairs) else wrong_signs(self)
         plans = []
         for index, (plan, solved) in enumerate(zip(self.plans, self.as_solved(), strict=True)):
             arcs: list[PlannedArc] = []
@@ -237,13 +230,9 @@ def _negative(at: FloatArray, values: FloatArray, least: float) -> list[tuple[fl
 
 def with_finer_meshes(solved: ArcSolution, intervals: Mapping[str, int]) -> list[ArcPlan]:
     """Plan the same arcs where the solution has them, with more intervals."""
-    return [
-        replace(
-            plan,
-            arcs=tuple(
-                replace(arc, intervals=intervals[piece.name])
-                for arc, piece in zip(plan.arcs, solved.groups[index], strict=True)
-            ),
-        )
-        for index, plan in enumerate(solved.as_solved())
-    ]
+    plans = []
+    for plan, pieces in zip(solved.as_solved(), solved.groups, strict=True):
+        pairs = zip(plan.arcs, pieces, strict=True)
+        arcs = tuple(replace(arc, intervals=intervals[piece.name]) for arc, piece in pairs)
+        plans.append(replace(plan, arcs=arcs))
+    return plans

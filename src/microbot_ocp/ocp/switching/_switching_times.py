@@ -163,7 +163,7 @@ class _SwitchingSearch:
     plans: list[ArcPlan]
     tried: set[tuple[tuple[Signature, ...], ...]] = field(default_factory=set)
     transcribed: tuple[Any, Transcription] | None = None  # for which signatures
-    why_not_singular: str = ""  # why conditions do not determine the singular arcs
+    not_singular: NotPossibleError | None = None  # why conditions do not determine singular arcs
 
     def run(self, rounds: int) -> SwitchingTimes:
         """Go round the steps of the header."""
@@ -228,7 +228,7 @@ class _SwitchingSearch:
         """Answer with singular arcs by their own conditions, where these can be solved."""
         # dynamics with derivatives of their own have no higher ones
         possible = self.transcribe is Transcription and bool(_undetermined(solved.plans))
-        if self.why_not_singular or not possible:
+        if self.not_singular is not None or not possible:
             return None
         plan = solved.as_solved()[0]
         count = len(plan.arcs)
@@ -236,7 +236,7 @@ class _SwitchingSearch:
             singular = solve_conditions(self.problem, plan, solved.solution, self.accuracy)
         except NotPossibleError as error:
             self.progress(f"conditions of {count} arcs: {error}")
-            self.why_not_singular = str(error)
+            self.not_singular = error
             return None
         self.progress(f"conditions of {count} arcs: cost {singular.cost:.12g}")
         return replace(
@@ -299,9 +299,18 @@ class _SwitchingSearch:
         if status is Status.ROUND_LIMIT:
             advice += f" The dynamics hold to {error:.1e}, {self.accuracy:.1e} is wanted."
         if status is not Status.INTERRUPTED:
-            advice += _undetermined(self.plans)
-            if self.why_not_singular:
-                advice += f" Its own conditions do not determine it: {self.why_not_singular}."
+            free = _undetermined(self.plans)
+            if free:
+                where = ", ".join(
+                    f"{100 * share:.2g} % of {name!r}" for name, share in free.items()
+                )
+                advice += (
+                    f" Along {where} fewer limits act than there are controls: a control is "
+                    "singular there, or other solutions are as good, and it has no switching times "
+                    "of its own."
+                )
+            if self.not_singular is not None:
+                advice += f" Its own conditions do not determine it: {self.not_singular}."
         if solved is None:
             return SwitchingTimes(status, advice, (), self.first)
         junctions, pieces = [], {}
@@ -326,16 +335,10 @@ def _not_solved(attempt: ArcSolution) -> _Verdict:
     )
 
 
-def _undetermined(plans: Sequence[ArcPlan]) -> str:
-    """Describe the time in which fewer limits act than there are controls."""
-    shares = {
-        plan.declared.name: sum(
-            arc.end - arc.begin for arc in plan.arcs if plan.is_undetermined(arc)
-        )
-        for plan in plans
-    }
-    where = ", ".join(f"{100 * s:.2g} % of {name!r}" for name, s in shares.items() if s > 0)
-    return where and (
-        f" Along {where} fewer limits act than there are controls: a control is singular there, or "
-        "other solutions are as good, and it has no switching times of its own."
+def _undetermined(plans: Sequence[ArcPlan]) -> dict[str, float]:
+    """Return the share of every phase in which fewer limits act than there are controls."""
+    shares = (
+        sum(arc.end - arc.begin for arc in plan.arcs if plan.is_undetermined(arc)) for plan in plans
     )
+    pairs = zip(plans, shares, strict=True)
+    return {plan.declared.name: share for plan, share in pairs if share > 0}

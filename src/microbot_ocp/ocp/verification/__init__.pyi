@@ -24,6 +24,7 @@ from ._hamiltonian import (
     costates_of as costates_of,
 )
 from ._judgement import (
+    Failure as Failure,
     Judgement as Judgement,
     judge as judge,
 )
