@@ -19,6 +19,6 @@ def needed(module: str, what: str, extra: str = "") -> Any:
     try:
         return import_module(module)
     except ImportError:
-        package = module.partition(".")[0]
+        package = module.partition(".")[0].replace("_", "-")
         install = f"'microbot_ocp[{extra}]'" if extra else DISTRIBUTIONS.get(package, package)
         raise InputError(f"{what} {package}: pip install {install}") from None
