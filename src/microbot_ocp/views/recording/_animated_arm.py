@@ -203,12 +203,22 @@ def standing_arm(q: FloatArray, look: Look) -> AnimatedArm:
 
 
 def drawn_times(t: FloatArray, rate: float) -> FloatArray:
-    """Return times 1/rate apart from the first to the last of t [N], and both sides of jumps."""
-    jumps = np.flatnonzero(jump_gaps(t))
-    fixed = t[np.unique(np.concatenate([[0, t.size - 1], jumps, jumps + 1]))]
-    even = np.arange(t[0], t[-1], 1.0 / rate)
-    apart = np.abs(even[:, None] - fixed).min(axis=1) > 0.1 / rate
-    return np.sort(np.append(even[apart], fixed))
+    """Return samples of t [N] about 1/rate apart, with both ends and both sides of jumps.
+
+    Where they are further apart than 1/rate the gap is filled with times that are no samples.
+    """
+    cell = np.floor(t * rate + 1e-6)
+    keep = np.append(True, np.diff(cell) > 0)
+    jump = jump_gaps(t)
+    keep[:-1] |= jump
+    keep[1:] |= jump
+    keep[-1] = True
+    sparse = t[keep]
+    parts = np.maximum(1, np.ceil(np.diff(sparse) * rate / 2 - 1e-6)).astype(int)
+    first = np.repeat(np.cumsum(parts) - parts, parts)
+    share = (np.arange(parts.sum()) - first) / np.repeat(parts, parts)
+    filled = np.repeat(sparse[:-1], parts) + share * np.repeat(np.diff(sparse), parts)
+    return np.append(filled, sparse[-1])
 
 
 def progress(motion: Motion, t: FloatArray) -> FloatArray:
