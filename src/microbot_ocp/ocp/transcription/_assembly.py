@@ -94,9 +94,8 @@ class _Entries:
         self.values: list[ca.MX] = []
 
     def add(self, rows: ArrayLike, columns: ArrayLike, values: ca.MX | FloatArray) -> None:
-        both = np.broadcast_arrays(rows, columns)
-        for indices, places in zip((self.rows, self.columns), both, strict=True):
-            indices.append(places.astype(int).ravel())
+        self.rows.append(np.asarray(rows, dtype=int).ravel())
+        self.columns.append(np.zeros_like(self.rows[-1]) + np.ravel(columns))
         # the nonzeros of a single row come as a row
         self.values.append(ca.vec(values) if isinstance(values, ca.MX) else ca.MX(ca.DM(values)))
 
