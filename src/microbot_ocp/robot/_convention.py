@@ -18,48 +18,42 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.robot._links import Link
 from microbot_ocp.robot._shapes import Shape
+from microbot_ocp.robot._transforms import dh_transform
 
 Convention = Literal["modified", "standard"]
 NAMES = {"modified": "modified (Craig's, proximal)", "standard": "standard (distal)"}
 
 
-def modified_rows(alpha: FloatArray, a: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Twists and lengths [n] of the modified table of an arm with these standard ones [n]."""
-    shifted = np.zeros((2, alpha.size))
-    shifted[:, 1:] = alpha[:-1], a[:-1]
-    shifted.setflags(write=False)
-    return shifted[0], shifted[1]
+def as_modified(
+    alpha: FloatArray, a: FloatArray, links: Sequence[Link], shapes: Sequence[Shape]
+) -> tuple[FloatArray, tuple[Link, ...], tuple[Shape, ...], FloatArray]:
+    """What is given of a standard table [n] in the frames at the joints, those of a modified one.
 
-
-def far_end(alpha: float, a: float) -> FloatArray:
-    """Frame at the far end of a link [4,4] in the frame at its joint."""
-    ca, sa = np.cos(alpha), np.sin(alpha)
-    rows = [[1.0, 0.0, 0.0, a], [0.0, ca, -sa, 0.0], [0.0, sa, ca, 0.0], [0.0, 0.0, 0.0, 1.0]]
-    return np.array(rows)
-
-
-def links_at_joints(links: Sequence[Link], ends: Sequence[FloatArray]) -> tuple[Link, ...]:
-    """Links with their figures in the frames at the joints; given in those at the far ends."""
+    Returns
+    -------
+    rows, links, shapes, end
+        Twists and lengths [2,n]; the frame at the far end of the last link [4,4], where the tool
+        is, in that at its joint.
+    """
+    rows = np.zeros((2, alpha.size))
+    rows[:, 1:] = alpha[:-1], a[:-1]
+    rows.setflags(write=False)
+    ends = [dh_transform(*row, 0.0, 0.0) for row in zip(alpha, a, strict=True)]
     moved = []
-    for joint, (link, end) in enumerate(zip(links, ends, strict=True)):
-        turn = end[:3, :3]
-        rotor = link.rotor
+    for joint, link in enumerate(links):
+        turn, rotor = ends[joint][:3, :3], link.rotor
         carrier = joint if rotor is None or rotor.carrier is None else rotor.carrier
         if rotor is not None and carrier:
             rotor = replace(rotor, axis=ends[carrier - 1][:3, :3] @ rotor.axis)
         inertia = turn @ link.inertia @ turn.T
-        center = turn @ link.center_of_mass + end[:3, 3]
+        center = turn @ link.center_of_mass + ends[joint][:3, 3]
         inertia = (inertia + inertia.T) / 2
         moved.append(replace(link, center_of_mass=center, inertia=inertia, rotor=rotor))
-    return tuple(moved)
-
-
-def shapes_at_joints(shapes: Sequence[Shape], ends: Sequence[FloatArray]) -> tuple[Shape, ...]:
-    """Shapes with their poses in the frames at the joints; given in those at the far ends."""
-    return tuple(
+    placed = (
         replace(shape, pose=ends[shape.frame - 1] @ shape.pose) if shape.frame else shape
         for shape in shapes
     )
+    return rows, tuple(moved), tuple(placed), ends[-1]
 
 
 def doubts(

@@ -24,14 +24,7 @@ from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError, shown, warn_user
 from microbot_ocp._base.showing import view_for
 from microbot_ocp.limits import JOINT_QUANTITIES, JointLimits, LimitChanges, Limits
-from microbot_ocp.robot._convention import (
-    Convention,
-    doubts,
-    far_end,
-    links_at_joints,
-    modified_rows,
-    shapes_at_joints,
-)
+from microbot_ocp.robot._convention import Convention, as_modified, doubts
 from microbot_ocp.robot._links import Link, Rotor, checked_links
 from microbot_ocp.robot._shapes import Capsule, Shape, checked_shapes
 from microbot_ocp.robot._transforms import rigid_transform
@@ -191,11 +184,9 @@ class Robot:
         if convention == "standard":
             if table["beta"].any():
                 raise InputError("beta is for modified rows: give it without convention='standard'")
-            ends = [far_end(*row) for row in zip(table["alpha"], table["a"], strict=True)]
-            tool_pose = rigid_transform("tool", ends[-1] @ tool_pose)
-            chain = links_at_joints(chain, ends) if chain else ()
-            geometry = shapes_at_joints(geometry, ends)
-            table["alpha"], table["a"] = modified_rows(table["alpha"], table["a"])
+            rows, chain, geometry, end = as_modified(table["alpha"], table["a"], chain, geometry)
+            table["alpha"], table["a"] = rows
+            tool_pose = rigid_transform("tool", end @ tool_pose)
         return cls(
             name=name,
             joint_types=types,

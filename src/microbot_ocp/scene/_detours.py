@@ -75,13 +75,10 @@ class Surroundings:
         self.robot, self.scene = with_arm_capsules(robot), scene
         self.model: ContactModel = contact_model(robot, scene)
         self.least, self.checks = scene.clearance + ACCURACY, 0
-        low, high = robot.limits.bounds("q")
-        self._farthest = np.where(
-            np.isfinite(low) & np.isfinite(high), np.maximum(np.abs(low), np.abs(high)), 2 * np.pi
-        )
-        self.levers = levers_of(self.robot, self.model.pairs, self._farthest)
+        farthest = np.abs(robot.limits.bounds("q")).max(axis=0)
+        farthest = np.where(np.isfinite(farthest), farthest, 2 * np.pi)
+        self.levers = levers_of(self.robot, self.model.pairs, farthest)
         self._all = np.arange(len(self.model.pairs))
-        self._suspect = 0
 
     def collision(self, q: FloatArray) -> Nearest | None:
         """The pair that is nearest in a pose [n], where it is not farther than the clearance."""
@@ -122,19 +119,13 @@ class Surroundings:
         return True
 
     def _room(self, q: FloatArray, pairs: np.ndarray) -> FloatArray | None:
-        """What pairs have beyond the clearance in a pose [n], m; None where one has nothing.
-
-        The last one that had nothing is asked first.
-        """
+        """What pairs have beyond the clearance in a pose [n], m; None where one has nothing."""
         model, self.checks = self.model, self.checks + 1
         model.put(model.poses(q[None])[0])
-        if model.distance(self._suspect) <= self.least:
-            return None
         room = np.empty(pairs.size)
         for place, index in enumerate(pairs.tolist()):
             room[place] = model.distance(index) - self.least
             if room[place] <= 0.0:
-                self._suspect = index
                 return None
         return room
 
