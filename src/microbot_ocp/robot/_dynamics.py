@@ -198,17 +198,10 @@ def coriolis_matrix(robot: Robot, *, compiled: bool = False) -> ca.Function:
     """
     state = symbols(robot, "q", "qd")
     q, qd = state.values()
-    count = robot.joint_count
     matrix = ca.densify(_mass_matrix(robot, q))
-    slope = [ca.reshape(ca.jacobian(matrix, q[k]), count, count) for k in range(count)]
-    rows = []
-    for i in range(count):
-        row = []
-        for j in range(count):
-            terms = (slope[k][i, j] + slope[j][i, k] - slope[i][j, k] for k in range(count))
-            row.append(sum((0.5 * term * qd[k] for k, term in enumerate(terms)), ca.SX(0)))
-        rows.append(ca.horzcat(*row))
-    return robot_function("coriolis_matrix", state, {"C": ca.vertcat(*rows)}, compiled)
+    rate = ca.jtimes(matrix, q, qd)
+    slope = ca.jacobian(matrix @ qd, q)
+    return robot_function("coriolis_matrix", state, {"C": (rate + slope - slope.T) / 2}, compiled)
 
 
 @function_maker

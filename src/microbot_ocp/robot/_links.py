@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 
+Part = tuple[float, FloatArray, FloatArray]  # mass, centre [3], inertia about it [3,3]
 DUST = 1e-15  # kg m^2, that of 1 mg at 30 um: what rounding leaves of an inertia meant to be zero
 
 
@@ -162,6 +164,18 @@ def inertia_fault(inertia: FloatArray) -> str | None:
             f"{principal[1]:.6g} < {principal[2]:.6g} kg m^2, which no rigid body has"
         )
     return None
+
+
+def combined(parts: Sequence[Part], origin: FloatArray) -> Part:
+    """One body of several; ``origin`` [3] is the centre of what has no mass."""
+    total = sum(mass for mass, _, _ in parts)
+    first = sum((mass * center for mass, center, _ in parts), np.zeros(3))
+    center = first / total if total else origin
+    about_center = np.zeros((3, 3))
+    for mass, place, inertia in parts:
+        arm = place - center
+        about_center += inertia + mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    return total, center, about_center
 
 
 def checked_links(links: Any, count: int) -> tuple[Link, ...]:

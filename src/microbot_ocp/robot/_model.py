@@ -25,7 +25,7 @@ from microbot_ocp._base.checks import FloatArray, InputError, shown, warn_user
 from microbot_ocp._base.showing import view_for
 from microbot_ocp.limits import JOINT_QUANTITIES, JointLimits, LimitChanges, Limits
 from microbot_ocp.robot._convention import Convention, as_modified, doubts
-from microbot_ocp.robot._links import Link, Rotor, checked_links
+from microbot_ocp.robot._links import Link, Rotor, checked_links, combined
 from microbot_ocp.robot._shapes import Capsule, Shape, checked_shapes
 from microbot_ocp.robot._transforms import rigid_transform
 
@@ -382,11 +382,9 @@ class Robot:
         own = np.zeros((3, 3)) if inertia is None else np.asarray(inertia, dtype=float)
         own = Link(load, place, own, name="payload").inertia
         last, turn = self.links[-1], self.tool[:3, :3]
-        held = turn @ place + self.tool[:3, 3]
-        total = last.mass + load
-        center = (last.mass * last.center_of_mass + load * held) / total
-        whole = last.inertia + last.mass * _of_unit_mass(last.center_of_mass - center)
-        whole = whole + turn @ own @ turn.T + load * _of_unit_mass(held - center)
+        held = load, turn @ place + self.tool[:3, 3], turn @ own @ turn.T
+        parts = [(last.mass, last.center_of_mass, last.inertia), held]
+        total, center, whole = combined(parts, np.zeros(3))
         loaded = replace(last, mass=total, center_of_mass=center, inertia=whole)
         return self.with_links([*self.links[:-1], loaded])
 
@@ -501,11 +499,6 @@ class Robot:
 
     def __hash__(self) -> int:
         return hash((self._digest, self.limits.also))
-
-
-def _of_unit_mass(offset: FloatArray) -> FloatArray:
-    """Inertia [3,3] of a unit mass at ``offset``."""
-    return offset @ offset * np.eye(3) - np.outer(offset, offset)
 
 
 def _columns(**columns: tuple[Any, str]) -> dict[str, Any]:

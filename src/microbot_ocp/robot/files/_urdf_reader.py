@@ -24,7 +24,7 @@ import numpy as np
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError, naming
 from microbot_ocp.limits import Limits
-from microbot_ocp.robot._links import Link, inertia_fault
+from microbot_ocp.robot._links import Link, Part, combined, inertia_fault
 from microbot_ocp.robot._model import Robot
 from microbot_ocp.robot._shapes import Shape
 from microbot_ocp.robot.files._placement import dh_rows
@@ -46,18 +46,9 @@ USUAL_TOOL = "tool0"  # name of the tool frame by ROS-Industrial's convention
 ROOM = 70  # characters that a list of names takes in a message
 
 
-Part = tuple[float, FloatArray, FloatArray]  # mass, centre [3], inertia about it [3,3]
-
-
 def _link(parts: list[Part], frame: FloatArray, **joint: Any) -> Link:
     """The body of parts, given in the root's frame, in the link frame ``frame`` [4,4] of it."""
-    total = sum(mass for mass, _, _ in parts)
-    first = sum((mass * center for mass, center, _ in parts), np.zeros(3))
-    center = first / total if total else frame[:3, 3]
-    about_center = np.zeros((3, 3))
-    for mass, place, inertia in parts:
-        arm = place - center
-        about_center += inertia + mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    total, center, about_center = combined(parts, frame[:3, 3])
     rotation = frame[:3, :3]
     turned = rotation.T @ about_center @ rotation
     inertia = (turned + turned.T) / 2
