@@ -523,14 +523,13 @@ def test_a_solver_that_does_not_converge_is_exit_code_1(call, monkeypatch):
     from dataclasses import replace
 
     from microbot_ocp._base.outcome import Outcome
-    from microbot_ocp._base.status import Status
     from microbot_ocp.cli import _motions as tasks
 
     found = tasks.find_time_optimal
 
     def stopped(*arguments, **options):
         motion = found(*arguments, **options)
-        return replace(motion, outcome=Outcome.of(Status.ITERATION_LIMIT, "take a finer mesh"))
+        return replace(motion, outcome=Outcome.of(mo.Status.ITERATION_LIMIT, "take a finer mesh"))
 
     monkeypatch.setattr(tasks, "find_time_optimal", stopped)
     arguments = ("time-optimal", "microbot", "--via-deg", "0,0,0 -90,90,90")
