@@ -3,6 +3,7 @@
 from ._mesh_error import (
     DIVISION as DIVISION,
     divide as divide,
+    divide_phase as divide_phase,
     state_errors as state_errors,
 )
 from ._refined import (

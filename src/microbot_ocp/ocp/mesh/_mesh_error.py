@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.ocp.solution import Solution, cost_size
+from microbot_ocp.ocp.solution import PhaseSolution, Solution, cost_size
 from microbot_ocp.ocp.verification import (
     Recomputation,
     each_interval,
@@ -56,6 +56,13 @@ def state_errors(solution: Solution) -> list[FloatArray]:
         costs = Recomputation(phase).costs if running else np.zeros(phase.mesh.size)
         errors.append(interval_errors(phase, each_interval(phase, cost=running), costs, size))
     return errors
+
+
+def divide_phase(phase: PhaseSolution, errors: FloatArray, accuracy: float) -> FloatArray:
+    """Divide the mesh of a phase by errors of its intervals, each of the order of its scheme."""
+    layout = phase_layout(phase)
+    orders = np.array([kind.scheme.order for kind in layout.kinds])[layout.kind_of]
+    return divide(phase.mesh, errors, accuracy, orders)
 
 
 def divide(mesh: FloatArray, errors: FloatArray, accuracy: float, order: ArrayLike) -> FloatArray:

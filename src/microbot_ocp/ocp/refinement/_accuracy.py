@@ -15,7 +15,7 @@ from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.arcs import Switch, move_to_switches
-from microbot_ocp.ocp.mesh import divide
+from microbot_ocp.ocp.mesh import divide_phase
 from microbot_ocp.ocp.refinement._degrees import Degrees, decay_rates, degrees_on, refine_hp
 from microbot_ocp.ocp.refinement._history import RefinementStep
 from microbot_ocp.ocp.refinement._refiner import split
@@ -142,8 +142,7 @@ class Accuracy:
         """A mesh for a phase that comes nearer."""
         layout, hp = phase_layout(phase), self.hp
         if hp is None:
-            orders = np.array([kind.scheme.order for kind in layout.kinds])[layout.kind_of]
-            finer = Mesh(divide(phase.mesh, errors, self.states, orders))
+            finer = Mesh(divide_phase(phase, errors, self.states))
         else:
             finer = refine_hp(layout.chosen, errors, decay_rates(phase), self.states, hp)
         finer = self._divided_at_limits(layout.mesh, finer, excess)

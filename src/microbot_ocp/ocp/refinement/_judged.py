@@ -21,7 +21,7 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.outcome import Ledger
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.diagnosis import BESIDE, falls_for_ever
-from microbot_ocp.ocp.mesh import Refinement, Round, divide, refined
+from microbot_ocp.ocp.mesh import Refinement, Round, divide, divide_phase, refined
 from microbot_ocp.ocp.refinement._accuracy import Accuracy
 from microbot_ocp.ocp.refinement._context import SolveContext
 from microbot_ocp.ocp.refinement._cost_error import cost_error, with_more_freedom
@@ -34,7 +34,6 @@ from microbot_ocp.ocp.verification import (
     Judgement,
     Thresholds,
     judge,
-    phase_layout,
     relative_excess,
 )
 
@@ -449,9 +448,7 @@ def _divided(solution: Solution, judgement: Judgement, *, whole: bool) -> list[F
     pairs = list(zip(solution.phases, judgement.errors, judgement.excess, strict=True))
     divided = []
     for phase, errors, _ in pairs:
-        layout = phase_layout(phase)
-        orders = np.array([kind.scheme.order for kind in layout.kinds])[layout.kind_of]
-        divided.append(divide(phase.mesh, errors, 1.0, orders))
+        divided.append(divide_phase(phase, errors, 1.0))
         whole &= int(np.histogram(divided[-1][:-1], phase.mesh)[0].max()) <= 2
     if whole:
         divided = [np.union1d(p.mesh, (p.mesh[:-1] + p.mesh[1:]) / 2) for p, *_ in pairs]

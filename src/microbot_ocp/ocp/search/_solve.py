@@ -179,11 +179,12 @@ def solve(
     for strategy in STRATEGIES[: 1 if task.alone else None]:
         if (best or unconverged) and task.over:
             break
-        began, tried, last = time.perf_counter(), len(journal.attempts), None
+        began, last = time.perf_counter(), None
+        tried: list[Attempt] = []
         try:
-            for start in strategy.propose(task, journal):
+            for start in strategy.propose(task, tried):
                 solution = start.solved()
-                journal.attempts.extend(named(strategy.name, solution.attempts))
+                tried += named(strategy.name, solution.attempts)
                 last = solution, start
                 if solution.status in ENDED:
                     break
@@ -192,10 +193,11 @@ def solve(
                 raise
             refused = refused or not_finite
         if last is None:
+            journal.attempts.extend(tried)
             continue
         solution, start = last
         ended = solution if solution.status in ENDED else None
-        journal.enter(strategy.name or GIVEN, began, None, ended, journal.attempts[tried:])
+        journal.enter(strategy.name or GIVEN, began, None, ended, tried)
         if ended is None:
             unconverged = unconverged or (solution, start.context)
             continue
@@ -324,7 +326,8 @@ class Journal:
         after: Solution | None,
         attempts: Sequence[Attempt],
     ) -> None:
-        """Enter what a strategy led to, or that it led to nothing."""
+        """Enter what was tried by a strategy and what it led to, if to anything."""
+        self.attempts.extend(attempts)
         self.rows.append(entry(strategy, before, after, attempts, time.perf_counter() - began))
 
     def closed(self, solution: Solution) -> Solution:
@@ -355,7 +358,6 @@ def _finished(
     if not compared and solution.status in CONVERGED:
         began, before = time.perf_counter(), solution
         solution, tried = cheaper_elsewhere(solution, start.context, task.compared, task.guess)
-        journal.attempts.extend(tried)
         journal.enter(OTHER_STARTS, began, before, solution if tried else None, tried)
         if tried:  # another valley, of other sizes
             solution, start = _in_own_scales(task, journal, solution, start)
@@ -398,7 +400,6 @@ def _in_own_scales(
     tried = named(OWN_SCALES, answer.attempts)
     most = solution.cost + PASSING.unmet * cost_size(answer.cost, solution.cost_scale)
     better = answer.status in CONVERGED and answer.cost <= most
-    journal.attempts.extend(tried)
     journal.enter(OWN_SCALES, began, solution, answer if better else None, tried)
     return (answer.with_rivals_of(solution), again) if better else (solution, start)
 
@@ -456,37 +457,37 @@ class Strategy:
     Attributes
     ----------
     name : in words that follow "found"
-    propose : starts of its solves; none where it does not apply
+    propose : starts of its solves, none where it does not apply; it adds what it tried for them
     why : the kind of problem that needs it
     """
 
     name: str
-    propose: Callable[[Task, Journal], Iterable[Start]]
+    propose: Callable[[Task, list[Attempt]], Iterable[Start]]
     why: str
 
 
-def _moved(task: Task, _: Journal) -> Iterator[Start]:
+def _moved(task: Task, _: list[Attempt]) -> Iterator[Start]:
     # where scales are wrong what is uneven is far from the guess
     yield task.start(uneven=not task.alone)
 
 
-def _as_it_is(task: Task, _: Journal) -> Iterator[Start]:
+def _as_it_is(task: Task, _: list[Attempt]) -> Iterator[Start]:
     yield task.start()
 
 
-def _from_a_coarser_mesh(task: Task, journal: Journal) -> Iterator[Start]:
+def _from_a_coarser_mesh(task: Task, tried: list[Attempt]) -> Iterator[Start]:
     coarser = round(SEARCH.coarser * default_mesh(task.problem))
     if isinstance(task.mesh, int) and task.mesh <= coarser:
         return
     start = task.start()
     guess = on_any_mesh(task.guess, start.context.transcription.problem)
     coarse = start.context.solve(coarser, guess)
-    journal.attempts.extend(named(COARSER, coarse.attempts))
+    tried += named(COARSER, coarse.attempts)
     if coarse.status in ENDED:
         yield start._replace(guess=coarse)
 
 
-def _simulated(task: Task, _: Journal) -> Iterator[Start]:
+def _simulated(task: Task, _: list[Attempt]) -> Iterator[Start]:
     assert isinstance(task.problem, OptimalControlProblem)
     if task.guess is None:
         simulations = Rollouts(task.problem, default_guess(task.problem)).of_any_duration()
@@ -494,21 +495,21 @@ def _simulated(task: Task, _: Journal) -> Iterator[Start]:
             yield replace(task, guess=guess).start()
 
 
-def _from_many_starts(task: Task, journal: Journal) -> Iterator[Start]:
+def _from_many_starts(task: Task, tried: list[Attempt]) -> Iterator[Start]:
     start = task.start()
     cheapest, attempts = cheapest_of_starts(start.context, SEARCH.compared)
-    journal.attempts.extend(attempts)
+    tried += attempts
     if cheapest is not None:
         yield start._replace(guess=cheapest)
 
 
-def _with_more_iterations(task: Task, _: Journal) -> Iterator[Start]:
+def _with_more_iterations(task: Task, _: list[Attempt]) -> Iterator[Start]:
     most = task.settings.max_iterations
     if most > task.few.max_iterations:
         yield task.start(settings=replace(task.few, max_iterations=most))
 
 
-def _by_fatrop(task: Task, _: Journal) -> Iterator[Start]:
+def _by_fatrop(task: Task, _: list[Attempt]) -> Iterator[Start]:
     yield task.start(settings=replace(task.few, solver="fatrop"))
 
 
