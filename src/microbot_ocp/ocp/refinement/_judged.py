@@ -85,11 +85,6 @@ class Left:
         return Left(change, ratios)
 
     @property
-    def known(self) -> bool:
-        """Whether it changed from one mesh to another."""
-        return bool(np.isfinite(self.change))
-
-    @property
     def estimate(self) -> float:
         """The sum of all further changes, if they go on shrinking as they did."""
         ratio = max(self.ratios)  # one that happens to be small proves nothing
@@ -364,7 +359,9 @@ class _Work:
         status, missing = seen.judgement.status, list(seen.judgement.failures)
         settled = goal is not None or not self.finer or seen.left.estimate <= PASSING.most_left
         if not settled:
-            change = f"by {seen.left.change:.1g} of itself" if seen.left.known else "unknown"
+            change = (
+                f"by {seen.left.change:.1g} of itself" if seen.left.change < np.inf else "unknown"
+            )
             sentence = f"what the cost changes from mesh to mesh: {change}"
             missing.append(Failure(Status.NO_PROGRESS, sentence))
         if goal is not None:

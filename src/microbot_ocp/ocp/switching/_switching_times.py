@@ -160,7 +160,7 @@ class _SwitchingSearch:
     settings: SolverSettings
     progress: StepProgress
     transcribe: Transcribe
-    plans: list[ArcPlan]
+    plans: Sequence[ArcPlan]
     tried: set[tuple[tuple[Signature, ...], ...]] = field(default_factory=set)
     transcribed: tuple[Any, Transcription] | None = None  # for which signatures
     not_singular: NotPossibleError | None = None  # why conditions do not determine singular arcs
@@ -181,8 +181,10 @@ class _SwitchingSearch:
             elif solved is None or attempt.solution.status is Status.INTERRUPTED:
                 verdict = _not_solved(attempt)
                 break
-            self.plans = list(solved.plans)
-            if done < rounds // 2 and self._revise(solved):
+            self.plans = solved.plans
+            revised = solved.revised() if done < rounds // 2 else solved.plans
+            if _signatures(revised) not in self.tried:
+                self.plans = revised
                 continue
             singular = self._determine(solved)
             if singular is not None:
@@ -215,14 +217,6 @@ class _SwitchingSearch:
         solution = solve_on(self.transcribed[1], in_arcs.meshes, in_arcs.guesses, self.settings)
         self.progress(f"{len(in_arcs.meshes)} arcs: cost {solution.cost:.12g}, {solution.status}")
         return ArcSolution(tuple(self.plans), in_arcs.groups, solution)
-
-    def _revise(self, solved: ArcSolution) -> bool:
-        """Plan the arcs that a solution asks for, if they were not tried before."""
-        plans = solved.revised()
-        if _signatures(plans) in self.tried:
-            return False
-        self.plans = plans
-        return True
 
     def _determine(self, solved: ArcSolution) -> SwitchingTimes | None:
         """Answer with singular arcs by their own conditions, where these can be solved."""
