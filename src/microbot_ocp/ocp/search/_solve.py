@@ -211,19 +211,21 @@ def solve(
             break
     if best is None:
         if unconverged is None:
-            assert refused is not None
-            raise refused
+            raise cast("InputError", refused)
         solution, context = unconverged
         best = task.judged(journal.closed(solution), context)[0]
         attempts, ledger = list(best.attempts), list(best.ledger)
-    status, advice = best.status, best.advice
-    if status not in ENDED and task.over:
-        advice = f"{advice} {NOT_ALL}"
+    return _ended(task, replace(best, attempts=tuple(attempts), ledger=Ledger.of(ledger)))
+
+
+def _ended(task: Task, best: Solution) -> Solution:
+    """The answer, with what is to be said of the search."""
+    if best.status not in ENDED and task.over:
+        best = replace(best, advice=f"{best.advice} {NOT_ALL}")
     if best.solved and best.unsettled:
         status = Status.LOCAL_OPTIMUM
-        advice = f"{status.sentence} {best.several}"
-    whole = tuple(attempts), Ledger.of(ledger)
-    return replace(best, status=status, advice=advice, attempts=whole[0], ledger=whole[1])
+        best = replace(best, status=status, advice=f"{status.sentence} {best.several}")
+    return best
 
 
 def default_mesh(problem: OptimalControlProblem | Transcription) -> int:
