@@ -161,7 +161,7 @@ SOLVE: Mapping[str, Callable[[str], Row]] = {
 def names_of(group: str, count: int | None) -> list[str]:
     """Return the names of the cases of a group, evenly thinned to a number of them."""
     names = {
-        "demo": lambda: list(mo.METHODS),
+        "demo": lambda: list(mo.tasks.METHODS),
         "solve": lambda: [p.name for p in PROBLEMS],
         "refined": lambda: [p.name for p in PROBLEMS],
         "tasks": lambda: [str(seed) for seed in range(TASKS)],

@@ -84,7 +84,7 @@ def compare(robot: mo.Robot, repetitions: int) -> None:
             return mo.solve_ik(robot, places[k], turns[k], seeds[k])
 
         def together(_: int, seeds: np.ndarray = seeds) -> object:
-            return mo.solve_ik_each(robot, places, turns, seeds)
+            return mo.inverse_kinematics.solve_ik_each(robot, places, turns, seeds)
 
         batch = per_target(together, 1)
         Benchmark(
@@ -104,7 +104,13 @@ def compare(robot: mo.Robot, repetitions: int) -> None:
         {
             "solve_ik_all": per_target(lambda k: mo.solve_ik_all(robot, places[k], turns[k]), few),
             f"solve_ik_batch, {few} targets": lambda: (
-                per_target(lambda _: mo.solve_ik_batch(robot, places[:few], turns[:few]), 1)() / few
+                per_target(
+                    lambda _: mo.inverse_kinematics.solve_ik_batch(
+                        robot, places[:few], turns[:few]
+                    ),
+                    1,
+                )()
+                / few
             ),
         },
     ).run(repetitions)
@@ -114,7 +120,7 @@ def count_missed(robot: mo.Robot) -> None:
     """Solve reachable targets from random seeds; a position alone for three joints."""
     _, poses, seeds = reachable(robot, TARGETS)
     turns = poses[:, :3, :3] if robot.joint_count > 3 else None
-    found = mo.solve_ik_each(robot, poses[:, :3, 3], turns, seeds)
+    found = mo.inverse_kinematics.solve_ik_each(robot, poses[:, :3, 3], turns, seeds)
     missed = sum(not solution.solved for solution in found)
     print(f"  {robot.name:12}  {missed} of {TARGETS} missed")
 

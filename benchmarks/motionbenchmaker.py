@@ -103,8 +103,8 @@ def _rows(cases: list[tuple[Any, ...]], jobs: int) -> Any:
 def arm(folder: Path, name: str) -> mo.Robot:
     """The arm of a file with its capsules, a published model's dynamics and the maker's limits."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", mo.RobotFileWarning)
-        robot = mo.read_urdf(folder / name / f"{name}.urdf")
+        warnings.simplefilter("ignore", mo.robot.RobotFileWarning)
+        robot = mo.robot.load_urdf(folder / name / f"{name}.urdf")
     if name == "panda":
         packaged = mo.load_robot(name)
         zero, links = np.zeros(robot.joint_count), []
@@ -176,8 +176,8 @@ class Meshes:
 def measured(folder: Path, name: str, family: str, number: int, limit: float) -> dict[str, Any]:
     """One problem, its motion, and the same by the usual chain."""
     robot, place = arm(folder, name), folder / name / "problems" / f"{family}_{name}"
-    scene = mo.read_scene(place / f"scene{number:04d}.yaml")
-    via = mo.read_request(place / f"request{number:04d}.yaml", robot)
+    scene = mo.load_scene(place / f"scene{number:04d}.yaml")
+    via = mo.scene.load_request(place / f"request{number:04d}.yaml", robot)
     meshes = Meshes(folder, robot, name, scene)
     row: dict[str, Any] = {"robot": name, "family": family, "number": number}
     row["ends_free_by_meshes"] = meshes.free(via)

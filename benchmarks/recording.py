@@ -38,7 +38,7 @@ def five_motions() -> mo.Comparison:
     for k in range(MOTIONS):
         shape = mo.quintic(via[k : k + 2], [0.0, DURATION])
         motion = mo.Motion.from_polynomial(robot, shape, label=f"motion {k + 1}", step=1e-3)
-        entry = mo.Entry(f"motion_{k + 1}", motion.label, motion, None, "solved", "",
+        entry = mo.tasks.Entry(f"motion_{k + 1}", motion.label, motion, None, "solved", "",
                          np.nan, np.nan, np.nan, {})  # fmt: skip
         entries.append(entry)
     return mo.Comparison(robot, via[:1], robot.limits, tuple(entries), "motion_1")

@@ -53,7 +53,7 @@ def frax_calls(robot: mo.Robot) -> tuple[Callable[..., Any], Callable[..., Any]]
         import jax
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "arm.urdf"
-        mo.write_urdf(robot, path)
+        mo.save_robot(robot, path)
         # frax wants mass properties of every link; those of base and tool do not move
         text = re.sub(
             r'<link name="([^"]+)" />', rf'<link name="\1">{NOTHING}</link>', path.read_text()

@@ -71,7 +71,7 @@ def measured(number: int) -> dict[str, Any]:
     robot, scene, via = drawn
     around = Surroundings(robot, scene)
     with deadline.within(SEARCHING):
-        legs = legs_between(around, via, mo.TimeOptimalSettings(), lambda _: None)
+        legs = legs_between(around, via, mo.planning.TimeOptimalSettings(), lambda _: None)
     paths = timed_paths(around, legs, lambda _: None)
     row |= {"found": bool(paths), "searches_failed": sum(len(leg.failed) for leg in legs)}
     if not paths:
@@ -152,7 +152,7 @@ def draw(name: str, kind: str, seed: int) -> tuple[mo.Robot, mo.Scene, np.ndarra
     """A robot with capsules, a scene, start and goal, between which the straight way is blocked."""
     random = np.random.default_rng(seed)
     robot = mo.load_robot(name)
-    robot = robot.with_capsules(mo.link_capsules(robot))
+    robot = robot.with_capsules(mo.robot.link_capsules(robot))
     frame, size = _frame(robot, name, random)
     lower = np.maximum(robot.limits.q_min, -np.pi)
     upper = np.minimum(robot.limits.q_max, np.pi)

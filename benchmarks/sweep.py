@@ -79,7 +79,7 @@ class Run:
 
 def study_of(count: int) -> Study:
     """Free motions, best timings and scaled cubics of the Microbot, with payloads."""
-    cases = mo.Cases.random(
+    cases = mo.sweeps.Cases.random(
         count,
         start_q=[0.0, 1.0, -0.5],
         goal_q_deg=mo.Between([-90, 30, -90], [90, 120, 90]),
@@ -95,7 +95,7 @@ def nothing(robot: mo.Robot, via_q: np.ndarray) -> mo.Motion:
 
 def trivial_study(count: int) -> Study:
     """Cases that cost next to nothing."""
-    cases = mo.Cases.random(
+    cases = mo.sweeps.Cases.random(
         count, start_q=[0.0, 1.0, -0.5], goal_q_deg=mo.Between([-90, 30, -90], [90, 120, 90])
     )
     return Study(mo.load_robot("microbot"), cases, {"nothing": nothing})

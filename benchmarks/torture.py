@@ -175,8 +175,8 @@ def shipped_chain(random: np.random.Generator) -> mo.Robot:
             continue
         tip = str(random.choice(file.tips))
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", mo.RobotFileWarning)
-            robot = mo.read_urdf(file.path, tip)
+            warnings.simplefilter("ignore", mo.robot.RobotFileWarning)
+            robot = mo.robot.load_urdf(file.path, tip)
         low, high = reach(robot)
         if 2 <= robot.joint_count <= 8 and (high > low).sum() >= 2:
             break
@@ -324,7 +324,7 @@ def best_known(task: Task) -> float:
 
 def reachability(robot: mo.Robot, path: PiecewisePolynomial) -> float:
     """Duration in s by the passes on a grid, where they keep every limit."""
-    timing = mo.time_path(robot, path, grid=4000)
+    timing = mo.planning.time_path(robot, path, grid=4000)
     kept = len(timing.limits_kept_by["reachability"] + timing.limits_kept_by["speed bound"])
     every = sum(len(names) for names in timing.limits_kept_by.values())
     return timing.duration if kept == every else np.inf

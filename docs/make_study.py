@@ -27,7 +27,7 @@ COUNT = 1000
 LEFT_OUT = ("_deg_1", "_deg_2", "_deg_3", "_solve_time", "seed", "version")
 
 
-def draw(results: mo.Sweep) -> None:
+def draw(results: mo.sweeps.Sweep) -> None:
     """Every kind of picture, as small PNG files."""
     mpl.rcParams["savefig.dpi"] = 90
     for kind in ("atlas", "limits", "quantities", "failures"):
@@ -35,7 +35,7 @@ def draw(results: mo.Sweep) -> None:
         figure.savefig(IMAGES / f"microbot_study_{kind}.png")
 
 
-def keep_sample(results: mo.Sweep) -> None:
+def keep_sample(results: mo.sweeps.Sweep) -> None:
     """The first cases as a data set of its own."""
     names = [(name, kind) for name, kind in results.about["columns"] if not name.endswith(LEFT_OUT)]
     read = results.read([name for name, _ in names])

@@ -37,7 +37,7 @@ CALLS = {  # what one has: the call for each of what is wanted
         "phase_plane(robot, path)",
         "time_path(robot, path)",
     ],
-    "a scene": ["fit_capsules(robot)", "", "", "", "read_scene(source)"],
+    "a scene": ["fit_capsules(robot)", "", "", "", "load_scene(source)"],
     "a motion": [
         "",
         "shortest_duration(robot, motion)",

@@ -24,12 +24,12 @@ def row(values: np.ndarray) -> str:
 def main(arguments: argparse.Namespace) -> None:
     robot = mo.load_robot(arguments.robot)
     motions = {
-        name: mo.motion_from_formula(
+        name: mo.simulation.motion_from_formula(
             robot.with_gravity(gravity), report.motion, report.DURATION, label=f"gravity {name}"
         )
         for name, gravity in report.GRAVITY.items()
     }
-    form = mo.closed_form(robot)
+    form = mo.robot.closed_form(robot)
     first = next(iter(motions.values()))
     curves = [mo.plots.Curve.of(motion) for motion in motions.values()]
     title = "Part 4a: the given motion (report, figures 5 to 7)"

@@ -22,7 +22,7 @@ TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
 
 def main(arguments: argparse.Namespace) -> None:
     robot = mo.load_robot(arguments.robot)
-    motion = mo.motion_from_formula(robot, report.motion, report.DURATION, label="given")
+    motion = mo.simulation.motion_from_formula(robot, report.motion, report.DURATION, label="given")
     grid = report.grid()
     wanted = motion.sample(grid)
 

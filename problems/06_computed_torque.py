@@ -20,7 +20,7 @@ import report
 import script
 
 SWEEP = (0.1, 1.0, 10.0, 25.0, 100.0, 400.0)  # kp, 1/s^2, the report's first
-NOISE = mo.SensorNoise(q=np.radians(0.05), qd=np.radians(1.0), seed=1)
+NOISE = mo.simulation.SensorNoise(q=np.radians(0.05), qd=np.radians(1.0), seed=1)
 SHARE = 0.8  # of the torque that the motion needs at most
 GIVEN: dict[str, Any] = {"duration": report.DURATION, "saturation": False}
 
@@ -46,7 +46,7 @@ def troubles(robot: mo.Robot, peak: np.ndarray) -> dict[str, dict[str, Any]]:
     }
 
 
-def sweep_gains(robot: mo.Robot) -> dict[float, mo.Tracking]:
+def sweep_gains(robot: mo.Robot) -> dict[float, mo.simulation.Tracking]:
     """Runs by gain from a start 45 deg off, beside the closed form of the error."""
     print(
         "start error -45 deg, exact model, no limits; kv = 2 sqrt(kp); any joint (all are alike):"
@@ -64,7 +64,9 @@ def sweep_gains(robot: mo.Robot) -> dict[float, mo.Tracking]:
     return runs
 
 
-def compare_rivals(robot: mo.Robot, kp: float, motion: mo.Motion) -> dict[str, mo.Tracking]:
+def compare_rivals(
+    robot: mo.Robot, kp: float, motion: mo.Motion
+) -> dict[str, mo.simulation.Tracking]:
     """Every trouble by every controller; those of computed torque are returned."""
     # As stiff as computed torque with the arm's inertia at the start, each joint by itself.
     inertia = np.diag(mo.mass_matrix(robot)(motion.q[0]).full())
@@ -90,7 +92,9 @@ def compare_rivals(robot: mo.Robot, kp: float, motion: mo.Motion) -> dict[str, m
 def main(arguments: argparse.Namespace) -> None:
     robot = mo.load_robot(arguments.robot)
     law = mo.ComputedTorque(arguments.kp)
-    motion = mo.motion_from_formula(robot, report.motion, report.DURATION, label="motion")
+    motion = mo.simulation.motion_from_formula(
+        robot, report.motion, report.DURATION, label="motion"
+    )
     sweep = sweep_gains(robot)
     cases = compare_rivals(robot, arguments.kp, motion)
     start = np.zeros(robot.joint_count)

@@ -70,7 +70,7 @@ def load(arm: str) -> mo.Robot:
         raise mo.InputError(f"the file of {arm} needs the package {package}") from None
     path = next(file for file in files if str(file).endswith(name)).locate()
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", mo.RobotFileWarning)
+        warnings.simplefilter("ignore", mo.robot.RobotFileWarning)
         robot = mo.load_robot(str(path), tip)
     return robot.with_capsules(mo.fit_capsules(robot))
 

@@ -7,7 +7,7 @@ import pytest
 
 import microbot_ocp as mo
 from microbot_ocp._base import reading
-from microbot_ocp.scene import read_scene
+from microbot_ocp.scene import load_scene
 from microbot_ocp.sweeps import load_sweep, read_study
 from microbot_ocp.tasks import read_task
 
@@ -16,8 +16,8 @@ READERS = {
     "robot.urdf": mo.load_robot,
     "task.toml": read_task,
     "study.toml": read_study,
-    "scene.toml": read_scene,
-    "scene.urdf": read_scene,
+    "scene.toml": load_scene,
+    "scene.urdf": load_scene,
     "comparison/comparison.json": lambda path: mo.load_comparison(path.parent),
     "sweep/study.json": lambda path: load_sweep(path.parent),
 }

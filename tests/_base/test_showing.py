@@ -58,7 +58,7 @@ def test_a_derived_class_has_its_own_view_and_inherits_the_others(motion):
     assert "recorded" in recorded._repr_html_()
     assert motion._repr_html_().startswith("<div>")
     assert showing.view_for(recorded, "plot") is mo.plots.motion
-    tracking = mo.Tracking.__new__(mo.Tracking)
+    tracking = mo.simulation.Tracking.__new__(mo.simulation.Tracking)
     assert showing.view_for(tracking, "plot") is mo.plots.tracking
 
 

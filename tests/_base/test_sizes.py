@@ -5,7 +5,7 @@ import pytest
 
 import microbot_ocp as mo
 from microbot_ocp._base import checks
-from microbot_ocp.scene import read_scene
+from microbot_ocp.scene import load_scene
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +24,7 @@ def test_settings_beyond_all_computers_are_refused(robot, setting):
 
 def test_grids_of_gigabytes_are_refused(robot):
     path = mo.straight_path(VIA)
-    for call in (mo.time_path, mo.planning.phase_plane, mo.time_optimal_path):
+    for call in (mo.planning.time_path, mo.planning.phase_plane, mo.time_optimal_path):
         with pytest.raises(mo.InputError, match="grid must be at most 20000"):
             call(robot, path, grid=100_000)
 
@@ -58,7 +58,7 @@ def test_further_limits_that_make_a_motion_last_for_days_are_refused(robot, limi
 @pytest.mark.parametrize("pairs", [5, True, "ab", [1], [["a"]]])
 def test_what_is_no_pair_to_ignore_is_refused(pairs):
     with pytest.raises(mo.InputError, match="ignore must"):
-        read_scene({"ignore": pairs})
+        load_scene({"ignore": pairs})
 
 
 def test_a_long_motion_has_fewer_samples_a_second(robot):
@@ -82,7 +82,7 @@ def test_simulations_of_years_are_refused(robot):
     with pytest.raises(mo.InputError, match="duration must be at most 10000 s, not 1000000000"):
         mo.track(robot, mo.quintic(VIA, [0.0, 1e9]), mo.ComputedTorque(kp=100.0))
     with pytest.raises(mo.InputError, match=r"the number of samples would be 1e\+12"):
-        mo.motion_from_formula(robot, lambda t: [t, t, t], 1.0, label="a", step=1e-12)
+        mo.simulation.motion_from_formula(robot, lambda t: [t, t, t], 1.0, label="a", step=1e-12)
 
 
 def test_what_is_too_fast_or_too_near_is_refused(robot):

@@ -298,7 +298,7 @@ def test_a_robot_without_masses_or_limits(call, tmp_path):
     robot = mo.Robot.from_dh(
         alpha=[0, 0], a=[0, 1], d=[0, 0], joint_type=["revolute", "prismatic"], name="bare"
     )
-    mo.write_toml(robot, tmp_path / "bare.toml")
+    mo.save_robot(robot, tmp_path / "bare.toml")
     code, out, _ = call("show", "bare.toml", "--rerun", "bare.rrd")
     assert code == 0
     assert "kinematics only" in out
@@ -807,9 +807,9 @@ def test_the_page_of_the_command_line_is_as_the_program_declares():
 @pytest.mark.parametrize("name", ["mesh", "starts", "tries", "slack", "time_limit"])
 def test_defaults_and_help_of_settings_are_those_of_the_library(name):
     kind = make_commands.declared()["time-optimal"].kinds[name]
-    assert kind.default == getattr(mo.TimeOptimalSettings, name)
+    assert kind.default == getattr(mo.planning.TimeOptimalSettings, name)
     first_words = " ".join(kind.text.split()[:6]).lower()
-    assert first_words in " ".join((mo.TimeOptimalSettings.__doc__ or "").lower().split())
+    assert first_words in " ".join((mo.planning.TimeOptimalSettings.__doc__ or "").lower().split())
 
 
 def test_export_takes_the_robot_that_the_motion_names(call, ask, tmp_path):

@@ -19,11 +19,11 @@ def panda():
 
 def shape(robot, profile, seed):
     """The fastest quintic between two random poses under the robot's own limits."""
-    limits = mo.controller_profile(profile).limits_of(robot)
+    limits = mo.execution.load_profile(profile).limits_of(robot)
     share = np.random.default_rng(seed).uniform(0.1, 0.9, (2, robot.joint_count))
     q = limits.q_min + (limits.q_max - limits.q_min) * share
     fastest = mo.shortest_duration(robot, mo.quintic(q, [0.0, 1.0]))
-    marks = [mo.Mark(0.0, "grip"), mo.Mark(fastest.duration, "release")]
+    marks = [mo.motion.Mark(0.0, "grip"), mo.motion.Mark(fastest.duration, "release")]
     return mo.Motion.from_polynomial(robot, fastest.polynomial, label="quintic", marks=marks)
 
 
@@ -31,7 +31,7 @@ def shape(robot, profile, seed):
 @pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.thorough)])
 def test_libfranka_leaves_what_is_exported_as_it_is(panda, profile, seed):
     motion = shape(panda, profile, seed)
-    command = mo.commanded(panda, motion, profile)
+    command = mo.execution.commanded(panda, motion, profile)
     assert command.accepted
     assert 0.0 < command.cost < 0.1
     q = command.rows.q
@@ -104,7 +104,7 @@ def test_a_file_is_whole_at_its_own_rate(microbot, tmp_path, profile, fields):
     points = document["points"]
     assert set(points[0]) == {*fields, "time_from_start"}
     stamps = [p["time_from_start"]["sec"] + 1e-9 * p["time_from_start"]["nanosec"] for p in points]
-    step = mo.controller_profile(profile).step
+    step = mo.execution.load_profile(profile).step
     np.testing.assert_allclose(np.diff(stamps), step, atol=2e-9)
     assert [mark["name"] for mark in document["marks"]] == ["grip", "release"]
     assert np.abs(points[-1].get("velocities", 0.0)).max() < 1e-9
@@ -134,7 +134,7 @@ def test_what_slowing_down_does_not_help(microbot):
     leaves = mo.quintic([[0.0, 0.0, 0.0], [0.0, beyond, 0.0]], [0.0, 20.0])
     motion = mo.Motion.from_polynomial(microbot, leaves, label="quintic")
     with pytest.raises(mo.InputError, match=r"position of shoulder is .* plan under the limits"):
-        mo.commanded(microbot, motion, "hold@100")
+        mo.execution.commanded(microbot, motion, "hold@100")
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ def test_parabolic_speed(joint):
     """A cubic from rest to rest has the least r.m.s. torque of all: sqrt(12) I D / T^2."""
     way, lasts = 1.5, 0.7
     shape = mo.cubic([[0.0], [way]], [0.0, lasts])
-    found = mo.ratings(joint, mo.Motion.from_polynomial(joint, shape, label="cubic"))
+    found = mo.execution.ratings(joint, mo.Motion.from_polynomial(joint, shape, label="cubic"))
     least = np.sqrt(12.0) * 2.0 * way / lasts**2
     assert found.rms_torque[0] == pytest.approx(least, rel=1e-9)
     assert found.peak_torque[0] == pytest.approx(np.sqrt(3.0) * least, rel=1e-9)
@@ -27,12 +27,12 @@ def test_parabolic_speed(joint):
     assert found.energy_returned[0] == pytest.approx(found.energy_drawn[0], rel=1e-6)
     assert found.mean_speed[0] == pytest.approx(way / lasts, rel=1e-9)
     other = mo.Motion.from_polynomial(joint, mo.quintic([[0.0], [way]], [0.0, lasts]), label="q")
-    assert mo.ratings(joint, other).rms_torque[0] > found.rms_torque[0]
+    assert mo.execution.ratings(joint, other).rms_torque[0] > found.rms_torque[0]
 
 
 def test_a_constant_torque_is_all_of_its_means(joint):
-    steps = mo.PiecewisePolynomial(np.array([0.0, 1.0]), np.array([[[0.0], [0.0], [3.0]]]))
-    found = mo.ratings(joint, mo.Motion.from_polynomial(joint, steps, label="constant"))
+    steps = mo.motion.PiecewisePolynomial(np.array([0.0, 1.0]), np.array([[[0.0], [0.0], [3.0]]]))
+    found = mo.execution.ratings(joint, mo.Motion.from_polynomial(joint, steps, label="constant"))
     for name in ("rms_torque", "cubic_torque", "peak_torque"):
         assert getattr(found, name)[0] == pytest.approx(12.0, rel=1e-8)
 
@@ -40,7 +40,7 @@ def test_a_constant_torque_is_all_of_its_means(joint):
 def test_what_is_drawn_and_returned_is_the_change_of_energy(microbot):
     shape = mo.quintic([[0.0, 0.3, 0.2], [0.5, 0.8, -0.4]], [0.0, 1.0])
     motion = mo.Motion.from_polynomial(microbot, shape, label="quintic")
-    found = mo.ratings(microbot, motion, 0.5)
+    found = mo.execution.ratings(microbot, motion, 0.5)
     friction = microbot.with_links(microbot.links)
     energies = [np.array(mo.energy(friction)(q, np.zeros(3))[1]).item() for q in motion.q[[0, -1]]]
     work = float((found.energy_drawn - found.energy_returned).sum())
@@ -52,12 +52,12 @@ def test_what_is_drawn_and_returned_is_the_change_of_energy(microbot):
 def test_the_dwell_that_a_rating_asks_for(microbot):
     shape = mo.quintic([[0.0, 0.0, 0.0], [0.5, 1.4, 0.1]], [0.0, 1.0])
     motion = mo.Motion.from_polynomial(microbot, shape, label="quintic")
-    rated = 0.9 * mo.ratings(microbot, motion).rms_torque
-    dwell = mo.ratings(microbot, motion).least_dwell(rated)
+    rated = 0.9 * mo.execution.ratings(microbot, motion).rms_torque
+    dwell = mo.execution.ratings(microbot, motion).least_dwell(rated)
     assert dwell > 0.0
-    with_it = mo.ratings(microbot, motion, dwell)
+    with_it = mo.execution.ratings(microbot, motion, dwell)
     assert (with_it.rms_torque / rated).max() == pytest.approx(1.0, rel=1e-12)
     assert with_it.least_dwell(rated) == pytest.approx(dwell)
-    assert mo.ratings(microbot, motion).least_dwell(1e4) == 0.0
+    assert mo.execution.ratings(microbot, motion).least_dwell(1e4) == 0.0
     with pytest.raises(mo.InputError, match=r"no dwell keeps 'shoulder' .* holding the arm takes"):
-        mo.ratings(microbot, motion).least_dwell([1e4, 1.0, 1e4])
+        mo.execution.ratings(microbot, motion).least_dwell([1e4, 1.0, 1e4])

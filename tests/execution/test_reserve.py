@@ -15,7 +15,7 @@ RATE, GAIN, BOUND = 500.0, 100.0, 0.02
 
 
 def tool(robot, q):
-    return np.array(mo.frame_origins(robot)(q))[:, -1]
+    return np.array(mo.robot.frame_origins(robot)(q))[:, -1]
 
 
 def played(robot, motion, plant, substeps=4):
@@ -42,13 +42,13 @@ def played(robot, motion, plant, substeps=4):
 @pytest.mark.slow
 def test_arms_of_mujoco_follow_with_the_reserve_and_not_without():
     robot = with_small_bodies(mo.load_robot("microbot"))
-    plants = mo.differing_plants(robot, mass=0.05, count=2)
+    plants = mo.execution.differing_plants(robot, mass=0.05, count=2)
     loop = mo.ComputedTorque(kp=GAIN)
     found = mo.smallest_reserve(robot, VIA_Q, loop, plants, BOUND, sample_rate=RATE)
     assert found.solved
     assert 0.0 < found.reserve < 0.1
     assert mo.certify(robot, found.motion, robot.limits.with_reserve(found.reserve)).ok
-    others = mo.differing_plants(robot, mass=0.05, count=5, seed=1)
+    others = mo.execution.differing_plants(robot, mass=0.05, count=5, seed=1)
     assert max(played(robot, found.motion, plant) for plant in others) < BOUND
     assert max(played(robot, found.ideal, plant) for plant in plants) > 10 * BOUND
 
@@ -61,7 +61,7 @@ def test_of_one_joint_the_answer_is_known():
     robot = mo.Robot.from_dh(
         [0.0], [0.0], [0.0], links=[link], limits=limits, gravity=[0, 0, 0], tool=[0, 1.0, 0, 0]
     )
-    plants = mo.differing_plants(robot, mass=0.05, count=0)
+    plants = mo.execution.differing_plants(robot, mass=0.05, count=0)
     q = [[0.0], [1.0]]
     loop = mo.ComputedTorque(kp=400.0)
     found = mo.smallest_reserve(robot, q, loop, plants, 5e-3, accuracy=0.005, sample_rate=1000.0)
@@ -77,7 +77,7 @@ def test_of_one_joint_the_answer_is_known():
 
 
 def test_no_reserve_keeps_what_the_controller_does_not(microbot):
-    plants = mo.differing_plants(microbot, mass=0.2, count=0)
+    plants = mo.execution.differing_plants(microbot, mass=0.2, count=0)
     shape = mo.quintic(VIA_Q[[0, 2]], [0.0, 4.0])
     motion = mo.Motion.from_polynomial(microbot, shape, label="quintic")
     loop = mo.ComputedTorque(kp=1.0)
@@ -132,8 +132,11 @@ def test_a_delay_of_one_sample_is_a_step_of_the_torque(microbot):
         (lambda r: r.limits.with_reserve(1.0), "reserve must be a share"),
         (lambda r: r.limits.with_reserve([0.1, 0.2]), "reserve must have shape"),
         (lambda r: mo.time_optimal(r, VIA_Q, reserve=-0.1), "reserve must be a share"),
-        (lambda r: mo.differing_plants(r, mass=2.0), "mass must be at most 1"),
-        (lambda r: mo.differing_plants(r, payload=(-1.0, 0.0)), "payload must be at least 0 kg"),
+        (lambda r: mo.execution.differing_plants(r, mass=2.0), "mass must be at most 1"),
+        (
+            lambda r: mo.execution.differing_plants(r, payload=(-1.0, 0.0)),
+            "payload must be at least 0 kg",
+        ),
         (
             lambda r: mo.smallest_reserve(r, VIA_Q, mo.ComputedTorque(kp=1.0), [], 0.1),
             "at least one robot",

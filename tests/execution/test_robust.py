@@ -16,7 +16,7 @@ BOX = {"mass": 0.1, "friction": 0.4, "payload": (0.5, 2.0)}
 
 def extremes(robot, samples):
     """Largest and least torque over the box [N,n], by the limits."""
-    values = LimitFamily.of(robot, mo.robust_limits(robot, **BOX)).values(samples)
+    values = LimitFamily.of(robot, mo.execution.robust_limits(robot, **BOX)).values(samples)
     return values["largest_torque"].value, values["least_torque"].value
 
 
@@ -26,7 +26,7 @@ def test_no_arm_of_the_box_needs_more_and_a_corner_needs_as_much(name):
     draw = np.random.default_rng(1)
     samples = MotionSamples(*draw.normal(size=(4, 100, robot.joint_count)))
     largest, least = extremes(robot, samples)
-    plants = mo.differing_plants(robot, **BOX, count=15, seed=2)
+    plants = mo.execution.differing_plants(robot, **BOX, count=15, seed=2)
     tau = np.array([plant.torques_along(*samples[:3])["tau"] for plant in plants])
     slack = 1e-9 * np.abs(largest).max()
     assert (tau <= largest + slack).all()
@@ -74,12 +74,12 @@ def _rough(robot, factor):
 @pytest.mark.slow
 def test_one_motion_for_all_of_them(microbot):
     box = {"mass": 0.05, "payload": (0.0, 0.2)}
-    limits = mo.robust_limits(microbot, **box)
+    limits = mo.execution.robust_limits(microbot, **box)
     via_q = np.radians([[0, 0, 0], [-8, 45, 30], [-90, 90, 90]])
     ideal, robust = (mo.time_optimal(microbot, via_q, each, starts=1) for each in (None, limits))
     assert robust.solved
     assert mo.certify(microbot, robust, limits).ok
-    plants = mo.differing_plants(microbot, **box, count=20)
+    plants = mo.execution.differing_plants(microbot, **box, count=20)
     for motion, holds in ((robust, True), (ideal, False)):
         states = motion.history().samples[:3]
         uses = [
@@ -99,12 +99,12 @@ def test_one_motion_for_all_of_them(microbot):
 )
 def test_what_is_no_box(microbot, change, message):
     with pytest.raises(mo.InputError, match=message):
-        mo.robust_limits(microbot, **change)
+        mo.execution.robust_limits(microbot, **change)
 
 
 def test_without_masses_or_torques():
     with pytest.raises(mo.InputError, match="has no limits of torques"):
-        mo.robust_limits(any_robot("microbot").with_limits(tau_max=np.inf))
+        mo.execution.robust_limits(any_robot("microbot").with_limits(tau_max=np.inf))
     bare = mo.Robot.from_dh([0.0], [0.0], [0.0])
     with pytest.raises(mo.InputError, match="has no masses"):
-        mo.robust_limits(bare)
+        mo.execution.robust_limits(bare)

@@ -78,7 +78,7 @@ def test_forward_dynamics_is_the_one_of_mujoco(robot: mo.Robot) -> None:
     model = mujoco.MjModel.from_xml_string(mjcf(robot))
     data = mujoco.MjData(model)
     q, qd, qdd = random_states(robot, STATES, seed=6)
-    well = batch(mo.mass_matrix_condition(robot), q)[:, 0] < 1e4
+    well = batch(mo.robot.mass_matrix_condition(robot), q)[:, 0] < 1e4
     assert well.mean() > 0.9
     q, qd, tau = q[well], qd[well], 10.0 * qdd[well]
     theirs = []

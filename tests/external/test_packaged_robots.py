@@ -156,7 +156,7 @@ def test_gravity_torque_and_its_derivative(case: Case) -> None:
 
 @pytest.mark.slow
 def test_forward_dynamics_and_its_derivatives(case: Case) -> None:
-    well = batch(mo.mass_matrix_condition(case.robot), case.q)[:, 0] < SINGULAR
+    well = batch(mo.robot.mass_matrix_condition(case.robot), case.q)[:, 0] < SINGULAR
     assert well.mean() > 0.99
     q, qd, tau = case.q[well], case.qd[well], 10.0 * case.qdd[well]
     at_bodies = tau - case.friction[well]

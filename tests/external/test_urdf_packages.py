@@ -21,7 +21,7 @@ if not FILES:
     pytest.skip("no package with URDF files is installed", allow_module_level=True)
 
 
-@pytest.mark.filterwarnings("ignore::microbot_ocp.RobotFileWarning")
+@pytest.mark.filterwarnings("ignore::microbot_ocp.robot.RobotFileWarning")
 @pytest.mark.parametrize("file", [f for f in FILES if f.joint_count], ids=lambda f: f.label)
 def test_a_chain_is_the_one_of_pinocchio(file: File) -> None:
     done = list(chains(file, most=5))
@@ -32,20 +32,20 @@ def test_a_chain_is_the_one_of_pinocchio(file: File) -> None:
         assert all(file.path.name in text for text in chain.warnings)
 
 
-@pytest.mark.filterwarnings("ignore::microbot_ocp.RobotFileWarning")
+@pytest.mark.filterwarnings("ignore::microbot_ocp.robot.RobotFileWarning")
 @pytest.mark.parametrize("file", [f for f in FILES if not f.joint_count], ids=lambda f: f.label)
 def test_what_has_no_moving_joint_is_refused_for_that(file: File) -> None:
     reason = "is not valid XML" if file.path.read_text() == "hello\n" else "has no moving joint"
     with pytest.raises(mo.InputError, match=reason):
-        mo.read_urdf(file.path)
+        mo.robot.load_urdf(file.path)
 
 
-@pytest.mark.filterwarnings("ignore::microbot_ocp.RobotFileWarning")
+@pytest.mark.filterwarnings("ignore::microbot_ocp.robot.RobotFileWarning")
 @pytest.mark.parametrize("file", [f for f in FILES if f.joint_count], ids=lambda f: f.label)
 def test_without_tip_a_file_is_one_arm_or_its_tips_are_listed(file: File) -> None:
     refusal = ""
     try:
-        robot = mo.read_urdf(file.path)
+        robot = mo.robot.load_urdf(file.path)
     except mo.InputError as problem:
         refusal = str(problem)
     else:
@@ -56,8 +56,8 @@ def test_without_tip_a_file_is_one_arm_or_its_tips_are_listed(file: File) -> Non
         assert any(repr(tip) in refusal for tip in file.tips)
 
 
-@pytest.mark.filterwarnings("ignore::microbot_ocp.RobotFileWarning")
+@pytest.mark.filterwarnings("ignore::microbot_ocp.robot.RobotFileWarning")
 @pytest.mark.parametrize("file", [f for f in FILES if f.joint_count], ids=lambda f: f.label)
 def test_no_limit_of_a_file_leaves_no_room(file: File) -> None:
-    limits = mo.read_urdf(file.path, file.tips[0]).limits
+    limits = mo.robot.load_urdf(file.path, file.tips[0]).limits
     assert all((limits.bounds(key)[1] > 0).all() for key in ("qd", "qdd", "tau"))

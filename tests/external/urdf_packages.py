@@ -108,7 +108,7 @@ def chains(file: File, most: int | None = None) -> Iterator[Chain]:
     for tip in file.tips[::step]:
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
-            robot = mo.read_urdf(file.path, tip)
+            robot = mo.robot.load_urdf(file.path, tip)
         states = random_states(robot, STATES, seed=7)
         tree = Tree(model, robot.joint_names, file.offsets)
         differences = _kinematics(robot, tree, tip, states[0])
@@ -204,7 +204,7 @@ def main(every_chain: bool) -> None:
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             try:
-                robot = mo.read_urdf(file.path)
+                robot = mo.robot.load_urdf(file.path)
                 alone = f"{robot.joint_count} joints"
             except mo.InputError as problem:
                 alone = str(problem)

@@ -54,7 +54,9 @@ def gaps(q: np.ndarray, others: np.ndarray) -> np.ndarray:
     return np.abs((q - others + np.pi) % (2 * np.pi) - np.pi).max(axis=-1)
 
 
-def same_set(solutions: tuple[mo.IKSolution, ...], expected: np.ndarray, within: float) -> bool:
+def same_set(
+    solutions: tuple[mo.inverse_kinematics.IKSolution, ...], expected: np.ndarray, within: float
+) -> bool:
     """Every expected row met once, and nothing else."""
     if len(solutions) != len(expected):
         return False
@@ -119,7 +121,9 @@ def test_closed_form_refuses_what_is_out_of_reach(position: tuple[float, ...]) -
 def test_a_thousand_targets_have_the_branches_of_the_closed_form(microbot: mo.Robot) -> None:
     radius = np.random.default_rng(1).uniform(1.0, 7.0, (1000, 1))
     targets = SHOULDER + radius * directions(1000)
-    for target, solutions in zip(targets, mo.solve_ik_batch(microbot, targets), strict=True):
+    for target, solutions in zip(
+        targets, mo.inverse_kinematics.solve_ik_batch(microbot, targets), strict=True
+    ):
         assert same_set(solutions, elbow_arm_branches(target), 1e-6), target
         assert max(solution.position_error for solution in solutions) < 1e-8
 
@@ -128,7 +132,9 @@ def test_a_thousand_targets_have_the_branches_of_the_closed_form(microbot: mo.Ro
 def test_branches_close_to_the_edges_are_told_apart(microbot: mo.Robot, edge: float) -> None:
     inward = 10 ** np.random.default_rng(2).uniform(-6, -1, (100, 1)) * (1 if edge == 1.0 else -1)
     targets = SHOULDER + (edge + inward) * directions(100)
-    for target, solutions in zip(targets, mo.solve_ik_batch(microbot, targets), strict=True):
+    for target, solutions in zip(
+        targets, mo.inverse_kinematics.solve_ik_batch(microbot, targets), strict=True
+    ):
         assert same_set(solutions, elbow_arm_branches(target), 1e-5), target
 
 
@@ -139,7 +145,9 @@ def test_random_three_joint_arms_come_back_to_where_they_were(count: int) -> Non
     lengths = rng.uniform(-1, 1, (2, 3))
     robot = mo.Robot.from_dh(rng.uniform(-3, 3, 3), *lengths, tool=(0, 0.7, 0, 0))
     q = rng.uniform(-np.pi, np.pi, (100, 3))
-    for row, solutions in zip(q, mo.solve_ik_batch(robot, poses(robot, q)[0]), strict=True):
+    for row, solutions in zip(
+        q, mo.inverse_kinematics.solve_ik_batch(robot, poses(robot, q)[0]), strict=True
+    ):
         assert len(solutions) in (2, 4)  # odd numbers only on a fold
         assert sum(gaps(s.q, row) < 1e-6 for s in solutions) == 1
 
@@ -147,7 +155,9 @@ def test_random_three_joint_arms_come_back_to_where_they_were(count: int) -> Non
 @pytest.mark.slow
 def test_a_spherical_wrist_has_eight_branches(puma: mo.Robot) -> None:
     q = np.random.default_rng(3).uniform(-np.pi, np.pi, (200, 6))
-    for row, solutions in zip(q, mo.solve_ik_batch(puma, *poses(puma, q)), strict=True):
+    for row, solutions in zip(
+        q, mo.inverse_kinematics.solve_ik_batch(puma, *poses(puma, q)), strict=True
+    ):
         assert len(solutions) == 8
         assert sum(gaps(s.q, row) < 1e-6 for s in solutions) == 1
         assert max(s.position_error for s in solutions) < 1e-8
@@ -160,7 +170,9 @@ def test_a_spherical_wrist_has_eight_branches(puma: mo.Robot) -> None:
 def test_branches_of_a_general_six_joint_arm_are_even_in_number() -> None:
     robot = random_robot("rrrrrr")
     q = np.random.default_rng(4).uniform(-np.pi, np.pi, (40, 6))
-    for row, solutions in zip(q, mo.solve_ik_batch(robot, *poses(robot, q)), strict=True):
+    for row, solutions in zip(
+        q, mo.inverse_kinematics.solve_ik_batch(robot, *poses(robot, q)), strict=True
+    ):
         assert len(solutions) % 2 == 0
         assert len(solutions) <= 16
         assert sum(gaps(s.q, row) < 1e-6 for s in solutions) == 1
@@ -275,7 +287,7 @@ def test_no_reachable_target_is_missed_from_anywhere(name: str) -> None:
     robot = mo.load_robot(name)
     _, positions, turns, seeds = reachable(robot, 300, seed=9)
     orientations = turns if robot.joint_count > 3 else None
-    for found in mo.solve_ik_each(robot, positions, orientations, seeds):
+    for found in mo.inverse_kinematics.solve_ik_each(robot, positions, orientations, seeds):
         assert found.solved
         assert found.position_error < 1e-8
         assert found.orientation_error < 1e-8
@@ -288,14 +300,16 @@ def test_no_reachable_target_is_missed_from_anywhere(name: str) -> None:
 def test_no_reachable_target_of_a_random_arm_is_missed(count: int) -> None:
     robot = limited(random_arm(count, seed=12), -2.5, 2.5)
     _, positions, turns, seeds = reachable(robot, 200, seed=13)
-    assert all(s.solved for s in mo.solve_ik_each(robot, positions, turns, seeds))
+    assert all(
+        s.solved for s in mo.inverse_kinematics.solve_ik_each(robot, positions, turns, seeds)
+    )
 
 
 def test_each_of_many_targets_is_solved_as_if_it_were_alone() -> None:
     robot = mo.load_robot("ur5e")
     q, positions, turns, _ = reachable(robot, 20, seed=10)
     seeds = q + 0.05
-    together = mo.solve_ik_each(robot, positions, turns, seeds)
+    together = mo.inverse_kinematics.solve_ik_each(robot, positions, turns, seeds)
     for row, position, turn, seed, found in zip(q, positions, turns, seeds, together, strict=True):
         assert found.q == pytest.approx(row, abs=1e-6)
         alone = mo.solve_ik(robot, position, turn, seed)
@@ -304,11 +318,11 @@ def test_each_of_many_targets_is_solved_as_if_it_were_alone() -> None:
 
 
 def test_a_target_out_of_reach_among_many_is_diagnosed(microbot: mo.Robot) -> None:
-    near, far = mo.solve_ik_each(microbot, [TARGET, (9, 0, 2)], seeds=[0, 1, -1])
+    near, far = mo.inverse_kinematics.solve_ik_each(microbot, [TARGET, (9, 0, 2)], seeds=[0, 1, -1])
     assert near.solved
     assert far.status is Status.OUT_OF_REACH
     assert far.position_error == pytest.approx(2.0, abs=1e-8)
-    assert mo.solve_ik_each(microbot, [TARGET])[0].solved
+    assert mo.inverse_kinematics.solve_ik_each(microbot, [TARGET])[0].solved
 
 
 def test_a_redundant_arm_moves_no_farther_than_it_must(seven: mo.Robot) -> None:
@@ -559,7 +573,7 @@ def test_open_limits(microbot: mo.Robot, q_min: object, q_max: object) -> None:
 @pytest.mark.parametrize("branch", range(4))
 def test_line_is_followed_on_the_branch_of_the_seed(microbot: mo.Robot, branch: int) -> None:
     line = np.linspace(TARGET, [-3, 2, 1.5], 200)
-    path = mo.solve_ik_path(microbot, line, seed=np.radians(REPORT_BRANCHES[branch]))
+    path = mo.follow_ik(microbot, line, seed=np.radians(REPORT_BRANCHES[branch]))
     assert path.solved
     assert path.jumps == ()
     assert path.position_error.max() < 1e-8
@@ -570,7 +584,7 @@ def test_line_is_followed_on_the_branch_of_the_seed(microbot: mo.Robot, branch: 
 
 
 def test_line_across_the_axis_goes_over_the_top(microbot: mo.Robot) -> None:
-    path = mo.solve_ik_path(microbot, np.linspace([3, 0, 4.5], [-3, 0, 4.5], 101))
+    path = mo.follow_ik(microbot, np.linspace([3, 0, 4.5], [-3, 0, 4.5], 101))
     assert path.solved
     assert path.largest_step < 0.1
     assert np.ptp(path.q[:, 0]) < 1e-6
@@ -578,7 +592,7 @@ def test_line_across_the_axis_goes_over_the_top(microbot: mo.Robot) -> None:
 
 @pytest.mark.parametrize("offset", [1e-3, 1e-5])
 def test_line_close_to_the_axis_turns_the_waist_fast(microbot: mo.Robot, offset: float) -> None:
-    path = mo.solve_ik_path(microbot, np.linspace([3, offset, 4.5], [-3, offset, 4.5], 101))
+    path = mo.follow_ik(microbot, np.linspace([3, offset, 4.5], [-3, offset, 4.5], 101))
     assert path.solved
     assert np.ptp(path.q[:, 0]) == pytest.approx(np.pi, abs=1e-2)
     assert "singular" in path.advice
@@ -587,7 +601,7 @@ def test_line_close_to_the_axis_turns_the_waist_fast(microbot: mo.Robot, offset:
 def test_two_turns_start_where_the_limits_leave_room(microbot: mo.Robot) -> None:
     angle = np.linspace(0, 4 * np.pi - 0.01, 300)
     circle = np.column_stack([4 * np.cos(angle), 4 * np.sin(angle), np.full(300, 2.0)])
-    path = mo.solve_ik_path(microbot, circle)
+    path = mo.follow_ik(microbot, circle)
     assert path.solved
     assert abs(path.q[-1, 0] - path.q[0, 0]) == pytest.approx(4 * np.pi - 0.01, abs=1e-6)
     assert np.abs(path.q).max() <= 2 * np.pi + 1e-9
@@ -595,7 +609,7 @@ def test_two_turns_start_where_the_limits_leave_room(microbot: mo.Robot) -> None
 
 def test_line_out_of_reach_is_reported_row_by_row(microbot: mo.Robot) -> None:
     line = np.linspace([5, 0, 2], [9, 0, 2], 21)
-    path = mo.solve_ik_path(microbot, line)
+    path = mo.follow_ik(microbot, line)
     assert not path.solved
     assert path.status is Status.OUT_OF_REACH
     assert path.statuses[:11] == (Status.SOLVED,) * 11
@@ -606,7 +620,7 @@ def test_line_out_of_reach_is_reported_row_by_row(microbot: mo.Robot) -> None:
 
 def test_line_whose_branch_meets_a_limit_tells_the_jump(microbot: mo.Robot) -> None:
     robot = limited(microbot, [-2, -1, -3], [2, 2, 3])
-    path = mo.solve_ik_path(robot, np.linspace(TARGET, [-3, -1, 4.5], 100))
+    path = mo.follow_ik(robot, np.linspace(TARGET, [-3, -1, 4.5], 100))
     assert not path.solved
     assert path.jumps
     assert "jump" in path.advice
@@ -616,7 +630,7 @@ def test_pose_line_of_a_six_joint_arm(puma: mo.Robot) -> None:
     ends = np.array([[0.1, -0.6, 0.3, 0.2, 0.5, 0.1], [0.7, -0.9, 0.5, 0.6, 0.9, -0.3]])
     (first, last), (turn, _) = poses(puma, ends)
     line, turns = np.linspace(first, last, 60), np.broadcast_to(turn, (60, 3, 3))
-    path = mo.solve_ik_path(puma, line, turns, seed=ends[0])
+    path = mo.follow_ik(puma, line, turns, seed=ends[0])
     assert path.solved
     assert path.orientation_error.max() < 1e-8
     assert path.q[0] == pytest.approx(ends[0], abs=1e-6)
@@ -627,7 +641,7 @@ def test_line_of_a_redundant_arm_stays_close(seven: mo.Robot) -> None:
     q = np.array([[0.2, -0.4, 0.3, -1.9, 0.1, 1.7, 0.6]])
     (position,), (turn,) = poses(seven, q)
     line = np.linspace(position, position + np.array([0.1, 0.1, -0.1]), 40)
-    path = mo.solve_ik_path(seven, line, np.broadcast_to(turn, (40, 3, 3)), seed=q[0])
+    path = mo.follow_ik(seven, line, np.broadcast_to(turn, (40, 3, 3)), seed=q[0])
     assert path.solved
     assert path.largest_step < 0.05
 
@@ -643,7 +657,7 @@ def test_every_status_has_a_sentence() -> None:
 
 def test_answers_cannot_be_written_to(microbot: mo.Robot) -> None:
     solution = mo.solve_ik(microbot, TARGET)
-    for array in (solution.q, solution.pose, mo.solve_ik_path(microbot, [TARGET]).q):
+    for array in (solution.q, solution.pose, mo.follow_ik(microbot, [TARGET]).q):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 1.0
     assert solution.solve_time > 0
@@ -690,6 +704,6 @@ def test_bad_input_is_one_clear_sentence(
 def test_bad_lines_are_refused(
     microbot: mo.Robot, positions: object, orientations: object, message: str
 ) -> None:
-    for solve in (mo.solve_ik_path, mo.solve_ik_batch):
+    for solve in (mo.follow_ik, mo.inverse_kinematics.solve_ik_batch):
         with pytest.raises(InputError, match=message):
             solve(microbot, positions, orientations)  # type: ignore[operator]

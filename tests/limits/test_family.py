@@ -277,11 +277,11 @@ def test_affine_limits_are_half_planes_for_reachability():
     limit = mo.Limit("lift", lambda s: s.tool_acceleration[:3], lower=-8.0, upper=8.0, unit="m/s^2")
     robot = MICROBOT.with_limits(also=[limit])
     path = mo.straight_path(VIA_Q[[0, 2]])
-    timing = mo.time_path(robot, path)
+    timing = mo.planning.time_path(robot, path)
     assert "lift" in timing.limits_kept_by["reachability"]
     history = limit_history(robot, timing.motion())
     assert np.percentile(history.use["lift"].max(axis=1), 99.0) <= 1.01
-    assert timing.duration > mo.time_path(MICROBOT, path).duration
+    assert timing.duration > mo.planning.time_path(MICROBOT, path).duration
 
 
 @pytest.mark.parametrize(
@@ -324,9 +324,9 @@ def test_files_hold_the_members_of_the_package(tmp_path):
         qddd_max=80.0,
         also=[mo.limits.tool_speed(1.5), mo.limits.power([300.0, 400.0, 150.0], -50.0)],
     )
-    mo.write_toml(robot, tmp_path / "arm.toml")
+    mo.save_robot(robot, tmp_path / "arm.toml")
     again = mo.load_robot(tmp_path / "arm.toml")
     assert again == robot
     assert limits_from_table(limits_to_table(robot.limits.also)) == robot.limits.also
     with pytest.raises(mo.InputError, match="'tool height' is an expression of its own"):
-        mo.write_toml(MICROBOT.with_limits(also=[HEIGHT]), tmp_path / "own.toml")
+        mo.save_robot(MICROBOT.with_limits(also=[HEIGHT]), tmp_path / "own.toml")

@@ -49,7 +49,7 @@ def test_those_of_a_file_are_named_as_not_judged():
 def test_every_view_says_what_is_not_judged(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     path = tmp_path / "bare.toml"
     robot = BARE.with_limits(qd_max=1.0, tau_max=5.0)
-    mo.write_toml(robot, path)
+    mo.save_robot(robot, path)
     comparison = mo.compare(robot, POSES, methods=["cubic"])
     (row,) = comparison_rows(comparison)
     assert row["verdict_short"] == "ok, torque not judged"

@@ -409,7 +409,7 @@ def test_who_says_nothing_of_time_has_two_minutes_and_infinite_is_no_limit():
     for limit, left in ((None, 120.0), (3.0, 3.0), (np.inf, np.inf)):
         with TimeOptimalSettings(time_limit=limit).within(120.0):
             assert deadline.left() == pytest.approx(left, abs=1.0)
-    assert mo.PathTimingSettings().time_limit == 120.0
+    assert mo.planning.PathTimingSettings().time_limit == 120.0
 
 
 @pytest.mark.slow

@@ -41,7 +41,7 @@ def test_a_locked_joint_stands_still_along_a_path(locked):
     motion = mo.time_optimal_path(locked, path, compiled=False)
     assert motion.solved
     assert mo.certify(locked, motion).ok
-    assert mo.time_path(locked, path).duration == pytest.approx(motion.duration, rel=1e-3)
+    assert mo.planning.time_path(locked, path).duration == pytest.approx(motion.duration, rel=1e-3)
 
 
 @pytest.mark.parametrize("quantity", ["qd_max", "qdd_max", "qddd_max"])

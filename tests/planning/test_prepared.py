@@ -127,4 +127,4 @@ def test_a_prepared_answer_that_is_solved_keeps_its_limits_as_well_as_others(pre
         limits = prepared.robot.limits
         motion = prepared(mo.Limits(qd_max=limits.qd_max, tau_max=share * limits.tau_max))
         assert motion.solved
-        assert motion.provenance["excess"] <= mo.TimeOptimalSettings().limit_tolerance
+        assert motion.provenance["excess"] <= mo.planning.TimeOptimalSettings().limit_tolerance

@@ -387,7 +387,7 @@ def test_a_stop_that_says_nothing_sensible_is_refused(keys, said):
 
 
 def test_a_front_goes_from_the_fastest_to_the_closed_form_of_the_calmest(rail):
-    front = mo.time_effort_front(rail, [[0.0], [1.0]], slacks=(0.1, 0.5), **QUICK)
+    front = mo.tasks.time_effort_front(rail, [[0.0], [1.0]], slacks=(0.1, 0.5), **QUICK)
     assert front.certified
     shortest = np.sqrt(2.0)
     assert [p.duration for p in front.points] == pytest.approx(
@@ -404,7 +404,9 @@ def test_a_front_goes_from_the_fastest_to_the_closed_form_of_the_calmest(rail):
 
 
 def test_a_front_of_torque_takes_the_closed_form_until_the_arm_cannot_be_held(rail):
-    front = mo.time_torque_front(rail, [[0.0], [1.0]], shares=(0.5, 0.8), mesh=20, compiled=False)
+    front = mo.tasks.time_torque_front(
+        rail, [[0.0], [1.0]], shares=(0.5, 0.8), mesh=20, compiled=False
+    )
     assert front.certified
     shortest = np.sqrt(2.0)
     assert [p.duration * np.sqrt(p.peak_torque) for p in front.points] == pytest.approx(
@@ -412,7 +414,7 @@ def test_a_front_of_torque_takes_the_closed_form_until_the_arm_cannot_be_held(ra
     )
     assert [p.peak_torque for p in front.points] == pytest.approx([1.0, 0.8, 0.5], rel=1e-3)
     robot, via_q = pendulum(tau_max=20.0, qd_max=5.0), [[0.0], [np.pi / 6]]
-    front = mo.time_torque_front(robot, via_q, shares=(0.5, 0.2), mesh=10, compiled=False)
+    front = mo.tasks.time_torque_front(robot, via_q, shares=(0.5, 0.2), mesh=10, compiled=False)
     assert len(front.points) == 2
     assert "needs 4.905 N m against gravity" in front.ended
 
@@ -452,7 +454,7 @@ def test_a_tube_ends_within_a_ball_of_its_tolerance(kind, curve):
 def test_without_time_for_a_search_segments_go_from_rest_to_rest(rail):
     stops = [Stop(q=[0.0]), Stop(q=[0.5], dwell=0.3, payload=2.0), Stop(q=[1.5])]
     task = task_of(rail, stops, None)
-    settings = mo.TimeOptimalSettings(compiled=False)
+    settings = mo.planning.TimeOptimalSettings(compiled=False)
     search = StopSearch.of(task, settings, quiet)
     with deadline.within(60.0):
         shapes, made_from = search._at_rest()

@@ -42,7 +42,7 @@ from microbot_ocp._base import deadline
 from microbot_ocp.cli import main as program
 from microbot_ocp.motion import EXPORT_FORMATS
 from microbot_ocp.robot.files import robot_text
-from microbot_ocp.scene import read_scene
+from microbot_ocp.scene import load_scene
 from microbot_ocp.sweeps import load_sweep, read_study
 from microbot_ocp.sweeps._study import outcome_columns
 from microbot_ocp.tasks import is_cell_file, read_cell, read_task
@@ -246,7 +246,7 @@ def saved(kind):
         mo.compare(robot(), VIA, ["cubic", "lspb"]).save(folder() / "comparison", ("json",))
         path = folder() / "comparison/comparison.json"
     elif kind == "urdf":
-        mo.write_urdf(robot(), path)
+        mo.save_robot(robot(), path)
     return path.read_bytes()
 
 
@@ -419,7 +419,7 @@ def sweep(draw):
 
 
 def scene(draw):
-    read_scene(_file("scene.toml", toml(SCENE, draw)))
+    load_scene(_file("scene.toml", toml(SCENE, draw)))
 
 
 def export(draw):

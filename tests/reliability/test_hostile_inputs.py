@@ -59,7 +59,7 @@ def test_an_expression_of_xacro_ends(tmp_path: Path, expression: str, said: str)
 @pytest.mark.parametrize("name", ["robot", "scene", "study"])
 @pytest.mark.parametrize("key", ["a", "'a b'", "[a"])
 def test_deep_keys_of_toml_take_no_time(tmp_path: Path, name: str, key: str) -> None:
-    read = {"robot": mo.load_robot, "scene": mo.read_scene, "study": read_study}[name]
+    read = {"robot": mo.load_robot, "scene": mo.load_scene, "study": read_study}[name]
     path = tmp_path / f"{name}.toml"
     path.write_text(key + ".a" * 50_000 + ("]" if "[" in key else "=1"))
     assert "nested deeper than 200" in refused(read, path)
@@ -67,7 +67,7 @@ def test_deep_keys_of_toml_take_no_time(tmp_path: Path, name: str, key: str) -> 
 
 @pytest.mark.parametrize("name", ["robot", "scene", "study"])
 def test_toml_of_megabytes_takes_no_time(tmp_path: Path, name: str) -> None:
-    read = {"robot": mo.load_robot, "scene": mo.read_scene, "study": read_study}[name]
+    read = {"robot": mo.load_robot, "scene": mo.load_scene, "study": read_study}[name]
     path = tmp_path / f"{name}.toml"
     path.write_text("a = [" + "1," * 10_000_000 + "]")
     assert "more than 5,000,000 characters" in refused(read, path)
@@ -91,10 +91,11 @@ def test_a_mesh_that_claims_more_than_it_has(tmp_path: Path, content: bytes) -> 
 
 READERS = {
     "robot": (mo.load_robot, "a\0\x1b[2J.toml"), "urdf": (mo.load_robot, "a\0\x1b[2J.urdf"),
-    "xacro": (mo.load_robot, "a\0\x1b[2J.xacro"), "scene": (mo.read_scene, "a\0\x1b[2J"),
+    "xacro": (mo.load_robot, "a\0\x1b[2J.xacro"), "scene": (mo.load_scene, "a\0\x1b[2J"),
     "motion": (mo.Motion.load, "a\0\x1b[2J"), "solution": (mo.ocp.load_solution, "a\0\x1b[2J"),
     "comparison": (mo.load_comparison, "a\0\x1b[2J"), "sweep": (load_sweep, "a\0\x1b[2J"),
-    "table": (mo.Cases.table, "a\0\x1b[2J.csv"), "parquet": (mo.Cases.table, "a\0\x1b[2J.parquet"),
+    "table": (mo.sweeps.Cases.table, "a\0\x1b[2J.csv"),
+    "parquet": (mo.sweeps.Cases.table, "a\0\x1b[2J.parquet"),
 }  # fmt: skip
 
 
@@ -153,7 +154,7 @@ def test_an_if_in_a_formula_or_a_controller_is_told_how_it_is_written() -> None:
     motion = mo.time_optimal_path(robot, mo.straight_path([[0, 0], [1, 1]]))
     refusals = [
         refused(lambda: mo.simulate(robot, tau=formula, q0=[0, 0], qd0=[0, 0], t=[0.0, 0.1])),
-        refused(lambda: mo.motion_from_formula(robot, formula, 1.0, label="x")),
+        refused(lambda: mo.simulation.motion_from_formula(robot, formula, 1.0, label="x")),
         refused(lambda: mo.track(robot, motion, Switched())),
     ]
     assert all("casadi.if_else" in line for line in refusals)

@@ -20,7 +20,9 @@ import microbot_ocp as mo
 from microbot_ocp import ocp
 from microbot_ocp._base import deadline
 from microbot_ocp._base.codegen import compiles, interpreted
+from microbot_ocp.inverse_kinematics import solve_ik_batch, solve_ik_each
 from microbot_ocp.robot import Shape
+from microbot_ocp.tasks import time_effort_front
 
 THREADS, CALLS = 3, 36
 VIA = np.radians([[0, 0, 0], [-8, 45, 30], [-90, 90, 90]])
@@ -44,7 +46,7 @@ def halved(k: int) -> np.ndarray:
     return np.vstack([ends(k)[0], [0.2, 0.5, 0.1 * k], ends(k)[1]])
 
 
-def path(k: int) -> mo.PiecewisePolynomial:
+def path(k: int) -> mo.motion.PiecewisePolynomial:
     return mo.cubic(halved(k), [0.0, 1.0, 2.0])
 
 
@@ -139,7 +141,7 @@ def capsules(k: int) -> Any:
 
 def read(k: int) -> Any:
     with tempfile.TemporaryDirectory() as folder:
-        mo.write_urdf(robot().with_payload(0.1 * k), f"{folder}/arm.urdf")
+        mo.save_robot(robot().with_payload(0.1 * k), f"{folder}/arm.urdf")
         again = mo.load_robot(f"{folder}/arm.urdf")
     return again.a, again.d, [link.mass for link in again.links]
 
@@ -185,7 +187,7 @@ def certified(k: int) -> Any:
 
 
 def written(k: int) -> Any:
-    text = mo.closed_form(robot().with_payload(0.1 * k)).text("c")
+    text = mo.robot.closed_form(robot().with_payload(0.1 * k)).text("c")
     return np.frombuffer(text.encode(), np.uint8)
 
 
@@ -203,12 +205,12 @@ QUICK: dict[str, Callable[[int], Any]] = {
     "solve_ik": lambda k: mo.solve_ik(robot(), reachable(k)).q,
     "solve_ik, out of reach": lambda k: mo.solve_ik(robot(), far(k)).q,
     "solve_ik_all": lambda k: [s.q for s in mo.solve_ik_all(robot(), reachable(k))],
-    "solve_ik_path": lambda k: (
-        mo.solve_ik_path(robot(), np.linspace(reachable(k), reachable(k) - [0.0, 0.0, 0.05], 5)).q
+    "follow_ik": lambda k: (
+        mo.follow_ik(robot(), np.linspace(reachable(k), reachable(k) - [0.0, 0.0, 0.05], 5)).q
     ),
-    "time_path": lambda k: mo.time_path(robot(), path(k)).duration,
+    "time_path": lambda k: mo.planning.time_path(robot(), path(k)).duration,
     "time_optimal_path": lambda k: mo.time_optimal_path(robot(), path(k)),
-    "phase_plane": lambda k: mo.phase_plane(robot(), path(k)).duration,
+    "phase_plane": lambda k: mo.planning.phase_plane(robot(), path(k)).duration,
     "shortest_duration": lambda k: (
         mo.shortest_duration(robot(), lambda t: mo.cubic(ends(k), [0.0, t])).duration
     ),
@@ -222,15 +224,15 @@ QUICK: dict[str, Callable[[int], Any]] = {
     "ParametricSolver": lambda k: with_mass(parametric(), k),
 }
 SLOW: dict[str, Callable[[int], Any]] = {
-    "solve_ik_batch": lambda k: [s.q for row in mo.solve_ik_batch(robot(), poses(k)) for s in row],
-    "solve_ik_each": lambda k: [s.q for s in mo.solve_ik_each(robot(), poses(k))],
+    "solve_ik_batch": lambda k: [s.q for row in solve_ik_batch(robot(), poses(k)) for s in row],
+    "solve_ik_each": lambda k: [s.q for s in solve_ik_each(robot(), poses(k))],
     "best_split": split,
     "certify, stops": certified_segments,
     "limit_history": histories,
     "fit_capsules": capsules,
-    "read_urdf": read,
+    "load_urdf": read,
     "time_effort_front": lambda k: [
-        p.effort for p in mo.time_effort_front(robot(), ends(k), slacks=(0.1,), mesh=12).points
+        p.effort for p in time_effort_front(robot(), ends(k), slacks=(0.1,), mesh=12).points
     ],
     "ocp.solve": problem_of,
     "ocp.verify": verified,

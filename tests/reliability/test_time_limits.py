@@ -30,7 +30,7 @@ CALLS = {
     "compare": lambda t: (
         mo.compare(ROBOT, VIA, ["cubic", "time_optimal"], time_limit=t)["time_optimal"].status
     ),
-    "time_path": lambda t: mo.time_path(ROBOT, mo.straight_path(VIA), time_limit=t).status,
+    "time_path": lambda t: mo.planning.time_path(ROBOT, mo.straight_path(VIA), time_limit=t).status,
     "phase_plane": lambda t: (
         mo.planning.phase_plane(ROBOT, mo.straight_path(VIA), time_limit=t).status
     ),
@@ -44,9 +44,13 @@ CALLS = {
         mo.simulate(ROBOT, q0=[0, 0.5, 0.5], t=np.linspace(0, 3000, 200_001), time_limit=t).status
     ),
     "track": lambda t: mo.track(ROBOT, SHAPE, mo.ComputedTorque(kp=100.0), time_limit=t).status,
-    "solve_ik_batch": lambda t: mo.solve_ik_batch(ROBOT, MANY, time_limit=t)[-1][0].status,
-    "solve_ik_each": lambda t: mo.solve_ik_each(ROBOT, MANY, time_limit=t)[-1].status,
-    "solve_ik_path": lambda t: mo.solve_ik_path(ROBOT, MANY, time_limit=t).statuses[-1],
+    "solve_ik_batch": lambda t: (
+        mo.inverse_kinematics.solve_ik_batch(ROBOT, MANY, time_limit=t)[-1][0].status
+    ),
+    "solve_ik_each": lambda t: (
+        mo.inverse_kinematics.solve_ik_each(ROBOT, MANY, time_limit=t)[-1].status
+    ),
+    "follow_ik": lambda t: mo.follow_ik(ROBOT, MANY, time_limit=t).statuses[-1],
 }
 
 
@@ -56,7 +60,7 @@ def _compiled():
     mo.time_optimal(ROBOT, VIA, mesh=10, starts=1)
     mo.compare(ROBOT, VIA, ["cubic", "straight_path"], mesh=10)
     mo.TimeOptimalSolver(ROBOT, VIA, mesh=10)()
-    mo.solve_ik_path(ROBOT, MANY[:3])
+    mo.follow_ik(ROBOT, MANY[:3])
 
 
 @pytest.mark.parametrize("name", CALLS)

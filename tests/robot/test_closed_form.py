@@ -66,7 +66,7 @@ def from_matlab(text: str) -> str:
 @pytest.mark.parametrize("language", ["python", "matlab"])
 def test_programs_are_the_dynamics(name: str, language: str) -> None:
     robot = mo.load_robot(name)
-    text = mo.closed_form(robot).text(language)
+    text = mo.robot.closed_form(robot).text(language)
     program = from_matlab(text) if language == "matlab" else text
     for q, qd in states(robot.joint_count):
         expected = numbers(robot, q, qd)
@@ -83,7 +83,7 @@ def test_c_is_the_dynamics(name: str, tmp_path: Path) -> None:
     if compiler is None:
         pytest.skip("no C compiler")
     robot = mo.load_robot(name)
-    source = mo.closed_form(robot).export(tmp_path / "arm.c")
+    source = mo.robot.closed_form(robot).export(tmp_path / "arm.c")
     flags = ["-O0", "-std=c99", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC"]
     subprocess.run([compiler, *flags, "-o", tmp_path / "arm.so", source, "-lm"], check=True)
     library = ctypes.CDLL(str(tmp_path / "arm.so"))
@@ -100,7 +100,7 @@ def test_c_is_the_dynamics(name: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("kinds", ["rr", "prr", "rrprp"])
 def test_series_are_the_dynamics(kinds: str) -> None:
     robot = random_robot(kinds)
-    form = mo.closed_form(robot)
+    form = mo.robot.closed_form(robot)
     for q, qd in states(len(kinds)):
         expected = numbers(robot, q, qd)
         symbols = np.array([[[c(q) for c in row] for row in rows] for rows in form.christoffel])
@@ -120,7 +120,7 @@ def test_long_sums_are_several_statements(monkeypatch: pytest.MonkeyPatch) -> No
     few = _equation_text.Typesetting(most_terms=2)
     monkeypatch.setattr(_equation_text, "TYPESETTING", few)
     robot = mo.load_robot("stanford")
-    form = mo.closed_form(robot)
+    form = mo.robot.closed_form(robot)
     assert "\n    double h112 = " in form.text("c")
     q, qd = states(6)[0]
     expected = numbers(robot, q, qd)
@@ -131,9 +131,9 @@ def test_long_sums_are_several_statements(monkeypatch: pytest.MonkeyPatch) -> No
 
 def test_terms_are_those_of_the_textbook() -> None:
     """Craig, equation 3.14: the Puma's r11, here with the other signs of its packaged frames."""
-    puma = mo.closed_form(mo.load_robot("puma560"))
+    puma = mo.robot.closed_form(mo.load_robot("puma560"))
     assert len(puma.pose[0][0].terms) == 5
-    stanford = mo.closed_form(mo.load_robot("stanford"))
+    stanford = mo.robot.closed_form(mo.load_robot("stanford"))
     assert str(stanford.pose[2][3]) == (
         "0.412 + q3 cos(q2) + 0.263 cos(q2) cos(q5) - 0.263 sin(q2) sin(q4) sin(q5)"
     )
@@ -141,7 +141,7 @@ def test_terms_are_those_of_the_textbook() -> None:
 
 @pytest.mark.parametrize("name", ["microbot", "stanford"])
 def test_latex_can_be_read(name: str) -> None:
-    text = mo.closed_form(mo.load_robot(name)).text("latex")
+    text = mo.robot.closed_form(mo.load_robot(name)).text("latex")
     assert text.count("{") == text.count("}")
     assert text.count(r"\begin{") == text.count(r"\end{") == 5
     for block in re.findall(r"\\begin\{align\*\}.*?\\end\{align\*\}", text, re.DOTALL):
@@ -151,7 +151,7 @@ def test_latex_can_be_read(name: str) -> None:
 
 def test_a_robot_without_masses_has_a_pose(tmp_path: Path) -> None:
     robot = mo.Robot.from_dh(alpha=[0.0, 0.0], a=[0.0, 1.0], d=[0.0, 0.0], name="2 & R_x")
-    form = mo.closed_form(robot)
+    form = mo.robot.closed_form(robot)
     assert (form.mass, form.christoffel, form.gravity) == ((), (), ())
     assert in_python(form.text("python"), np.zeros(2), np.zeros(2)).keys() == {"forward_kinematics"}
     assert r"2 \& R\_x" in form.text("latex")
@@ -160,8 +160,8 @@ def test_a_robot_without_masses_has_a_pose(tmp_path: Path) -> None:
 
 def test_what_cannot_be_written_is_refused(tmp_path: Path) -> None:
     with pytest.raises(mo.InputError, match="at most 6 joints, not 7"):
-        mo.closed_form(mo.load_robot("panda"))
-    form = mo.closed_form(mo.load_robot("planar_2r"))
+        mo.robot.closed_form(mo.load_robot("panda"))
+    form = mo.robot.closed_form(mo.load_robot("planar_2r"))
     with pytest.raises(mo.InputError, match="fortran"):
         form.text("fortran")
     with pytest.raises(mo.InputError, match=r"\.f90"):

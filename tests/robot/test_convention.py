@@ -135,7 +135,7 @@ def test_a_file_may_have_either_convention(tmp_path: Path) -> None:
     assert float(ca.norm_inf(same[0] - same[1])) == 0.0
     with pytest.raises(InputError, match="convention must be one of modified, standard"):
         parse_robot(f'convention = "craig"\n{rows}')
-    mo.write_toml(robot, tmp_path / "puma.toml")
+    mo.save_robot(robot, tmp_path / "puma.toml")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert mo.load_robot(tmp_path / "puma.toml") == robot

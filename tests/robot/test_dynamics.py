@@ -215,7 +215,7 @@ def test_power_balance_with_friction(data: st.DataObject, name: str) -> None:
     ]
     rubbing = smooth.with_links(links)
     q, qd, tau = (data.draw(values(smooth)) for _ in range(3))
-    condition = float(mo.mass_matrix_condition(smooth)(q))
+    condition = float(mo.robot.mass_matrix_condition(smooth)(q))
     assume(condition < 1e6)
     qdd = np.array(mo.forward_dynamics(rubbing)(q, qd, tau))[:, 0]
     s, w = ca.SX.sym("q", smooth.joint_count), ca.SX.sym("qd", smooth.joint_count)
@@ -243,7 +243,7 @@ def test_gravity_torque_is_the_slope_of_the_potential(data: st.DataObject, name:
 def test_forward_dynamics_undoes_inverse_dynamics(data: st.DataObject, name: str) -> None:
     robot = any_robot(name)
     q, qd, qdd = (data.draw(values(robot)) for _ in range(3))
-    condition = float(mo.mass_matrix_condition(robot)(q))
+    condition = float(mo.robot.mass_matrix_condition(robot)(q))
     assume(condition < 1e6)
     tau = mo.inverse_dynamics(robot)(q, qd, qdd)
     back = np.array(mo.forward_dynamics(robot)(q, qd, tau))[:, 0]
@@ -258,14 +258,14 @@ def test_microbot_standing_straight_up_is_reported_as_singular(microbot: mo.Robo
     upright = np.radians([20.0, 90.0, 0.0])
     matrix = np.array(mo.mass_matrix(microbot)(upright))
     assert matrix[0] == pytest.approx(np.zeros(3), abs=1e-12)
-    assert float(mo.mass_matrix_condition(microbot)(upright)) > 1e15
-    assert float(mo.mass_matrix_condition(microbot)([0.3, 0.4, 0.5])) < 1e3
+    assert float(mo.robot.mass_matrix_condition(microbot)(upright)) > 1e15
+    assert float(mo.robot.mass_matrix_condition(microbot)([0.3, 0.4, 0.5])) < 1e3
 
 
 def test_rotor_inertia_cures_the_singular_mass_matrix(microbot: mo.Robot) -> None:
     upright = np.radians([20.0, 90.0, 0.0])
     geared = microbot.with_links([replace(link, armature=1.0) for link in microbot.links])
-    assert float(mo.mass_matrix_condition(geared)(upright)) < 1e3
+    assert float(mo.robot.mass_matrix_condition(geared)(upright)) < 1e3
     zero = np.zeros(3)
     added = np.array(mo.mass_matrix(geared)(upright)) - np.array(mo.mass_matrix(microbot)(upright))
     assert added == pytest.approx(np.eye(3), abs=1e-12)
@@ -276,14 +276,14 @@ def test_rotor_inertia_cures_the_singular_mass_matrix(microbot: mo.Robot) -> Non
 def test_mass_matrix_that_is_zero_has_infinite_condition() -> None:
     """A point mass on the only axis: 0/0 must not pass as a number that compares as small."""
     robot = mo.Robot.from_dh([0.0], [0.0], [0.0], links=[mo.Link(1.0, [0.0, 0.0, 1.0])])
-    assert float(mo.mass_matrix_condition(robot)(0.0)) == np.inf
+    assert float(mo.robot.mass_matrix_condition(robot)(0.0)) == np.inf
 
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_condition_is_the_one_of_numpy(name: str) -> None:
     robot = any_robot(name)
     q, _, _ = random_states(robot, 100)
-    ours = batch(mo.mass_matrix_condition(robot), q)[:, 0]
+    ours = batch(mo.robot.mass_matrix_condition(robot), q)[:, 0]
     theirs = [np.linalg.cond(matrix, 1) for matrix in batch(mo.mass_matrix(robot), q)]
     assert ours == pytest.approx(theirs, rel=1e-6)
 
@@ -300,7 +300,7 @@ def test_condition_is_the_one_of_numpy(name: str) -> None:
         (mo.gravity_torque, ["q"], ["tau"]),
         (mo.bias_torque, ["q", "qd"], ["tau"]),
         (mo.forward_dynamics, ["q", "qd", "tau"], ["qdd"]),
-        (mo.mass_matrix_condition, ["q"], ["condition"]),
+        (mo.robot.mass_matrix_condition, ["q"], ["condition"]),
         (mo.energy, ["q", "qd"], ["kinetic", "potential"]),
     ],
 )

@@ -155,7 +155,7 @@ def test_reversed_chain_leads_back(microbot: mo.Robot) -> None:
 def test_frame_origins_are_the_positions_of_all_frames(name: str) -> None:
     robot = any_robot(name)
     q = random_states(robot, 1)[0][0]
-    origins = np.array(mo.frame_origins(robot)(q))
+    origins = np.array(mo.robot.frame_origins(robot)(q))
     assert origins.shape == (3, robot.joint_count + 2)
     for frame in range(robot.joint_count + 2):
         assert origins[:, frame] == pytest.approx(pose(robot, q, frame)[:3, 3], abs=1e-12)
@@ -217,7 +217,7 @@ def test_frame_may_be_a_numpy_integer(microbot: mo.Robot) -> None:
     ("make", "inputs", "outputs"),
     [
         (mo.forward_kinematics, ["q"], ["T"]),
-        (mo.frame_origins, ["q"], ["origins"]),
+        (mo.robot.frame_origins, ["q"], ["origins"]),
         (mo.jacobian, ["q"], ["J"]),
         (mo.velocity_propagation, ["q", "qd"], ["v", "omega"]),
     ],

@@ -106,7 +106,7 @@ def test_meshes_stand_where_mujoco_has_them(tmp_path: Path) -> None:
     <worldbody><body pos="0.1 0 0.3" euler="10 20 30"><joint/>
     <geom type="mesh" mesh="odd" pos="0.2 0 0" euler="0 0 40"/></body></worldbody></mujoco>"""
     path = written(tmp_path, text)
-    robot = mo.read_mjcf(path)
+    robot = mo.robot.load_mjcf(path)
     model = mujoco.MjModel.from_xml_path(str(path))
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
@@ -121,16 +121,16 @@ def test_meshes_stand_where_mujoco_has_them(tmp_path: Path) -> None:
 
 
 def test_a_gripper_and_what_lies_about_are_not_part_of_the_arm(tmp_path: Path) -> None:
-    robot = mo.read_mjcf(written(tmp_path, GRIPPER))
+    robot = mo.robot.load_mjcf(written(tmp_path, GRIPPER))
     assert robot.joint_names == ("j1", "j2")
-    fingers = mo.read_mjcf(tmp_path / "arm.xml", tip="left")
+    fingers = mo.robot.load_mjcf(tmp_path / "arm.xml", tip="left")
     assert fingers.joint_names == ("j1", "j2", "f1")
 
 
 def test_damping_that_stands_for_a_controller_is_warned_of(tmp_path: Path) -> None:
     text = ODD.replace('damping="0.4"', 'damping="45"')
-    with pytest.warns(mo.RobotFileWarning, match=r"'b' \(45 N m s/rad of 40 N m\)"):
-        mo.read_mjcf(written(tmp_path, text))
+    with pytest.warns(mo.robot.RobotFileWarning, match=r"'b' \(45 N m s/rad of 40 N m\)"):
+        mo.robot.load_mjcf(written(tmp_path, text))
 
 
 @pytest.mark.parametrize(

@@ -162,7 +162,7 @@ def test_packaged_robots_can_hold_themselves_up_anywhere(name: str) -> None:
     q = rng.uniform(limits.q_min, limits.q_max, (2000, robot.joint_count))
     held = np.abs(batch(mo.gravity_torque(robot), q)).max(axis=0)
     assert (held < 0.75 * limits.tau_max).all()
-    assert batch(mo.mass_matrix_condition(robot), q).max() < 1e3
+    assert batch(mo.robot.mass_matrix_condition(robot), q).max() < 1e3
 
 
 def test_kinds_of_packaged_robots() -> None:
@@ -244,10 +244,10 @@ def test_base_moves_poses_and_turns_gravity(name: str) -> None:
     slopes = batch(mo.jacobian(plain), q)
     turned = np.concatenate([turn @ slopes[:, :3], turn @ slopes[:, 3:]], axis=1)
     assert difference(batch(mo.jacobian(based), q), turned) < 1e-13
-    origins = batch(mo.frame_origins(plain), q)
+    origins = batch(mo.robot.frame_origins(plain), q)
     placed = np.einsum("ij,kjl->kil", turn, origins) + PLACEMENT[:3, 3:]
     placed[:, :, 0] = 0.0  # the base frame itself
-    assert difference(batch(mo.frame_origins(based), q), placed) < 1e-13
+    assert difference(batch(mo.robot.frame_origins(based), q), placed) < 1e-13
     states = (q, qd, qdd)
     for make, count in (
         (mo.inverse_dynamics, 3),
@@ -293,7 +293,7 @@ def test_base_is_part_of_what_makes_robots_equal(microbot: mo.Robot) -> None:
 def test_written_toml_is_the_same_robot(tmp_path: Path, name: str) -> None:
     for robot in (any_robot(name), moved(any_robot(name))):
         path = tmp_path / "copy.toml"
-        mo.write_toml(robot, path)
+        mo.save_robot(robot, path)
         copy = mo.load_robot(path)
         assert copy == robot
         assert copy.description == robot.description
@@ -334,9 +334,9 @@ def test_any_robot_survives_a_toml_file_to_the_last_bit(
 
 def test_toml_goes_to_a_file_of_its_ending(tmp_path: Path, microbot: mo.Robot) -> None:
     with pytest.raises(InputError, match=r"path must end in \.toml, not '.*arm\.txt'"):
-        mo.write_toml(microbot, tmp_path / "arm.txt")
+        mo.save_robot(microbot, tmp_path / "arm.txt")
     with pytest.raises(InputError, match=r"arm\.toml was not written: its folder does"):
-        mo.write_toml(microbot, tmp_path / "none" / "arm.toml")
+        mo.save_robot(microbot, tmp_path / "none" / "arm.toml")
 
 
 def test_base_is_read_from_a_table() -> None:

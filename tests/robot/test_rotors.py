@@ -19,7 +19,7 @@ def with_rotors(robot: mo.Robot, seed: int = 3) -> mo.Robot:
     links = [
         replace(
             link,
-            rotor=mo.Rotor(
+            rotor=mo.robot.Rotor(
                 rng.uniform(1e-3, 1e-2), rng.uniform(-100.0, 100.0), rng.normal(size=3), carrier
             ),
         )
@@ -71,7 +71,7 @@ def test_mass_matrix_energy_and_forward_dynamics_agree_with_it(name):
 def test_a_rotor_on_the_base_is_armature():
     bare = random_robot("rrrrrr")
     links = list(bare.links)
-    links[0] = replace(links[0], rotor=mo.Rotor(2e-3, 50.0, [1.0, 2.0, 3.0]))
+    links[0] = replace(links[0], rotor=mo.robot.Rotor(2e-3, 50.0, [1.0, 2.0, 3.0]))
     armature = list(bare.links)
     armature[0] = replace(armature[0], armature=armature[0].armature + 2e-3 * 50.0**2)
     states = random_states(bare, 10)
@@ -81,26 +81,29 @@ def test_a_rotor_on_the_base_is_armature():
 
 def test_files_keep_rotors(tmp_path):
     robot = with_rotors(random_robot("rprr"))
-    mo.write_toml(robot, tmp_path / "arm.toml")
+    mo.save_robot(robot, tmp_path / "arm.toml")
     again = mo.load_robot(tmp_path / "arm.toml")
     assert again == robot
     assert again != random_robot("rprr")
     assert [carrier for _, _, carrier in again.rotors] == [c for _, _, c in robot.rotors]
     with pytest.raises(mo.InputError, match="has rotors, for which URDF has no place"):
-        mo.write_urdf(robot, tmp_path / "arm.urdf")
+        mo.save_robot(robot, tmp_path / "arm.urdf")
 
 
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: mo.Rotor(-1.0, 10.0), "inertia of the rotor must be at least 0"),
-        (lambda: mo.Rotor(1e-3, 0.0), "gear_ratio of the rotor must not be 0"),
-        (lambda: mo.Rotor(1e-3, 10.0, [0.0, 0.0, 0.0]), "axis of the rotor must have a direction"),
-        (lambda: mo.Rotor(1e-3, 10.0, carrier=-1), "carrier of the rotor must be the number"),
+        (lambda: mo.robot.Rotor(-1.0, 10.0), "inertia of the rotor must be at least 0"),
+        (lambda: mo.robot.Rotor(1e-3, 0.0), "gear_ratio of the rotor must not be 0"),
+        (
+            lambda: mo.robot.Rotor(1e-3, 10.0, [0.0, 0.0, 0.0]),
+            "axis of the rotor must have a direction",
+        ),
+        (lambda: mo.robot.Rotor(1e-3, 10.0, carrier=-1), "carrier of the rotor must be the number"),
         (lambda: mo.Link(1.0, rotor=3.0), "rotor of link must be a Rotor"),
         (
             lambda: random_robot("rr").with_links(
-                [mo.Link(1.0, rotor=mo.Rotor(1e-3, 10.0, carrier=3)), mo.Link(1.0)]
+                [mo.Link(1.0, rotor=mo.robot.Rotor(1e-3, 10.0, carrier=3)), mo.Link(1.0)]
             ),
             r"carrier of the rotor must be a link from 0 \(the base\) to 2, not 3",
         ),

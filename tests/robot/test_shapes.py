@@ -115,7 +115,7 @@ def test_meshes_are_found(tmp_path: Path, reference: str, monkeypatch: pytest.Mo
     monkeypatch.setenv("ROS_PACKAGE_PATH", str(other.parent))
     path = folder / "urdf" / "arm.urdf"
     path.write_text(arm("", looks(f"<mesh filename='{reference.format(folder=folder)}'/>")))
-    (shape,) = mo.read_urdf(path).shapes
+    (shape,) = mo.robot.load_urdf(path).shapes
     assert Path(shape.path).resolve() == wanted.resolve()
 
 
@@ -124,7 +124,7 @@ def test_a_missing_mesh_is_a_warning(tmp_path: Path, name: str) -> None:
     path = tmp_path / "arm.urdf"
     path.write_text(arm("", looks(f"<mesh filename='{name}'/>")), "utf-8")
     with pytest.warns(RobotFileWarning, match="arm.urdf: mesh files are missing"):
-        (shape,) = mo.read_urdf(path).shapes
+        (shape,) = mo.robot.load_urdf(path).shapes
     assert shape.path == name
 
 

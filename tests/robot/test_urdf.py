@@ -544,15 +544,15 @@ def test_angles_rounded_hard_make_plain_rows_on_request(tmp_path: Path) -> None:
     text = chain(revolute(), revolute("1 1 0", "3.14159 0 0"))
     path = tmp_path / "rounded.urdf"
     path.write_text(text)
-    assert mo.read_urdf(path).beta.any()
-    robot = mo.read_urdf(path, parallel_tolerance=1e-5)
+    assert mo.robot.load_urdf(path).beta.any()
+    robot = mo.robot.load_urdf(path, parallel_tolerance=1e-5)
     assert not robot.beta.any()
     q, *_ = random_states(robot, 20)
     poses = parser_poses(text, q, "l2")
     assert difference(batch(mo.forward_kinematics(robot), q), poses) < 1e-5
     for bad in (-1.0, np.nan, 1.0, "x"):
         with pytest.raises(InputError, match="parallel_tolerance must be"):
-            mo.read_urdf(path, parallel_tolerance=bad)  # type: ignore[arg-type]
+            mo.robot.load_urdf(path, parallel_tolerance=bad)  # type: ignore[arg-type]
 
 
 def test_axis_written_with_four_digits_is_taken_as_a_unit_vector() -> None:
@@ -563,7 +563,7 @@ def test_axis_written_with_four_digits_is_taken_as_a_unit_vector() -> None:
 def test_urdf_is_loaded_by_its_path(tmp_path: Path) -> None:
     path = tmp_path / "arm.urdf"
     path.write_text(random_urdf(3, "rfp"))
-    assert mo.load_robot(path) == mo.load_robot(str(path)) == mo.read_urdf(path)
+    assert mo.load_robot(path) == mo.load_robot(str(path)) == mo.robot.load_urdf(path)
     assert mo.load_robot(path, tip="l2").joint_names == ("j1",)
     with pytest.raises(InputError, match=r"tip must be a link of the file, not 'l' \(near it: .*"):
         mo.load_robot(path, tip="l")
@@ -648,7 +648,7 @@ def test_rows_of_axes_nearly_parallel_survive_every_file() -> None:
 def test_written_urdf_is_the_same_robot(tmp_path: Path, name: str, full: bool) -> None:
     robot = full_robot(name) if full else any_robot(name)
     path = tmp_path / "copy.urdf"
-    mo.write_urdf(robot, path)
+    mo.save_robot(robot, path)
     copy = mo.load_robot(path)
     assert (copy.name, copy.joint_types, copy.joint_names, copy.description) == (
         *(robot.name, robot.joint_types, robot.joint_names),
@@ -694,7 +694,7 @@ def test_robot_without_masses_is_written_without(tmp_path: Path) -> None:
         [0.0, 0.4], [0.0, 1.0], [0.2, 0.0], joint_type=["prismatic", "revolute"]
     )
     path = tmp_path / "bare.urdf"
-    mo.write_urdf(robot, path)
+    mo.save_robot(robot, path)
     assert "inertial" not in path.read_text()
     copy = mo.load_robot(path)
     assert not copy.has_dynamics
@@ -723,9 +723,9 @@ def test_names_that_xml_cannot_hold_are_refused() -> None:
 
 def test_urdf_goes_to_a_file_of_its_ending(tmp_path: Path, microbot: mo.Robot) -> None:
     with pytest.raises(InputError, match=r"path must end in \.urdf, not '.*arm\.xml'"):
-        mo.write_urdf(microbot, tmp_path / "arm.xml")
+        mo.save_robot(microbot, tmp_path / "arm.xml")
     with pytest.raises(InputError, match=r"arm\.urdf was not written: its folder does"):
-        mo.write_urdf(microbot, tmp_path / "none" / "arm.urdf")
+        mo.save_robot(microbot, tmp_path / "none" / "arm.urdf")
 
 
 def test_limits_of_zero_are_not_stated() -> None:
@@ -806,14 +806,14 @@ def test_what_an_srdf_says_is_read_and_written(tmp_path: Path) -> None:
     path, elsewhere = tmp_path / "arm.urdf", tmp_path / "moveit.srdf"
     path.write_text(chain(*[revolute("0 0 1")] * 4))
     elsewhere.write_text(SRDF)
-    plain = mo.read_urdf(path)
+    plain = mo.robot.load_urdf(path)
     assert (plain.joint_count, plain.disabled_pairs, plain.named_poses) == (4, None, {})
     with pytest.warns(RobotFileWarning, match="only the SRDF has are left out: 'other'"):
-        robot = mo.read_urdf(path, srdf=elsewhere)
+        robot = mo.robot.load_urdf(path, srdf=elsewhere)
     assert robot.joint_names == ("j1", "j2", "j3")
     assert robot.disabled_pairs == (("l0", "l2"),)
     assert {name: q.tolist() for name, q in robot.named_poses.items()} == {"home": [0.5, 1.0, -1.0]}
-    mo.write_toml(robot, tmp_path / "arm.toml")
+    mo.save_robot(robot, tmp_path / "arm.toml")
     copy = mo.load_robot(tmp_path / "arm.toml")
     assert copy == robot
     assert copy.named_poses["home"].tolist() == [0.5, 1.0, -1.0]

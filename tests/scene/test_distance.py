@@ -22,7 +22,7 @@ OBSTACLES = {
     "capsule": mo.Capsule([0.1, 0, 0], [0.3, 0.2, 0.4], 0.1),
     "cylinder": mo.Cylinder(0.1, 0.7, POSE),
     "half space": mo.HalfSpace([0.2, 0.3, 2.0], -0.4),
-    "mesh": mo.ConvexMesh(STONE, POSE),
+    "mesh": mo.scene.ConvexMesh(STONE, POSE),
 }
 # one capsule that six sliding and turning joints bring anywhere
 FLYING = mo.Robot.from_dh(
@@ -91,7 +91,7 @@ def test_a_needle_over_a_floor_stands_as_high_as_its_lower_end() -> None:
 def test_a_mesh_with_many_faces_is_enclosed_for_the_solver() -> None:
     ball = np.random.default_rng(0).normal(size=(200, 3))
     ball *= 0.2 / np.linalg.norm(ball, axis=1)[:, None]
-    around = mo.Scene([mo.ConvexMesh(ball, [0.5, 0, 0])])
+    around = mo.Scene([mo.scene.ConvexMesh(ball, [0.5, 0, 0])])
     q = np.random.default_rng(1).uniform(-1, 1, (40, 6))
     own = clearances(NEEDLE, around.pairs(NEEDLE), q)[:, 0]
     other = contact_model(NEEDLE, around).distances(q)[:, 0]
@@ -102,7 +102,7 @@ def test_a_mesh_with_many_faces_is_enclosed_for_the_solver() -> None:
 
 def test_derivatives_of_all_pairs_together_are_those_of_automatic_differentiation() -> None:
     robot = mo.load_robot("planar_3r")
-    robot = robot.with_capsules(mo.link_capsules(robot))
+    robot = robot.with_capsules(mo.robot.link_capsules(robot))
     limit = mo.Scene(tuple(OBSTACLES.values())).limit(robot)
     q, still, weights = ca.SX.sym("q", 3), ca.SX.zeros(3), ca.SX.sym("w", len(limit.labels))
     value = limit.expression(robot.motion_state(q, still, still, still))

@@ -48,7 +48,7 @@ def arm() -> mo.Robot:
 def test_a_scene_is_read(tmp_path: Path) -> None:
     path = tmp_path / "scene.yaml"
     path.write_text(SCENE)
-    scene = mo.read_scene(path)
+    scene = mo.load_scene(path)
     can, wall, ball = scene.obstacles
     assert scene.names == ("can", "wall 1", "wall 2")
     assert isinstance(can, mo.Cylinder)
@@ -67,7 +67,7 @@ def test_a_request_is_read_and_solved_from_the_command_line(
 ) -> None:
     path = tmp_path / "request.yaml"
     path.write_text(REQUEST)
-    assert mo.read_request(path, arm()).tolist() == [[0.1, 0.2], [0.4, 0.3]]
+    assert mo.scene.load_request(path, arm()).tolist() == [[0.1, 0.2], [0.4, 0.3]]
     assert main(["solve", str(path)]) == 2
     assert "give --robot" in capsys.readouterr().err
     assert main(["solve", str(path), "--robot", "planar_2r"]) == 0
@@ -88,7 +88,7 @@ def test_a_wrong_request_is_refused(tmp_path: Path, old: str, new: str, message:
     path = tmp_path / "request.yaml"
     path.write_text(REQUEST.replace(old, new))
     with pytest.raises(InputError, match=message):
-        mo.read_request(path, arm())
+        mo.scene.load_request(path, arm())
 
 
 @pytest.mark.parametrize(
@@ -105,7 +105,7 @@ def test_a_wrong_scene_is_refused(tmp_path: Path, old: str, new: str, message: s
     path = tmp_path / "scene.yaml"
     path.write_text(SCENE.replace(old, new))
     with pytest.raises(InputError, match=message):
-        mo.read_scene(path)
+        mo.load_scene(path)
 
 
 def test_a_start_that_touches_by_less_than_the_fit_stands_out_names_the_remedy() -> None:

@@ -13,7 +13,7 @@ from microbot_ocp.planning import legs_between, parts_of, reach_of, scenes_of, t
 from microbot_ocp.scene import Surroundings, contact_model
 
 ARM = mo.load_robot("planar_3r")
-ARM = ARM.with_capsules(mo.link_capsules(ARM))
+ARM = ARM.with_capsules(mo.robot.link_capsules(ARM))
 POST = mo.Scene([mo.Sphere([0.75, 0.2, 0.0], 0.15, "post")])
 ENDS = np.array([[-0.6, 0.3, 0.2], [0.9, 0.3, 0.2]])
 
@@ -28,7 +28,7 @@ ENDS = np.array([[-0.6, 0.3, 0.2], [0.9, 0.3, 0.2]])
         (lambda: mo.Box([1, 1, -1]), "every edge of the box must be above 0 m"),
         (lambda: mo.Box([1, 1, 1], 2 * np.eye(4)), "pose of the box must be a homogeneous"),
         (lambda: mo.HalfSpace([0, 0, 0]), "must have a direction"),
-        (lambda: mo.ConvexMesh(np.eye(3)), "at least 4 that do not lie in a plane"),
+        (lambda: mo.scene.ConvexMesh(np.eye(3)), "at least 4 that do not lie in a plane"),
         (lambda: mo.Scene([1.0]), "obstacles must be of Sphere, Box"),
         (lambda: mo.Scene([mo.Box([1, 1, 1], name="a")] * 2), "there are several 'a'"),
         (lambda: mo.Scene([], clearance=-1), "clearance must be at least 0 m"),
@@ -36,7 +36,7 @@ ENDS = np.array([[-0.6, 0.3, 0.2], [0.9, 0.3, 0.2]])
         (lambda: mo.Scene([], ignore=[("arm", "b")]).pairs(ARM), "name in ignore"),
         (lambda: ARM.with_capsules({7: []}), "capsules must be of frames 0"),
         (lambda: ARM.with_capsules({1: [POST]}), "must be mo.Capsule"),
-        (lambda: mo.link_capsules(ARM, -1.0), "radius must be above 0 m"),
+        (lambda: mo.robot.link_capsules(ARM, -1.0), "radius must be above 0 m"),
         (lambda: mo.load_robot("ur5e").with_part(), "needs capsules of its own"),
     ],
 )
@@ -47,7 +47,7 @@ def test_bad_input_is_one_sentence(make, said: str) -> None:
 
 def test_pairs_are_links_with_obstacles_and_links_that_are_no_neighbours() -> None:
     robot = mo.load_robot("ur5e")
-    robot = robot.with_capsules(mo.link_capsules(robot))
+    robot = robot.with_capsules(mo.robot.link_capsules(robot))
     everything = mo.Scene([mo.HalfSpace(name="floor")])
     own = {p.label for p in everything.pairs(robot) if p.other.name != "floor"}
     assert "wrist_2_joint to base" in own
@@ -61,7 +61,7 @@ def test_pairs_are_links_with_obstacles_and_links_that_are_no_neighbours() -> No
 def test_capsules_play_their_part_in_equality_and_a_part_hangs_on_the_tool() -> None:
     bare = mo.load_robot("planar_3r")
     assert bare != ARM
-    assert bare.with_capsules(dict(mo.link_capsules(bare))) == ARM
+    assert bare.with_capsules(dict(mo.robot.link_capsules(bare))) == ARM
     loaded = ARM.with_part(mo.Capsule([0, 0, 0], [0, 0, 0], 0.1))
     frame, part = loaded.capsules[-1]
     assert (frame, part.name) == (3, "part")
@@ -96,7 +96,7 @@ offset = -1
 
 def test_a_scene_is_read_from_toml(tmp_path: Path) -> None:
     (tmp_path / "cell.toml").write_text(CELL)
-    scene = mo.read_scene(tmp_path / "cell.toml")
+    scene = mo.load_scene(tmp_path / "cell.toml")
     assert scene.names == ("post", "box 2", "mesh 3", "half space 4")
     assert scene.clearance == 0.01
     assert scene.ignore == (("wrist", "post"),)
@@ -122,7 +122,7 @@ def test_a_scene_is_read_from_toml(tmp_path: Path) -> None:
 )
 def test_a_bad_file_is_told_by_obstacle_and_key(table, said: str) -> None:
     with pytest.raises(InputError, match=said):
-        mo.read_scene(table)
+        mo.load_scene(table)
 
 
 URDF = """<robot name="cell"><link name="world"/>
@@ -136,14 +136,14 @@ URDF = """<robot name="cell"><link name="world"/>
 def test_what_stands_in_a_urdf_file_is_a_scene(tmp_path: Path) -> None:
     path = tmp_path / "cell.urdf"
     path.write_text(URDF.format(kind="fixed"))
-    scene = mo.read_scene(path)
+    scene = mo.load_scene(path)
     assert scene.names == ("shelf 1", "shelf 2")
     board = scene.obstacles[0]
     assert isinstance(board, mo.Box)
     assert board.pose[:3, 3].tolist() == [1.0, 0.0, 0.5]
     path.write_text(URDF.format(kind="continuous"))
     with pytest.raises(InputError, match="joint 'at' moves"):
-        mo.read_scene(path)
+        mo.load_scene(path)
 
 
 # proof --------------------------------------------------------------------------------------------
@@ -263,7 +263,9 @@ BALL = np.array([np.cos(TURN) * np.sin(TILT), np.sin(TURN) * np.sin(TILT), np.co
     "tank_at",
     [
         lambda at: mo.Sphere(at, 2.0, "tank"),
-        pytest.param(lambda at: mo.ConvexMesh(2.0 * BALL, at, "tank"), marks=pytest.mark.thorough),
+        pytest.param(
+            lambda at: mo.scene.ConvexMesh(2.0 * BALL, at, "tank"), marks=pytest.mark.thorough
+        ),
     ],
     ids=["sphere", "mesh"],
 )
@@ -317,7 +319,7 @@ def test_a_first_way_is_proved_before_others_are_looked_for(monkeypatch) -> None
     monkeypatch.setattr(place, lambda *given: searches.append(given[-1]) or usual(*given))
     progress = lambda event: told.append((str(event), len(searches)))  # noqa: E731
     via = np.array([[0.0, 0.0, 0.0], [0.6, 0.3, 0.0]])
-    legs = legs_between(Surroundings(ARM, POST), via, mo.TimeOptimalSettings(), progress)
+    legs = legs_between(Surroundings(ARM, POST), via, mo.planning.TimeOptimalSettings(), progress)
     (text, count), *_ = [row for row in told if row[0].startswith("path ")]
     assert count == 1 < len(searches)
     assert legs[0].known is not None
@@ -425,14 +427,14 @@ MOVED = [
 
 def test_a_part_is_an_obstacle_where_it_was_put_down() -> None:
     far = mo.Scene([mo.Box([0.1, 0.1, 0.3], [-0.9, 0, 0], "box")])
-    settings = mo.TimeOptimalSettings(mesh=10, limit_tolerance=0.01, compiled=False)
+    settings = mo.planning.TimeOptimalSettings(mesh=10, limit_tolerance=0.01, compiled=False)
     motion = mo.time_optimal(ARM, MOVED, scene=far, settings=settings)
     assert motion.provenance["clearance"]["proved"]
     assert motion.provenance["clearance"]["pair"] == "wrist to bolt at place"
     certificate = mo.certify(ARM, motion, via_q=MOVED, scene=far, limit_tolerance=0.02)
     assert certificate.ok, certificate.verdict
     straight = mo.cubic([stop.q for stop in MOVED], [0, 1, 2, 3], via_qd=np.zeros((4, 3)))
-    marks = [mo.Mark(float(k), stop.name) for k, stop in enumerate(MOVED)]
+    marks = [mo.motion.Mark(float(k), stop.name) for k, stop in enumerate(MOVED)]
     through = mo.Motion.from_polynomial(ARM, straight, label="through", marks=marks)
     found = mo.certify(ARM, through, via_q=MOVED, scene=far).clearance
     assert found is not None
@@ -481,7 +483,7 @@ def test_a_recording_shows_obstacles_and_the_nearest_points(
     around: mo.Motion, tmp_path: Path
 ) -> None:
     shapes = [mo.Box([0.1, 0.1, 0.1], [1, 1, 0]), mo.Cylinder(0.1, 0.2, [-1, 0, 0])]
-    shapes += [mo.HalfSpace(offset=-1.0), mo.ConvexMesh(np.vstack([np.zeros(3), np.eye(3)]))]
+    shapes += [mo.HalfSpace(offset=-1.0), mo.scene.ConvexMesh(np.vstack([np.zeros(3), np.eye(3)]))]
     scene = mo.Scene([*POST.obstacles, *shapes, mo.Capsule([1, 0, 1], [1, 0, 2], 0.1)])
     path = around.to_rerun(ARM, tmp_path / "around.rrd", scene)
     content = path.read_bytes()

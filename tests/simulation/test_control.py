@@ -10,6 +10,7 @@ import pytest
 
 import microbot_ocp as mo
 from helpers import random_robot
+from microbot_ocp.simulation import SensorNoise
 
 
 def report_motion(t):
@@ -38,7 +39,9 @@ def references(robot):
         "formula": report_motion,
         "polynomial with jumps": shape,
         "motion with jumps": mo.Motion.from_polynomial(robot, shape, label="lspb"),
-        "sampled motion": mo.motion_from_formula(robot, report_motion, 2.0, label="report"),
+        "sampled motion": mo.simulation.motion_from_formula(
+            robot, report_motion, 2.0, label="report"
+        ),
     }
 
 
@@ -81,14 +84,14 @@ def test_computed_torque_of_a_chain_with_all_kinds_of_joints():
 def test_feedforward_with_an_exact_model_is_exact(robot):
     run = mo.track(robot, report_motion, mo.Feedforward(), duration=2.0)
     assert run.peak.max() < 1e-6
-    motion = mo.motion_from_formula(robot, report_motion, 2.0, label="report")
+    motion = mo.simulation.motion_from_formula(robot, report_motion, 2.0, label="report")
     np.testing.assert_allclose(run.tau, motion.tau, atol=1e-8)
     np.testing.assert_allclose(run.reference.qd, motion.qd, atol=1e-12)
 
 
 def hold(q):
     """A reference that stays at q [n] for 12 s."""
-    return mo.PiecewisePolynomial([0.0, 12.0], np.reshape(q, (1, 1, -1)))
+    return mo.motion.PiecewisePolynomial([0.0, 12.0], np.reshape(q, (1, 1, -1)))
 
 
 def test_pd_with_gravity_arrives_where_it_should(robot):
@@ -189,14 +192,14 @@ def test_the_last_period_may_be_cut(robot):
 
 def test_noise_is_reproducible_by_its_seed(robot):
     def noisy(seed, q=1e-3):
-        noise = mo.SensorNoise(q=q, qd=[0.01, 0.02, 0.03], seed=seed)
+        noise = mo.simulation.SensorNoise(q=q, qd=[0.01, 0.02, 0.03], seed=seed)
         return mo.track(robot, report_motion, mo.ComputedTorque(100.0), duration=0.3,
                         sample_rate=500.0, noise=noise)  # fmt: skip
 
     first, again, other = noisy(1), noisy(1), noisy(2)
     np.testing.assert_array_equal(first.q, again.q)
     assert np.abs(first.q - other.q).max() > 1e-6
-    drawn = mo.SensorNoise(q=1e-3, qd=[0.01, 0.02, 0.03], seed=1).draw(20_000, 3)
+    drawn = mo.simulation.SensorNoise(q=1e-3, qd=[0.01, 0.02, 0.03], seed=1).draw(20_000, 3)
     np.testing.assert_allclose(drawn.std(axis=0), [1e-3] * 3 + [0.01, 0.02, 0.03], rtol=0.03)
     np.testing.assert_allclose(drawn.mean(axis=0), 0.0, atol=1e-3)
 
@@ -251,8 +254,8 @@ BAD_INPUTS = [
     (lambda: mo.ComputedTorque("high"), "kp must be"),  # type: ignore[arg-type]
     (lambda: mo.PDGravity(0.0, 1.0), "kp must be above 0 N m/rad"),
     (lambda: mo.PDGravity(1.0, 0.0), "kv must be above 0 N m s/rad"),
-    (lambda: mo.SensorNoise(q=-1.0), "noise q must be at least 0 rad"),
-    (lambda: mo.SensorNoise(seed=-1), "seed must be a whole number"),
+    (lambda: mo.simulation.SensorNoise(q=-1.0), "noise q must be at least 0 rad"),
+    (lambda: mo.simulation.SensorNoise(seed=-1), "seed must be a whole number"),
     (lambda: track(report_motion, mo.ComputedTorque([1.0, 2.0])), "kp has 2 entries for 3 joints"),
     (lambda: track(report_motion, LAW, q0=[0, 0]), r"q0 must have shape \[3\]"),
     (lambda: track(report_motion, LAW, q0=[7, 0, 0]), "q0 of waist is 7 rad, outside its limits"),
@@ -264,7 +267,7 @@ BAD_INPUTS = [
     (lambda: track(lambda t: [t, t], LAW), "motion must return 3 expressions"),
     (lambda: track([1.0, 2.0], LAW), "motion must be a Motion or a Piecewise"),  # type: ignore[arg-type]
     (lambda: track(report_motion, LAW, sample_rate=0.0), "sample_rate must be above 0 Hz"),
-    (lambda: track(report_motion, LAW, noise=mo.SensorNoise(1e-3)), "noise needs a sample_rate"),
+    (lambda: track(report_motion, LAW, noise=SensorNoise(1e-3)), "noise needs a sample_rate"),
     (lambda: track(report_motion, LAW, step=0.0), "step must be above 0 s"),
     (lambda: track(report_motion, LAW, saturation=-5.0), "tau_max of joint 1 must be at least 0"),
     (lambda: track(report_motion, LAW, disturbance=[1.0]), r"disturbance must have shape \[3\]"),

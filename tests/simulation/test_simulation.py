@@ -73,7 +73,7 @@ def slider(**link):
 
 @pytest.mark.parametrize("gravity", REPORT_TORQUES)
 def test_the_reports_torques(robot, gravity):
-    motion = mo.motion_from_formula(
+    motion = mo.simulation.motion_from_formula(
         robot.with_gravity(gravity), report_motion, 2.0, label="report", step=0.05
     )
     for t, tau in REPORT_TORQUES[gravity]:
@@ -85,7 +85,7 @@ def test_the_reports_torques(robot, gravity):
 @pytest.mark.slow
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 def test_forward_dynamics_give_the_reports_motion_back(robot, integrator):
-    motion = mo.motion_from_formula(robot, report_motion, 2.0, label="report", step=0.05)
+    motion = mo.simulation.motion_from_formula(robot, report_motion, 2.0, label="report", step=0.05)
     errors = []
     for tolerance in (1e-4, 1e-7, 1e-10):
         run = mo.simulate(robot, report_torque(robot), motion.q[0], motion.qd[0], motion.t,
@@ -164,7 +164,7 @@ def test_an_arm_that_waits_is_not_stepped_over(arm):
     wait = np.zeros((1, 6, start.size))
     wait[0, 0] = start
     go = mo.quintic([start, start + 0.4], [0.0, 2.0]).coefficients
-    shape = mo.PiecewisePolynomial([0.0, 2.0, 4.0], np.concatenate([wait, go]))
+    shape = mo.motion.PiecewisePolynomial([0.0, 2.0, 4.0], np.concatenate([wait, go]))
     motion = mo.Motion.from_polynomial(arm, shape, label="wait, then go")
     for integrator in ("cvodes", "idas", "rk"):
         run = mo.simulate(arm, motion, integrator=integrator)

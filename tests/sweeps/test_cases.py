@@ -13,12 +13,12 @@ from microbot_ocp.sweeps import CaseSource, Study, parse_study, repeat_case, tas
 ENDS = {"start_q": [0.0, 0.0, 0.0], "goal_q_deg": [90.0, 45.0, 45.0]}
 
 
-def source(cases: mo.Cases, robot: mo.Robot) -> CaseSource:
+def source(cases: mo.sweeps.Cases, robot: mo.Robot) -> CaseSource:
     return cases.of(robot)
 
 
 def test_a_grid_has_every_combination(microbot: mo.Robot) -> None:
-    cases = mo.Cases.grid(
+    cases = mo.sweeps.Cases.grid(
         **ENDS, payload=mo.Between(0.0, 2.0, 3), tau_max=mo.OneOf([[400, 500, 200], [40, 50, 20]])
     )
     found = source(cases, microbot)
@@ -32,7 +32,7 @@ def test_a_grid_has_every_combination(microbot: mo.Robot) -> None:
 
 
 def test_draws_do_not_depend_on_how_they_are_cut(microbot: mo.Robot) -> None:
-    cases = mo.Cases.random(
+    cases = mo.sweeps.Cases.random(
         100, seed=3, start_q=mo.Between(-1, [1, 2, -1]), goal_position=[3, -1, 4.5],
         payload=mo.OneOf([0, 1]),
     )  # fmt: skip
@@ -44,7 +44,7 @@ def test_draws_do_not_depend_on_how_they_are_cut(microbot: mo.Robot) -> None:
     assert rows[:, 0].max() > 0.9
     assert set(rows[:, 2]) == {-1.0}
     assert abs(rows[:, -1].mean() - 0.5) < 0.05
-    other = source(mo.Cases.random(100, seed=4, **cases.quantities), microbot)
+    other = source(mo.sweeps.Cases.random(100, seed=4, **cases.quantities), microbot)
     assert not np.array_equal(other.rows(0, 100), rows)
 
 
@@ -63,7 +63,7 @@ def test_a_table_is_read(microbot: mo.Robot, tmp_path: Path, ending: str) -> Non
         import pyarrow.parquet
 
         pyarrow.parquet.write_table(pyarrow.table(columns), path)
-    found = source(mo.Cases.table(path, start_q=[0, 0, 0]), microbot)
+    found = source(mo.sweeps.Cases.table(path, start_q=[0, 0, 0]), microbot)
     assert found.count == 4
     assert found.varying == ("goal_q",)
     values = found.values(found.rows(3, 4)[0])
@@ -73,7 +73,7 @@ def test_a_table_is_read(microbot: mo.Robot, tmp_path: Path, ending: str) -> Non
 
 
 def test_values_become_robots_and_poses(microbot: mo.Robot) -> None:
-    cases = mo.Cases.grid(
+    cases = mo.sweeps.Cases.grid(
         start_position=[3, -1, 4.5], via1_q=[0.1, 0.2, 0.3], goal_position=[3, 1, 4.5],
         masses=[1, 2, 3], gravity=[0, 0, -1.6], viscous_friction=0.5, tool_speed_max=2.0, payload=1,
     )  # fmt: skip
@@ -106,12 +106,12 @@ def test_values_become_robots_and_poses(microbot: mo.Robot) -> None:
 )
 def test_bad_quantities_are_refused(microbot: mo.Robot, change: dict, said: str) -> None:
     with pytest.raises(mo.InputError, match=said.replace("(", r"\(")):
-        mo.Cases.random(4, **ENDS | change).of(microbot)
+        mo.sweeps.Cases.random(4, **ENDS | change).of(microbot)
 
 
 def test_what_fails_its_certificate_is_done_thoroughly(microbot: mo.Robot) -> None:
     """On 20 points reachability exceeds the torque of the elbow by 2 % between them."""
-    cases = mo.Cases.grid(start_q=[-0.1, 1.2, -1.0], goal_q=[0.8, 1.9, 0.5], payload=1.0)
+    cases = mo.sweeps.Cases.grid(start_q=[-0.1, 1.2, -1.0], goal_q=[0.8, 1.9, 0.5], payload=1.0)
     row, _ = repeat_case(Study(microbot, cases, ["cubic_path"], {"grid": 20}), 0)
     assert row["cubic_path_status"] == "solved"
     assert row["cubic_path_certified"]

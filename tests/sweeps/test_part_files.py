@@ -17,9 +17,9 @@ from microbot_ocp.sweeps._sweep import opened
 COUNT = 4
 
 
-def written(folder: Path, last: float = 3.0) -> mo.Sweep:
+def written(folder: Path, last: float = 3.0) -> mo.sweeps.Sweep:
     """A sweep of four cases, each in a file of its own."""
-    cases = mo.Cases.grid(
+    cases = mo.sweeps.Cases.grid(
         start_q=[0, 0, 0], goal_q=[1, 0.5, 0.5], payload=mo.OneOf([0, 1, 2, last])
     )
     study = Study(mo.load_robot("microbot"), cases, ["cubic"])
@@ -30,13 +30,13 @@ def written(folder: Path, last: float = 3.0) -> mo.Sweep:
 
 
 @pytest.fixture(scope="module")
-def sweeps(tmp_path_factory: pytest.TempPathFactory) -> tuple[mo.Sweep, mo.Sweep]:
+def sweeps(tmp_path_factory: pytest.TempPathFactory) -> tuple[mo.sweeps.Sweep, mo.sweeps.Sweep]:
     folder = tmp_path_factory.mktemp("sweeps")
     return written(folder / "own"), written(folder / "other", last=2.5)
 
 
 @pytest.fixture
-def folder(sweeps: tuple[mo.Sweep, mo.Sweep], tmp_path: Path) -> Path:
+def folder(sweeps: tuple[mo.sweeps.Sweep, mo.sweeps.Sweep], tmp_path: Path) -> Path:
     return shutil.copytree(sweeps[0].folder, tmp_path / "copy")
 
 
@@ -63,7 +63,7 @@ def test_a_copy_in_the_place_of_other_cases_is_left_out(folder: Path) -> None:
 
 
 def test_a_file_of_another_sweep_is_left_out_and_its_cases_done_again(
-    sweeps: tuple[mo.Sweep, mo.Sweep], folder: Path
+    sweeps: tuple[mo.sweeps.Sweep, mo.sweeps.Sweep], folder: Path
 ) -> None:
     shutil.copy(part(sweeps[1].folder, 3), part(folder, 3))
     results = mo.load_sweep(folder)
@@ -114,7 +114,7 @@ def test_what_is_no_file_is_said(folder: Path, kind: str) -> None:
 @pytest.mark.slow
 def test_a_long_time_limit_is_none(tmp_path: Path) -> None:
     pytest.importorskip("distributed")
-    cases = mo.Cases.grid(start_q=[0, 0, 0], goal_q=[1, 0.5, 0.5])
+    cases = mo.sweeps.Cases.grid(start_q=[0, 0, 0], goal_q=[1, 0.5, 0.5])
     results = mo.sweep(
         mo.load_robot("microbot"), cases, ["cubic"], out=tmp_path, workers=1, time_limit=1e10
     )

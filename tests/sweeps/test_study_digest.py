@@ -38,7 +38,7 @@ def with_duration(duration: Any, kind: str = "cubic") -> Any:
 
 
 def digest(robot: mo.Robot = ROBOT, methods: Any = ("cubic",), **quantities: Any) -> str:
-    return Study(robot, mo.Cases.grid(**{**ENDS, **quantities}), methods).digest
+    return Study(robot, mo.sweeps.Cases.grid(**{**ENDS, **quantities}), methods).digest
 
 
 def limited(exponent: float) -> mo.Robot:
@@ -122,7 +122,7 @@ quantities = st.fixed_dictionaries(
 @settings(max_examples=40, deadline=None, suppress_health_check=list(HealthCheck), database=None)
 @given(one=quantities, other=quantities)
 def test_equal_digests_mean_equal_cases(one: dict[str, Any], other: dict[str, Any]) -> None:
-    first, second = (mo.Cases.grid(**{**ENDS, **given}).of(ROBOT) for given in (one, other))
+    first, second = (mo.sweeps.Cases.grid(**{**ENDS, **given}).of(ROBOT) for given in (one, other))
     assert digest(**one) == digest(**dict(one))
     same = first.columns == second.columns and first.count == second.count
     same = same and first.rows(0, first.count).tobytes() == second.rows(0, first.count).tobytes()

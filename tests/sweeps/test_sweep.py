@@ -68,7 +68,7 @@ def slow_method() -> Callable[..., mo.Motion]:
 
 
 def study(**more: Any) -> Study:
-    cases = mo.Cases.grid(
+    cases = mo.sweeps.Cases.grid(
         start_q=[0, 0, 0], goal_q=[1, 0.5, 0.5], payload=mo.OneOf(PAYLOADS)
     )  # fmt: skip
     methods = {"cubic": None, "slow": slow_method()}
@@ -89,7 +89,7 @@ run_study(study(), {out!r}, client={address!r})
 class Disturbed:
     """A sweep whose client was killed, then one of its workers, and what was seen meanwhile."""
 
-    results: mo.Sweep
+    results: mo.sweeps.Sweep
     before: int
     stamps: dict[Path, int]
     killed: list[int]
@@ -121,7 +121,7 @@ def disturbed(client: Any, tmp_path_factory: pytest.TempPathFactory) -> Disturbe
     return Disturbed(results, before, stamps, killed, said)
 
 
-def same_as_a_plain_loop(results: mo.Sweep, cases: list[int]) -> bool:
+def same_as_a_plain_loop(results: mo.sweeps.Sweep, cases: list[int]) -> bool:
     """Whether rows are those of cases done here one after the other, times aside."""
     asked, read = study(), results.read()
     rows = [repeat_case(asked, case)[0] for case in cases]

@@ -327,7 +327,7 @@ def test_limits_of_the_task_replace_those_of_the_robot(microbot):
 
 
 def test_a_table_has_what_a_controller_and_other_arms_cost(microbot):
-    plants = mo.differing_plants(microbot, mass=0.02, count=0)
+    plants = mo.execution.differing_plants(microbot, mass=0.02, count=0)
     loop = {"controller": mo.ComputedTorque(kp=100.0), "plants": plants, "sample_rate": 200.0}
     result = mo.compare(
         microbot, [[0, 0, 0], [0.5, 0.4, 0.3]], ["cubic"], profile="hold@200",
@@ -335,7 +335,7 @@ def test_a_table_has_what_a_controller_and_other_arms_cost(microbot):
     )  # fmt: skip
     (entry,) = result.entries
     assert entry.motion is not None
-    command = mo.commanded(microbot, entry.motion, "hold@200")
+    command = mo.execution.commanded(microbot, entry.motion, "hold@200")
     assert entry.details["executed_duration"] == pytest.approx(command.rows.t[-1])
     assert entry.details["trackable_duration"] >= entry.motion.duration
     assert {"T executed [s]", "T trackable [s]"} <= set(result.table().heads)

@@ -74,7 +74,7 @@ def test_the_document_names_every_key(page, schemas):
     for word in words:
         assert re.search(rf"\b{word}\b", text), word
     if page == "task_file.md":
-        for name in (*mo.METHODS, *OUTPUTS):
+        for name in (*mo.tasks.METHODS, *OUTPUTS):
             assert f"`{name}`" in text
 
 
@@ -95,7 +95,7 @@ def test_prismatic_joints_are_in_metres_under_degrees_too():
 
 
 def test_a_robot_file_is_sought_beside_the_task(tmp_path):
-    mo.write_toml(mo.load_robot("microbot"), tmp_path / "arm.toml")
+    mo.save_robot(mo.load_robot("microbot"), tmp_path / "arm.toml")
     (tmp_path / "task.toml").write_text(TASK.replace("microbot", "arm.toml"))
     assert read_task(tmp_path / "task.toml").robot == mo.load_robot("microbot")
 

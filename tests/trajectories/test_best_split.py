@@ -40,7 +40,7 @@ def duration(robot, make, durations):
 
 
 def best(robot, make, via_q):
-    return mo.best_split(robot, make, mo.first_splits(via_q))
+    return mo.best_split(robot, make, mo.trajectories.first_splits(via_q))
 
 
 def arm(name):
@@ -123,7 +123,7 @@ def test_no_change_of_the_split_is_faster(name, count):
 def test_never_slower_than_equal_times_or_times_by_the_largest_step(seed, count, name):
     robot = arm(name)
     via_q = random_via(robot, count, seed)
-    splits = mo.first_splits(via_q)
+    splits = mo.trajectories.first_splits(via_q)
     shortest = min(duration(robot, cubic(via_q), split) for split in splits)
     assert best(robot, cubic(via_q), via_q).duration <= shortest * (1 + 1e-4)
 
@@ -132,7 +132,10 @@ def test_a_split_that_leaves_the_position_limits_is_led_back():
     """Equal times overshoot the last point, 90 deg, at the mean speed of both ways."""
     via_q = np.radians([[0.0, 0.0, 0.0], [89.0, 1.0, 0.0], [90.0, 90.0, 0.0]])
     robot = mo.load_robot("microbot").with_limits(q_max=np.radians(90.0))
-    assert all(duration(robot, cubic(via_q), split) == np.inf for split in mo.first_splits(via_q))
+    assert all(
+        duration(robot, cubic(via_q), split) == np.inf
+        for split in mo.trajectories.first_splits(via_q)
+    )
     assert best(robot, cubic(via_q), via_q).solved
 
 

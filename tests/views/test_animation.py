@@ -125,7 +125,7 @@ def test_a_film_of_a_cell_shows_obstacles_tubes_and_the_part_on_its_way(robot: m
         mo.Stop(q=last, name="away"),
     )
     shape = mo.cubic([first, [0.0, 0.5], last], [0.0, 0.5, 1.0])
-    marks = [mo.Mark(0.5 * k, stop.name) for k, stop in enumerate(stops)]
+    marks = [mo.motion.Mark(0.5 * k, stop.name) for k, stop in enumerate(stops)]
     motion = mo.Motion.from_polynomial(robot, shape, label="cubic", marks=marks)
     post = mo.Cylinder(0.05, 0.4, [0.2, -0.5, 0.1], "post")
     scene = mo.Scene([post, mo.HalfSpace([0, 1, 0], -1.2, "floor"), mo.HalfSpace([1, 0, 0], -1.5)])

@@ -172,7 +172,7 @@ def test_a_broken_one_is_named_in_the_verdict(robot, motion):
         robot,
         VIA_Q,
         robot.limits,
-        (mo.Entry(**{**vars(entry), "certificate": certificate}),),
+        (mo.tasks.Entry(**{**vars(entry), "certificate": certificate}),),
         "cubic",
     )
     assert "FAILED: tool speed +" in str(comparison.table())

@@ -16,7 +16,7 @@ VIA_Q = np.radians([[0, 0, 0], [-8, 45, 30], [-90, 90, 90]])
 
 def test_profile_curve_and_switches():
     robot = mo.load_robot("microbot")
-    plane = mo.phase_plane(robot, mo.straight_path(VIA_Q))
+    plane = mo.planning.phase_plane(robot, mo.straight_path(VIA_Q))
     axes = mo.plots.phase_plane(robot, plane, unit="rad")
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("path parameter s [rad]", "ds/dt [rad/s]")
     lines = {str(line.get_label()): line for line in axes.get_lines()}

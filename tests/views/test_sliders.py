@@ -20,7 +20,7 @@ def robot():
 
 @pytest.fixture(scope="module")
 def sliders(robot):
-    return mo.TimeOptimalSliders(robot, VIA_Q, mesh=30)
+    return mo.views.notebook.TimeOptimalSliders(robot, VIA_Q, mesh=30)
 
 
 @pytest.fixture
@@ -125,10 +125,10 @@ def test_a_notebook_gets_a_widget_and_a_picture_for_where_none_can_live(at_rest)
 )
 def test_bad_arguments_are_refused(robot, arguments, message):
     with pytest.raises(mo.InputError, match=message):
-        mo.TimeOptimalSliders(robot, VIA_Q, **arguments)
+        mo.views.notebook.TimeOptimalSliders(robot, VIA_Q, **arguments)
 
 
 def test_without_ipywidgets_it_says_what_to_install(robot, monkeypatch):
     monkeypatch.setitem(sys.modules, "ipywidgets", None)
     with pytest.raises(mo.InputError, match=r"pip install 'microbot_ocp\[notebook\]'"):
-        mo.TimeOptimalSliders(robot, VIA_Q)
+        mo.views.notebook.TimeOptimalSliders(robot, VIA_Q)

@@ -16,9 +16,9 @@ def plan(robot: mo.Robot, request: Any, response: Any) -> Any:
     """Fill the answer with the fastest trajectory that the controller accepts, or say why not."""
     try:
         via_q = _columns(robot, request.via_points, "positions")
-        limits = mo.controller_profile(request.profile).limits_of(robot)
+        limits = mo.execution.load_profile(request.profile).limits_of(robot)
         motion = mo.time_optimal(robot, via_q, limits)
-        command = mo.commanded(robot, motion, request.profile)
+        command = mo.execution.commanded(robot, motion, request.profile)
     except mo.InputError as problem:
         return _answered(response, False, str(problem))
     if motion.solved and command.accepted:

@@ -93,7 +93,7 @@ def _case(study: Study, case: int, out: Path | None) -> Answer:
     return Answer(row, lines=lines, solved=row["status"] == "solved", files=files)
 
 
-def _summary(results: mo.Sweep) -> Answer:
+def _summary(results: mo.sweeps.Sweep) -> Answer:
     """Collect statistics, failures with the commands that repeat them, pictures, a recording."""
     files: dict[Path, Save] = {}
     if results.done:
@@ -112,7 +112,7 @@ def _summary(results: mo.Sweep) -> Answer:
     return Answer(plain(statistics), [results.table()], lines, files=files)
 
 
-def _draw(results: mo.Sweep, kind: str, path: Path) -> object:
+def _draw(results: mo.sweeps.Sweep, kind: str, path: Path) -> object:
     return results.plot(kind=kind).savefig(path)
 
 
@@ -266,7 +266,7 @@ def export(
             assert arm is not None
             if rate is not None:
                 raise InputError("give --rate or --profile, not both: a profile has a rate")
-            command = mo.commanded(arm, motion, profile)
+            command = mo.execution.commanded(arm, motion, profile)
             sampled = command.rows
             document |= {"samples": sampled.t.size, "profile": profile, "cost": command.cost}
             save = partial(command.export, robot=arm)

@@ -254,7 +254,7 @@ def solve(
     if file.suffix.lower() in (".yaml", ".yml"):
         if robot is None:
             raise InputError(f"give --robot: {file.name} names joints, but no robot")
-        around = None if scene is None else mo.read_scene(scene)
+        around = None if scene is None else mo.load_scene(scene)
         stops = request_cell(file, mo.load_robot(robot), around)
     elif robot is not None or scene is not None:
         raise InputError("--robot and --scene are for a request in .yaml; a task names its own")
@@ -307,7 +307,7 @@ def check(
     $ microbot-ocp check best.csv --robot panda --profile panda
     """
     arm = mo.load_robot(robot)
-    surroundings = None if scene is None else mo.read_scene(scene)
+    surroundings = None if scene is None else mo.load_scene(scene)
     certificate = mo.check(arm, file, profile, scene=surroundings)
     document = {"robot": arm.name, "profile": profile, "certificate": certificate.as_dict()}
 

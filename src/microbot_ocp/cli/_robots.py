@@ -11,14 +11,15 @@ import numpy as np
 import microbot_ocp as mo
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.table import Table
+from microbot_ocp._base.writing import write_whole
 from microbot_ocp.cli._declaration import ARM, JOINTS, SOURCE, TIP, Numbers, command
 from microbot_ocp.cli._report import Answer
 from microbot_ocp.limits import JOINT_QUANTITIES
 from microbot_ocp.robot import Robot, fixed_angles, rotation_of
-from microbot_ocp.robot.files import load_robot, packaged_robots, robot_text, save_text
+from microbot_ocp.robot.files import load_robot, packaged_robots, robot_text
 from microbot_ocp.views import tables
 
-EQUATIONS = (".tex", ".py", ".c", ".m")  # endings of mo.ClosedForm.export
+EQUATIONS = (".tex", ".py", ".c", ".m")  # endings of mo.robot.ClosedForm.export
 
 
 @command()
@@ -76,10 +77,10 @@ def show(
 
     def save(path: Path) -> object:
         if path.suffix in EQUATIONS:
-            return mo.closed_form(arm).export(path)
-        if path.suffix == ".urdf":
-            return mo.write_urdf(arm, path)
-        return save_text(robot_text(robot, tip), path, ".toml")
+            return mo.robot.closed_form(arm).export(path)
+        if path.suffix == ".toml":
+            return write_whole(path, robot_text(robot, tip))
+        return mo.save_robot(arm, path)
 
     def record(path: Path) -> object:
         from microbot_ocp.trajectories import joint_sweep

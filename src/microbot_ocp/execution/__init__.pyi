@@ -13,7 +13,7 @@ from ._curve import (
 )
 from ._profile import (
     Profile as Profile,
-    controller_profile as controller_profile,
+    load_profile as load_profile,
     packaged_profiles as packaged_profiles,
 )
 from ._ratings import (

@@ -10,7 +10,7 @@ import numpy as np
 from microbot_ocp._base.check import Check, problems_of
 from microbot_ocp.certificate import Certificate, certify
 from microbot_ocp.execution._curve import executed, rows_of
-from microbot_ocp.execution._profile import Profile, controller_profile
+from microbot_ocp.execution._profile import Profile, load_profile
 from microbot_ocp.execution._rows import CommandRows, read_rows
 from microbot_ocp.limits import ROUNDING
 from microbot_ocp.motion import Motion
@@ -41,7 +41,7 @@ def check(
         A file as of :func:`~microbot_ocp.execution.read_rows`; a motion is sampled at the profile's
         rate.
     profile : str or Profile
-        As of :func:`controller_profile`.
+        As of :func:`load_profile`.
     scene : Scene, optional
         Obstacles to keep clear of, proved between the rows, too.
     limit_tolerance : float
@@ -66,7 +66,7 @@ def check(
     >>> mo.check(robot, motion, "hold@500").verdict[:42]
     'Failed: velocity of shoulder is 2.9999 rad'
     """
-    chosen = controller_profile(profile)
+    chosen = load_profile(profile)
     chosen.limits_of(robot)  # refuses another number of joints
     rows = read_rows(trajectory, robot) if isinstance(trajectory, str | Path) else trajectory
     if isinstance(rows, Motion):

@@ -11,7 +11,7 @@ from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.certificate import Certificate, limit_checks_of
 from microbot_ocp.execution._check import judged
 from microbot_ocp.execution._curve import executed, rows_of
-from microbot_ocp.execution._profile import Profile, controller_profile
+from microbot_ocp.execution._profile import Profile, load_profile
 from microbot_ocp.execution._rows import CommandRows
 from microbot_ocp.limits import ROUNDING, LimitFamily
 from microbot_ocp.motion import (
@@ -89,7 +89,7 @@ def commanded(
     motion : Motion
         At rest at both ends.
     profile : str or Profile
-        As of :func:`controller_profile`.
+        As of :func:`load_profile`.
     scene : Scene, optional
         Obstacles that the executed motion keeps clear of: proved, not mended.
 
@@ -111,11 +111,11 @@ def commanded(
     >>> robot = mo.load_robot("microbot")
     >>> shape = mo.shortest_duration(robot, mo.quintic([[0, 0, 0], [0.5, 0.8, 0.4]], [0, 1]))
     >>> motion = mo.Motion.from_polynomial(robot, shape.polynomial, label="quintic")
-    >>> command = mo.commanded(robot, motion, "hold@250")
+    >>> command = mo.execution.commanded(robot, motion, "hold@250")
     >>> command.accepted, command.cost < 0.01
     (True, True)
     """
-    chosen = controller_profile(profile)
+    chosen = load_profile(profile)
     family = LimitFamily.of(robot, chosen.limits_of(robot))
     steps = max(1, int(np.ceil(motion.duration / chosen.step - ROUNDING)))
     most = SLOWING.most_evenly * steps + 1.0

@@ -15,7 +15,7 @@ import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp.execution._profile import Profile, controller_profile
+from microbot_ocp.execution._profile import Profile, load_profile
 from microbot_ocp.execution._rows import CommandRows
 from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial, State, quintic_between
 from microbot_ocp.robot import Robot
@@ -38,7 +38,7 @@ def executed(robot: Robot, motion: Motion | CommandRows, profile: str | Profile)
         A motion is sampled at the profile's rate first, to a whole number of steps: beyond its end
         it is held.
     profile : str or Profile
-        As of :func:`controller_profile`.
+        As of :func:`load_profile`.
 
     Returns
     -------
@@ -61,7 +61,7 @@ def executed(robot: Robot, motion: Motion | CommandRows, profile: str | Profile)
     >>> round(mo.executed(robot, motion, "hold@500").duration, 6)
     2.004
     """
-    chosen = controller_profile(profile)
+    chosen = load_profile(profile)
     checks.joints("motion", motion.q.shape[1], robot)
     rows = motion if isinstance(motion, CommandRows) else rows_of(motion, chosen)
     curve = curve_of(rows, chosen)

@@ -135,7 +135,7 @@ def _packaged() -> Any:
     return resources.files("microbot_ocp.execution") / "profiles"
 
 
-def controller_profile(source: str | Path | Profile) -> Profile:
+def load_profile(source: str | Path | Profile) -> Profile:
     """Load the profile of a controller.
 
     Parameters
@@ -151,7 +151,7 @@ def controller_profile(source: str | Path | Profile) -> Profile:
 
     Examples
     --------
-    >>> profile = controller_profile("fr3")
+    >>> profile = load_profile("fr3")
     >>> profile.rate, profile.interpolation
     (1000.0, 'hold')
     """

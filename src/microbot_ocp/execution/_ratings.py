@@ -77,7 +77,8 @@ class Ratings:
         >>> import microbot_ocp as mo
         >>> robot = mo.load_robot("microbot").with_gravity([0.0, 0.0, 0.0])
         >>> shape = mo.cubic([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0]], [0.0, 1.0])
-        >>> found = mo.ratings(robot, mo.Motion.from_polynomial(robot, shape, label="cubic"))
+        >>> motion = mo.Motion.from_polynomial(robot, shape, label="cubic")
+        >>> found = mo.execution.ratings(robot, motion)
         >>> round(found.least_dwell(0.5 * found.rms_torque.max()), 6)
         3.0
         """
@@ -142,7 +143,8 @@ def ratings(robot: Robot, motion: Motion, dwell: float = 0.0) -> Ratings:
     >>> import microbot_ocp as mo
     >>> robot = mo.load_robot("microbot")
     >>> shape = mo.quintic([[0.0, 0.0, 0.0], [0.5, 0.8, 0.4]], [0.0, 2.0])
-    >>> found = mo.ratings(robot, mo.Motion.from_polynomial(robot, shape, label="quintic"), 1.0)
+    >>> motion = mo.Motion.from_polynomial(robot, shape, label="quintic")
+    >>> found = mo.execution.ratings(robot, motion, 1.0)
     >>> bool((found.rms_torque <= found.peak_torque).all())
     True
     """

@@ -145,7 +145,7 @@ def differing_plants(
     Examples
     --------
     >>> import microbot_ocp as mo
-    >>> plants = mo.differing_plants(mo.load_robot("microbot"), mass=0.05, count=3)
+    >>> plants = mo.execution.differing_plants(mo.load_robot("microbot"), mass=0.05, count=3)
     >>> len(plants), [round(plant.links[1].mass, 3) for plant in plants[:2]]
     (5, [1.9, 2.1])
     """
@@ -235,7 +235,7 @@ def smallest_reserve(
     >>> import numpy as np
     >>> import microbot_ocp as mo
     >>> robot = mo.load_robot("microbot")
-    >>> plants = mo.differing_plants(robot, mass=0.05, count=0)
+    >>> plants = mo.execution.differing_plants(robot, mass=0.05, count=0)
     >>> via_q = np.radians([[0, 0, 0], [-90, 90, 90]])
     >>> loop = mo.ComputedTorque(kp=100.0)
     >>> found = mo.smallest_reserve(robot, via_q, loop, plants, 0.03, sample_rate=500.0)

@@ -117,7 +117,7 @@ def robust_limits(
     >>> import numpy as np
     >>> import microbot_ocp as mo
     >>> robot = mo.load_robot("microbot")
-    >>> limits = mo.robust_limits(robot, mass=0.05)
+    >>> limits = mo.execution.robust_limits(robot, mass=0.05)
     >>> motion = mo.time_optimal(robot, np.radians([[0, 0, 0], [-90, 90, 90]]), limits)
     >>> mo.certify(robot, motion, limits).ok
     True

@@ -4,7 +4,7 @@ from ._closed_form import (
     elbow_arm_branches as elbow_arm_branches,
 )
 from ._path import (
-    solve_ik_path as solve_ik_path,
+    follow_ik as follow_ik,
 )
 from ._result import (
     IKPath as IKPath,

@@ -45,7 +45,7 @@ class Following:
 FOLLOWING = Following()
 
 
-def solve_ik_path(
+def follow_ik(
     robot: Robot,
     positions: ArrayLike,
     orientations: ArrayLike | None = None,
@@ -87,7 +87,7 @@ def solve_ik_path(
     --------
     >>> import microbot_ocp as mo
     >>> line = np.linspace([3, -1, 4.5], [3, 1, 4.5], 50)
-    >>> followed = mo.solve_ik_path(mo.load_robot("microbot"), line)
+    >>> followed = mo.follow_ik(mo.load_robot("microbot"), line)
     >>> followed.solved, followed.largest_step < 0.02
     (True, True)
     """

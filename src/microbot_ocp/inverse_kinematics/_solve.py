@@ -128,7 +128,8 @@ def solve_ik_each(
     --------
     >>> import microbot_ocp as mo
     >>> line = np.linspace([3, -1, 4.5], [3, 1, 4.5], 50)
-    >>> found = mo.solve_ik_each(mo.load_robot("microbot"), line, seeds=[0, 1, -1])
+    >>> robot = mo.load_robot("microbot")
+    >>> found = mo.inverse_kinematics.solve_ik_each(robot, line, seeds=[0, 1, -1])
     >>> len(found), all(solution.solved for solution in found)
     (50, True)
     """

@@ -408,8 +408,9 @@ class Motion:
             executed motion keeps clear of.
         profile : str or Profile, optional
             Of the controller that plays the file: rows at its rate, from rest to rest, slowed down
-            until what it makes of them keeps every limit, as of :func:`microbot_ocp.commanded`;
-            with its quantities only, and with the marks. It needs ``robot``.
+            until what it makes of them keeps every limit, as of
+            :func:`microbot_ocp.execution.commanded`; with its quantities only, and with the marks.
+            It needs ``robot``.
 
         Returns
         -------

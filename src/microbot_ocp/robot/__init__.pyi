@@ -71,10 +71,9 @@ from ._transforms import (
 )
 from .files import (
     RobotFileWarning as RobotFileWarning,
+    load_mjcf as load_mjcf,
     load_robot as load_robot,
+    load_urdf as load_urdf,
     packaged_robots as packaged_robots,
-    read_mjcf as read_mjcf,
-    read_urdf as read_urdf,
-    write_toml as write_toml,
-    write_urdf as write_urdf,
+    save_robot as save_robot,
 )

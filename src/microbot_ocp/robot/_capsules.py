@@ -124,7 +124,7 @@ def link_capsules(robot: Robot, radius: ArrayLike | None = None) -> dict[int, tu
     Examples
     --------
     >>> import microbot_ocp as mo
-    >>> capsules = mo.link_capsules(mo.load_robot("planar_2r"), 0.05)
+    >>> capsules = mo.robot.link_capsules(mo.load_robot("planar_2r"), 0.05)
     >>> {frame: len(found) for frame, found in capsules.items()}
     {1: 1, 2: 1}
     """

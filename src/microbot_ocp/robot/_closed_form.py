@@ -167,7 +167,7 @@ class ClosedForm:
         --------
         >>> import microbot_ocp as mo
         >>> program = {}
-        >>> exec(mo.closed_form(mo.load_robot("planar_2r")).text("python"), program)
+        >>> exec(mo.robot.closed_form(mo.load_robot("planar_2r")).text("python"), program)
         >>> [round(row[3], 6) for row in program["forward_kinematics"]([0.0, 0.0])]
         [1.0, 0.0, 0.0, 1.0]
         """
@@ -214,14 +214,14 @@ def closed_form(robot: Robot) -> ClosedForm:
     Examples
     --------
     >>> import microbot_ocp as mo
-    >>> form = mo.closed_form(mo.load_robot("microbot"))
+    >>> form = mo.robot.closed_form(mo.load_robot("microbot"))
     >>> print(form.pose[0][3])
     3 cos(q1) cos(q2) + 4 cos(q1) cos(q2 + q3)
     >>> print(form.mass[1][1])
     68 + 48 cos(q3)
     >>> print(form.coriolis_text(2, 1))
     (24 sin(q3)) qd2
-    >>> print(mo.closed_form(mo.load_robot("stanford")).gravity[2])
+    >>> print(mo.robot.closed_form(mo.load_robot("stanford")).gravity[2])
     63.4707 cos(q2)
     """
     if robot.joint_count > MOST_JOINTS:

@@ -396,7 +396,7 @@ class Robot:
         capsules : mapping
             Frame, 0 for the base and 1 to n for the links, or the name of a link, to the capsules
             that are rigid in it, in its frame. :func:`~microbot_ocp.fit_capsules` and
-            :func:`~microbot_ocp.link_capsules` make such.
+            :func:`~microbot_ocp.robot.link_capsules` make such.
 
         Raises
         ------
@@ -449,7 +449,7 @@ class Robot:
         --------
         >>> import microbot_ocp as mo
         >>> robot = mo.load_robot("planar_2r")
-        >>> robot = robot.with_capsules(mo.link_capsules(robot))
+        >>> robot = robot.with_capsules(mo.robot.link_capsules(robot))
         >>> robot.with_part(mo.Capsule([0, 0, 0], [0.1, 0, 0], 0.05)).capsules[-1][1].name
         'part'
         """

@@ -19,7 +19,7 @@ from ._detours import (
     detour as detour,
 )
 from ._moveit import (
-    read_request as read_request,
+    load_request as load_request,
 )
 from ._obstacles import (
     Box as Box,
@@ -35,5 +35,5 @@ from ._scene import (
     with_arm_capsules as with_arm_capsules,
 )
 from ._scene_file import (
-    read_scene as read_scene,
+    load_scene as load_scene,
 )

@@ -46,7 +46,7 @@ def moveit_scene(path: Path) -> Scene:
         return Scene(obstacles, ignore=tuple(ignore))
 
 
-def read_request(path: str | Path, robot: Robot) -> FloatArray:
+def load_request(path: str | Path, robot: Robot) -> FloatArray:
     """Read start and goal of a MoveIt motion plan request.
 
     Needs PyYAML, of the extra ``export``.

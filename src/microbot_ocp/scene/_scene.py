@@ -26,7 +26,7 @@ class Scene:
 
     The arm is the capsules of the robot: those of :meth:`~microbot_ocp.Robot.with_capsules`; where
     there are none those that :func:`~microbot_ocp.fit_capsules` finds around its collision
-    geometry; of robots without geometry those of :func:`~microbot_ocp.link_capsules`.
+    geometry; of robots without geometry those of :func:`~microbot_ocp.robot.link_capsules`.
 
     Parameters
     ----------

@@ -58,7 +58,7 @@ def _schema(kind: str) -> dict[str, Key]:
     return keys | ({"file": TEXT, "scale": ANY, "vertices": ANY} if kind == "mesh" else {})
 
 
-def read_scene(
+def load_scene(
     source: str | Path | Mapping[str, Any], folder: str | Path = ".", origin: str = "scene"
 ) -> Scene:
     """Read a scene from a file or from a table of a task file.
@@ -87,7 +87,7 @@ def read_scene(
 
     Examples
     --------
-    >>> scene = read_scene({"clearance": 0.01, "obstacle": [
+    >>> scene = load_scene({"clearance": 0.01, "obstacle": [
     ...     {"name": "post", "kind": "cylinder", "radius": 0.1, "length": 1.0, "center": [1, 0, 0]},
     ... ]})
     >>> scene.names, scene.clearance

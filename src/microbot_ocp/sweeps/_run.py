@@ -129,7 +129,7 @@ def sweep(
     --------
     >>> import tempfile
     >>> import microbot_ocp as mo
-    >>> cases = mo.Cases.grid(
+    >>> cases = mo.sweeps.Cases.grid(
     ...     start_q=[0, 0, 0], goal_q_deg=[90, 45, 45], payload=mo.Between(0, 2, 3)
     ... )
     >>> with tempfile.TemporaryDirectory() as folder:

@@ -45,7 +45,7 @@ from microbot_ocp.planning import (
     time_optimal,
 )
 from microbot_ocp.robot import Capsule, JointLimits, Robot, joint_scale, per_joint, rotation_of
-from microbot_ocp.scene import Scene, read_request, read_scene, with_arm_capsules
+from microbot_ocp.scene import Scene, load_request, load_scene, with_arm_capsules
 from microbot_ocp.tasks._front import (
     SHARES,
     SLACKS,
@@ -327,9 +327,9 @@ def request_cell(path: str | Path, robot: Robot, scene: Scene | None) -> CellFil
     Raises
     ------
     InputError
-        As :func:`~microbot_ocp.read_request`.
+        As :func:`~microbot_ocp.scene.load_request`.
     """
-    ends = zip(("start", "goal"), read_request(path, robot), strict=True)
+    ends = zip(("start", "goal"), load_request(path, robot), strict=True)
     stops = tuple(Stop(q=q, name=name) for name, q in ends)
     return CellFile(Path(path).name, robot, stops, robot.limits, scene=scene)
 
@@ -397,10 +397,10 @@ def _with_capsules(robot: Robot, rows: Sequence[Mapping[str, Any]]) -> Robot:
 def _scene(table: Any, folder: Path) -> Scene | None:
     """The table [scene], or the file that it names."""
     if table is None or isinstance(table, str):
-        return None if table is None else read_scene(folder / table)
+        return None if table is None else load_scene(folder / table)
     if not isinstance(table, dict):
         raise InputError(f"scene must be a table, [scene], or the name of a file, not {table!r}")
-    return read_scene(table, folder, "[scene]")
+    return load_scene(table, folder, "[scene]")
 
 
 def _stop(robot: Robot, row: Mapping[str, Any], usual: str) -> Stop:

@@ -18,7 +18,7 @@ from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
 from microbot_ocp._base.status import Status
 from microbot_ocp._base.writing import NotWritten, made_folder, temporary_path
 from microbot_ocp.certificate import Certificate, certificate_of
-from microbot_ocp.execution import Profile, commanded, controller_profile, smallest_reserve
+from microbot_ocp.execution import Profile, commanded, load_profile, smallest_reserve
 from microbot_ocp.motion import Motion
 from microbot_ocp.ocp.solution import Iteration, quiet
 from microbot_ocp.planning import (
@@ -342,7 +342,7 @@ def compare(
     if blend is not None:
         blend = checks.number("blend", blend, "of a segment", above=0.0, at_most=0.5)
     if profile is not None:
-        profile = controller_profile(profile)
+        profile = load_profile(profile)
         profile.limits_of(family.robot)  # refuses another number of joints before any solver
     free, path = _settings(settings)
     times, velocities = timing(via, via_t, via_qd)

@@ -1,3 +1,6 @@
 """Public names; loaded when they are first asked for."""
 
-from . import plots as plots
+from . import (
+    notebook as notebook,
+    plots as plots,
+)

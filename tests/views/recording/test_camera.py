@@ -94,7 +94,7 @@ def test_the_eye_looks_past_a_wall() -> None:
         mo.Capsule([1.0, -1.0, 0.0], [1.0, 1.0, 0.0], 0.2),
         mo.Cylinder(0.2, 2.0, [1.0, 0.0, 0.0]),
         mo.HalfSpace([1.0, 0.0, 0.0], 1.0),
-        mo.ConvexMesh(np.vstack([np.zeros(3), np.eye(3)]) - 0.2, [1.0, 0.0, 0.0]),
+        mo.scene.ConvexMesh(np.vstack([np.zeros(3), np.eye(3)]) - 0.2, [1.0, 0.0, 0.0]),
     ],
 )
 def test_obstacles_hide_what_is_behind_them(obstacle, microbot) -> None:

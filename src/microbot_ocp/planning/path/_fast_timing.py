@@ -169,7 +169,7 @@ def time_path(
     >>> import numpy as np
     >>> import microbot_ocp as mo
     >>> path = mo.straight_path(np.radians([[0, 0, 0], [-8, 45, 30], [-90, 90, 90]]))
-    >>> timing = mo.time_path(mo.load_robot("microbot"), path)
+    >>> timing = mo.planning.time_path(mo.load_robot("microbot"), path)
     >>> timing.solved, round(timing.duration, 3), timing.limits_kept_by["speed bound"]
     (True, 2.575, ['velocity'])
     """

@@ -16,7 +16,7 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.status import Status
-from microbot_ocp.inverse_kinematics import IKPath, IKSolution, solve_ik_all, solve_ik_path
+from microbot_ocp.inverse_kinematics import IKPath, IKSolution, follow_ik, solve_ik_all
 from microbot_ocp.planning.task import (
     STOP_SIZES,
     TYPICAL,
@@ -305,7 +305,7 @@ def _follow(
     if backwards:
         positions = positions[::-1]
         orientations = None if orientations is None else orientations[::-1]
-    found = solve_ik_path(task.robot, positions, orientations, seed=q)
+    found = follow_ik(task.robot, positions, orientations, seed=q)
     if found.solved:
         return (found.q[::-1] if backwards else found.q), (1.0, "")
     share, reason = _why(task.robot, found)

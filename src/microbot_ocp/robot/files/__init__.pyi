@@ -5,9 +5,10 @@ from ._library import (
     load_robot as load_robot,
     packaged_robots as packaged_robots,
     robot_text as robot_text,
+    save_robot as save_robot,
 )
 from ._mjcf import (
-    read_mjcf as read_mjcf,
+    load_mjcf as load_mjcf,
 )
 from ._remarks import (
     RobotFileWarning as RobotFileWarning,
@@ -15,17 +16,14 @@ from ._remarks import (
 from ._toml import (
     parse_robot as parse_robot,
     robot_to_toml as robot_to_toml,
-    save_text as save_text,
-    write_toml as write_toml,
 )
 from ._urdf_reader import (
+    load_urdf as load_urdf,
     parse_urdf as parse_urdf,
-    read_urdf as read_urdf,
 )
 from ._urdf_scene import (
     read_urdf_shapes as read_urdf_shapes,
 )
 from ._urdf_writer import (
     robot_to_urdf as robot_to_urdf,
-    write_urdf as write_urdf,
 )

@@ -10,13 +10,16 @@ from pkgutil import iter_modules
 from microbot_ocp._base.checks import InputError, shown, similar
 from microbot_ocp._base.needed import needed
 from microbot_ocp._base.reading import text_of
+from microbot_ocp._base.writing import write_whole
 from microbot_ocp.robot._model import Robot
-from microbot_ocp.robot.files._mjcf import read_mjcf
+from microbot_ocp.robot.files._mjcf import load_mjcf
 from microbot_ocp.robot.files._toml import parse_robot, robot_to_toml
-from microbot_ocp.robot.files._urdf_reader import read_urdf
+from microbot_ocp.robot.files._urdf_reader import load_urdf
+from microbot_ocp.robot.files._urdf_writer import robot_to_urdf
 
 DESCRIPTIONS = "robot_descriptions:"
-READERS = {".urdf": read_urdf, ".xacro": read_urdf, ".xml": read_mjcf}
+WRITERS = {".toml": robot_to_toml, ".urdf": robot_to_urdf}
+READERS = {".urdf": load_urdf, ".xacro": load_urdf, ".xml": load_mjcf}
 
 
 def _packaged() -> Traversable:
@@ -45,7 +48,7 @@ def load_robot(source: str | Path, tip: str | None = None) -> Robot:
         ``descriptions``), which fetches the files when a name is first used.
     tip : str, optional
         Of a URDF or MJCF file: the link at the end of the chain, whose frame is the tool; needed
-        where the file has several arms (see :func:`~microbot_ocp.robot.files.read_urdf`).
+        where the file has several arms (see :func:`~microbot_ocp.robot.files.load_urdf`).
 
     Returns
     -------
@@ -73,6 +76,37 @@ def load_robot(source: str | Path, tip: str | None = None) -> Robot:
     return parse_robot(*_toml_file(name))
 
 
+def save_robot(robot: Robot, path: str | Path) -> None:
+    """Write a robot to a file that :func:`load_robot` reads back: TOML to the last bit, or URDF.
+
+    Parameters
+    ----------
+    robot : Robot
+    path : str or Path
+        File to write, ending in ``.toml`` or ``.urdf``; what was there is replaced.
+
+    Raises
+    ------
+    InputError
+        Another ending, a file that cannot be written, or a robot with rotors on its links, for
+        which URDF has no place.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import microbot_ocp as mo
+    >>> panda = mo.load_robot("panda")
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     mo.save_robot(panda, f"{folder}/copy.toml")
+    ...     mo.load_robot(f"{folder}/copy.toml") == panda
+    True
+    """
+    text_for = WRITERS.get(Path(path).suffix)
+    if text_for is None:
+        raise InputError(f"path must end in {' or '.join(WRITERS)}, not {str(path)!r}")
+    write_whole(path, text_for(robot))
+
+
 def _described(name: str, tip: str | None) -> Robot:
     """A robot by its name in the package ``robot_descriptions``."""
     package = needed("robot_descriptions", "robots by these names need", "descriptions")
@@ -86,17 +120,17 @@ def _described(name: str, tip: str | None) -> Robot:
         said = " ".join(str(problem).split())
         raise InputError(f"robot_descriptions cannot fetch {name!r}: {said}") from problem
     if urdf := getattr(files, "URDF_PATH", None):
-        return read_urdf(urdf, tip)
+        return load_urdf(urdf, tip)
     if xacro := getattr(files, "XACRO_PATH", None):
-        return read_urdf(xacro, tip, xacro_arguments=getattr(files, "XACRO_ARGS", None))
-    return read_mjcf(files.MJCF_PATH, tip)
+        return load_urdf(xacro, tip, xacro_arguments=getattr(files, "XACRO_ARGS", None))
+    return load_mjcf(files.MJCF_PATH, tip)
 
 
 def robot_text(source: str | Path, tip: str | None = None) -> str:
     """Text of a robot's TOML file, to be changed into another robot.
 
     Of a packaged robot and of a TOML file it is the file as it stands, with its comments and the
-    sources of its figures; of another file, what :func:`microbot_ocp.write_toml` makes of it.
+    sources of its figures; of another file, what :func:`microbot_ocp.save_robot` makes of it.
 
     Parameters
     ----------

@@ -30,7 +30,7 @@ KINDS = {"FREE": "floating", "BALL": "spherical", "SLIDE": "prismatic", "HINGE":
 SOLIDS = {"SPHERE": "sphere", "CAPSULE": "capsule", "CYLINDER": "cylinder", "BOX": "box"}
 
 
-def read_mjcf(
+def load_mjcf(
     path: str | Path, tip: str | None = None, *, parallel_tolerance: float = PARALLEL
 ) -> Robot:
     """Read the chain from the world to one body or site of a MuJoCo file.
@@ -49,7 +49,7 @@ def read_mjcf(
         Body or site at the end of the chain, whose frame is the tool's; needed where the file has
         several arms. Joints that are not on the way to it are held at zero.
     parallel_tolerance : float
-        As in :func:`read_urdf`.
+        As in :func:`load_urdf`.
 
     Returns
     -------
@@ -76,7 +76,7 @@ def read_mjcf(
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     file = Path(folder) / "bar.xml"
     ...     _ = file.write_text(text)
-    ...     robot = read_mjcf(file)
+    ...     robot = load_mjcf(file)
     >>> robot.joint_names, robot.limits.q_max.round(4).tolist()
     (('hinge',), [1.5708])
     """

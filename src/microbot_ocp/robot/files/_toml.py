@@ -38,7 +38,6 @@ from microbot_ocp._base.schema import (
     parsed,
     read_table,
 )
-from microbot_ocp._base.writing import write_whole
 from microbot_ocp.limits import JOINT_QUANTITIES, Limit, Limits
 from microbot_ocp.robot._links import Link, Rotor
 from microbot_ocp.robot._model import Robot
@@ -212,45 +211,12 @@ def _placement(name: str, table: Any) -> Any:
     return dh_transform(*(checks.number(f"{key} {where}", row.get(key, 0.0)) for key in keys))
 
 
-def write_toml(robot: Robot, path: str | Path) -> None:
-    """Write a robot as a TOML file that :func:`microbot_ocp.load_robot` reads back as an equal one.
-
-    Every figure is written with the shortest digits that read back as the same number, angles in
-    radians. What a robot does not hold, such as the sources of a packaged file, is not written.
-
-    Parameters
-    ----------
-    robot : Robot
-    path : str or Path
-        File to write, ending in ``.toml``; what was there is replaced.
-
-    Raises
-    ------
-    InputError
-        Another ending, or a file that cannot be written.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> import microbot_ocp as mo
-    >>> panda = mo.load_robot("panda")
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     mo.write_toml(panda, f"{folder}/copy.toml")
-    ...     mo.load_robot(f"{folder}/copy.toml") == panda
-    True
-    """
-    save_text(robot_to_toml(robot), path, ".toml")
-
-
-def save_text(text: str, path: str | Path, ending: str) -> None:
-    """Write ``text`` to ``path``, which must have the ending of its format."""
-    if Path(path).suffix != ending:
-        raise InputError(f"path must end in {ending}, not {str(path)!r}")
-    write_whole(path, text)
-
-
 def robot_to_toml(robot: Robot) -> str:
-    """Text of the TOML file of a robot."""
+    """Text of the TOML file of a robot.
+
+    Every figure has the shortest digits that read back as the same number, angles in radians. What
+    a robot does not hold, such as the sources of a packaged file, is not written.
+    """
     lines = [f"name = {_text(robot.name)}"]
     if robot.description:
         lines.append(f"description = {_text(robot.description)}")

@@ -61,7 +61,7 @@ def _link(parts: list[Part], frame: FloatArray, **joint: Any) -> Link:
     )
 
 
-def read_urdf(
+def load_urdf(
     path: str | Path,
     tip: str | None = None,
     *,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
@@ -14,34 +13,16 @@ from microbot_ocp.robot._links import Link
 from microbot_ocp.robot._model import Robot
 from microbot_ocp.robot._shapes import SIZES, Shape
 from microbot_ocp.robot._transforms import dh_transform, fixed_angles
-from microbot_ocp.robot.files._toml import save_text
 from microbot_ocp.robot.files._urdf_file import ACCELERATION, EXTENSION, RANGES
 
 
-def write_urdf(robot: Robot, path: str | Path) -> None:
-    """Write a robot as a URDF file: the same poses, dynamics and geometry.
+def robot_to_urdf(robot: Robot) -> str:
+    """Text of the URDF file of a robot: the same poses, dynamics and geometry.
 
     The root link is ``base_link``, the last one ``tool``. Rotor inertia, gravity, and limits that
     URDF has no room for stand in elements ``<microbot_ocp>``: :func:`microbot_ocp.load_robot` reads
     them, other programs pass over them. Needs no extra.
-
-    Parameters
-    ----------
-    robot : Robot
-    path : str or Path
-        File to write, ending in ``.urdf``; what was there is replaced.
-
-    Raises
-    ------
-    InputError
-        Another ending, a file that cannot be written, or a robot with rotors on its links, for
-        which URDF has no place.
     """
-    save_text(robot_to_urdf(robot), path, ".urdf")
-
-
-def robot_to_urdf(robot: Robot) -> str:
-    """Text of the URDF file of a robot."""
     if robot.rotors:
         raise InputError(
             f"robot {robot.name!r} has rotors, for which URDF has no place: write TOML, or put "

@@ -103,7 +103,7 @@ def front(front: Front, axes: GivenAxes | None = None) -> AxesGrid:
     Parameters
     ----------
     front : Front
-        From :func:`microbot_ocp.time_effort_front`.
+        From :func:`microbot_ocp.tasks.time_effort_front`.
     axes : array of Axes [2], optional
         Default a new figure.
 

@@ -45,7 +45,7 @@ def phase_plane(
     robot : Robot
         For names; with the limits where a path is given.
     plane : PhasePlane or PiecewisePolynomial
-        From :func:`microbot_ocp.phase_plane`, or a path to make one of.
+        From :func:`microbot_ocp.planning.phase_plane`, or a path to make one of.
     axes : Axes, optional
         Default a new figure.
     unit : str
