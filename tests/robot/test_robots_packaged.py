@@ -333,7 +333,7 @@ def test_any_robot_survives_a_toml_file_to_the_last_bit(
 
 
 def test_toml_goes_to_a_file_of_its_ending(tmp_path: Path, microbot: mo.Robot) -> None:
-    with pytest.raises(InputError, match=r"path must end in \.toml, not '.*arm\.txt'"):
+    with pytest.raises(InputError, match=r"path must end in \.toml or \.urdf, not '.*arm\.txt'"):
         mo.save_robot(microbot, tmp_path / "arm.txt")
     with pytest.raises(InputError, match=r"arm\.toml was not written: its folder does"):
         mo.save_robot(microbot, tmp_path / "none" / "arm.toml")

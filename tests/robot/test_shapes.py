@@ -11,8 +11,8 @@ import pytest
 
 import microbot_ocp as mo
 from helpers import batch, difference, random_states
-from microbot_ocp import InputError, RobotFileWarning
-from microbot_ocp.robot import Shape
+from microbot_ocp import InputError
+from microbot_ocp.robot import RobotFileWarning, Shape
 from microbot_ocp.robot.files import parse_robot, parse_urdf, robot_to_toml, robot_to_urdf
 
 pin = pytest.importorskip("pinocchio")

@@ -15,8 +15,9 @@ from hypothesis import given, strategies as st
 
 import microbot_ocp as mo
 from helpers import RANDOM_CHAINS, any_robot, batch, difference, random_link, random_states
-from microbot_ocp import InputError, RobotFileWarning
+from microbot_ocp import InputError
 from microbot_ocp.cli import main
+from microbot_ocp.robot import RobotFileWarning
 from microbot_ocp.robot.files import parse_robot, parse_urdf, robot_to_toml, robot_to_urdf
 
 yourdfpy = pytest.importorskip("yourdfpy")
@@ -722,7 +723,7 @@ def test_names_that_xml_cannot_hold_are_refused() -> None:
 
 
 def test_urdf_goes_to_a_file_of_its_ending(tmp_path: Path, microbot: mo.Robot) -> None:
-    with pytest.raises(InputError, match=r"path must end in \.urdf, not '.*arm\.xml'"):
+    with pytest.raises(InputError, match=r"path must end in \.toml or \.urdf, not '.*arm\.xml'"):
         mo.save_robot(microbot, tmp_path / "arm.xml")
     with pytest.raises(InputError, match=r"arm\.urdf was not written: its folder does"):
         mo.save_robot(microbot, tmp_path / "none" / "arm.urdf")
