@@ -15,6 +15,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, partial
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
@@ -322,7 +323,7 @@ class Command:
         declared = {name: (hints[name], p.default) for name, p in parameters.items()}
         sentences: dict[str, str] = {}
         for public, names in self.library.items():
-            source = getattr(microbot_ocp, public)
+            source = attrgetter(public)(microbot_ocp)
             sentences |= {name: _sentence(text) for name, (_, text) in documented(source).items()}
             settings = inspect.signature(source).parameters
             declared |= {n: (settings[n].annotation, settings[n].default) for n in names.split()}

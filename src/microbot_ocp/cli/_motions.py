@@ -137,7 +137,7 @@ def _samples(duration: float, step: float) -> FloatArray:
 
 
 @command(
-    {"TimeOptimalSettings": "mesh", "compare": "time_limit profile"},
+    {"planning.TimeOptimalSettings": "mesh", "compare": "time_limit profile"},
     writes=("",), recorded=True, solves=True,
 )  # fmt: skip
 def compare(
@@ -171,7 +171,7 @@ def compare(
 
 
 @command(
-    {"TimeOptimalSettings": "mesh starts tries slack time_limit"},
+    {"planning.TimeOptimalSettings": "mesh starts tries slack time_limit"},
     writes=(".npz",), recorded=True, solves=True,
 )  # fmt: skip
 def time_optimal(
@@ -225,7 +225,7 @@ def time_optimal(
     return Answer(document, blocks, (), *good, save=motion.save, record=record)
 
 
-@command({"TimeOptimalSettings": ""}, writes=("",), solves=True)
+@command({"planning.TimeOptimalSettings": ""}, writes=("",), solves=True)
 def solve(
     file: Annotated[Path, FILE],
     progress: Progress,
