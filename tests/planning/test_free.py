@@ -332,7 +332,7 @@ def test_torque_limits_hold_with_friction(friction, allowed):
 
 
 def test_a_motion_that_was_not_solved_says_so(monkeypatch):
-    def stopped(problem, mesh, guess, settings, **_):
+    def stopped(problem, mesh, guess, settings, *_, **__):
         return solve(problem, mesh, guess, replace(settings, max_iterations=2))
 
     monkeypatch.setattr(refinement, "solve_on", stopped)
@@ -398,7 +398,7 @@ def test_a_motion_slowed_down_evenly_may_be_beyond_a_position_as_far_as_is_toler
 
 
 def test_solved_keeps_its_limits_as_well_as_was_asked_for():
-    converged: Any = SimpleNamespace(status=mo.Status.SOLVED, advice="")
+    converged: Any = SimpleNamespace(status=mo.Status.SOLVED, rows=(), phases=())
     family = mo.limits.LimitFamily.of(arm())
     for excess, said in ((0.9e-6, "solved"), (1.1e-6, "limits exceeded")):
         found = verdict(family, converged, [np.array([0.0, excess])], limit_tolerance=1e-6)

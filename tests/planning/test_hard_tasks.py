@@ -10,6 +10,7 @@ import pytest
 from benchmarks.torture import task_of
 
 import microbot_ocp as mo
+from microbot_ocp._base.outcome import Advice
 from microbot_ocp.limits import LimitFamily
 from microbot_ocp.ocp.solution import quiet
 from microbot_ocp.planning import TimeOptimalSettings
@@ -174,35 +175,32 @@ def test_a_robot_without_masses_does_what_kinematics_allows(jerk):
 
 
 @pytest.mark.parametrize(
-    ("advice", "said"),
+    ("row", "said"),
     [
+        (("initial", "q", 1, "phase 2", 0.0), "position of joint 2 at via point 2"),
+        (("final", "qd", 0, "phase 2", 2.0), "velocity of joint 1 at via point 3"),
         (
-            "Most violated: start condition of q[1] in phase 'phase 2' at t = 0 s, by 0.3 rad.",
-            "Most violated: position of joint 2 at via point 2, by 0.3 rad.",
+            ("constraint", "torque", 1, "phase 1", 0.5),
+            "torque of joint 2 between via points 1 and 2, 0.5 s after the first of them",
         ),
         (
-            "Most violated: end condition of qd[0] in phase 'phase 2' at t = 2 s, by 1 rad/s.",
-            "Most violated: velocity of joint 1 at via point 3, by 1 rad/s.",
+            ("constraint", "torque", 1, "phase 1", None),
+            "torque of joint 2 between via points 1 and 2",
         ),
-        (
-            "Most violated: constraint torque[1] in phase 'phase 1' at t = 0.5 s, by 3 N m.",
-            "Most violated: torque of joint 2 between via points 1 and 2, 0.5 s after the first of "
-            "them, by 3 N m.",
-        ),
-        (
-            "Most violated: step of v in phase 'piece 3' at t = 0.4 s, by 0.1 1/s.",
-            "Most violated: speed along the path, 0.4 s after the start of piece 3 of the path, by "
-            "0.1 1/s.",
-        ),
-        ("No.\nCall explain(problem, mesh, solution): it tells.", "No."),
-        ("The state q[0] of phase 'phase 1' reaches 9 rad: declare scale=10.", ""),
     ],
 )
-def test_advice_speaks_of_via_points_joints_and_limits(advice, said):
+def test_advice_speaks_of_via_points_joints_and_limits(row, said):
     from microbot_ocp.limits import LimitFamily
-    from microbot_ocp.planning.task import in_words_of_the_task
+    from microbot_ocp.planning.task import place_in_task
 
-    assert in_words_of_the_task(advice, LimitFamily.of(arm())) == said
+    assert place_in_task(LimitFamily.of(arm()), *row, ["phase 1", "phase 2"]) == said
+
+
+def test_the_row_of_a_program_is_named_by_the_task():
+    row = Advice("violation", "Most violated: x in phase 1, by 2 N m.", "x in phase 1", 2.0, "N m")
+    named = row.named("torque of the elbow")
+    assert named.sentence == "Most violated: torque of the elbow, by 2 N m."
+    assert (named.amount, named.unit, named.label) == (2.0, "N m", "torque of the elbow")
 
 
 def test_a_task_that_cannot_be_done_is_told_in_its_own_words():

@@ -109,6 +109,7 @@ class Advice:
     label : what it is about, such as the name of a limit
     amount : by how much, in ``unit``; None where there is none
     unit : of the amount
+    at : the part of a program that it is about, and when, s; not written to files
     """
 
     kind: str
@@ -116,6 +117,18 @@ class Advice:
     label: str = ""
     amount: float | None = None
     unit: str = ""
+    at: tuple[Any, float] | None = None
+
+    def named(self, label: str) -> Advice:
+        """The same with another name of what it is about."""
+        return replace(
+            self, sentence=self.sentence.replace(self.label, label), label=label, at=None
+        )
+
+
+def remark(sentence: str) -> Advice:
+    """Advice that programs have no use for."""
+    return Advice("remark", sentence)
 
 
 @dataclass(frozen=True)
@@ -171,7 +184,9 @@ class Outcome:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
-        rows = [asdict(row) for row in self.advice]
+        rows = [asdict(replace(row, at=None)) for row in self.advice]
+        for row in rows:
+            del row["at"]
         return {"status": str(self.status), "advice": rows, "ledger": self.ledger.as_dicts()}
 
 

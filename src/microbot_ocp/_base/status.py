@@ -28,7 +28,7 @@ class Status(StrEnum):
     INFEASIBLE = (
         "infeasible",
         "Converged to a point that violates constraints: look for limits that contradict each "
-        "other or an end that cannot be reached; explain names them.",
+        "other or an end that cannot be reached.",
     )
     INTERRUPTED = "interrupted", "Interrupted: the last iterate or accepted solution is returned."
     FAILED = "failed", "The solver broke down: check scales and guess, try the other solver."

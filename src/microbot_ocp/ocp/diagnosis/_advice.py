@@ -8,6 +8,7 @@ import numpy as np
 
 from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.outcome import Advice, remark
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.diagnosis._finiteness import not_finite
 from microbot_ocp.ocp.solution import Attempt, StartingPoint
@@ -22,8 +23,8 @@ NO_COST = "No cost is declared: this is one of all answers that keep the constra
 
 def advice(
     program: Program, begin: StartingPoint, x: FloatArray, attempts: Sequence[Attempt]
-) -> str:
-    """What went wrong and what would help, one sentence a line.
+) -> tuple[Advice, ...]:
+    """What went wrong and what would help.
 
     Parameters
     ----------
@@ -34,45 +35,48 @@ def advice(
     """
     status, start = attempts[-1].status, begin.x
     if status is Status.SOLVED and not any(k.phase.has_cost for k in program.layouts):
-        return f"{status.sentence} {NO_COST}"
+        return Advice("status", status.sentence), remark(NO_COST)
+    rows = [Advice("status", status.sentence)]
     if status in (Status.SOLVED, Status.INTERRUPTED) or deadline.over():
-        return status.sentence
-    lines = [status.sentence]
+        return tuple(rows)
     if falls_for_ever(attempts[-1].cost, program.cost_scale):
         worst = int(np.argmax(np.abs(x)))
         label = program.variable_labels[worst]
-        lines.append(
+        sentence = (
             f"The cost seems to be unbounded: it fell to {attempts[-1].cost:.2g}, and the "
             f"{label.description} of phase {label.phase!r} went to {_amount(label, x[worst])}; "
             "limit what grows."
         )
-        return "\n".join(lines)
-    lines += [
-        f"The solver {attempt.solver} stopped with: {attempt.message}"
+        return *rows, Advice("unbounded", sentence)
+    rows += [
+        Advice("solver", f"The solver {attempt.solver} stopped with: {attempt.message}")
         for attempt in attempts
         if attempt.broke_down
     ]
     if status is Status.GAP_LEFT:
-        lines.append(f"The cost is {attempts[-1].message}.")
-    lines += _overdetermined(program)
+        rows.append(Advice("gap", f"The cost is {attempts[-1].message}."))
+    rows += [Advice("program", sentence) for sentence in _overdetermined(program)]
     if not np.isfinite(x).all():
-        lines.append("The last iterate is not finite: what follows is about the start.")
+        rows.append(remark("The last iterate is not finite: what follows is about the start."))
         x = start
     complaint = not_finite(program, x, "the last iterate")
     if complaint is not None:
-        lines.append(
+        sentence = (
             f"{complaint[0].upper()}{complaint[1:]}; keep away from there by a bound or a better "
             "guess."
         )
+        rows.append(remark(sentence))
     else:
-        lines += _most_violated(program, x)
-    lines += _guess(program, start)
+        rows += _most_violated(program, x)
+    rows += _guess(program, start)
     if begin.missing:
-        lines.append(f"Not in the solution that it started from: {', '.join(begin.missing)}.")
-    lines += _badly_scaled(program, x)
+        names = ", ".join(begin.missing)
+        rows.append(Advice("program", f"Not in the solution that it started from: {names}."))
+    rows += [Advice("program", sentence) for sentence in _badly_scaled(program, x)]
     if complaint is None and attempts[-1].infeasibility > VIOLATED:
-        lines.append("Call explain(problem, mesh, solution): it tells whether the limits conflict.")
-    return "\n".join(lines)
+        sentence = "Call explain(problem, mesh, solution): it tells whether the limits conflict."
+        rows.append(Advice("program", sentence))
+    return tuple(rows)
 
 
 def falls_for_ever(cost: float, scale: float) -> bool:
@@ -80,7 +84,7 @@ def falls_for_ever(cost: float, scale: float) -> bool:
     return bool(cost < -scale / np.sqrt(np.finfo(float).eps))
 
 
-def _most_violated(program: Program, x: FloatArray) -> Iterator[str]:
+def _most_violated(program: Program, x: FloatArray) -> Iterator[Advice]:
     excess = program.violations(x, program.row_values(x))
     labels = [*program.row_labels, *program.variable_labels]
     # a phase whose time is too short bends its duration from stage to stage: that is no cause
@@ -88,21 +92,30 @@ def _most_violated(program: Program, x: FloatArray) -> Iterator[str]:
     worst = int(np.argmax(np.where(causes, excess, 0.0)))
     if excess[worst] > VIOLATED:
         label = labels[worst]
-        yield f"Most violated: {_placed(program, label, x)}, by {_amount(label, excess[worst])}."
+        at, amount = _placed(program, label, x), _amount(label, excess[worst])
+        yield Advice(
+            "violation",
+            f"Most violated: {at}, by {amount}.",
+            at,
+            float(excess[worst] * label.scale),
+            label.unit,
+            (label, program.time_of(label, x)),
+        )
 
 
-def _guess(program: Program, start: FloatArray) -> Iterator[str]:
+def _guess(program: Program, start: FloatArray) -> Iterator[Advice]:
     rows = program.row_labels
     excess = program.violations(start, program.row_values(start))[: len(rows)]
     own = np.where([label.kind in DYNAMICS for label in rows], excess, 0.0)
     worst = int(np.argmax(own))
     if own[worst] > FAR:
         label = rows[worst]
-        yield (
+        sentence = (
             f"The guess was no trajectory: it misses the {_placed(program, label, start)}, by "
             f'{_amount(label, own[worst])}; start from guess="rollout", a simulation, or solve '
             "on a coarser mesh first."
         )
+        yield Advice("program", sentence)
 
 
 def _badly_scaled(program: Program, x: FloatArray) -> Iterator[str]:

@@ -61,6 +61,8 @@ class Relaxation:
     unit : str
     time : float
         Since the start of the phase, s, where it is exceeded most (or presses most).
+    component : int
+        Of what has several.
     """
 
     phase: str
@@ -71,6 +73,7 @@ class Relaxation:
     amount: float | None
     unit: str
     time: float
+    component: int = 0
 
     @property
     def subject(self) -> str:
@@ -391,4 +394,5 @@ class _Elastic:
             amount=None if amount is None else amount * label.scale,
             unit=label.unit,
             time=self.program.time_of(self.labels[item.rows[worst]], x),
+            component=label.component,
         )

@@ -189,8 +189,8 @@ class _Work:
         if isinstance(proposal, Beside):
             return self._below(best, proposal).with_rivals_of(best)
         answer = _by("on a finer mesh", self._solve(proposal, best))
-        advice = answer.advice if answer.status is Status.GAP_LEFT else best.advice
-        return replace(answer, advice=advice).with_rivals_of(best)
+        rows = answer.rows if answer.status is Status.GAP_LEFT else best.rows
+        return replace(answer, rows=rows).with_rivals_of(best)
 
     def _solve(self, meshes: Sequence[Mesh | FloatArray], start: Solution) -> Solution:
         solver = self.context.settings.solver if self._alone else "ipopt"
@@ -314,7 +314,7 @@ class _Work:
         if better is state.solution:
             return state, saved, tried
         seen = self._measured(began, state.rounds, better)
-        better = replace(better, attempts=tuple(tried), advice=state.solution.advice)
+        better = replace(better, attempts=tuple(tried), rows=state.solution.rows)
         last = Round(better, replace(seen, left=before.left))
         return replace(state, rounds=(*state.rounds, last)), improvable(better), []
 
@@ -367,27 +367,26 @@ class _Work:
         if goal is not None:
             missing = [*goal.missing(seen.step), *missing]
             status = _of_accuracy(status, state.ended, missing)
-            rises = " ".join(goal.rises(solution.history))
-            solution = replace(solution, advice=f"{solution.advice} {rises}".strip())
+            rises = goal.rises(solution.history)
+            solution = solution.remarked(*rises)
         if not missing and saved > PASSING.most_left:
             lost = (
                 f"Other controls would save {saved:.1g} of the cost, but no solve from there does: "
                 "the optimum may be approached by controls that jump to and fro ever faster."
             )
             if saved <= PASSING.unmet:
-                return replace(solution, advice=f"{solution.advice} {lost}"), True
-            status = Status.NO_PROGRESS
-            return replace(solution, status=status, advice=f"{status.sentence} {lost}"), True
+                return solution.remarked(lost), True
+            return solution.ended(Status.NO_PROGRESS, lost), True
         if (status is solution.status and settled) or (not missing and status.solved):
             return solution, True
         if goal is None and self.finer and status in (Status.SOLVED, Status.TOO_COARSE):
             status = Status.TIME_LIMIT if self.context.over else Status.NO_PROGRESS
         parts = [failure.sentence for failure in missing[: None if goal is not None else 1]]
-        advice = f"{status.sentence} Missing: {'; '.join(parts)}." if parts else status.sentence
-        if goal is not None and rises:
-            advice = f"{advice} {rises}"
+        remarks = [f"Missing: {'; '.join(parts)}."] if parts else []
+        if goal is not None:
+            remarks += rises
         final = status in FINAL or (goal is not None and not seen.judgement.failures)
-        return replace(solution, status=status, advice=advice), final
+        return solution.ended(status, *remarks), final
 
 
 def _of_accuracy(judged: Status, ended: Status | None, missing: Sequence[Failure]) -> Status:
@@ -410,8 +409,7 @@ def _alone(solution: Solution) -> Solution:
 
 
 def _interrupted(solution: Solution) -> Solution:
-    status = Status.INTERRUPTED
-    return replace(solution, status=status, advice=status.sentence)
+    return solution.ended(Status.INTERRUPTED)
 
 
 def _by(way: str, solution: Solution) -> Solution:

@@ -142,9 +142,9 @@ def cheaper_elsewhere(
     if several:
         best = replace(best, agreed=met, compared=len(answers) + 1)
     if context.over:
-        best = replace(best, advice=f"{best.advice} {CUT_SHORT}")
+        best = best.remarked(CUT_SHORT)
     elif not answers:
-        best = replace(best, advice=f"{best.advice} {ALONE}")
+        best = best.remarked(ALONE)
     return replace(best, rivals=tuple(rivals)), attempts
 
 

@@ -221,10 +221,9 @@ def solve(
 def _ended(task: Task, best: Solution) -> Solution:
     """The answer, with what is to be said of the search."""
     if best.status not in ENDED and task.over:
-        best = replace(best, advice=f"{best.advice} {NOT_ALL}")
+        best = best.remarked(NOT_ALL)
     if best.solved and best.unsettled:
-        status = Status.LOCAL_OPTIMUM
-        best = replace(best, status=status, advice=f"{status.sentence} {best.several}")
+        best = best.ended(Status.LOCAL_OPTIMUM, best.several)
     return best
 
 
@@ -363,12 +362,10 @@ def _finished(
         journal.enter(OTHER_STARTS, began, before, solution if tried else None, tried)
         if tried:  # another valley, of other sizes
             solution, start = _in_own_scales(task, journal, solution, start)
-    advice = solution.advice
-    if solution.status.solved and strategy.name:
-        advice = f"{advice} The first try failed; this was found {strategy.name}."
-    if solution.status.solved and solution.rivals:
-        advice = f"{advice} {solution.several}"
-    solution = replace(journal.closed(solution), advice=advice)
+    first = f"The first try failed; this was found {strategy.name}." if strategy.name else ""
+    if solution.status.solved:
+        solution = solution.remarked(first, solution.several)
+    solution = journal.closed(solution)
     solution, final = task.judged(solution, start.context)
     if solution.status in UNSETTLED and _swings(task.problem, solution):
         return _with_constant_controls(task, solution)
@@ -442,10 +439,9 @@ def _with_constant_controls(task: Task, before: Solution) -> tuple[Solution, boo
     ledger, attempts = Ledger.of([*before.ledger, row]), (*before.attempts, *tried)
     if solved is None:
         return replace(before, attempts=attempts, ledger=ledger), False
-    advice = (
-        f"{answer.advice} With other values at every point the cost does not settle: {CONSTANT}."
+    answer = replace(answer, attempts=attempts, ledger=ledger).remarked(
+        f"With other values at every point the cost does not settle: {CONSTANT}."
     )
-    answer = replace(answer, attempts=attempts, advice=advice, ledger=ledger)
     return answer.with_rivals_of(before), final
 
 

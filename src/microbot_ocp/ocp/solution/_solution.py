@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp._base.outcome import Ledger, LedgerRow
+from microbot_ocp._base.outcome import Advice, Ledger, LedgerRow, Outcome, remark
 from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.problem import Variable, node_variables
@@ -167,7 +167,7 @@ class Solution:
     settings : how it was solved, as plain values
     cost_scale : what the solver divided the cost by; cost and multipliers are whole
     gap : how much the cost may be above that of the local optimum beside it, in its unit
-    advice : what the status means; of a solve that did not converge also what would help, by lines
+    rows : what the status means; of a solve that did not converge also what would help
     start : where it started from
     maximize : whether its cost is a gain with the other sign, see ``objective``
     rivals : where other starts led to local optima of nearly the same cost, how much each of these
@@ -189,7 +189,7 @@ class Solution:
     settings: Mapping[str, object] = field(default_factory=dict)
     cost_scale: float = 1.0
     gap: Gap = UNKNOWN
-    advice: str = ""
+    rows: tuple[Advice, ...] = ()
     start: StartingPoint | None = field(default=None, repr=False)
     maximize: bool = False
     rivals: tuple[float, ...] = ()
@@ -222,6 +222,26 @@ class Solution:
     def solved(self) -> bool:
         """Whether the solve ended well."""
         return self.status.solved
+
+    @property
+    def outcome(self) -> Outcome:
+        """How it ended: status, advice and ledger."""
+        return Outcome(self.status, self.rows, self.ledger)
+
+    @property
+    def advice(self) -> str:
+        """What the status means and what would help, one sentence a line."""
+        return self.outcome.text
+
+    def ended(self, status: Status, *remarks: str) -> Solution:
+        """The same with another status, and remarks on it."""
+        return replace(
+            self, status=status, rows=Outcome.of(status).and_(*map(remark, remarks)).advice
+        )
+
+    def remarked(self, *remarks: str) -> Solution:
+        """The same with further remarks; empty ones are none."""
+        return replace(self, rows=self.outcome.and_(*map(remark, filter(None, remarks))).advice)
 
     @property
     def objective(self) -> float:

@@ -142,7 +142,7 @@ def run_chain(
         cost_scale=program.cost_scale,
         gap=gap,
         start=start,
-        advice=advice(program, start, point.x, ended),
+        rows=advice(program, start, point.x, ended),
         maximize=_maximizes(program),
     )
 

@@ -18,7 +18,7 @@ import numpy as np
 from microbot_ocp._base import checks
 from microbot_ocp._base.archive import no_archive, read_archive, write_archive
 from microbot_ocp._base.checks import FloatArray, InputError, shortened
-from microbot_ocp._base.outcome import Ledger
+from microbot_ocp._base.outcome import Advice, Ledger, Outcome
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.problem import OptimalControlProblem, with_phases
 from microbot_ocp.ocp.solution import UNKNOWN, Attempt, Gap, PhaseSolution, Solution, StartingPoint
@@ -89,7 +89,7 @@ def save_solution(solution: Solution, path: str | Path) -> Path:
         "maximize": solution.maximize,
         "gap": vars(solution.gap),
         "build_time": solution.build_time,
-        "advice": solution.advice,
+        "advice": solution.outcome.as_dict()["advice"],
         "attempts": [{**vars(a), "status": a.status.name} for a in solution.attempts],
         "ledger": solution.ledger.as_dicts(),
         "settings": dict(solution.settings),
@@ -229,7 +229,7 @@ def _restored(
         cost_scale=float(metadata.get("cost_scale", 1.0)),
         maximize=bool(metadata.get("maximize", False)),
         gap=Gap(**metadata["gap"]) if metadata.get("gap") else UNKNOWN,
-        advice=str(metadata.get("advice") or status.sentence),
+        rows=_advice(metadata.get("advice"), status),
         start=StartingPoint(
             arrays["start.x"], arrays.get("start.rows"), arrays.get("start.variables")
         )
@@ -309,3 +309,10 @@ def _layouts(
                 f"phase {names[i]!r} of the solution has other variables than the transcription"
             )
     return layouts
+
+
+def _advice(saved: Any, status: Status) -> tuple[Advice, ...]:
+    """Advice of a file, which was one text before there were rows."""
+    if isinstance(saved, list):
+        return tuple(Advice(**row) for row in saved)
+    return Outcome.of(status, str(saved or status.sentence)).advice

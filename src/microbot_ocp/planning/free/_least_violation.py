@@ -17,7 +17,7 @@ from microbot_ocp._base.status import Status
 from microbot_ocp.limits import LimitFamily
 from microbot_ocp.ocp import Explanation, PhaseSolution, Relaxation, Solution, explain
 from microbot_ocp.ocp.transcription import Guess, Meshes, Transcription
-from microbot_ocp.planning.task import in_words_of_the_task
+from microbot_ocp.planning.task import place_in_task
 
 MOST_ITERATIONS = 200  # of each relaxed solve
 UNCONFIRMED = (
@@ -77,7 +77,7 @@ def judged(
         joints = enumerate(pose)
         at = ", ".join(family.robot.position_text(j, float(f"{value:.4g}")) for j, value in joints)
         unit = f" {gives.unit}".rstrip()
-        what = _what(gives, family)
+        what = _what(gives, explanation, family)
         sentence = (
             f"  {what} by {gives.amount:.4g}{unit}, the limit being {gives.limit:.6g}{unit}, most "
             f"at q = ({at})"
@@ -91,9 +91,11 @@ def judged(
     return Outcome.of(Status.INFEASIBLE, CONFIRMED, *rows), {"least_violation": entries}
 
 
-def _what(gives: Relaxation, family: LimitFamily) -> str:
-    row = f"{gives.name} in phase {gives.phase!r} at t = {gives.time:.4g} s"
-    return in_words_of_the_task(row, family).rpartition(", ")[0]  # a pose says more than a time
+def _what(gives: Relaxation, explanation: Explanation, family: LimitFamily) -> str:
+    """The limit and its segment; its pose, which stands beside, says more than a time."""
+    name = gives.name.removesuffix(f"[{gives.component}]")
+    phases = [phase.name for phase in explanation.phases]
+    return place_in_task(family, gives.kind, name, gives.component, gives.phase, None, phases)
 
 
 def _pose(gives: Relaxation, explanation: Explanation) -> list[float]:

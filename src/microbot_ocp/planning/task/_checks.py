@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, replace
 from functools import lru_cache
@@ -110,7 +109,13 @@ def verdict(
             f"limits are exceeded by {100 * worst:.3g} % between mesh points, and refinement ended "
             "there: give a finer mesh, or look for a place that cannot be passed",
         )
-    return Outcome.of(solution.status, in_words_of_the_task(solution.advice, family))
+    names = [phase.name for phase in solution.phases]
+    rows = (
+        row.named(place_in_task(family, *_of_row(row), names)) if row.at else row
+        for row in solution.rows
+        if row.kind != "program"
+    )
+    return Outcome(solution.status, tuple(rows))
 
 
 def largest(excess: Sequence[FloatArray]) -> float:
@@ -118,46 +123,45 @@ def largest(excess: Sequence[FloatArray]) -> float:
     return max(float(e.max()) for e in excess)
 
 
-def in_words_of_the_task(advice: str, family: LimitFamily) -> str:
-    """Advice on a program as advice on a task: via points, joints and limits, not its variables."""
-    lines = advice.replace("; explain names them", "").splitlines()
-    kept = [line for line in lines if not any(word in line for word in _OF_THE_PROGRAM)]
-    return "\n".join(_ROW.sub(lambda found: _named(found, family), line) for line in kept)
+def _of_row(row: Advice) -> tuple[str, str, int, str, float]:
+    assert row.at is not None
+    label, at = row.at
+    return label.kind, label.name, label.component, label.phase, at
 
 
-# lines that only who declared the program can follow
-_OF_THE_PROGRAM = ("declare ", "explain(", "no trajectory", "Not in the solution", "leave some out")
-_ROW = re.compile(
-    r"(?:(?P<kind>start condition of|end condition of|step of|dynamics of|bound of|constraint|"
-    r"state|control|link of) )?(?P<name>\w[\w ,]*?)(\[(?P<index>\d+)\])?"
-    r"(?P<rest> at the end of the interval| to the next phase| in the next phase)?"
-    r" in phase '(?P<phase>phase|piece) (?P<number>\d+)' at t = (?P<t>\S+) s"
-)
-_QUANTITIES = {
-    "q": "position",
-    "qd": "velocity",
-    "qdd": "acceleration",
-    "s": "place on the path",
-    "v": "speed along the path",
-    "a": "acceleration along the path",
-}
+_QUANTITIES = {"q": "position", "qd": "velocity", "qdd": "acceleration"}
 
 
-def _named(found: re.Match[str], family: LimitFamily) -> str:
-    name, index, number = found["name"].strip(), int(found["index"] or 0), int(found["number"])
+def place_in_task(
+    family: LimitFamily,
+    kind: str,
+    name: str,
+    component: int,
+    phase: str,
+    at: float | None,
+    phases: Sequence[str],
+) -> str:
+    """Name a row of a program by via points, joints and limits.
+
+    Parameters
+    ----------
+    family : LimitFamily
+    kind, name, component, phase : as in the label of the row
+    at : s, since the start of its phase; None leaves it out
+    phases : names of all phases
+    """
     members = {member.name: member for member in family}
     if name in members:
-        what = members[name].title(index)
-    elif name in ("q", "qd", "qdd"):
-        what = f"{_QUANTITIES[name]} of {family.robot.joint_names[index]}"
+        what = members[name].title(component)
+    elif name in _QUANTITIES:
+        what = f"{_QUANTITIES[name]} of {family.robot.joint_names[component]}"
     else:
-        what = _QUANTITIES.get(name, name)
-    if found["phase"] == "piece":
-        return f"{what}, {found['t']} s after the start of piece {number} of the path"
-    if found["kind"] in ("start condition of", "end condition of"):
-        return f"{what} at via point {number + (found['kind'][0] == 'e')}"
+        what = name
+    number = phases.index(phase) + 1
+    if kind in ("initial", "final"):
+        return f"{what} at via point {number + (kind == 'final')}"
     where = f"between via points {number} and {number + 1}"
-    return f"{what} {where}, {found['t']} s after the first of them"
+    return f"{what} {where}" + ("" if at is None else f", {at:.4g} s after the first of them")
 
 
 def provenance_of(
