@@ -22,6 +22,7 @@ from itertools import chain, cycle, islice
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.diagnosis import NotFinite, finite_start
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.refinement import SolveContext
@@ -121,7 +122,12 @@ def cheaper_elsewhere(
     size = cost_size(solution.cost, solution.cost_scale)
     coarse, comparable = _comparable(solution, context)
     here = comparable if comparable.status.solved else solution
-    answers = [k for k in _until_they_agree(coarse, most, here, guess) if k.status.solved]
+    if comparable.status is Status.INTERRUPTED:
+        return solution.ended(Status.INTERRUPTED), []
+    answers = list(_until_they_agree(coarse, most, here, guess))
+    if answers and answers[-1].status is Status.INTERRUPTED:
+        return solution.ended(Status.INTERRUPTED), []
+    answers = [k for k in answers if k.status.solved]
     others = _distinct(answers, here, COMPARISON.worth * size)
     near = [k for k in others if abs(k.cost - here.cost) <= COMPARISON.near * size]
     finalists = [k for k in others if k.cost < here.cost - COMPARISON.worth * size]
@@ -132,6 +138,8 @@ def cheaper_elsewhere(
         if context.over:
             break
         finer = context.solve(meshes, start, solver="ipopt")
+        if finer.status is Status.INTERRUPTED:
+            return solution.ended(Status.INTERRUPTED), []
         if finer.status.solved and finer.cost < best.cost - COMPARISON.worth * size:
             best = finer
             attempts = [replace(a, way=WAY) for k in (start, finer) for a in k.attempts]
@@ -232,6 +240,8 @@ def _until_they_agree(
     costs, spent, simulations = [here.cost], 0, 0
     for answer, simulated in _answers(coarse, most, here, guess):
         yield answer
+        if answer.status is Status.INTERRUPTED:
+            return
         spent += sum(max(a.iterations, 0) for a in answer.attempts)
         simulations += simulated
         costs += [answer.cost] if answer.status.solved else []
