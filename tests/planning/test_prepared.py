@@ -128,3 +128,39 @@ def test_a_prepared_answer_that_is_solved_keeps_its_limits_as_well_as_others(pre
         motion = prepared(mo.Limits(qd_max=limits.qd_max, tau_max=share * limits.tau_max))
         assert motion.solved
         assert motion.provenance["excess"] <= mo.planning.TimeOptimalSettings().limit_tolerance
+
+
+@pytest.mark.parametrize("rate", [np.inf, 10.0])
+@pytest.mark.parametrize("share", [0.2, 0.4])  # before it brakes as hard as it can
+def test_what_is_left_of_a_fastest_motion_is_the_fastest_from_where_it_is(rate, share):
+    rail = slider(mass=2.0, tau_max=4.0, taud_max=rate)
+    solver = mo.TimeOptimalSolver(rail, [[0.0], [1.5]], mesh=40)
+    whole = solver()
+    now = share * whole.duration
+    rest = solver(start=whole.sample([now]))
+    assert rest.solved
+    assert rest.duration == pytest.approx(whole.duration - now, rel=2e-3)
+    assert mo.certify(rail, rest).ok
+    for had, has in zip(whole.sample([now]), (rest.q, rest.qd, rest.qdd), strict=True):
+        if had is not None and (has is not rest.qdd or np.isfinite(rate)):
+            np.testing.assert_allclose(has[:1], had, atol=1e-5)
+
+
+def test_from_any_velocity_to_a_moved_goal_the_rail_takes_the_closed_form():
+    solver = mo.TimeOptimalSolver(slider(mass=2.0, tau_max=4.0), [[0.0], [1.5]], mesh=60)
+    way, most = 0.4, 2.0
+    for speed in (1.0, -0.5, 2.0):  # at 2 the goal is passed, and the rail comes back
+        side = 1.0 if speed * abs(speed) / (2.0 * most) < way else -1.0
+        turn = np.sqrt(0.5 * speed**2 + side * most * way)
+        motion = solver(via_q=[[0.0], [0.5 + way]], start=([0.5], [speed]))
+        assert motion.duration == pytest.approx((2.0 * turn - side * speed) / most, rel=2e-3)
+
+
+def test_a_start_beyond_the_limits_is_refused(microbot, prepared):
+    still = np.zeros(3)
+    with pytest.raises(mo.InputError, match=r"start is beyond a limit: velocity of .*% over"):
+        prepared(start=(still, 1.1 * microbot.limits.qd_max))
+    with pytest.raises(mo.InputError, match="start must be"):
+        prepared(start=(still,))
+    edge = prepared(start=(still, (1.0 + 1e-4) * microbot.limits.qd_max * [1, 0, 0]))
+    assert edge.solved, edge.note

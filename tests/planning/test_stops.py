@@ -88,6 +88,21 @@ def test_a_velocity_that_is_asked_for_is_the_velocity(rail):
     assert motion.duration == pytest.approx(2 * (peak / 2 + (peak - 1.0) / 2), rel=1e-3)
 
 
+def test_an_arm_that_moves_already_goes_on_with_its_acceleration():
+    rail = slider(mass=2.0, tau_max=4.0, taud_max=10.0)
+    whole = mo.time_optimal(rail, [[0.0], [1.5]], **QUICK)
+    now = 0.4 * whole.duration
+    q, qd, qdd = (row[0] for row in whole.sample([now]))
+    stops = [Stop(q=q, velocity=qd, acceleration=qdd), Stop(q=[1.5])]
+    rest = mo.time_optimal(rail, stops, **QUICK)
+    assert rest.solved
+    assert rest.duration == pytest.approx(whole.duration - now, rel=5e-3)
+    np.testing.assert_allclose(rest.qdd[0], qdd, atol=1e-5)
+    assert mo.certify(rail, rest, via_q=stops).ok
+    jumping = mo.certify(rail, rest, via_q=[replace(stops[0], acceleration=-qdd), stops[1]])
+    assert "missed in its acceleration" in jumping.verdict
+
+
 def test_the_best_order_is_found_and_bounds_leave_others_out(rail):
     slow = rail.with_limits(qd_max=0.5)
     motion = mo.time_optimal(

@@ -140,6 +140,10 @@ def _check_stops(task: Task, motion: Motion) -> tuple[tuple[ViaCheck, ...], list
         elif not isinstance(stop.velocity, str | None):
             velocity = qd if stop.q is not None else _velocity(task.robot, state.q[0], qd)
             misses["velocity", "m/s"] = float(np.abs(velocity - stop.velocity).max()) - still
+        if stop.acceleration is not None and task.family.jerk_matters:
+            off = np.abs(state.qdd[0] - stop.acceleration).max()
+            allowed = SEGMENT_TOLERANCES.still * max(1.0, np.abs(stop.acceleration).max())
+            misses["acceleration", "rad/s^2"] = float(off - allowed)
         vias.append(ViaCheck(stop.name, mark.time, max(0.0, *misses.values())))
         for (what, unit), miss in misses.items():
             problem = f"stop {stop.name!r} is missed in its {what} by {miss:.3g} {unit}"

@@ -195,7 +195,7 @@ def _declare_segment(
 def _declare_state(phase: Phase, form: _Form, index: int) -> tuple[Any, Any, Any, Any]:
     """Declare position, velocity, acceleration and jerk of a phase with what holds at its ends."""
     limits, held = form.family.robot.limits, form.held
-    count, still = limits.q_min.size, np.zeros(limits.q_min.size)
+    count = limits.q_min.size
     at_start, at_end = form.conditions.ends[index : index + 2]
     first, last = index == 0, index == len(form.conditions.ends) - 2
     q = phase.state(
@@ -226,8 +226,8 @@ def _declare_state(phase: Phase, form: _Form, index: int) -> tuple[Any, Any, Any
         "unit": "rad/s^2",
     }
     ends: dict[str, Any] = {
-        "initial": _unless(held, (still, still)) if at_start.still else None,
-        "final": _unless(held, (still, still)) if at_end.still else None,
+        "initial": None if at_start.qdd is None else _unless(held, at_start.qdd),
+        "final": None if at_end.qdd is None else _unless(held, at_end.qdd),
     }
     if not form.jumps:
         qdd = phase.control("qdd", count, **own, **ends, shape="linear")
@@ -259,8 +259,8 @@ def _link_segments(problem: OptimalControlProblem, form: _Form) -> None:
     for index, (before, after) in enumerate(itertools.pairwise(problem.phases)):
         names = ["q", "qd", *(["clock"] if form.budgeted else [])]
         end = form.conditions.ends[index + 1]
-        # still: zero on both sides
-        apart = end.still or end.leaps or (form.jumps and not form.rated)
+        # stated: the same on both sides
+        apart = end.qdd is not None or end.leaps or (form.jumps and not form.rated)
         problem.link(before, after, names=[*names, *([] if apart else ["qdd"])])
     for name in form.conditions.closed:
         begun, ended = (

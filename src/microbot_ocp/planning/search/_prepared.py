@@ -11,13 +11,20 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from microbot_ocp._base import deadline
+from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.codegen import compiles, interpreted
 from microbot_ocp._base.outcome import Outcome
 from microbot_ocp._base.status import Status
-from microbot_ocp.limits import LIMIT_TOLERANCE, JointLimits, LimitFamily, Limits, with_reserve
-from microbot_ocp.motion import Motion
+from microbot_ocp.limits import (
+    LIMIT_TOLERANCE,
+    JointLimits,
+    LimitFamily,
+    Limits,
+    MotionSamples,
+    with_reserve,
+)
+from microbot_ocp.motion import Motion, State
 from microbot_ocp.ocp import ParametricSolver, Solution, SolverSettings
 from microbot_ocp.ocp.refinement import WORSE, split
 from microbot_ocp.ocp.solution import quiet, unpack
@@ -109,6 +116,42 @@ def _solved_near(
         near = solver.solve(guess=start, **{**changes, "parameters": rounded})
         start = near if near.status.solved else start
     return solver.solve(guess=start, **changes)
+
+
+class _Start(NamedTuple):
+    """What the arm does when a motion begins, [1,n] each, and the bounds that it widens by key."""
+
+    state: State
+    acceleration_given: bool
+    bounds: dict[str, tuple[FloatArray, FloatArray]]
+
+
+def _start_of(family: LimitFamily, given: Sequence[ArrayLike]) -> _Start:
+    if len(given) not in (2, 3):
+        raise InputError(f"start must be (q, qd) or (q, qd, qdd), not {len(given)} arrays")
+    count = family.robot.joint_count
+    names = ("q of start", "qd of start", "qdd of start")
+    rows = [
+        checks.array(name, np.ravel(np.asarray(row)), (count,))[None]
+        for name, row in zip(names, given, strict=False)
+    ]
+    complete = len(rows) == 3
+    state = State(rows[0], rows[1], rows[2] if complete else np.zeros((1, count)))
+    # an acceleration that may jump is bounded from there on
+    felt = (0, 1, 2) if complete and family.jerk_matters else (0, 1)
+    samples, bounds = MotionSamples(*state, np.zeros((1, count))), {}
+    for key, values in family.values(samples, family.of_order(*felt)).items():
+        member, use = family[key], family[key].use(values)[0]
+        if (worst := int(use.argmax())) >= 0 and use[worst] > 1.0 + LIMIT_TOLERANCE:
+            percent = 100.0 * (use[worst] - 1.0)
+            raise InputError(
+                f"start is beyond a limit: {member.title(worst)} is "
+                f"{values.value[0, worst]:.6g} {member.units[worst]}, {percent:.3g} % over"
+            )
+        if not member.varies:
+            value = values.value[0]
+            bounds[key] = np.minimum(member.lower, value), np.maximum(member.upper, value)
+    return _Start(state, complete, bounds)
 
 
 class _Prepared(NamedTuple):
@@ -209,6 +252,7 @@ class TimeOptimalSolver:
         *,
         reserve: ArrayLike = 0.0,
         via_q: ArrayLike | None = None,
+        start: Sequence[ArrayLike] | None = None,
         search: bool = False,
         time_limit: float = TIME_LIMIT,
     ) -> Motion:
@@ -224,6 +268,11 @@ class TimeOptimalSolver:
             Share of the torque limits that is kept back for feedback, of all joints or one a joint.
         via_q : array_like [m,n], optional
             Other via points, as many as the solver was made with, rad (prismatic: m).
+        start : (q, qd) or (q, qd, qdd), each array_like [n], optional
+            What the arm does when the motion begins, such as ``other.sample([t])``; its pose takes
+            the place of the first via point. The acceleration counts under limits of the jerk or
+            the torque rate, and is free there where it is not given; without these it may jump.
+            What exceeds a limit by no more than a certificate lets pass may begin so.
         search : bool
             Try every start, not only the motion under the robot's own limits: local optima are
             real. The others are tried anyway where that one leads nowhere.
@@ -240,11 +289,12 @@ class TimeOptimalSolver:
         Raises
         ------
         InputError
-            Bad limits or payload, a via point that cannot be held: before any solver starts.
+            Bad limits or payload, a via point that cannot be held, a start beyond the limits:
+            before any solver starts.
         """
         with deadline.within(time_limit):
             limits = with_reserve(self.robot.limits, limits, reserve)
-            return self._solved(limits, payload, via_q, search)
+            return self._solved(limits, payload, via_q, search, start)
 
     def _solved(
         self,
@@ -252,39 +302,52 @@ class TimeOptimalSolver:
         payload: float,
         via_q: ArrayLike | None,
         search: bool,
+        start: Sequence[ArrayLike] | None,
     ) -> Motion:
         begin = time.perf_counter()
         family = check_limits(self.robot.with_payload(payload), limits)
         self._check_kinds(family)
-        via = check_via(family, self.via_q if via_q is None else via_q)
+        via = (
+            self.via_q
+            if via_q is None
+            else checks.array("via_q", via_q, (None, self.robot.joint_count), "rad")
+        )
+        moving = None if start is None else _start_of(family, start)
+        if moving is not None:
+            via = np.vstack([moving.state.q, via[1:]])
+        via = check_via(family, via, moving=moving is not None)
         if len(via) != len(self.via_q):
             raise InputError(
                 f"via_q must have {len(self.via_q)} points, as the solver was made with, "
                 f"not {len(via)}"
             )
-        changes = self._changes(family, via, float(payload))
+        changes = self._changes(family, via, float(payload), moving)
         slower = self._slower(family)
-        if via_q is None:
+        if via_q is None and moving is None:
             own = self._own or self._under_own_limits()
             solver = self._near(own, slower <= NEARNESS.close)
         else:
             own, solver = None, self._for_any_via()
         near = own if slower <= NEARNESS.near_typical else None
         tried: list[tuple[str, Solution]] = []
-        for name, start in self._starts(family, via, near):
-            solution = _solved_near(solver, start, changes)
+        for name, first in self._starts(family, via, near):
+            solution = _solved_near(solver, first, changes)
             tried.append((name, solution))
-            led_there = not isinstance(start, Solution) or (
-                abs(solution.duration - start.duration) <= NEARNESS.near * start.duration
+            led_there = not isinstance(first, Solution) or (
+                abs(solution.duration - first.duration) <= NEARNESS.near * first.duration
             )
             if (solution.status.solved and led_there and not search) or deadline.over():
                 break
         name, best = min(tried, key=lambda pair: (not pair[1].status.solved, pair[1].duration))
         kernels, smoothing = (own.kernels, own.smoothing) if own else (self._kernels, SMOOTHING)
-        solution, excess = self._refined(family, best, changes, kernels)
+        # one that begins moving cannot be slowed down evenly
+        allowed = LIMIT_TOLERANCE if moving is None else TimeOptimalSettings.limit_tolerance
+        solution, excess = self._refined(family, best, changes, kernels, allowed)
         # an arm with a payload is met once: nothing is compiled for it
         with interpreted() if payload else nullcontext():
-            motion = self._motion(family, solution, excess, tried, name, payload, begin, smoothing)
+            motion = self._motion(
+                family, solution, excess, tried, name, payload, begin, smoothing, moving
+            )
         return with_drives_noted(family.robot, motion)
 
     def _slower(self, family: LimitFamily) -> float:
@@ -360,6 +423,7 @@ class TimeOptimalSolver:
         solution: Solution,
         changes: dict[str, Any],
         kernels: Transcription,
+        allowed: float,
     ) -> tuple[Solution, list[FloatArray]]:
         """Split intervals inside which a limit is exceeded; keep what is no worse.
 
@@ -367,17 +431,19 @@ class TimeOptimalSolver:
         """
         excess = excess_between(family, solution)
         for _ in range(self._rounds if solution.status.solved else 0):
-            if max(float(e.max()) for e in excess) <= LIMIT_TOLERANCE or deadline.over():
+            if max(float(e.max()) for e in excess) <= allowed or deadline.over():
                 break
             pairs = zip(solution.phases, excess, strict=True)
-            meshes = [split(phase.mesh, e > LIMIT_TOLERANCE) for phase, e in pairs]
+            meshes = [split(phase.mesh, e > allowed) for phase, e in pairs]
             finer = self._on(kernels, meshes, solution).solve(guess=solution, **changes)
             if not finer.status.solved or finer.cost > solution.cost * (1 + WORSE):
                 break
             solution, excess = finer, excess_between(family, finer)
         return solution, excess
 
-    def _changes(self, family: LimitFamily, via: FloatArray, payload: float) -> dict[str, Any]:
+    def _changes(
+        self, family: LimitFamily, via: FloatArray, payload: float, moving: _Start | None
+    ) -> dict[str, Any]:
         size = TaskScale.of(family, via)
         family = with_locked_joints_held(family)
         declared = {c.name for c in self._kernels.problem.phases[0].constraints}
@@ -392,11 +458,25 @@ class TimeOptimalSolver:
             return {"q": (point - free, point + free)} if not free.all() else {}
 
         initial = dict(zip(self._phases, map(at, via[:-1]), strict=True))
-        initial[self._phases[0]] = {"q": via[0]}
+        first = self._phases[0]
+        initial[first] = {"q": via[0]}
+        bounds = dict.fromkeys(self._phases, pairs)
+        if moving is not None:
+            widened = {
+                key if key in OF_VARIABLES else family[key].name: pair
+                for key, pair in moving.bounds.items()
+                if key in OF_VARIABLES or family[key].name in declared
+            }
+            bounds[first] = pairs | widened
+            initial[first]["qd"] = moving.state.qd[0]
+            if family.jerk_matters:
+                qdd = moving.state.qdd[0]
+                slack = free if moving.acceleration_given else np.inf
+                initial[first]["qdd"] = (qdd - slack, qdd + slack)
         return {
             "initial": initial,
             "final": {self._phases[-1]: at(via[-1])},
-            "bounds": dict.fromkeys(self._phases, pairs),
+            "bounds": bounds,
             "parameters": {phase: {"payload": payload} for phase in self._phases},
             "durations": {
                 phase: (float(shortest), float(longest))
@@ -445,11 +525,12 @@ class TimeOptimalSolver:
         payload: float,
         begin: float,
         smoothing: float,
+        moving: _Start | None,
     ) -> Motion:
         tolerance = TimeOptimalSettings.limit_tolerance
         outcome, worst = verdict(family, solution, excess, tolerance), largest(excess)
         slowed = None
-        if outcome.status is Status.LIMITS_EXCEEDED:
+        if outcome.status is Status.LIMITS_EXCEEDED and moving is None:
             shape, fast = polynomial(solution), compiles(self._settings.compiled)
             slowed = within_limits(family, shape, via_times(solution), tolerance, fast)
         if slowed is not None and slowed.duration <= (1.0 + WORSE) * solution.duration:

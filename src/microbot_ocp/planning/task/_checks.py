@@ -246,8 +246,10 @@ def check_limits(robot: Robot, limits: Limits | JointLimits | None) -> LimitFami
     return family
 
 
-def check_via(family: LimitFamily, via_q: ArrayLike) -> FloatArray:
+def check_via(family: LimitFamily, via_q: ArrayLike, *, moving: bool = False) -> FloatArray:
     """Via points [m,n], m >= 2, within the limits of the pose, the first and last one holdable.
+
+    The first one only where the arm does not begin ``moving``.
 
     Raises
     ------
@@ -274,8 +276,8 @@ def check_via(family: LimitFamily, via_q: ArrayLike) -> FloatArray:
         moved = np.flatnonzero(np.diff(via[:, joint]))
         if moved.size:
             raise InputError(_cannot_move(family.robot, joint, via, int(moved[0])))
-    check_pace(family, via)
-    for index in (0, via.shape[0] - 1):
+    check_pace(family, via, at_rest=not moving)
+    for index in (len(via) - 1,) if moving else (0, len(via) - 1):
         check_rest(family, f"via point {index + 1}", via[index])
     return via
 

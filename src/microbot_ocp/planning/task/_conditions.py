@@ -33,8 +33,8 @@ class EndConditions:
     q, qd : (lower, upper), each [n]
         Infinite where a joint is free.
     rows : tuple of Row
-    still : bool
-        Whether the acceleration is zero there.
+    qdd : (lower, upper), each [n], optional
+        None where the acceleration is free.
     leaps : bool
         Whether the acceleration may jump there.
     """
@@ -42,7 +42,7 @@ class EndConditions:
     q: Bounds
     qd: Bounds
     rows: tuple[Row, ...] = ()
-    still: bool = False
+    qdd: Bounds | None = None
     leaps: bool = False
 
 
@@ -67,9 +67,10 @@ class Conditions:
 def passing(robot: Robot, via: FloatArray) -> Conditions:
     """At rest at both ends of via points [m,n], through the others at any velocity."""
     free, rest = np.full(via.shape[1], np.inf), np.zeros(via.shape[1])
-    still, last = LimitFamily.of(robot).jerk_matters, len(via) - 1
+    still = (rest, rest) if LimitFamily.of(robot).jerk_matters else None
+    last = len(via) - 1
     ends = tuple(
-        EndConditions((q, q), (rest, rest), still=still)
+        EndConditions((q, q), (rest, rest), qdd=still)
         if k in (0, last)
         else EndConditions((q, q), (-free, free))
         for k, q in enumerate(via)

@@ -106,7 +106,10 @@ class Stop:
         tool's origin [3] in the base frame, m/s. Default rest at the ends of a task and where the
         arm dwells or its payload changes, any elsewhere. Under limits of the torque rate or the
         jerk the arm rests without acceleration; where a motion begins or ends moving the
-        acceleration is free, as nothing is known of what was before or follows.
+        acceleration is free, unless it is given: nothing is known of what was before or follows.
+    acceleration : array_like [n], optional
+        Of the joints at a ``q`` with a given ``velocity``, rad/s^2, as of an arm that moves.
+        It counts under limits of the torque rate or the jerk; without these it may jump.
     dwell : float
         How long the arm rests here, s; at most a day.
     payload : Payload or float, optional
@@ -138,6 +141,7 @@ class Stop:
     orientation_tolerance: float = 0.0
     free_turn: str | None = None
     velocity: Any = None
+    acceleration: Any = None
     dwell: float = 0.0
     payload: Any = None
     blend: float = 0.0
@@ -195,6 +199,13 @@ class Stop:
             given = checks.array(f"velocity of {where}", self.velocity, (size,))
             object.__setattr__(self, "velocity", tuple(given.tolist()))
             moves = bool(np.any(given))
+        if self.acceleration is not None:
+            if self.q is None or not isinstance(self.velocity, tuple):
+                raise InputError(f"{where} has an acceleration: it needs a q and a velocity, too")
+            given = checks.array(
+                f"acceleration of {where}", self.acceleration, (len(self.q),), "rad/s^2"
+            )
+            object.__setattr__(self, "acceleration", tuple(given.tolist()))
         if rests and moves:
             raise InputError(f"{where} has a dwell of {self.dwell:g} s, so it is at rest there")
         if self.blend and (rests or self.payload is not None or self.velocity is not None):

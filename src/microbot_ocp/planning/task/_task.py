@@ -226,12 +226,14 @@ class Task:
             else:
                 speed = partial(_tool_velocity, robot)
                 rows.append(Row("velocity of the tool", speed, (given, given)))
-        rated = self.family.jerk_matters
+        rated, qdd = self.family.jerk_matters, None
+        if rated and (rest or stop.acceleration is not None):
+            given = np.zeros(robot.joint_count)
+            given = given if stop.acceleration is None else np.array(stop.acceleration)
+            qdd = (given, given)
         stated = rest or not isinstance(stop.velocity, str | None)
         felt = (_felt(robot, stop, row) for row in rows)
-        return EndConditions(
-            q, qd, tuple(filter(None, felt)), still=rest and rated, leaps=stated and not rated
-        )
+        return EndConditions(q, qd, tuple(filter(None, felt)), qdd=qdd, leaps=stated and not rated)
 
 
 def segment_name(kind: Segment, before: Stop, after: Stop) -> str:
