@@ -37,6 +37,7 @@ COMMANDS = [
     "time-optimal",
     "solve",
     "check",
+    "studio",
     "sweep",
     "replay",
     "export",

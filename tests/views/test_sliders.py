@@ -82,13 +82,13 @@ def test_a_setting_that_cannot_be_is_told_and_shows_no_motion(at_rest):
 def test_a_solver_that_fails_is_told(at_rest, monkeypatch):
     outcome = Outcome.of(mo.Status.INFEASIBLE, "it cannot be")
     failed = mo.Motion(*([0.0, 1.0], *np.zeros((4, 2, 3))), outcome=outcome)
-    monkeypatch.setattr(at_rest, "_solver", lambda *_: failed)
+    monkeypatch.setattr(at_rest, "_solver", lambda *_, **__: failed)
     at_rest.torque.value = 90
     assert at_rest.wait()
     assert at_rest.motion is None
     assert at_rest.message == "not solved: it cannot be"
 
-    def broken(*_):
+    def broken(*_, **__):
         raise RuntimeError("no memory")
 
     monkeypatch.setattr(at_rest, "_solver", broken)

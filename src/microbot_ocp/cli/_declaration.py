@@ -153,7 +153,7 @@ class RobotFile(Kind):
 
     def options(self) -> Iterator[inspect.Parameter]:
         """Yield an argument and an option."""
-        yield SOURCE.option()
+        yield replace(SOURCE, default=self.default).option()
         yield TIP.option()
 
     def value(self, words: Words, robot: Any) -> Robot:

@@ -24,6 +24,7 @@ EXTRAS = {  # and what they are for
     "export": ".mat, .parquet, .mp4",
     "fit": "models fitted to measurements",
     "notebook": "Jupyter",
+    "studio": "a page with sliders",
     "scale": "studies on all processors",
 }
 

@@ -352,6 +352,41 @@ def demo(progress: Progress, mesh: int = 200) -> Answer:
     return replace(answer, save=save)
 
 
+@command()
+def studio(
+    robot: Annotated[Any, ARM] = "microbot",
+    via_q: Annotated[FloatArray | None, VIA] = None,
+    port: int = 8080,
+    dark: bool = False,
+) -> Answer:
+    """Open a page with sliders for via points, limits and payload.
+
+    It shows the fastest motion under them, at an address of this machine; Ctrl-C ends it.
+
+    Parameters
+    ----------
+    port
+        Where the page is, or the next free one after it.
+    dark
+        Begin with the dark theme.
+
+    Examples
+    --------
+    $ microbot-ocp studio microbot --via-deg '0,0,0 -8,45,30 -90,90,90'
+    """
+    from microbot_ocp.views import studio as open_studio
+
+    page = open_studio(robot, via_q, port=port, dark=dark)
+    if has_display():
+        webbrowser.open(page.address)
+    print(f"{page.address} (Ctrl-C ends it)", file=sys.stderr, flush=True)
+    try:
+        page.wait_until_closed()
+    finally:
+        page.close()
+    return Answer({"address": page.address})
+
+
 def _compared(comparison: mo.Comparison, outputs: Sequence[str], progress: Progress) -> Answer:
     """Answer with the table of a comparison, or a narrow one where there is less room."""
     document = {

@@ -36,7 +36,7 @@ COMMANDS = {  # and the module of each
     name: module
     for module, names in {
         "_robots": ("robots", "show", "fk", "ik"),
-        "_motions": ("simulate", "compare", "time-optimal", "solve", "check"),
+        "_motions": ("simulate", "compare", "time-optimal", "solve", "check", "studio"),
         "_files": ("sweep", "replay", "export"),
         "_doctor": ("doctor",),
     }.items()

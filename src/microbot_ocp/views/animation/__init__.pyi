@@ -1,5 +1,6 @@
 """Public names; loaded when they are first asked for."""
 
+from ._faces import Faces as Faces, arm_bodies as arm_bodies
 from ._film import Film as Film
 from ._video import (
     animate_cell as animate_cell,

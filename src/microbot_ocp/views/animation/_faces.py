@@ -68,21 +68,38 @@ class Camera:
 
 
 def arm_faces(robot: Robot, q: FloatArray, link: Color, joint: Color) -> Faces:
-    """Return an arm in the pose q [n]: its own geometry, or capsules and drums."""
-    poses, size = link_poses(robot, q[None])[0], reach(robot)
+    """Return an arm in the pose q [n]."""
+    poses = link_poses(robot, q[None])[0]
+    bodies = arm_bodies(robot, poses, link, joint)
+    return joined([faces.placed(poses[frame]) for frame, faces in bodies])
+
+
+def arm_bodies(
+    robot: Robot, poses: FloatArray, link: Color, joint: Color
+) -> Sequence[tuple[int, Faces]]:
+    """Return a robot's own geometry, or capsules and drums, in link frames (0 is the base).
+
+    ``poses`` [n+2,4,4] are those of :func:`link_poses`. Only a capsule along a prismatic joint is
+    another one in other poses.
+    """
     geometry = _geometry(robot.shapes)
     if geometry:
-        return joined([faces.placed(poses[frame]) for frame, faces in geometry])
+        return geometry
+    size = reach(robot)
     edge, radius = STYLE.patch * size, STYLE.link * size
     foot = Solid("cylinder", size * np.array([0.065, 0.02]), robot.base, joint)
-    bodies = [solid_faces(foot, edge)]
-    for start, end in pairwise([robot.base[:3, 3], *poses[1:, :3, 3]]):
+    bodies = [(0, solid_faces(foot, edge))]
+    starts = [robot.base[:3, 3], *np.zeros((robot.joint_count, 3))]
+    for frame, (start, (pose, after)) in enumerate(zip(starts, pairwise(poses), strict=True)):
+        end = pose[:3, :3].T @ (after[:3, 3] - pose[:3, 3])
         if np.linalg.norm(end - start) > 1e-6 * size:
-            bodies.append(solid_faces(capsule_solid(Capsule(start, end, radius), link), edge))
-    for pose, kind in zip(poses[1:-1], robot.joint_types, strict=True):
+            bodies.append(
+                (frame, solid_faces(capsule_solid(Capsule(start, end, radius), link), edge))
+            )
+    for frame, kind in enumerate(robot.joint_types, start=1):
         drum = joint_solid(kind, STYLE.film_joint * radius, joint)
-        bodies.append(solid_faces(drum, edge).placed(pose))
-    return joined(bodies)
+        bodies.append((frame, solid_faces(drum, edge)))
+    return bodies
 
 
 @lru_cache(maxsize=8)

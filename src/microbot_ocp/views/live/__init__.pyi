@@ -1,5 +1,9 @@
 """Public names; loaded when they are first asked for."""
 
+from ._interactive_task import (
+    InteractiveTask as InteractiveTask,
+    Setting as Setting,
+)
 from ._local_page import local_page as local_page
 from ._newest_only import NewestOnly as NewestOnly
 from ._plot import LivePlot as LivePlot

@@ -3,43 +3,19 @@
 from __future__ import annotations
 
 import html
-import time
-from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import InputError
 from microbot_ocp._base.needed import needed
-from microbot_ocp.limits import limit_history
-from microbot_ocp.motion import Motion
-from microbot_ocp.planning import TimeOptimalSolver
-from microbot_ocp.robot import JointLimits, Robot
+from microbot_ocp.robot import Robot
 from microbot_ocp.views._style import STYLE
-from microbot_ocp.views.live import LivePlot, NewestOnly
+from microbot_ocp.views.live import InteractiveTask, LivePlot, Setting
 
 
-@dataclass(frozen=True)
-class Setting:
-    """What the sliders say: shares of the robot's own limits, and the payload, kg."""
-
-    torque: float = 1.0
-    speed: float = 1.0
-    payload: float = 0.0
-
-    def limits(self, robot: Robot) -> JointLimits:
-        """Return the robot's limits with torques and velocities scaled."""
-        limits, speed, torque = robot.limits, self.speed, self.torque
-        return replace(
-            limits,
-            **{key: speed * getattr(limits, key) for key in ("qd_min", "qd_max")},
-            **{key: torque * getattr(limits, key) for key in ("tau_min", "tau_max")},
-        )
-
-
-class TimeOptimalSliders:
+class TimeOptimalSliders(InteractiveTask):
     """The fastest motion through via points under sliders; shows itself in a notebook.
 
     The first two sliders scale all torque and all velocity limits of the robot, the third one puts
@@ -93,19 +69,9 @@ class TimeOptimalSliders:
         _check_range("torque", torque)
         _check_range("speed", speed)
         most = checks.number("payload", payload, "kg", above=0.0)
-        self._bare = robot
-        self._solver = TimeOptimalSolver(robot, via_q, **settings)
-        self._reference = self._solver()
-        if not self._reference.solved:
-            raise InputError(
-                "sliders need a task that is solved under the robot's own limits; this one is "
-                f"{self._reference.note}"
-            )
+        super().__init__(robot, via_q, **settings)
         widest = Setting(torque[1], speed[1]).limits(robot)
         self._draw = LivePlot(robot, self._reference, widest, 2.0 * self._reference.duration)
-        self.motion: Motion | None = self._reference
-        self.robot, self.message, self.solves = robot, "", 1
-        self.solve_time = float(self._reference.provenance["wall_time"])
 
         def slider(kind: str, name: str, low: float, high: float, **options: Any) -> Any:
             style, layout = {"description_width": "13em"}, {"width": "40em"}
@@ -122,8 +88,7 @@ class TimeOptimalSliders:
         sliders = [self.torque, self.speed, self.payload]
         self._status, self._picture = widgets.HTML(), widgets.Image(format="png")
         self._box = widgets.VBox([*sliders, self._status, self._picture])
-        self._work = NewestOnly(self._solve)
-        self._update(robot.limits)
+        self._answer(Setting())
         for each in sliders:
             each.observe(lambda _: self._work.ask(self.setting), names="value")
 
@@ -132,55 +97,16 @@ class TimeOptimalSliders:
         """Where the sliders stand."""
         return Setting(self.torque.value / 100, self.speed.value / 100, self.payload.value)
 
-    def wait(self, timeout: float | None = 60.0) -> bool:
-        """Wait until the last position of the sliders is solved; False where that took longer."""
-        return self._work.wait(timeout)
-
-    def _solve(self, setting: Setting) -> None:
-        begin = time.perf_counter()
-        limits = setting.limits(self._bare)
-        try:
-            motion = self._solver(limits, setting.payload)
-            self.message = motion.note
-            self.motion = motion if motion.solved else None
-        except Exception as problem:  # a slider must not go on showing the old motion
-            kind = "" if isinstance(problem, InputError) else f"{type(problem).__name__}: "
-            self.motion, self.message = None, f"not solved: {kind}{problem}"
-        self.robot = self._bare.with_payload(setting.payload).with_limits(limits)
-        self.solve_time = time.perf_counter() - begin
-        self.solves += 1
-        self._update(limits)
-
-    def _update(self, limits: JointLimits) -> None:
+    def _show(self, setting: Setting) -> None:
         message = "" if self.motion else self.message
-        self._picture.value = self._draw.png(self.motion, limits, message)
-        if self.motion is None:
-            self._status.value = f'<b style="color:{STYLE.warning}">{html.escape(self.message)}</b>'
-            return
-        change = self.motion.duration / self._reference.duration - 1
-        self.message = (
-            f"{self.motion.duration:.3f} s, {100 * change:+.1f} % against the robot's own limits"
-            f"; {_saturated(self.robot, self.motion)}; solved in {1e3 * self.solve_time:.0f} ms"
-        )
-        self._status.value = f"<b>{html.escape(self.message)}</b>"
+        self._picture.value = self._draw.png(self.motion, setting.limits(self._bare), message)
+        color = "" if self.motion else f' style="color:{STYLE.warning}"'
+        self._status.value = f"<b{color}>{html.escape(self.message)}</b>"
 
     def _repr_mimebundle_(self, **options: Any) -> dict[str, Any]:
         bundle = self._box._repr_mimebundle_(**options)
         # where no widget can live, in a file or a mail, its picture does
         return {**bundle, "image/png": bytes(self._picture.value), "text/plain": self.message}
-
-
-def _saturated(robot: Robot, motion: Motion) -> str:
-    """Say which joints reach their torque limit, and for what share of the time."""
-    shares = np.zeros(robot.joint_count)
-    for spell in limit_history(robot, motion).spells("tau"):
-        shares[spell.joint] += (spell.end - spell.start) / motion.duration
-    named = [
-        f"{name} {100 * share:.0f} %"
-        for name, share in zip(robot.joint_names, shares, strict=True)
-        if share >= 0.005
-    ]
-    return "at the torque limit: " + ", ".join(named) if named else "no torque limit is reached"
 
 
 def _check_range(name: str, pair: tuple[float, float]) -> None:

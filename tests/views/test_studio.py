@@ -1,0 +1,88 @@
+"""The page with sliders, in a real browser."""
+
+import shutil
+import sys
+
+import numpy as np
+import pytest
+
+import microbot_ocp as mo
+
+VIA_Q = np.radians([[0, 0, 0], [-8, 45, 30], [-90, 90, 90]])
+OPTIONS = (
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-sync",
+    "--disable-background-networking",
+    "--disable-component-update",
+)
+BROWSER = shutil.which("chromium") or shutil.which("chromium-browser")
+
+
+@pytest.fixture
+def page():
+    pytest.importorskip("viser")
+    browsers = pytest.importorskip("playwright.sync_api")
+    if BROWSER is None:
+        pytest.skip("there is no chromium")
+    with browsers.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=BROWSER, args=list(OPTIONS))
+        yield browser.new_page()
+        browser.close()
+
+
+@pytest.mark.slow
+def test_sliders_move_the_motion_and_nothing_comes_from_elsewhere(page):
+    addresses = []
+    page.on("request", lambda request: addresses.append(request.url))
+    page.on("websocket", lambda socket: addresses.append(socket.url))
+    studio = mo.views.studio(mo.load_robot("microbot"), VIA_Q)
+    try:
+        page.goto(studio.address)
+        page.get_by_text("1.924 s, 31 % saved").wait_for()
+        assert page.locator("canvas").count() >= 3  # the arm and two charts
+        thumbs = page.get_by_role("slider")
+        for _ in range(4):
+            thumbs.nth(2).press("ArrowRight")  # the payload, in steps of 0.05 kg
+        page.get_by_text("2.056 s").first.wait_for()
+        assert studio.robot.links[-1].mass == pytest.approx(
+            mo.load_robot("microbot").links[-1].mass + 0.2
+        )
+        thumbs.nth(6).press("ArrowRight")  # waist of via point 2, by one degree
+        page.wait_for_timeout(500)
+        assert studio.wait()
+        at = studio.motion.marks[1].time
+        assert np.degrees(studio.motion.sample(at).q[0]) == pytest.approx([-7, 45, 30], abs=0.01)
+    finally:
+        studio.close()
+    host = studio.address.removeprefix("http://")
+    assert any(address.startswith("ws://") for address in addresses)
+    assert all(host in address for address in addresses)
+
+
+def test_a_setting_without_a_motion_shows_none():
+    pytest.importorskip("viser")
+    from microbot_ocp.views.live import Setting
+
+    studio = mo.views.studio(mo.load_robot("microbot"), VIA_Q, dark=True)
+    try:
+        assert studio.saved == pytest.approx(1 - 1.9239 / 2.8060, abs=1e-3)
+        studio._work.ask(Setting(torque=0.6, payload=2.0))
+        assert studio.wait()
+        assert studio.motion is None
+        assert studio.saved is None
+        assert studio._headline.content.startswith("## no motion\nnot solved: via point 1 cannot")
+        assert not any(chart.visible for chart in studio._charts.values())
+    finally:
+        studio.close()
+
+
+def test_what_it_refuses(monkeypatch):
+    robot = mo.load_robot("microbot")
+    with pytest.raises(mo.InputError, match="port"):
+        mo.views.studio(robot, port=0)
+    monkeypatch.setitem(sys.modules, "viser", None)
+    with pytest.raises(mo.InputError, match=r"pip install 'microbot_ocp\[studio\]'"):
+        mo.views.studio(robot)
