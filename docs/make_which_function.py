@@ -34,8 +34,8 @@ CALLS = {  # what one has: the call for each of what is wanted
     "a path": [
         "",
         "time_optimal_path(robot, path)",
-        "phase_plane(robot, path)",
-        "time_path(robot, path)",
+        "planning.phase_plane(robot, path)",
+        "planning.time_path(robot, path)",
     ],
     "a scene": ["fit_capsules(robot)", "", "", "", "load_scene(source)"],
     "a motion": [

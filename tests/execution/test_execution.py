@@ -124,7 +124,7 @@ def test_efforts_without_gravity(panda, tmp_path):
 def test_a_robot_without_limits_is_not_slowed_down():
     robot = mo.Robot.from_dh(alpha=[0.0], a=[1.0], d=[0.0])
     motion = mo.Motion.from_polynomial(robot, mo.quintic([[0.0], [1.0]], [0.0, 1.0]), label="any")
-    command = mo.commanded(robot, motion, "hold@100")
+    command = mo.execution.commanded(robot, motion, "hold@100")
     assert command.accepted
     assert command.cost == 0.0
 

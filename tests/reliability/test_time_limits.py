@@ -80,8 +80,10 @@ def test_what_is_no_time_is_refused(value):
 def test_every_solver_call_takes_one():
     solving = [mo.certify, mo.TimeOptimalSolver.__call__, mo.solve_ik, mo.solve_ik_all]
     solving += [mo.ocp.solve, mo.ocp.solve_switching_times]
-    elsewhere = ("time_optimal", "compare", "phase_plane")
-    solving += [getattr(mo, name) for name in CALLS if name not in elsewhere]
+    rooms = (mo, mo.planning, mo.inverse_kinematics)
+    for name in CALLS:
+        if name not in ("time_optimal", "compare", "phase_plane"):
+            solving.append(next(getattr(room, name) for room in rooms if name in room.__all__))
     for call in solving:
         if call is not mo.time_optimal_path:  # whose settings have it
             assert "time_limit" in inspect.signature(call).parameters, call

@@ -6,6 +6,6 @@ Begin with ``_solve.py``; ``_kernels.py`` holds the compiled descent and the non
 ``_search.py`` what is built of them: branches, continua, nearest poses.
 """
 
-import lazy_loader
+from microbot_ocp._base import border
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = border.attach_stub(__name__, __file__)

@@ -185,7 +185,7 @@ def _around(shapes: list[Shape], added_volume: float, most: int) -> list[Capsule
         center, axis, radius = first.pose[:3, 3], first.pose[:3, 2], float(first.size[0])
         excess = radius if first.kind == "cylinder" else 0.0  # its caps
         return [Capsule(center - half * axis, center + half * axis, radius, excess=excess)]
-    link = _Link(np.concatenate([_triangles(shape) for shape in shapes]))
+    link = _LinkFit(np.concatenate([_triangles(shape) for shape in shapes]))
     divisions = [[_Part(link.triangles)]]
     while len(divisions) < most and link.added_volume(divisions[-1]) > added_volume:
         parts = divisions[-1]
@@ -235,7 +235,7 @@ class _Part:
         ]
 
 
-class _Link:
+class _LinkFit:
     """A solid of which triangles [T,3,3] are the surface, by hulls of small cells of it."""
 
     def __init__(self, triangles: FloatArray) -> None:

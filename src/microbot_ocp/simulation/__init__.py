@@ -6,6 +6,6 @@ Every simulation is one call of one CasADi integrator on the whole grid. Begin w
 ``_open_loop.py``; ``_integration.py`` holds the equation and the integrators.
 """
 
-import lazy_loader
+from microbot_ocp._base import border
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = border.attach_stub(__name__, __file__)

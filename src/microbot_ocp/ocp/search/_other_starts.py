@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain, cycle, islice
@@ -41,7 +41,7 @@ from microbot_ocp.ocp.verification import phase_layout
 
 
 @dataclass(frozen=True)
-class Comparison:
+class StartComparison:
     """How an answer is compared with what other starts lead to.
 
     Attributes
@@ -94,7 +94,7 @@ class Comparison:
     each: int = 3
 
 
-COMPARISON = Comparison()
+COMPARISON = StartComparison()
 
 WAY = "from another start"
 CUT_SHORT = "It was not compared with all other starts for want of time."
@@ -122,9 +122,9 @@ def cheaper_elsewhere(
     size = cost_size(solution.cost, solution.cost_scale)
     coarse, comparable = _comparable(solution, context)
     here = comparable if comparable.status.solved else solution
-    if comparable.status is Status.INTERRUPTED:
-        return solution.ended(Status.INTERRUPTED), []
-    answers = list(_until_they_agree(coarse, most, here, guess))
+    answers = [comparable]
+    if comparable.status is not Status.INTERRUPTED:
+        answers = list(_until_they_agree(coarse, most, here, guess))
     if answers and answers[-1].status is Status.INTERRUPTED:
         return solution.ended(Status.INTERRUPTED), []
     answers = [k for k in answers if k.status.solved]
@@ -132,6 +132,26 @@ def cheaper_elsewhere(
     near = [k for k in others if abs(k.cost - here.cost) <= COMPARISON.near * size]
     finalists = [k for k in others if k.cost < here.cost - COMPARISON.worth * size]
     finalists += [k for k in near if k not in finalists]
+    best, attempts = _cheapest_finalist(solution, finalists, context, COMPARISON.worth * size)
+    least = min([here.cost, *(k.cost for k in others)])
+    met = sum(k.cost - least <= COMPARISON.same * size for k in (here, *answers))
+    several = here is comparable and (near or (others and met <= COMPARISON.agree))
+    rivals = sorted((k.cost - least) / size for k in (here, *others)) if several else ()
+    if several:
+        best = replace(best, agreed=met, compared=len(answers) + 1)
+    if best.status is Status.INTERRUPTED:
+        return best, []
+    if context.over:
+        best = best.remarked(CUT_SHORT)
+    elif not answers:
+        best = best.remarked(ALONE)
+    return replace(best, rivals=tuple(rivals)), attempts
+
+
+def _cheapest_finalist(
+    solution: Solution, finalists: Sequence[Solution], context: SolveContext, worth: float
+) -> tuple[Solution, list[Attempt]]:
+    """The cheapest of a solution and what finalists lead to on its mesh, and how it was found."""
     best, attempts = solution, []
     meshes = [phase.mesh for phase in solution.phases]
     for start in finalists[: COMPARISON.finalists]:
@@ -140,20 +160,10 @@ def cheaper_elsewhere(
         finer = context.solve(meshes, start, solver="ipopt")
         if finer.status is Status.INTERRUPTED:
             return solution.ended(Status.INTERRUPTED), []
-        if finer.status.solved and finer.cost < best.cost - COMPARISON.worth * size:
+        if finer.status.solved and finer.cost < best.cost - worth:
             best = finer
             attempts = [replace(a, way=WAY) for k in (start, finer) for a in k.attempts]
-    least = min([here.cost, *(k.cost for k in others)])
-    met = sum(k.cost - least <= COMPARISON.same * size for k in (here, *answers))
-    several = here is comparable and (near or (others and met <= COMPARISON.agree))
-    rivals = sorted((k.cost - least) / size for k in (here, *others)) if several else ()
-    if several:
-        best = replace(best, agreed=met, compared=len(answers) + 1)
-    if context.over:
-        best = best.remarked(CUT_SHORT)
-    elif not answers:
-        best = best.remarked(ALONE)
-    return replace(best, rivals=tuple(rivals)), attempts
+    return best, attempts
 
 
 def _distinct(answers: list[Solution], here: Solution, worth: float) -> list[Solution]:

@@ -20,7 +20,7 @@ from microbot_ocp.ocp.diagnosis import advice, finite_start
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.solution import Attempt, Progress, Solution, StartingPoint, unpack
 from microbot_ocp.ocp.solvers._ldl import asks_for_ldl, without_ldl
-from microbot_ocp.ocp.solvers._run import Made, Outcome, Runner
+from microbot_ocp.ocp.solvers._run import Made, Runner, SolverOutcome
 from microbot_ocp.ocp.solvers._settings import SolverSettings
 from microbot_ocp.ocp.solvers._tightening import tightened
 from microbot_ocp.ocp.starts import cost_scale, scaled, starting_point
@@ -109,7 +109,7 @@ def run_chain(
     if start.warm and settings.initial_barrier is None and settings.solver in ("auto", "ipopt"):
         turns = [("ipopt", True), *([] if warm_only else turns)]
     attempts: list[Attempt] = []
-    outcome: Outcome | None = None
+    outcome: SolverOutcome | None = None
     for name, variant in turns:
         given = start if variant or name == "sqp" else StartingPoint(start.x)
         tried = runner.run(name, given, variant=variant)

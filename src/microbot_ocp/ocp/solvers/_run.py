@@ -48,7 +48,7 @@ SETTINGS = RunSettings()
 
 
 @dataclass(frozen=True, eq=False)
-class Outcome:
+class SolverOutcome:
     """What one solver left."""
 
     attempt: Attempt
@@ -89,7 +89,7 @@ class Runner:
     made: Made | None = None
     until: float = np.inf
 
-    def run(self, name: str, start: StartingPoint, *, variant: bool = False) -> Outcome:
+    def run(self, name: str, start: StartingPoint, *, variant: bool = False) -> SolverOutcome:
         """Run one solver from a start."""
         begin = time.perf_counter()
         forks = not self._trusted(name, start.x.size) and can_fork()
@@ -148,7 +148,7 @@ class Runner:
 
     def _outcome(
         self, name: str, start: StartingPoint, answer: _Answer, watch: Watch | None, stopped: bool
-    ) -> Outcome:
+    ) -> SolverOutcome:
         """What a call left, measured again; its times are not in it yet."""
         program, stats, result = self.program, answer.stats, answer.values
         last = start.x if watch is None or watch.x is None else watch.x
@@ -178,9 +178,9 @@ class Runner:
             result[key] * program.cost_scale if result else np.zeros(size)
             for key, size in (("lam_g", program.row_lower.size), ("lam_x", x.size))
         )
-        return Outcome(attempt, StartingPoint(x, rows, variables))
+        return SolverOutcome(attempt, StartingPoint(x, rows, variables))
 
-    def _accepted(self, outcome: Outcome) -> Outcome:
+    def _accepted(self, outcome: SolverOutcome) -> SolverOutcome:
         """The outcome, as solved where a solver stopped at what is an optimum all the same."""
         attempt, point = outcome.attempt, outcome.point
         stopped = attempt.status in (Status.ITERATION_LIMIT, Status.FAILED)
@@ -192,7 +192,7 @@ class Runner:
         message = f"stopped, but its point is an optimum to {passed.error:.1e}"
         attempt = replace(attempt, status=Status.SOLVED, message=message)
         multipliers = passed.row_multipliers, passed.variable_multipliers
-        return Outcome(attempt, StartingPoint(point.x, *multipliers))
+        return SolverOutcome(attempt, StartingPoint(point.x, *multipliers))
 
 
 def _arguments(program: Program, start: StartingPoint) -> dict[str, Any]:

@@ -20,7 +20,7 @@ import numpy as np
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.solution import UNKNOWN, Attempt, Gap, cost_size, gap_of
 from microbot_ocp.ocp.solvers._plugins import WARM_PUSHES
-from microbot_ocp.ocp.solvers._run import Outcome, Runner
+from microbot_ocp.ocp.solvers._run import Runner, SolverOutcome
 from microbot_ocp.ocp.solvers._settings import SolverSettings
 from microbot_ocp.ocp.transcription import Program
 from microbot_ocp.ocp.verification import Thresholds
@@ -50,7 +50,7 @@ FURTHER: tuple[tuple[float, dict[str, float]], ...] = (
 )
 
 
-def gap_at(program: Program, outcome: Outcome) -> Gap:
+def gap_at(program: Program, outcome: SolverOutcome) -> Gap:
     """Gap of what a solver left; not a number where it is none."""
     x, lam_g, lam_x = outcome.point.x, *outcome.point.multipliers
     if not all(np.isfinite(k).all() for k in (x, lam_g, lam_x)):
@@ -66,7 +66,7 @@ def wanted_gap(program: Program, settings: SolverSettings, cost: float) -> float
     return settings.gap * cost_size(cost, program.cost_scale)
 
 
-def tightened(runner: Runner, outcome: Outcome) -> tuple[Outcome, Gap, list[Attempt]]:
+def tightened(runner: Runner, outcome: SolverOutcome) -> tuple[SolverOutcome, Gap, list[Attempt]]:
     """An outcome as near its optimum as wanted, its gap, and the further attempts that it took.
 
     What did not converge stays as it is. Where the gap stays larger than wanted, that is the status
@@ -101,18 +101,22 @@ def tightened(runner: Runner, outcome: Outcome) -> tuple[Outcome, Gap, list[Atte
     return best, gap, attempts
 
 
-def _keeps_all(outcome: Outcome) -> bool:
+def _keeps_all(outcome: SolverOutcome) -> bool:
     """Whether rows and bounds are kept to what passes."""
     return outcome.attempt.infeasibility <= Thresholds().feasibility
 
 
-def _feasible(tried: Outcome, best: Outcome, settings: SolverSettings) -> bool:
+def _feasible(tried: SolverOutcome, best: SolverOutcome, settings: SolverSettings) -> bool:
     return tried.attempt.infeasibility <= max(settings.tolerance, best.attempt.infeasibility)
 
 
 def _further(
-    runner: Runner, before: Outcome, slack: float, tolerance: float, options: Mapping[str, float]
-) -> Outcome:
+    runner: Runner,
+    before: SolverOutcome,
+    slack: float,
+    tolerance: float,
+    options: Mapping[str, float],
+) -> SolverOutcome:
     program, settings = runner.program, runner.settings
     ranges = program.lower < program.upper
     count = sum(int(np.sum(np.isfinite(k) & ranges)) for k in (program.lower, program.upper))
