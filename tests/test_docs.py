@@ -102,7 +102,12 @@ def home(path: str) -> str:
     parts = path.split(".")
     # a function may have the name of its module
     count = max(i for i in range(1, len(parts)) if is_module(".".join(parts[:i])))
-    found = attrgetter(".".join(parts[count:]))(import_module(".".join(parts[:count])))
+    *owner, name = parts[count:]
+    module = import_module(".".join(parts[:count]))
+    holder = attrgetter(".".join(owner))(module) if owner else module
+    if name in getattr(holder, "__annotations__", {}):  # of instances alone
+        return path
+    found = getattr(holder, name)
     if inspect.isclass(found) or (inspect.isroutine(found) and hasattr(found, "__qualname__")):
         return f"{found.__module__}.{found.__qualname__}"
     return path
