@@ -11,6 +11,9 @@ from ._command import (
 from ._curve import (
     executed as executed,
 )
+from ._override import (
+    overridden as overridden,
+)
 from ._profile import (
     Profile as Profile,
     load_profile as load_profile,

@@ -36,5 +36,6 @@ from ._within_limits import (
     Slowed as Slowed,
     known_ways as known_ways,
     largest_excess as largest_excess,
+    with_steady_ends as with_steady_ends,
     within_limits as within_limits,
 )

@@ -8,7 +8,7 @@ that is slowed down evenly. Where nothing is found at all there are ways that ne
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -121,7 +121,7 @@ def within_limits(
         timing = reach(along, start_free=True, end_free=True, fast=fast, fastest=1.0)
         if not timing.feasible:
             return None
-        timing = _with_steady_ends(timing)
+        timing = with_steady_ends(timing)
         excess = along.excess(timing, curve)
         cut = excess > tolerance
         if not cut.any() or (deadline.over() and number >= SLOWING.least_rounds):
@@ -138,17 +138,17 @@ def within_limits(
     return _keeping(family, motion, tolerance)
 
 
-def _with_steady_ends(timing: Reached) -> Reached:
-    """The same with an even ds/dt in the first and the last interval.
+def with_steady_ends(timing: Reached, ends: Sequence[int] = (0, -1)) -> Reached:
+    """The same with an even ds/dt in the first (0) and the last (-1) interval.
 
     At an end at rest d2s/dt2 asks for no torque, so that nothing bounds it there, but close by.
     """
     x, start, end = (a.copy() for a in (timing.speed_squared, timing.start, timing.end))
-    x[0], x[-1] = x[1], x[-2]
-    for own in (start, end):
-        own[[0, -1]] = 0.0
     lasts = np.diff(timing.t)
-    lasts[[0, -1]] = np.diff(timing.s)[[0, -1]] / np.sqrt(x[[0, -1]])
+    for k in ends:
+        x[k] = x[1 if k == 0 else -2]
+        start[k] = end[k] = 0.0
+        lasts[k] = np.diff(timing.s)[k] / np.sqrt(x[k])
     t = np.concatenate([[0.0], np.cumsum(lasts)])
     return replace(timing, speed_squared=x, start=start, end=end, t=t)
 

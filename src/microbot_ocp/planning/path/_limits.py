@@ -59,8 +59,11 @@ class Nodes:
 
 
 def nodes_of(path: PathCurve, s: FloatArray) -> Nodes:
-    """Give position, tangent and curvature at grid points s [N+1], among them every break."""
-    inner = np.flatnonzero(np.isin(s, path.breaks[1:-1]))
+    """Give position, tangent and curvature at grid points s [N+1], among them every break.
+
+    The grid may begin and end inside of the path.
+    """
+    inner = np.flatnonzero(np.isin(s[1:], path.breaks[1:-1])) + 1
     # the left side of every inner break follows behind the regular nodes
     sides = path.evaluate(s), path.evaluate(s[inner], from_left=True)
     tables = [np.vstack(pair) for pair in zip(*sides, strict=True)]

@@ -233,8 +233,9 @@ def reach(
     end_free: bool,
     fast: bool,
     fastest: float | FloatArray = np.inf,
+    ends: tuple[float, float] = (0.0, 0.0),
 ) -> Reached:
-    """Find the best timing of a curve on its grid, from rest to rest.
+    """Find the best timing of a curve on its grid, from rest to rest or with ds/dt at its ends.
 
     With ds/dt at most ``fastest`` [N+1]; docs/theory/path_timing.md, "Reachability".
 
@@ -244,13 +245,13 @@ def reach(
     """
     free = (start_free, end_free)
     speed_limit = np.minimum(along.limits.speed_limit(along.nodes, along.s.size), fastest**2)
-    timing = _passes(along.s, along.rows, speed_limit, free, fast)
+    timing = _passes(along.s, along.rows, speed_limit, free, fast, ends)
     x, before = timing.speed_squared, timing.duration
     for _ in range(REACHABILITY.friction_passes if along.has_friction and timing.feasible else 0):
         if deadline.over():
             break
         bent = along.rows.with_friction(along.nodes, along.limits.family.robot, x)
-        timing = _passes(along.s, bent, speed_limit, free, fast)
+        timing = _passes(along.s, bent, speed_limit, free, fast, ends)
         if not timing.feasible:  # at a speed at which friction alone takes more than the limits
             x = 0.25 * x
             continue
@@ -275,10 +276,9 @@ def settled(
     the excess is in the end.
     """
     s, duration = path_grid(curve, grid), np.inf
-    ends = {"start_free": curve.start_free, "end_free": curve.end_free}
     for last in range(most - 1, -1, -1):
         along = CurveLimits.of(family, curve, s, fast)
-        timing = reach(along, **ends, fast=fast)
+        timing = reach(along, start_free=curve.start_free, end_free=curve.end_free, fast=fast)
         if not timing.feasible:
             return timing, along, np.inf
         excess = along.excess(timing, curve)
@@ -415,7 +415,9 @@ def _passes(
     speed_limit: FloatArray,
     free: tuple[bool, bool],
     fast: bool,
+    ends: tuple[float, float],
 ) -> Reached:
+    begins, finishes = (speed**2 for speed in ends)
     step = np.diff(s)
     n, width = step.size, 2 * rows.per_u.shape[1]
     left = _Ends.of(rows, rows.left, rows.right, step)
@@ -424,20 +426,21 @@ def _passes(
     least = np.maximum(np.append(least, 0.0), np.append(0.0, before))
     most = np.minimum(np.append(most, FAR), np.append(FAR, over))
     most = np.minimum(most, speed_limit)
-    end = np.array([least[-1], most[-1] if free[1] else 0.0])
+    end = np.array([least[-1], most[-1]])
+    if not free[1]:
+        end = np.array([max(end[0], finishes), min(max(end[1], 0.0), finishes)])
     columns = np.hstack(
         [_reached_from(right, -1.0), *left.moved(1.0), least[:-1, None], most[:-1, None]]
     )
     sets = _backward(width, n, fast)(end, columns[::-1].T)[:, ::-1]
     low, high = np.append(sets[0], end[0]), np.append(sets[1], end[1])
     if not free[0]:
-        high[0] = min(high[0], 0.0) if high[0] < 0 or low[0] > 0 else 0.0
+        low[0], high[0] = max(low[0], begins), min(high[0], begins)
     blocked = np.flatnonzero(high < low)
     nothing = np.zeros_like(step)
-    if blocked.size or (not free[0] and low[0] > 0):
-        at = s[blocked[-1]] if blocked.size else s[0]
-        unknown = np.full_like(s, np.nan)
-        return Reached(s, np.zeros_like(s), nothing, nothing, unknown, False, float(at))
+    if blocked.size:
+        unknown, at = np.full_like(s, np.nan), float(s[blocked[-1]])
+        return Reached(s, np.zeros_like(s), nothing, nothing, unknown, False, at)
     columns = np.hstack(
         [_reached_from(left, 1.0), *right.moved(-1.0)[:2], low[1:, None], high[1:, None]]
     ).T

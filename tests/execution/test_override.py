@@ -1,0 +1,84 @@
+"""Stops and other speeds on the path of a motion under way, against closed forms on a rail."""
+
+import numpy as np
+import pytest
+
+import microbot_ocp as mo
+from planning.shared import pendulum, slider
+
+
+@pytest.fixture(scope="module")
+def rail():
+    return slider(mass=2.0, tau_max=4.0)
+
+
+def test_a_stop_and_another_speed_come_as_soon_as_the_torque_lets_them(rail):
+    motion = mo.Motion.from_polynomial(rail, mo.cubic([[0.0], [1.6]], [0.0, 2.5]), label="cubic")
+    q, qd = (float(row[0, 0]) for row in motion.sample([1.0])[:2])
+    stop = mo.execution.overridden(rail, motion, 1.0, 0.0)
+    assert stop.solved
+    assert mo.certify(rail, stop).ok
+    np.testing.assert_allclose([stop.q[0, 0], stop.qd[0, 0]], [q, qd], atol=1e-9)
+    assert stop.duration == pytest.approx(qd / 2.0, rel=2e-3)
+    assert stop.q[-1, 0] == pytest.approx(q + qd**2 / 4.0, abs=2e-3)
+    assert abs(stop.qd[-1, 0]) < 1e-9
+    half = mo.execution.overridden(rail, motion, 1.0, 0.5)
+    changed = half.sample([half.provenance["changed_at"] + 1e-6])
+    assert half.solved
+    assert mo.certify(rail, half).ok
+    planned = np.interp(changed.q[0, 0], motion.q[:, 0], motion.qd[:, 0])
+    assert changed.qd[0, 0] == pytest.approx(0.5 * planned, rel=1e-3)
+    braking = half.sample([0.5 * half.provenance["changed_at"]]).qdd
+    assert braking[0, 0] == pytest.approx(-2.0, rel=2e-3)
+    on = mo.execution.overridden(rail, motion, stop.provenance["at"], 1.0, current=0.0)
+    assert on.solved
+    assert mo.certify(rail, on).ok
+    assert on.q[-1, 0] == pytest.approx(1.6, abs=1e-9)
+
+
+@pytest.mark.slow
+def test_an_arm_under_gravity_keeps_its_torques_at_every_speed(microbot):
+    via_q = np.radians([[0, 0, 0], [-90, 90, 90]])
+    shape = mo.shortest_duration(microbot, mo.cubic(via_q, [0.0, 3.0])).polynomial
+    motion = mo.Motion.from_polynomial(microbot, shape, label="cubic")
+    for at, speed in ((0.0, 0.3), (0.5 * motion.duration, 0.0), (0.3 * motion.duration, 0.7)):
+        other = mo.execution.overridden(microbot, motion, at, speed)
+        assert other.solved
+        certificate = mo.certify(microbot, other)
+        assert certificate.ok, certificate.verdict
+    assert mo.execution.overridden(microbot, motion, 0.0, 1.0).duration <= 1.001 * motion.duration
+
+
+def test_an_arm_that_brakes_as_hard_as_it_can_has_no_sooner_stop(rail):
+    motion = mo.time_optimal(rail, [[0.0], [1.6]], compiled=False, starts=1)
+    at = 0.7 * motion.duration
+    stop = mo.execution.overridden(rail, motion, at, 0.0, grid=4000)
+    assert stop.solved
+    assert stop.duration == pytest.approx(motion.duration - at, rel=1e-2)
+
+
+def test_no_stop_is_where_the_arm_cannot_hold_itself():
+    swing = pendulum(tau_max=5.0)  # the cubic takes up to 8.7 N m; 9.8 hold the arm level
+    motion = mo.Motion.from_polynomial(swing, mo.cubic([[0.0], [2.2]], [0.0, 1.5]), label="cubic")
+    most = np.abs(motion.tau).max()
+    stop = mo.execution.overridden(swing, motion, 0.75, 0.0)
+    assert stop.solved
+    assert 9.81 * np.sin(stop.q[-1, 0]) <= 1.001 * most < 9.5
+    level = mo.execution.overridden(swing, motion, 0.97, 1.0, current=0.0)
+    assert level.status == "infeasible"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        ((2.5, 0.5), "at must be before the motion ends"),
+        ((1.0, 1.5), "speed must be"),
+        ((1.0, 0.0, 0.0), "both 0"),
+    ],
+)
+def test_what_is_no_override_is_refused(rail, arguments, told):
+    motion = mo.Motion.from_polynomial(rail, mo.cubic([[0.0], [1.6]], [0.0, 2.5]), label="cubic")
+    at, speed, *current = arguments
+    more = {"current": current[0]} if current else {}
+    with pytest.raises(mo.InputError, match=told):
+        mo.execution.overridden(rail, motion, at, speed, **more)
