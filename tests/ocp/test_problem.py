@@ -2,6 +2,7 @@
 
 import re
 
+import casadi as ca
 import numpy as np
 import pytest
 
@@ -263,3 +264,21 @@ def test_a_guess_of_what_there_is_not_is_refused(no_solver):
     guess = {"move": Guess(1.0, {"x": 0.0, "v": 0.0, "u": 0.0, "speed": 1.0})}
     with pytest.raises(InputError, match="guess of phase 'move' has 'speed', which is none of its"):
         solve(double_integrator(), 5, guess)
+
+
+def test_a_problem_says_what_is_declared():
+    problem = OptimalControlProblem("two", maximize=True)
+    problem.free_parameter("k", lower=0.0, upper=1.0)
+    go, back = problem.phase("go", (0.1, 5.0)), problem.phase("back", 2.0)
+    position, force = go.state("position", 3), go.control("force", lower=-1.0, upper=1.0)
+    mass = go.parameter("mass", 2.0)
+    go.derivative(position, position * force / mass)
+    go.constraint("length", ca.sumsqr(position), upper=1.0)
+    back.derivative(back.state("position", 3), np.zeros(3))
+    problem.link(go, back)
+    assert repr(problem) == (
+        "<OptimalControlProblem 'two', to maximise, 1 link, 1 free parameter\n"
+        "  Phase 'go', 0.1 to 5 s: states position [3]; controls force; parameters mass; "
+        "constraints length\n"
+        "  Phase 'back', 2 s: states position [3]>"
+    )

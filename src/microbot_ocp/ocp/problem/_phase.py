@@ -88,6 +88,23 @@ class Phase:
         self._asked_start = True
         return self.begins
 
+    def __repr__(self) -> str:
+        low, high = self.duration_bounds
+        declared = {
+            "states": self.states,
+            "controls": self.controls,
+            "algebraic variables": self.algebraics,
+            "parameters": [*self.parameters, *self.free_parameters],
+            "constraints": [*self.constraints, *self.end_constraints, *self.point_constraints],
+        }
+        lists = [
+            f"{kind} {', '.join(_named(each) for each in items)}"
+            for kind, items in declared.items()
+            if items
+        ]
+        duration = f"{low:g} s" if low == high else f"{low:g} to {high:g} s"
+        return f"<Phase {self.name!r}, {duration}: {'; '.join(lists)}>"
+
     @property
     def variables(self) -> list[Variable]:
         """States, controls, algebraic variables and free parameters."""
@@ -573,3 +590,9 @@ class Phase:
                 limit = limit_of(f"{where} of {name}{side}", difference, low, high, scale, unit)
                 self.point_constraints.append(PointConstraint.of(limit, fraction))
         return symbol
+
+
+def _named(item: Variable | Parameter | PathConstraint) -> str:
+    """Return its name, with its size where it is a vector."""
+    size = (item.expression if isinstance(item, PathConstraint) else item.symbol).numel()
+    return item.name if size == 1 else f"{item.name} [{size}]"

@@ -50,6 +50,9 @@ class OptimalControlProblem:
     >>> phase.derivative(x, v)
     >>> phase.derivative(v, u)
     >>> phase.end_cost(phase.duration)
+    >>> problem
+    <OptimalControlProblem 'double integrator', to minimise
+      Phase 'move', 0.1 to 10 s: states x, v; controls u>
     >>> from microbot_ocp.ocp import solve
     >>> round(solve(problem, mesh=20).cost, 5)
     2.0
@@ -61,6 +64,15 @@ class OptimalControlProblem:
         self.phases: list[Phase] = []
         self.links: list[PhaseLink] = []
         self.free_parameters: list[Variable] = []
+
+    def __repr__(self) -> str:
+        counted = {"link": len(self.links), "free parameter": len(self.free_parameters)}
+        more = "".join(f", {n} {kind}{'s' * (n > 1)}" for kind, n in counted.items() if n)
+        head = f"{self.name!r}, to {'maximise' if self.maximize else 'minimise'}{more}"
+        return (
+            "\n  ".join([f"<OptimalControlProblem {head}", *(f"{p!r}"[1:-1] for p in self.phases)])
+            + ">"
+        )
 
     def phase(
         self,
