@@ -26,7 +26,7 @@ from microbot_ocp.views.animation._faces import (
     solid_faces,
     tube_faces,
 )
-from microbot_ocp.views.plots import styled
+from microbot_ocp.views.plots import halo, styled
 from microbot_ocp.views.recording import TIME, AnimatedArm, Recording, arcs, signed_share
 
 THEMES = {
@@ -166,7 +166,8 @@ class Film:
         (self.spine,) = space.plot([], [], alpha=0.5 if self.still else 0.0, zorder=top, **spine)
         places, _ = self.camera.project(np.reshape(self.recording.places, (-1, 3)))
         marker = {"color": theme["paper"], "markeredgecolor": theme["ink"], "markersize": 5.5}
-        note = {"fontsize": 8.5, "color": theme["faint"], "textcoords": "offset points"}
+        note = {"fontsize": 8.5, "color": theme["ink"], "textcoords": "offset points"}
+        note["path_effects"] = halo(theme["paper"])  # read on an obstacle and on a part, too
         for place, name in zip(places, self.recording.place_names, strict=True):
             space.plot(*place[:, None], "o", zorder=top + 2, **marker)
             space.annotate(name, place, xytext=(7, -9), zorder=top + 2, **note)

@@ -8,6 +8,7 @@ from ._motion import motion as motion, simulation as simulation, tracking as tra
 from ._page import (
     AxesGrid as AxesGrid,
     figure_of as figure_of,
+    halo as halo,
     save as save,
     styled as styled,
     write as write,

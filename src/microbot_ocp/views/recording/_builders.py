@@ -112,6 +112,8 @@ def of_cell(cell: Cell, rate: float | None = None) -> Recording:
     """
     plain = of_motion(cell.robot, cell.motion, cell.certificate, rate, cell.scene)
     (arm,), stops = plain.arms, cell.task.stops
+    if cell.task.cycle:  # the last one is the first again
+        stops = stops[:-1]
     return replace(
         plain,
         around=DrawnSurroundings.of_cell(cell, arm.times[TIME], arm.q),
