@@ -38,8 +38,9 @@ import pinocchio as pin
 import toppra
 
 import microbot_ocp as mo
-from benchmarks.scenes import processor_time, read
+from benchmarks.scenes import read
 from external.toppra_timing import PolynomialPath, even_grid, toppra_problem
+from microbot_ocp._base.deadline import processor_time
 from microbot_ocp.scene import Surroundings, detour
 
 ROBOTS = ("panda", "ur5")
@@ -55,7 +56,6 @@ HAND = (
     [0.00771, 0.00776, 0.0256],
     [[0.001298, -0.000791, 1.3e-5], [-0.000791, 0.001298, 1.3e-5], [1.3e-5, 1.3e-5, 0.001765]],
 )
-FIRST = "path "  # with which progress begins when a first motion is known and proved
 
 
 def main(arguments: list[str]) -> None:
@@ -182,14 +182,9 @@ def measured(folder: Path, name: str, family: str, number: int, limit: float) ->
     row: dict[str, Any] = {"robot": name, "family": family, "number": number}
     row["ends_free_by_meshes"] = meshes.free(via)
     row["chain"] = chain(robot, scene, via)
-    begun, first = processor_time(), []
-
-    def progress(step: object) -> None:
-        if str(step).startswith(FIRST):
-            first.append(processor_time() - begun)
-
+    begun = processor_time()
     try:
-        motion = mo.time_optimal(robot, via, scene=scene, time_limit=limit, progress=progress)
+        motion = mo.time_optimal(robot, via, scene=scene, time_limit=limit)
     except mo.InputError as problem:
         return row | {"outcome": "refused", "why": str(problem)}
     spent = processor_time() - begun
@@ -204,7 +199,7 @@ def measured(folder: Path, name: str, family: str, number: int, limit: float) ->
         "why": "" if good else motion.advice,
         "duration": motion.duration,
         "timed_path": min((p["duration"] for p in motion.provenance["paths"]), default=None),
-        "first": first[0] if first else None,
+        "first": motion.provenance.get("first_certified"),
         "processor": spent,
         "clearance": clearance["at_least"],
         "verdict": certificate.verdict,

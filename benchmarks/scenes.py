@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import resource
 import statistics
 import time
 from pathlib import Path
@@ -21,6 +20,7 @@ import numpy as np
 
 import microbot_ocp as mo
 from microbot_ocp._base import deadline
+from microbot_ocp._base.deadline import processor_time
 from microbot_ocp.limits import LimitFamily
 from microbot_ocp.planning import check_via, legs_between, reach_of, timed_paths
 from microbot_ocp.scene import Surroundings
@@ -98,12 +98,6 @@ def measured(number: int) -> dict[str, Any]:
         "advice": told["advice"],
     }
     return row
-
-
-def processor_time() -> float:
-    """Of this process and those that it started, compilers among them, s."""
-    used = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
-    return sum(u.ru_utime + u.ru_stime for u in used)
 
 
 def line(row: dict[str, Any]) -> str:

@@ -20,7 +20,6 @@ from __future__ import annotations
 import argparse
 import itertools
 import json
-import os
 import resource
 import subprocess
 import sys
@@ -35,6 +34,7 @@ import numpy as np
 
 import microbot_ocp as mo
 from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.deadline import processor_time
 from microbot_ocp.limits import LimitFamily, MotionSamples
 from microbot_ocp.motion import PiecewisePolynomial
 
@@ -251,26 +251,21 @@ def via_points(
     return via
 
 
-def _processor_time() -> float:
-    """Of this process and of its own that have ended, s."""
-    return sum(os.times()[:4])
-
-
 def solve(
     task: Task, progress: Callable[[Any], None] | None = None, limit: float = np.inf
 ) -> dict[str, Any]:
     """What becomes of a task within a limit of wall time, s, as plain values."""
     more: dict[str, Any] = {"progress": progress, "time_limit": limit}
-    begin = _processor_time()
+    begin = processor_time()
     try:
         if task.path is None:
             motion = mo.time_optimal(task.robot, task.via, **more)
         else:
             motion = mo.time_optimal_path(task.robot, task.path, **more)
-        spent = _processor_time() - begin
+        spent = processor_time() - begin
         certificate = mo.certify(task.robot, motion, via_q=task.via if task.path is None else None)
     except mo.InputError as problem:
-        return {"status": f"refused: {problem}", "time": _processor_time() - begin}
+        return {"status": f"refused: {problem}", "time": processor_time() - begin}
     return {
         "status": motion.status,
         "advice": motion.advice,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -46,6 +47,11 @@ def until() -> float:
 def left() -> float:
     """Time that is left, s; infinite without a limit."""
     return max(0.0, _until.get() - time.perf_counter())
+
+
+def processor_time() -> float:
+    """Of this process and of those that it started and waited for, s."""
+    return sum(os.times()[:4])
 
 
 def over() -> bool:

@@ -127,12 +127,12 @@ class Transcription:
         return changed
 
     def _derive(
-        self, functions: Sequence[ca.Function], composition: Composition | None
+        self, functions: Sequence[ca.Function], compositions: Sequence[Composition | None]
     ) -> Sequence[ca.Function]:
         # phases with the same physics share everything that is expensive
         key = "".join(function.serialize() for function in functions)
         if key not in self._known:
-            make = partial(with_derivatives, functions, composition, self._derivatives)
+            make = partial(with_derivatives, functions, compositions, self._derivatives)
             self._known[key] = make() if self._prepare is None else self._prepare(key, make)
         return self._known[key]
 

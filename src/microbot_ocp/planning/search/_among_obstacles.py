@@ -116,6 +116,8 @@ class Leg:
     known : Motion or None
         The first way with a timing that keeps all limits, there from the moment on at which the
         way is: its best one, or where that takes long one that rests at every corner.
+    certified : float
+        Processor time, s, at which a motion along this leg and its neighbours was first proved.
     """
 
     def __init__(
@@ -130,6 +132,7 @@ class Leg:
         self.ways: list[Detour] = []
         self.failed: list[Detour] = []
         self.known: Motion | None = None
+        self.certified = np.inf
         self.refused = False  # whether there was a way that cannot be travelled
         self._reached: dict[int, PathTiming | None] = {}
         self._motions: dict[int, Motion | None] = {}
@@ -266,7 +269,7 @@ def fastest_among(
     InputError
         A via point in collision; OMPL or coal is not installed.
     """
-    begin = time.perf_counter()
+    begin, begin_processor = time.perf_counter(), deadline.processor_time()
     robot: Robot = with_arm_capsules(family.robot)
     family = LimitFamily.of(robot)
     around = Surroundings(robot, scene)
@@ -278,6 +281,8 @@ def fastest_among(
         "paths": [{"start": p.name, "duration": p.motion.duration} for p in paths],
         "planning_time": time.perf_counter() - begin,
     }
+    if paths:
+        more["first_certified"] = legs[0].certified - begin_processor
     if not paths:
         names = ["start", *(f"via point {k}" for k in range(2, len(via))), "goal"]
         motion = _ignoring(family, via, settings)
@@ -300,6 +305,9 @@ def at_least(known: TimedPath, found: Motion | None, proof: Clearance | None) ->
         if proof is not None and proof.proved and (faster or not found.solved):
             told = {**found.provenance, "clearance": as_plain(proof)}
             return replace(found, provenance=told)
+    if found is not None and found.status is Status.LIMITS_EXCEEDED:
+        if found.duration >= known.motion.duration:  # though its limits hold at mesh points only
+            outcome = Outcome.of(Status.SOLVED, "the search found nothing faster")
     if proof is not None and proof.proved:
         outcome = Outcome.of(outcome.status, "the search found nothing faster")
         if deadline.over():
@@ -424,6 +432,8 @@ def _proved(
     proof = clearance(robot, whole, around.scene)
     if not proof.proved:
         return None
+    for leg in legs:
+        leg.certified = min(leg.certified, deadline.processor_time())
     return TimedPath("path " + ", ".join(names), replace(whole, marks=marks), proof)
 
 

@@ -377,7 +377,7 @@ def from_timed_way(search: MotionSearch, step: NextStep) -> MotionAnswer:
     search.progress("no coarse answer is faster than the best path: solved from there")
     best = min(search.problem.guided, key=duration_of)
     refiner = _going_on(subject)
-    meshes, barrier = [full_mesh(search)] * len(search.problem.names), SEARCH.near_way_barrier
+    meshes, barrier = [full_mesh(search)] * len(search.problem.names), SEARCH.timed_way_barrier
     start: Any = best.guesses
     if refiner.fitted is not None:  # dry friction rounded off at first
         smooth = coarse(search).solve(meshes, start, barrier=barrier)
@@ -573,8 +573,10 @@ def next_splitting(search: MotionSearch, state: SearchState) -> NextStep | None:
             chosen = smoothed_less
         if state.made_of(chosen, "splitting") is None:
             return NextStep(chosen)
-    for way in state.of("timed way"):
-        if way.solved and state.made_of(way, "splitting") is None:
+    least = min(map(duration_of, search.problem.guided), default=np.inf)
+    for way in state.of("timed way"):  # a finer mesh makes none faster by much
+        is_faster = way.solved and way.solution.duration < least
+        if is_faster and state.made_of(way, "splitting") is None:
             return NextStep(way)
     return None
 
