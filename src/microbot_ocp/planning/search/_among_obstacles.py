@@ -305,9 +305,9 @@ def at_least(known: TimedPath, found: Motion | None, proof: Clearance | None) ->
         if proof is not None and proof.proved and (faster or not found.solved):
             told = {**found.provenance, "clearance": as_plain(proof)}
             return replace(found, provenance=told)
-    if found is not None and found.status is Status.LIMITS_EXCEEDED:
-        if found.duration >= known.motion.duration:  # though its limits hold at mesh points only
-            outcome = Outcome.of(Status.SOLVED, "the search found nothing faster")
+    slower = found is not None and found.duration >= known.motion.duration
+    if slower and outcome.status is Status.LIMITS_EXCEEDED:  # even with limits at mesh points only
+        outcome = Outcome.of(Status.SOLVED, "the search found nothing faster")
     if proof is not None and proof.proved:
         outcome = Outcome.of(outcome.status, "the search found nothing faster")
         if deadline.over():
