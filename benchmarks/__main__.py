@@ -5,9 +5,10 @@ torture`` random tasks by seed, ``python -m benchmarks one_sided`` those of arms
 ``python -m benchmarks scenes`` those among obstacles, ``python -m benchmarks sweep`` what a sweep
 costs beside its work, ``python -m benchmarks published`` published tasks among obstacles, ``python
 -m benchmarks switching_times`` exact switching times of random tasks, ``python -m benchmarks
-baseline`` records all answers and compares them with an earlier record, ``python -m benchmarks
-replanning`` times re-plans of an arm that moves, ``python -m benchmarks
-ledger FILE`` prints what the strategies did in such a record; see their own ``--help``.
+replanning`` times re-plans of an arm that moves, ``python -m benchmarks plants`` plays arms of
+MuJoCo that differ from the model, ``python -m benchmarks baseline`` records all answers and
+compares them with an earlier record, ``python -m benchmarks ledger FILE`` prints what the
+strategies did in such a record; see their own ``--help``.
 """
 
 import argparse
@@ -37,7 +38,7 @@ def main() -> None:
     if sys.argv[1:2] == ["ledger"]:
         sys.argv[1:2] = ["baseline", "--ledger"]
     own = ["baseline", "torture", "one_sided", "scenes", "sweep", "published", "switching_times"]
-    own += ["motionbenchmaker", "replanning"]
+    own += ["motionbenchmaker", "plants", "replanning"]
     own += [*(["cell"] if "--robot" in sys.argv else [])]
     if len(sys.argv) > 1 and sys.argv[1] in own:
         importlib.import_module(f"benchmarks.{sys.argv[1]}").main(sys.argv[2:])
