@@ -74,7 +74,7 @@ def transcription(
         knows_derivatives(limit) for own in robots for limit in own.limits.also
     )
     if compiled and not shared:
-        prepare = compile_recipe
+        prepare = partial(compile_recipe, often=3)  # the stage's; those of points run once a phase
     return Transcription(
         free_problem(robot, via, payload=payload, budgeted=budgeted, conditions=conditions),
         scheme="shooting",
