@@ -11,9 +11,16 @@ import microbot_ocp as mo
 from microbot_ocp import InputError
 from microbot_ocp._base.deadline import processor_time
 from microbot_ocp._base.outcome import Outcome
-from microbot_ocp._base.status import Status
-from microbot_ocp.planning import legs_between, parts_of, reach_of, scenes_of, task_of, tool_poses
-from microbot_ocp.planning.search._among_obstacles import TimedPath, at_least
+from microbot_ocp.planning import (
+    TimedPath,
+    legs_between,
+    parts_of,
+    reach_of,
+    scenes_of,
+    task_of,
+    tool_poses,
+)
+from microbot_ocp.planning.search._among_obstacles import at_least
 from microbot_ocp.scene import Surroundings, contact_model
 
 ARM = mo.load_robot("planar_3r")
@@ -234,8 +241,8 @@ def test_a_motion_goes_around_and_is_certified(around: mo.Motion) -> None:
 def test_an_optimum_slower_than_the_timed_path_ends_the_search(around: mo.Motion) -> None:
     """It exceeds limits between its mesh points, and a finer mesh makes it no faster."""
     known = TimedPath("path", around, mo.clearance(ARM, around, POST))
-    exceeded = Outcome.of(Status.LIMITS_EXCEEDED)
-    for times, status in ((1.5, Status.SOLVED), (0.5, Status.FAILED)):
+    exceeded = Outcome.of(mo.Status.LIMITS_EXCEEDED)
+    for times, status in ((1.5, mo.Status.SOLVED), (0.5, mo.Status.FAILED)):
         scaled = mo.Motion.from_polynomial(
             ARM, mo.cubic(ENDS, [0, times * around.duration]), label="other"
         )
