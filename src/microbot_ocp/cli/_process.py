@@ -22,6 +22,7 @@ _pressed = threading.Event()
 _code = 128 + signal.SIGINT
 _watched = False
 _taken = False  # by the main thread; the other one may know of the signal before it
+_messages: Any = None  # standard error as it was before the signal
 
 
 class NotDone(Exception):
@@ -76,8 +77,8 @@ def _open_streams() -> None:
 
 def watch() -> None:
     """Take the signals; a second one ends the process at once."""
-    global _watched, _taken
-    _taken = False
+    global _watched, _taken, _messages
+    _taken, _messages = False, None
     _pressed.clear()
     for name in ("SIGINT", "SIGTERM", "SIGHUP"):
         number = getattr(signal, name, None)
@@ -98,6 +99,11 @@ def pressed() -> bool:
     return _pressed.is_set()
 
 
+def messages() -> Any:
+    """Return where messages go: standard error, also after a signal."""
+    return _messages or sys.stderr
+
+
 def exit_code() -> int:
     """Return 128 and the number of the signal."""
     return _code
@@ -110,12 +116,14 @@ def check() -> None:
 
 
 def _press(number: int, _: FrameType | None) -> None:
-    global _code, _taken
+    global _code, _taken, _messages
     _code = 128 + number
     if _taken:
         _end()
     _taken = True
     _pressed.set()
+    # CasADi's solvers write on it that a function of theirs was interrupted
+    _messages, sys.stderr = sys.stderr, open(os.devnull, "w")  # noqa: SIM115
     raise KeyboardInterrupt
 
 

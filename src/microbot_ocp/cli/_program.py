@@ -263,7 +263,7 @@ def _print_warning(message: Warning | str, *_: object, **__: object) -> None:
 def _print_error(line: str) -> None:
     """Print on standard error, if anything can be: the exit code stays what it is."""
     with contextlib.suppress(OSError, ValueError):
-        print(printable(line), file=sys.stderr, flush=True)
+        print(printable(line), file=process.messages(), flush=True)
 
 
 def _lowered(sentence: str) -> str:

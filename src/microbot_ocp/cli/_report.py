@@ -216,7 +216,7 @@ def _heed(_: object) -> None:
 
 def say(line: str) -> None:
     """Print on standard error, which is for people in any case."""
-    print(line, file=sys.stderr, flush=True)
+    print(line, file=process.messages(), flush=True)
 
 
 def _print_block(console: Console, block: Block, *, last: bool) -> None:
