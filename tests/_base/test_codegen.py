@@ -157,23 +157,6 @@ def test_a_recipe_is_followed_once(folder: Path) -> None:
     assert float(other([1.0, 1.0])[0]) == 3.0
 
 
-@needs_compiler
-def test_what_is_called_seldom_is_not_optimised(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    built, options = codegen.build_library, {}
-
-    def noted(source: str, stem: str, cc: str, option: str) -> Path:
-        options[stem] = option
-        return built(source, stem, cc, option)
-
-    monkeypatch.setattr(codegen, "build_library", noted)
-    given = [doubled("stage"), doubled("point", 3.0), doubled("other", 5.0)]
-    compiled = compile_recipe("stages and points", lambda: given, often=1)
-    assert options == {"stage": "-O2", "point": "-O0"}
-    assert [float(function([1.0, 1.0])[0]) for function in compiled] == [2.0, 3.0, 5.0]
-
-
 def test_without_a_compiler_the_function_itself_comes_back_with_a_warning(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -229,7 +229,7 @@ def compile_functions(functions: Sequence[ca.Function]) -> tuple[ca.Function, ..
 
 
 def compile_recipe(
-    recipe: bytes | str, make: Callable[[], Sequence[ca.Function]], often: int | None = None
+    recipe: bytes | str, make: Callable[[], Sequence[ca.Function]]
 ) -> tuple[ca.Function, ...]:
     """The functions that a recipe makes, compiled; they are made only where they are not at hand.
 
@@ -239,13 +239,10 @@ def compile_recipe(
         What the functions follow from, besides the source of this package.
     make : callable
         Makes the functions; what takes the time where compiled code is in the cache already.
-    often : int, optional
-        How many of them, the first ones, are called often, by default all; of the others no
-        optimisation would pay for its compile time.
     """
     if _interpreted.get():
         return tuple(make())
-    identity = repr((recipe, often, package(), compiler(), FLAGS, NATIVE, SIZES, processor()))
+    identity = repr((recipe, package(), compiler(), FLAGS, NATIVE, SIZES, processor()))
     name = f"recipe_{hashlib.sha256(identity.encode()).hexdigest()[:24]}.json"
     with contextlib.suppress(OSError, ValueError, TypeError, RuntimeError):
         note = usable_folder() / name
@@ -253,7 +250,7 @@ def compile_recipe(
         if libraries and all(_is_whole(note.with_name(library)) for library, _ in libraries):
             return tuple(ca.external(name, str(note.parent / lib)) for lib, name in libraries)
     given = tuple(make())
-    compiled = _compiled(given, often)
+    compiled = _compiled(given)
     if compiled is None:
         return given
     with contextlib.suppress(OSError):
@@ -271,9 +268,7 @@ def package() -> str:
     return digest.hexdigest()
 
 
-def _compiled(
-    given: Sequence[ca.Function], often: int | None = None
-) -> dict[ca.Function, Path] | None:
+def _compiled(given: Sequence[ca.Function]) -> dict[ca.Function, Path] | None:
     """Every function compiled, with its library; where that fails a warning and None."""
     deadline.check()
     cc = compiler()
@@ -282,8 +277,10 @@ def _compiled(
     elif deadline.over():  # writing the text takes long, too
         problem = "the time limit was over"
     else:
+        small = [f for f in given if _operations(f) <= SIZES[0][0]]
+        groups = [[f] for f in given if _operations(f) > SIZES[0][0]] + ([small] if small else [])
         try:
-            library_of = dict(_libraries(_groups(given, often), cc))
+            library_of = dict(_libraries(groups, cc))
             return {
                 _external(function.name(), library_of[function.name()]): library_of[function.name()]
                 for function in given
@@ -299,28 +296,14 @@ def _compiled(
     return None
 
 
-def _groups(
-    given: Sequence[ca.Function], often: int | None
-) -> list[tuple[Sequence[ca.Function], str]]:
-    """The functions of every library, and its optimisation."""
-    frequent, seldom = given[:often], given[len(given[:often]) :]
-    small = [f for f in frequent if _operations(f) <= SIZES[0][0]]
-    groups = [[f] for f in frequent if _operations(f) > SIZES[0][0]] + ([small] if small else [])
-    options = [
-        next(option for limit, option in SIZES if sum(map(_operations, group)) <= limit)
-        for group in groups
-    ]
-    return [*zip(groups, options, strict=True), *([(seldom, "-O0")] if seldom else [])]
-
-
-def _libraries(
-    groups: Sequence[tuple[Sequence[ca.Function], str]], cc: str
-) -> Iterator[tuple[str, Path]]:
+def _libraries(groups: Sequence[Sequence[ca.Function]], cc: str) -> Iterator[tuple[str, Path]]:
     """Name and library of every function of groups, which are compiled at the same time."""
-    sources = [c_source(group) for group, _ in groups]
+    sources = [c_source(group) for group in groups]
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
         jobs = []
-        for (group, option), source in zip(groups, sources, strict=True):
+        for group, source in zip(groups, sources, strict=True):
+            size = sum(map(_operations, group))
+            option = next(option for limit, option in SIZES if size <= limit)
             run = copy_context().run  # for its time limit
             jobs.append(pool.submit(run, build_library, source, group[0].name(), cc, option))
         try:
@@ -329,7 +312,7 @@ def _libraries(
             pool.shutdown(wait=False, cancel_futures=True)
             abandon()
             raise
-    for (group, _), library in zip(groups, libraries, strict=True):
+    for group, library in zip(groups, libraries, strict=True):
         yield from ((function.name(), library) for function in group)
 
 

@@ -74,7 +74,7 @@ def transcription(
         knows_derivatives(limit) for own in robots for limit in own.limits.also
     )
     if compiled and not shared:
-        prepare = partial(compile_recipe, often=3)  # the stage's; those of points run once a phase
+        prepare = compile_recipe
     return Transcription(
         free_problem(robot, via, payload=payload, budgeted=budgeted, conditions=conditions),
         scheme="shooting",
