@@ -79,6 +79,7 @@ class AmongObstacles:
 
 
 AMONG_OBSTACLES = AmongObstacles()
+NOTHING_FASTER = "the search found nothing faster"
 
 
 @dataclass(frozen=True, eq=False)
@@ -307,9 +308,9 @@ def at_least(known: TimedPath, found: Motion | None, proof: Clearance | None) ->
             return replace(found, provenance=told)
     slower = found is not None and found.duration >= known.motion.duration
     if slower and outcome.status is Status.LIMITS_EXCEEDED:  # even with limits at mesh points only
-        outcome = Outcome.of(Status.SOLVED, "the search found nothing faster")
+        outcome = Outcome.of(Status.SOLVED, NOTHING_FASTER)
     if proof is not None and proof.proved:
-        outcome = Outcome.of(outcome.status, "the search found nothing faster")
+        outcome = Outcome.of(outcome.status, NOTHING_FASTER)
         if deadline.over():
             outcome = Outcome.of(Status.TIME_LIMIT)
     elif proof is not None:
