@@ -23,7 +23,7 @@ FUNCTIONS = {
     "two scalars": mo.energy(ROBOT),
     "with a division": mo.forward_dynamics(ROBOT),
 }
-ROWS = 7
+ROWS = 19  # two registers full of states and a rest, whatever the machine's width
 
 
 @pytest.fixture(params=["extension", "buffer"])
@@ -171,6 +171,32 @@ def test_a_loop_ends_where_it_says_or_at_its_most(way: str) -> None:
     after, _, _ = loop([7.0, 0.0], np.array([[2.0], [3.0]]))
     assert after.tolist() == [[1.0, 3.0], [1.0, 2.0]]
     assert loop(np.zeros((0, 2)), [2.0])[0].shape == (0, 2)
+
+
+def test_rows_of_a_loop_end_after_as_many_calls_as_alone(way: str) -> None:
+    loop = fast_loop.__wrapped__(rest_of_division(), 10)
+    first = np.column_stack([np.random.default_rng(2).uniform(0, 30, 5 * ROWS), np.zeros(5 * ROWS)])
+    alone = [loop(row, [2.0]) for row in first]
+    for together, each in zip(loop(first, [2.0]), zip(*alone, strict=True), strict=True):
+        np.testing.assert_array_equal(together, np.array(each))
+    assert np.unique(loop(first, [2.0])[0][:, 1]).size == 10
+
+
+def test_every_operation_of_many_states_has_the_bits_of_one(way: str) -> None:
+    a, b = ca.SX.sym("a"), ca.SX.sym("b")
+    unary = (ca.sin, ca.cos, ca.tan, ca.exp, ca.tanh, ca.floor, ca.ceil, ca.fabs, ca.atan)
+    terms = [f(a) for f in unary] + [f(ca.fabs(a)) for f in (ca.sqrt, ca.log)]
+    terms += [f(a / 100) for f in (ca.asin, ca.acos)] + [a + b, a - b, a * b, a / b, -a, a**2]
+    terms += [2 * a, 1 / a, a < b, a <= b, a == b, a != b, ca.logic_not(a), ca.atan2(a, b)]
+    terms += [ca.logic_and(a, b), ca.logic_or(a, b), ca.if_else(a < b, a, 3.0), ca.fmin(a, b)]
+    terms += [ca.fmax(a, b), ca.if_else(a > 0, ca.inf, -0.5)]
+    function = ca.Function("operations", [a, b], [ca.vertcat(*terms)])
+    call = fresh(function)
+    values = np.random.default_rng(4).uniform(-50, 50, (4 * ROWS, 2))
+    values[:8] = [[0, 0], [1, 1], [0, 2], [3, 0], [np.nan, 1], [1, np.nan], [np.inf, 1], [-1, -1]]
+    together = call(values[:, :1].copy(), values[:, 1:].copy())
+    alone = np.array([call(*(np.array([number]) for number in row)) for row in values])
+    np.testing.assert_array_equal(together, alone)
 
 
 def test_a_loop_needs_a_state_and_a_number() -> None:

@@ -105,27 +105,27 @@ def _refuse(
     problem: Exception | None = None,
 ) -> None:
     """Refuse the first argument of a wrong type."""
-    hints, positional = _hints(function)
+    rules, positional = _rules(function)
     for name, value in itertools.chain(zip(positional, arguments, strict=False), named.items()):
-        if name in hints and not fits(value, hints[name]):
-            raise InputError(
-                f"{name} must be {_rule(hints[name])[1]}, not {shown(value)}"
-            ) from problem
+        if name in rules and not rules[name][0](value):
+            raise InputError(f"{name} must be {rules[name][1]}, not {shown(value)}") from problem
 
 
 @functools.cache
-def _hints(function: Any) -> tuple[dict[str, Any], list[str]]:
-    """What the annotations of a function stand for, and its positional parameters."""
+def _rules(function: Any) -> tuple[dict[str, tuple[Fits, str]], list[str]]:
+    """What fits the annotations of a function, and its positional parameters."""
     names = _Names(function.__globals__, ArrayLike=np.ndarray)
     parameters = inspect.signature(function).parameters.values()
     variable = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
-    hints = {}
+    rules = {}
     for parameter in parameters:
         hint = parameter.annotation
         if hint is not parameter.empty and parameter.kind not in variable:
-            hints[parameter.name] = _evaluated(hint, names) if isinstance(hint, str) else hint
+            rules[parameter.name] = _rule(
+                _evaluated(hint, names) if isinstance(hint, str) else hint
+            )
     ends = (inspect.Parameter.KEYWORD_ONLY, *variable)
-    return hints, [p.name for p in parameters if p.kind not in ends]
+    return rules, [p.name for p in parameters if p.kind not in ends]
 
 
 class _Names(dict):
@@ -223,6 +223,8 @@ def _is_ours(value: Any, kind: Any) -> bool:
         return True
     if getattr(kind, "_is_protocol", False):
         return all(hasattr(value, name) for name in dir(kind) if not name.startswith("_"))
+    if isinstance(value, kind):
+        return True
     if issubclass(kind, Enum) and isinstance(value, str):  # the value of a member does as well
         return value in [member.value for member in kind]
     return kind.__name__ in [base.__name__ for base in type(value).__mro__]

@@ -32,6 +32,70 @@ static int evaluate(const double **arg, double **res, casadi_int *iw, double *w)
 #endif
 }
 
+#if @HAS_WIDE@
+/* Many states at once: as many as a register of the machine holds, each in a lane of its own. The
+   operations are those of one state in the same order, so that the bits are the same, too. */
+#if defined(__AVX512F__)
+#define LANES 8
+#define EACH(f, a) ((vector){f(a[0]), f(a[1]), f(a[2]), f(a[3]), f(a[4]), f(a[5]), f(a[6]), f(a[7])})
+#define EACH_PAIR(f, a, b) ((vector){f(a[0], b[0]), f(a[1], b[1]), f(a[2], b[2]), f(a[3], b[3]), \
+                                     f(a[4], b[4]), f(a[5], b[5]), f(a[6], b[6]), f(a[7], b[7])})
+#elif defined(__AVX__)
+#define LANES 4
+#define EACH(f, a) ((vector){f(a[0]), f(a[1]), f(a[2]), f(a[3])})
+#define EACH_PAIR(f, a, b) ((vector){f(a[0], b[0]), f(a[1], b[1]), f(a[2], b[2]), f(a[3], b[3])})
+#else
+#define LANES 2
+#define EACH(f, a) ((vector){f(a[0]), f(a[1])})
+#define EACH_PAIR(f, a, b) ((vector){f(a[0], b[0]), f(a[1], b[1])})
+#endif
+typedef double vector __attribute__((vector_size(8 * LANES)));
+typedef long long mask __attribute__((vector_size(8 * LANES)));
+#define NOTHING ((vector){0})
+#define TRUTH(m) ((vector)((m) & (mask)(NOTHING + 1.)))
+#define WHERE(m, a, b) ((vector)(((m) & (mask)(a)) | (~(m) & (mask)(b))))
+#define MAGNITUDE(a) ((vector)((mask)(a) & 0x7fffffffffffffffLL))
+
+static void wide(const vector *x, vector *y) {
+  @WIDE@
+}
+
+/* A lane that is done takes the next row. */
+static void evaluate_rows(const double *const *in, const npy_intp *step, double *const *out,
+                          npy_intp rows) {
+  vector x[@IN_TOTAL@], y[@OUT_TOTAL@];
+  double *const given = (double *)x;
+  const double *const result = (const double *)y;
+  npy_intp row_of[LANES], next, left = rows, j, n;
+  int count[LANES], k, i;
+  for (k = 0; k < LANES; ++k) row_of[k] = -1;
+  for (next = 0; left;) {
+    for (k = 0; k < LANES; ++k) {
+      if (row_of[k] >= 0 || next == rows) continue;
+      for (i = n = 0; i < @N_IN@; n += in_size[i++])
+        for (j = 0; j < in_size[i]; ++j) given[(n + j) * LANES + k] = in[i][next * step[i] + j];
+      count[k] = 0;
+      row_of[k] = next++;
+    }
+    wide(x, y);
+    for (k = 0; k < LANES; ++k) {
+      if (row_of[k] < 0) continue;
+#if @MOST@
+      if (++count[k] < @MOST@ && result[@STATE@ * LANES + k] > 0) {
+        for (j = 0; j < @STATE@; ++j) given[j * LANES + k] = result[j * LANES + k];
+        continue;
+      }
+#endif
+      for (i = n = 0; i < @N_OUT@; n += out_rows[i] * out_columns[i], ++i)
+        for (j = 0; j < out_rows[i] * out_columns[i]; ++j)
+          out[i][row_of[k] * out_rows[i] * out_columns[i] + j] = result[(n + j) * LANES + k];
+      row_of[k] = -1;
+      --left;
+    }
+  }
+}
+#endif
+
 static PyObject *call(PyObject *module, PyObject *const *given, Py_ssize_t count) {
   static const double *arg[@SZ_ARG@];
   static double *res[@SZ_RES@], w[@SZ_W@];
@@ -71,7 +135,16 @@ static PyObject *call(PyObject *module, PyObject *const *given, Py_ssize_t count
     out[i] = (PyArrayObject *)PyArray_SimpleNew(1 + matrix + batch, shape + !batch, NPY_DOUBLE);
     if (!out[i]) goto done;
   }
-  for (row = 0; row < (rows < 0 ? 1 : rows); ++row) {
+  row = 0;
+#if @HAS_WIDE@
+  if (rows >= LANES) {
+    for (i = 0; i < @N_IN@; ++i) arg[i] = (double *)PyArray_DATA(in[i]);
+    for (i = 0; i < @N_OUT@; ++i) res[i] = (double *)PyArray_DATA(out[i]);
+    evaluate_rows(arg, step, res, rows);
+    row = rows;
+  }
+#endif
+  for (; row < (rows < 0 ? 1 : rows); ++row) {
     for (i = 0; i < @N_IN@; ++i) arg[i] = (double *)PyArray_DATA(in[i]) + row * step[i];
     for (i = 0; i < @N_OUT@; ++i) {
       size = out_rows[i] * out_columns[i];

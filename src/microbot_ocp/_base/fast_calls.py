@@ -3,7 +3,8 @@
 Called from Python, a CasADi function takes 40 us to turn arrays into its own matrices and back,
 and 0.5 us more for every column, before it computes anything. :func:`fast_call` compiles its C code
 together with a few lines that read numpy memory in place and write a new array: 0.1 us for the
-inverse dynamics of three joints, and one loop in C over all rows of a batch.
+inverse dynamics of three joints, and one loop in C over all rows of a batch, as many of them at
+once as a register of the machine holds.
 :func:`buffered_call` takes any function as it is, and matrices.
 """
 
@@ -212,6 +213,7 @@ def _build(function: ca.Function, most: int, cc: str, headers: list[str], make: 
 
 def _glue(function: ca.Function, most: int) -> str:
     inputs, outputs = range(function.n_in()), range(function.n_out())
+    wide = _wide(function)
     values = {
         "IN_SIZE": ", ".join(str(function.size1_in(i)) for i in inputs),
         "IN_NAME": ", ".join(f'"{function.name_in(i)}"' for i in inputs),
@@ -226,11 +228,79 @@ def _glue(function: ca.Function, most: int) -> str:
         "NAME": function.name(),
         "MOST": most,
         "STATE": function.size1_in(0),
+        "IN_TOTAL": sum(function.size1_in(i) for i in inputs),
+        "OUT_TOTAL": sum(function.numel_out(i) for i in outputs),
+        "HAS_WIDE": int(bool(wide)),
+        "WIDE": wide,
     }
     text = GLUE.read_text("utf-8")
     for key, value in values.items():
         text = text.replace(f"@{key}@", str(value))
     return text
+
+
+# C of an operation on vectors of states, entry by entry what CasADi writes for one state
+_WIDE = {
+    ca.OP_ASSIGN: "{0}",
+    ca.OP_ADD: "{0}+{1}",
+    ca.OP_SUB: "{0}-{1}",
+    ca.OP_MUL: "{0}*{1}",
+    ca.OP_DIV: "{0}/{1}",
+    ca.OP_NEG: "-{0}",
+    ca.OP_SQ: "{0}*{0}",
+    ca.OP_TWICE: "2.*{0}",
+    ca.OP_INV: "1./{0}",
+    ca.OP_LT: "TRUTH({0}<{1})",
+    ca.OP_LE: "TRUTH({0}<={1})",
+    ca.OP_EQ: "TRUTH({0}=={1})",
+    ca.OP_NE: "TRUTH({0}!={1})",
+    ca.OP_NOT: "TRUTH({0}==0)",
+    ca.OP_AND: "TRUTH(({0}!=0)&({1}!=0))",
+    ca.OP_OR: "TRUTH(({0}!=0)|({1}!=0))",
+    ca.OP_IF_ELSE_ZERO: "WHERE({0}!=0,{1},NOTHING)",
+    ca.OP_FMIN: "WHERE(({0}<{1})|({1}!={1}),{0},{1})",
+    ca.OP_FMAX: "WHERE(({0}>{1})|({1}!={1}),{0},{1})",
+    ca.OP_FABS: "MAGNITUDE({0})",
+    ca.OP_ATAN2: "EACH_PAIR(atan2,{0},{1})",
+} | {
+    getattr(ca, f"OP_{name.upper()}"): f"EACH({name},{{0}})"
+    for name in "sqrt sin cos tan asin acos atan exp log tanh floor ceil".split()
+}
+
+
+def _wide(function: ca.Function) -> str:
+    """C statements of a function from x to y, vectors of states; none where an operation has none.
+
+    What CasADi writes for one state a compiler cannot widen: a call of a sine stops it.
+    """
+    if not function.is_a("SXFunction"):
+        return ""
+    first = [
+        np.cumsum([0, *sizes])
+        for sizes in (
+            [function.size1_in(i) for i in range(function.n_in())],
+            [function.numel_out(i) for i in range(function.n_out())],
+        )
+    ]
+    lines = []
+    for k in range(function.n_instructions()):
+        operation, given, into = (
+            getattr(function, f"instruction_{what}")(k) for what in ("id", "input", "output")
+        )
+        if operation == ca.OP_INPUT:
+            lines.append(f"a{into[0]}=x[{first[0][given[0]] + given[1]}];")
+        elif operation == ca.OP_OUTPUT:
+            lines.append(f"y[{first[1][into[0]] + into[1]}]=a{given[0]};")
+        elif operation == ca.OP_CONST:
+            value = repr(function.instruction_constant(k)).replace("inf", "INFINITY")
+            lines.append(f"a{into[0]}=NOTHING+{value};")
+        elif operation in _WIDE:
+            text = _WIDE[operation].format(*(f"a{index}" for index in given))
+            lines.append(f"a{into[0]}={text};")
+        else:
+            return ""
+    work = ", ".join(f"a{k}" for k in range(function.sz_w()))
+    return "\n  ".join([f"vector {work};" if work else "", *lines])
 
 
 def _load(name: str, library: Path) -> FastCall:
