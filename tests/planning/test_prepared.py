@@ -1,5 +1,7 @@
 """One task solved again with other numbers, against cold solves and closed forms."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -156,11 +158,42 @@ def test_from_any_velocity_to_a_moved_goal_the_rail_takes_the_closed_form():
         assert motion.duration == pytest.approx((2.0 * turn - side * speed) / most, rel=2e-3)
 
 
+@pytest.mark.parametrize("speed", [-0.5, -1.0])
+def test_a_rail_with_dry_friction_that_has_to_turn_back_keeps_its_force(speed):
+    """Braking, friction helps; where it turns over the force jumps between two mesh points."""
+    rail = slider(mass=2.0, tau_max=4.0)
+    rail = rail.with_links([replace(rail.links[0], coulomb_friction=1.0)])
+    solver = mo.TimeOptimalSolver(rail, [[0.0], [1.5]], mesh=40, compiled=False)
+    motion = solver(via_q=[[0.0], [0.9]], start=([0.5], [speed]))
+    assert motion.solved, motion.note
+    assert mo.certify(rail, motion).ok
+    gains, brakes = 1.5, 2.5
+    per_speed = 1.0 / gains + 1.0 / brakes
+    fastest = np.sqrt(2.0 * (0.4 + speed**2 / (2.0 * brakes)) / per_speed)
+    assert motion.duration == pytest.approx(fastest * per_speed - speed / brakes, rel=0.02)
+
+
 def test_a_start_beyond_the_limits_is_refused(microbot, prepared):
     still = np.zeros(3)
     with pytest.raises(mo.InputError, match=r"start is beyond a limit: velocity of .*% over"):
         prepared(start=(still, 1.1 * microbot.limits.qd_max))
     with pytest.raises(mo.InputError, match="start must be"):
         prepared(start=(still,))
-    edge = prepared(start=(still, (1.0 + 1e-4) * microbot.limits.qd_max * [1, 0, 0]))
-    assert edge.solved, edge.note
+    for over in (1e-4, 4e-3):  # what a certificate lets pass is no fault of the motion
+        edge = prepared(start=(still, (1.0 + over) * microbot.limits.qd_max * [1, 0, 0]))
+        assert edge.solved, edge.note
+        assert mo.certify(microbot, edge).ok
+
+
+@pytest.mark.parametrize(("rounds", "slowed"), [(0, True), (8, False)])
+def test_on_a_coarse_mesh_a_motion_from_a_moving_start_keeps_its_limits(microbot, rounds, slowed):
+    """Refined though that takes longer, or on its path slowed down: the start stays."""
+    solver = mo.TimeOptimalSolver(microbot, VIA_Q, mesh=12, rounds=rounds)
+    shape = mo.shortest_duration(microbot, mo.quintic(VIA_Q, [0.0, 1.0, 2.0])).polynomial
+    under_way = mo.Motion.from_polynomial(microbot, shape, label="quintic")
+    state = under_way.sample([0.1 * under_way.duration])
+    motion = solver(start=state)
+    assert motion.solved, motion.note
+    assert (motion.remark == "slowed down at limits") == slowed
+    assert mo.certify(microbot, motion, limit_tolerance=6e-4).ok
+    np.testing.assert_allclose([motion.q[0], motion.qd[0]], [state.q[0], state.qd[0]], atol=1e-6)

@@ -52,9 +52,18 @@ class InitialGuess:
 
 
 def initial_guesses(
-    family: LimitFamily, via: FloatArray, names: Sequence[str], count: int, seed: int
+    family: LimitFamily,
+    via: FloatArray,
+    names: Sequence[str],
+    count: int,
+    seed: int,
+    *,
+    moving: bool = False,
 ) -> Iterator[InitialGuess]:
     """The first ``count`` of: the scaled cubic, straight segments, bows and swings in turn.
+
+    Without the cubic where the arm is ``moving`` at the start: one from rest is no nearer to what
+    is wanted than straight segments, and has to be scaled.
 
     Segments are bowed, or swing to and fro, at random. Where torques are too small to lift the arm
     it gathers speed first: the solver finds how if it starts from a motion that swings at all.
@@ -73,7 +82,7 @@ def initial_guesses(
     durations = TaskScale.of(family, via).durations
     way = float(np.abs(np.diff(via, axis=0)).sum(axis=0).max())
     largest = min(GUESSES.largest_bow, GUESSES.bow_ratio * way) * _moving(family)
-    for index in range(count):
+    for index in range(moving, count + moving):
         number = index // 2
         if index == 0:
             yield _cubic(family.robot, via, names)

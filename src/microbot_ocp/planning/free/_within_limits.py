@@ -83,6 +83,8 @@ def within_limits(
     via_times: FloatArray,
     tolerance: float,
     fast: bool,
+    *,
+    moving: bool = False,
 ) -> Motion | None:
     """The motion ``shape``, slowed down where it exceeds limits; None where that does not help.
 
@@ -90,14 +92,19 @@ def within_limits(
     ----------
     family : LimitFamily
     shape : PiecewisePolynomial
-        A motion from rest to rest, smooth but for its acceleration.
+        A motion that ends at rest, smooth but for its acceleration.
     via_times : array [m]
         When it passes the via points, s.
     tolerance : float
         Largest relative excess of a limit, between samples, too.
     fast : bool
         Use compiled functions.
+    moving : bool
+        Whether the motion begins at a speed that stays: nothing is slowed down evenly then.
     """
+
+    def evenly(motion: Motion) -> Motion | None:
+        return None if moving else _slowed_evenly(family, motion, tolerance)
 
     def as_it_is() -> Motion:
         return Motion.from_polynomial(
@@ -105,7 +112,7 @@ def within_limits(
         )
 
     if family.jerk_matters:
-        return _slowed_evenly(family, as_it_is(), tolerance)
+        return evenly(as_it_is())
     pieces = zip(shape.coefficients, np.diff(shape.breaks), strict=True)
     curve = PathCurve(
         tuple(CurvePiece(table, float(length)) for table, length in pieces), True, True
@@ -117,11 +124,18 @@ def within_limits(
     for number in range(SLOWING.rounds):
         along = CurveLimits.of(family, curve, s, fast)
         if along.limits.later:
-            return _slowed_evenly(family, as_it_is(), tolerance)
-        timing = reach(along, start_free=True, end_free=True, fast=fast, fastest=1.0)
+            return evenly(as_it_is())
+        timing = reach(
+            along,
+            start_free=not moving,
+            end_free=True,
+            fast=fast,
+            fastest=1.0,
+            ends=(float(moving), 0.0),
+        )
         if not timing.feasible:
             return None
-        timing = with_steady_ends(timing)
+        timing = with_steady_ends(timing, (-1,) if moving else (0, -1))
         excess = along.excess(timing, curve)
         cut = excess > tolerance
         if not cut.any() or (deadline.over() and number >= SLOWING.least_rounds):
@@ -135,7 +149,7 @@ def within_limits(
         )
         if not unresolved(family.robot, motion.t, motion.sample).size:
             break
-    return _keeping(family, motion, tolerance)
+    return motion if largest_excess(family, motion) <= tolerance else evenly(motion)
 
 
 def with_steady_ends(timing: Reached, ends: Sequence[int] = (0, -1)) -> Reached:

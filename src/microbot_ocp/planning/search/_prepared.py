@@ -119,11 +119,15 @@ def _solved_near(
 
 
 class _Start(NamedTuple):
-    """What the arm does when a motion begins, [1,n] each, and the bounds that it widens by key."""
+    """What the arm does when a motion begins, [1,n] each, and the bounds that it widens by key.
+
+    With the excess over limits that is let pass: what it begins with, and what any motion may.
+    """
 
     state: State
     acceleration_given: bool
     bounds: dict[str, tuple[FloatArray, FloatArray]]
+    tolerance: float
 
 
 def _start_of(family: LimitFamily, given: Sequence[ArrayLike]) -> _Start:
@@ -139,7 +143,7 @@ def _start_of(family: LimitFamily, given: Sequence[ArrayLike]) -> _Start:
     state = State(rows[0], rows[1], rows[2] if complete else np.zeros((1, count)))
     # an acceleration that may jump is bounded from there on
     felt = (0, 1, 2) if complete and family.jerk_matters else (0, 1)
-    samples, bounds = MotionSamples(*state, np.zeros((1, count))), {}
+    samples, bounds, excess = MotionSamples(*state, np.zeros((1, count))), {}, 0.0
     for key, values in family.values(samples, family.of_order(*felt)).items():
         member, use = family[key], family[key].use(values)[0]
         if (worst := int(use.argmax())) >= 0 and use[worst] > 1.0 + LIMIT_TOLERANCE:
@@ -148,10 +152,12 @@ def _start_of(family: LimitFamily, given: Sequence[ArrayLike]) -> _Start:
                 f"start is beyond a limit: {member.title(worst)} is "
                 f"{values.value[0, worst]:.6g} {member.units[worst]}, {percent:.3g} % over"
             )
+        excess = max(excess, float(use[worst]) - 1.0)
         if not member.varies:
             value = values.value[0]
             bounds[key] = np.minimum(member.lower, value), np.maximum(member.upper, value)
-    return _Start(state, complete, bounds)
+    tolerance = min(LIMIT_TOLERANCE, TimeOptimalSettings.limit_tolerance + excess)
+    return _Start(state, complete, bounds, tolerance)
 
 
 class _Prepared(NamedTuple):
@@ -330,7 +336,7 @@ class TimeOptimalSolver:
             own, solver = None, self._for_any_via()
         near = own if slower <= NEARNESS.near_typical else None
         tried: list[tuple[str, Solution]] = []
-        for name, first in self._starts(family, via, near):
+        for name, first in self._starts(family, via, near, moving is not None):
             solution = _solved_near(solver, first, changes)
             tried.append((name, solution))
             led_there = not isinstance(first, Solution) or (
@@ -340,8 +346,8 @@ class TimeOptimalSolver:
                 break
         name, best = min(tried, key=lambda pair: (not pair[1].status.solved, pair[1].duration))
         kernels, smoothing = (own.kernels, own.smoothing) if own else (self._kernels, SMOOTHING)
-        # one that begins moving cannot be slowed down evenly
-        allowed = LIMIT_TOLERANCE if moving is None else TimeOptimalSettings.limit_tolerance
+        # what begins moving may have no slower timing of its path
+        allowed = LIMIT_TOLERANCE if moving is None else moving.tolerance
         solution, excess = self._refined(family, best, changes, kernels, allowed)
         # an arm with a payload is met once: nothing is compiled for it
         with interpreted() if payload else nullcontext():
@@ -398,12 +404,12 @@ class TimeOptimalSolver:
         return self._anywhere
 
     def _starts(
-        self, family: LimitFamily, via: FloatArray, near: _Prepared | None
+        self, family: LimitFamily, via: FloatArray, near: _Prepared | None, moving: bool
     ) -> Iterator[tuple[str, Solution | Mapping[str, Guess]]]:
         if near is not None and near.reference.status.solved:
             yield "prepared", near.reference
         task = via, self._phases, self._settings.starts, self._settings.seed
-        for start in initial_guesses(family, *task):
+        for start in initial_guesses(family, *task, moving=moving):
             yield start.name, start.guesses
 
     def _on(
@@ -436,9 +442,12 @@ class TimeOptimalSolver:
             pairs = zip(solution.phases, excess, strict=True)
             meshes = [split(phase.mesh, e > allowed) for phase, e in pairs]
             finer = self._on(kernels, meshes, solution).solve(guess=solution, **changes)
-            if not finer.status.solved or finer.cost > solution.cost * (1 + WORSE):
+            between = excess_between(family, finer)
+            # what exceeds limits is faster for that: cost decides where the finer exceeds no less
+            better = largest(between) < largest(excess)
+            if not finer.status.solved or not (better or finer.cost <= solution.cost * (1 + WORSE)):
                 break
-            solution, excess = finer, excess_between(family, finer)
+            solution, excess = finer, between
         return solution, excess
 
     def _changes(
@@ -527,12 +536,14 @@ class TimeOptimalSolver:
         smoothing: float,
         moving: _Start | None,
     ) -> Motion:
-        tolerance = TimeOptimalSettings.limit_tolerance
+        tolerance = moving.tolerance if moving else TimeOptimalSettings.limit_tolerance
         outcome, worst = verdict(family, solution, excess, tolerance), largest(excess)
         slowed = None
-        if outcome.status is Status.LIMITS_EXCEEDED and moving is None:
+        if outcome.status is Status.LIMITS_EXCEEDED:
             shape, fast = polynomial(solution), compiles(self._settings.compiled)
-            slowed = within_limits(family, shape, via_times(solution), tolerance, fast)
+            under_way = moving is not None and bool(moving.state.qd.any())
+            times = via_times(solution)
+            slowed = within_limits(family, shape, times, tolerance, fast, moving=under_way)
         if slowed is not None and slowed.duration <= (1.0 + WORSE) * solution.duration:
             outcome, worst = Outcome.of(Status.SOLVED), largest_excess(family, slowed)
         else:
