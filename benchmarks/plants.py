@@ -1,50 +1,134 @@
 """Arms of MuJoCo that differ from the model, under computed torque that saturates and is sampled.
 
-The reserve is found on a few arms of the package's own simulation; then arms drawn from the same
-box of masses are played by MuJoCo, with that reserve and without. MuJoCo takes no point masses and
-the command no dry friction: every link is a ball of 0.01 kg m^2 without Coulomb friction.
+The reserve is found on a few arms of the package's own simulation, which promises a bound of the
+tool's error and a share of the time at the torque limits. Then other arms, drawn from the same box
+of masses and frictions, are played by MuJoCo along the plan with that reserve and along the ideal
+one. With ``--out`` every arm is a line of a file: what stands there is not played again.
 
-    PYTHONPATH=tests python -m benchmarks plants --robot microbot --count 20
+    python -m benchmarks plants --robot microbot --count 20
+    python -m benchmarks plants --robot ur5e --out out/plants.jsonl
+    python -m benchmarks plants --table out/plants.jsonl
 """
 
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
+import json
+import sys
+from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 
 import microbot_ocp as mo
-from execution.test_reserve import BOUND, GAIN, RATE, played
-from external.test_mujoco import with_small_bodies
+from benchmarks.mujoco_arms import mjcf, with_small_bodies
+from microbot_ocp.planning import tool_poses
+from microbot_ocp.robot import COULOMB_SMOOTHING
+
+RATE, GAIN, BOUND = 500.0, 100.0, 0.02
+TASK = ("robot", "seed", "mass", "friction", "payload", "gain", "bound", "few")  # what a line is of
+SUBSTEPS = 4  # of the simulation in a period of the controller
+
+
+def played(
+    robot: mo.Robot, motion: mo.Motion, plant: mo.Robot, gain: float = GAIN
+) -> tuple[float, float]:
+    """Largest error of the tool in m, and the share of the time at a torque limit.
+
+    Computed torque at RATE, clipped, held over the period.
+    """
+    model = mujoco.MjModel.from_xml_string(mjcf(plant))
+    model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
+    model.opt.timestep = 1.0 / (RATE * SUBSTEPS)
+    data = mujoco.MjData(model)
+    law = mo.fast_call(mo.inverse_dynamics(robot))
+    low, high = robot.limits.bounds("tau")
+    dry = np.array([link.coulomb_friction for link in plant.links])
+    data.qpos[:] = motion.q[0]
+    wanted = motion.sample(np.append(np.arange(0.0, motion.duration, 1.0 / RATE), motion.duration))
+    passed, saturated = np.zeros_like(wanted.q), 0
+    for k, (q, qd, qdd) in enumerate(zip(*wanted, strict=True)):
+        passed[k] = data.qpos
+        error, rate = q - data.qpos, qd - data.qvel
+        asked = qdd + 2.0 * np.sqrt(gain) * rate + gain * error
+        tau = law(data.qpos.copy(), data.qvel.copy(), asked)
+        saturated += bool(np.any((tau <= low) | (tau >= high)))
+        for _ in range(SUBSTEPS):
+            friction = dry * np.tanh(data.qvel / COULOMB_SMOOTHING)
+            data.qfrc_applied[:] = np.clip(tau, low, high) - friction
+            mujoco.mj_step(model, data)
+    tool, aim = (tool_poses(robot, q)[:, :3, 3] for q in (passed, wanted.q))
+    return float(np.linalg.norm(tool - aim, axis=1).max()), saturated / len(passed)
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """One arm, one line."""
+    """One arm, a line for each plan."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks plants", description=__doc__)
     parser.add_argument("--robot", default="microbot")
     parser.add_argument("--count", type=int, default=500, help="arms that are drawn")
     parser.add_argument("--mass", type=float, default=0.05, help="share of every link's mass")
+    parser.add_argument("--friction", type=float, default=0.3, help="share of every friction")
+    parser.add_argument("--payload", type=float, default=0.0, help="at the tool, in the model, kg")
+    parser.add_argument("--gain", type=float, default=GAIN, help="of the controller, 1/s^2")
     parser.add_argument("--bound", type=float, default=BOUND, help="of the tool's error, m")
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--few", type=int, default=2, help="arms besides the corners to plan with")
+    parser.add_argument("--seed", type=int, default=0, help="of the task and of the arms")
+    parser.add_argument("--out", type=Path, help="file of lines to go on with")
+    parser.add_argument("--table", type=Path, help="print the table of such a file, and no more")
     options = parser.parse_args(arguments)
-    robot = mo.load_robot(options.robot)
-    smooth = [replace(link, coulomb_friction=0.0) for link in robot.links]
-    robot = with_small_bodies(robot.with_links(smooth))
+    if options.table is not None:
+        _print(_rows(options.table))
+        return
+    robot = with_small_bodies(mo.load_robot(options.robot)).with_payload(options.payload)
     draw = np.random.default_rng(options.seed)
     low, high = np.maximum(robot.limits.q_min, -1.2), np.minimum(robot.limits.q_max, 1.2)
     via_q = draw.uniform(low, high, (2, robot.joint_count))
-    box = {"mass": options.mass, "seed": options.seed}
-    few = mo.execution.differing_plants(robot, count=2, **box)
-    loop: Any = mo.ComputedTorque(kp=GAIN)
+    box: dict[str, Any] = {"mass": options.mass, "friction": options.friction}
+    few = mo.execution.differing_plants(robot, **box, count=options.few, seed=options.seed)
+    loop: Any = mo.ComputedTorque(kp=options.gain)
     reserve = mo.smallest_reserve(robot, via_q, loop, few, options.bound, sample_rate=RATE)
-    plants = mo.execution.differing_plants(robot, count=options.count, **box)
-    rows = {"ideal": reserve.ideal, f"reserve {100 * reserve.reserve:.1f} %": reserve.motion}
-    for name, motion in rows.items():
-        errors = np.array([played(robot, motion, plant) for plant in plants])
-        print(
-            f"{options.robot}, {name}: {motion.duration:.4f} s, {len(plants)} arms, tool error "
-            f"median {1e3 * np.median(errors):.2f} mm, worst {1e3 * errors.max():.2f} mm, "
-            f"{(errors > options.bound).sum()} above {1e3 * options.bound:.0f} mm"
-        )
+    if not reserve.solved:
+        sys.exit(reserve.advice)
+    stated = next(t.saturated for t in reserve.trials if t.reserve == reserve.reserve)
+    plants = mo.execution.differing_plants(robot, **box, count=options.count, seed=options.seed + 1)
+    task = {key: getattr(options, key) for key in TASK}
+    rows = _rows(options.out) if options.out and options.out.exists() else []
+    rows = [row for row in rows if {key: row[key] for key in task} == task]
+    for plant in plants[len(rows) :]:
+        row: dict[str, Any] = {**task, "reserve": reserve.reserve, "stated": stated}
+        for name, motion in (("ideal", reserve.ideal), ("kept", reserve.motion)):
+            error, saturated = played(robot, motion, plant, options.gain)
+            row[name] = {"duration": motion.duration, "error": error, "saturated": saturated}
+        rows.append(row)
+        if options.out:
+            with options.out.open("a") as file:
+                file.write(json.dumps(row) + "\n")
+    _print(rows)
+
+
+def _rows(path: Path) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in path.read_text().splitlines()]
+
+
+def _print(rows: list[dict[str, Any]]) -> None:
+    heads = ("arm, payload", "plan", "T, s", "arms played", "error, median and worst, mm")
+    heads += ("above the bound", "at a limit, worst, % of the time", "above what is stated")
+    print("| " + " | ".join(heads) + " |\n|" + len(heads) * "---|")
+    for arm in dict.fromkeys(row["robot"] for row in rows):
+        own = [row for row in rows if row["robot"] == arm]
+        first = own[0]
+        for name, title in (("ideal", "ideal"), ("kept", f"reserve {first['reserve']:.1%}")):
+            error = np.array([row[name]["error"] for row in own])
+            at = np.array([row[name]["saturated"] for row in own])
+            cells = (
+                f"{arm}, {first['payload']:g} kg",
+                title,
+                f"{first[name]['duration']:.3f}",
+                f"{len(own)}",
+                f"{1e3 * np.median(error):.1f}, {1e3 * error.max():.1f}",
+                f"{(error > first['bound']).sum()} above {1e3 * first['bound']:g} mm",
+                f"{100 * at.max():.1f}",
+                f"{(at > first['stated']).sum()} above {100 * first['stated']:.1f} %",
+            )
+            print("| " + " | ".join(cells) + " |")

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 import pytest
+from benchmarks.mujoco_arms import mjcf, with_small_bodies
 
 import microbot_ocp as mo
 from helpers import batch, difference, random_states
@@ -24,7 +25,6 @@ SINGULAR = 1e6  # condition of M above which the last digits of an acceleration 
 pin = pytest.importorskip("pinocchio")
 mujoco = pytest.importorskip("mujoco")
 from external.pinocchio_model import pinocchio_model  # noqa: E402
-from external.test_mujoco import mjcf  # noqa: E402
 
 # Rotors on links that move are bodies of their own there: tests of rotors build them.
 WITHOUT_ROTORS = [
@@ -198,19 +198,9 @@ def test_tool_pose_jacobian_and_its_derivative(case: Case) -> None:
     assert difference(batch(change, case.q, case.qd), changes) < RELATIVE
 
 
-def with_bodies(robot: mo.Robot) -> mo.Robot:
-    """MuJoCo takes no point masses: they become balls of 0.01 kg m^2."""
-    return robot.with_links(
-        [
-            link if link.inertia.any() else replace(link, inertia=0.01 * np.eye(3))
-            for link in robot.links
-        ]
-    )
-
-
 @pytest.fixture(scope="module", params=WITHOUT_ROTORS)
 def rigid(request: pytest.FixtureRequest) -> mo.Robot:
-    return with_bodies(mo.load_robot(request.param))
+    return with_small_bodies(mo.load_robot(request.param))
 
 
 def test_forward_dynamics_is_the_one_of_mujoco(rigid: mo.Robot) -> None:

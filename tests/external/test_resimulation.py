@@ -8,11 +8,11 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from benchmarks.mujoco_arms import mjcf, with_small_bodies
 
 import microbot_ocp as mo
 from external.motions import FREE, among_obstacles, mutations, others, planned, shapes, via
 from external.pinocchio_model import pinocchio_model
-from external.test_mujoco import mjcf
 from microbot_ocp.certificate._task_certificate import _part
 from microbot_ocp.motion import Motion, mesh_of
 from microbot_ocp.planning import stretches, task_of
@@ -29,16 +29,9 @@ Acceleration = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
 def plain(robot: mo.Robot) -> mo.Robot:
     """Without friction, and each link at least a ball of 0.01 kg m^2: MuJoCo takes no points."""
-    links = [
-        replace(
-            link,
-            viscous_friction=0.0,
-            coulomb_friction=0.0,
-            inertia=link.inertia if link.inertia.any() else 0.01 * np.eye(3),
-        )
-        for link in robot.links
-    ]
-    return robot.with_links(links)
+    still = {"viscous_friction": 0.0, "coulomb_friction": 0.0}
+    robot = robot.with_links([replace(link, **still) for link in robot.links])
+    return with_small_bodies(robot)
 
 
 def by_mujoco(robot: mo.Robot) -> Acceleration:
