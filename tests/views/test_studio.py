@@ -1,4 +1,4 @@
-"""The page with sliders, in a real browser."""
+"""The page with via points to drag, in a real browser."""
 
 import shutil
 import sys
@@ -50,7 +50,7 @@ def test_sliders_move_the_motion_and_nothing_comes_from_elsewhere(page):
         assert studio.robot.links[-1].mass == pytest.approx(
             mo.load_robot("microbot").links[-1].mass + 0.2
         )
-        thumbs.nth(6).press("ArrowRight")  # waist of via point 2, by one degree
+        thumbs.nth(3).press("ArrowRight")  # waist of via point 2, by one degree
         page.wait_for_timeout(500)
         assert studio.wait()
         at = studio.motion.marks[1].time
@@ -60,6 +60,63 @@ def test_sliders_move_the_motion_and_nothing_comes_from_elsewhere(page):
     host = studio.address.removeprefix("http://")
     assert any(address.startswith("ws://") for address in addresses)
     assert all(host in address for address in addresses)
+
+
+@pytest.mark.slow
+def test_a_via_point_is_dragged_and_stays_where_it_was_out_of_reach(page):
+    axe = pytest.importorskip("axe_core_python.sync_playwright").Axe()
+    studio = mo.views.studio(mo.load_robot("microbot"))  # with the demo's via points
+    try:
+        page.goto(studio.address)
+        page.get_by_text("1.924 s, 31 % saved").wait_for()
+        page.wait_for_timeout(1500)
+        first = studio._grips[1].position
+        _drag(page, studio, down=1.2 * studio._grips[1].scale)
+        moved, at = studio._grips[1].position, studio.motion.marks[1].time
+        assert moved[:2] == pytest.approx(first[:2], abs=0.01)
+        assert moved[2] < first[2] - 0.5
+        tool = mo.forward_kinematics(studio.robot)(studio.motion.sample(at).q[0])
+        assert np.ravel(np.array(tool)[:3, 3]) == pytest.approx(moved, abs=0.01)
+        shown = [float(thumb.get_attribute("aria-valuenow")) for thumb in _thumbs(page)[3:]]
+        assert shown == pytest.approx(np.degrees(studio._via_q[1]), abs=0.02)
+        _drag(page, studio, down=-9.0)
+        page.get_by_role("heading", name="via point 2: out of reach").wait_for()
+        assert studio._grips[1].position[2] < 9.0
+        ours = axe.run(page, "div:has(> h2)")  # the page's own words; the rest is viser's markup
+        assert not ours["violations"]
+        assert ours["passes"]
+    finally:
+        studio.close()
+
+
+def _thumbs(page):
+    return page.get_by_role("slider").all()
+
+
+def _drag(page, studio, down):
+    """Drag via point 2 by its upright arrow, so many metres."""
+    grip = studio._grips[1]
+    arrow = np.array([0.0, 0.0, 0.8 * grip.scale])
+    begin, end = (_on_screen(page, studio, grip.position + arrow - [0, 0, k]) for k in (0.0, down))
+    page.mouse.move(*begin)
+    page.wait_for_timeout(300)
+    page.mouse.down()
+    for share in np.linspace(0.1, 1.0, 10):
+        page.mouse.move(*(begin + share * (end - begin)))
+        page.wait_for_timeout(50)
+    page.mouse.up()
+    page.wait_for_timeout(500)
+    assert studio._drags.wait()
+    assert studio.wait()
+
+
+def _on_screen(page, studio, point):
+    camera = next(iter(studio._server.get_clients().values())).camera
+    x, y, depth = studio._turns(camera.wxyz).as_matrix().T @ (point - camera.position)
+    box = page.locator("canvas").first.bounding_box()
+    dots = box["height"] / 2 / np.tan(camera.fov / 2)
+    middle = [box["x"] + box["width"] / 2, box["y"] + box["height"] / 2]
+    return np.array(middle) + dots * np.array([x, y]) / depth
 
 
 def test_a_setting_without_a_motion_shows_none():

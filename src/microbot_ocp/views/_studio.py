@@ -1,4 +1,4 @@
-"""A page in the browser: via points, limits and payload under sliders, and the fastest motion.
+"""A page in the browser: via points to drag, limits and payload, and the fastest motion.
 
 The page, its 3-D view and its charts are viser's; all of it comes from this machine.
 """
@@ -9,7 +9,9 @@ import io
 import threading
 import time
 from contextlib import redirect_stdout
-from typing import Any
+from functools import partial
+from importlib.resources import as_file, files
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,37 +20,52 @@ from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.codegen import interpreted
 from microbot_ocp._base.needed import needed
+from microbot_ocp.inverse_kinematics import solve_ik
 from microbot_ocp.robot import Robot, joint_scale
-from microbot_ocp.tasks import compare
+from microbot_ocp.tasks import read_task
+from microbot_ocp.trajectories import best_split, cubic, first_splits
 from microbot_ocp.views._eye import find_eye, grid_spacing, upward
 from microbot_ocp.views._scene import link_poses, reach, tool_places
 from microbot_ocp.views._solids import frame_along
 from microbot_ocp.views._style import JOINT_LOOKS, STYLE, rgb
 from microbot_ocp.views.animation import Faces, arm_bodies
-from microbot_ocp.views.live import LOOPBACK, InteractiveTask, Setting
+from microbot_ocp.views.live import LOOPBACK, InteractiveTask, NewestOnly, Setting
 from microbot_ocp.views.recording import signed_share
 
 CHARTS = {"tau": "torque, % of its limit", "qd": "velocity, % of its limit"}
 LINK, JOINT = (*rgb("#D55E00"), 255), (130, 142, 160, 255)
+SAMPLES = 400  # of a curve: more than a chart has dots, and few enough to be sent at once
+FREE = 6  # joints with which a dragged via point keeps its orientation, and can be turned
+
+
+class _Dragged(NamedTuple):
+    """Where a via point is dragged to, and whether it is let go there."""
+
+    place: int
+    position: FloatArray
+    quaternion: FloatArray
+    ended: bool
 
 
 def studio(
     robot: Robot, via_q: ArrayLike | None = None, *, port: int = 8080, dark: bool = False
 ) -> Studio:
-    """Open a page for the browser on which the fastest motion follows sliders.
+    """Open a page for the browser on which the fastest motion follows via points, limits, payload.
 
-    Sliders move every joint of every via point, scale all torque and all velocity limits, and put
-    a payload at the tool. The task is solved again by :class:`microbot_ocp.TimeOptimalSolver`; the
-    arm moves, charts show torques and velocities as shares of their limits, and a line says how
-    much shorter the motion is than cubic segments at their best split. The page is served to this
-    machine only and loads nothing from elsewhere.
+    Via points are dragged in space, by inverse kinematics (with six joints or more they keep their
+    orientation, and can be turned), or moved joint by joint; sliders scale all torque and all
+    velocity limits, and put a payload at the tool. The task is solved again by
+    :class:`microbot_ocp.TimeOptimalSolver`; the arm moves, charts show torques and velocities as
+    shares of their limits, and a line says how much shorter the motion is than cubic segments at
+    their best split. The page is served to this machine only and loads nothing from elsewhere.
 
     Parameters
     ----------
     robot : Robot
         With masses and limits.
     via_q : array_like [m,n], optional
-        Via points, rad (prismatic: m); default three in the middle of the joints' ranges.
+        Via points, rad (prismatic: m); default those of the demo for its arm, for others three in
+        the middle of the joints' ranges.
     port : int
         Where the page is; a free one after it where it is taken.
     dark : bool
@@ -66,8 +83,11 @@ def studio(
     """
     checks.number("port", port, at_least=1, at_most=65535)
     if via_q is None:
+        with as_file(files("microbot_ocp.tasks") / "packaged" / "demo.toml") as path:
+            demo = read_task(path)
         low, high = _ranges(robot)
-        via_q = [low + share * (high - low) for share in (0.4, 0.5, 0.6)]
+        middle = [low + share * (high - low) for share in (0.4, 0.5, 0.6)]
+        via_q = demo.via_q if robot == demo.robot else middle
     return Studio(robot, via_q, port, dark)
 
 
@@ -90,9 +110,10 @@ class Studio(InteractiveTask):
 
     def __init__(self, robot: Robot, via_q: ArrayLike, port: int, dark: bool) -> None:
         viser = needed("viser", "the studio needs", "studio")
-        super().__init__(robot, via_q)
-        self._via_q = self._solver.via_q
-        self._quaternions = lambda poses: viser.transforms.SO3.from_matrix(poses[:, :3, :3]).wxyz
+        # somebody waits: the answer is slowed down where a refinement would gain 0.03 % at most
+        super().__init__(robot, via_q, rounds=0)
+        self._via_q, self._lock = self._solver.via_q.copy(), threading.RLock()
+        self._turns, self._drags = viser.transforms.SO3, NewestOnly(self._follow)
         with redirect_stdout(io.StringIO()):  # viser prints addresses
             self._server = viser.ViserServer(LOOPBACK, port, f"{robot.name} studio", verbose=False)
         self.address = f"http://{LOOPBACK}:{self._server.get_port()}"
@@ -123,9 +144,12 @@ class Studio(InteractiveTask):
         torque = gui.add_slider("torque limits [%]", 50, 150, 1, 100)
         speed = gui.add_slider("speed limits [%]", 50, 150, 1, 100)
         payload = gui.add_slider("payload [kg]", 0.0, 2.0, 0.05, 0.0)
-        joints, (low, high) = [], _ranges(robot)
-        for place, q in enumerate(self._via_q, start=1):
-            with gui.add_folder(f"via point {place}"):
+        self._limits, self._joints, (low, high) = (torque, speed, payload), [], _ranges(robot)
+        for slider in self._limits:
+            slider.on_update(lambda _: self._ask())
+        for place, q in enumerate(self._via_q):
+            joints = []
+            with gui.add_folder(f"via point {place + 1}", expand_by_default=place == 1):
                 for name, kind, *ends in zip(
                     robot.joint_names,
                     robot.joint_types,
@@ -137,23 +161,64 @@ class Studio(InteractiveTask):
                     unit, step = ("deg", 1.0) if kind == "revolute" else ("m", 0.01)
                     least, most, value = (round(float(end), 6) for end in ends)
                     joints.append(gui.add_slider(f"{name} [{unit}]", least, most, step, value))
-        first, lock = np.array([slider.value for slider in joints]), threading.Lock()
-
-        def ask(_: Any) -> None:
-            with lock:  # every slider calls from a thread of its own
-                values = np.array([slider.value for slider in joints])
-                moved = (values * np.tile(scale, len(self._via_q))).reshape(self._via_q.shape)
-                via_q = None if np.array_equal(values, first) else moved
-                setting = Setting(torque.value / 100, speed.value / 100, payload.value, via_q)
-                self._work.ask(setting)
-
-        for slider in (torque, speed, payload, *joints):
-            slider.on_update(ask)
+                    joints[-1].on_update(partial(self._turn, place, len(joints) - 1))
+            self._joints.append(joints)
         panel = gui.add_panel()
         with panel.add_tab("limits"):
             self._charts = {key: self._chart(title) for key, title in CHARTS.items()}
         panel.dock_right()
         panel.set_width(440)
+
+    def _ask(self) -> None:
+        with self._lock:  # every control calls from a thread of its own
+            torque, speed, payload = (slider.value for slider in self._limits)
+            first = np.array_equal(self._via_q, self._solver.via_q)
+            via_q = None if first else self._via_q.copy()
+            self._work.ask(Setting(torque / 100, speed / 100, payload, via_q))
+
+    def _turn(self, place: int, joint: int, event: Any) -> None:
+        """Put a joint of a via point where its slider stands."""
+        if event.client is None:  # moved by a drag, which asks itself
+            return
+        with self._lock:
+            self._via_q[place, joint] = event.target.value * joint_scale(self._bare)[joint]
+            self._put(place)
+            self._ask()
+
+    async def _drag(self, place: int, event: Any) -> None:
+        grip = event.target  # not awaited: events stay in order
+        self._drags.ask(_Dragged(place, grip.position, grip.wxyz, event.phase == "end"))
+
+    def _follow(self, dragged: _Dragged) -> None:
+        """Bend the arm of a via point to where it is dragged to, or say why it cannot be there."""
+        place, free = dragged.place, self._bare.joint_count >= FREE
+        turn = self._turns(dragged.quaternion).as_matrix() if free else None
+        with self._lock:
+            pose = solve_ik(self._bare, dragged.position, turn, seed=self._via_q[place])
+            if pose.solved:
+                self._via_q[place] = pose.q
+                for slider, value in zip(
+                    self._joints[place], pose.q / joint_scale(self._bare), strict=True
+                ):
+                    slider.value = round(float(value), 2)
+                self._ask()
+            else:
+                self._headline.content = (
+                    f"## via point {place + 1}: {pose.status}\n{pose.advice} It stays where it was."
+                )
+            if dragged.ended:
+                self._put(place)
+
+    def _put(self, place: int) -> None:
+        """Put the grip of a via point where its joints lead."""
+        pose = link_poses(self._bare, self._via_q[[place]])[0, -1:]
+        with self._server.atomic():
+            self._grips[place].position = pose[0, :3, 3]
+            if self._bare.joint_count >= FREE:
+                self._grips[place].wxyz = self._quaternions(pose)[0]
+
+    def _quaternions(self, poses: FloatArray) -> FloatArray:
+        return self._turns.from_matrix(poses[:, :3, :3]).wxyz
 
     def _chart(self, title: str) -> Any:
         names = self._bare.joint_names
@@ -188,12 +253,17 @@ class Studio(InteractiveTask):
         self._frames = [scene.add_frame(f"/arm/{k}", show_axes=False) for k in range(len(poses))]
         for place, (frame, faces) in enumerate(arm_bodies(robot, poses, LINK, JOINT)):
             self._add_body(f"/arm/{frame}/{place}", faces)
-        self._via = [
-            scene.add_icosphere(f"/via/{place}", 1.4 * STYLE.link * size, color=STYLE.part[:3])
-            for place in range(1, len(self._via_q) + 1)
-        ]
-        for ball in self._via:
-            scene.add_label(f"{ball.name}/name", f"via point {ball.name[5:]}")
+        self._grips = []
+        for place in range(len(self._via_q)):
+            grip = scene.add_transform_controls(
+                f"/via/{place}", 0.12 * size, disable_rotations=robot.joint_count < FREE
+            )
+            self._grips.append(grip)
+            radius, color = 1.4 * STYLE.link * size, STYLE.part[:3]
+            scene.add_icosphere(f"{grip.name}/ball", radius, color=color)
+            scene.add_label(f"{grip.name}/name", f"via point {place + 1}")
+            self._put(place)
+            grip.on_update(partial(self._drag, place))
         self._place(motion.q[0])
 
     def _add_body(self, name: str, faces: Faces) -> None:
@@ -225,34 +295,38 @@ class Studio(InteractiveTask):
 
     def _show(self, setting: Setting) -> None:
         motion, robot, scene = self.motion, self.robot, self._server.scene
-        via_q = self._via_q if setting.via_q is None else setting.via_q
-        for ball, position in zip(self._via, tool_places(robot, via_q), strict=True):
-            ball.position = position
-        for chart in self._charts.values():
-            chart.visible = motion is not None
         self.saved = None
         if motion is None:
-            scene.remove_by_name("/trail")
-            self._headline.content = f"## no motion\n{self.message}"
+            with self._server.atomic():
+                scene.remove_by_name("/trail")
+                for chart in self._charts.values():
+                    chart.visible = False
+                self._headline.content = f"## no motion\n{self.message}"
             return
+        few = np.unique(np.linspace(0, len(motion.t) - 1, SAMPLES).astype(int))
+        t, tool = motion.t[few], tool_places(robot, motion.q[few])
+        limit, thin = np.full(t.shape, 100.0), 0.2 * STYLE.link * reach(robot)
         with self._server.atomic():
-            tool, limit = tool_places(robot, motion.q), np.full(motion.t.shape, 100.0)
-            thin = 0.2 * STYLE.link * reach(robot)
             ends = np.stack([tool[:-1], tool[1:]], axis=1)
             scene.add_line_segments("/trail", ends, STYLE.motion[:3], thickness=thin)
             for key, chart in self._charts.items():
                 shares = [
                     100.0 * signed_share(robot.limits, key, values, joint)[0]
-                    for joint, values in enumerate(getattr(motion, key).T)
+                    for joint, values in enumerate(getattr(motion, key)[few].T)
                 ]
-                chart.data = (motion.t, limit, -limit, *shares)
+                chart.data, chart.visible = (t, limit, -limit, *shares), True
             self._headline.content = f"## {motion.duration:.3f} s\n{self.message}"
+        if self._work.newer:  # which shows its own
+            return
+        via_q = self._solver.via_q if setting.via_q is None else setting.via_q
         with interpreted():  # an arm with a payload is met once: nothing is compiled for it
-            baseline = compare(robot, via_q, ["cubic"]).motions["cubic"]
-        self.saved = 1.0 - motion.duration / baseline.duration
+            usual = best_split(
+                robot, lambda parts: cubic(via_q, np.cumsum([0.0, *parts])), first_splits(via_q)
+            )
+        self.saved = 1.0 - motion.duration / usual.duration
         self._headline.content = (
             f"## {motion.duration:.3f} s, {100 * self.saved:.0f} % saved\n"
-            f"Cubic segments at their best split take {baseline.duration:.3f} s.\n\n{self.message}"
+            f"Cubic segments at their best split take {usual.duration:.3f} s.\n\n{self.message}"
         )
 
 

@@ -30,6 +30,11 @@ class NewestOnly(Generic[Request]):
         self._newest = self._thread.submit(self._job, request)
         self._newest.add_done_callback(lambda job: job.cancelled() or job.result())
 
+    @property
+    def newer(self) -> bool:
+        """Whether a newer request waits for the job under way to end."""
+        return self._newest is not None and not (self._newest.running() or self._newest.done())
+
     def wait(self, timeout: float | None = None) -> bool:
         """Wait until nothing is left to do; False where ``timeout`` seconds were not enough."""
         return self._newest is None or not wait([self._newest], timeout).not_done
