@@ -3,9 +3,11 @@
 import copy
 import pickle
 import re
+import shutil
 import subprocess
 import sys
 
+import casadi as ca
 import numpy as np
 import pytest
 
@@ -180,3 +182,80 @@ def test_a_condition_that_was_not_declared_is_refused(no_solver):
     solver = ParametricSolver(through_half_way(("x", "v")), 4)
     with pytest.raises(InputError, match="'v' of phase 'first' was declared without final"):
         solver.solve(final={"first": {"v": 0.0}})
+
+
+def test_slopes_of_the_cost_are_central_differences_of_solves(solver):
+    def cost(**values):
+        return solver.solve(parameters={"move": values}).cost
+
+    slopes = solver.solve(parameters={"move": {"mass": 1.1}}).sensitivities()["move"]
+    assert slopes["mass"] == pytest.approx([(cost(mass=1.11) - cost(mass=1.09)) / 0.02], rel=1e-3)
+    assert slopes["mass"] == pytest.approx([(1 / 1.1) ** 0.5], rel=1e-5)  # sqrt(s / (F m))
+    assert slopes["unused"].tolist() == [0.0, 0.0]
+
+
+def test_slopes_of_a_gain_and_of_measurements_are_those_of_the_objective():
+    problem = OptimalControlProblem("gain", maximize=True)
+    phase = problem.phase("all", duration=1.0)
+    x = phase.state("x", initial=0.0)
+    phase.derivative(x, phase.control("u", lower=-1.0, upper=phase.parameter("top", 2.0)))
+    y = phase.measurement("y", at=[0.5, 1.0], values=[0.3, 0.4])
+    phase.point_cost(x - y**2)
+    slopes = solve(problem, mesh=4).sensitivities()["all"]
+    assert slopes["top"] == pytest.approx([1.5], abs=1e-5)
+    assert slopes["y"].ravel() == pytest.approx([-0.6, -0.8], abs=1e-5)
+
+
+def receding():
+    """A double integrator with a disturbance that is regulated over 4 s, and its solver."""
+    problem = OptimalControlProblem("regulator")
+    phase = problem.phase("horizon", duration=4.0)
+    x = phase.state("x", 2, initial=phase.parameter("now", [1.0, 0.0]))
+    u = phase.control("u", lower=-1.0, upper=1.0)
+    phase.derivative(x, ca.vertcat(x[1], u + 0.3 * ca.sin(3 * x[0])))
+    phase.running_cost(ca.sumsqr(x) + 0.01 * u**2)
+    return ParametricSolver(problem, 40)
+
+
+def test_a_shifted_solution_is_the_same_curve_and_a_better_start():
+    solver = receding()
+    first = solver.solve()
+    later = first.shifted(0.5)
+    t = np.linspace(0.0, 3.5, 8)
+    seen = later["horizon"].sample(t)["x"]
+    np.testing.assert_allclose(seen, first["horizon"].sample(t + 0.5)["x"])
+    assert later["horizon"].t[0] == -0.5
+    changed = {"horizon": {"now": seen[0] + [0.02, 0.0]}}
+    counts = [
+        sum(a.iterations for a in solver.solve(parameters=changed, guess=guess).attempts)
+        for guess in (later, first, None)
+    ]
+    assert counts[0] < 0.6 * min(counts[1:])
+
+
+def test_only_one_phase_of_fixed_duration_is_shifted(solver):
+    with pytest.raises(InputError, match="one phase of fixed duration"):
+        solver.solve().shifted(0.1)
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+def test_exported_c_solves_the_problem_alone(solver, tmp_path):
+    code = solver.export_c(tmp_path / "cart.c")
+    library = str(tmp_path / "cart.so")
+    flags = ["-O0", "-shared", "-fPIC", "-o", library, str(code), "-lm"]
+    subprocess.run(["cc", *flags], check=True)
+    data, run, values = (ca.external(name, library) for name in ("data", "solve", "values"))
+    arguments = data()
+    heavier = {**arguments, "p": [1.21, 1.0, 2.0]}
+    for given, seconds in ((arguments, 2.0), (heavier, 2.2)):
+        x = run(**given, lam_x0=0.0, lam_g0=0.0)["x"]
+        solution = values(x=x)
+        assert float(solution["move_duration"]) == pytest.approx(seconds, abs=1e-5)
+        assert solution["move_x"].shape == (21, 1)
+        assert float(solution["move_x"][-1]) == pytest.approx(1.0)
+
+
+def test_what_is_compiled_is_not_exported_again(tmp_path):
+    compiled = Transcription(cart(), prepare=lambda _, make: make())
+    with pytest.raises(InputError, match="compiled"):
+        ParametricSolver(compiled, 20).export_c(tmp_path / "x.c")

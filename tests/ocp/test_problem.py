@@ -9,9 +9,10 @@ import pytest
 from microbot_ocp import InputError
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.search import solve
-from microbot_ocp.ocp.solvers import SolverSettings
+from microbot_ocp.ocp.solvers import ParametricSolver, SolverSettings
 from microbot_ocp.ocp.starts import completed, default_guess
 from microbot_ocp.ocp.transcription import Guess, Transcription
+from microbot_ocp.ocp.verification import verify
 from ocp.textbook import double_integrator, spline, through_half_way
 
 
@@ -282,3 +283,44 @@ def test_a_problem_says_what_is_declared():
         "constraints length\n"
         "  Phase 'back', 2 s: states position [3]>"
     )
+
+
+def test_a_state_may_be_a_matrix_with_shapes_everywhere():
+    problem = OptimalControlProblem("matrix")
+    phase = problem.phase("all", duration=1.0)
+    begin, goal = np.array([[0.0, 0.0, 0.0], [1.0, 2.0, 3.0]]), np.array([[1.0, 2, 3], [4, 5, 6]])
+    x = phase.state("x", (2, 3), initial=begin, upper=9.0 * np.ones((2, 3)))
+    u = phase.control("u", (2, 3))
+    target = phase.parameter("target", goal)
+    assert x.shape == u.shape == target.shape == phase.initial(x).shape == (2, 3)
+    phase.derivative(x, u)
+    phase.end_constraint("there", x == target)
+    phase.constraint("never far", x - phase.initial(x), -9.0 * np.ones((2, 3)), 9.0)
+    phase.running_cost(ca.sumsqr(u))
+    solver = ParametricSolver(problem, 3)
+    for end in (goal, goal[::-1]):
+        solution = solver.solve(parameters={"all": {"target": end}})
+        assert solution["all"]["x"].shape == (4, 2, 3)
+        np.testing.assert_allclose(solution["all"]["x"][[0, -1]], [begin, end], atol=1e-6)
+        assert solution.cost == pytest.approx(np.sum((end - begin) ** 2))
+    assert verify(problem, solve(problem, 3)).ok
+
+
+def test_a_derivative_of_another_shape_is_refused():
+    phase = OptimalControlProblem("turn").phase("all", duration=1.0)
+    frame = phase.state("frame", (2, 3))
+    with pytest.raises(InputError, match=r"must have shape \(2, 3\), not \(3, 2\)"):
+        phase.derivative(frame, frame.T)
+
+
+def test_a_jump_is_of_a_state_that_the_next_phase_has():
+    problem = OptimalControlProblem("jump")
+    first, second = (problem.phase(name, duration=1.0) for name in "ab")
+    x = first.state("x", initial=1.0)
+    first.derivative(x, 0.0)
+    second.derivative(second.state("x"), 0.0)
+    with pytest.raises(InputError, match="jumps"):
+        problem.link(first, second, jumps={"v": 2.0 * x})
+    problem.link(first, second, jumps={"x": 2.0 * x})
+    assert problem.links[0].names == ()
+    assert solve(problem, 2)["b"]["x"][-1] == pytest.approx(2.0)

@@ -15,6 +15,7 @@ VIEWS = {  # public name of the class: kind of view = face or module of this fol
     "simulation.Simulation": "plot=plots:simulation",
     "simulation.Tracking": "plot=plots:tracking rerun=recording:of_tracking",
     "ocp.solution.Solution": "table=tables._results:solution plot=plots:solution",
+    "ocp.solvers.ParametricSolver": "plot=plots:sparsity",
     "ocp.verification.OCPCertificate": "table=tables._results:ocp_certificate",
     "certificate.Certificate": "table=tables._results:certificate "
     "html_report=_html_report:certificate_report",

@@ -32,10 +32,11 @@ _SYMBOLIC = (*VARIABLES, *CONSTANTS)  # what is declared with a symbol
 
 def value_of(phase: Phase, expression: ca.MX, fraction: float, where: str) -> ca.MX:
     """The symbol of the value of an expression at a fraction of a phase."""
-    expression = owned(phase, as_expression(expression))
+    given = as_expression(expression)
+    expression = owned(phase, ca.vec(given))
     for point in phase._values:
         if point.fraction == fraction and ca.is_equal(point.expression, expression, 9):
-            return point.symbol
+            return ca.reshape(point.symbol, given.shape)
     own = next((v for v in phase.variables if ca.is_equal(v.symbol, expression)), None)
     if ca.is_equal(expression, phase.duration):
         label, unit = "duration", "s"
@@ -46,7 +47,7 @@ def value_of(phase: Phase, expression: ca.MX, fraction: float, where: str) -> ca
     name = f"{label} {where} {phase.name!r}"
     symbol = ca.MX.sym(name, expression.shape[0])
     phase._values.append(PointValue(name, symbol, expression, fraction, unit))
-    return symbol
+    return ca.reshape(symbol, given.shape)
 
 
 def owned(phase: Phase, expression: ca.MX | float, at: float | None = None) -> ca.MX:
@@ -110,6 +111,13 @@ def _add_free(phase: Phase, parameter: Variable) -> None:
             f"phase {phase.name!r} has a variable {parameter.name!r} of its own, and needs the "
             "free parameter of that name: call one of them something else"
         )
+
+
+def renamed(expression: ca.MX, phase: Phase, copy: Phase) -> ca.MX:
+    """An expression of the variables of a phase as one of those of a copy of it."""
+    old, new = ([i.symbol for kind in _SYMBOLIC for i in getattr(p, kind)] for p in (phase, copy))
+    times = [[p.time, p.duration] for p in (phase, copy)]
+    return ca.graph_substitute(ca.MX(expression), [*old, *times[0]], [*new, *times[1]])
 
 
 def copied(phase: Phase, name: str, linked: Sequence[str]) -> Phase:

@@ -36,6 +36,7 @@ class Variable:
     interior_points: bool = False
     rate: ca.MX | None = None
     scaled: bool = True  # whether the scale was declared
+    columns: int = 1  # of the matrix whose columns are its components
 
     @property
     def size(self) -> int:
@@ -91,9 +92,9 @@ class Parameter:
 
     def with_value(self, value: ArrayLike) -> Self:
         """The same with another value."""
-        flat = np.ravel(np.asarray(value, dtype=float))
+        flat = np.ravel(checks.numbers(f"parameter {self.name!r}", value), order="F")
         flat = checks.array(f"parameter {self.name!r}", flat, (self.value.size,))
-        return replace(self, value=flat.reshape(self.value.shape))
+        return replace(self, value=flat.reshape(self.value.shape, order="F"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,11 +132,11 @@ def moving(value: object) -> bool:
 
 
 def fill(name: str, value: ArrayLike, size: int) -> FloatArray:
-    """A number for every component, or an array of them."""
+    """A number for every component, or an array of them; of a matrix column by column."""
     given = checks.numbers(name, value)
     if given.ndim == 0:
         given = np.full(size, float(given))
-    return checks.array(name, given.ravel(), (size,), finite=False)
+    return checks.array(name, given.ravel(order="F"), (size,), finite=False)
 
 
 def duration_bounds(phase: str, value: float | tuple[float, float]) -> tuple[float, float]:
@@ -193,6 +194,7 @@ def limit_of(
     unit: str = "",
 ) -> PathConstraint:
     """A limit whose bounds are not crossed, with its scale if one was declared."""
+    expression = ca.vec(expression)
     size = expression.shape[0]
     low, high = ordered(name, lower, upper, size, unit)
     sizes = positive_scale(name, scale, size)
@@ -200,7 +202,11 @@ def limit_of(
 
 
 def variable_of(
-    limit: PathConstraint, shape: str, initial: Bound = None, final: Bound = None
+    limit: PathConstraint,
+    shape: str,
+    initial: Bound = None,
+    final: Bound = None,
+    columns: int = 1,
 ) -> Variable:
     """A variable within a limit of its symbol; conditions that are expressions are left out."""
     name, symbol, unit = limit.name, limit.expression, limit.unit
@@ -217,6 +223,7 @@ def variable_of(
         shape=shape,
         rate=ca.MX.sym(f"{symbol.name()}.rate", size) if shape == "linear" else None,
         scaled=limit.scaled,
+        columns=columns,
     )
 
 

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from microbot_ocp.ocp.problem._problem import OptimalControlProblem
 
 Limit = ArrayLike | ca.MX
+Size = int | tuple[int, int]
 
 
 @dataclass(eq=False)
@@ -126,7 +127,7 @@ class Phase:
     def state(
         self,
         name: str,
-        size: int = 1,
+        size: Size = 1,
         *,
         lower: Limit = -np.inf,
         upper: Limit = np.inf,
@@ -141,7 +142,8 @@ class Phase:
         Parameters
         ----------
         name : str
-        size : int
+        size : int or (int, int)
+            Components, or rows and columns of a matrix; so of controls and algebraic variables.
         lower, upper : array_like [size] or expression
             Bounds at the mesh points. An expression makes a path constraint.
         initial, final : value, (lower, upper) or None
@@ -183,7 +185,7 @@ class Phase:
     def control(
         self,
         name: str,
-        size: int = 1,
+        size: Size = 1,
         *,
         lower: Limit = -np.inf,
         upper: Limit = np.inf,
@@ -212,7 +214,7 @@ class Phase:
     def algebraic(
         self,
         name: str,
-        size: int = 1,
+        size: Size = 1,
         *,
         lower: Limit = -np.inf,
         upper: Limit = np.inf,
@@ -227,19 +229,21 @@ class Phase:
         expression = converted(expression)
         if expression.op() == ca.OP_EQ:
             expression = expression.dep(0) - expression.dep(1)
-        self.algebraic_equations.append(owned(self, expression))
+        self.algebraic_equations.append(ca.vec(owned(self, expression)))
 
     def parameter(self, name: str, value: ArrayLike) -> ca.MX:
-        """Declare a constant [size] of the phase and return its symbol.
+        """Declare a constant of the phase, [size] or a matrix, and return its symbol.
 
         Phases that differ in parameters only share compiled kernels. What the solver is to find is
         a :meth:`~OptimalControlProblem.free_parameter` of the problem.
         """
         self._refuse_second(f"parameter {name!r}", name, self.parameters, self.measurements)
-        given = checks.array(f"parameter {name!r}", np.ravel(np.asarray(value, float)), (None,))
+        table = checks.numbers(f"parameter {name!r}", value)
+        given = checks.array(f"parameter {name!r}", table.ravel(order="F"), (None,))
         symbol = ca.MX.sym(f"{self.name}.{name}", given.size)
         self.parameters.append(Parameter(name, symbol, given))
-        return symbol
+        is_matrix = table.ndim == 2 and min(table.shape) > 1
+        return ca.reshape(symbol, table.shape) if is_matrix else symbol
 
     def measurement(self, name: str, at: ArrayLike, values: ArrayLike) -> ca.MX:
         """Declare data at given times of the phase; the symbol stands for the datum of each time.
@@ -285,7 +289,7 @@ class Phase:
 
     def rate(self, control: ca.MX) -> ca.MX:
         """Time derivative of a linear control, as a symbol for path constraints."""
-        control = as_expression(control)
+        control = ca.vec(as_expression(control))
         for index, variable in enumerate(self.controls):
             if ca.is_equal(variable.symbol, control) and variable.shape == "auto":
                 rate = ca.MX.sym(f"{self.name}.{variable.name}.rate", variable.size)
@@ -299,14 +303,14 @@ class Phase:
         """Set the time derivative of a state."""
         state = as_expression(state)
         for variable in self.states:
-            if ca.is_equal(variable.symbol, state):
+            if ca.is_equal(variable.symbol, ca.vec(state)):
                 expression = owned(self, expression)
                 if expression.shape != state.shape:
                     raise InputError(
                         f"derivative of {variable.name!r} must have shape {state.shape}, not "
                         f"{expression.shape}"
                     )
-                self.derivatives[variable.name] = expression
+                self.derivatives[variable.name] = ca.vec(expression)
                 return
         raise InputError(f"derivative needs a state of phase {self.name!r}, not {state}")
 
@@ -557,7 +561,7 @@ class Phase:
         self,
         variables: list[Variable],
         name: str,
-        size: int,
+        size: Size,
         shape: str,
         lower: Limit,
         upper: Limit,
@@ -568,28 +572,31 @@ class Phase:
     ) -> ca.MX:
         """Add a variable to a list of the phase, and what of it are expressions as constraints."""
         self._refuse_second(repr(name), name, self.variables)
-        checks.whole(f"size of {name!r}", size)
+        rows, columns = size if isinstance(size, tuple) and len(size) == 2 else (size, 1)
+        for each in (rows, columns):
+            checks.whole(f"size of {name!r}", each)
         places = ("lower", "upper", "initial", "final")
         for place, given in zip(places, (lower, upper, initial, final), strict=True):
             for side in given if isinstance(given, tuple) else (given,):
                 if isinstance(side, ca.MX):
                     as_expression(side, f"{place} of {name!r}")
-        symbol = ca.MX.sym(f"{self.name}.{name}", size)
+        symbol = ca.MX.sym(f"{self.name}.{name}", rows * columns)
+        shaped = ca.reshape(symbol, rows, columns)
         low = -np.inf if isinstance(lower, ca.MX) else lower
         high = np.inf if isinstance(upper, ca.MX) else upper
         limit = limit_of(name, symbol, low, high, scale, unit)
-        variables.append(variable_of(limit, shape, initial, final))
+        variables.append(variable_of(limit, shape, initial, final, columns))
         if isinstance(lower, ca.MX):
-            self.constraint(f"lower bound of {name}", symbol - lower, 0.0, scale=scale, unit=unit)
+            self.constraint(f"lower bound of {name}", shaped - lower, 0.0, scale=scale, unit=unit)
         if isinstance(upper, ca.MX):
             label = f"upper bound of {name}"
-            self.constraint(label, symbol - upper, upper=0.0, scale=scale, unit=unit)
+            self.constraint(label, shaped - upper, upper=0.0, scale=scale, unit=unit)
         for given, fraction, where in ((initial, 0.0, "start"), (final, 1.0, "end")):
             for side, base, low, high in sides(given):
-                difference = owned(self, symbol - base, at=fraction)
+                difference = owned(self, shaped - base, at=fraction)
                 limit = limit_of(f"{where} of {name}{side}", difference, low, high, scale, unit)
                 self.point_constraints.append(PointConstraint.of(limit, fraction))
-        return symbol
+        return shaped
 
 
 def _named(item: Variable | Parameter | PathConstraint) -> str:

@@ -51,7 +51,7 @@ def declared_limits(
                 f"constraint {name!r} has no bounds: give lower, upper, or a relation such as "
                 "x <= 1, 0 <= (x <= 1) or x == y"
             )
-        refuse_steps(f"constraint {name!r}", expression)
+        refuse_steps(f"constraint {name!r}", limit.expression)
         return [limit]
     if not bare:
         raise InputError(f"constraint {name!r} is a relation and has bounds as well: give one")
@@ -133,6 +133,7 @@ def _limits_of(
     for side in sides:
         if is_relation(side):
             raise InputError(f"constraint {name!r} compares a relation, {side}, with something")
+    sides = [ca.vec(side) for side in sides]
     size = max(side.shape[0] for side in sides)
 
     def limit(side: ca.MX, lower: ArrayLike, upper: ArrayLike) -> PathConstraint:

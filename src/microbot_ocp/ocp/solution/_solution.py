@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
+import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -21,6 +22,7 @@ from microbot_ocp.ocp.transcription import (
     IntArray,
     PhaseLayout,
     Program,
+    assemble,
     fill_transitions,
     fill_values,
     guess_table,
@@ -81,7 +83,8 @@ class PhaseSolution:
     values : mapping from the name of a state or control to [N+1, size] (states and linear
         controls), [N, size] (constant controls) or [N, points, size] (polynomial controls and
         algebraic variables), in the units of the declaration; where the degree differs from
-        interval to interval [sum of the points, size], one after the other
+        interval to interval [sum of the points, size], one after the other. A matrix stands here
+        column by column, and as [..., rows, columns] in ``phase[name]``
     layout : where the values stand in the program
     stages : its scaled stages, in turn
     degrees : of the intervals [N], where they were chosen one by one
@@ -110,7 +113,12 @@ class PhaseSolution:
         return self.mesh * self.duration
 
     def __getitem__(self, name: str) -> FloatArray:
-        return checks.by_name(f"phase {self.name!r}", self.values, name)
+        table = checks.by_name(f"phase {self.name!r}", self.values, name)
+        variables = () if self.layout is None else self.layout.phase.variables
+        columns = next((v.columns for v in variables if v.name == name), 1)
+        if columns == 1:
+            return table
+        return table.reshape(*table.shape[:-1], columns, -1).swapaxes(-1, -2)
 
     def sample(self, t: ArrayLike) -> dict[str, FloatArray]:
         """Every state, control and algebraic variable [M, size] at times t [M] since the start.
@@ -122,7 +130,7 @@ class PhaseSolution:
                 f"phase {self.name!r} was not made by a solve: it has mesh values only"
             )
         times = checks.array("t", np.atleast_1d(np.asarray(t, dtype=float)), (None,), "s")
-        share = np.clip(times / self.duration, 0.0, 1.0)
+        share = np.clip(times / self.duration, self.mesh[0], self.mesh[-1])
         k = np.clip(np.searchsorted(self.mesh, share, side="right") - 1, 0, self.mesh.size - 2)
         step = np.diff(self.mesh)[k]
         return self.layout.interpolated(self.stages, k, (share - self.mesh[k]) / step)
@@ -267,6 +275,70 @@ class Solution:
             f"second best {self.rivals[1]:.1g} of the cost above the best on a coarse mesh; the "
             "least that was found is kept, and there may be others."
         )
+
+    def sensitivities(self) -> dict[str, dict[str, FloatArray]]:
+        """Slopes of the objective: what one more of each parameter changes, by phase and name.
+
+        They follow from the multipliers, without another solve, and hold as long as the same limits
+        stay active. Of measurements, too. Whatever number is of interest may be a parameter:
+        ``initial=phase.parameter("x0", 1.0)``, ``upper=phase.parameter("limit", 2.0)``.
+
+        Raises
+        ------
+        InputError
+            It did not converge, or was not made by a solve.
+
+        Examples
+        --------
+        A mass m needs T = 2 sqrt(m s / F) for a distance s with a force F: dT/dm = T / (2 m).
+
+        >>> from microbot_ocp.ocp import OptimalControlProblem, solve
+        >>> problem = OptimalControlProblem("car")
+        >>> phase = problem.phase("move", duration=(0.1, 20.0))
+        >>> x = phase.state("x", initial=0.0, final=phase.parameter("distance", 4.0))
+        >>> v = phase.state("v", initial=0.0, final=0.0)
+        >>> u = phase.control("u", lower=-1.0, upper=1.0)
+        >>> phase.derivative(x, v)
+        >>> phase.derivative(v, u / phase.parameter("mass", 1.0))
+        >>> phase.end_cost(phase.duration)
+        >>> {k: s.round(4).tolist() for k, s in solve(problem).sensitivities()["move"].items()}
+        {'distance': [0.5], 'mass': [2.0]}
+        """
+        layouts = [phase.layout for phase in self.phases if phase.layout is not None]
+        if not self.solved or self.variables is None or len(layouts) < len(self.phases):
+            raise InputError("sensitivities are of a solution that a solve led to and that is one")
+        nlp = assemble(layouts, parametric=True).nlp
+        multipliers = ca.MX.sym("multipliers", self.row_multipliers.size)
+        lagrangian = nlp["f"] + ca.dot(multipliers, nlp["g"])
+        slope = ca.Function(
+            "slope", [nlp["x"], nlp["p"], multipliers], [ca.gradient(lagrangian, nlp["p"])]
+        )
+        data = np.concatenate([layout.data for layout in layouts])
+        slopes = np.array(slope(self.variables, data, self.row_multipliers)).ravel()
+        slopes *= -1.0 if self.maximize else 1.0
+        result: dict[str, dict[str, FloatArray]] = {}
+        for phase in (layout.phase for layout in layouts):
+            own = result[phase.name] = {}
+            for constant in (*phase.parameters, *phase.measurements):
+                own[constant.name] = slopes[: constant.value.size].reshape(constant.value.shape)
+                slopes = slopes[constant.value.size :]
+        return result
+
+    def shifted(self, seconds: float) -> Solution:
+        """The solution as seen some seconds later, to start the next solve of a receding horizon.
+
+        Of one phase of fixed duration: as the ``guess`` of a :class:`ParametricSolver` or of
+        :func:`~microbot_ocp.ocp.solve` it gives values and multipliers at the times of the new
+        horizon, and behind its own end what it ended with. Its times begin at ``-seconds``.
+        """
+        seconds = checks.number("seconds", seconds, "s", at_least=0.0, at_most=self.duration)
+        phase = self.phases[0]
+        layout = phase.layout
+        if len(self.phases) > 1 or layout is None or np.ptp(layout.phase.duration_bounds) > 0.0:
+            raise InputError("shifted is for one phase of fixed duration, as a solve led to it")
+        mesh = phase.mesh - seconds / phase.duration
+        later = replace(phase, mesh=mesh, layout=replace(layout, mesh=mesh))
+        return replace(self, phases=(later,))
 
     @property
     def parameters(self) -> dict[str, FloatArray]:

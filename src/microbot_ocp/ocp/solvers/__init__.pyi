@@ -21,8 +21,12 @@ from ._persistence import (
     save_solution as save_solution,
     saved_with as saved_with,
 )
+from ._plugins import (
+    create as create,
+)
 from ._run import (
     Made as Made,
+    arguments_of as arguments_of,
 )
 from ._settings import (
     SOLVERS as SOLVERS,

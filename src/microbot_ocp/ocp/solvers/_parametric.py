@@ -8,17 +8,22 @@ from __future__ import annotations
 
 import copy
 import pickle
+import re
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from threading import RLock
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
+from microbot_ocp._base.writing import write_whole
 from microbot_ocp.ocp.diagnosis import finite_start
 from microbot_ocp.ocp.problem import (
     CONSTANTS,
@@ -36,14 +41,18 @@ from microbot_ocp.ocp.problem import (
 )
 from microbot_ocp.ocp.solution import Progress, Solution
 from microbot_ocp.ocp.solvers import (
+    SOLVERS,
     Made,
     SolverSettings,
+    arguments_of,
+    create,
     run_chain,
     transcribed,
     with_cost_scale,
 )
 from microbot_ocp.ocp.starts import starting_point
 from microbot_ocp.ocp.transcription import (
+    DURATION,
     Guess,
     Meshes,
     Program,
@@ -156,6 +165,58 @@ class ParametricSolver:
         start = self._start(self.program, guess)
         self._cost_scale = with_cost_scale(self.program, start.x, self.settings).cost_scale
 
+    def plot(self, axes: GivenAxes | None = None) -> DrawnAxes:
+        """Where the nonzeros of the program stand: :func:`microbot_ocp.plots.sparsity`."""
+        return view_for(self, "plot")(self, axes)
+
+    def export_c(self, path: str | Path, *, solver: str = "sqp") -> Path:
+        """Write the program with a solver as one file of C.
+
+        Parameters
+        ----------
+        path : str or Path
+        solver : "sqp", "ipopt" or "fatrop"
+            CasADi's SQP method with its QP solver needs nothing but the C library; of the others
+            the file calls the library, which must be there (``coin-or/IpStdCInterface.h``,
+            ``fatrop/ocp/OCPCInterface.h``). The chain of solvers, scales and checks of
+            :meth:`solve` are not in it: look at the violations of what it returns.
+
+        Returns
+        -------
+        Path
+            C with three functions, of CasADi's calling convention ``int solve(const double** arg,
+            double** res, casadi_int* iw, double* w, int mem)`` with ``solve_work`` for the sizes:
+
+            - ``data() -> x0, p, lbx, ubx, lbg, ubg``: what was declared, and the default guess;
+            - ``solve(x0, p, lbx, ubx, lbg, ubg, lam_x0, lam_g0) -> x, f, g, lam_x, lam_g, lam_p``
+              of the scaled program, of which ``f`` is the cost divided by ``cost_scale``;
+            - ``values(x)`` -> every duration, state (at the mesh points) and control, in its unit
+              and named by phase and name; components of one time stand together.
+
+        Raises
+        ------
+        InputError
+            A solver that there is not, or a program that calls compiled functions.
+        """
+        checks.one_of("solver", solver, SOLVERS)
+        if self.transcription.compiled:
+            raise InputError("the program calls compiled functions, which are not exported again")
+        if self._cost_scale is None:
+            self.scale_cost(None)
+        assert self._cost_scale is not None
+        program = replace(self.program, cost_scale=self._cost_scale)
+        run = create(program, solver, self.settings)
+        data = arguments_of(program, self._start(program, None))
+        inputs = {n: ca.MX.sym(n, run.sparsity_in(n)) for n in (*data, "lam_x0", "lam_g0")}
+        results = run.call(inputs)
+        code = ca.CodeGenerator("program", {"with_header": False})
+        code.add(ca.Function("data", [], [ca.DM(v) for v in data.values()], [], list(data)))
+        code.add(
+            ca.Function("solve", [*inputs.values()], [*results.values()], [*inputs], [*results])
+        )
+        code.add(_values(program))
+        return write_whole(path, code.dump())
+
     def _start(self, program: Program, guess: Mapping[str, Guess] | Solution | None) -> Any:
         phases = (layout.phase for layout in program.layouts)
         problem = with_phases(self.transcription.problem, phases)
@@ -184,6 +245,28 @@ class ParametricSolver:
         with _context, ca.global_pickle_context():
             state = pickle.dumps((self.transcription, self.mesh, self.settings, self._cost_scale))
         return _restored, (state,)
+
+
+def _values(program: Program) -> ca.Function:
+    """Durations, states and controls from the scaled variables."""
+    x, outputs = program.nlp["x"], {}
+    for layout in program.layouts:
+        places: dict[str, list[tuple[float, int, int, float]]] = {}
+        for block in layout.variables[:-1]:
+            for entry, column in zip(block.entries, block.places.T, strict=True):
+                if entry.kind in ("arrival", "state") and entry.fraction > 0.0:
+                    continue
+                own = places.setdefault(entry.name, [])
+                times = block.intervals + entry.fraction
+                own += [
+                    (t, entry.component, k, entry.scale) for t, k in zip(times, column, strict=True)
+                ]
+        for name, own in places.items():
+            _, _, chosen, scales = zip(*sorted(own), strict=True)
+            chosen = chosen[:1] if name == DURATION else chosen
+            label = re.sub(r"\W", "_", f"{layout.phase.name}_{name}")
+            outputs[label] = x[list(map(int, chosen))] * ca.DM(scales[: len(chosen)])
+    return ca.Function("values", [x], list(outputs.values()), ["x"], list(outputs))
 
 
 def _restored(state: bytes) -> ParametricSolver:

@@ -102,7 +102,7 @@ class Runner:
                 watch = watch or Watch(self.program, name, quiet)
         solver, broken = self._solver(name, variant, watch, left)
         created = time.perf_counter()
-        arguments = _arguments(self.program, start)
+        arguments = arguments_of(self.program, start)
         if solver is None:
             answer, interrupted = _Answer(broken=broken), False
         elif forks:
@@ -195,7 +195,7 @@ class Runner:
         return SolverOutcome(attempt, StartingPoint(point.x, *multipliers))
 
 
-def _arguments(program: Program, start: StartingPoint) -> dict[str, Any]:
+def arguments_of(program: Program, start: StartingPoint) -> dict[str, Any]:
     """What a solver is called with."""
     arguments: dict[str, Any] = {
         "x0": start.x,

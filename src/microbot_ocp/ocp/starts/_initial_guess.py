@@ -194,7 +194,7 @@ def _taken_over(
 
 
 def _has(piece: PhaseSolution, variable: Variable) -> bool:
-    return variable.name in piece.values and piece[variable.name].shape[-1] == variable.size
+    return variable.name in piece.values and piece.values[variable.name].shape[-1] == variable.size
 
 
 def _along(
@@ -204,7 +204,7 @@ def _along(
     edges = np.cumsum([0.0, *(piece.duration for piece in pieces)])
     t = (share[0] + s * (share[1] - share[0])) * edges[-1]
     which = np.clip(np.searchsorted(edges, t, side="right") - 1, 0, len(pieces) - 1)
-    result = np.zeros((t.size, pieces[0][name].shape[-1]))
+    result = np.zeros((t.size, pieces[0].values[name].shape[-1]))
     for index, piece in enumerate(pieces):
         own = which == index
         if own.any():
@@ -215,7 +215,7 @@ def _along(
 def _values(piece: PhaseSolution, name: str, t: FloatArray) -> FloatArray:
     if piece.layout is not None:
         return piece.sample(t)[name]
-    table, share = piece[name], np.clip(t / piece.duration, 0.0, 1.0)
+    table, share = piece.values[name], np.clip(t / piece.duration, 0.0, 1.0)
     if table.ndim == 2 and table.shape[0] == piece.mesh.size:
         return np.column_stack([np.interp(share, piece.mesh, column) for column in table.T])
     k = np.searchsorted(piece.mesh, share, side="right") - 1

@@ -117,6 +117,11 @@ class Transcription:
         self._kinds: dict[tuple[int, int | None], StageKind] = {}
         self.kernels = [self._kind(index, None).kernels for index in range(len(problem.phases))]
 
+    @property
+    def compiled(self) -> bool:
+        """Whether its kernels are compiled, or otherwise not what the problem says."""
+        return self._prepare is not None
+
     def with_parameters(
         self, values: Mapping[str, Mapping[str, float | FloatArray]]
     ) -> Transcription:

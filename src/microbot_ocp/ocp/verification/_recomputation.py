@@ -142,7 +142,7 @@ def scaled_rows(problem: OptimalControlProblem, phases: Sequence[Recomputation])
             # the rest may jump
             carried = entry.name in link.names or entry.name in before.phase.parameters
             if entry.source is not None and carried:
-                end, start = before.phase[entry.name][-1], after.phase[entry.name][0]
+                end, start = before.phase.values[entry.name][-1], after.phase.values[entry.name][0]
                 values[place] = start[entry.component] - end[entry.component]
     return values / scale
 
@@ -158,7 +158,7 @@ def missed_conditions(phases: Sequence[Recomputation], tolerance: float) -> list
         for variable, (side, k, place) in product(node_variables(phase_layout(phase).phase), ends):
             condition = getattr(variable, side)
             if condition is not None:
-                value = phase[variable.name][k]
+                value = phase.values[variable.name][k]
                 beyond = np.maximum(condition[0] - value, value - condition[1])
                 missed += [
                     f"{place} of {variable.name}{f'[{i}]' if variable.size > 1 else ''} in phase "

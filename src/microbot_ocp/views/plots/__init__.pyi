@@ -18,4 +18,5 @@ from ._phase_plane import phase_plane as phase_plane
 from ._prices import prices as prices, reserve as reserve
 from ._report import report as report, report_figure as report_figure
 from ._solution import solution as solution
+from ._sparsity import sparsity as sparsity
 from ._sweep import sweep as sweep
