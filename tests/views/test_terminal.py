@@ -71,3 +71,8 @@ def test_long_work_speaks_now_and_then_where_there_is_no_terminal(monkeypatch):
         "60 s: solve: best so far 60",
         "90 s: solve: best so far 90",
     ]
+    lines.clear()
+    for second, text in ((110, "mesh 20: 1.793 s, solved"), (120, "search 2: no path")):
+        clock[0] = float(second)
+        progress(text)
+    assert lines == ["120 s: solve: search 2: no path; before: mesh 20: 1.793 s, solved"]

@@ -457,20 +457,22 @@ def branches(stops: StopProblem, state: SearchState, solution: Solution) -> list
 
 
 def _remark(told: dict[str, Any]) -> str:
+    """Say what other ways of reaching the stops would take; both on the same coarse mesh."""
     taken, *others = told["branches"]
-    named = "-".join(map(str, taken["branches"]))
     if not others:
-        return "the only branch"
-    tried = [e["duration"] for e in others if e["status"] != LEFT_OUT]
-    costs = ", ".join(f"{value:.3f}" for value in tried[:5] if value is not None)
-    said = [f"the others led to {costs or 'no motion'} s on the coarse mesh"] if tried else []
-    slow = [e["at_least"] for e in others if e["status"] == LEFT_OUT]
-    if slow:
-        said.append(
-            f"{len(slow)} left out: their joints need {min(slow):.3f} s and more at their "
-            "highest velocities"
-        )
-    return "; ".join([f"branches {named}", *said])
+        return "the arm reaches the stops in one way only"
+    said = [f"the best of {len(told['branches'])} ways in which the arm reaches the stops"]
+    tried = [entry["duration"] for entry in others if entry["status"] != LEFT_OUT]
+    solved = [duration for duration in tried if duration is not None]
+    if solved and taken["duration"] is not None:
+        longer = 100.0 * (min(solved) / taken["duration"] - 1.0)
+        near = "the next one is about as fast"
+        said.append(near if longer < 0.05 else f"the next one takes {longer:.1f} % longer")
+    if len(tried) > len(solved):
+        said.append(f"{len(tried) - len(solved)} led to no motion")
+    if slow := [entry["at_least"] for entry in others if entry["status"] == LEFT_OUT]:
+        said.append(f"others need {min(slow):.3f} s or more at the highest joint velocities")
+    return "; ".join(said)
 
 
 # fronts -----------------------------------------------------------------------------------------

@@ -5,6 +5,7 @@ Iterations of a solver are shown on a terminal only.
 
 from __future__ import annotations
 
+import re
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -26,6 +27,7 @@ from microbot_ocp.ocp.solution import Iteration
 from microbot_ocp.tasks import Step
 
 Event = Step | Iteration | str
+DURATION = re.compile(r"\d s\b")
 
 
 @contextmanager
@@ -96,7 +98,9 @@ class TimeLeft(ProgressColumn):
 
 
 def spoken_progress(say: Callable[[str], None], period: float = 30.0) -> Callable[[Event], None]:
-    """Return a callable for any ``progress=`` that says now and then what is done and known so far.
+    """Return a callable for any ``progress=`` that says now and then what is done.
+
+    Where that names no duration, the last one that was named follows.
 
     Parameters
     ----------
@@ -115,14 +119,16 @@ def spoken_progress(say: Callable[[str], None], period: float = 30.0) -> Callabl
     'T s: solve: the second mesh'
     """
     begin = last = time.monotonic()
+    before = ""
 
     def speak(event: Event) -> None:
-        nonlocal last
-        now = time.monotonic()
+        nonlocal last, before
+        now, (stage, text) = time.monotonic(), _words(event)
+        if timed := DURATION.search(text):
+            before = f"; before: {text}"
         if now - last >= period:
             last = now
-            stage, text = _words(event)
-            say(f"{now - begin:.0f} s: {stage}: {text}")
+            say(f"{now - begin:.0f} s: {stage}: {text}{'' if timed else before}")
 
     return speak
 
