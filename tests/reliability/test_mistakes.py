@@ -97,6 +97,28 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
     "a misspelt robot": (lambda: mo.load_robot("microbt"), "must be one of.*microbot"),
     "no such file": (lambda: mo.load_robot("mine.toml"), "mine.toml.*cannot be read"),
     "a misspelt scheme": (lambda: ocp.solve(cart(), scheme="radua"), "one of shooting, radau"),  # type: ignore[arg-type]
+    "a generator of via points": (lambda: mo.time_optimal(arm(), (q for q in VIA)), "make a list"),  # type: ignore[arg-type]
+    "a function for via points": (lambda: mo.compare(arm(), lambda: VIA), "; call it"),  # type: ignore[arg-type]
+    "nothing for via points": (lambda: mo.time_optimal(arm(), None), "numbers, not None"),  # type: ignore[arg-type]
+    "a name for a robot": (lambda: mo.time_optimal("microbot", VIA), "mo.load_robot.* makes one"),  # type: ignore[arg-type]
+    "a path for a scene": (
+        lambda: mo.time_optimal(arm(), VIA, scene="scene.toml"),  # type: ignore[arg-type]
+        "mo.load_scene.* makes one",
+    ),
+    "a polynomial for a motion": (
+        lambda: mo.certify(arm(), mo.cubic(VIA, [0.0, 1.0, 2.0])),  # type: ignore[arg-type]
+        "mo.Motion.from_polynomial.* makes one",
+    ),
+    "poses for a path": (lambda: mo.time_optimal_path(arm(), VIA), "mo.straight_path.* makes one"),  # type: ignore[arg-type]
+    "one method as text": (lambda: mo.compare(arm(), VIA, methods="cubic"), "a list of names"),
+    "a misspelt method": (
+        lambda: mo.compare(arm(), VIA, methods=["cubik"]),
+        "did you mean 'cubic'",
+    ),
+    "expressions in a list": (
+        lambda: cart().phases[0].running_cost([ca.MX(1), ca.MX(2)]),  # type: ignore[arg-type]
+        "ca.vertcat makes one",
+    ),
     "times between for times": (lambda: mo.cubic(VIA, [1.0, 1.0]), r"via_t must have shape \[3\]"),
     "arrays for a motion": (lambda: mo.certify(arm(), VIA), "motion must be a Motion"),  # type: ignore[arg-type]
 }

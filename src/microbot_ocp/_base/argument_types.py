@@ -32,6 +32,15 @@ SPECIAL = ("__init__", "__call__")  # what is public of a class besides names wi
 UNIONS = (typing.Union, types.UnionType)
 SEQUENCES = (abc.Sequence, abc.Iterable, abc.Collection, list, tuple)
 MAPPINGS = (abc.Mapping, dict)
+# What makes what is wanted of what was given, by the names of both classes
+MAKERS = {
+    ("Robot", "str"): "mo.load_robot(name_or_path)",
+    ("Scene", "str"): "mo.load_scene(path)",
+    ("Motion", "str"): "mo.Motion.load(path)",
+    ("Motion", "PiecewisePolynomial"): "mo.Motion.from_polynomial(robot, polynomial)",
+    ("PiecewisePolynomial", "list"): "mo.straight_path(via_q)",
+    ("PiecewisePolynomial", "ndarray"): "mo.straight_path(via_q)",
+}
 _classes: set[type] = set()
 
 
@@ -108,7 +117,10 @@ def _refuse(
     rules, positional = _rules(function)
     for name, value in itertools.chain(zip(positional, arguments, strict=False), named.items()):
         if name in rules and not rules[name][0](value):
-            raise InputError(f"{name} must be {rules[name][1]}, not {shown(value)}") from problem
+            wanted, given = rules[name][1], type(value).__name__
+            makers = (MAKERS.get((word, given)) for word in wanted.split())
+            remedy = "".join(f"; {maker} makes one" for maker in makers if maker)
+            raise InputError(f"{name} must be {wanted}, not {shown(value)}{remedy}") from problem
 
 
 @functools.cache

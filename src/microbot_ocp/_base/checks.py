@@ -104,6 +104,13 @@ def _is_numeric(value: Any) -> bool:
     return not isinstance(value, np.ndarray) or value.dtype.kind in "iuf"
 
 
+def _remedy(value: Any) -> str:
+    """What makes numbers of what is none."""
+    if isinstance(value, Iterator):
+        return "; make a list of it"
+    return "; call it" if callable(value) else ""
+
+
 def number(
     name: str,
     value: Any,
@@ -119,7 +126,7 @@ def number(
             raise TypeError
         result = float(value)
     except NO_NUMBERS:
-        raise InputError(f"{name} must be a number, not {shown(value)}") from None
+        raise InputError(f"{name} must be a number, not {shown(value)}{_remedy(value)}") from None
     if not np.isfinite(result):
         raise InputError(f"{name} must be finite, not {_with_unit(value, unit)}")
     for bound, breaks, words in (
@@ -159,11 +166,14 @@ def time_limit(value: Any) -> float:
 def numbers(name: str, value: ArrayLike) -> FloatArray:
     """Return ``value`` as a float array of any shape."""
     try:
-        if not _is_numeric(value) or np.ma.is_masked(value):  # what is masked is no number
+        if (
+            value is None or not _is_numeric(value) or np.ma.is_masked(value)
+        ):  # what is masked is no number
             raise TypeError
         return np.array(value, dtype=float)
     except NO_NUMBERS:
-        raise InputError(f"{name} must be an array of numbers, not {shown(value)}") from None
+        sentence = f"{name} must be an array of numbers, not {shown(value)}{_remedy(value)}"
+        raise InputError(sentence) from None
 
 
 def array(
@@ -276,7 +286,9 @@ def one_of(name: str, value: str, allowed: Iterable[str]) -> str:
     """Return ``value`` if it is one of ``allowed``."""
     names = list(allowed)
     if not isinstance(value, str) or value not in names:
-        raise InputError(f"{name} must be one of {', '.join(names)}, not {shown(value)}")
+        close = difflib.get_close_matches(str(value), names, 1)
+        asked = f"; did you mean {close[0]!r}?" if close else ""
+        raise InputError(f"{name} must be one of {', '.join(names)}, not {shown(value)}{asked}")
     return value
 
 

@@ -47,14 +47,15 @@ def table_from(path: str | Path, kind: str) -> dict[str, Any]:
     ------
     InputError
     """
-    with checks.naming(f"{Path(path).name}: "):
+    with checks.naming(f"{Path(path).name or path}: "):
         return parsed(text_of(path, f"{kind} file"))
 
 
 def check_schema(data: Mapping[str, Any], schema: int) -> None:
     """Raise InputError where a file is of another version of the format."""
     if type(data.get("schema")) is not int or data["schema"] != schema:
-        instead = f"not {data['schema']!r}" if "schema" in data else "but it is missing"
+        missing = f"but it is missing: write schema = {schema} in the first line"
+        instead = f"not {data['schema']!r}" if "schema" in data else missing
         raise InputError(f"schema must be {schema}, {instead}")
 
 
@@ -126,6 +127,7 @@ def read_table(
     where: str = "at the top level",
     named: str = "",
     convert: Convert | None = None,
+    elsewhere: Mapping[str, str] | None = None,
 ) -> dict[str, Any]:
     """A table whose keys are those of a schema, without ``_deg``.
 
@@ -136,6 +138,8 @@ def read_table(
         Which table it is, for messages: "in stop 'pick'".
     named : str
         What to call a key in messages, in the place of {}; default "{}" and ``where``.
+    elsewhere : mapping
+        Where keys belong that another kind of file has.
     convert : callable
         Makes the value of a key, its name in messages, what was written and whether that is in
         degrees.
@@ -150,6 +154,8 @@ def read_table(
     read: dict[str, Any] = {}
     for written, value in table.items():
         if written not in allowed:
+            if elsewhere and written in elsewhere:
+                raise InputError(f"key {written!r} {where} {elsewhere[written]}")
             raise InputError(f"unknown key {written!r} {where}{suggestion(written, allowed)}")
         key = written if written in schema else written.removesuffix("_deg")
         name = named.replace("{}", written)

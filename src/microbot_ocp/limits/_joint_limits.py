@@ -116,7 +116,7 @@ class Limits:
         for key, quantity in JOINT_QUANTITIES.items():
             unit = quantity.either_unit
             lower, upper = self._pair(key, unit, count)
-            arrays[f"{key}_min"], arrays[f"{key}_max"] = lower, upper
+            arrays[f"{key}_min"], arrays[f"{key}_max"] = lower + 0.0, upper  # no -0
             for j in np.flatnonzero((lower > upper) | (lower == np.inf) | (upper == -np.inf)):
                 raise InputError(
                     f"{key}_min of joint {j + 1} must be finite or -inf and at most its "

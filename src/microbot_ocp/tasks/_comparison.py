@@ -389,6 +389,8 @@ def _work(method: str) -> int:
 def _method_names(methods: Sequence[str] | None, timed: bool) -> list[str]:
     if methods is None:
         return [name for name, method in METHODS.items() if timed or not method.timed]
+    if isinstance(methods, str):
+        raise InputError(f"methods must be a list of names, not {methods!r}")
     names = [checks.one_of("method", name, METHODS) for name in methods]
     if not names or len(set(names)) != len(names):
         raise InputError(f"methods must be different names, not {list(methods)}")

@@ -183,7 +183,7 @@ def read_task(path: str | Path) -> TaskFile:
     ('microbot', (2, 3))
     """
     source = Path(path)
-    return parse_task(text_of(path, "task file"), source.name, source.parent)
+    return parse_task(text_of(path, "task file"), source.name or str(source), source.parent)
 
 
 def parse_task(text: str, origin: str, folder: Path) -> TaskFile:
@@ -195,7 +195,7 @@ def parse_task(text: str, origin: str, folder: Path) -> TaskFile:
 def _task(data: dict[str, Any], origin: str, folder: Path) -> TaskFile:
     if "via" not in data:  # [[stops]] may be meant for [[stop]]
         read_table(data, TASK | CELL)
-    given = read_table(data, TASK)
+    given = read_table(data, TASK, elsewhere=dict.fromkeys(CELL, "is for tasks of [[stop]]"))
     check_schema(data, SCHEMA)
     robot = robot_from(data, folder)
     if "via" not in given:

@@ -141,7 +141,7 @@ def fill(name: str, value: ArrayLike, size: int) -> FloatArray:
 
 def duration_bounds(phase: str, value: float | tuple[float, float]) -> tuple[float, float]:
     """Bounds of the duration of a phase, s, from a fixed one or from (lower, upper)."""
-    low, high = value if isinstance(value, tuple) else (value, value)
+    low, high = value if isinstance(value, tuple | list) and len(value) == 2 else (value, value)
     low = checks.number(f"duration of phase {phase!r}", low, "s", above=0.0)
     return low, checks.number(f"upper duration of phase {phase!r}", high, "s", at_least=low)
 
@@ -238,7 +238,10 @@ def converted(value: Any) -> ca.MX:
     try:
         expression = ca.MX(value)
     except Exception:  # CasADi has many
-        sentence = f"expression must be a CasADi MX or numbers, not {shown(value)}"
+        sentence = (
+            f"expression must be a CasADi MX or numbers, not {shown(value)}; ca.vertcat makes one "
+            "of several, and SX stays outside"
+        )
         raise InputError(sentence) from None
     if 0 in expression.shape:
         raise InputError(f"expression must have entries, but its shape is {expression.shape}")

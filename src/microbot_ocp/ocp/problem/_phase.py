@@ -238,7 +238,7 @@ class Phase:
         a :meth:`~OptimalControlProblem.free_parameter` of the problem.
         """
         self._refuse_second(f"parameter {name!r}", name, self.parameters, self.measurements)
-        table = checks.numbers(f"parameter {name!r}", value)
+        table = np.asarray(value, dtype=float)
         given = checks.array(f"parameter {name!r}", table.ravel(order="F"), (None,))
         symbol = ca.MX.sym(f"{self.name}.{name}", given.size)
         self.parameters.append(Parameter(name, symbol, given))
@@ -572,7 +572,7 @@ class Phase:
     ) -> ca.MX:
         """Add a variable to a list of the phase, and what of it are expressions as constraints."""
         self._refuse_second(repr(name), name, self.variables)
-        rows, columns = size if isinstance(size, tuple) and len(size) == 2 else (size, 1)
+        rows, columns = size if isinstance(size, tuple | list) and len(size) == 2 else (size, 1)
         for each in (rows, columns):
             checks.whole(f"size of {name!r}", each)
         places = ("lower", "upper", "initial", "final")

@@ -39,8 +39,6 @@ def straight_through(via: FloatArray) -> PiecewisePolynomial:
 def check_path(family: LimitFamily, path: PiecewisePolynomial) -> None:
     """Raise InputError where a path cannot be timed, whatever the timing."""
     robot = family.robot
-    if not isinstance(path, PiecewisePolynomial):
-        raise InputError(f"path must be a PiecewisePolynomial, not {type(path).__name__}")
     if path.coefficients.shape[2] != robot.joint_count:
         raise InputError(
             f"path must have {robot.joint_count} joints, not {path.coefficients.shape[2]}"
