@@ -264,7 +264,20 @@ _WIDE = {
     ca.OP_ATAN2: "EACH_PAIR(atan2,{0},{1})",
 } | {
     getattr(ca, f"OP_{name.upper()}"): f"EACH({name},{{0}})"
-    for name in "sqrt sin cos tan asin acos atan exp log tanh floor ceil".split()
+    for name in [
+        "sqrt",
+        "sin",
+        "cos",
+        "tan",
+        "asin",
+        "acos",
+        "atan",
+        "exp",
+        "log",
+        "tanh",
+        "floor",
+        "ceil",
+    ]
 }
 
 
