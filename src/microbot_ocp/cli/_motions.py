@@ -359,7 +359,7 @@ def studio(
     port: int = 8080,
     dark: bool = False,
 ) -> Answer:
-    """Open a page with via points to drag, limits and payload under sliders.
+    """Open a page to drag via points and move limits by sliders.
 
     It shows the fastest motion under them, at an address of this machine; Ctrl-C ends it.
 
