@@ -483,8 +483,6 @@ def _solved(
             return motion
         progress(f"{missed.sum()} more pairs come too near: solved again")
         near |= missed
-        times = np.array([mark.time for mark in motion.marks])
-        guesses = [InitialGuess("the motion before", _along(names, motion, times)), *guesses]
     return motion
 
 

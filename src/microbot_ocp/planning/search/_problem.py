@@ -186,8 +186,7 @@ class FreeProblem:
         """The guess after those that were tried, with its solver."""
         tried = [answer for answer in state.of("start") if answer.before is None]
         given, index = self.settings, len(tried)
-        most = len(self.guided) or max(given.starts, given.tries)
-        if index == most:
+        if index == max(given.starts, given.tries):
             return None
         while len(self._drawn) <= index:
             self._drawn.append(next(self._drawing))
@@ -208,8 +207,7 @@ class FreeProblem:
     @cached_property
     def _drawing(self) -> Iterator[InitialGuess]:
         most, seed = max(self.settings.starts, self.settings.tries), self.settings.seed
-        usual = initial_guesses(self.family, self.via, self.names, most, seed)
-        return iter(self.guided) if self.guided else usual
+        return initial_guesses(self.family, self.via, self.names, most, seed)
 
     def guesses(self, solution: Solution) -> dict[str, Guess]:
         """A guess for every phase from a solution."""

@@ -140,7 +140,7 @@ def starts_of(state: SearchState, rested: float = 0.0) -> list[dict[str, Any]]:
             "status": str(answer.solution.status),
             "duration": answer.solution.duration + rested,
         }
-        for answer in state.of("start", "known way")
+        for answer in state.of("start", "known way", "timed way")
         if answer.before is None or answer.strategy != "start"
     ]
 

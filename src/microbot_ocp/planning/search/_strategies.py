@@ -33,7 +33,7 @@ from microbot_ocp.planning.free import (
     transcription,
     with_motion,
 )
-from microbot_ocp.planning.search._problem import MotionProblem
+from microbot_ocp.planning.search._problem import MotionProblem, TrialStart
 from microbot_ocp.planning.search._search import (
     MotionAnswer,
     MotionSearch,
@@ -176,10 +176,11 @@ def next_start(search: MotionSearch, state: SearchState) -> NextStep | None:
     """A fresh start while another is likely to lead elsewhere.
 
     Where the first starts do not agree they are compared on a mesh twice as fine, as are all that
-    follow: optima of a coarse mesh are not those of a fine one.
+    follow: optima of a coarse mesh are not those of a fine one. Timed ways among obstacles are
+    starts of their own.
     """
     tried, settings = state.of("start"), search.settings
-    if tried and search.over:
+    if search.problem.guided or (tried and search.over):
         return None
     if not search.problem.compares_starts or len(tried) < settings.starts:
         return _fresh(search, state)
@@ -262,13 +263,15 @@ def _answer(
 def _nothing_solved(search: MotionSearch, state: SearchState, strategy: str) -> NextStep | None:
     if search.over or any(answer.solved for answer in state.answers) or state.of(strategy):
         return None
+    if search.problem.guided:  # motions within limits are known
+        return None
     return NextStep(_nearest(state))
 
 
 def _nearest(state: SearchState) -> MotionAnswer:
     """The start whose answer breaks constraints least."""
     return min(
-        state.of("start"),
+        state.of("start", "timed way"),
         key=lambda a: (not a.solution.attempts, a.solution.attempts[-1].infeasibility),
     )
 
@@ -344,11 +347,7 @@ def promising(search: MotionSearch, state: SearchState) -> list[MotionAnswer]:
     """
     compared = [a for a in state.of("start") if not _superseded(state, a)]
     others = [a for a in state.of("known way", "relaxed problem") if a.solved]
-    answers = by_promise([*compared, *others])
-    if not search.problem.guided or state.of("timed way") or search.over:
-        return answers
-    least = min(map(duration_of, search.problem.guided))
-    return [answer for answer in answers if answer.solution.duration < least]
+    return by_promise([*compared, *others])
 
 
 def _superseded(state: SearchState, answer: MotionAnswer) -> bool:
@@ -364,26 +363,26 @@ def duration_of(guess: InitialGuess) -> float:
 
 
 def next_timed_way(search: MotionSearch, state: SearchState) -> NextStep | None:
-    """The best timed way among obstacles, where no coarse answer is faster."""
-    guides = search.problem.guided
-    if not guides or search.over or state.of("timed way") or promising(search, state):
+    """The next timed way among obstacles, the fastest first, until one of them leads on."""
+    ways = sorted(search.problem.guided, key=duration_of)
+    tried = len(state.of("timed way"))
+    if tried == len(ways) or (tried and search.over) or any(a.solved for a in refined(state)):
         return None
-    return NextStep(_nearest(state))
+    return NextStep(start=TrialStart(ways[tried], search.refiner.solver))
 
 
 def from_timed_way(search: MotionSearch, step: NextStep) -> MotionAnswer:
-    """Solve on the full mesh, near the best timed way."""
-    subject = step.answer
-    search.progress("no coarse answer is faster than the best path: solved from there")
-    best = min(search.problem.guided, key=duration_of)
-    refiner = _going_on(subject)
+    """Solve on the full mesh, near a timed way: farther off lies another way, or none."""
+    assert step.start is not None
+    way, refiner = step.start.guess, replace(search.refiner, history=[])
     meshes, barrier = [full_mesh(search)] * len(search.problem.names), SEARCH.timed_way_barrier
-    start: Any = best.guesses
+    start: Any = way.guesses
     if refiner.fitted is not None:  # dry friction rounded off at first
         smooth = coarse(search).solve(meshes, start, barrier=barrier)
         start = smooth if smooth.status.solved else start
     solution = refiner.solve(meshes, start, barrier=barrier)
-    return replace(_finer(subject, "timed way", solution, refiner), start=best.name)
+    search.progress(f"start {way.name}: {solution.duration:.4f} s, {solution.status}")
+    return _answer(search, "timed way", way.name, solution, refiner)
 
 
 def next_full_mesh(search: MotionSearch, state: SearchState) -> NextStep | None:
@@ -394,8 +393,6 @@ def next_full_mesh(search: MotionSearch, state: SearchState) -> NextStep | None:
     """
     answers = promising(search, state)
     done = refined(state)
-    if any(answer.solved for answer in state.of("timed way")):
-        return None
     if not answers or len(done) >= SEARCH.most_refined or (done and search.over):
         return None
     best = min((rank(search, answer.solution) for answer in done), default=(True, np.inf))
