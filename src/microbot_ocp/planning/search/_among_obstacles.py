@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import itertools
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
@@ -33,12 +33,12 @@ from microbot_ocp.motion import (
     samples_at,
 )
 from microbot_ocp.ocp.solution import StepProgress, quiet
-from microbot_ocp.planning.free import InitialGuess, guesses_along, known_ways, phase_names
+from microbot_ocp.planning.free import InitialGuess, guesses_along, known_ways, phase_names, polynomial
 from microbot_ocp.planning.path import LATER, PathTiming, check_path, time_path
 from microbot_ocp.planning.search._problem import FreeProblem
 from microbot_ocp.planning.search._result import NONE_WITHIN, motion_through, returned
 from microbot_ocp.planning.search._settings import TimeOptimalSettings, sparing
-from microbot_ocp.planning.search._strategies import search_of
+from microbot_ocp.planning.search._strategies import FROM_PATHS, best_of, search_of
 from microbot_ocp.planning.task import TaskScale, length_text, reach_of
 from microbot_ocp.planning.timing import PathTimingSettings, best_timing
 from microbot_ocp.robot import Robot
@@ -64,16 +64,14 @@ class AmongObstacles:
 
     Attributes
     ----------
-    most_guesses : timed paths that the search starts from
     different : share of the duration by which timed paths must differ to count as two
     near : of the arm's reach: pairs that come so near on a timed path are in the problem
     again : times that pairs may be put in
     samples : poses along a motion at which pairs are looked at
     """
 
-    most_guesses: int = 3
     different: float = 0.02
-    near: float = 0.1
+    near: float = 0.03
     again: int = 3
     samples: int = 200
 
@@ -276,23 +274,28 @@ def fastest_among(
     around = Surroundings(robot, scene)
     check_apart(around, via)
     legs = legs_between(around, via, settings, progress)
-    paths = timed_paths(around, legs, progress)
+    planned = time.perf_counter()
+    paths, search, proof = list[TimedPath](), None, None
+    for path in timed_paths(around, legs, progress):
+        paths.append(path)
+        search = _solved(family, via, scene, settings, progress, path)
+        proof = clearance(robot, search, scene) if search is not None and search.solved else None
+        if deadline.over() or (proof is not None and proof.proved):
+            break
     more: dict[str, Any] = {
         "scene": list(scene.names),
         "paths": [{"start": p.name, "duration": p.motion.duration} for p in paths],
-        "planning_time": time.perf_counter() - begin,
+        "planning_time": planned - begin,
     }
     if paths:
         more["first_certified"] = legs[0].certified - begin_processor
-    if not paths:
+        known = min(paths, key=lambda path: path.motion.duration)
+        found = at_least(known, search, proof)
+    else:
         names = ["start", *(f"via point {k}" for k in range(2, len(via))), "goal"]
         motion = _ignoring(family, via, settings)
         proof = clearance(robot, motion, scene)
         found = not_found(motion, nothing_found(legs, names), proof)
-    else:
-        search = _solved(family, via, scene, settings, progress, paths)
-        proof = clearance(robot, search, scene) if search is not None and search.solved else None
-        found = at_least(paths[0], search, proof)
     more["wall_time"] = time.perf_counter() - begin
     return replace(found, provenance={**found.provenance, **more})
 
@@ -383,22 +386,20 @@ def legs_between(
 
 def timed_paths(
     around: Surroundings, legs: Sequence[Leg], progress: StepProgress
-) -> list[TimedPath]:
-    """Different ways through via points with a timing that keeps all limits, fastest first.
+) -> Iterator[TimedPath]:
+    """Different ways through via points with a timing that keeps all limits, the fastest first.
 
-    At the time limit one alone.
+    In the order of what they take without limits of rates. At the time limit one alone.
     """
-    kept: list[TimedPath] = []
+    durations: list[float] = []
     for choice in sorted(choices_of(legs), key=lambda k: sum(leg.bound(k) for leg in legs)):
-        if kept and (deadline.over() or len(kept) == AMONG_OBSTACLES.most_guesses):
-            break
+        if durations and deadline.over():
+            return
         timed = _timed(around, legs, choice)
-        if timed is None:
-            continue
-        progress(f"path {timed.name}: {timed.motion.duration:.4f} s with its best timing")
-        if differs(timed.motion.duration, (path.motion.duration for path in kept)):
-            kept.append(timed)
-    return sorted(kept, key=lambda path: path.motion.duration)
+        if timed is not None and differs(timed.motion.duration, durations):
+            progress(f"path {timed.name}: {timed.motion.duration:.4f} s with its best timing")
+            durations.append(timed.motion.duration)
+            yield timed
 
 
 def _timed(around: Surroundings, legs: Sequence[Leg], choice: int) -> TimedPath | None:
@@ -444,21 +445,30 @@ def _solved(
     scene: Scene,
     settings: TimeOptimalSettings,
     progress: StepProgress,
-    paths: Sequence[TimedPath],
+    path: TimedPath,
 ) -> Motion | None:
-    """The fastest motion found from timed paths, with all pairs that matter in the problem.
+    """The fastest motion found from a timed path, with all pairs that matter in the problem.
 
     None where the time was over before the search began.
     """
     robot: Robot = family.robot
-    poses = [path.motion.sample(_evenly(path.motion)).q for path in paths]
-    pairs = facing(robot, scene.pairs(robot), np.concatenate(poses))
-    names = phase_names(len(via) - 1)
-    apart = np.array([_apart(robot, pairs, path.motion).min(axis=0) for path in paths])
-    near = apart.min(axis=0) < AMONG_OBSTACLES.near * reach_of(robot)
-    room = max(apart, key=min) - scene.clearance  # of the way that keeps farthest away
-    guesses = [InitialGuess(p.name, _along(names, p.motion, p.via_times)) for p in paths]
+    poses = path.motion.sample(_evenly(path.motion)).q
+    pairs = facing(robot, scene.pairs(robot), poses)
+    apart = clearances(robot, pairs, poses).min(axis=0)
+    within = AMONG_OBSTACLES.near * reach_of(robot)
+    near = apart < within
+    room = apart - scene.clearance
+    shape = PiecewisePolynomial(path.motion.t, pieces_of(path.motion))
+    guess = guesses_along(phase_names(len(via) - 1), shape, path.via_times)
     motion: Motion | None = None
+
+    def missed(shape: PiecewisePolynomial) -> np.ndarray:
+        """Which pairs come near that are not in the problem, where one of them comes too near."""
+        times = np.linspace(0.0, shape.duration, AMONG_OBSTACLES.samples)
+        apart = clearances(robot, pairs, shape(times)).min(axis=0)
+        come = ~near & (apart < within)
+        return come & (come & (apart < scene.clearance)).any()
+
     for _ in range(AMONG_OBSTACLES.again + 1):
         limit = scene.limit(
             robot,
@@ -470,29 +480,21 @@ def _solved(
         bounded = LimitFamily.of(robot.with_limits(also=also))
         try:
             with deadline.given_up():
-                problem = FreeProblem(bounded, via, settings, guided=tuple(guesses))
+                problem = FreeProblem(bounded, via, settings, timed_path=InitialGuess(path.name, guess))
                 search = search_of(problem, settings, progress)
         except deadline.Over:
             return motion
-        motion = motion_through(search)
-        if not motion.solved:
+        state = search.run(FROM_PATHS)  # is known before anything is refined
+        answer = best_of(search, state)
+        more = missed(polynomial(answer.solution)) & answer.solved
+        if not more.any():
+            motion = motion_through(search, state)
+            more = missed(PiecewisePolynomial(motion.t, pieces_of(motion))) & motion.solved
+        if not more.any():
             return motion
-        bounds = np.array([scene.clearance for _ in pairs])
-        missed = (_apart(robot, pairs, motion).min(axis=0) < bounds) & ~near
-        if not missed.any():
-            return motion
-        progress(f"{missed.sum()} more pairs come too near: solved again")
-        near |= missed
+        progress(f"{more.sum()} more pairs come too near: solved again")
+        near |= more
     return motion
-
-
-def _along(names: Sequence[str], motion: Motion, times: FloatArray) -> dict[str, Any]:
-    return guesses_along(names, PiecewisePolynomial(motion.t, pieces_of(motion)), times)
-
-
-def _apart(robot: Robot, pairs: Sequence[Pair], motion: Motion) -> FloatArray:
-    """Distances [N,k] of pairs along a motion, m, by the functions that solvers see."""
-    return clearances(robot, pairs, motion.sample(_evenly(motion)).q)
 
 
 def _evenly(motion: Motion) -> FloatArray:

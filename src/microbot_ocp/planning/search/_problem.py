@@ -72,7 +72,7 @@ class MotionProblem(Protocol):
     scale : TaskScale
     compares_starts : whether starts go on until they agree, not until there are no more
     slows_down : whether a motion that exceeds limits may be slowed down until it keeps them
-    guided : timed ways that it starts from, from which it is not far to the answer
+    timed_path : around obstacles, that the search starts from: it is not far to the answer
     """
 
     @property
@@ -90,7 +90,7 @@ class MotionProblem(Protocol):
     @property
     def slows_down(self) -> bool: ...
     @property
-    def guided(self) -> Sequence[InitialGuess]: ...
+    def timed_path(self) -> InitialGuess | None: ...
     @property
     def known(self) -> Slowed | None:
         """The fastest motion that needs no search."""
@@ -134,7 +134,7 @@ class FreeProblem:
     settings: TimeOptimalSettings
     given: Transcription | None = None  # kernels
     way: Slowed | None = None  # that needs no search
-    guided: tuple[InitialGuess, ...] = ()
+    timed_path: InitialGuess | None = None
     _drawn: list[InitialGuess] = field(default_factory=list)
     _excess: dict[Solution, list[FloatArray]] = field(default_factory=dict)
     _slowed: dict[Solution, Motion | None] = field(default_factory=dict)
@@ -152,12 +152,12 @@ class FreeProblem:
     @property
     def compares_starts(self) -> bool:
         """Not where it starts from timed ways."""
-        return not self.guided
+        return self.timed_path is None
 
     @property
     def slows_down(self) -> bool:
         """Not where a timed way is there for that."""
-        return not self.guided
+        return self.timed_path is None
 
     @property
     def fast(self) -> bool:

@@ -74,12 +74,12 @@ def fastest(
     return Fastest(search, state, answer, calmer, time.perf_counter() - begin)
 
 
-def motion_through(search: MotionSearch) -> Motion:
+def motion_through(search: MotionSearch, state: SearchState | None = None) -> Motion:
     """The fastest motion through via points, or what is known at least."""
     begin, problem = time.perf_counter(), search.problem
     assert isinstance(problem, FreeProblem)
     with sparing() if problem.slows_down else nullcontext():
-        found = fastest(search)
+        found = fastest(search, state)
         motion = motion_of_answer(found)
     solution = found.answer.solution
     if problem.slows_down and solution.status is not Status.INTERRUPTED:
@@ -140,7 +140,7 @@ def starts_of(state: SearchState, rested: float = 0.0) -> list[dict[str, Any]]:
             "status": str(answer.solution.status),
             "duration": answer.solution.duration + rested,
         }
-        for answer in state.of("start", "known way", "timed way")
+        for answer in state.of("start", "known way", "timed path")
         if answer.before is None or answer.strategy != "start"
     ]
 

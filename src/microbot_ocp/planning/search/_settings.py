@@ -32,7 +32,7 @@ class SearchSettings:
     most_refined : of the optima on the coarse mesh
     full_mesh : intervals a phase of the first full mesh where accelerations jump
     full_mesh_even : the same elsewhere
-    guided_mesh : the same at most where the search starts from timed ways among obstacles
+    guided_mesh : the same at most where the search starts from a timed path among obstacles
     guided_iterations : of a solve then; 20 to 60 are usual
     full_mesh_sum : intervals of all phases together where nobody says how many: 30 via points
         need no 3000
@@ -55,7 +55,7 @@ class SearchSettings:
         30 s each
     enough : share of the duration
     near_way_barrier : barrier parameter of a solve that stays near the way that it starts from
-    timed_way_barrier : the same from a timed way among obstacles, which keeps every limit: with
+    timed_path_barrier : the same from a timed path among obstacles, which keeps every limit: with
         1e-3 the solver leaves one of 1.068 s of a UR5 for an optimum of 2.568 s, with 1e-6 it
         comes to 0.974 s
     missed : of the way and the velocity, by which a motion may miss or jump at a via point
@@ -104,7 +104,7 @@ class SearchSettings:
     large: int = 5000
     enough: float = 5e-4
     near_way_barrier: float = 1e-3
-    timed_way_barrier: float = 1e-6
+    timed_path_barrier: float = 1e-6
     missed: float = 1e-7
     first_iterations: int = 100
     smoother: tuple[float, ...] = (1e4, 1e3, 1e2, 10.0, 1.0)

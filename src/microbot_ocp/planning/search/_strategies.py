@@ -66,7 +66,7 @@ def search_of(
     if deadline.over():  # they may not be compiled: made again the next time
         transcription.cache_clear()
     kernel_time = time.perf_counter() - begin
-    windows, guided = has_windows(problem.family), bool(problem.guided)
+    windows, guided = has_windows(problem.family), problem.timed_path is not None
     polishing = 0 if windows or len(problem.names) > SEARCH.most_polished else SEARCH.polishing
     refiner = Refiner(
         kernels,
@@ -153,7 +153,7 @@ def full_mesh(search: MotionSearch) -> int:
         return search.settings.mesh
     most = SEARCH.full_mesh if accelerations_jump(search.problem.family) else SEARCH.full_mesh_even
     most = max(min(most, SEARCH.full_mesh_sum // len(search.problem.names)), SEARCH.least_mesh)
-    return min(most, SEARCH.guided_mesh) if search.problem.guided else most
+    return min(most, SEARCH.guided_mesh) if search.problem.timed_path else most
 
 
 def coarse(search: MotionSearch) -> Refiner:
@@ -180,7 +180,7 @@ def next_start(search: MotionSearch, state: SearchState) -> NextStep | None:
     starts of their own.
     """
     tried, settings = state.of("start"), search.settings
-    if search.problem.guided or (tried and search.over):
+    if search.problem.timed_path or (tried and search.over):
         return None
     if not search.problem.compares_starts or len(tried) < settings.starts:
         return _fresh(search, state)
@@ -263,7 +263,7 @@ def _answer(
 def _nothing_solved(search: MotionSearch, state: SearchState, strategy: str) -> NextStep | None:
     if search.over or any(answer.solved for answer in state.answers) or state.of(strategy):
         return None
-    if search.problem.guided:  # motions within limits are known
+    if search.problem.timed_path:  # a motion within limits is known
         return None
     return NextStep(_nearest(state))
 
@@ -271,7 +271,7 @@ def _nothing_solved(search: MotionSearch, state: SearchState, strategy: str) -> 
 def _nearest(state: SearchState) -> MotionAnswer:
     """The start whose answer breaks constraints least."""
     return min(
-        state.of("start", "timed way"),
+        state.of("start", "timed path"),
         key=lambda a: (not a.solution.attempts, a.solution.attempts[-1].infeasibility),
     )
 
@@ -357,32 +357,26 @@ def _superseded(state: SearchState, answer: MotionAnswer) -> bool:
     return finer.solution.duration <= (1.0 + SEARCH.same) * answer.solution.duration
 
 
-def duration_of(guess: InitialGuess) -> float:
-    """What a guess takes, s."""
-    return sum(float(own.duration or 0.0) for own in guess.guesses.values())
-
-
-def next_timed_way(search: MotionSearch, state: SearchState) -> NextStep | None:
-    """The next timed way among obstacles, the fastest first, until one of them leads on."""
-    ways = sorted(search.problem.guided, key=duration_of)
-    tried = len(state.of("timed way"))
-    if tried == len(ways) or (tried and search.over) or any(a.solved for a in refined(state)):
+def next_timed_path(search: MotionSearch, state: SearchState) -> NextStep | None:
+    """The timed path among obstacles, once."""
+    path = search.problem.timed_path
+    if path is None or state.answers:
         return None
-    return NextStep(start=TrialStart(ways[tried], search.refiner.solver))
+    return NextStep(start=TrialStart(path, search.refiner.solver))
 
 
-def from_timed_way(search: MotionSearch, step: NextStep) -> MotionAnswer:
-    """Solve on the full mesh, near a timed way: farther off lies another way, or none."""
+def from_timed_path(search: MotionSearch, step: NextStep) -> MotionAnswer:
+    """Solve on the full mesh, near a timed path: farther off lies another way, or none."""
     assert step.start is not None
     way, refiner = step.start.guess, replace(search.refiner, history=[])
-    meshes, barrier = [full_mesh(search)] * len(search.problem.names), SEARCH.timed_way_barrier
+    meshes, barrier = [full_mesh(search)] * len(search.problem.names), SEARCH.timed_path_barrier
     start: Any = way.guesses
     if refiner.fitted is not None:  # dry friction rounded off at first
         smooth = coarse(search).solve(meshes, start, barrier=barrier)
         start = smooth if smooth.status.solved else start
     solution = refiner.solve(meshes, start, barrier=barrier)
     search.progress(f"start {way.name}: {solution.duration:.4f} s, {solution.status}")
-    return _answer(search, "timed way", way.name, solution, refiner)
+    return _answer(search, "timed path", way.name, solution, refiner)
 
 
 def next_full_mesh(search: MotionSearch, state: SearchState) -> NextStep | None:
@@ -570,12 +564,8 @@ def next_splitting(search: MotionSearch, state: SearchState) -> NextStep | None:
             chosen = smoothed_less
         if state.made_of(chosen, "splitting") is None:
             return NextStep(chosen)
-    least = min(map(duration_of, search.problem.guided), default=np.inf)
-    for way in state.of("timed way"):  # a finer mesh makes none faster by much
-        is_faster = way.solved and way.solution.duration < least
-        if is_faster and state.made_of(way, "splitting") is None:
-            return NextStep(way)
-    return None
+    answers = [a for a in state.of("timed path") if a.solved]
+    return next((NextStep(a) for a in answers if state.made_of(a, "splitting") is None), None)
 
 
 def split_where_exceeded(search: MotionSearch, step: NextStep) -> MotionAnswer:
@@ -668,6 +658,11 @@ def graded(phase: PhaseSolution, count: int) -> FloatArray:
     return mesh
 
 
+FROM_PATHS = (
+    MotionStrategy(
+        "timed path", next_timed_path, from_timed_path, "ways around obstacles that starts cut short"
+    ),
+)
 STRATEGIES = (
     MotionStrategy(
         "start", next_start, try_start, "local optima are several per cent apart", share=0.5
@@ -693,9 +688,7 @@ STRATEGIES = (
     MotionStrategy(
         "splitting", next_splitting, split_where_exceeded, "limits hold at mesh points only"
     ),
-    MotionStrategy(
-        "timed way", next_timed_way, from_timed_way, "ways around obstacles that starts cut short"
-    ),
+    *FROM_PATHS,
     MotionStrategy("full mesh", next_full_mesh, to_full_mesh, "a coarse mesh costs some per cent"),
     MotionStrategy(
         "last digits", next_last_digits, last_digits, "a gap to the optimum that is known"

@@ -146,7 +146,7 @@ class StopProblem:
 
     compares_starts = False  # every way through the branches is tried
     slows_down = False  # velocities and cycles at stops are given
-    guided: tuple[InitialGuess, ...] = ()
+    timed_path: InitialGuess | None = None
     known: Slowed | None = None
 
     @property
