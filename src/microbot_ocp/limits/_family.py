@@ -17,6 +17,7 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.codegen import compiles
 from microbot_ocp._base.fast_calls import deferred_call
 from microbot_ocp._base.relations import is_relation, reason_of
 from microbot_ocp.limits._finite_slopes import with_finite_slopes
@@ -228,11 +229,22 @@ class LimitFamily:
             given = self.robot.torques_along(*samples[:3], jerk) | given
         entries = {key: [given.get(key), self[key].lower, self[key].upper] for key in wanted}
         if computed := tuple(key for key in wanted if key not in given):
+            for key in computed:  # what knows its derivatives is compiled, part by part
+                if (parts := self._compiled_parts(key)) is not None:
+                    entries[key][0] = np.array(parts(samples.q.T)).T
+            computed = tuple(key for key in computed if entries[key][0] is None)
+        if computed:
             function, names, used = _function(self.robot, computed)
             arrays = deferred_call(function)(*(samples[k] for k in used))
             for (key, side), array in zip(names, _as_tuple(arrays), strict=True):
                 entries[key][side] = array
         return {key: LimitValues(*entry) for key, entry in entries.items()}
+
+    def _compiled_parts(self, key: str) -> ca.Function | None:
+        """A function of q for the values of a limit that brings the functions of its parts."""
+        limit = self[key].limit
+        functions = getattr(limit.expression, "derivatives", None) if limit else None
+        return functions(self.robot, compiles())[-1] if functions else None
 
     def use(
         self, samples: MotionSamples, keys: Iterable[str] | None = None

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
-import casadi as ca
 import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.codegen import compiles
 from microbot_ocp.limits import Limit
 from microbot_ocp.robot import Capsule, Robot, fit_capsules, link_capsules
 from microbot_ocp.scene._obstacles import KINDS, Obstacle
@@ -223,13 +223,5 @@ def clearances(robot: Robot, pairs: Sequence[Pair], q: FloatArray) -> FloatArray
     """Distances [N,k] of pairs in poses q [N,n], m, by the functions that solvers see."""
     chosen = tuple(pairs)
     poses = checks.array("q", q, (None, robot.joint_count), "rad")
-    values = _clearance_function(robot, chosen)(np.ascontiguousarray(poses.T))
+    values = Distances(chosen).derivatives(robot, compiles())[-1](np.ascontiguousarray(poses.T))
     return np.array(values).T - np.array([pair.capsule.radius for pair in chosen])
-
-
-@lru_cache(maxsize=64)
-def _clearance_function(robot: Robot, pairs: tuple[Pair, ...]) -> ca.Function:
-    q = ca.SX.sym("q", robot.joint_count)
-    still = ca.SX.zeros(robot.joint_count)
-    state = robot.motion_state(q, still, still, still)
-    return ca.Function("clearances", [q], [Distances(pairs)(state)])

@@ -33,7 +33,13 @@ from microbot_ocp.motion import (
     samples_at,
 )
 from microbot_ocp.ocp.solution import StepProgress, quiet
-from microbot_ocp.planning.free import InitialGuess, guesses_along, known_ways, phase_names, polynomial
+from microbot_ocp.planning.free import (
+    InitialGuess,
+    guesses_along,
+    known_ways,
+    phase_names,
+    polynomial,
+)
 from microbot_ocp.planning.path import LATER, PathTiming, check_path, time_path
 from microbot_ocp.planning.search._problem import FreeProblem
 from microbot_ocp.planning.search._result import NONE_WITHIN, motion_through, returned
@@ -46,7 +52,6 @@ from microbot_ocp.scene import (
     FIRST_SEARCHES,
     Clearance,
     Detour,
-    Pair,
     Scene,
     Surroundings,
     clearance,
@@ -459,7 +464,8 @@ def _solved(
     near = apart < within
     room = apart - scene.clearance
     shape = PiecewisePolynomial(path.motion.t, pieces_of(path.motion))
-    guess = guesses_along(phase_names(len(via) - 1), shape, path.via_times)
+    guesses = guesses_along(phase_names(len(via) - 1), shape, path.via_times)
+    start = InitialGuess(path.name, guesses)
     motion: Motion | None = None
 
     def missed(shape: PiecewisePolynomial) -> np.ndarray:
@@ -480,7 +486,7 @@ def _solved(
         bounded = LimitFamily.of(robot.with_limits(also=also))
         try:
             with deadline.given_up():
-                problem = FreeProblem(bounded, via, settings, timed_path=InitialGuess(path.name, guess))
+                problem = FreeProblem(bounded, via, settings, timed_path=start)
                 search = search_of(problem, settings, progress)
         except deadline.Over:
             return motion

@@ -24,7 +24,6 @@ from microbot_ocp.ocp.solution import StepProgress
 from microbot_ocp.planning.free import (
     JERK_WEIGHT,
     SMOOTHING,
-    InitialGuess,
     accelerations_jump,
     guesses_from,
     initial_guesses,
@@ -660,7 +659,10 @@ def graded(phase: PhaseSolution, count: int) -> FloatArray:
 
 FROM_PATHS = (
     MotionStrategy(
-        "timed path", next_timed_path, from_timed_path, "ways around obstacles that starts cut short"
+        "timed path",
+        next_timed_path,
+        from_timed_path,
+        "obstacles, which other starts run into",
     ),
 )
 STRATEGIES = (
