@@ -55,7 +55,6 @@ class PathConstraint:
     scale: FloatArray
     unit: str
     scaled: bool = True  # whether the scale was declared
-    interior_points: bool = True  # whether it holds there, too, not at the mesh points alone
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -365,12 +365,8 @@ class Phase:
         *,
         scale: ArrayLike | None = None,
         unit: str = "",
-        interior_points: bool = True,
     ) -> None:
         """Keep ``lower <= expression <= upper`` at the mesh points and the interior points.
-
-        Without ``interior_points`` at the mesh points alone: enough of what changes little from
-        one to the next.
 
         In the place of an expression with bounds there may be a relation: ``v <= 0.5``,
         ``x == y``, ``-1 <= (x <= 1)`` with these brackets, or some of them joined by
@@ -392,7 +388,6 @@ class Phase:
         2.0
         """
         limits = declared_limits(name, expression, lower, upper, scale, unit)
-        limits = [replace(limit, interior_points=interior_points) for limit in limits]
         self.constraints += self._owned(limits)
 
     def end_constraint(

@@ -531,16 +531,7 @@ def declare_limits(
         if member.limit is None or not member.varies:
             value = joint_values[key] if member.limit is None else expressions[key][0]
             scale = finite_scale(member.lower, member.upper)
-            phase.constraint(
-                member.name,
-                value,
-                member.lower,
-                member.upper,
-                scale=scale,
-                unit=unit,
-                # the distance of a pair costs as much as the torques, and there are dozens of them
-                interior_points=not knows_derivatives(member.limit),
-            )
+            phase.constraint(member.name, value, member.lower, member.upper, scale=scale, unit=unit)
             continue
         value, lower, upper = expressions[key]
         for side, sign, bound, size in (
