@@ -95,7 +95,16 @@ def _rows(path: Path) -> list[dict[str, Any]]:
 
 
 def _print(rows: list[dict[str, Any]]) -> None:
-    heads = ("arm", "period, ms", "re-plans", "median, ms", "95 %, ms", "worst, ms", "answers")
+    heads = (
+        "arm",
+        "period, ms",
+        "drives",
+        "re-plans",
+        "median, ms",
+        "95 %, ms",
+        "worst, ms",
+        "answers",
+    )
     print("| " + " | ".join(heads) + " |\n|" + len(heads) * "---|")
     for arm, period in dict.fromkeys((row["robot"], row["period"]) for row in rows):
         own = [row for row in rows if (row["robot"], row["period"]) == (arm, period)]
@@ -104,6 +113,7 @@ def _print(rows: list[dict[str, Any]]) -> None:
         cells = (
             arm,
             f"{1e3 * period:g}",
+            f"{len(own)}",
             f"{spent.size}",
             f"{np.median(spent):.0f}",
             f"{np.quantile(spent, 0.95):.0f}",

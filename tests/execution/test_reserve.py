@@ -52,6 +52,22 @@ def test_of_one_joint_the_answer_is_known():
     assert by_motion.reserve == pytest.approx(found.reserve, abs=0.006)
 
 
+def test_dry_friction_that_turns_over_is_no_reason_to_call_an_arm_lost():
+    """A simulation takes too many steps to its usual tolerance, which the bound does not ask."""
+    link = mo.Link(1.0, [0.5, 0.0, 0.0], 0.1 * np.eye(3), coulomb_friction=4.0)
+    robot = mo.Robot.from_dh(
+        [0.0], [0.0], [0.0], links=[link], limits=mo.Limits(tau_max=10.0), gravity=[0, 0, 0]
+    )
+    plants = mo.execution.differing_plants(robot, friction=0.3, count=0)
+    shape = mo.shortest_duration(robot, mo.quintic([[0.0], [1.0], [0.2]], [0.0, 1.0, 2.0]))
+    motion = mo.Motion.from_polynomial(robot, shape.polynomial, label="quintic")
+    loop = mo.ComputedTorque(kp=400.0)
+    found = mo.smallest_reserve(
+        robot, lambda reserve: motion, loop, plants, 0.05, sample_rate=500.0
+    )
+    assert found.solved, found.table()
+
+
 def test_no_reserve_keeps_what_the_controller_does_not(microbot):
     plants = mo.execution.differing_plants(microbot, mass=0.2, count=0)
     shape = mo.quintic(VIA_Q[[0, 2]], [0.0, 4.0])

@@ -23,6 +23,8 @@ from microbot_ocp.planning.free import within_limits
 from microbot_ocp.robot import Robot
 from microbot_ocp.simulation import Controller, track
 
+COARSEST = 1e-2  # tolerance that a simulation takes
+
 
 @dataclass(frozen=True)
 class Trial:
@@ -216,7 +218,8 @@ def smallest_reserve(
     limits : Limits, optional
         Of the plan, before a share is kept back; default the robot's own.
     accuracy : float
-        How near the least reserve it is told, as a share of the torque limits.
+        How near the least reserve it is told, as a share of the torque limits, and how exactly the
+        arms are simulated, as a share of the bound, where no ``tolerance`` is given.
     **loop
         ``sample_rate``, ``delay``, ``noise``, ``saturation``, ``step`` and so on, as of
         :func:`microbot_ocp.track`.
@@ -246,6 +249,8 @@ def smallest_reserve(
     checks.number("accuracy", accuracy, above=0.0, at_most=0.5)
     if not plants:
         raise InputError("plants must hold at least one robot")
+    # dry friction that turns over costs a finer one thousands of steps
+    loop = {"tolerance": min(accuracy * bound, COARSEST), **loop}
     plan = _planner(robot, task, limits)
     ideal = plan(0.0)
     motions: dict[float, Motion] = {0.0: ideal}
