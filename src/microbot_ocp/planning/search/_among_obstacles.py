@@ -1,10 +1,11 @@
 """Free time-optimal motions among obstacles.
 
 Ways around the obstacles come from planners of joint paths; each, with its best timing, is a motion
-that keeps every limit and is proved to keep clear, from which the search for the fastest motion
-starts. Only pairs that can come close are in the problem; one that was left out and is too near
-afterwards is put in, and the problem is solved again. What is returned is never slower than the
-best of the timed paths, and it is one of them where the search found nothing or the time was over.
+that keeps every limit and is proved to keep clear. The search for the fastest motion starts from
+one of them after another until one leads on. Only pairs that can come close are in the problem;
+where one that was left out comes too near it is put in, and the problem is solved again from the
+path. What is returned is never slower than the best of the timed paths, and it is one of them where
+the search found nothing or the time was over.
 """
 
 from __future__ import annotations
@@ -492,10 +493,12 @@ def _solved(
             return motion
         state = search.run(FROM_PATHS)  # is known before anything is refined
         answer = best_of(search, state)
-        more = missed(polynomial(answer.solution)) & answer.solved
+        more = missed(polynomial(answer.solution)) if answer.solved else np.zeros(len(pairs), bool)
         if not more.any():
             motion = motion_through(search, state)
-            more = missed(PiecewisePolynomial(motion.t, pieces_of(motion))) & motion.solved
+            if not motion.solved:
+                return motion
+            more = missed(PiecewisePolynomial(motion.t, pieces_of(motion)))
         if not more.any():
             return motion
         progress(f"{more.sum()} more pairs come too near: solved again")

@@ -151,12 +151,12 @@ class FreeProblem:
 
     @property
     def compares_starts(self) -> bool:
-        """Not where it starts from timed ways."""
+        """Not where it starts from a timed path."""
         return self.timed_path is None
 
     @property
     def slows_down(self) -> bool:
-        """Not where a timed way is there for that."""
+        """Not where a timed path is there for that."""
         return self.timed_path is None
 
     @property

@@ -175,8 +175,7 @@ def next_start(search: MotionSearch, state: SearchState) -> NextStep | None:
     """A fresh start while another is likely to lead elsewhere.
 
     Where the first starts do not agree they are compared on a mesh twice as fine, as are all that
-    follow: optima of a coarse mesh are not those of a fine one. Timed ways among obstacles are
-    starts of their own.
+    follow: optima of a coarse mesh are not those of a fine one. Among obstacles there are none.
     """
     tried, settings = state.of("start"), search.settings
     if search.problem.timed_path or (tried and search.over):
