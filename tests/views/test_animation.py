@@ -133,7 +133,7 @@ def test_a_film_of_a_cell_shows_obstacles_tubes_and_the_part_on_its_way(robot: m
     certificate = mo.certify(robot, motion)
     cell = Cell(robot, stops, segments, False, motion, certificate, scene)
     around = Cell(robot, stops[:2], None, True, motion, certificate, scene)
-    assert of_cell(around).place_names == ("pick", "place")  # not "pick again" over "pick"
+    assert of_cell(around).place_names == ("pick", "place")
     film = Film(of_cell(cell))
     frames: dict[float, np.ndarray] = {}
     wanted = {"post": (STYLE.obstacle, 0), "part": (STYLE.part, 1), "tube": (STYLE.tube, 2)}

@@ -26,7 +26,7 @@ from microbot_ocp._base.schema import (
     read_table,
     table_from,
 )
-from microbot_ocp._base.showing import view_for
+from microbot_ocp._base.showing import DrawnAxes, view_for
 from microbot_ocp._base.writing import made_folder, write_whole
 from microbot_ocp.certificate import Certificate, certify
 from microbot_ocp.motion import Motion
@@ -241,7 +241,7 @@ class Cell:
                 for number, point in enumerate(self.front.points[1:] if self.front else (), 2):
                     written.append(point.motion.save(target / f"motion_{number}.npz"))
             elif name == "figure":
-                written.append(self.motion.plot(self.robot).savefig(target / "motion.png"))
+                written.append(self.plot().savefig(target / "motion.png"))
                 if self.front is not None:
                     written.append(self.front.plot().savefig(target / "front.png"))
             elif name == "recording":
@@ -255,6 +255,10 @@ class Cell:
     def report(self, path: str | Path) -> Path:
         """Write one ``.html`` file to send: times, a film, curves, the certificate in words."""
         return view_for(self, "html_report")(self, path)
+
+    def plot(self) -> DrawnAxes:
+        """Position, velocity, torque and every limit at work, with rests and what is carried."""
+        return view_for(self, "plot")(self)
 
     def to_rerun(self, path: str | Path) -> Path:
         """Write a Rerun recording (``.rrd``) of the arm with stops, tool lines, parts and scene."""

@@ -14,14 +14,18 @@ from datetime import date
 from html import escape
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+import numpy as np
+
+from microbot_ocp._base.checks import InputError
 from microbot_ocp._base.table import Table
 from microbot_ocp._base.writing import write_whole
 from microbot_ocp.certificate import Certificate
 from microbot_ocp.motion import Motion
 from microbot_ocp.robot import Robot
 from microbot_ocp.tasks import Cell, Comparison
+from microbot_ocp.trajectories import cubic, quintic, shortest_duration
 from microbot_ocp.views.plots import figure_of
 from microbot_ocp.views.tables import comparison_table
 
@@ -46,6 +50,8 @@ STYLE = """
 body { font: 16px/1.5 system-ui, sans-serif; max-width: 62em; margin: 2em auto; padding: 0 1em }
 h1 { font-size: 1.5em } h2 { font-size: 1.15em; margin-top: 2em }
 img { max-width: 100%; background: #fff; border-radius: 6px }
+.figure { min-width: 44em } td:first-child { white-space: nowrap }
+@media (prefers-color-scheme: dark) { .figure { filter: invert(.92) hue-rotate(180deg) } }
 .wide { overflow-x: auto } footer { opacity: .7; font-size: .85em; margin-top: 3em }
 """
 
@@ -85,18 +91,56 @@ def cell_report(cell: Cell, path: str | Path) -> Path:
     """Write a cell as one HTML file: its time, parts an hour, stops, film, curves, certificate."""
     motion, robot = cell.motion, cell.robot
     said = [f"The arm {robot.name} takes {motion.duration:.3f} s for the task ({motion.status})."]
+    cycles = [motion.duration]
+    if motion.solved:  # else there is nothing to compare
+        try:
+            usual = _point_to_point(cell)
+        except InputError as problem:
+            said.append(f"Moves from stop to stop cannot be compared: {problem}.")
+        else:
+            cycles.append(usual.duration)
+            saved = 100.0 * (1.0 - motion.duration / usual.duration)
+            said.append(
+                f"Moves from stop to stop, each with the fastest {usual.shape} of every joint from "
+                f"rest to rest, take {usual.duration:.3f} s{', obstacles aside' * bool(cell.scene)}"
+                f": {abs(saved):.0f} % {'is saved' if saved >= 0.0 else 'less'}."
+            )
     if cell.task.cycle:
-        said.append(f"Repeated, that is {3600.0 / motion.duration:.0f} cycles an hour.")
-    stops = [[mark.name, f"{mark.time:.3f}"] for mark in motion.marks]
+        hourly = " instead of ".join(f"{3600.0 / duration:.0f}" for duration in cycles)
+        said.append(f"Repeated, that is {hourly} parts an hour.")
+    carried = [f"{load.mass:g}" for load in cell.task.payloads]
+    stops = [
+        [mark.name, f"{mark.time:.3f}", f"{dwell:g}", load]
+        for mark, dwell, load in zip(motion.marks, cell.task.dwells, [*carried, ""], strict=True)
+    ]
+    head = ["stop", "reached [s]", "rest [s]", "then carries [kg]"]
     film = _film(lambda to: cell.export(to, SETTINGS.rate))
     parts = [
         _words(said),
         _section("The motion", film),
-        _section("Stops", Table.of_text(["stop", "time [s]"], stops)._repr_html_()),
-        _section("Curves and limits", _figure(motion.plot(robot), "Curves over time")),
+        _section("Stops", Table.of_text(head, stops)._repr_html_()),
+        _section("Curves and limits", _figure(cell.plot(), "Curves over time")),
         _section("Is it true?", _verdicts([("certificate", cell.certificate.verdict)])),
     ]
     return _written(f"{robot.name}: a cell", parts, path)
+
+
+class _Usual(NamedTuple):
+    shape: str
+    duration: float
+
+
+def _point_to_point(cell: Cell) -> _Usual:
+    """Return how long the same stops take by moves from rest to rest, rests between included."""
+    task, motion = cell.task, cell.motion
+    smooth = task.family.jerk_matters
+    name, shape = ("quintic", quintic) if smooth else ("cubic", cubic)
+    times, arrives = float(task.dwells.sum()), [mark.time for mark in motion.marks]
+    for place, load in enumerate(task.payloads):
+        ends = motion.sample([arrives[place] + task.dwells[place], arrives[place + 1]]).q
+        if np.ptp(ends, axis=0).any():
+            times += shortest_duration(load.on(task.robot), shape(ends, [0.0, 1.0])).duration
+    return _Usual(name, times)
 
 
 def certificate_report(
@@ -118,7 +162,13 @@ def _words(sentences: Iterable[str]) -> str:
 
 
 def _section(title: str, body: str) -> str:
-    return f'<h2>{escape(title)}</h2>\n<div class="wide">{body}</div>' if body else ""
+    if not body:
+        return ""
+    name = escape(title)  # what scrolls is reached by the keyboard
+    return (
+        f'<h2>{name}</h2>\n<div class="wide" role="region" aria-label="{name}" tabindex="0">'
+        f"{body}</div>"
+    )
 
 
 def _verdicts(verdicts: Sequence[tuple[str, str]]) -> str:
@@ -133,7 +183,7 @@ def _verdicts(verdicts: Sequence[tuple[str, str]]) -> str:
 def _figure(axes: Any, text: str) -> str:
     stream = io.BytesIO()
     figure_of(axes).savefig(stream, format="png", dpi=SETTINGS.dots)
-    return _image("png", stream.getvalue(), text)
+    return _image("png", stream.getvalue(), text, "figure")
 
 
 def _film(write: Callable[[Path], object]) -> str:
@@ -143,9 +193,9 @@ def _film(write: Callable[[Path], object]) -> str:
         return _image("gif", path.read_bytes(), "The arm as it moves")
 
 
-def _image(kind: str, data: bytes, text: str) -> str:
+def _image(kind: str, data: bytes, text: str, look: str = "film") -> str:
     source = base64.b64encode(data).decode("ascii")
-    return f'<img alt="{escape(text)}" src="data:image/{kind};base64,{source}">'
+    return f'<img class="{look}" alt="{escape(text)}" src="data:image/{kind};base64,{source}">'
 
 
 def _written(title: str, parts: Iterable[str], path: str | Path) -> Path:

@@ -20,7 +20,7 @@ VIEWS = {  # public name of the class: kind of view = face or module of this fol
     "certificate.Certificate": "table=tables._results:certificate "
     "html_report=_html_report:certificate_report",
     "tasks.Front": "plot=plots:front",
-    "tasks.Cell": "rerun=recording:of_cell animation=animation:animate_cell "
+    "tasks.Cell": "plot=plots:cell rerun=recording:of_cell animation=animation:animate_cell "
     "html_report=_html_report:cell_report",
     "tasks.Comparison": "table=tables:comparison_table json=tables:write_json "
     "csv=tables:write_csv plot=plots:comparison paths=plots:paths report=plots:report "

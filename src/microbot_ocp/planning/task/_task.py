@@ -357,7 +357,7 @@ def task_of(
     if not least <= len(given) <= TASK_SIZES.stops:
         raise InputError(f"a task must have {least} to {TASK_SIZES.stops} stops, not {len(given)}")
     if cycle:
-        given.append(replace(given[0], name=f"{given[0].name} again"))
+        given.append(given[0])
     kinds = list(segments) if segments is not None else [None] * (len(given) - 1)
     if len(kinds) != len(given) - 1:
         raise InputError(

@@ -4,7 +4,12 @@ from ._comparison import comparison as comparison, front as front
 from ._curve import Curve as Curve
 from ._curves import curves as curves
 from ._limits import limit_use as limit_use, saturation as saturation
-from ._motion import motion as motion, simulation as simulation, tracking as tracking
+from ._motion import (
+    cell as cell,
+    motion as motion,
+    simulation as simulation,
+    tracking as tracking,
+)
 from ._page import (
     AxesGrid as AxesGrid,
     figure_of as figure_of,

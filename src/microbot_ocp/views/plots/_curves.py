@@ -20,6 +20,7 @@ from microbot_ocp.views._style import STYLE, look
 from microbot_ocp.views.plots._curve import NAMES, Curve
 from microbot_ocp.views.plots._page import AxesGrid, Page, axes_page, halo, styled
 
+PASSED = "via point passed"
 OWN_LIMIT: dict[str, Any] = {"linestyle": ":", "linewidth": 1.2}  # of one curve
 CORNER: Any = {"xy": (1.0, 1.0), "xycoords": "axes fraction", "textcoords": "offset points"}
 
@@ -278,7 +279,7 @@ def _handles(curves: Sequence[Curve], marked: bool, page: Page) -> list[Any]:
     if "_via" in drawn or marked:
         color = "black" if marked else "0.35"
         dot: dict[str, Any] = {"marker": "o", "color": color, "linestyle": "none"}
-        handles.append(Line2D([], [], label="via point passed", **dot))
+        handles.append(Line2D([], [], label=PASSED, **dot))
     if "_limit" in drawn:
         handles.append(limit_handle())
         handles.append(Patch(label="beyond a limit", **STYLE.beyond_limit))

@@ -10,12 +10,17 @@ import numpy as np
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import InputError
 from microbot_ocp._base.showing import GivenAxes
+from microbot_ocp.limits import limit_history
 from microbot_ocp.motion import Motion
 from microbot_ocp.robot import JointLimits, Limits, Robot
 from microbot_ocp.simulation import Simulation, Tracking
+from microbot_ocp.tasks import Cell
+from microbot_ocp.views._style import STYLE
 from microbot_ocp.views.plots._curve import Curve
-from microbot_ocp.views.plots._curves import curves
-from microbot_ocp.views.plots._page import AxesGrid
+from microbot_ocp.views.plots._curves import PASSED, curves
+from microbot_ocp.views.plots._page import AxesGrid, halo
+
+AT_WORK = 0.99  # of a limit: it is drawn
 
 
 def motion(
@@ -68,6 +73,48 @@ def motion(
         limits=robot.limits,
         title=f"{robot.name}: {every[0].label}" if len(every) == 1 else robot.name,
     )
+
+
+def cell(cell: Cell) -> AxesGrid:
+    """Draw a motion through stops: every limit at work, rests, what is carried.
+
+    Parameters
+    ----------
+    cell : Cell
+
+    Returns
+    -------
+    AxesGrid [quantities, joints]
+        Position, velocity and torque, and whatever else is at its limit at some time, such as
+        accelerations or torque rates. Where the arm rests is grey, where it carries something a
+        stripe stands at the foot, with the mass in the first one.
+    """
+    robot, motion_, task = cell.robot, cell.motion, cell.task
+    use = limit_history(robot, motion_).use
+    plain = ("q", "qd", "qdd", "tau", "taud", "qddd")
+    busy = [key for key in use if use[key].max(initial=0.0) >= AT_WORK and use[key].shape[1] > 0]
+    keys = [key for key in plain if key in ("q", "qd", "tau") or key in busy]
+    keys += [key for key in busy if key not in plain and use[key].shape[1] == 1]
+    page = motion(robot, motion_, quantities=keys)
+    arrives = np.array([mark.time for mark in motion_.marks])
+    leaves = arrives + task.dwells
+    for panel in page.flat:
+        for start, end in zip(arrives, leaves, strict=True):
+            panel.axvspan(start, end, color="0.5", alpha=0.15, linewidth=0, label="_rest")
+        for start, end, load in zip(leaves, arrives[1:], task.payloads, strict=False):
+            if load.mass:
+                color = np.array(STYLE.part[:3]) / 255
+                panel.axvspan(start, end, 0.0, 0.035, color=color, linewidth=0, label="_load")
+                if panel is page.flat[0]:
+                    note = {"fontsize": STYLE.small, "ha": "center", "va": "bottom"}
+                    place, over = (start + end) / 2, panel.get_xaxis_transform()
+                    text = f"{load.mass:g} kg"
+                    panel.text(place, 0.045, text, transform=over, path_effects=halo(), **note)
+    (legend,) = page.figure.legends
+    for text in legend.get_texts():
+        if text.get_text() == PASSED:
+            text.set_text("stop")
+    return page
 
 
 def simulation(
