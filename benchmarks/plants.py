@@ -23,6 +23,7 @@ import numpy as np
 
 import microbot_ocp as mo
 from benchmarks.mujoco_arms import mjcf, with_small_bodies
+from benchmarks.scenes import read
 from microbot_ocp.planning import tool_poses
 from microbot_ocp.robot import COULOMB_SMOOTHING
 
@@ -78,7 +79,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--table", type=Path, help="print the table of such a file, and no more")
     options = parser.parse_args(arguments)
     if options.table is not None:
-        _print(_rows(options.table))
+        _print(read(options.table))
         return
     robot = with_small_bodies(mo.load_robot(options.robot)).with_payload(options.payload)
     draw = np.random.default_rng(options.seed)
@@ -93,7 +94,7 @@ def main(arguments: list[str] | None = None) -> None:
     stated = next(t.saturated for t in reserve.trials if t.reserve == reserve.reserve)
     plants = mo.execution.differing_plants(robot, **box, count=options.count, seed=options.seed + 1)
     task = {key: getattr(options, key) for key in TASK}
-    rows = _rows(options.out) if options.out and options.out.exists() else []
+    rows = read(options.out)
     rows = [row for row in rows if {key: row[key] for key in task} == task]
     for plant in plants[len(rows) :]:
         row: dict[str, Any] = {**task, "reserve": reserve.reserve, "stated": stated}
@@ -105,10 +106,6 @@ def main(arguments: list[str] | None = None) -> None:
             with options.out.open("a") as file:
                 file.write(json.dumps(row) + "\n")
     _print(rows)
-
-
-def _rows(path: Path) -> list[dict[str, Any]]:
-    return [json.loads(line) for line in path.read_text().splitlines()]
 
 
 def _print(rows: list[dict[str, Any]]) -> None:

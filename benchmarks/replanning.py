@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 
 import microbot_ocp as mo
+from benchmarks.scenes import read
 
 TASK = ("robot", "period", "moved", "reserve", "mesh", "seed")  # what a line is of
 KEPT, LATE = "in time", "late"
@@ -42,7 +43,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--table", type=Path, help="print the table of such a file, and no more")
     options = parser.parse_args(arguments)
     if options.table is not None:
-        _print(_rows(options.table))
+        _print(read(options.table))
         return
     robot = mo.load_robot(options.robot)
     low = np.maximum(robot.limits.q_min, -1.5) + options.moved
@@ -51,7 +52,7 @@ def main(arguments: list[str] | None = None) -> None:
     solver = mo.TimeOptimalSolver(robot, first, mesh=options.mesh)
     solver(via_q=solver.via_q)  # kernels are made once
     task = {key: getattr(options, key) for key in TASK}
-    rows = _rows(options.out) if options.out and options.out.exists() else []
+    rows = read(options.out)
     rows = [row for row in rows if {key: row[key] for key in TASK} == task]
     while sum(len(row["spent"]) for row in rows) < options.count:
         draw = np.random.default_rng([options.seed, len(rows)])
@@ -88,10 +89,6 @@ def _driven(
         if answer is not None and outcome == KEPT:
             motion, at, goal = answer, 0.0, moved
     return spent, outcomes
-
-
-def _rows(path: Path) -> list[dict[str, Any]]:
-    return [json.loads(line) for line in path.read_text().splitlines()]
 
 
 def _print(rows: list[dict[str, Any]]) -> None:
