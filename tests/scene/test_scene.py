@@ -12,7 +12,7 @@ from microbot_ocp import InputError
 from microbot_ocp._base.deadline import processor_time
 from microbot_ocp._base.outcome import Outcome
 from microbot_ocp.planning import (
-    TimedPath,
+    ProvedPath,
     legs_between,
     parts_of,
     reach_of,
@@ -240,7 +240,7 @@ def test_a_motion_goes_around_and_is_certified(around: mo.Motion) -> None:
 
 def test_an_optimum_slower_than_the_timed_path_ends_the_search(around: mo.Motion) -> None:
     """It exceeds limits between its mesh points, and a finer mesh makes it no faster."""
-    known = TimedPath("path", around, mo.clearance(ARM, around, POST))
+    known = ProvedPath("path", around, mo.clearance(ARM, around, POST))
     exceeded = Outcome.of(mo.Status.LIMITS_EXCEEDED)
     for times, status in ((1.5, mo.Status.SOLVED), (0.5, mo.Status.FAILED)):
         scaled = mo.Motion.from_polynomial(

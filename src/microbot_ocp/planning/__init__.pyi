@@ -17,7 +17,7 @@ from .path import (
 from .search import (
     Part as Part,
     Place as Place,
-    TimedPath as TimedPath,
+    ProvedPath as ProvedPath,
     TimeOptimalSettings as TimeOptimalSettings,
     TimeOptimalSolver as TimeOptimalSolver,
     fastest_motion as fastest_motion,

@@ -1,7 +1,7 @@
 """Public names; loaded when they are first asked for."""
 
 from ._among_obstacles import (
-    TimedPath as TimedPath,
+    ProvedPath as ProvedPath,
     legs_between as legs_between,
     timed_paths as timed_paths,
 )

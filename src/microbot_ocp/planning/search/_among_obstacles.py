@@ -1,11 +1,11 @@
 """Free time-optimal motions among obstacles.
 
-Ways around the obstacles come from planners of joint paths; each, with its best timing, is a motion
-that keeps every limit and is proved to keep clear. The search for the fastest motion starts from
-one of them after another until one leads on. Only pairs that can come close are in the problem;
-where one that was left out comes too near it is put in, and the problem is solved again from the
-path. What is returned is never slower than the best of the timed paths, and it is one of them where
-the search found nothing or the time was over.
+Ways around the obstacles come from planners of joint paths; each, with a timing that keeps every
+limit, is a motion that is proved to keep clear. The search for the fastest motion starts from one
+of them after another, timed by reachability, until one leads on. Only pairs that can come close are
+in the problem; where one that was left out comes too near it is put in, and the problem is solved
+again from the path. What is returned is never slower than the best of the timed paths, and it is
+one of them where the search found nothing or the time was over.
 """
 
 from __future__ import annotations
@@ -88,25 +88,29 @@ NOTHING_FASTER = "the search found nothing faster"
 
 @dataclass(frozen=True, eq=False)
 class TimedPath:
-    """A path around the obstacles with a timing that keeps all limits.
+    """A path around the obstacles with a timing.
 
     Attributes
     ----------
     name : str
     motion : Motion
         Marked where it passes the via points.
-    clearance : Clearance
-        Proved.
     """
 
     name: str
     motion: Motion
-    clearance: Clearance
 
     @property
     def via_times(self) -> FloatArray:
         """When it passes the via points [m], s."""
         return np.array([mark.time for mark in self.motion.marks])
+
+
+@dataclass(frozen=True, eq=False)
+class ProvedPath(TimedPath):
+    """One with a timing that keeps all limits, and the proof that it keeps clear."""
+
+    clearance: Clearance
 
 
 class Leg:
@@ -167,6 +171,11 @@ class Leg:
         """What a way takes without limits of rates and others that reachability cannot keep, s."""
         reached = self._reach(choice)
         return np.inf if reached is None else reached.duration
+
+    def guess(self, choice: int) -> Motion | None:
+        """What a search starts from: a way as fast as the limits that reachability keeps allow."""
+        timing = self._reach(choice)
+        return self.motion(choice) if timing is None else timing.motion("timed path")
 
     def motion(self, choice: int) -> Motion | None:
         """A way with its best timing that keeps all limits; None where none is found in time."""
@@ -281,21 +290,26 @@ def fastest_among(
     check_apart(around, via)
     legs = legs_between(around, via, settings, progress)
     planned = time.perf_counter()
-    paths, search, proof = list[TimedPath](), None, None
-    for path in timed_paths(around, legs, progress):
-        paths.append(path)
-        search = _solved(family, via, scene, settings, progress, path)
+    starts, search, proof = list[TimedPath](), None, None
+    for start in starts_of(legs):
+        starts.append(start)
+        progress(f"{start.name}: {start.motion.duration:.4f} s by reachability")
+        search = _solved(family, via, scene, settings, progress, start)
         proof = clearance(robot, search, scene) if search is not None and search.solved else None
         if deadline.over() or (proof is not None and proof.proved):
             break
+    is_clear = search is not None and proof is not None and proof.proved
+    # whether one of the paths is faster is asked where its bound allows it
+    below = search.duration if search is not None and is_clear else np.inf
+    paths = list(timed_paths(around, legs, progress, below=below))
     more: dict[str, Any] = {
         "scene": list(scene.names),
-        "paths": [{"start": p.name, "duration": p.motion.duration} for p in paths],
+        "paths": [{"start": p.name, "duration": p.motion.duration} for p in starts],
         "planning_time": planned - begin,
     }
-    if paths:
+    if paths or is_clear:
         more["first_certified"] = legs[0].certified - begin_processor
-        known = min(paths, key=lambda path: path.motion.duration)
+        known = min(paths, key=lambda path: path.motion.duration, default=None)
         found = at_least(known, search, proof)
     else:
         names = ["start", *(f"via point {k}" for k in range(2, len(via))), "goal"]
@@ -306,15 +320,20 @@ def fastest_among(
     return replace(found, provenance={**found.provenance, **more})
 
 
-def at_least(known: TimedPath, found: Motion | None, proof: Clearance | None) -> Motion:
-    """What a search found; a timed path where that is not solved, not proved clear or slower."""
+def at_least(known: ProvedPath | None, found: Motion | None, proof: Clearance | None) -> Motion:
+    """What a search found; a timed path where that is not solved, not proved clear or slower.
+
+    What is solved and proved needs no path beside it that it is known to be faster than.
+    """
     outcome = Outcome.of(Status.TIME_LIMIT)
     if found is not None:
         outcome = found.outcome
-        faster = found.duration < known.motion.duration or "least_effort" in found.provenance
+        faster = known is None or found.duration < known.motion.duration
+        faster = faster or "least_effort" in found.provenance
         if proof is not None and proof.proved and (faster or not found.solved):
             told = {**found.provenance, "clearance": as_plain(proof)}
             return replace(found, provenance=told)
+    assert known is not None
     slower = found is not None and found.duration >= known.motion.duration
     if slower and outcome.status is Status.LIMITS_EXCEEDED:  # even with limits at mesh points only
         outcome = Outcome.of(Status.SOLVED, NOTHING_FASTER)
@@ -390,39 +409,55 @@ def legs_between(
     return legs
 
 
+def starts_of(legs: Sequence[Leg]) -> Iterator[TimedPath]:
+    """Different ways through via points for a search to start from, the fastest first."""
+    durations: list[float] = []
+    for choice in _by_bound(legs):
+        motions = [leg.guess(choice) for leg in legs]
+        path = _joined(legs, choice, [motion for motion in motions if motion is not None])
+        if path is not None and differs(path.motion.duration, durations):
+            durations.append(path.motion.duration)
+            yield path
+
+
 def timed_paths(
-    around: Surroundings, legs: Sequence[Leg], progress: StepProgress
-) -> Iterator[TimedPath]:
+    around: Surroundings, legs: Sequence[Leg], progress: StepProgress, below: float = np.inf
+) -> Iterator[ProvedPath]:
     """Different ways through via points with a timing that keeps all limits, the fastest first.
 
-    In the order of what they take without limits of rates. At the time limit one alone.
+    In the order of what they take without limits of rates: those that may take less than ``below``,
+    s. At the time limit one alone.
     """
     durations: list[float] = []
-    for choice in sorted(choices_of(legs), key=lambda k: sum(leg.bound(k) for leg in legs)):
-        if durations and deadline.over():
+    for choice in _by_bound(legs):
+        if (durations and deadline.over()) or sum(leg.bound(choice) for leg in legs) >= below:
             return
-        timed = _timed(around, legs, choice)
+        timed = _proved(around, legs, choice, [leg.motion(choice) for leg in legs])
         if timed is not None and differs(timed.motion.duration, durations):
             progress(f"path {timed.name}: {timed.motion.duration:.4f} s with its best timing")
             durations.append(timed.motion.duration)
             yield timed
 
 
-def _timed(around: Surroundings, legs: Sequence[Leg], choice: int) -> TimedPath | None:
-    """A way with its best timing; None where none is found in time."""
-    motions = []
-    for leg in legs:
-        motions.append(leg.motion(choice))
-        if motions[-1] is None:
-            return None
-    return _proved(around, legs, choice, motions)
+def _by_bound(legs: Sequence[Leg]) -> list[int]:
+    return sorted(choices_of(legs), key=lambda choice: sum(leg.bound(choice) for leg in legs))
 
 
 def _proved(
     around: Surroundings, legs: Sequence[Leg], choice: int, timed: Sequence[Motion | None]
-) -> TimedPath | None:
+) -> ProvedPath | None:
     """A way with a timing of each leg, at rest at every via point; None where it may touch."""
-    robot, motions = around.robot, [motion for motion in timed if motion is not None]
+    path = _joined(legs, choice, [motion for motion in timed if motion is not None])
+    proof = None if path is None else clearance(around.robot, path.motion, around.scene)
+    if path is None or proof is None or not proof.proved:
+        return None
+    for leg in legs:
+        leg.certified = min(leg.certified, deadline.processor_time())
+    return ProvedPath(path.name, path.motion, proof)
+
+
+def _joined(legs: Sequence[Leg], choice: int, motions: Sequence[Motion]) -> TimedPath | None:
+    """The motions of all legs, one after another; None where one of them is missing."""
     if len(motions) < len(legs):
         return None
     names = [leg.ways[min(choice, len(leg.ways) - 1)].name for leg in legs]
@@ -435,14 +470,10 @@ def _proved(
             np.concatenate([np.zeros(1), *later]), np.concatenate([pieces_of(m) for m in motions])
         )
         how = motions[0].provenance
+        robot = legs[0].around.robot
         whole = Motion.from_polynomial(robot, shape, label="timed path", provenance=how)
     marks = tuple(Mark(float(t), f"via {i + 1}") for i, t in enumerate(times))
-    proof = clearance(robot, whole, around.scene)
-    if not proof.proved:
-        return None
-    for leg in legs:
-        leg.certified = min(leg.certified, deadline.processor_time())
-    return TimedPath("path " + ", ".join(names), replace(whole, marks=marks), proof)
+    return TimedPath("path " + ", ".join(names), replace(whole, marks=marks))
 
 
 def _solved(

@@ -24,7 +24,7 @@ from microbot_ocp.planning.free import excess_along, phase_names
 from microbot_ocp.planning.search._among_obstacles import (
     AMONG_OBSTACLES,
     Leg,
-    TimedPath,
+    ProvedPath,
     as_plain,
     at_least,
     choices_of,
@@ -192,7 +192,7 @@ class _Among:
         self._search: StopSearch | None = None
 
     @cached_property
-    def _known(self) -> TimedPath | None:
+    def _known(self) -> ProvedPath | None:
         """The fastest way that rests at every stop, keeps all limits and is proved to keep clear;
         None where there is none.
         """
@@ -207,7 +207,7 @@ class _Among:
             motion = _joined(task, guide.way, shapes)
             proof = clearance_along(places_along(task, motion, self._scene), motion)
             if proof.proved:
-                return TimedPath(guide.name, motion, proof)
+                return ProvedPath(guide.name, motion, proof)
         return None
 
     @cached_property
@@ -266,7 +266,7 @@ class _Among:
         return judged, made[1]
 
     def _found(
-        self, ask: Callable[[StopSearch], Made], known: TimedPath | None
+        self, ask: Callable[[StopSearch], Made], known: ProvedPath | None
     ) -> tuple[Made, list[Clearance | None]]:
         """The motions that a search is asked for, with the proofs of those that are solved."""
         task, scene, around, progress = self.task, self._scene, self._around, self._given[1]

@@ -367,12 +367,13 @@ def from_timed_path(search: MotionSearch, step: NextStep) -> MotionAnswer:
     """Solve on the full mesh, near a timed path: farther off lies another way, or none."""
     assert step.start is not None
     way, refiner = step.start.guess, replace(search.refiner, history=[])
-    meshes, barrier = [full_mesh(search)] * len(search.problem.names), SEARCH.timed_path_barrier
+    meshes = [full_mesh(search)] * len(search.problem.names)
+    near: Any = {"barrier": SEARCH.timed_path_barrier, "tolerance": SEARCH.timed_path_tolerance}
     start: Any = way.guesses
     if refiner.fitted is not None:  # dry friction rounded off at first
-        smooth = coarse(search).solve(meshes, start, barrier=barrier)
+        smooth = coarse(search).solve(meshes, start, **near)
         start = smooth if smooth.status.solved else start
-    solution = refiner.solve(meshes, start, barrier=barrier)
+    solution = refiner.solve(meshes, start, **near)
     search.progress(f"start {way.name}: {solution.duration:.4f} s, {solution.status}")
     return _answer(search, "timed path", way.name, solution, refiner)
 

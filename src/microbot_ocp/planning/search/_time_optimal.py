@@ -90,8 +90,7 @@ def time_optimal(
         with ``slack``.
     scene : Scene, optional
         Obstacles that the arm keeps clear of, its links among each other besides; needs the extra
-        ``cell``. The provenance holds the proved clearance and the timed paths that it started
-        from.
+        ``cell``. The provenance holds the proved clearance and the paths that it started from.
     settings : TimeOptimalSettings, optional
         Single settings may be given as keywords instead: ``mesh``, ``starts``, ``tries``,
         ``slack``, ``limit_tolerance``, ``switching_times``, ``solver``, ``compiled``, ``seed``,
