@@ -73,7 +73,7 @@ def test_no_stop_is_where_the_arm_cannot_hold_itself():
     [
         ((2.5, 0.5), "at must be before the motion ends"),
         ((1.0, 1.5), "speed must be"),
-        ((1.0, 0.0, 0.0), "both 0"),
+        ((1.0, 0.0, 0.0), "it goes on resting"),
     ],
 )
 def test_what_is_no_override_is_refused(rail, arguments, told):
@@ -82,3 +82,50 @@ def test_what_is_no_override_is_refused(rail, arguments, told):
     more = {"current": current[0]} if current else {}
     with pytest.raises(mo.InputError, match=told):
         mo.execution.overridden(rail, motion, at, speed, **more)
+
+
+@pytest.mark.parametrize(
+    ("slower", "limits"),
+    [
+        pytest.param(1.3, {"taud_max": 30.0}, id="torque rate"),
+        pytest.param(1.3, {"qddd_max": 15.0}, id="jerk"),
+        pytest.param(1.0, {"also": [mo.limits.power(upper=6.0)]}, id="power"),
+        pytest.param(1.0, {"also": [mo.limits.tool_acceleration(2.0)]}, id="tool acceleration"),
+        pytest.param(1.0, {"also": [mo.limits.tool_speed(1.2)]}, id="tool speed"),
+    ],
+)
+def test_limits_that_are_no_half_planes_are_kept_as_well(rail, slower, limits):
+    robot = rail.with_limits(**limits)
+    via_q = [[0.0], [1.6]]
+    fastest = mo.shortest_duration(robot, mo.quintic(via_q, [0.0, 2.5])).duration
+    shape = mo.quintic(via_q, [0.0, slower * fastest])
+    motion = mo.Motion.from_polynomial(robot, shape, label="quintic")
+    at = 0.5 * motion.duration  # at its top speed, which the last limit bounds
+    stop = mo.execution.overridden(robot, motion, at, 0.0, compiled=False)
+    half = mo.execution.overridden(robot, motion, 0.3 * motion.duration, 0.5, compiled=False)
+    rest = stop.provenance["at"]
+    on = mo.execution.overridden(robot, motion, rest, 1.0, current=0.0, compiled=False)
+    for other, begin, share in (
+        (stop, at, 1.0),
+        (half, 0.3 * motion.duration, 1.0),
+        (on, rest, 0.0),
+    ):
+        certificate = mo.certify(robot, other)
+        assert other.solved
+        assert certificate.ok, certificate.verdict
+        state = motion.sample([begin])
+        np.testing.assert_allclose(other.q[0], state.q[0], atol=1e-9)
+        np.testing.assert_allclose(other.qd[0], share * state.qd[0], atol=1e-9)
+    assert stop.q[-1, 0] == pytest.approx(motion.sample([rest]).q[0, 0], abs=1e-9)
+    assert abs(stop.qd[-1, 0]) < 1e-9
+    assert stop.duration < 0.75 * motion.duration
+    after = half.sample([half.provenance["changed_at"] + 1e-6])
+    planned = np.interp(after.q[0, 0], motion.q[:, 0], motion.qd[:, 0])
+    assert after.qd[0, 0] == pytest.approx(0.5 * planned, rel=1e-3)
+    assert on.q[-1, 0] == pytest.approx(1.6, abs=1e-9)
+
+
+def test_a_motion_that_exceeds_such_a_limit_itself_is_refused(rail):
+    motion = mo.Motion.from_polynomial(rail, mo.cubic([[0.0], [1.6]], [0.0, 2.5]), label="cubic")
+    with pytest.raises(mo.InputError, match=r"but its jerk of .* where the acceleration jumps"):
+        mo.execution.overridden(rail, motion, 1.0, 0.5, limits=mo.Limits(qddd_max=20.0))

@@ -58,6 +58,15 @@ class LimitCheck:
         """Such as "torque of elbow" or "tool speed"."""
         return f"{self.name} of {self.joint}" if self.joint else self.name
 
+    @property
+    def excess(self) -> str:
+        """What is beyond the limit, where and by how much."""
+        return (
+            f"{self.title} is {self.value:.5g} {self.unit} at {self.time:.4g} s"
+            + (", where the acceleration jumps" if self.jump else "")
+            + f", {100 * self.violation:.3g} % beyond its limit of {self.limit:.5g} {self.unit}"
+        )
+
 
 @dataclass(frozen=True)
 class ViaCheck:

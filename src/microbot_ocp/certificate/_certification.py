@@ -457,14 +457,9 @@ def _agrees(again: Resimulation, tolerances: Tolerances) -> Check:
 
 
 def _limit_kept(check: LimitCheck, tolerance: float) -> Check:
-    problem = (
-        f"{check.title} is {check.value:.5g} {check.unit} at {check.time:.4g} s"
-        + (", where the acceleration jumps" if check.jump else "")
-        + f", {100 * check.violation:.3g} % beyond its limit of {check.limit:.5g} {check.unit}"
-    )
     passed = not check.violation > tolerance
     where = check.joint, check.time, check.value, check.limit, check.unit
-    return Check(check.name, passed, problem, *where)
+    return Check(check.name, passed, check.excess, *where)
 
 
 def _via_passed(via: ViaCheck, tolerance: float) -> Check:

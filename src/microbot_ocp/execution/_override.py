@@ -1,32 +1,52 @@
-"""Speed override and stop on the path: a motion under way, slowed down within its torques.
+"""Speed override and stop on the path: a motion under way, slowed down within its limits.
 
 The place on the path is the time s of the motion as planned. An even share of its speed divides
 what moves by more than what holds: gravity does not scale. How soon the speed may change is what
-the limits leave, so the change is timed by the passes of path timing.
+the limits leave, so the change is timed by the passes of path timing. They know no limits of torque
+rates, jerk or power: under such the speed changes along a cubic of the time, tried from place to
+place, and is judged by the family of limits.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from microbot_ocp._base import checks
-from microbot_ocp._base.checks import InputError
+from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.codegen import compiles
 from microbot_ocp._base.outcome import Outcome
 from microbot_ocp._base.status import Status
-from microbot_ocp.limits import JointLimits, LimitFamily, Limits, MotionSamples
-from microbot_ocp.motion import Motion, PiecewisePolynomial, pieces_of
+from microbot_ocp.certificate import limit_checks_of
+from microbot_ocp.limits import (
+    LIMIT_TOLERANCE,
+    ROUNDING,
+    JointLimits,
+    LimitFamily,
+    Limits,
+    MotionSamples,
+)
+from microbot_ocp.motion import (
+    JUMP_GAP,
+    SAMPLE_STEP,
+    Motion,
+    PiecewisePolynomial,
+    State,
+    dense_times,
+    jump_gaps,
+    mesh_of,
+    pieces_of,
+    sample_times,
+)
 from microbot_ocp.planning import PathTimingSettings
 from microbot_ocp.planning.free import with_steady_ends
 from microbot_ocp.planning.path import (
-    LATER,
     CurveLimits,
     CurvePiece,
     PathCurve,
     Reached,
-    limits_kept_by,
     reach,
     sampled,
 )
@@ -34,8 +54,35 @@ from microbot_ocp.planning.task import with_locked_joints_held
 from microbot_ocp.robot import Robot
 
 TOLERANCE = PathTimingSettings.limit_tolerance
+
+
+@dataclass(frozen=True)
+class RampSettings:
+    """Settings of the search for a ramp of the speed.
+
+    Attributes
+    ----------
+    begins, ends : samples of the plan at which it may begin, and at which it may end, that are
+        tried first
+    samples : of a ramp at which limits are looked at first
+    finer : times the usual samples at which they are looked at then
+    parts : of a ramp at least, between samples
+    """
+
+    begins: int = 21
+    ends: int = 40
+    samples: int = 100
+    finer: int = 4
+    parts: int = 20
+
+
+RAMP = RampSettings()
 UNCHANGED = "Within the limits the motion cannot go on from here at any other speed on its path."
 EXCEEDED = "limits are exceeded by {:.3g} % between places of the grid: give a finer grid"
+BROKEN = (
+    "motion must keep limits of torque rate, jerk, power and the like that a change of its speed "
+    "shall keep, but its {}: plan it under them, or give limits without them"
+)
 
 
 def overridden(
@@ -64,9 +111,12 @@ def overridden(
     current : float
         Share of the planned speed that the arm has now; 0 where it rests after a stop.
     limits : Limits, optional
-        Default the robot's own. What the motion itself exceeds them by is let pass.
+        Default the robot's own. What the motion itself exceeds them by is let pass, but of torque
+        rates, jerk, power and others that depend on more than half planes of acceleration. Under
+        such the speed changes along a cubic of the time, the soonest that keeps them all, and what
+        else would be sooner is not looked for.
     grid : int
-        Places on the path besides the breaks of the motion.
+        Places on the path besides the breaks of the motion; without such limits.
     compiled : bool
         Use compiled functions where there is a compiler.
 
@@ -76,12 +126,13 @@ def overridden(
         From the present state on. "at" in the provenance is where on the planned motion it ends,
         to resume from, and "changed_at" where the new speed is reached, s. The status is
         "infeasible" where the limits leave no speed to go on with from the present one; the rest of
-        the motion is returned as planned then. Limits of rates are not kept, as the remark says.
+        the motion is returned as planned then.
 
     Raises
     ------
     InputError
-        A time outside the motion, a share outside of 0 to 1.
+        A time outside the motion, a share outside of 0 to 1; a motion that exceeds limits of torque
+        rates, jerk or power itself.
 
     Examples
     --------
@@ -102,11 +153,13 @@ def overridden(
         raise InputError(f"at must be before the motion ends, {motion.duration:.6g} s, not {at:g}")
     for name, share in (("speed", speed), ("current", current)):
         checks.number(name, share, at_least=0.0, at_most=1.0)
-    if not (speed or current):
-        raise InputError(
-            "speed and current are both 0: an arm that rests in a stop goes on resting"
-        )
-    override = _Override.of(robot, motion, at, current, limits, grid, compiles(compiled))
+    rests = not np.any(motion.sample([at]).qd)
+    if not speed and (rests or not current):
+        raise InputError("speed is 0 and the arm rests already: it goes on resting")
+    family = LimitFamily.of(robot, limits)
+    override = _Override.of(family, motion, at, current, rests, grid, compiles(compiled))
+    if later := override.along.limits.later:
+        return _ramped(family, motion, _Ramp(at, speed if rests else current, speed), later)
     changed, timing = override.soonest(speed)
     outcome = Outcome.of(Status.SOLVED)
     if not timing.feasible:
@@ -120,7 +173,6 @@ class _Override:
     """A motion from some time on as a path, with a grid, and the arm's present speed on it."""
 
     planned: Motion
-    robot: Robot
     curve: PathCurve
     along: CurveLimits
     current: float
@@ -130,25 +182,23 @@ class _Override:
     @classmethod
     def of(
         cls,
-        robot: Robot,
+        family: LimitFamily,
         motion: Motion,
         at: float,
         current: float,
-        limits: Limits | JointLimits | None,
+        rests: bool,
         grid: int,
         fast: bool,
     ) -> _Override:
         shape = PiecewisePolynomial(motion.t, pieces_of(motion))
-        family = with_locked_joints_held(_widened(LimitFamily.of(robot, limits), motion), None)
+        family = with_locked_joints_held(_widened(family, motion), None)
         pieces = zip(shape.coefficients, np.diff(shape.breaks), strict=True)
         curve = PathCurve(tuple(CurvePiece(table, float(d)) for table, d in pieces), True, True)
         evenly = np.linspace(at, motion.duration, grid + 1)
         s = np.union1d(evenly, shape.breaks[shape.breaks > at])
         s = s[np.append(np.diff(s) > 1e-9 * motion.duration, True)]
-        rests = not np.any(motion.sample([at]).qd)
-        return cls(
-            motion, robot, curve, CurveLimits.of(family, curve, s, fast), current, rests, fast
-        )
+        along = CurveLimits.of(family, curve, s, fast)
+        return cls(motion, curve, along, current, rests, fast)
 
     def soonest(self, speed: float) -> tuple[int, Reached]:
         """The first place of the grid from which on a speed can be kept, with its timing."""
@@ -199,38 +249,186 @@ class _Override:
         if outcome.solved and excess > TOLERANCE:
             outcome = Outcome.of(Status.LIMITS_EXCEEDED, EXCEEDED.format(100.0 * excess))
         t, state, breaks = sampled([(self.curve, timing)])
-        marks = [
-            replace(mark, time=float(np.interp(mark.time, timing.s, timing.t)))
-            for mark in self.planned.marks
-            if timing.s[0] < mark.time <= timing.s[-1]
-        ]
-        unkept = ", ".join(limits_kept_by(along.limits)[LATER])
-        motion = Motion.from_state(
-            self.robot,
-            t,
-            state,
-            label=self.planned.label,
-            breaks=breaks,
-            marks=marks,
-            provenance={
-                "method": "another speed on the path, by reachability",
-                "at": float(timing.s[-1]),
-                "changed_at": float(timing.t[changed]),
-            },
-            remark=f"not kept: {unkept}" if unkept else "",
+        places, changed_at = (timing.s, timing.t), float(timing.t[changed])
+        other = _changed(
+            along.limits.family.robot, self.planned, t, state, breaks, places, changed_at
         )
-        return motion.ended(outcome, excess=excess)
+        return other.ended(outcome, excess=excess)
+
+
+def _changed(
+    robot: Robot,
+    planned: Motion,
+    t: FloatArray,
+    state: State,
+    breaks: FloatArray,
+    places: tuple[FloatArray, FloatArray],
+    changed_at: float,
+) -> Motion:
+    """The motion at another speed; ``places`` on the path are reached at times."""
+    s = places[0]
+    marks = [
+        replace(mark, time=float(np.interp(mark.time, *places)))
+        for mark in planned.marks
+        if s[0] < mark.time <= s[-1]
+    ]
+    provenance = {"method": "another speed on the path", "at": float(s[-1])}
+    provenance["changed_at"] = changed_at
+    return Motion.from_state(
+        robot, t, state, label=planned.label, breaks=breaks, marks=marks, provenance=provenance
+    )
+
+
+@dataclass(frozen=True)
+class _Ramp:
+    """A speed on the path from a place ``at`` on, changed along a cubic of the time."""
+
+    at: float
+    current: float
+    speed: float
+    begin: float = 0.0
+    lasts: float = 0.0
+
+    @property
+    def end(self) -> float:
+        return self.begin + self.lasts
+
+    def along(self, t: FloatArray) -> tuple[FloatArray, ...]:
+        """Place on the path, and its three derivatives by the time, at times t [N]."""
+        lasts, change = max(self.lasts, ROUNDING), self.speed - self.current
+        x = np.clip((t - self.begin) / lasts, 0.0, 1.0)
+        after = np.maximum(t - self.end, 0.0)
+        inside = (t >= self.begin) & (t <= self.end)
+        return (
+            self.at + self.current * t + change * (lasts * x**3 * (1.0 - 0.5 * x) + after),
+            self.current + change * x**2 * (3.0 - 2.0 * x),
+            change * 6.0 * x * (1.0 - x) / lasts,
+            change * (6.0 - 12.0 * x) / lasts**2 * inside,
+        )
+
+
+def _state_at(motion: Motion, place: Sequence[FloatArray]) -> MotionSamples:
+    """The state at a place of the motion as planned, at another speed."""
+    s = np.minimum(place[0], motion.duration)
+    v, a, j = (rate[:, None] for rate in place[1:])
+    (q, qd, qdd), qddd = motion.sample(s), motion.jerk(s)
+    rate = qd * j + 3.0 * qdd * v * a + qddd * v**3
+    return MotionSamples(q, qd * v, qd * a + qdd * v**2, rate)
+
+
+def _ramped(family: LimitFamily, motion: Motion, wanted: _Ramp, later: Sequence[str]) -> Motion:
+    """The soonest ramp that keeps all limits, and what follows."""
+    judged, _ = limit_checks_of(family, motion.history())
+    excessive = [c for c in judged if c.quantity in later and c.violation > LIMIT_TOLERANCE]
+    if excessive:
+        raise InputError(BROKEN.format(", ".join(c.excess for c in excessive)))
+    most = {c.quantity: np.fmax(1.0, c.utilisation) * (1.0 + TOLERANCE) for c in judged}
+
+    def keeps(place: Sequence[FloatArray]) -> np.ndarray:
+        uses = family.use(_state_at(motion, place)).items()
+        return np.all([(use <= most[key]).all(axis=1) for key, use in uses], axis=0)
+
+    ramp = _soonest_ramp(wanted, motion, keeps)
+    outcome = Outcome.of(Status.SOLVED)
+    if ramp is None:
+        outcome = Outcome.of(Status.INFEASIBLE, UNCHANGED)
+        ramp = _Ramp(wanted.at, 1.0, 1.0, 0.0, motion.duration - wanted.at)
+    reached = float(ramp.along(np.array([ramp.end]))[0][0])
+    lasts = ramp.end + ((motion.duration - reached) / ramp.speed if ramp.speed else 0.0)
+    even = np.linspace(0.0, lasts, 20 * motion.t.size)
+    places = ramp.along(even)[0], even
+    before_jumps = motion.t[:-1][jump_gaps(motion.t)]
+    after = [some[some > ramp.at + JUMP_GAP] for some in (before_jumps, mesh_of(motion))]
+    jumps, breaks = (np.interp(each[each < places[0][-1]], *places) for each in after)
+    breaks = np.unique([0.0, *breaks, ramp.begin, ramp.end, lasts])
+    same = 0.1 * JUMP_GAP
+    breaks = np.append(breaks[:-1][np.diff(breaks) > same], lasts)
+    begun, ended = breaks >= ramp.begin - same, breaks >= ramp.end - same
+    parts = (
+        (breaks <= ramp.begin + same, SAMPLE_STEP),
+        (begun & (breaks <= ramp.end + same), ramp.lasts / RAMP.parts),
+        (ended, SAMPLE_STEP),
+    )
+    none = np.zeros(0)
+    times = [sample_times(breaks[k], none, step, 5) for k, step in parts if k.sum() > 1]
+    t = np.unique(np.concatenate([jumps, *times]))
+    state = State(*_state_at(motion, ramp.along(t))[:3])
+    other = _changed(family.robot, motion, t, state, breaks, places, ramp.end)
+    judged, _ = limit_checks_of(family, other.history())
+    excess = max(float(np.nanmax(c.utilisation / most[c.quantity])) for c in judged) - 1.0
+    if outcome.solved and excess > TOLERANCE:
+        outcome = Outcome.of(Status.LIMITS_EXCEEDED, EXCEEDED.format(100.0 * excess))
+    return other.ended(outcome, excess=excess)
+
+
+def _soonest_ramp(
+    wanted: _Ramp, motion: Motion, keeps: Callable[[Sequence[FloatArray]], np.ndarray]
+) -> _Ramp | None:
+    """The ramp that ends first of those that are tried; None where none keeps all limits."""
+    current, speed, at = wanted.current, wanted.speed, wanted.at
+    s = np.append(at, motion.t[motion.t > at + JUMP_GAP])
+    s = np.append(s[:-1][~jump_gaps(s)], s[-1])  # no ramp begins or ends within a jump
+    dense = dense_times(motion)[0]
+    dense = np.append(at, dense[dense > at])
+    none = np.zeros_like(dense)
+    at_current, at_speed = (keeps((dense, none + v, none, none)) for v in (current, speed))
+    broken = dense[~at_current], dense[~at_speed] if speed else [-np.inf]
+    begins = (
+        np.flatnonzero(s < np.min(broken[0], initial=np.inf)) if current else np.zeros(1, dtype=int)
+    )
+    ends = np.flatnonzero(s > np.max(broken[1], initial=-np.inf))
+    best = None
+    if current and not speed and at_current.all():  # it rests where the motion ends at the latest
+        best = replace(wanted, begin=(s[-1] - at) / current)
+
+    def between(i: int, k: int) -> _Ramp:
+        begin = (s[i] - at) / current if current else 0.0
+        return replace(wanted, begin=begin, lasts=2.0 * (s[k] - s[i]) / (current + speed))
+
+    def works(ramp: _Ramp) -> bool:
+        counts = RAMP.samples, int(RAMP.finer * ramp.lasts / SAMPLE_STEP)
+        shares = (np.linspace(0.0, 1.0, max(count, 2)) for count in counts)
+        return all(keeps(ramp.along(ramp.begin + x * ramp.lasts)).all() for x in shares)
+
+    for i in _some(begins, RAMP.begins):
+        later = ends[ends > i]
+        low = 0
+        for high in _some(np.arange(later.size), RAMP.ends):
+            ramp = between(i, int(later[high]))
+            if best is not None and ramp.end >= best.end:
+                break
+            if not works(ramp):
+                low = high
+                continue
+            best = ramp
+            while high - low > 1:
+                middle = (low + high) // 2
+                ramp = between(i, int(later[middle]))
+                low, high, best = (low, middle, ramp) if works(ramp) else (middle, high, best)
+            break
+    return best
+
+
+def _some(places: np.ndarray, count: int) -> list[int]:
+    """Some of the places, the first and the last among them."""
+    chosen = np.linspace(0, len(places) - 1, min(count, len(places)), dtype=int)
+    return places[np.unique(chosen)].tolist()
 
 
 def _widened(family: LimitFamily, motion: Motion) -> LimitFamily:
     """Limits as they are, or as the motion uses them where that is more."""
     _, samples = motion.dense_samples()
-    bounds, limits = {}, family.robot.limits
-    for key in family.keys:
-        if family[key].limit is None and key in ("qd", "qdd", "tau"):
-            values = family.values(samples, [key])[key].value
-            slack = 1.0 + TOLERANCE
-            low, high = limits.bounds(key)
-            bounds[f"{key}_min"] = np.minimum(low, slack * np.minimum(values.min(axis=0), low))
-            bounds[f"{key}_max"] = np.maximum(high, slack * np.maximum(values.max(axis=0), high))
-    return LimitFamily.of(family.robot, limits.changed(bounds))
+    bounds, also = {}, []
+    for member in family:
+        value, low, high = family.values(samples, [member.key])[member.key]
+        if member.order in (1, 2) and not member.varies:
+            least, most = np.minimum(value.min(axis=0), low), np.maximum(value.max(axis=0), high)
+            low = np.minimum(low, least - TOLERANCE * np.abs(least))
+            high = np.maximum(high, most + TOLERANCE * np.abs(most))
+            if member.limit is None:
+                bounds[f"{member.key}_min"], bounds[f"{member.key}_max"] = low, high
+            else:
+                also.append(replace(member.limit, lower=low, upper=high))
+                continue
+        also += [member.limit] if member.limit else []
+    return LimitFamily.of(family.robot, family.robot.limits.changed({**bounds, "also": also}))
