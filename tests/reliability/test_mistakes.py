@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 import pickle
 import warnings
 from collections.abc import Callable
@@ -43,6 +44,17 @@ def cart(longest: float = 10.0) -> ocp.OptimalControlProblem:
 @cache
 def solution() -> ocp.Solution:
     return ocp.solve(cart(), mesh=10)
+
+
+def cart_of(acceleration: Callable[..., Any]) -> None:
+    phase = ocp.OptimalControlProblem("cart").phase("move", duration=1.0)
+    phase.running_cost(acceleration(phase.state("position"), phase.state("velocity")))
+
+
+def lifted(mass: float) -> mo.Motion:
+    """Lift a mass."""
+    stops = [mo.Stop(q=VIA[0], payload=mass), mo.Stop(q=VIA[1])]
+    return mo.time_optimal(arm().with_limits(tau_max=1e6), stops, mesh=5, time_limit=20)
 
 
 def still(*rows: list[float]) -> Any:
@@ -119,6 +131,18 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
         lambda: cart().phases[0].running_cost([ca.MX(1), ca.MX(2)]),  # type: ignore[arg-type]
         "ca.vertcat makes one",
     ),
+    "an if about a state": (
+        lambda: cart_of(lambda x, v: v if 2 * x > 1 else -v),
+        r"1<.*position.*write casadi.if_else\(condition, a, b\)",
+    ),
+    "math of a state": (lambda: cart_of(lambda x, v: math.sin(v)), "velocity .*write casadi.sin"),
+    "a state in a list": (lambda: cart_of(lambda x, v: v in [x, 1]), "no truth value"),
+    "a speed below zero": (lambda: mo.limits.tool_speed(-1), "must be above 0 m/s, not -1"),
+    "a payload in milligrams": (lambda: lifted(1e5), r"1000 times .* \(8 kg\); .* grams"),
+    "a profile for seven joints": (
+        lambda: mo.execution.load_profile("panda").limits_of(arm()),
+        r"profile panda, for other joints than microbot's: .*\[3\], not \[7\]",
+    ),
     "times between for times": (lambda: mo.cubic(VIA, [1.0, 1.0]), r"via_t must have shape \[3\]"),
     "arrays for a motion": (lambda: mo.certify(arm(), VIA), "motion must be a Motion"),  # type: ignore[arg-type]
 }
@@ -138,6 +162,7 @@ DOUBTFUL: dict[str, tuple[Callable[[], Any], str]] = {
         lambda: mo.Robot.from_dh([0, 1.5, 0], [0, 0, 425], [163, 0, 0]),
         "looks like millimetres",
     ),
+    "a payload in grams": (lambda: lifted(3000), "more than what the arm weighs.*looks like grams"),
     "limits in degrees": (lambda: arm().with_limits(q_min=-170, q_max=170), SAYS_DEGREES),
 }
 
@@ -199,3 +224,11 @@ def test_functions_of_a_robot_are_casadi_functions(tmp_path: Path) -> None:
         assert float(ca.norm_inf(other([1, 2, 3]) - pose([1, 2, 3]))) == 0.0
     many = np.array(pose(np.zeros((3, 2))))
     assert many.shape == (4, 8)
+
+
+def test_states_are_expressions_for_numpy_and_casadi_too() -> None:
+    phase = ocp.OptimalControlProblem("turn").phase("move", duration=1.0)
+    x = phase.state("x", 3)
+    for value in (np.dot(np.eye(3), x), np.eye(3) @ x, ca.DM.eye(3) @ x, np.sin(x), x[:2] * 2):
+        assert np.abs(ca.Function("value", [x], [value])([0.0] * 3)).max() == 0.0
+    assert bool(ca.is_equal(copy.deepcopy(x), x))

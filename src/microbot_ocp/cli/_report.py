@@ -255,8 +255,13 @@ def check_output(option: str, path: Path | None, endings: Sequence[str]) -> None
         existing = nearest(path)
         if not existing.is_dir():
             raise InputError(f"{option} must be a folder, but {str(existing)!r} is a file")
-        if not os.access(existing, os.W_OK):
-            raise InputError(f"{option} cannot be written to {str(path)!r}: permission denied")
+        try:  # folders of a read-only disk, or of /proc, have every permission
+            with tempfile.TemporaryDirectory(dir=existing):
+                pass
+        except OSError as problem:
+            reason = (problem.strerror or type(problem).__name__).lower()
+            sentence = f"{option} cannot be written to {str(path)!r}: {reason}"
+            raise InputError(sentence) from None
     elif path.suffix not in endings:
         raise InputError(f"{option} must end in {' or '.join(endings)}, not {str(path)!r}")
     else:

@@ -84,7 +84,7 @@ class Profile:
         InputError
             A robot of another number of joints.
         """
-        with naming(f"profile {self.name}: "):
+        with naming(f"profile {self.name}, for other joints than {robot.name}'s: "):
             return robot.limits.tightened(self.limits.for_joints(robot.joint_count))
 
 

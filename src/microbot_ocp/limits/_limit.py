@@ -16,6 +16,15 @@ Expression = Callable[[Any], Any]  # a motion's state -> a CasADi expression or 
 Bound = ArrayLike | Expression | None
 
 
+def above_zero(name: str, bound: Bound, unit: str) -> Bound:
+    """Return an upper bound of what is never negative; InputError for one that allows nothing."""
+    if bound is None or callable(bound):
+        return bound
+    if np.any(checks.numbers(f"upper bound of limit {name!r}", bound) <= 0):
+        raise InputError(f"upper bound of limit {name!r} must be above 0 {unit}, not {bound}")
+    return bound
+
+
 @dataclass(frozen=True)
 class Limit:
     """A bound on any quantity of a motion, beside the limits of the joints.

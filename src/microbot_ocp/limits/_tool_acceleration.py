@@ -1,6 +1,6 @@
 """Acceleration of the tool."""
 
-from microbot_ocp.limits._limit import Bound, Limit
+from microbot_ocp.limits._limit import Bound, Limit, above_zero
 
 
 def tool_acceleration(upper: Bound) -> Limit:
@@ -16,6 +16,7 @@ def tool_acceleration(upper: Bound) -> Limit:
     >>> import microbot_ocp as mo
     >>> robot = mo.load_robot("microbot").with_limits(also=[mo.limits.tool_acceleration(20.0)])
     """
+    upper = above_zero("tool acceleration", upper, "m/s^2")
     return Limit("tool acceleration", _acceleration, upper=upper, unit="m/s^2")
 
 

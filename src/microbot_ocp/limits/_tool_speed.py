@@ -1,6 +1,6 @@
 """Speed of the tool."""
 
-from microbot_ocp.limits._limit import Bound, Limit
+from microbot_ocp.limits._limit import Bound, Limit, above_zero
 
 
 def tool_speed(upper: Bound) -> Limit:
@@ -16,7 +16,7 @@ def tool_speed(upper: Bound) -> Limit:
     >>> import microbot_ocp as mo
     >>> robot = mo.load_robot("microbot").with_limits(also=[mo.limits.tool_speed(upper=1.0)])
     """
-    return Limit("tool speed", _speed, upper=upper, unit="m/s")
+    return Limit("tool speed", _speed, upper=above_zero("tool speed", upper, "m/s"), unit="m/s")
 
 
 def _speed(state):

@@ -193,6 +193,8 @@ def parse_task(text: str, origin: str, folder: Path) -> TaskFile:
 
 
 def _task(data: dict[str, Any], origin: str, folder: Path) -> TaskFile:
+    if "joint" in data:
+        raise InputError('it describes a robot; a task names such a file: robot = "FILE"')
     if "via" not in data:  # [[stops]] may be meant for [[stop]]
         read_table(data, TASK | CELL)
     given = read_table(data, TASK, elsewhere=dict.fromkeys(CELL, "is for tasks of [[stop]]"))

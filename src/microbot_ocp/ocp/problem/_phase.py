@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.relations import Symbol
 from microbot_ocp.ocp.problem._coupling import owned, value_of
 from microbot_ocp.ocp.problem._items import (
     Bound,
@@ -78,8 +79,8 @@ class Phase:
     def __post_init__(self) -> None:
         if not isinstance(self.name, str):
             raise InputError(f"name must be text, not {checks.shown(self.name)}")
-        self.time = ca.MX.sym(f"{self.name}.time")
-        self.duration = ca.MX.sym(f"{self.name}.duration")
+        self.time = Symbol(ca.MX.sym(f"{self.name}.time"))
+        self.duration = Symbol(ca.MX.sym(f"{self.name}.duration"))
         self._values: list[PointValue] = []
         self._asked_start = False
 
@@ -243,7 +244,7 @@ class Phase:
         symbol = ca.MX.sym(f"{self.name}.{name}", given.size)
         self.parameters.append(Parameter(name, symbol, given))
         is_matrix = table.ndim == 2 and min(table.shape) > 1
-        return ca.reshape(symbol, table.shape) if is_matrix else symbol
+        return Symbol(ca.reshape(symbol, table.shape) if is_matrix else symbol)
 
     def measurement(self, name: str, at: ArrayLike, values: ArrayLike) -> ca.MX:
         """Declare data at given times of the phase; the symbol stands for the datum of each time.
@@ -285,7 +286,7 @@ class Phase:
         table = checks.array(f"values of {name!r}", table, (fractions.size, None))
         symbol = ca.MX.sym(f"{self.name}.{name}", table.shape[1])
         self.measurements.append(Measurement(name, symbol, table, fractions))
-        return symbol
+        return Symbol(symbol)
 
     def rate(self, control: ca.MX) -> ca.MX:
         """Time derivative of a linear control, as a symbol for path constraints."""
@@ -581,7 +582,7 @@ class Phase:
                 if isinstance(side, ca.MX):
                     as_expression(side, f"{place} of {name!r}")
         symbol = ca.MX.sym(f"{self.name}.{name}", rows * columns)
-        shaped = ca.reshape(symbol, rows, columns)
+        shaped = Symbol(ca.reshape(symbol, rows, columns))
         low = -np.inf if isinstance(lower, ca.MX) else lower
         high = np.inf if isinstance(upper, ca.MX) else upper
         limit = limit_of(name, symbol, low, high, scale, unit)

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import InputError
+from microbot_ocp._base.relations import Symbol
 from microbot_ocp.ocp.problem._coupling import copied, renamed
 from microbot_ocp.ocp.problem._items import (
     CONSTANTS,
@@ -248,7 +249,7 @@ class OptimalControlProblem:
         checks.whole(f"size of {name!r}", size)
         limit = limit_of(name, ca.MX.sym(name, size), lower, upper, scale, unit)
         self.free_parameters.append(variable_of(limit, "parameter"))
-        return limit.expression
+        return Symbol(limit.expression)
 
     def constraint(
         self,

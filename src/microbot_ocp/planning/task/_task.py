@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp._base import checks
-from microbot_ocp._base.checks import FloatArray, InputError, naming
+from microbot_ocp._base.checks import FloatArray, InputError, naming, warn_user
 from microbot_ocp.limits import JointLimits, LimitFamily, Limits
 from microbot_ocp.planning.task._checks import (
     check_limits,
@@ -412,11 +412,12 @@ def _check_payload(robot: Robot, stop: Stop) -> None:
             f"stop {stop.name!r} has a payload, but robot {robot.name!r} has no masses"
         )
     own = sum(link.mass for link in robot.links)
-    if stop.payload.mass > TASK_SIZES.heaviest * own > 0.0:
-        raise InputError(
-            f"payload of stop {stop.name!r} is {stop.payload.mass:g} kg, more than "
-            f"{TASK_SIZES.heaviest:g} times what the arm weighs itself ({own:.3g} kg)"
-        )
+    sentence = f"payload of stop {stop.name!r} is {stop.payload.mass:g} kg, more than "
+    times, weight = TASK_SIZES.heaviest, f"what the arm weighs itself ({own:.3g} kg)"
+    if stop.payload.mass > times * own > 0.0:
+        raise InputError(f"{sentence}{times:g} times {weight}; that looks like grams")
+    if stop.payload.mass > own > 0.0:
+        warn_user(f"{sentence}{weight}; that looks like grams")
 
 
 def _check_velocity(robot: Robot, stop: Stop) -> None:
