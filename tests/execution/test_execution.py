@@ -9,6 +9,13 @@ import microbot_ocp as mo
 from execution import franka
 from microbot_ocp.execution import CommandRows
 
+MESSAGE = {
+    "joint_names": ["elbow", "waist", "shoulder"],
+    "points": [
+        {"positions": [0.0, 0.0, 0.0], "time_from_start": 0.0},
+        {"positions": [1.0], "time_from_start": 0.01},
+    ],
+}
 LIMITERS = {"panda": franka.panda, "fr3": franka.fr3}
 
 
@@ -141,12 +148,42 @@ def test_what_slowing_down_does_not_help(microbot):
     ("name", "text", "message"),
     [
         ("a.csv", "", "a.csv: it is empty"),
-        ("a.csv", "0,1,2\n1,2,3\n", "1 to 4 columns for each of 3 joints, not 3"),
-        ("a.csv", "t,a,b,c\n0,0,0,0\n1,1,1\n", "must hold as many numbers"),
+        ("a.csv", "0,1,2\n1,2,3\n", "1 to 4 columns for each of 3 joints, parted by commas, not 3"),
+        (
+            "a.csv",
+            "t,a,b,c\n0,0,0,0\n1,1,1\n",
+            r"line 3 must hold 4 numbers, not \['1', '1', '1'\]",
+        ),
         ("a.csv", "0,0,0,0\n0,1,1,1\n", "two strictly increasing times"),
-        ("a.csv", "t,a,b,c\n0,0,0,x\n", "must hold as many numbers"),
+        ("a.csv", "t,a,b,c\n0,0,0,x\n", "line 2 must hold 4 numbers"),
+        ("a.csv", "t,a,b,c\n", "it has heads and no rows"),
+        (
+            "a.csv",
+            "t,q a [deg],b,c\n0,0,0,0\n",
+            "its joints must be waist, shoulder, elbow, not a, b",
+        ),
+        ("a.csv", "t,q1 [deg],b,c\n0,0,0,0\n", r"column 'q1 \[deg\]' must be in rad, not in deg"),
+        ("a.csv", "t (ms),a,b,c\n0,0,0,0\n", r"column 't \(ms\)' must be in s, not in ms"),
+        (
+            "a.csv",
+            "t,elbow_q,b,c\n0,0,0,0\n",
+            "column 'elbow_q' must be of waist, or named 'elbow'",
+        ),
+        (
+            "a.csv",
+            "waist,shoulder,elbow,t\n0,0,0,0\n",
+            "first column must be the time, s, not 'waist'",
+        ),
+        ("a.csv", "0,0,0,0\n0.01,0,99,0\n", "shoulder in row 2 is 99 rad, .* give radians"),
+        (
+            "a.csv",
+            "0,0,0,0\n9,0,0,0\n",
+            "a.csv: row 2 is at 9 s, but profile 'hold' plays it at 0.01",
+        ),
         ("a.json", "{", "it is no JSON"),
-        ("a.json", "{}", "no trajectory with joint_names and points"),
+        ("a.json", "{}", "one trajectory with joint_names and points, but holds 0"),
+        ("a.json", json.dumps([MESSAGE, MESSAGE]), "but holds 2"),
+        ("a.json", json.dumps(MESSAGE), r"positions of point 2 must be 3 numbers, not \[1.0\]"),
         ("a.yaml", "joint_names: [a, b, c]\npoints: [{}]", "its joints must be waist, shoulder"),
         ("a.npz", "x", "no archive of numpy"),
         ("a.txt", "x", "ending of the file must be one of"),
@@ -158,13 +195,46 @@ def test_files_that_are_no_trajectories(microbot, tmp_path, name, text, message)
         mo.check(microbot, tmp_path / name, "hold@100")
 
 
+def test_archives_of_other_arrays(microbot, tmp_path):
+    path = tmp_path / "a.npz"
+    with path.open("wb") as file:
+        np.save(file, np.zeros(3))
+    with pytest.raises(mo.InputError, match="no archive of numpy"):
+        mo.check(microbot, path, "hold@100")
+    np.savez(path, time=[0.0, 0.01])
+    with pytest.raises(mo.InputError, match="must hold the arrays t and q"):
+        mo.check(microbot, path, "hold@100")
+    shape(microbot, "hold", 5).save(path)
+    assert mo.check(microbot, path, "hold@100").ok  # sampled at the rate, as a motion is
+
+
+@pytest.mark.parametrize("ending", ["heads.csv", "names.csv", "npz"])
+def test_joints_in_another_order_are_found_by_their_names(microbot, tmp_path, ending):
+    t = np.array([0.0, 0.5, 1.0])
+    q, qd = np.random.default_rng(5).normal(size=(2, 3, 3))
+    order, path = [2, 0, 1], tmp_path / f"a.{ending}"
+    names = [microbot.joint_names[k] for k in order]
+    if ending == "npz":
+        np.savez(path, t=t, q=q[:, order], qd=qd[:, order], joint_names=names)
+    else:
+        heads = [*(f"qd {name} [rad/s]" for name in names), *(f"q {name} [rad]" for name in names)]
+        columns = [t, *qd[:, order].T, *q[:, order].T]
+        if ending == "names.csv":
+            heads, columns = [*names, *names], [t, *q[:, order].T, *qd[:, order].T]
+        head = ",".join(["t [s]", *heads])
+        np.savetxt(path, np.column_stack(columns), delimiter=",", header=head)  # behind a "#"
+    rows = mo.execution.read_rows(path, microbot)
+    np.testing.assert_allclose(rows.q, q, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(rows.qd, qd, rtol=0, atol=1e-12)
+
+
 def test_joints_in_another_order_and_times_of_both_kinds(microbot, tmp_path):
     """A plan of MoveIt, as ``ros2 topic echo`` prints it."""
     text = (
-        "trajectory:\n- joint_trajectory:\n    x: 1\njoint_trajectory:\n"
-        "  joint_names: [elbow, waist, shoulder]\n  points:\n"
-        "  - {positions: [0.0, 0.0, 0.0], time_from_start: {sec: 0, nanosec: 0}}\n"
-        "  - {positions: [0.3, 0.1, 0.2], time_from_start: {secs: 1, nsecs: 500000000}}\n"
+        "trajectory:\n- multi_dof_joint_trajectory: {joint_names: [], points: []}\n"
+        "  joint_trajectory:\n    joint_names: [elbow, waist, shoulder]\n    points:\n"
+        "    - {positions: [0.0, 0.0, 0.0], time_from_start: {sec: 0, nanosec: 0}}\n"
+        "    - {positions: [0.3, 0.1, 0.2], time_from_start: {secs: 1, nsecs: 500000000}}\n"
     )
     (tmp_path / "plan.yaml").write_text(text, "utf-8")
     certificate = mo.check(microbot, tmp_path / "plan.yaml", "ros2_jtc_linear@500")

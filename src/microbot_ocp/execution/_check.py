@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from microbot_ocp._base.check import Check, problems_of
+from microbot_ocp._base.checks import naming
 from microbot_ocp.certificate import Certificate, certify
 from microbot_ocp.execution._curve import executed, rows_of
 from microbot_ocp.execution._profile import Profile, load_profile
@@ -38,8 +39,8 @@ def check(
     ----------
     robot : Robot
     trajectory : path, Motion or CommandRows
-        A file as of :func:`~microbot_ocp.execution.read_rows`; a motion is sampled at the profile's
-        rate.
+        A file as of :func:`~microbot_ocp.execution.read_rows`; a motion, saved or not, is sampled
+        at the profile's rate.
     profile : str or Profile
         As of :func:`load_profile`.
     scene : Scene, optional
@@ -68,10 +69,12 @@ def check(
     """
     chosen = load_profile(profile)
     chosen.limits_of(robot)  # refuses another number of joints
-    rows = read_rows(trajectory, robot) if isinstance(trajectory, str | Path) else trajectory
+    is_file = isinstance(trajectory, str | Path)
+    rows = read_rows(trajectory, robot) if is_file else trajectory
     if isinstance(rows, Motion):
         rows = rows_of(rows, chosen)
-    curve = executed(robot, rows, chosen)
+    with naming(f"{Path(trajectory).name}: " if is_file else ""):
+        curve = executed(robot, rows, chosen)
     return judged(robot, rows, curve, chosen, scene, limit_tolerance, simulated=False)
 
 

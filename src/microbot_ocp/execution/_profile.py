@@ -69,9 +69,7 @@ class Profile:
     def step(self) -> float:
         """Time between two commands, s."""
         if self.rate is None:
-            raise InputError(
-                f"profile {self.name!r} needs a rate in Hz, such as {self.name!r} with @500"
-            )
+            raise InputError(f"profile {self.name!r} needs a rate in Hz, such as '{self.name}@500'")
         return 1.0 / self.rate
 
     def limits_of(self, robot: Robot) -> JointLimits:

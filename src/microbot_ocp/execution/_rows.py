@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import csv
-import io
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +16,14 @@ import numpy as np
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError, naming, shown
 from microbot_ocp._base.reading import bytes_of, text_of, yaml_of
+from microbot_ocp.limits import JOINT_QUANTITIES
 from microbot_ocp.motion import FIELDS, Mark, Motion
 from microbot_ocp.robot import Robot
 
 FORMATS = (".csv", ".json", ".yaml", ".yml", ".npz")
+ARRAYS = ("t", "q", "qd", "qdd", "tau", "joint_names")
+# "qd elbow [rad/s]", "elbow", "time (s)"
+HEAD = re.compile(r"(?:(q|qd|qdd|tau) )?(.*?)(?: *[\[(](.*)[\])])?")
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,24 +60,26 @@ class CommandRows:
                 put(self, name, checks.array(name, getattr(self, name), self.q.shape, unit))
 
 
-def read_rows(path: str | Path, robot: Robot) -> CommandRows:
+def read_rows(path: str | Path, robot: Robot) -> CommandRows | Motion:
     """Read a trajectory of this package, of ROS, or a plain table.
 
     Parameters
     ----------
     path : str or Path
         ``.csv``: a time and n positions, then n velocities, accelerations and torques as far as
-        there are any, with or without heads; where heads name the joints, as those of
-        :meth:`~microbot_ocp.Motion.export` do, in any order. ``.json``, ``.yaml``: a
-        ``JointTrajectory`` of ROS, or a message that holds one, with joints in any order. ``.npz``:
-        a saved motion, or arrays ``t``, ``q``, ``qd``, ``qdd``, ``tau``.
+        there are any, with or without heads; where heads name the joints, as "elbow" or, like
+        those of :meth:`~microbot_ocp.Motion.export`, "qd elbow [rad/s]", in any order.
+        ``.json``, ``.yaml``: a ``JointTrajectory`` of ROS, or a message that holds one, with joints
+        in any order. ``.npz``: a saved motion, which is returned as one, or arrays ``t``, ``q``,
+        ``qd``, ``qdd``, ``tau``, with ``joint_names`` in any order. All in s, rad (m) and N m (N).
     robot : Robot
         Whose joints they are.
 
     Raises
     ------
     InputError
-        A file that cannot be read, other joints, times that do not increase.
+        A file that cannot be read, other joints or units, times that do not increase, positions
+        more than a turn beyond the limits, such as degrees.
     """
     target = Path(path)
     checks.one_of("ending of the file", target.suffix, FORMATS)
@@ -81,47 +87,95 @@ def read_rows(path: str | Path, robot: Robot) -> CommandRows:
         if target.suffix == ".csv":
             rows = _of_table(text_of(target, "trajectory"), robot)
         elif target.suffix == ".npz":
-            rows = _of_archive(target)
+            rows = _of_archive(target, robot)
         else:
             rows = _of_message(_document(target), robot)
         checks.joints("it", rows.q.shape[1], robot)
+        beyond = np.maximum(rows.q - robot.limits.q_max, robot.limits.q_min - rows.q)
+        far = (beyond > 2.0 * np.pi) & (np.array(robot.joint_types) == "revolute")
+        for row, joint in np.argwhere(far)[:1]:
+            low, high = robot.limits.q_min[joint], robot.limits.q_max[joint]
+            raise InputError(
+                f"position of {robot.joint_names[joint]} in row {row + 1} is {rows.q[row, joint]:g}"
+                f" rad, more than a turn beyond its limits, {low:g} to {high:g} rad: give radians"
+            )
     return rows
 
 
 def _of_table(text: str, robot: Robot) -> CommandRows:
-    stream = io.StringIO(text.strip())
-    heads = [head.strip() for head in next(csv.reader(stream), [])]
+    lines = text.strip().splitlines()
+    first = next(csv.reader([line.lstrip("# ") for line in lines[:1]]), [])
+    heads = [head.strip() for head in first]
     if not heads:
         raise InputError("it is empty")
     count, width = robot.joint_count, len(heads) - (heads[-1] == "mark")
     if width not in (1 + count * np.arange(1, 5)):
         raise InputError(
-            f"it must have a time and 1 to 4 columns for each of {count} joints, not {width} in all"
+            f"it must have a time and 1 to 4 columns for each of {count} joints, parted by commas, "
+            f"not {width} columns"
         )
-    if _is_number(heads[0]):
-        stream.seek(0)
-    try:
-        values = np.loadtxt(
-            stream, delimiter=",", usecols=range(width), comments=None, ndmin=2, quotechar='"'
-        )
-    except ValueError:
-        raise InputError("every line below the heads must hold as many numbers") from None
-    columns = [values[:, k : k + count] for k in range(1, values.shape[1], count)]
-    keys = tuple(FIELDS.values())[: len(columns)]
-    named = {
-        (match[1], match[2]): k
-        for k, head in enumerate(heads)
-        if (match := re.fullmatch(r"(q|qd|qdd|tau) (.+) \[.*\]", head))
+    values = _numbers_of(lines, 0 if _is_number(heads[0]) else 1, width)
+    keys = tuple(FIELDS.values())
+    order = {(keys[k // count], k % count): k + 1 for k in range(width - 1)}
+    if not _is_number(heads[0]):
+        order = _columns_of(heads[:width], order, robot)
+    given: Any = {
+        key: values[:, [order[key, joint] for joint in range(count)]]
+        for key in keys
+        if (key, 0) in order
     }
-    if named:
-        order = _order([joint for key, joint in named if key == "q"], robot)
-        names = [[joint for key, joint in named if key == "q"][k] for k in order]
-        try:
-            columns = [values[:, [named[key, joint] for joint in names]] for key in keys]
-        except KeyError as missing:
-            raise InputError(f"it has no column of {missing}") from None
-    given: Any = dict(zip(keys, columns, strict=True))
     return CommandRows(values[:, 0], **given)
+
+
+def _numbers_of(lines: Sequence[str], first: int, width: int) -> FloatArray:
+    """The numbers [N,width] of a table from its line ``first`` on."""
+    if len(lines) == first:
+        raise InputError("it has heads and no rows")
+    try:
+        return np.loadtxt(
+            lines[first:], delimiter=",", usecols=range(width), comments=None, ndmin=2,
+            quotechar='"',
+        )  # fmt: skip
+    except ValueError:
+        for k, row in enumerate(csv.reader(lines[first:]), first + 1):
+            if row and not (len(row) >= width and all(map(_is_number, row[:width]))):
+                raise InputError(f"line {k} must hold {width} numbers, not {shown(row)}") from None
+        raise
+
+
+def _columns_of(
+    heads: Sequence[str], order: dict[tuple[str, int], int], robot: Robot
+) -> dict[tuple[str, int], int]:
+    """Where each quantity of each joint is, by heads that name joints; else as in ``order``."""
+    parsed = [match.groups() for head in heads if (match := HEAD.fullmatch(head))]
+    names = robot.joint_names
+    if any(key or joint in names for key, joint, _ in parsed[1:]) or parsed[0][1] in names:
+        if parsed[0][0] or parsed[0][1] in names:
+            raise InputError(f"its first column must be the time, s, not {heads[0]!r}")
+        keys, order = tuple(FIELDS.values()), {}
+        every = list(dict.fromkeys(joint for _, joint, _ in parsed[1:]))
+        _order(every, robot)
+        for column, (key, joint, _) in enumerate(parsed[1:], 1):
+            place = names.index(joint)
+            key = key or next(k for k in keys if (k, place) not in order)
+            if (key, place) in order:
+                raise InputError(f"it has two columns of {key} of {joint}")
+            order[key, place] = column
+        given = [key for key in keys if any(each == key for each, _ in order)]
+        for key, place in product(dict.fromkeys(["q", *given]), range(len(names))):
+            if (key, place) not in order:
+                raise InputError(f"it has no column of {key} of {names[place]}")
+    for (_, place), column in order.items():  # "elbow_position" in the place of the waist
+        named = [name for name in names if name in heads[column]]
+        if named and names[place] not in named:
+            raise InputError(
+                f"column {heads[column]!r} must be of {names[place]}, or named {named[0]!r}"
+            )
+    units = {0: "s"} | {column: robot.unit(key, place) for (key, place), column in order.items()}
+    for column, (_, _, unit) in enumerate(parsed):
+        if unit and unit != units[column]:
+            raise InputError(f"column {heads[column]!r} must be in {units[column]}, not in {unit}")
+    return order
 
 
 def _is_number(word: str) -> bool:
@@ -134,30 +188,32 @@ def _is_number(word: str) -> bool:
 
 def _order(names: Sequence[str], robot: Robot) -> list[int]:
     """Where each joint of the robot is among these names."""
-    if sorted(names) != sorted(robot.joint_names):
+    if sorted(map(str, names)) != sorted(robot.joint_names):
         raise InputError(
             f"its joints must be {', '.join(robot.joint_names)}, not {', '.join(map(str, names))}"
         )
     return [list(names).index(name) for name in robot.joint_names]
 
 
-def _of_archive(path: Path) -> CommandRows:
+def _of_archive(path: Path, robot: Robot) -> CommandRows | Motion:
     bytes_of(path, "trajectory")  # a plain file
+    arrays: Any = {}
     try:
         with np.load(path, allow_pickle=False) as archive:
-            saved = "metadata" in archive
-            arrays = {key: archive[key] for key in ("t", *FIELDS.values()) if key in archive}
-    except (OSError, ValueError, EOFError, KeyError):
+            if "metadata" in archive:
+                return Motion.load(path)
+            arrays = {key: archive[key] for key in ARRAYS if key in archive}
+    except (OSError, ValueError, EOFError, KeyError, TypeError):
         raise InputError("it is no archive of numpy") from None
-    if saved:
-        motion = Motion.load(path)
-        return CommandRows(
-            motion.t, motion.q, motion.qd, motion.qdd, motion.tau, motion.label, motion.marks
-        )
     if not {"t", "q"} <= set(arrays):
-        raise InputError("it must hold the arrays t and q")
-    given: Any = arrays
-    return CommandRows(**given)
+        raise InputError(f"it must hold the arrays t and q, and may hold {', '.join(ARRAYS[2:])}")
+    names = arrays.pop("joint_names", None)
+    rows = CommandRows(**arrays)
+    if names is None:
+        return rows
+    order = _order(np.atleast_1d(names).tolist(), robot)
+    checks.joints("it", rows.q.shape[1], robot)
+    return CommandRows(**{key: a[:, order] if key != "t" else a for key, a in arrays.items()})
 
 
 def _document(path: Path) -> Any:
@@ -170,10 +226,12 @@ def _document(path: Path) -> Any:
 
 
 def _of_message(document: Any, robot: Robot) -> CommandRows:
-    message = _trajectory_in(document)
-    if message is None:
-        raise InputError("it holds no trajectory with joint_names and points")
-    names, points = message["joint_names"], message["points"]
+    messages = list(_trajectories_in(document))
+    if len(messages) != 1:
+        raise InputError(
+            f"it must hold one trajectory with joint_names and points, but holds {len(messages)}"
+        )
+    names, points = messages[0]["joint_names"], messages[0]["points"]
     if not isinstance(names, list) or not isinstance(points, list) or not points:
         raise InputError("joint_names and points must be lists that are not empty")
     order = _order(names, robot)
@@ -181,22 +239,32 @@ def _of_message(document: Any, robot: Robot) -> CommandRows:
     columns = {}
     for field, key in FIELDS.items():
         rows = [point.get(field) or [] for point in points]
-        if any(rows):
-            with naming(f"{field}: "):
-                columns[key] = checks.array(key, rows, (len(points), len(names)))[:, order]
+        if not any(rows):
+            continue
+        for k, row in enumerate(rows, 1):
+            numbers = isinstance(row, list) and all(isinstance(x, int | float) for x in row)
+            if not numbers or len(row) != len(names):
+                raise InputError(
+                    f"{field} of point {k} must be {len(names)} numbers, not {shown(row)}"
+                )
+        unit = JOINT_QUANTITIES[key].either_unit
+        columns[key] = checks.array(field, rows, (len(points), len(names)), unit)[:, order]
     if "q" not in columns:
         raise InputError("its points have no positions")
     return CommandRows(np.array(t), **columns)
 
 
-def _trajectory_in(document: Any, depth: int = 0) -> Mapping[str, Any] | None:
-    """A trajectory, or the first one within a message, as MoveIt's plans hold them."""
-    if not isinstance(document, dict) or depth > 4:
-        return None
-    if {"joint_names", "points"} <= set(document):
-        return document
-    inner = (_trajectory_in(value, depth + 1) for value in document.values())
-    return next((found for found in inner if found is not None), None)
+def _trajectories_in(document: Any, depth: int = 0) -> Iterator[Mapping[str, Any]]:
+    """Trajectories of joints within a message, as MoveIt's plans hold them."""
+    if depth > 6 or not isinstance(document, dict | list):
+        return
+    if isinstance(document, dict) and {"joint_names", "points"} <= set(document):
+        yield document
+        return
+    inner = document.items() if isinstance(document, dict) else enumerate(document)
+    for key, value in inner:
+        if key != "multi_dof_joint_trajectory":
+            yield from _trajectories_in(value, depth + 1)
 
 
 def _seconds(point: Any, row: int) -> float:
