@@ -16,7 +16,8 @@ torques), 180 degrees a second; no torque rates are published.
 
 The usual chain is RRT-Connect, shortcuts, parabolas at corners and the best timing by toppra, which
 keeps torques, speeds and accelerations at its grid points, but no torque rates or dry friction.
-The best of the timed paths that the search starts from keeps all limits, and stands beside it.
+The path that the search starts from, timed by our reachability under torques with friction, but
+without torque rates, stands beside it. ``--page docs/motionbenchmaker.md`` writes the tables there.
 Original meshes are checked by pinocchio and coal against the original boxes and cylinders, at
 places along the motion, with none of our capsules.
 """
@@ -28,6 +29,7 @@ import json
 import re
 import statistics
 import warnings
+from collections.abc import Iterable
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -47,6 +49,8 @@ ROBOTS = ("panda", "ur5")
 CAPSULES = {"panda": 2, "ur5": 3}  # a link at most: with which most starts and goals are free
 DEVELOPING = ("box", "table_pick", "bookshelf_small", "bookshelf_tall")
 FAMILIES = (*DEVELOPING, "cage", "bookshelf_thin", "table_under_pick")
+IN_TIME = 60.0  # s of processor time: what takes more is not counted as solved
+MARKS = "<!-- made by benchmarks motionbenchmaker -->\n", "<!-- end of what is made -->\n"
 POSES, DISTANCES = 500, 50  # along a motion at which meshes are checked, and measured
 # Franka hand with both fingers, closed, in the flange: mass, centre of mass, inertia, summed from
 # github.com/frankaemika/franka_description, end_effectors/franka_hand/inertials.yaml,
@@ -70,6 +74,7 @@ def main(arguments: list[str]) -> None:
     parser.add_argument("--limit", type=float, default=60.0, help="s of wall time a problem")
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--out", type=Path, default=Path("out/motionbenchmaker.jsonl"))
+    parser.add_argument("--page", type=Path, help="Markdown to write the tables into")
     options = parser.parse_args(arguments)
     rows = read(options.out)
     done = {(row["robot"], row["family"], row["number"]) for row in rows}
@@ -82,8 +87,13 @@ def main(arguments: list[str]) -> None:
         print(line(row), flush=True)
         with options.out.open("a") as file:
             file.write(json.dumps(row) + "\n")
-    print(table(rows))
+    print(report(rows))
     draw(rows, options.out.with_suffix(".png"))
+    if options.page:
+        before, _, rest = options.page.read_text("utf-8").partition(MARKS[0])
+        written = [before, MARKS[0], "\n", report(rows), "\n\n", MARKS[1]]
+        written.append(rest.partition(MARKS[1])[2])
+        options.page.write_text("".join(written), "utf-8")
 
 
 def _rows(cases: list[tuple[Any, ...]], jobs: int) -> Any:
@@ -198,7 +208,12 @@ def measured(folder: Path, name: str, family: str, number: int, limit: float) ->
         "status": str(motion.status),
         "why": "" if good else motion.advice,
         "duration": motion.duration,
-        "timed_path": min((p["duration"] for p in motion.provenance["paths"]), default=None),
+        "path": min((p["duration"] for p in motion.provenance["paths"]), default=None),
+        "stages": {
+            "planning": motion.provenance.get("planning_time", 0.0),
+            **{own.strategy: own.seconds for own in motion.outcome.ledger or ()},
+            "all": motion.provenance["wall_time"],
+        },
         "first": motion.provenance.get("first_certified"),
         "processor": spent,
         "clearance": clearance["at_least"],
@@ -245,29 +260,55 @@ def line(row: dict[str, Any]) -> str:
     )
 
 
+def report(rows: list[dict[str, Any]]) -> str:
+    """Tables of the record, as Markdown: by family, what was not solved, where time goes."""
+    return "\n\n".join([table(rows), unsolved(rows), stages(rows)])
+
+
+def median(values: Iterable[float | None], text: str) -> str:
+    given = [value for value in values if value is not None]
+    return text.format(statistics.median(given)) if given else "-"
+
+
+def unsolved(rows: list[dict[str, Any]]) -> str:
+    """What became of the problems that are not solved and certified in time, one line each."""
+    lines = []
+    for row in rows:
+        if row["outcome"] == "solved" and row["processor"] <= IN_TIME:
+            continue
+        why = row["why"].split("\n")[0] or f"{row['processor']:.0f} s of processor time"
+        lines.append(f"- {row['robot']} {row['family']} {row['number']}, {row['outcome']}: {why}")
+    return "\n".join(lines) or "All are solved and certified."
+
+
+def stages(rows: list[dict[str, Any]]) -> str:
+    """Where the time of the motions goes, as Markdown: medians by robot, s."""
+    names = dict.fromkeys(name for row in rows for name in row.get("stages", ()))
+    lines = ["| robot | " + " | ".join(names) + " |", "|---" * (len(names) + 1) + "|"]
+    for robot in dict.fromkeys(row["robot"] for row in rows):
+        given = [row["stages"] for row in rows if row["robot"] == robot and "stages" in row]
+        times = (median((own.get(name, 0.0) for own in given), "{:.2f}") for name in names)
+        lines.append(f"| {robot} | " + " | ".join(times) + " |")
+    return "\n".join(lines)
+
+
 def table(rows: list[dict[str, Any]]) -> str:
     """Counts and medians by robot and family, as Markdown."""
-
-    def median(values: list[float | None], text: str) -> str:
-        given = [value for value in values if value is not None]
-        return text.format(statistics.median(given)) if given else "-"
-
     lines = [
         "| robot | family | problems | refused, free by meshes | solved and certified | duration | "
-        "saved against the chain | against the best timed path | processor time to the first | "
+        "saved against the chain | against its path | processor time to the first | "
         "to the last | meshes in contact |",
         "|---" * 11 + "|",
     ]
     for robot, family in dict.fromkeys((row["robot"], row["family"]) for row in rows):
         group = [r for r in rows if (r["robot"], r["family"]) == (robot, family)]
         tried = [r for r in group if "duration" in r]
-        solved = [r for r in tried if r["outcome"] == "solved"]
+        solved = [r for r in tried if r["outcome"] == "solved" and r["processor"] <= IN_TIME]
         refused = sum(r["ends_free_by_meshes"] for r in group) - sum(
             r["ends_free_by_meshes"] for r in tried
         )
         saved = [100 * (1 - r["duration"] / r["chain"]) if r["chain"] else None for r in solved]
-        own = [r for r in solved if r.get("timed_path")]
-        beyond = [100 * (1 - r["duration"] / r["timed_path"]) for r in own]
+        beyond = [100 * (1 - r["duration"] / r["path"]) for r in solved if r["path"]]
         lines.append(
             f"| {robot} | {family} | {len(group)} | {refused} | {len(solved)} of {len(tried)} | "
             f"{median([r['duration'] for r in solved], '{:.3f} s')} | "
