@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import microbot_ocp as mo
 from microbot_ocp import InputError
 from microbot_ocp._base.deadline import processor_time
 from microbot_ocp._base.outcome import Outcome
+from microbot_ocp.ocp.solution import quiet
 from microbot_ocp.planning import (
     ProvedPath,
     legs_between,
@@ -18,8 +20,10 @@ from microbot_ocp.planning import (
     reach_of,
     scenes_of,
     task_of,
+    timed_paths,
     tool_poses,
 )
+from microbot_ocp.planning.search import _among_obstacles as among
 from microbot_ocp.planning.search._among_obstacles import at_least
 from microbot_ocp.scene import Surroundings, contact_model
 
@@ -236,6 +240,28 @@ def test_a_motion_goes_around_and_is_certified(around: mo.Motion) -> None:
     assert around.duration < 0.9 * timed
     assert around.provenance["clearance"]["proved"]
     assert 0.0 < around.provenance["first_certified"] < processor_time()
+
+
+def test_pairs_that_are_missed_are_put_in_and_it_is_solved_again(around, monkeypatch) -> None:
+    few = replace(among.AMONG_OBSTACLES, near=1e-3)  # no pair comes so near on the path
+    monkeypatch.setattr(among, "AMONG_OBSTACLES", few)
+    lines = list[str]()
+    motion = mo.time_optimal(ARM, ENDS, scene=POST, mesh=30, progress=lambda x: lines.append(x))
+    assert any("more pairs come too near: solved again" in str(line) for line in lines)
+    assert motion.solved
+    assert motion.provenance["clearance"]["proved"]
+    assert motion.duration < 1.01 * around.duration
+
+
+def test_a_path_gets_its_best_timing_where_its_bound_is_faster(around) -> None:
+    surroundings = Surroundings(ARM.with_limits(taud_max=200.0), POST)
+    legs = legs_between(surroundings, ENDS, mo.planning.TimeOptimalSettings(), quiet)
+    bound = min(legs[0].bound(choice) for choice in range(len(legs[0].ways)))
+    assert not list(timed_paths(surroundings, legs, quiet, below=bound))
+    timed = next(timed_paths(surroundings, legs, quiet))
+    assert timed.clearance.proved
+    assert timed.motion.duration > bound
+    assert mo.certify(surroundings.robot, timed.motion, via_q=ENDS, scene=POST).ok
 
 
 def test_an_optimum_slower_than_the_timed_path_ends_the_search(around: mo.Motion) -> None:
