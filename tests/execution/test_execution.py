@@ -96,6 +96,41 @@ def test_splines_of_joint_trajectory_controller(microbot, name, order):
     np.testing.assert_allclose(curve.sample(at).q, jtc(rows, at, order), rtol=0, atol=1e-9)
 
 
+def test_what_toppra_breaks_between_the_rows_is_found(microbot):
+    """Every row keeps the limits; the cubic through two of them, over a switch, does not."""
+    toppra = pytest.importorskip("toppra")
+    robot = microbot.with_limits(qd_max=1.5, qdd_max=4.0, tau_max=np.inf)
+    via = np.array([[0.0, 0.2, 0.1], [0.6, 0.7, 0.9], [0.9, 0.1, 0.4]])
+    velocity, acceleration = ([[-most, most]] * 3 for most in (1.45, 3.9))
+    shape = toppra.algorithm.TOPPRA(
+        [
+            toppra.constraint.JointVelocityConstraint(velocity),
+            toppra.constraint.JointAccelerationConstraint(acceleration),
+        ],
+        toppra.SplineInterpolator(np.linspace(0.0, 1.0, 3), via),
+        gridpoints=np.linspace(0.0, 1.0, 201),
+    ).compute_trajectory()
+    t = np.linspace(0.0, shape.duration, 30)
+    rows = CommandRows(t, shape(t), shape(t, 1), shape(t, 2))
+    assert rows.qd is not None
+    assert rows.qdd is not None
+    assert np.abs(rows.qd).max() < 1.5
+    assert np.abs(rows.qdd).max() < 4.0
+    certificate = mo.check(robot, rows, "ros2_jtc_cubic")
+    h = np.diff(t)[:, None]
+    slope = np.diff(rows.q, axis=0) / h  # the acceleration of a cubic is largest at its ends
+    start = (6.0 * slope - 4.0 * rows.qd[:-1] - 2.0 * rows.qd[1:]) / h
+    end = (2.0 * rows.qd[:-1] + 4.0 * rows.qd[1:] - 6.0 * slope) / h
+    sides = np.abs([start, end])
+    _, row, joint = np.unravel_index(sides.argmax(), sides.shape)
+    worst = next(each for each in certificate.limit_checks if each.quantity == "qdd")
+    assert not certificate.ok
+    assert worst.violation == pytest.approx(sides.max() / 4.0 - 1.0, rel=1e-3)
+    assert worst.violation > 0.1
+    assert worst.joint == robot.joint_names[joint]
+    assert t[row] - 1e-9 <= worst.time <= t[row + 1] + 1e-9
+
+
 @pytest.mark.parametrize(
     ("profile", "fields"),
     [

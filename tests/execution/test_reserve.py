@@ -11,6 +11,7 @@ import microbot_ocp as mo
 pytest.importorskip("mujoco")
 from benchmarks.plants import BOUND, GAIN, RATE, played
 
+LOOP = mo.ComputedTorque(kp=1.0)
 VIA_Q = np.radians([[0, 0, 0], [-8, 45, 30], [-90, 90, 90]])
 
 
@@ -132,6 +133,20 @@ def test_a_delay_of_one_sample_is_a_step_of_the_torque(microbot):
         (
             lambda r: mo.smallest_reserve(r, VIA_Q, mo.ComputedTorque(kp=1.0), [], 0.1),
             "at least one robot",
+        ),
+        (
+            lambda r: mo.compare(r, VIA_Q, trackable={"controller": LOOP}),
+            "trackable: controller, plants and bound must be given",
+        ),
+        (
+            lambda r: mo.compare(
+                r, VIA_Q, trackable={"controller": LOOP, "plants": [r], "bound": 0.1, "gain": 1.0}
+            ),
+            "trackable: option of the loop must be one of .* sample_rate, .* not 'gain'",
+        ),
+        (
+            lambda r: mo.smallest_reserve(r, VIA_Q, LOOP, [mo.load_robot("ur5e")], 0.1),
+            "plant has 6 joints, but the robot has 3",
         ),
         (
             lambda r: mo.track(r, mo.cubic(VIA_Q, [0, 1, 2]), mo.ComputedTorque(kp=1.0), delay=1),

@@ -26,6 +26,7 @@ from ._ratings import (
 from ._reserve import (
     Reserve as Reserve,
     Trial as Trial,
+    check_trials as check_trials,
     differing_plants as differing_plants,
     smallest_reserve as smallest_reserve,
 )

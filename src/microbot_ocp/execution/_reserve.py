@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from inspect import signature
 from itertools import product
 from typing import Any
 
@@ -245,10 +246,7 @@ def smallest_reserve(
     >>> found.solved, 0.01 < found.reserve < 0.2
     (True, True)
     """
-    checks.number("bound", bound, "m", above=0.0)
-    checks.number("accuracy", accuracy, above=0.0, at_most=0.5)
-    if not plants:
-        raise InputError("plants must hold at least one robot")
+    check_trials(robot, controller, plants, bound, accuracy=accuracy, **loop)
     # dry friction that turns over costs a finer one thousands of steps
     loop = {"tolerance": min(accuracy * bound, COARSEST), **loop}
     plan = _planner(robot, task, limits)
@@ -280,6 +278,24 @@ def smallest_reserve(
         middle = 0.5 * (good + bad)
         good, bad = (middle, bad) if keeps(middle) else (good, middle)
     return Reserve(Status.SOLVED, good, motions[good], ideal, bound, ordered())
+
+
+def check_trials(
+    robot: Robot, controller: Any = None, plants: Any = None, bound: Any = None, **options: Any
+) -> None:
+    """Refuse what :func:`smallest_reserve` cannot be asked, before anything is planned."""
+    if controller is None or plants is None or bound is None:
+        raise InputError("controller, plants and bound must be given to find a reserve")
+    checks.number("bound", bound, "m", above=0.0)
+    checks.number("accuracy", options.pop("accuracy", COARSEST), above=0.0, at_most=0.5)
+    if not (isinstance(plants, Sequence) and plants and all(isinstance(p, Robot) for p in plants)):
+        raise InputError("plants must hold at least one robot, and robots only")
+    for plant in plants:
+        checks.joints("plant", plant.joint_count, robot)
+    for name in options:
+        checks.one_of(
+            "option of the loop", name, (*tuple(signature(track).parameters)[4:], "limits")
+        )
 
 
 def _planner(

@@ -18,7 +18,13 @@ from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
 from microbot_ocp._base.status import Status
 from microbot_ocp._base.writing import NotWritten, made_folder, temporary_path
 from microbot_ocp.certificate import Certificate, certificate_of
-from microbot_ocp.execution import Profile, commanded, load_profile, smallest_reserve
+from microbot_ocp.execution import (
+    Profile,
+    check_trials,
+    commanded,
+    load_profile,
+    smallest_reserve,
+)
 from microbot_ocp.motion import Motion
 from microbot_ocp.ocp.solution import Iteration, quiet
 from microbot_ocp.planning import (
@@ -344,6 +350,9 @@ def compare(
     if profile is not None:
         profile = load_profile(profile)
         profile.limits_of(family.robot)  # refuses another number of joints before any solver
+    if trackable is not None:
+        with checks.naming("trackable: "):
+            check_trials(family.robot, **trackable)
     free, path = _settings(settings)
     times, velocities = timing(via, via_t, via_qd)
     total = sum(map(_work, names))
