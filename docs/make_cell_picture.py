@@ -56,7 +56,8 @@ def main() -> None:
     film = Film(of_cell(cell), title="microbot: a cycle over a wall")
     frames = [film.frame(share * cell.motion.duration) for share in SHARES]
     rows = [np.hstack(frames[:2]), np.hstack(frames[2:])]
-    Image.fromarray(np.vstack(rows)).quantize(128).save(TARGET, optimize=True)
+    picture = Image.fromarray(np.vstack(rows)).quantize(256, Image.Quantize.MAXCOVERAGE, kmeans=5)
+    picture.save(TARGET, optimize=True)
     print(TARGET, f"{cell.motion.duration:.4f} s", cell.certificate.ok, cell.certificate.clearance)
 
 

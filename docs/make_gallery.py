@@ -29,7 +29,7 @@ def main() -> int:
                 height = round(picture.height * WIDTH / picture.width)
                 small = picture.convert("RGB").resize((WIDTH, height), Image.Resampling.LANCZOS)
             path = TARGET / written.name
-            small.quantize(COLORS).save(path, optimize=True)
+            small.quantize(COLORS, Image.Quantize.MAXCOVERAGE, kmeans=5).save(path, optimize=True)
             print(f"{path} ({path.stat().st_size / 1e3:.0f} kB)")
     return 0
 

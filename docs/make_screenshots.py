@@ -50,7 +50,7 @@ def main() -> int:
                 picture = Image.fromarray(viewer.picture())
                 problems += [f"{name}: {problem}" for problem in viewer.problems()]
             path = TARGET / f"{name}.png"
-            picture.quantize(COLORS).save(path, optimize=True)
+            picture.quantize(COLORS, Image.Quantize.MAXCOVERAGE, kmeans=5).save(path, optimize=True)
             size = recording.stat().st_size / 1e6
             print(f"{path} ({path.stat().st_size / 1e3:.0f} kB; recording {size:.2f} MB)")
     for problem in problems:

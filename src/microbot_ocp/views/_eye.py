@@ -47,7 +47,7 @@ def find_eye(
     """Return an eye that sees the arm at all positions q [N,n] from its broad, the tool's side.
 
     It sees the places ``places`` [m,3] as well; ``headroom`` (m) is for the labels above the tool.
-    Where obstacles hide more than a tenth of the arm it looks from another side.
+    Where obstacles hide more than a tenth of the arm, or a place, it looks from another side.
     """
     up = upward(robot)
     origins = link_origins(robot, q if len(q) else np.zeros((1, robot.joint_count)))
@@ -69,7 +69,8 @@ def find_eye(
     for turn in np.radians([0, -45, 45, -90, 90, -135, 135, 180]):
         turned = np.cos(turn) * towards + np.sin(turn) * np.cross(up, towards)
         eye = _fitted(robot, points, middle, np.cos(tilt) * turned + np.sin(tilt) * up, up)
-        eyes.append((hidden_share(eye.position, seen, obstacles), eye))
+        hidden = sum(hidden_share(eye.position, p, obstacles) for p in (seen, places) if len(p))
+        eyes.append((hidden, eye))
         if eyes[-1][0] <= 0.1:
             return eye
     return min(eyes, key=lambda entry: entry[0])[1]

@@ -85,6 +85,10 @@ def test_the_eye_looks_past_a_wall() -> None:
     points = scene.link_origins(robot, q)[:, 1:].reshape(-1, 3)
     assert hidden_share(usual.position, points, [wall]) > 0.5
     assert hidden_share(eye.position, points, [wall]) < 0.1
+    small = obstacle_solid(mo.Box([0.4, 0.4, 0.4], usual.target, "box"), robot)
+    behind = usual.target - 0.4 * usual.axes[2:]  # nothing of the arm is hidden, but a stop is
+    assert hidden_share(find_eye(robot, q, behind, 0.0).position, behind, [small]) == 1.0
+    assert hidden_share(find_eye(robot, q, behind, 0.0, [small]).position, behind, [small]) == 0.0
 
 
 @pytest.mark.parametrize(
