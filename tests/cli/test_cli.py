@@ -176,6 +176,8 @@ def test_completion(call, monkeypatch, words, offered, kept_back):
         (["ik", "microbot", "--position", "1,2,3", "--seed", ""], ["--seed", "not ''"]),
         (["ik", "microbot", "--position", "1,2,3", "--time-limit", "0"], ["above 0 s", "'0'"]),
         (["ik", "microbot", "--position", "1,2,3", "--rpy", "1"], ["roll, pitch, yaw"]),
+        (["export", "a.npz", "a.gif", "--profile", "hold@50"], ["--profile", "films", ".gif"]),
+        (["check", "a.csv", "--robot", "microbot", "--profile", "hold@50"], ["a.csv", "cannot be"]),
         (["simulate", "microbot"], ["--q-deg"]),
         (["simulate", "microbot", "--q", "0,0,0", "--duration", "-1"], ["--duration", "-1"]),
         (["simulate", "microbot", "--q", "0,0,0", "--step", "x"], ["--step", "number", "'x'"]),

@@ -179,6 +179,45 @@ def test_what_slowing_down_does_not_help(microbot):
         mo.execution.commanded(microbot, motion, "hold@100")
 
 
+def test_what_moves_at_an_end_is_no_command(microbot):
+    state = shape(microbot, "hold", 5).resample(100.0)
+    half = mo.Motion.from_state(
+        microbot,
+        state.t[50:] - state.t[50],
+        mo.motion.State(state.q[50:], state.qd[50:], state.qdd[50:]),
+        label="from the middle",
+    )
+    for profile in ("hold@100", "ros2_jtc_linear@100"):
+        with pytest.raises(mo.InputError, match=r"motion must begin at rest .* not at .* rad/s"):
+            mo.execution.commanded(microbot, half, profile)
+    with pytest.raises(mo.InputError, match="motion has 3 joints, but the robot has 6"):
+        mo.execution.commanded(mo.load_robot("ur5e"), half, "hold@100")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[limits]\nqd_max = 'a'", "qd_max must be an array of numbers"),
+        (
+            "look_ahead = 0.002",
+            "look_ahead needs qd_max in table \\[limits\\], or a table \\[braking\\]",
+        ),
+        ("columns = 5", "columns must be a list, not 5"),
+        ("columns = 'q'", "columns must be a list, not 'q'"),
+        (
+            "[braking]\nq_min = 1.0\nq_max = [1.0]\nqd_max = [1.0]\ndeceleration = [1.0]\n"
+            "offset = [0.0]",
+            r"q_min must have shape \[any\]",
+        ),
+    ],
+)
+def test_profile_files_of_other_kinds(tmp_path, text, message):
+    path = tmp_path / "mine.toml"
+    path.write_text(f"name = 'mine'\ninterpolation = 'hold'\nrate = 100.0\n{text}\n", "utf-8")
+    with pytest.raises(mo.InputError, match=f"mine.toml: {message}"):
+        mo.execution.load_profile(path)
+
+
 @pytest.mark.parametrize(
     ("name", "text", "message"),
     [
@@ -287,7 +326,7 @@ def test_joints_in_another_order_and_times_of_both_kinds(microbot, tmp_path):
         ("hold", "needs a rate in Hz"),
         ("hold@fast", "must be a number of Hz"),
         ("hold@0", "rate must be above 0 Hz"),
-        ("panda", "panda: qd_max must have shape"),
+        ("panda", "profile panda, for other joints than microbot's: qd_max must have shape"),
         ("hold@100", "row 2 is at 0.5 s, but profile 'hold' plays it at 0.01 s"),
         ("ros2_jtc_cubic", "needs qd in every row"),
     ],

@@ -231,6 +231,8 @@ def export(
     """
     check_output("TARGET", target, (*EXPORT_FORMATS, *FILM_FORMATS))
     film = target.suffix in FILM_FORMATS
+    if film and profile is not None:
+        raise InputError(f"--profile is for rows of a controller, not for films, {target.suffix}")
     options: dict[str, Any] = {"rate": rate, "progress": progress}
     if file.is_dir() and film:
         from microbot_ocp.views.animation import animate_comparison

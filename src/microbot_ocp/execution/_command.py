@@ -7,9 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
+from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.certificate import Certificate, limit_checks_of
-from microbot_ocp.execution._check import judged
+from microbot_ocp.execution._check import AT_REST, judged
 from microbot_ocp.execution._curve import executed, rows_of
 from microbot_ocp.execution._profile import Profile, load_profile
 from microbot_ocp.execution._rows import CommandRows
@@ -102,8 +103,9 @@ def commanded(
     Raises
     ------
     InputError
-        A motion that slowing down does not help much: it leaves the position limits, or jumps where
-        the profile allows no jump. Plan under ``profile.limits_of(robot)`` then.
+        A motion that moves at an end, or that slowing down does not help much: it leaves the
+        position limits, or jumps where the profile allows no jump. Plan under
+        ``profile.limits_of(robot)`` then.
 
     Examples
     --------
@@ -117,6 +119,12 @@ def commanded(
     """
     chosen = load_profile(profile)
     family = LimitFamily.of(robot, chosen.limits_of(robot))
+    checks.joints("motion", motion.joint_count, robot)
+    for end, row in (("begin", motion.qd[0]), ("end", motion.qd[-1])):
+        if (speed := float(np.abs(row).max())) > AT_REST:
+            raise InputError(
+                f"motion must {end} at rest to be a controller's, not at {speed:.3g} rad/s"
+            )
     steps = max(1, int(np.ceil(motion.duration / chosen.step - ROUNDING)))
     most = SLOWING.most_evenly * steps + 1.0
     while True:

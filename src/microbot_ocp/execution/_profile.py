@@ -196,21 +196,22 @@ def _profile(data: Mapping[str, Any]) -> Profile:
     limits, braking = (given.pop(key, {}) for key in ("limits", "braking"))
     ahead = given.pop("look_ahead", None)
     if "columns" in given:
+        if not isinstance(given["columns"], list):
+            raise InputError(f"columns must be a list, not {checks.shown(given['columns'])}")
         given["columns"] = tuple(given["columns"])
     bounds = read_table(limits, dict.fromkeys(LIMIT_KEYS, ANY), "in table [limits]")
-    bounds = {key: _bound(value) for key, value in bounds.items()}
+    bounds = {key: checks.numbers(key, value).tolist() for key, value in bounds.items()}
     also: list[Limit] = []
     velocity: Any = np.negative(bounds.get("qd_max", 0.0)), bounds.get("qd_max", 0.0)
     if braking:
         braking = read_table(braking, dict.fromkeys(BRAKING_KEYS, NEEDED), "in table [braking]")
-        low, high, *others = (tuple(map(float, braking[key])) for key in BRAKING_KEYS)
+        rows = (checks.array(key, braking[key], (None,)) for key in BRAKING_KEYS)
+        low, high, *others = (tuple(row.tolist()) for row in rows)
         velocity = _Braking(-1.0, low, *others), _Braking(1.0, high, *others)
         also.append(Limit("velocity before the end", _Ahead(0.0), *velocity, unit="rad/s"))
     if ahead is not None:
         ahead = checks.number("look_ahead", ahead, "s", above=0.0)
+        if not (braking or "qd_max" in bounds):
+            raise InputError("look_ahead needs qd_max in table [limits], or a table [braking]")
         also.append(Limit("velocity ahead", _Ahead(ahead), *velocity, unit="rad/s"))
     return Profile(**given, limits=Limits(**bounds, also=also))
-
-
-def _bound(value: Any) -> Any:
-    return list(value) if isinstance(value, list) else float(value)
