@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.legend import Legend
 
 import microbot_ocp as mo
 from microbot_ocp.cli import main
@@ -223,3 +224,15 @@ def test_results_show_themselves(disturbed: Disturbed, capsys: pytest.CaptureFix
     for kind in ("atlas", "limits", "quantities", "failures"):
         assert (folder / "summary" / f"{kind}.png").stat().st_size > 10_000
     assert (folder / "summary" / "atlas.rrd").stat().st_size > 1_000
+
+
+def test_a_hexagon_has_the_colour_of_a_limit() -> None:
+    sample = mo.load_sweep(Path(__file__).parents[2] / "problems" / "microbot_study")
+    panel = sample.plot(kind="limits").flat[0]
+    panel.figure.canvas.draw()
+    (legend,) = panel.figure.findobj(Legend)
+    named = [patch.get_facecolor() for patch in legend.get_patches()]
+    drawn = [tuple(color) for color in panel.collections[0].get_facecolors()]
+    assert set(drawn) == set(named)
+    assert len(named) == len(set(named)) == 6
+    assert max(named, key=drawn.count) == named[-1]  # the torque of the elbow

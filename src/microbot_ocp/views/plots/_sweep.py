@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from matplotlib.lines import Line2D
+from matplotlib.colors import ListedColormap
+from matplotlib.patches import Patch
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray
@@ -33,8 +34,8 @@ def sweep(
     kind : str
         "atlas": share of the time that the best method saves, over the places of the tool at the
         goal, seen from above and from the side. "limits": which limit is at work longest, on the
-        same maps. "quantities": the saving against what varies, median and quartiles. "failures":
-        how many cases ended in which way.
+        same maps, in most cases of a hexagon. "quantities": the saving against what varies, median
+        and quartiles. "failures": how many cases ended in which way.
     method : str, optional
         The one that the best is compared with; default the first.
 
@@ -74,47 +75,56 @@ def _maps(results: Sweep, axes: GivenAxes | None, title: str) -> Any:
 
 
 def _atlas(results: Sweep, axes: GivenAxes | None, method: str) -> Any:
-    """Draw the median saving in hexagons, up to 24 across and fewer where cases are few."""
+    """Draw the median saving."""
     saved = 100 * results.savings(method)
     page, panels = _maps(results, axes, f"Time saved against: {method_title(method)}")
     finite = np.isfinite(saved)
     ends = np.quantile(saved[finite], [0.02, 0.98]) if finite.any() else (0.0, 1.0)
     low, top = min(0.0, ends[0]), max(0.0, ends[1])  # the other method may be the faster one
-    cells, drawn = int(np.clip(np.sqrt(finite.sum()) / 1.5, 6, 24)), None
-    for panel, across, up in panels:
-        panel.plot(across[~finite], up[~finite], ".", color="0.8", markersize=2, zorder=0)
-        if finite.any():
-            shape = np.ptp(up[finite]) / (np.ptp(across[finite]) or 1.0)
-            drawn = panel.hexbin(
-                across[finite], up[finite], saved[finite], reduce_C_function=np.median,
-                gridsize=(cells, max(4, round(cells * shape / np.sqrt(3)))), cmap="viridis",
-                vmin=low, vmax=top, linewidths=0.2,
-            )  # fmt: skip
+    drawn = _hexagons(panels, saved, np.median, cmap="viridis", vmin=low, vmax=top)
     if drawn is not None:
         bar = page.figure.colorbar(drawn, ax=list(page.axes[0]), shrink=0.85)
         bar.set_label("median of the time saved [%]")
     return page.axes
 
 
+def _hexagons(panels: Any, values: FloatArray, reduced: Any, **colors: Any) -> Any:
+    """Draw finite values in hexagons, up to 24 across and fewer where cases are few."""
+    finite, drawn = np.isfinite(values), None
+    cells = int(np.clip(np.sqrt(finite.sum()) / 1.5, 6, 24))
+    for panel, across, up in panels:
+        panel.plot(across[~finite], up[~finite], ".", color="0.8", markersize=2, zorder=0)
+        if finite.any():
+            shape = np.ptp(up[finite]) / (np.ptp(across[finite]) or 1.0)
+            drawn = panel.hexbin(
+                across[finite], up[finite], values[finite], reduce_C_function=reduced,
+                gridsize=(cells, max(4, round(cells * shape / np.sqrt(3)))), linewidths=0.2,
+                **colors,
+            )  # fmt: skip
+    return drawn
+
+
 def _limits(results: Sweep, axes: GivenAxes | None, _: str | None) -> Any:
+    """Draw in every hexagon the limit that is at work longest in most of its cases."""
     limit, status = results.read([f"{results.best}_limit", f"{results.best}_status"]).values()
-    solved = status == Status.SOLVED
+    solved, names = status == Status.SOLVED, results.about["limits"]
     page, panels = _maps(results, axes, "Limit that is at work longest")
-    handles = []
-    size = min(3.0, 100.0 / np.sqrt(solved.sum() + 1.0))  # many points lie over each other
-    for place, name in enumerate(results.about["limits"]):
+    places = np.full(len(limit), np.nan)
+    handles, colors = [], [look(place, joints=True)["color"] for place in range(len(names))]
+    for place, name in enumerate(names):
         decided = solved & (limit == name)
-        if not decided.any():
-            continue
-        style: dict[str, Any] = look(place, joints=True)
-        style |= {"linestyle": "", "marker": "os^Dv<>p"[place % 8]}
-        label = f"{name.replace('_', ' ')}: {100 * decided.sum() / solved.sum():.0f} %"
-        handles.append(Line2D([], [], label=label, **style))
-        style |= {"markersize": size, "alpha": 0.75, "zorder": 3.0 - decided.mean()}
-        for panel, across, up in panels:
-            panel.plot(across[decided], up[decided], **style)
+        places[decided] = place
+        if decided.any():
+            label = f"{name.replace('_', ' ')}: {100 * decided.sum() / solved.sum():.0f} %"
+            handles.append(Patch(color=colors[place], label=label))
+    ends = {"vmin": -0.5, "vmax": len(names) - 0.5}
+    _hexagons(panels, places, _most_frequent, cmap=ListedColormap(colors), **ends)
     page.legend(handles, 4)
     return page.axes
+
+
+def _most_frequent(places: FloatArray) -> int:
+    return int(np.bincount(np.asarray(places, dtype=int)).argmax())
 
 
 def _trends(results: Sweep, axes: GivenAxes | None, method: str) -> Any:
