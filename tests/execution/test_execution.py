@@ -257,6 +257,11 @@ def test_profile_files_of_other_kinds(tmp_path, text, message):
         ("a.json", "{", "it is no JSON"),
         ("a.json", "{}", "one trajectory with joint_names and points, but holds 0"),
         ("a.json", json.dumps([MESSAGE, MESSAGE]), "but holds 2"),
+        (
+            "a.json",
+            json.dumps(MESSAGE).replace("0.01", "1" + 400 * "0"),
+            "number that is too large",
+        ),
         ("a.json", json.dumps(MESSAGE), r"positions of point 2 must be 3 numbers, not \[1.0\]"),
         ("a.yaml", "joint_names: [a, b, c]\npoints: [{}]", "its joints must be waist, shoulder"),
         ("a.npz", "x", "no archive of numpy"),

@@ -16,7 +16,6 @@ import numpy as np
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError, naming, shown
 from microbot_ocp._base.reading import bytes_of, text_of, yaml_of
-from microbot_ocp.limits import JOINT_QUANTITIES
 from microbot_ocp.motion import FIELDS, Mark, Motion
 from microbot_ocp.robot import Robot
 
@@ -89,7 +88,10 @@ def read_rows(path: str | Path, robot: Robot) -> CommandRows | Motion:
         elif target.suffix == ".npz":
             rows = _of_archive(target, robot)
         else:
-            rows = _of_message(_document(target), robot)
+            try:
+                rows = _of_message(_document(target), robot)
+            except OverflowError:  # of a whole number that is no float
+                raise InputError("it holds a number that is too large") from None
         checks.joints("it", rows.q.shape[1], robot)
         beyond = np.maximum(rows.q - robot.limits.q_max, robot.limits.q_min - rows.q)
         far = (beyond > 2.0 * np.pi) & (np.array(robot.joint_types) == "revolute")
@@ -242,13 +244,12 @@ def _of_message(document: Any, robot: Robot) -> CommandRows:
         if not any(rows):
             continue
         for k, row in enumerate(rows, 1):
-            numbers = isinstance(row, list) and all(isinstance(x, int | float) for x in row)
+            numbers = isinstance(row, list) and set(map(type, row)) <= {int, float}
             if not numbers or len(row) != len(names):
                 raise InputError(
                     f"{field} of point {k} must be {len(names)} numbers, not {shown(row)}"
                 )
-        unit = JOINT_QUANTITIES[key].either_unit
-        columns[key] = checks.array(field, rows, (len(points), len(names)), unit)[:, order]
+        columns[key] = np.array(rows, dtype=float)[:, order]
     if "q" not in columns:
         raise InputError("its points have no positions")
     return CommandRows(np.array(t), **columns)
