@@ -341,3 +341,10 @@ def test_a_table_has_what_a_controller_and_other_arms_cost(microbot):
     assert {"T executed [s]", "T trackable [s]"} <= set(result.table().heads)
     with pytest.raises(mo.InputError, match="profile must be one of"):
         mo.compare(microbot, [[0, 0, 0], [0.5, 0.4, 0.3]], ["cubic"], profile="nothing")
+
+
+def test_velocities_of_a_sliding_and_a_turning_joint_have_their_units() -> None:
+    arm = mo.Robot.from_dh([0, 0], [0, 1], [0, 0], joint_type=["prismatic", "revolute"])
+    arm = arm.with_limits(q_min=-2, q_max=2, qd_max=1.0)
+    lspb = mo.compare(arm, [[0, 0], [0.5, 1], [1, 1]], methods=["lspb"]).motions["lspb"]
+    assert lspb.remark.endswith(") m/s or rad/s")

@@ -162,3 +162,11 @@ def test_a_film_of_a_cell_shows_obstacles_tubes_and_the_part_on_its_way(robot: m
     assert film.floor == -1.2
     film.frame(1.0)
     assert "apart" in film.gap_text.get_text()
+
+
+def test_a_long_title_ends_before_the_panels(robot: mo.Robot, motion: mo.Motion) -> None:
+    film = Film(
+        of_motion(robot, motion), title="an arm with a name as long as names can be: a motion"
+    )
+    title = next(text for text in film.figure.texts if text.get_text().startswith("an arm"))
+    assert title.get_window_extent().x1 < 0.69 * film.figure.bbox.width

@@ -5,7 +5,7 @@ A method is a function from :class:`ComparedTask` to a motion, and one line of :
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -148,7 +148,8 @@ def _lspb(task: ComparedTask, best: bool) -> Motion:
     )
     blends = f"blends {share:g} of each segment" if share else _seconds("blends", both(parts)[1])
     state = motion.sample([mark.time for mark in motion.marks[1:-1]])
-    passes = map(_passage, task.via_q[1:-1], state.q, state.qd)
+    units = {task.robot.unit("q", joint) for joint in range(task.robot.joint_count)}
+    passes = map(partial(_passage, sorted(units)), task.via_q[1:-1], state.q, state.qd)
     return replace(motion, remark="; ".join([motion.remark, blends, *passes]))
 
 
@@ -203,13 +204,14 @@ def _seconds(of: str, durations: FloatArray) -> str:
     return f"{of} of {', '.join(f'{duration:.3f}' for duration in durations)} s"
 
 
-def _passage(via: FloatArray, q: FloatArray, qd: FloatArray) -> str:
+def _passage(units: Sequence[str], via: FloatArray, q: FloatArray, qd: FloatArray) -> str:
     """How LSPB passes a via point."""
     miss = float(np.abs(q - via).max())
-    speeds = ", ".join(f"{v:.3f}" for v in qd)
+    unit = " or ".join(units)
+    speeds = f"({', '.join(f'{v:.3f}' for v in qd)}) {'/s or '.join(units)}/s"
     if miss < 1e-9:
-        return f"passes the via point, at qd = ({speeds}) rad/s"
-    return f"does not pass the via point: misses it by {miss:.4f} rad, qd = ({speeds}) rad/s"
+        return f"passes the via point, at qd = {speeds}"
+    return f"does not pass the via point: misses it by {miss:.4f} {unit}, qd = {speeds}"
 
 
 def _straight_path(task: ComparedTask) -> Motion:

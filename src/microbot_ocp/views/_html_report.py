@@ -48,7 +48,8 @@ SETTINGS = HtmlSettings()
 STYLE = """
 :root { color-scheme: light dark }
 body { font: 16px/1.5 system-ui, sans-serif; max-width: 62em; margin: 2em auto; padding: 0 1em }
-h1 { font-size: 1.5em } h2 { font-size: 1.15em; margin-top: 2em }
+h1 { font-size: 1.5em; overflow-wrap: anywhere } h2 { font-size: 1.15em; margin-top: 2em }
+td, th { font-size: .85em }
 img { max-width: 100%; background: #fff; border-radius: 6px }
 .figure { min-width: 44em } td:first-child { white-space: nowrap }
 @media (prefers-color-scheme: dark) { .figure { filter: invert(.92) hue-rotate(180deg) } }

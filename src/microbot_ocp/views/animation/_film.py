@@ -116,7 +116,9 @@ class Film:
         return self.figure.text(x, y, text, **style)
 
     def _write(self, title: str) -> None:
-        self._text(0.025, 0.935, title, fontsize=13, fontweight="bold")
+        text = self._text(0.025, 0.935, title, fontsize=13, fontweight="bold")
+        room = 0.65 * self.figure.bbox.width / text.get_window_extent().width  # beside the panels
+        text.set_fontsize(13 * min(1.0, room))
         self.clocks = []
         for row, arm in enumerate(reversed(self.arms)):
             y = 0.885 - 0.052 * row

@@ -223,7 +223,7 @@ def line_of(curve: Curve, place: int, base: bool = False) -> dict[str, Any]:
 
 
 def _draw_limits(axes: Axes, limits: scene.AxisLimits) -> None:
-    """Set the range of the axes; draw near limits as lines, name far ones above the axes."""
+    """Set the range of the axes; draw near limits as lines, name far ones at the edge."""
     axes.set_ylim(*limits.axis)
     for limit, edge in zip((limits.lower, limits.upper), limits.axis, strict=True):
         if limit is not None:
@@ -231,7 +231,9 @@ def _draw_limits(axes: Axes, limits: scene.AxisLimits) -> None:
             axes.axhspan(*sorted((limit, edge)), zorder=1, **STYLE.beyond_limit)
     if limits.far:
         note = {"fontsize": STYLE.small, "color": STYLE.ink, "ha": "right", "va": "bottom"}
-        axes.annotate(limits.far, xytext=(-2, 2), **CORNER, **note)
+        below = limits.far.startswith("lower")  # away from the line of the upper limit
+        place = CORNER | {"xy": (1.0, 0.0), "path_effects": halo()} if below else CORNER
+        axes.annotate(limits.far, xytext=(-2, 2), **place, **note)
 
 
 def _cut(axes: Axes, bound: float) -> None:
