@@ -71,13 +71,13 @@ def jtc(rows, t, order):
     for at in t:
         i = min(int(np.searchsorted(rows.t, at, side="right")) - 1, len(rows.t) - 2)
         T, x = rows.t[i + 1] - rows.t[i], at - rows.t[i]
-        p, v, a = rows.q[i], rows.qd[i], rows.qdd[i]
-        P, V, A = rows.q[i + 1], rows.qd[i + 1], rows.qdd[i + 1]
+        (p, P), (v, V) = rows.q[i : i + 2], rows.qd[i : i + 2]
         if order == 3:
             c2 = (-3 * p + 3 * P - 2 * v * T - V * T) / T**2
             c3 = (2 * p - 2 * P + v * T + V * T) / T**3
             found.append(p + v * x + c2 * x**2 + c3 * x**3)
             continue
+        a, A = rows.qdd[i : i + 2]
         c3 = (-20 * p + 20 * P - 3 * a * T**2 + A * T**2 - 12 * v * T - 8 * V * T) / (2 * T**3)
         c4 = (30 * p - 30 * P + 3 * a * T**2 - 2 * A * T**2 + 16 * v * T + 14 * V * T) / (2 * T**4)
         c5 = (-12 * p + 12 * P - a * T**2 + A * T**2 - 6 * v * T - 6 * V * T) / (2 * T**5)
@@ -94,6 +94,26 @@ def test_splines_of_joint_trajectory_controller(microbot, name, order):
     curve = mo.executed(microbot, rows, f"ros2_jtc_{name}")
     at = np.sort(rng.uniform(0.0, t[-1], 200))
     np.testing.assert_allclose(curve.sample(at).q, jtc(rows, at, order), rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("profile", ["ros2_jtc_cubic@250", "ros2_jtc_quintic@250"])
+def test_accelerations_that_jump_between_rows_cost_some_steps_only(microbot, tmp_path, profile):
+    robot = microbot.with_limits(tau_max=np.inf, qdd_max=5.0)
+    via_q = np.array(
+        [[0.0, 0.2, 0.1], [0.6, 0.7, 0.94]]
+    )  # 205 steps, with the switch in the middle
+    motion = mo.time_optimal_path(robot, mo.straight_path(via_q), compiled=False)
+    assert np.ptp(motion.qdd, axis=0).max() > 9.0
+    command = mo.execution.commanded(robot, motion, profile)
+    assert command.accepted
+    assert 0.0 < command.cost <= 4 * 0.004
+    rows = mo.execution.read_rows(command.export(tmp_path / "a.json", robot), robot)
+    t = np.linspace(0.0, rows.t[-1], 4001)
+    q = jtc(rows, t, 3) if rows.qdd is None else jtc(rows, t, 5)
+    assert np.abs(np.diff(q, n=2, axis=0)).max() <= 5.0 * t[1] ** 2 * (1 + 1e-6)
+    share = (rows.q - via_q[0]) / (via_q[1] - via_q[0])
+    np.testing.assert_allclose(share, share[:, [0]] @ np.ones((1, 3)), atol=1e-9)  # on the line
+    assert (np.diff(share[:, 0]) >= -1e-12).all()
 
 
 def test_what_toppra_breaks_between_the_rows_is_found(microbot):

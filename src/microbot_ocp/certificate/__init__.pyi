@@ -8,6 +8,7 @@ from ._certificate import (
     ViaCheck as ViaCheck,
 )
 from ._certification import (
+    Tolerances as Tolerances,
     certificate_of as certificate_of,
     certify as certify,
     limit_checks_of as limit_checks_of,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp.certificate import Certificate, limit_checks_of
+from microbot_ocp.certificate import Certificate, Tolerances, limit_checks_of
 from microbot_ocp.execution._check import AT_REST, judged
 from microbot_ocp.execution._curve import executed, rows_of
 from microbot_ocp.execution._profile import Profile, load_profile
@@ -26,6 +27,8 @@ from microbot_ocp.motion import (
 from microbot_ocp.planning.free._within_limits import SLOWING
 from microbot_ocp.robot import Robot, gravity_torque
 from microbot_ocp.scene import Scene
+
+NEAR = Tolerances().via  # rad (m): no farther from its way, as certificates ask of via points
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +85,9 @@ def commanded(
 
     The motion is sampled at the rate of the profile, to a whole number of steps. Where what the
     controller makes of the rows exceeds a limit, of the robot or of the profile, the motion is
-    slowed down evenly, until it does not any more.
+    slowed down evenly, until it does not any more. Where polynomials between rows make too much of
+    accelerations that jump, the rows are those of the cubic B-spline of the samples, if that is
+    sooner and at most 1e-3 rad (m) off.
 
     Parameters
     ----------
@@ -125,21 +130,59 @@ def commanded(
             raise InputError(
                 f"motion must {end} at rest to be a controller's, not at {speed:.3g} rad/s"
             )
-    steps = max(1, int(np.ceil(motion.duration / chosen.step - ROUNDING)))
-    most = SLOWING.most_evenly * steps + 1.0
-    while True:
-        slowed = _stretched(robot, motion, steps * chosen.step / motion.duration)
-        curve = executed(robot, slowed, chosen)
-        factor = _factor(family, curve, most / steps)
-        if factor == 1.0:
-            break
-        steps = max(steps + 1, int(np.ceil(steps * factor)))
+    slowed, curve = _soonest(family, motion, chosen)
     rows = rows_of(slowed, chosen)
     state = State(rows.q, np.asarray(rows.qd), np.asarray(rows.qdd))
     rows = replace(rows, tau=_efforts(robot, chosen, state))
     certificate = judged(robot, rows, curve, chosen, scene, simulated=True)
     cost = float(rows.t[-1]) - motion.duration
     return ControllerCommand(chosen, rows, curve, certificate, motion.duration, cost)
+
+
+def _accepted(
+    family: LimitFamily, motion: Motion, profile: Profile, *, held: bool = False
+) -> tuple[Motion, Motion]:
+    """The motion slowed down until its execution keeps all limits, and that execution.
+
+    With ``held`` it is first made what a controller that holds its samples makes of it.
+    """
+    steps = max(1, int(np.ceil(motion.duration / profile.step - ROUNDING)))
+    most = SLOWING.most_evenly * steps + 1.0
+    while True:
+        slowed = _stretched(family.robot, motion, steps * profile.step / motion.duration)
+        if held:
+            slowed = executed(family.robot, slowed, replace(profile, interpolation="hold"))
+        curve = executed(family.robot, slowed, profile)
+        factor = _factor(family, curve, most / steps)
+        if factor == 1.0:
+            return slowed, curve
+        steps = max(steps + 1, int(np.ceil(steps * factor)))
+
+
+def _soonest(family: LimitFamily, motion: Motion, profile: Profile) -> tuple[Motion, Motion]:
+    """The motion slowed down as it is, or smoothed, whichever takes less time.
+
+    Where an acceleration jumps between two rows, a polynomial through them makes too much of it.
+    The cubic B-spline of the samples jumps nowhere and has its knots at rows, so that the cubics or
+    quintics through its rows are itself. It takes two steps more, and is ``qdd step^2 / 6`` off.
+    """
+    plain = problem = None
+    try:
+        plain = _accepted(family, motion, profile)
+    except InputError as error:
+        problem = error
+    if plain and plain[0].duration <= motion.duration + 3.0 * profile.step:
+        return plain
+    if profile.interpolation in ("cubic", "quintic"):
+        with suppress(InputError):
+            smooth = _accepted(family, motion, profile, held=True)
+            near = np.abs(smooth[0].qdd).max() * profile.step**2 / 6.0 <= NEAR
+            if near and (plain is None or smooth[0].duration < plain[0].duration):
+                return smooth
+    if plain is None:
+        assert problem is not None
+        raise problem
+    return plain
 
 
 def _stretched(robot: Robot, motion: Motion, factor: float) -> Motion:
