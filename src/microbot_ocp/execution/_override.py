@@ -335,7 +335,7 @@ def _ramped(family: LimitFamily, motion: Motion, wanted: _Ramp, later: Sequence[
         ramp = _Ramp(wanted.at, 1.0, 1.0, 0.0, motion.duration - wanted.at)
     reached = float(ramp.along(np.array([ramp.end]))[0][0])
     lasts = ramp.end + ((motion.duration - reached) / ramp.speed if ramp.speed else 0.0)
-    even = np.linspace(0.0, lasts, 20 * motion.t.size)
+    even = np.linspace(0.0, lasts, RAMP.parts * motion.t.size)
     places = ramp.along(even)[0], even
     before_jumps = motion.t[:-1][jump_gaps(motion.t)]
     after = [some[some > ramp.at + JUMP_GAP] for some in (before_jumps, mesh_of(motion))]
