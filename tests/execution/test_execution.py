@@ -300,6 +300,9 @@ def test_archives_of_other_arrays(microbot, tmp_path):
         np.save(file, np.zeros(3))
     with pytest.raises(mo.InputError, match="no archive of numpy"):
         mo.check(microbot, path, "hold@100")
+    path.write_bytes(b"PK\x03\x04" + bytes(100))  # damaged
+    with pytest.raises(mo.InputError, match="no archive of numpy"):
+        mo.check(microbot, path, "hold@100")
     np.savez(path, time=[0.0, 0.01])
     with pytest.raises(mo.InputError, match="must hold the arrays t and q"):
         mo.check(microbot, path, "hold@100")

@@ -11,7 +11,7 @@ import io
 import json
 import os
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,7 @@ MOST_BYTES = 2_000_000_000  # of all arrays of a file together
 MOST_MEMBERS = 10_000
 METADATA = "metadata"
 DIGEST = "digest"  # of all the rest; files of earlier versions have none
+TEXTS = (METADATA, DIGEST, "joint_names")
 
 
 def write_archive(
@@ -73,7 +74,7 @@ def read_archive(
             f"{shortened(str(path), 150)} is no file: give the path of a saved {what} (.npz)"
         )
     try:
-        arrays = _members(Path(path))
+        arrays = arrays_in(Path(path))
         digest = str(arrays.pop(DIGEST, ""))
         changed = bool(digest) and digest != _digest(arrays)
         metadata = json.loads(str(arrays.pop(METADATA)))
@@ -101,7 +102,8 @@ def no_archive(path: str | Path, what: str, problem: Exception) -> InputError:
     )
 
 
-def _members(path: Path) -> dict[str, np.ndarray]:
+def arrays_in(path: Path, wanted: Collection[str] | None = None) -> dict[str, np.ndarray]:
+    """Plain arrays of a file, all or the wanted ones; damage raises errors of many kinds."""
     with zipfile.ZipFile(path) as stored:
         names = stored.namelist()
         size = sum(member.file_size for member in stored.infolist())
@@ -110,9 +112,9 @@ def _members(path: Path) -> dict[str, np.ndarray]:
     if len(set(names)) < len(names):
         raise ValueError("a name is there twice")
     with np.load(path, allow_pickle=False) as loaded:
-        arrays = {name: loaded[name] for name in loaded.files}
+        arrays = {name: loaded[name] for name in loaded.files if not wanted or name in wanted}
     for name, array in arrays.items():
-        if array.dtype.kind not in ("U" if name in (METADATA, DIGEST) else "biuf"):
+        if array.dtype.kind not in ("U" if name in TEXTS else "biuf"):
             raise ValueError(f"{name} holds {array.dtype}, not numbers")
     return {name: array.astype(array.dtype.newbyteorder("=")) for name, array in arrays.items()}
 

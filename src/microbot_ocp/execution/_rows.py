@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 
 from microbot_ocp._base import checks
-from microbot_ocp._base.checks import FloatArray, InputError, naming, shown
+from microbot_ocp._base.archive import METADATA, arrays_in
+from microbot_ocp._base.checks import FloatArray, InputError, naming, shortened, shown
 from microbot_ocp._base.reading import bytes_of, text_of, yaml_of
 from microbot_ocp.motion import FIELDS, Mark, Motion
 from microbot_ocp.robot import Robot
@@ -199,14 +200,12 @@ def _order(names: Sequence[str], robot: Robot) -> list[int]:
 
 def _of_archive(path: Path, robot: Robot) -> CommandRows | Motion:
     bytes_of(path, "trajectory")  # a plain file
-    arrays: Any = {}
     try:
-        with np.load(path, allow_pickle=False) as archive:
-            if "metadata" in archive:
-                return Motion.load(path)
-            arrays = {key: archive[key] for key in ARRAYS if key in archive}
-    except (OSError, ValueError, EOFError, KeyError, TypeError):
-        raise InputError("it is no archive of numpy") from None
+        arrays: Any = arrays_in(path, (*ARRAYS, METADATA))
+    except Exception as problem:  # as archives raise on damage
+        raise InputError(f"it is no archive of numpy: {shortened(str(problem), 120)}") from None
+    if arrays.pop(METADATA, None) is not None:
+        return Motion.load(path)
     if not {"t", "q"} <= set(arrays):
         raise InputError(f"it must hold the arrays t and q, and may hold {', '.join(ARRAYS[2:])}")
     names = arrays.pop("joint_names", None)
