@@ -1,7 +1,8 @@
 """Draw the figures of the documentation again, into ``docs/images``.
 
 Figures of a page are what the page's own code writes; the others have their own scripts. Pictures
-of recordings need a Vulkan driver, those of notebooks need Chromium: they are drawn with --all.
+of recordings need a Vulkan driver, that of a notebook needs Chromium: they are drawn with --all,
+which runs the notebooks, too.
 
     python docs/make_figures.py [--all]
 """
@@ -41,7 +42,7 @@ SCRIPTS = (
     "make_cell_picture.py",
     "make_import_diagram.py",
 )
-VIEWERS = ("make_screenshots.py", "make_notebook_pictures.py")
+VIEWERS = ("make_screenshots.py", "make_notebooks.py")
 
 
 def main() -> None:

@@ -16,6 +16,7 @@ pytestmark = pytest.mark.slow
 NOTEBOOKS = sorted((Path(__file__).parent.parent / "notebooks").glob("*.ipynb"))
 WORDS_A_MINUTE = 180
 SECONDS_A_LINE_OF_CODE = 3.0
+WIDGET = "application/vnd.jupyter.widget-view+json"
 
 # what the text says of an output, the cell, and how the output must read for that
 SAID = {
@@ -56,6 +57,20 @@ def said_by(cell: nbformat.NotebookNode) -> list[str]:
     ]
 
 
+def pictures(notebook: nbformat.NotebookNode) -> list[str]:
+    """Name the cells that show a picture."""
+    shown = [cell for cell in notebook.cells if "image/png" in str(cell.get("outputs", ""))]
+    return [cell.id for cell in shown]
+
+
+def outputs_are_as_the_text_says(path: Path, notebook: nbformat.NotebookNode) -> None:
+    prose = "\n".join(cell.source for cell in notebook.cells if cell.cell_type == "markdown")
+    shown = {cell.id: "".join(said_by(cell)) for cell in notebook.cells}
+    for sentence, cell, pattern in SAID.get(path.stem, ()):
+        assert sentence in prose
+        assert re.search(pattern, shown[cell]), f"{sentence!r}, but {cell} shows {shown[cell]!r}"
+
+
 def test_there_are_notebooks() -> None:
     assert [path.name[:3] for path in NOTEBOOKS] == [
         f"{i:02d}_" for i in range(1, 1 + len(NOTEBOOKS))
@@ -86,22 +101,23 @@ def test_runs_from_clean(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyP
     complaints = [out.text for out in outputs(notebook) if out.get("name") == "stderr"]
     assert not complaints
     assert not list(folder.iterdir()), "a notebook leaves nothing behind"
-    images = [out for out in outputs(notebook) if "image/png" in out.get("data", {})]
-    assert images, "a notebook shows at least one picture"
-    prose = "\n".join(cell.source for cell in notebook.cells if cell.cell_type == "markdown")
-    shown = {cell.id: "".join(said_by(cell)) for cell in notebook.cells}
-    for sentence, cell, pattern in SAID.get(path.stem, ()):
-        assert sentence in prose
-        assert re.search(pattern, shown[cell]), f"{sentence!r}, but {cell} shows {shown[cell]!r}"
+    assert pictures(notebook), "a notebook shows at least one picture"
+    assert pictures(notebook) == pictures(read(path)), "python docs/make_notebooks.py runs them"
+    outputs_are_as_the_text_says(path, notebook)
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_committed_without_outputs(path: Path) -> None:
+def test_outputs_are_stored_small_and_in_order(path: Path) -> None:
     notebook = read(path)
     nbformat.validate(notebook)
-    assert not outputs(notebook)
+    assert path.stat().st_size < 150e3
+    for out in outputs(notebook):
+        assert out.output_type in ("display_data", "execute_result", "stream")
+        assert out.get("name") != "stderr"
+        assert WIDGET not in out.get("data", {})
     code = [cell for cell in notebook.cells if cell.cell_type == "code"]
-    assert all(cell.execution_count is None for cell in code)
+    assert [cell.execution_count for cell in code] == list(range(1, len(code) + 1))
+    outputs_are_as_the_text_says(path, notebook)
     assert not any(cell.metadata for cell in notebook.cells)
     assert set(notebook.metadata) == {"kernelspec", "language_info"}
     assert notebook.metadata.language_info == {"name": "python"}

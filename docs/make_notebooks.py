@@ -1,13 +1,15 @@
-"""Run every notebook and draw it as a reader sees it, whole, into ``docs/images/notebooks``.
+"""Run every notebook and keep what it shows in it; draw the fourth into ``docs/images/notebooks``.
 
-A widget cannot live in a picture: its own picture stands in its place. Needs the extra ``notebook``
+A widget cannot live in a file: its own picture stands in its place. Needs the extra ``notebook``
 and Chromium.
 
-    python docs/make_notebook_pictures.py [01 04]
+    python docs/make_notebooks.py [01 04]
 """
 
 from __future__ import annotations
 
+import base64
+import copy
 import io
 import re
 import shutil
@@ -34,25 +36,35 @@ WIDGET = "application/vnd.jupyter.widget-view+json"
 VIEWER = "<p><em>Here stands the Rerun viewer, in a notebook that runs.</em></p>"
 FORMULA = re.compile(r"\$\$(?P<block>.+?)\$\$|(?<!\\)\$(?P<inline>[^$]+?)\$", re.DOTALL)
 WIDTH, HEIGHT = 1000, 9000  # pixels; what is not used is cut off
-COLORS = 256
+COLORS, STORED_COLORS = 256, 64
+DRAWN = "04"
 
 
 def run(path: Path) -> NotebookNode:
-    """The notebook with its outputs; formulas as MathML, widgets as pictures."""
+    """The notebook with its outputs, widgets as pictures, pictures with few colours."""
     notebook = nbformat.read(path, as_version=4)
+    metadata = copy.deepcopy(notebook.metadata)
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "problems").symlink_to(DOCS.parent / "problems")
         work = Path(folder) / "notebooks"
         work.mkdir()
+        options = {"kernel_name": "python3", "record_timing": False, "timeout": 300}
         resources = {"metadata": {"path": str(work)}}
-        NotebookClient(notebook, timeout=300, kernel_name="python3", resources=resources).execute()
-    notebook.metadata.pop("widgets", None)
+        NotebookClient(notebook, resources=resources, **options).execute()
+    notebook.metadata = metadata
     for cell in notebook.cells:
-        if cell.cell_type == "markdown":
-            cell.source = FORMULA.sub(_formula, cell.source)
-        else:
+        if cell.cell_type == "code":
             cell.outputs = [out for out in map(_still, cell.outputs) if out is not None]
     return notebook
+
+
+def with_formulas(notebook: NotebookNode) -> NotebookNode:
+    """A copy whose formulas are MathML."""
+    shown = copy.deepcopy(notebook)
+    for cell in shown.cells:
+        if cell.cell_type == "markdown":
+            cell.source = FORMULA.sub(_formula, cell.source)
+    return shown
 
 
 def _formula(found: re.Match[str]) -> str:
@@ -64,10 +76,14 @@ def _formula(found: re.Match[str]) -> str:
 def _still(output: NotebookNode) -> NotebookNode | None:
     """An output without widgets; None where nothing is left."""
     data = output.get("data", {})
-    if WIDGET not in data:
-        return output
-    del data[WIDGET]
-    if "image/png" not in data:
+    is_widget = data.pop(WIDGET, None) is not None
+    if "image/png" in data:
+        image = Image.open(io.BytesIO(base64.b64decode(data["image/png"]))).convert("RGB")
+        small = io.BytesIO()
+        few = image.quantize(STORED_COLORS, Image.Quantize.MAXCOVERAGE, kmeans=5)
+        few.save(small, "PNG", optimize=True)
+        data["image/png"] = base64.b64encode(small.getvalue()).decode()
+    elif is_widget:
         if not str(data.get("text/plain", "")).startswith("VBox"):
             return None
         data["text/html"] = VIEWER
@@ -96,7 +112,7 @@ def picture(page: Path, target: Path) -> None:
     pixels = np.asarray(image)
     used = np.flatnonzero((pixels != pixels[-1, -1]).any(axis=(1, 2)))
     kept = image.crop((0, 0, image.width, min(image.height, int(used[-1]) + 30)))
-    kept.quantize(COLORS, Image.Quantize.MAXCOVERAGE).save(target, optimize=True)
+    kept.quantize(COLORS, Image.Quantize.MAXCOVERAGE, kmeans=5).save(target, optimize=True)
 
 
 def main() -> None:
@@ -106,11 +122,14 @@ def main() -> None:
         number = path.stem[:2]
         if wanted and number not in wanted:
             continue
-        with tempfile.TemporaryDirectory() as folder:
-            page = Path(folder) / "page.html"
-            page.write_text(html(run(path)), "utf-8")
-            picture(page, TARGET / f"{number}.png")
-        print(TARGET / f"{number}.png")
+        notebook = run(path)
+        nbformat.write(notebook, path)
+        print(f"{path} ({path.stat().st_size / 1e3:.0f} kB)")
+        if number == DRAWN:
+            with tempfile.TemporaryDirectory() as folder:
+                page = Path(folder) / "page.html"
+                page.write_text(html(with_formulas(notebook)), "utf-8")
+                picture(page, TARGET / f"{number}.png")
 
 
 if __name__ == "__main__":
