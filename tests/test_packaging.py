@@ -7,12 +7,14 @@ import re
 import subprocess
 import sys
 import sysconfig
+import tomllib
 import venv
 import zipfile
 from email.parser import Parser
 from pathlib import Path
 
 import pytest
+import yaml
 
 import microbot_ocp as mo
 
@@ -49,6 +51,18 @@ def test_wheel_carries_nothing_else_but_its_licence_and_metadata(wheel: zipfile.
     rest = [name for name in wheel.namelist() if not name.startswith("microbot_ocp/")]
     assert all(name.startswith("microbot_ocp-") and ".dist-info/" in name for name in rest)
     assert any(name.endswith("/licenses/LICENSE") for name in rest)
+
+
+def test_the_recipe_of_conda_needs_what_the_wheel_needs() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    recipe = yaml.safe_load((ROOT / "conda" / "recipe.yaml").read_text())
+    listed = [f"python{project['requires-python']}", *project["dependencies"]]
+    needed = [name.replace("matplotlib", "matplotlib-base").replace(">=", " >=") for name in listed]
+    assert recipe["requirements"]["run"] == needed
+    assert recipe["build"]["python"]["entry_points"] == [
+        f"{name} = {target}" for name, target in project["scripts"].items()
+    ]
+    assert recipe["about"]["summary"] == project["description"]
 
 
 def test_metadata_names_what_it_needs(wheel: zipfile.ZipFile) -> None:
