@@ -146,6 +146,7 @@ def test_a_file_may_have_either_convention(tmp_path: Path) -> None:
     [
         (ALPHA, A, None, r"joints 5 and 6 turn about the same axis.*convention='standard'"),
         ([0, 0], [1, 1], None, r"before its first joint \(alpha 0 deg, a 1 m\).*'standard'"),
+        ([np.pi / 2, np.pi], [0, 0.4], None, r"before its first joint \(alpha 90 deg.*'standard'"),
         ([0, -np.pi / 2, 0], [0, 0, 0.4], "standard", "joints 1 and 2.*convention='modified'"),
     ],
 )

@@ -76,7 +76,8 @@ def doubts(
     }
     odd = coincident[convention]
     other: Convention = "standard" if convention == "modified" else "modified"
-    first = convention == "modified" and alpha.size > 1 and not placed and alpha[-1] == 0.0
+    parallel = np.isclose(np.sin(alpha[-1]), 0.0)
+    first = convention == "modified" and alpha.size > 1 and not placed and parallel
     if first and joint_types[0] == "revolute" and (alpha[0] or a[0]):  # rails lie as they please
         twist = f"alpha {np.degrees(alpha[0]):.4g} deg, a {a[0]:.4g} m"
         odd = [f"there is a link before its first joint ({twist}), but none after its last", *odd]
