@@ -8,7 +8,8 @@ costs beside its work, ``python -m benchmarks published`` published tasks among 
 replanning`` times re-plans of an arm that moves, ``python -m benchmarks plants`` plays arms of
 MuJoCo that differ from the model, ``python -m benchmarks baseline`` records all answers and
 compares them with an earlier record, ``python -m benchmarks ledger FILE`` prints what the
-strategies did in such a record; see their own ``--help``.
+strategies did in such a record, ``python -m benchmarks prices`` says what data of a task are worth;
+see their own ``--help``.
 """
 
 import argparse
@@ -38,7 +39,7 @@ def main() -> None:
     if sys.argv[1:2] == ["ledger"]:
         sys.argv[1:2] = ["baseline", "--ledger"]
     own = ["baseline", "torture", "one_sided", "scenes", "sweep", "published", "switching_times"]
-    own += ["motionbenchmaker", "plants", "replanning"]
+    own += ["motionbenchmaker", "plants", "prices", "replanning"]
     own += [*(["cell"] if "--robot" in sys.argv else [])]
     if len(sys.argv) > 1 and sys.argv[1] in own:
         importlib.import_module(f"benchmarks.{sys.argv[1]}").main(sys.argv[2:])

@@ -61,3 +61,43 @@ def test_the_dwell_that_a_rating_asks_for(microbot):
     assert mo.execution.ratings(microbot, motion).least_dwell(1e4) == 0.0
     with pytest.raises(mo.InputError, match=r"no dwell keeps 'shoulder' .* holding the arm takes"):
         mo.execution.ratings(microbot, motion).least_dwell([1e4, 1.0, 1e4])
+
+
+@pytest.mark.parametrize("dwell", [0.0, 0.5])
+def test_a_limit_of_the_mean_makes_the_speed_a_parabola(joint, dwell):
+    """12 (I D)^2 / T^3 = r^2 (T + dwell): the torque is linear in time, so it is met exactly."""
+    way, rated = 1.5, 10.0
+    limits = joint.with_limits(tau_max=100.0, also=[mo.limits.rms_torque(rated, dwell)]).limits
+    motion = mo.time_optimal(joint, [[0.0], [way]], limits, mesh=20, starts=1)
+    roots = np.roots([rated**2, rated**2 * dwell, 0.0, 0.0, -12.0 * (2.0 * way) ** 2])
+    shortest = roots[np.isreal(roots) & (roots.real > 0.0)].real[0]
+    assert motion.solved
+    assert motion.duration == pytest.approx(shortest, rel=1e-6)
+    certificate = mo.certify(joint, motion, limits)
+    assert certificate.ok
+    assert certificate.limit_checks[-1].value == pytest.approx(rated, rel=1e-6)
+    # the certificate judges the mean, which no instant exceeds
+    faster = mo.Motion.from_polynomial(
+        joint, mo.cubic([[0.0], [way]], [0.0, 0.98 * shortest]), label="cubic"
+    )
+    assert not mo.certify(joint, faster, limits).ok
+    assert mo.certify(joint, faster, mo.Limits(tau_max=100.0)).ok
+
+
+def test_what_cannot_keep_a_mean_refuses_it(joint):
+    robot = joint.with_limits(tau_max=100.0, also=[mo.limits.rms_torque(10.0)])
+    via, path = [[0.0], [1.0]], mo.cubic([[0.0], [1.0]], [0.0, 1.0])
+    motion = mo.Motion.from_polynomial(robot, path, label="cubic")
+    for planner in (
+        lambda: mo.TimeOptimalSolver(robot, via),
+        lambda: mo.time_optimal(robot, [mo.Stop(q=[0.0]), mo.Stop(q=[1.0])]),
+        lambda: mo.time_optimal_path(robot, path),
+        lambda: mo.planning.time_path(robot, path),
+        lambda: mo.shortest_duration(robot, path),
+        lambda: mo.compare(robot, via),
+        lambda: mo.execution.overridden(robot, motion, 0.2, 0.5),
+    ):
+        with pytest.raises(mo.InputError, match="limits bound the rms torque over the whole"):
+            planner()
+    with pytest.raises(mo.InputError, match="must have an upper bound of numbers above 0"):
+        mo.limits.rms_torque(0.0)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
 import microbot_ocp as mo
 from microbot_ocp import ocp
 from microbot_ocp.limits import LimitFamily
-from microbot_ocp.planning.free import initial_guesses, phase_names, transcription
+from microbot_ocp.planning.free import initial_guesses, phase_names, polynomial, transcription
 from microbot_ocp.planning.task import multipliers_of
 
 VIA_Q = np.radians([[0, 0, 0], [-8, 45, 30], [-90, 90, 90]])
@@ -96,6 +99,55 @@ def test_the_table_and_the_bars(solver):
     assert table.rows[0][0] == "torque of elbow, upper"
     assert "one more kg at the tool costs" in table.notes[0]
     assert len(slopes.plot()[0].patches) == len(table.rows)
+    sure = {row[0] for row in table.rows if row[4] == "yes"}
+    assert sure == slopes.binding
+    # of a limit that nothing of the motion comes near to a barrier still says something
+    assert "velocity of shoulder, lower" not in slopes.binding
+
+
+def test_torques_and_masses_together_change_nothing(program):
+    """Twice the torques and twice the masses: the same motion."""
+    robot, _, solution = program
+    motion = replace(
+        mo.Motion.from_polynomial(robot, polynomial(solution), label="free"),
+        provenance={"multipliers": multipliers_of(solution)},
+    )
+    slopes, rows = motion.sensitivities(robot), motion.provenance["multipliers"]["rows"]["tau"]
+    tau = robot.torques_along(*motion.sample(np.array(rows["t"])))["tau"]
+    masses = float((np.array(rows["slopes"]) * tau).sum())
+    lower, upper = robot.limits.bounds("tau")
+    torques = float(slopes.lower["tau"] @ lower + slopes.upper["tau"] @ upper)
+    assert abs(masses) > 0.1
+    assert masses + torques == pytest.approx(0.0, abs=1e-6 * motion.duration)
+
+
+@pytest.mark.thorough
+@pytest.mark.slow
+def test_of_a_payload_under_limits_of_the_torque_rate_and_the_power():
+    """Slopes of all that a payload changes count, not of torques alone."""
+    robot = mo.load_robot("microbot").with_limits(
+        taud_max=3000.0, also=[mo.limits.power(upper=[200.0, 300.0, 100.0])]
+    )
+    solver = mo.TimeOptimalSolver(robot, VIA_Q[[0, 2]], mesh=30, starts=1, rounds=0, tolerance=1e-8)
+    slopes, step = solver(payload=0.5).sensitivities(robot, 0.5), 0.02
+    found = difference(solver(payload=0.5 - step), solver(payload=0.5 + step), step)
+    assert slopes.payload_mass == pytest.approx(found, rel=0.02)
+
+
+def test_along_a_line(solver):
+    line = solver.along("payload", [0.0, 0.02, 0.04])
+    steps = np.diff(line.duration) / 0.02
+    means = 0.5 * (line.slope[1:] + line.slope[:-1])
+    assert steps == pytest.approx(means, rel=0.02)
+    assert line.changes.tolist() == [False, *(a != b for a, b in pairwise(line.binding))]
+    reserve = solver.along("reserve", [0.0, 0.02], joint=2)
+    torque = solver.along("tau_max", [200.0, 196.0], joint=2)
+    assert reserve.duration == pytest.approx(torque.duration, rel=1e-6)
+    assert reserve.slope == pytest.approx(-200.0 * torque.slope, rel=1e-6)
+    assert torque.table().rows[0][0] == 200.0
+    assert len(line.plot()[0].lines) >= 3
+    with pytest.raises(mo.InputError, match="name must be one of"):
+        solver.along("mass", [1.0])
 
 
 def test_multipliers_are_saved_with_the_motion(solver, tmp_path):

@@ -37,6 +37,8 @@ from microbot_ocp.limits import (
     LIMIT_TOLERANCE,
     LimitFamily,
     LimitHistory,
+    Member,
+    MotionSamples,
     StateHistory,
 )
 from microbot_ocp.motion import (
@@ -44,6 +46,7 @@ from microbot_ocp.motion import (
     State,
     dense_times,
     jump_gaps,
+    quadrature,
     torque_along,
 )
 from microbot_ocp.planning import Segment, Stop, is_task, places_along, task_of
@@ -256,6 +259,7 @@ def certificate_of(
     tolerances = tolerances or Tolerances()
     t, ratio = dense_times(motion)
     limit_checks, saturated = limit_checks_of(family, history or motion.history())
+    limit_checks += tuple(_mean_check(family, member, motion) for member in family.means)
     vias = () if via is None else _check_vias(motion, via, t)
     figures: dict[str, Any] = {}
     passed = [_limit_kept(check, tolerances.limit) for check in limit_checks]
@@ -358,6 +362,34 @@ def limit_checks_of(
     spans = np.diff(history.t)
     share_of_time = float((0.5 * (busy[:-1] + 0.0 + busy[1:]) * spans).sum() / spans.sum())
     return tuple(limit_checks), share_of_time
+
+
+def _mean_check(family: LimitFamily, member: Member, motion: Motion) -> LimitCheck:
+    """How much of a limit of a root mean square a motion uses, with the rest after it."""
+
+    def squares(state: State) -> FloatArray:
+        samples = MotionSamples(*state, np.zeros_like(state.q))
+        return family.values(samples, [member.key])[member.key].value ** 2
+
+    assert member.limit is not None
+    t, weights = quadrature(motion.t)
+    end, rest = motion.q[-1:], member.limit.dwell
+    held = squares(State(end, np.zeros_like(end), np.zeros_like(end)))[0]
+    value = np.sqrt((weights @ squares(motion.sample(t)) + rest * held) / (motion.duration + rest))
+    use = np.where(member.limited, value / member.upper, np.nan)
+    joint = int(np.nanargmax(use))
+    return LimitCheck(
+        quantity=member.key,
+        name=member.name,
+        labels=member.labels,
+        utilisation=use,
+        violation=max(0.0, float(use[joint]) - 1.0),
+        joint=member.labels[joint],
+        time=motion.duration,
+        value=float(value[joint]),
+        limit=float(member.upper[joint]),
+        unit=member.units[joint],
+    )
 
 
 def _condition(robot: Robot, t: FloatArray, state: State) -> tuple[float, int]:

@@ -10,10 +10,8 @@ from numpy.typing import ArrayLike
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.table import Column, Table
-from microbot_ocp.motion import Motion, State, torque_along
+from microbot_ocp.motion import Motion, State, quadrature, torque_along
 from microbot_ocp.robot import Robot
-
-POINTS, WEIGHTS = np.polynomial.legendre.leggauss(3)  # exact for the square of a torque that bends
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,9 +150,7 @@ def ratings(robot: Robot, motion: Motion, dwell: float = 0.0) -> Ratings:
     if not robot.has_dynamics:
         raise InputError(f"robot {robot.name!r} has no masses that torques follow from")
     rest = checks.number("dwell", dwell, "s", at_least=0.0)
-    step = np.diff(motion.t)
-    t = (motion.t[:-1, None] + 0.5 * step[:, None] * (1.0 + POINTS)).ravel()
-    weight = (0.5 * step[:, None] * WEIGHTS).ravel()
+    t, weight = quadrature(motion.t)
     state = motion.sample(t)
     tau, speed = torque_along(robot, state), np.abs(state.qd)
     power = tau * state.qd

@@ -46,6 +46,9 @@ from ._power import (
     power as power,
     total_power as total_power,
 )
+from ._rms_torque import (
+    rms_torque as rms_torque,
+)
 from ._tool_acceleration import (
     tool_acceleration as tool_acceleration,
 )

@@ -86,6 +86,11 @@ class Member:
         return ~(np.isneginf(self.lower) & np.isposinf(self.upper))
 
     @property
+    def is_mean(self) -> bool:
+        """Whether its bounds are of a root mean square over the whole motion."""
+        return self.limit is not None and self.limit.rms
+
+    @property
     def varies(self) -> bool:
         """Whether a bound is an expression of the state."""
         return bool(np.isnan(self.lower).any() or np.isnan(self.upper).any())
@@ -133,6 +138,9 @@ class LimitFamily:
     robot
         With these limits.
     members : tuple of Member
+        Of every instant.
+    means : tuple of Member
+        Of root mean squares over a whole motion.
     unjudged : tuple of str
         Names of the limits that the robot brings but that nothing can be judged by: those of
         torques where it has no masses.
@@ -145,11 +153,13 @@ class LimitFamily:
         # a file may state limits of torques without masses, which are what torques follow from
         left = () if robot.has_dynamics else OF_TORQUES
         self.unjudged = tuple(member.name for member in joints if member.key in left)
+        further = [_further_member(robot, limit) for limit in robot.limits.also]
         self.members = (
             *(member for member in joints if member.key not in left),
-            *(_further_member(robot, limit) for limit in robot.limits.also),
+            *(member for member in further if not member.is_mean),
         )
-        self._by_key = {member.key: member for member in self.members}
+        self.means = tuple(member for member in further if member.is_mean)
+        self._by_key = {member.key: member for member in (*self.members, *self.means)}
 
     @classmethod
     def of(cls, robot: Any, limits: Limits | JointLimits | None = None) -> LimitFamily:
@@ -185,7 +195,7 @@ class LimitFamily:
     @property
     def keys(self) -> tuple[str, ...]:
         """Keys of the members."""
-        return tuple(self._by_key)
+        return tuple(member.key for member in self.members)
 
     def of_order(self, *orders: int) -> tuple[str, ...]:
         """Keys of the members whose highest derivative of the position is one of these."""
@@ -209,7 +219,15 @@ class LimitFamily:
             moving = [place for place, k in enumerate(used) if k > 0]
             return any(joint in function.sparsity_jac(place, 0).get_col() for place in moving)
 
-        return any(member.order > 0 and bounds(member) for member in self.members)
+        return any(member.order > 0 and bounds(member) for member in (*self.members, *self.means))
+
+    def refuse_means(self) -> None:
+        """Raise InputError where a limit is one of a mean, which most planners cannot keep."""
+        for member in self.means:
+            raise InputError(
+                f"limits bound the {member.name} over the whole motion, which only time_optimal "
+                "through joint poses, without a scene, keeps: leave it out here"
+            )
 
     def values(
         self,

@@ -43,6 +43,11 @@ class Limit:
         SI.
     labels : sequence of str, optional
         Of the components; default the names of the joints where there is one a joint.
+    rms : bool
+        Whether the upper bound is one of the root mean square over the whole motion, not of every
+        instant; of planners only :func:`microbot_ocp.time_optimal` through joint poses keeps it.
+    dwell : float
+        Rest at the end that such a mean is taken over, too, s.
 
     Raises
     ------
@@ -64,6 +69,8 @@ class Limit:
     upper: Any = None
     unit: str = ""
     labels: tuple[str, ...] = ()
+    rms: bool = False
+    dwell: float = 0.0
 
     def __post_init__(self) -> None:
         put = object.__setattr__
@@ -88,6 +95,12 @@ class Limit:
             raise InputError(
                 f"lower bound of limit {self.name!r} must be at most its upper bound, not "
                 f"{low.tolist()} above {high.tolist()} {self.unit}".rstrip()
+            )
+        checks.number(f"dwell of limit {self.name!r}", self.dwell, "s", at_least=0.0)
+        if self.rms and (low is not None or high is None or not np.all(high > 0.0)):
+            raise InputError(
+                f"limit {self.name!r} of a root mean square must have an upper bound of numbers "
+                "above 0 and no lower one"
             )
         if not isinstance(self.unit, str):
             raise InputError(f"unit of limit {self.name!r} must be text, not {self.unit!r}")

@@ -9,11 +9,13 @@ from typing import Any
 from microbot_ocp._base.checks import InputError, shown
 from microbot_ocp.limits._limit import Limit
 from microbot_ocp.limits._power import power, total_power
+from microbot_ocp.limits._rms_torque import rms_torque
 from microbot_ocp.limits._tool_acceleration import tool_acceleration
 from microbot_ocp.limits._tool_speed import tool_speed
 
 MEMBERS: dict[str, Callable[..., Limit]] = {
-    member.__name__: member for member in (tool_speed, tool_acceleration, power, total_power)
+    member.__name__: member
+    for member in (tool_speed, tool_acceleration, power, total_power, rms_torque)
 }
 # Keys in files: "tool_speed_max", and "power_min" where there may be a lower bound.
 MEMBER_KEYS = {

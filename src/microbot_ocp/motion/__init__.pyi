@@ -30,8 +30,10 @@ from ._sampling import (
     jump_gaps as jump_gaps,
     mesh_of as mesh_of,
     nearest_samples as nearest_samples,
+    quadrature as quadrature,
     samples_at as samples_at,
 )
 from ._sensitivities import (
+    DurationLine as DurationLine,
     Sensitivities as Sensitivities,
 )

@@ -75,6 +75,16 @@ def mesh_of(motion: Motion) -> FloatArray:
     return mesh[~np.isin(mesh, earlier)]
 
 
+def quadrature(t: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Times [3(N-1)] between samples [N], s, and weights with which values there make integrals.
+
+    By Gauss, exact for the square of a torque that bends between two samples.
+    """
+    points, weights = np.polynomial.legendre.leggauss(3)
+    half = 0.5 * np.diff(t)[:, None]
+    return (t[:-1, None] + half * (1.0 + points)).ravel(), (half * weights).ravel()
+
+
 def dense_times(motion: Motion) -> tuple[FloatArray, float]:
     """Dense grid and its least number of points to a mesh interval."""
     mesh = mesh_of(motion)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,13 +13,15 @@ from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
 from microbot_ocp._base.table import Column, Table
-from microbot_ocp.limits import LimitFamily
+from microbot_ocp.limits import LimitFamily, MotionSamples
+from microbot_ocp.motion._polynomial import PiecewisePolynomial
 from microbot_ocp.robot import Robot
 
 if TYPE_CHECKING:
     from microbot_ocp.motion._motion import Motion
 
 STEP = 1e-3  # m: torques are quadratic in where a point mass is, so that any step is exact
+ACCURACY = 0.01  # of slopes that are not flagged
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +43,10 @@ class Sensitivities:
     payload_place : array [3]
         s/m of the place of the payload in the tool frame, with the mass that was given; NaN without
         masses.
+    least : float
+        What a datum must be worth, s, for its slope to be told to a hundredth: slopes are those of
+        the duration with its smoothing and with what the solver left of its barrier, so of a limit
+        that the motion only comes near to they say nothing. Rows of the table below it are flagged.
     """
 
     robot: Robot
@@ -50,6 +56,12 @@ class Sensitivities:
     via: FloatArray
     payload_mass: float
     payload_place: FloatArray
+    least: float
+
+    @property
+    def binding(self) -> frozenset[str]:
+        """Titles of the limits that bind for sure."""
+        return frozenset(row[0] for row in self.table().rows if row[4] == "yes")
 
     def table(self) -> Table:
         """What one unit more of each bound that matters saves, the most for a percent first."""
@@ -62,23 +74,28 @@ class Sensitivities:
                 member = family[key]
                 bounds = getattr(member, side)
                 for joint, slope in enumerate(values):
-                    percent = 0.01 * abs(slope * bounds[joint])
-                    if percent > 1e-6 * self.duration:
+                    # one that varies is no number
+                    worth = abs(slope * bounds[joint]) if np.isfinite(bounds[joint]) else 0.0
+                    if worth > ACCURACY * self.least:
                         saved = -1e3 * slope * (1.0 if side == "upper" else -1.0)
                         name = f"{member.title(joint)}, {side}"
                         unit = f"ms per {member.units[joint]}"
-                        rows.append([name, float(bounds[joint]), saved, unit, 1e3 * percent])
+                        flag = "yes" if worth > self.least else "barely"
+                        rows.append([name, float(bounds[joint]), saved, unit, flag, 10.0 * worth])
         rows.sort(key=lambda row: -row[-1])
         columns = [
             Column("limit", left=True),
             Column("bound", show=".6g"),
             Column("saves", show=".3g"),
             Column("unit", left=True),
+            Column("binds", left=True),
             Column("1 % saves", "ms", ".3g", bar=True),
         ]
         notes = []
         if np.isfinite(self.payload_mass):
             notes = [f"one more kg at the tool costs {1e3 * self.payload_mass:.3g} ms"]
+        if any(row[4] == "barely" for row in rows):
+            notes.append("what barely binds may cease to with a step: its slope is not sure")
         return Table(columns, rows, notes=notes)
 
     def plot(self, axes: GivenAxes | None = None) -> DrawnAxes:
@@ -86,12 +103,70 @@ class Sensitivities:
         return view_for(self, "plot")(self, axes)
 
 
+@dataclass(frozen=True, eq=False)
+class DurationLine:
+    """The shortest duration over one datum of a task, with its slopes.
+
+    Attributes
+    ----------
+    name, unit : str
+        Of the datum.
+    values : array [K]
+        In its unit.
+    duration : array [K]
+        s; NaN where nothing was found.
+    slope : array [K]
+        s per unit, by the multipliers of each solve; NaN likewise.
+    binding : tuple of frozenset of str
+        Titles of the limits that bind at each value.
+    """
+
+    name: str
+    unit: str
+    values: FloatArray
+    duration: FloatArray
+    slope: FloatArray
+    binding: tuple[frozenset[str], ...]
+
+    @property
+    def changes(self) -> np.ndarray:
+        """Before which values [K] other limits bind than at the value before: slopes end there."""
+        pairs = zip(self.binding, self.binding[1:], strict=False)
+        return np.array([False, *(before != after for before, after in pairs)])
+
+    def table(self) -> Table:
+        """One row a value, with the limits that begin (+) and cease (-) to bind."""
+        columns = [
+            Column(self.name, self.unit, ".6g"),
+            Column("T", "s", ".4f"),
+            Column("slope", f"ms/{self.unit}" if self.unit else "ms", ".4g"),
+            Column("limits that bind", left=True),
+        ]
+        rows, before = [], frozenset()
+        for value, T, slope, now in zip(
+            self.values, self.duration, self.slope, self.binding, strict=True
+        ):
+            changed = [f"+ {each}" for each in sorted(now - before)]
+            changed += [f"- {each}" for each in sorted(before - now)]
+            rows.append([float(value), float(T), 1e3 * float(slope), ", ".join(changed)])
+            before = now
+        return Table(columns, rows)
+
+    def plot(self, axes: GivenAxes | None = None) -> DrawnAxes:
+        """Duration over the datum: :func:`microbot_ocp.plots.duration_line`."""
+        return view_for(self, "plot")(self, axes)
+
+
 def sensitivities_of(
-    motion: Motion, robot: Robot, mass: float, center_of_mass: ArrayLike
+    motion: Motion,
+    shape: PiecewisePolynomial,
+    robot: Robot,
+    mass: float,
+    center_of_mass: ArrayLike,
 ) -> Sensitivities:
     """Slopes of the duration; see :meth:`microbot_ocp.Motion.sensitivities`."""
     told = motion.provenance.get("multipliers")
-    if not told:
+    if not told or "rows" not in told:
         raise InputError(
             "motion has no multipliers: those of time_optimal and prepared solvers through via "
             "points have"
@@ -101,18 +176,36 @@ def sensitivities_of(
     place = checks.array("center_of_mass", center_of_mass, (3,), "m")
     by_mass, by_place = np.nan, np.full(3, np.nan)
     if robot.has_dynamics:
-        t = np.clip(told["torques"]["t"], 0.0, motion.duration)
-        slopes, state = np.array(told["torques"]["slopes"]), motion.sample(t)
+        limited = list(_limited(shape, told["rows"]))
 
         def total(heavy: float, at: FloatArray) -> float:
-            loaded = robot.with_payload(heavy, at)
-            return float((slopes * loaded.torques_along(*state)["tau"]).sum())
+            family = LimitFamily.of(robot.with_payload(heavy, at))
+            return sum(
+                float((slopes * family.values(samples, [key])[key].value).sum())
+                for key, samples, slopes in limited
+                if key in family
+            )
 
-        by_mass = total(load + 1.0, place) - total(load, place)  # torques are affine in it
-        sides = [total(load, place + STEP * each) for each in np.vstack([np.eye(3), -np.eye(3)])]
-        by_place = (np.array(sides[:3]) - np.array(sides[3:])) / (2.0 * STEP)
+        by_mass = total(1.0, place) - total(0.0, place)  # torques are affine in it
+        by_place = np.zeros(3)
+        if load:
+            steps = STEP * np.vstack([np.eye(3), -np.eye(3)])
+            sides = np.array([total(load, place + step) for step in steps])
+            by_place = (sides[:3] - sides[3:]) / (2.0 * STEP)
     lower, upper = (
         {key: np.array(values) for key, values in told[side].items()} for side in ("lower", "upper")
     )
-    via = np.array(told["via"])
-    return Sensitivities(robot, motion.duration, lower, upper, via, by_mass, by_place)
+    via, least = np.array(told["via"]), told["beside"] / ACCURACY
+    return Sensitivities(robot, motion.duration, lower, upper, via, by_mass, by_place, least)
+
+
+def _limited(
+    shape: PiecewisePolynomial, rows: Mapping[str, Any]
+) -> Iterator[tuple[str, MotionSamples, FloatArray]]:
+    """Every limited quantity by key, where slopes [K,k] of the duration say how it is felt."""
+    orders = [shape]
+    for _ in MotionSamples._fields[1:]:
+        orders.append(orders[-1].derivative())
+    for key, own in rows.items():
+        t = np.clip(own["t"], *shape.breaks[[0, -1]])
+        yield key, MotionSamples(*(order(t) for order in orders)), np.array(own["slopes"])

@@ -190,6 +190,7 @@ class _SplitSearch:
     ) -> None:
         chosen = robot.limits if limits is None else limits.for_joints(robot.joint_count)
         self.family = LimitFamily.of(robot, chosen)
+        self.family.refuse_means()
         self.make = make
         self.tolerance = checks.number("tolerance", tolerance, above=0.0, at_most=0.1)
         self.tried = 0

@@ -14,7 +14,7 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.codegen import compile_recipe, compiles
-from microbot_ocp.limits import LimitFamily, MotionSamples
+from microbot_ocp.limits import LimitFamily, Member, MotionSamples
 from microbot_ocp.motion import PiecewisePolynomial, State, quintic_between
 from microbot_ocp.ocp import OptimalControlProblem, Phase, PhaseSolution, Solution, Transcription
 from microbot_ocp.planning.free._progress import Samples
@@ -45,7 +45,7 @@ OF_VARIABLES = ("q", "qd", "qdd")  # limits that are bounds of states and of the
 
 def accelerations_jump(family: LimitFamily) -> bool:
     """Whether only velocities, accelerations and smooth torques are limited: bang-bang arcs."""
-    plain = all(member.limit is None for member in family)
+    plain = all(member.limit is None for member in family) and not family.means
     return plain and not has_windows(family) and not {"qddd", "taud"} & set(family.keys)
 
 
@@ -174,6 +174,8 @@ def _declare_segment(
         light = made(without_dry_friction(moving))
         kept, tau = kept_torques(phase, moving, state, light, mass)
     declare_limits(phase, family, constraints, state, start, torques, mass, kept)
+    for member in family.means:
+        _declare_mean(phase, form, member, state, first=first, last=last)
     at_start, at_end = form.conditions.ends[index : index + 2]
     for row in at_start.rows:
         phase.point_constraint(row.name, row.expression(q, qd), *row.bounds, at=0.0)
@@ -254,10 +256,46 @@ def _declare_clock(phase: Phase, form: _Form, *, first: bool, last: bool) -> Non
         phase.end_constraint("time allowed", late, upper=0.0, scale=size.time, unit="s")
 
 
+def _declare_mean(
+    phase: Phase,
+    form: _Form,
+    member: Member,
+    state: tuple[Any, Any, Any, Any],
+    *,
+    first: bool,
+    last: bool,
+) -> None:
+    """Declare what a root mean square has beyond its bound so far, s; nothing is left at the end.
+
+    That is the integral of the square, as a share of the bound's, less the time.
+    """
+    limited = np.flatnonzero(member.limited).tolist()
+
+    def beyond(*at: Any) -> Any:
+        value = form.family.expressions([member.key], at)[member.key][0]
+        return (value[limited] / member.upper[limited]) ** 2 - 1.0
+
+    time = form.size.time
+    so_far = phase.state(
+        f"{member.name} so far",
+        len(limited),
+        initial=np.zeros(len(limited)) if first else None,
+        scale=time,
+        unit="s",
+    )
+    phase.derivative(so_far, beyond(*state))
+    if last:
+        assert member.limit is not None
+        still = ca.MX.zeros(form.family.robot.joint_count)
+        rest = member.limit.dwell * beyond(state[0], still, still, still)
+        phase.end_constraint(member.name, so_far + rest, upper=0.0, scale=time, unit="s")
+
+
 def _link_segments(problem: OptimalControlProblem, form: _Form) -> None:
     """Let every phase begin as the one before it ends, and a cycle end as it began."""
     for index, (before, after) in enumerate(itertools.pairwise(problem.phases)):
         names = ["q", "qd", *(["clock"] if form.budgeted else [])]
+        names += [f"{member.name} so far" for member in form.family.means]
         end = form.conditions.ends[index + 1]
         # stated: the same on both sides
         apart = end.qdd is not None or end.leaps or (form.jumps and not form.rated)

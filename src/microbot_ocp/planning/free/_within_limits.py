@@ -111,6 +111,8 @@ def within_limits(
             family.robot, shape, label="time-optimal", marks=_marks(via_times)
         )
 
+    if family.means:  # slower is no less of a mean
+        return None
     if family.jerk_matters:
         return evenly(as_it_is())
     pieces = zip(shape.coefficients, np.diff(shape.breaks), strict=True)

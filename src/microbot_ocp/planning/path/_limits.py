@@ -103,7 +103,8 @@ class PathLimits:
 
     @classmethod
     def of(cls, family: LimitFamily, nodes: Nodes, fast: bool) -> PathLimits:
-        """Classify the limits of a family along a path."""
+        """Classify the limits of a family along a path; those of means are refused."""
+        family.refuse_means()
         half_planes, later = {}, []
         for member in family:
             key = member.key

@@ -17,6 +17,7 @@ from microbot_ocp._base.codegen import compiles, interpreted
 from microbot_ocp._base.outcome import Outcome
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import (
+    JOINT_QUANTITIES,
     LIMIT_TOLERANCE,
     JointLimits,
     LimitFamily,
@@ -24,7 +25,7 @@ from microbot_ocp.limits import (
     MotionSamples,
     with_reserve,
 )
-from microbot_ocp.motion import Motion, State
+from microbot_ocp.motion import DurationLine, Motion, State
 from microbot_ocp.ocp import ParametricSolver, Solution, SolverSettings
 from microbot_ocp.ocp.refinement import WORSE, split
 from microbot_ocp.ocp.solution import quiet, unpack
@@ -200,6 +201,9 @@ class TimeOptimalSolver:
         Compile the kernels to C where there is a compiler.
     seed : int
         Of the random starts.
+    tolerance : float
+        Of the solves with other numbers. The default leaves some 1e-4 of the duration, and slopes
+        right to some percent; 1e-8 leaves 1e-6 for a fifth more iterations.
 
     Raises
     ------
@@ -226,12 +230,15 @@ class TimeOptimalSolver:
         rounds: int = 3,
         compiled: bool = True,
         seed: int = 0,
+        tolerance: float = PREPARED.tolerance,
     ) -> None:
         whole("mesh", mesh, "intervals", at_least=4)
         whole("starts", starts, at_least=1)
         whole("rounds", rounds, at_least=0)
         whole("seed", seed, at_least=0, at_most=2**63)
-        self._given = robot, np.array(via_q, float), mesh, starts, rounds, compiled, seed
+        checks.number("tolerance", tolerance, above=0.0)
+        self._given = robot, np.array(via_q, float), mesh, starts, rounds, compiled, seed, tolerance
+        self._solver_settings = replace(PREPARED, tolerance=tolerance)
         self.robot = robot
         self.via_q = check_via(check_limits(robot, None), via_q)
         self._rounds = rounds
@@ -302,6 +309,80 @@ class TimeOptimalSolver:
             limits = with_reserve(self.robot.limits, limits, reserve)
             return self._solved(limits, payload, via_q, search, start)
 
+    def along(
+        self,
+        name: str,
+        values: ArrayLike,
+        *,
+        joint: int | None = None,
+        time_limit: float = TIME_LIMIT,
+    ) -> DurationLine:
+        """The shortest duration over one datum, with slopes and the limits that bind.
+
+        Parameters
+        ----------
+        name : str
+            "payload", "reserve", or a limit that means plus and minus, such as "tau_max".
+        values : array_like [K]
+            In the unit of the datum, SI.
+        joint : int, optional
+            Whose limit or reserve it is, from 0; default every joint's.
+        time_limit : float
+            Wall time of each solve, s.
+
+        Returns
+        -------
+        DurationLine
+
+        Raises
+        ------
+        InputError
+            Another name, a joint that the robot does not have, and as of a call.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import microbot_ocp as mo
+        >>> via_q = np.radians([[0, 0, 0], [-90, 90, 90]])
+        >>> solver = mo.TimeOptimalSolver(mo.load_robot("microbot"), via_q)
+        >>> line = solver.along("tau_max", [150.0, 200.0], joint=2)
+        >>> bool(line.duration[1] < line.duration[0]), bool((line.slope < 0.0).all())
+        (True, True)
+        """
+        own, count = self.robot.limits, self.robot.joint_count
+        keys = {f"{key}_max": key for key in JOINT_QUANTITIES if key != "q"}
+        checks.one_of("name", name, ("payload", "reserve", *keys))
+        if joint is not None:
+            whole("joint", joint, at_least=0, at_most=count - 1)
+        chosen = np.ones(count) if joint is None else np.eye(count)[joint]
+        given = checks.array("values", values, (None,))
+        T, slopes, binding = np.full(given.size, np.nan), np.full(given.size, np.nan), []
+        for k, value in enumerate(given.tolist()):
+            limits, payload = own, 0.0
+            if name == "payload":
+                payload = value
+            elif name == "reserve":
+                limits = own.with_reserve(value * chosen)
+            else:
+                usual = getattr(own, name)
+                limits = own.changed({name: np.where(chosen > 0.0, value, usual)})
+            motion = self(limits, payload, time_limit=time_limit)
+            binding.append(frozenset())
+            if not motion.solved:
+                continue
+            found = motion.sensitivities(self.robot.with_limits(limits), payload)
+            T[k], binding[k] = motion.duration, found.binding
+            if name == "payload":
+                slopes[k] = found.payload_mass
+                continue
+            key = keys.get(name, "tau")
+            lower, upper = (own.bounds(key)) if name == "reserve" else (-chosen, chosen)
+            felt = found.lower[key] * lower + found.upper[key] * upper
+            slopes[k] = (-felt if name == "reserve" else felt) @ chosen
+        unit = {"payload": "kg", "reserve": ""}.get(name)
+        unit = self.robot.unit(keys[name], joint or 0) if unit is None else unit
+        return DurationLine(name, unit, given, T, slopes, tuple(binding))
+
     def _solved(
         self,
         limits: Limits | JointLimits | None,
@@ -371,7 +452,9 @@ class TimeOptimalSolver:
         """A solver on the mesh of the motion under the robot's own limits, made once."""
         if close in self._solvers:
             return self._solvers[close]
-        found, settings = own.reference, PREPARED if close else FAR
+        found, settings = own.reference, self._solver_settings
+        if not close:
+            settings = replace(settings, options=FAR.options)
         solver = self._on(own.kernels, [phase.mesh for phase in found.phases], found, settings)
         solver.scale_cost(found)
         if not deadline.over():
@@ -396,7 +479,7 @@ class TimeOptimalSolver:
         """The solver on an even mesh, its cost scaled at the solver's own via points."""
         if self._anywhere is None:
             mesh = [int(self._settings.mesh or SEARCH.full_mesh)] * len(self._phases)
-            solver = ParametricSolver(self._kernels, mesh, PREPARED)
+            solver = ParametricSolver(self._kernels, mesh, self._solver_settings)
             family = LimitFamily.of(self.robot)
             own = initial_guesses(family, self.via_q, self._phases, 1, self._settings.seed)
             solver.scale_cost(next(own).guesses)
@@ -417,11 +500,11 @@ class TimeOptimalSolver:
         kernels: Transcription,
         meshes: Sequence[FloatArray],
         near: Solution,
-        settings: SolverSettings = PREPARED,
+        settings: SolverSettings | None = None,
     ) -> ParametricSolver:
         dry = dry_friction(self.robot) > 0.0
         kernels = with_windows(dry, kernels, meshes, near) if dry.any() else kernels
-        return ParametricSolver(kernels, meshes, settings)
+        return ParametricSolver(kernels, meshes, settings or self._solver_settings)
 
     def _refined(
         self,
@@ -590,10 +673,8 @@ class TimeOptimalSolver:
 
 
 def _restored(given: tuple[Any, ...], own: tuple[Any, ...] | None) -> TimeOptimalSolver:
-    robot, via_q, mesh, starts, rounds, compiled, seed = given
-    made = TimeOptimalSolver(
-        robot, via_q, mesh=mesh, starts=starts, rounds=rounds, compiled=compiled, seed=seed
-    )
+    names = ("robot", "via_q", "mesh", "starts", "rounds", "compiled", "seed", "tolerance")
+    made = TimeOptimalSolver(**dict(zip(names, given, strict=True)))
     if own is not None:
         plain, meshes, parameters, smoothing = own
         kernels = made._kernels

@@ -137,7 +137,7 @@ def time_optimal(
             return with_drives_noted(robot, motion, limits)
         motion = solve_stops(robot, limits, *plan, chosen, progress or quiet)
         return with_drives_noted(robot, motion, limits)
-    family = check_limits(robot, limits)
+    family = check_limits(robot, limits, means=scene is None)
     via = check_via(family, cast("ArrayLike", via_q))
     if scene is not None:
         from microbot_ocp.planning.search._among_obstacles import fastest_among

@@ -233,9 +233,16 @@ def length_text(value: float) -> str:
     return f"{1e3 * value:.3g} mm" if value < 1.0 else f"{value:.4g} m"
 
 
-def check_limits(robot: Robot, limits: Limits | JointLimits | None) -> LimitFamily:
-    """The family of limits of a task; some of them must bound the motion of every joint."""
+def check_limits(
+    robot: Robot, limits: Limits | JointLimits | None, *, means: bool = False
+) -> LimitFamily:
+    """The family of limits of a task; some of them must bound the motion of every joint.
+
+    Limits of ``means`` over the whole motion are refused unless the planner keeps them.
+    """
     family = LimitFamily.of(robot, limits)
+    if not means:
+        family.refuse_means()
     for joint, name in enumerate(robot.joint_names):
         if not family.bounds_motion_of(joint):
             raise InputError(

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.limits import JOINT_QUANTITIES
+from microbot_ocp.limits import JOINT_QUANTITIES, MotionSamples
 from microbot_ocp.ocp import PhaseSolution, Solution
 from microbot_ocp.ocp.transcription import TableEntry
 
@@ -28,19 +28,22 @@ def multipliers_of(solution: Solution) -> dict[str, Any] | None:
     -------
     dict or None
         "lower" and "upper" have s per unit of each bound by the key of its limit, "via" [m][n]
-        s/rad (s/m) of the via points. "torques" has times "t", s, and what the duration gains
-        "slopes" [K][n] for each N m (N) that a torque is larger there. None where the solver gave
-        no multipliers, and of a solution without a program.
+        s/rad (s/m) of the via points. "rows" has by key the times "t", s, and what the duration
+        gains "slopes" [K][k] for each unit that the quantity is larger there. "beside" is what the
+        cost has beside the duration, s: the smoothing, and what the solver left. None where the
+        solver gave no multipliers, and of a solution without a program.
     """
     if solution.variable_multipliers is None or any(p.layout is None for p in solution.phases):
         return None
     sides: dict[str, dict[str, FloatArray]] = {"lower": {}, "upper": {}}
     via: dict[int, dict[int, float]] = defaultdict(dict)
-    torques: list[tuple[float, dict[int, float]]] = []
+    rows: dict[str, dict[float, FloatArray]] = defaultdict(dict)
     start = 0.0
     for number, phase in enumerate(solution.phases):
-        for entry, times, slopes in _bounds(solution, phase):
-            key = KEYS.get(entry.name, entry.name.replace(" ", "_"))
+        for entry, times, multipliers in _bounds(solution, phase):
+            name, _, side = entry.name.partition(", ")  # "tool speed, upper limit": one that varies
+            key = KEYS.get(name, name.replace(" ", "_"))
+            slopes = (-1.0 if side.startswith("lower") else 1.0) * multipliers / entry.scale
             if entry.kind in ("initial", "final"):
                 if key == "q":
                     at = number + (entry.kind == "final")
@@ -49,24 +52,19 @@ def multipliers_of(solution: Solution) -> dict[str, Any] | None:
             for side, sign in (("lower", -1.0), ("upper", 1.0)):
                 own = sides[side].setdefault(key, np.zeros(entry.size))
                 own[entry.component] -= slopes[sign * slopes > 0].sum()
-            if key == "tau":
-                torques += [
-                    (start + float(t), {entry.component: float(slope)})
-                    for t, slope in zip(times, slopes, strict=True)
-                ]
+            for t, slope in zip((start + times).tolist(), slopes, strict=True):
+                rows[key].setdefault(t, np.zeros(entry.size))[entry.component] += slope
         start += phase.duration
     count = solution.phases[0]["q"].shape[1]
-    rows: dict[float, FloatArray] = defaultdict(lambda: np.zeros(count))
-    for t, slope in torques:
-        for joint, value in slope.items():
-            rows[t][joint] += value
-    points = [[via[k].get(j, 0.0) for j in range(count)] for k in sorted(via)]
+    points = np.array([[via[k].get(j, 0.0) for j in range(count)] for k in sorted(via)])
+    felt = {key: own for key, own in rows.items() if key not in MotionSamples._fields}
     return {
-        **{side: {key: _plain(own) for key, own in keys.items()} for side, keys in sides.items()},
-        "via": _plain(np.array(points)),
-        "torques": {
-            "t": sorted(rows),
-            "slopes": [_plain(rows[t]) for t in sorted(rows)],
+        **_plain(sides),
+        "via": _plain(points),
+        "beside": abs(solution.cost - start) + abs(solution.gap.slack),
+        "rows": {
+            key: {"t": sorted(own), "slopes": _plain(np.array([own[t] for t in sorted(own)]))}
+            for key, own in felt.items()
         },
     }
 
@@ -91,11 +89,13 @@ def _bounds(
                 share = np.where(block.intervals > last, 1.0, entry.fraction)
                 step = np.diff(layout.mesh)[last]
                 times = (layout.mesh[last] + share * step) * phase.duration
-                yield entry, times, multipliers[block.places[:, column]] / entry.scale
+                yield entry, times, multipliers[block.places[:, column]]
 
 
-def _plain(values: FloatArray) -> Any:
+def _plain(values: Any) -> Any:
     """Nested lists of numbers with so many digits as they are known to."""
+    if isinstance(values, dict):
+        return {key: _plain(own) for key, own in values.items()}
     if values.ndim > 1:
         return [_plain(row) for row in values]
     return [float(f"{value:.{DIGITS}g}") for value in values]

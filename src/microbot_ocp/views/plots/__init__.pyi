@@ -20,7 +20,11 @@ from ._page import (
 )
 from ._paths import arms as arms, paths as paths
 from ._phase_plane import phase_plane as phase_plane
-from ._prices import prices as prices, reserve as reserve
+from ._prices import (
+    duration_line as duration_line,
+    prices as prices,
+    reserve as reserve,
+)
 from ._report import report as report, report_figure as report_figure
 from ._solution import solution as solution
 from ._sparsity import sparsity as sparsity

@@ -6,7 +6,7 @@ import numpy as np
 
 from microbot_ocp._base.showing import GivenAxes
 from microbot_ocp.execution import Reserve
-from microbot_ocp.motion import Sensitivities
+from microbot_ocp.motion import DurationLine, Sensitivities
 from microbot_ocp.views._style import STYLE
 from microbot_ocp.views.plots._page import AxesGrid, axes_page, styled
 
@@ -30,9 +30,41 @@ def prices(sensitivities: Sensitivities, axes: GivenAxes | None = None) -> AxesG
     size = (STYLE.page[0], 0.8 * STYLE.row + 0.25 * len(names))
     page = axes_page(axes, 1, 1, size=size, title="what one percent of a limit saves")
     panels = page.axes.ravel().view(AxesGrid)
-    panels[0].barh(names, saved)
+    # what barely binds is hollow: a step may end it
+    filled = [row[4] == "yes" for row in table.rows]
+    for bar, sure in zip(panels[0].barh(names, saved, edgecolor="C0"), filled, strict=True):
+        bar.set_fill(sure)
     panels[0].invert_yaxis()
     panels[0].set(xlabel="time saved [ms]")
+    return panels
+
+
+@styled()
+def duration_line(line: DurationLine, axes: GivenAxes | None = None) -> AxesGrid:
+    """Draw the shortest duration over one datum of a task, with its slopes.
+
+    Parameters
+    ----------
+    line : DurationLine
+        From :meth:`microbot_ocp.TimeOptimalSolver.along`.
+    axes : Axes, optional
+        Default a new figure.
+
+    Returns
+    -------
+    AxesGrid [1]
+        Slopes are short lines; values before which other limits bind have a hollow mark.
+    """
+    page = axes_page(axes, 1, 1, size=(STYLE.page[0], 1.5 * STYLE.row))
+    panels = page.axes.ravel().view(AxesGrid)
+    half = 0.3 * np.gradient(line.values) if line.values.size > 1 else np.zeros(1)
+    ends = np.stack([-half, half])
+    panels[0].plot(line.values + ends, line.duration + line.slope * ends, color="C0")
+    for changed, fill in ((False, "full"), (True, "none")):
+        at = line.changes == changed
+        panels[0].plot(line.values[at], line.duration[at], "o", color="C0", fillstyle=fill)
+    unit = f" [{line.unit}]" if line.unit else ""
+    panels[0].set(xlabel=f"{line.name}{unit}", ylabel="duration [s]")
     return panels
 
 

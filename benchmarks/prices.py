@@ -1,0 +1,178 @@
+"""What data of a task are worth: slopes against differences.
+
+``python -m benchmarks prices --check 50`` draws tasks of ``benchmarks/torture.py`` (free motions of
+at most six joints) and compares slopes by the multipliers of one prepared solve with central
+differences of other solves on the same mesh: of a limit that binds, of the payload, of a coordinate
+of a via point, each drawn. Steps are halved until two of them agree. A slope is *flagged* where the
+datum is worth less than ``Sensitivities.least``, and *bent* where the differences to both sides
+differ by more than a hundredth at the last step: other limits bind there.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+import microbot_ocp as mo
+from benchmarks.torture import Task, task_of
+from microbot_ocp.limits import LimitFamily, MotionSamples
+
+KINDS = (0, 1, 2, 5, 6, 7, 8)  # seeds by their last digit: not timings, not many via points
+JOINTS, LOADED, TRIED, HALVINGS = 6, 0.02, 0.005, 5
+AGREE, WITHIN = 0.003, 0.01
+
+
+@dataclass(frozen=True)
+class Compared:
+    """One slope: what it is of, its error, and whether it is flagged or bent."""
+
+    name: str
+    error: float
+    flagged: bool
+    bent: bool
+
+
+def central(duration: Callable[[float], float], middle: float, step: float) -> tuple[float, bool]:
+    """A slope by central differences, and whether those to one side differ by over a hundredth."""
+    slopes: list[float] = []
+    bent = False
+    for k in range(HALVINGS):
+        low, high = (duration(sign * step * 0.5**k) for sign in (-1.0, 1.0))
+        slopes.append((high - low) / (2.0 * step * 0.5**k))
+        bent = bool(abs(high + low - 2.0 * middle) > WITHIN * abs(high - low) / 2.0)
+        if k and abs(slopes[-1] - slopes[-2]) < AGREE * abs(slopes[-1]):
+            break
+    return slopes[-1], bent
+
+
+def duration_of(motion: mo.Motion) -> float:
+    """As the solver left it: not slowed down, s."""
+    return float(sum(motion.provenance["phase_durations"]))
+
+
+def compared(task: Task, seed: int) -> Iterator[Compared | str]:
+    """Slopes of a task; text where there is none."""
+    robot, draw = task.robot, np.random.default_rng([seed, 31])
+    solver = mo.TimeOptimalSolver(robot, task.via, mesh=40, starts=2, rounds=0, tolerance=1e-8)
+    load = LOADED * sum(link.mass for link in robot.links) if robot.has_dynamics else 0.0
+    begin = time.process_time()
+    motion = solver(payload=load)
+    begin = time.process_time()
+    motion = solver(payload=load)
+    solved = time.process_time()
+    if not motion.solved:
+        yield str(motion.status)
+        return
+    motion.sensitivities(robot)
+    share = (time.process_time() - solved) / (solved - begin)
+    slopes = motion.sensitivities(robot, load)
+    middle, own = duration_of(motion), robot.limits
+
+    def row(name: str, slope: float, size: float, f: Callable[[float], float]) -> Compared | str:
+        try:
+            difference, bent = central(f, middle, TRIED * abs(size))
+        except mo.InputError as problem:  # a step leads to what no arm holds
+            return f"{name}: {problem}"
+        error = abs(slope / difference - 1.0) if difference else np.inf
+        return Compared(name, error, bool(abs(slope * size) < slopes.least), bent)
+
+    family = LimitFamily.of(robot)
+    limits = [
+        (side, key, joint)
+        for side in ("lower", "upper")
+        for key, values in getattr(slopes, side).items()
+        for joint, slope in enumerate(values)
+        if key in family and abs(slope * own.bounds(key)[side == "upper"][joint]) > slopes.least
+    ]
+    if limits:
+        side, key, joint = limits[draw.integers(len(limits))]
+        bound = own.bounds(key)[side == "upper"][joint]
+
+        def under(change: float) -> float:
+            pair = [each.copy() for each in own.bounds(key)]
+            pair[side == "upper"][joint] += change
+            changed = own.changed({f"{key}_min": pair[0], f"{key}_max": pair[1]})
+            return duration_of(solver(changed, load))
+
+        yield row(f"{key} {side}", getattr(slopes, side)[key][joint], bound, under)
+    if load:
+        weight = load / LOADED
+        yield row(
+            "payload",
+            slopes.payload_mass,
+            weight,
+            lambda change: duration_of(solver(payload=load + change)),
+        )
+        if not motion.remark.startswith("slowed"):  # else times are not those of the solve
+            yield f"scaling {scaling(motion, robot.with_payload(load), slopes):.1e}"
+    yield f"{100 * share:.1f} % of the time of the solve"
+    motion = solver(payload=load, via_q=task.via)
+    if not motion.solved:
+        return
+    slopes, middle = motion.sensitivities(robot, load), duration_of(motion)
+    point, joint = (int(draw.integers(size)) for size in task.via.shape)
+
+    def through(change: float) -> float:
+        via = task.via.copy()
+        via[point, joint] += change
+        return duration_of(solver(payload=load, via_q=via))
+
+    way = float(np.abs(np.diff(task.via, axis=0)).max())
+    yield row("via point", float(slopes.via[point, joint]), way, through)
+
+
+def scaling(motion: mo.Motion, robot: mo.Robot, slopes: mo.motion.Sensitivities) -> float:
+    """Elasticity of the duration in torques and masses together, which is zero."""
+    rows = motion.provenance["multipliers"]["rows"]["tau"]
+    samples = MotionSamples(*motion.sample(np.clip(rows["t"], 0.0, motion.duration)), np.zeros(0))
+    masses = float((np.array(rows["slopes"]) * robot.torques_along(*samples[:3])["tau"]).sum())
+    bounds = robot.limits.bounds("tau")
+    pairs = zip((slopes.lower, slopes.upper), bounds, strict=True)
+    return (masses + sum(float(own["tau"] @ bound) for own, bound in pairs)) / motion.duration
+
+
+def check(count: int, first: int) -> None:
+    """Print every slope, and how many of them are within a hundredth."""
+    rows: list[Compared] = []
+    tasks, seed = 0, first
+    while tasks < count:
+        seed += 1
+        if seed % 10 not in KINDS or (task := task_of(seed)).robot.joint_count > JOINTS:
+            continue
+        try:
+            answers = list(compared(task, seed))
+        except mo.InputError as problem:
+            answers = [str(problem)]
+        tasks += any(isinstance(each, Compared) for each in answers)
+        own = [each for each in answers if isinstance(each, Compared)]
+        texts = [each for each in answers if isinstance(each, str)]
+        for each in own:
+            marks = "flagged " * each.flagged + "bent" * each.bent
+            texts.append(f"{each.name} {100 * each.error:.2f} % {marks}".strip())
+        print(f"{seed} {task}: {'; '.join(texts)}", flush=True)
+        rows += own
+    sure = [each for each in rows if not (each.flagged or each.bent)]
+    within = sum(each.error <= WITHIN for each in sure)
+    worst = max(each.error for each in sure)
+    print(
+        f"{tasks} tasks, {len(rows)} slopes: {sum(e.error <= WITHIN for e in rows)} within 1 %, "
+        f"{sum(e.flagged for e in rows)} flagged, {sum(e.bent for e in rows)} bent; of the other "
+        f"{len(sure)} {within} within 1 %, the worst {100 * worst:.2f} % off"
+    )
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Check slopes."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks prices",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--check", type=int, default=50, metavar="COUNT", help="tasks")
+    parser.add_argument("--first", type=int, default=-1, help="the seed before the first one")
+    options = parser.parse_args(arguments)
+    check(options.check, options.first)
