@@ -157,6 +157,7 @@ def overridden(
     if not speed and (rests or not current):
         raise InputError("speed is 0 and the arm rests already: it goes on resting")
     family = LimitFamily.of(robot, limits)
+    family.refuse_means()
     override = _Override.of(family, motion, at, current, rests, grid, compiles(compiled))
     if later := override.along.limits.later:
         return _ramped(family, motion, _Ramp(at, speed if rests else current, speed), later)

@@ -127,7 +127,8 @@ def copied(phase: Phase, name: str, linked: Sequence[str]) -> Phase:
     """
     duplicate = replace(phase, name=name, **{kind: [] for kind in _SYMBOLIC})
     own = {c.defines for c in phase.point_constraints}
-    old, new = [phase.time, phase.duration], [duplicate.time, duplicate.duration]
+    old: list[ca.MX] = [phase.time, phase.duration]
+    new: list[ca.MX] = [duplicate.time, duplicate.duration]
 
     def fresh(item: Any) -> Any:
         if item in phase.free_parameters and item.name not in own:
