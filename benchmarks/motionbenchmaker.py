@@ -25,6 +25,7 @@ places along the motion, with none of our capsules.
 from __future__ import annotations
 
 import argparse
+import csv
 import json
 import re
 import statistics
@@ -90,10 +91,21 @@ def main(arguments: list[str]) -> None:
     print(report(rows))
     draw(rows, options.out.with_suffix(".png"))
     if options.page:
-        before, _, rest = options.page.read_text("utf-8").partition(MARKS[0])
-        written = [before, MARKS[0], "\n", report(rows), "\n\n", MARKS[1]]
-        written.append(rest.partition(MARKS[1])[2])
-        options.page.write_text("".join(written), "utf-8")
+        publish(rows, options.page)
+
+
+def publish(rows: list[dict[str, Any]], page: Path) -> None:
+    """Write the tables into a page, the figure into its images and every duration beside it."""
+    rows = sorted(rows, key=lambda row: (row["robot"], row["family"], row["number"]))
+    before, _, rest = page.read_text("utf-8").partition(MARKS[0])
+    after = rest.partition(MARKS[1])[2]
+    page.write_text(f"{before}{MARKS[0]}\n{report(rows)}\n\n{MARKS[1]}{after}", "utf-8")
+    draw(rows, page.parent / "images" / f"{page.stem}.png")
+    names = ("robot", "family", "number", "outcome", "duration", "chain", "clearance")
+    with page.with_suffix(".csv").open("w", newline="", encoding="utf-8") as file:
+        table = csv.DictWriter(file, names, extrasaction="ignore", lineterminator="\n")
+        table.writeheader()
+        table.writerows(rows)
 
 
 def _rows(cases: list[tuple[Any, ...]], jobs: int) -> Any:
@@ -271,14 +283,15 @@ def median(values: Iterable[float | None], text: str) -> str:
 
 
 def unsolved(rows: list[dict[str, Any]]) -> str:
-    """What became of the problems that are not solved and certified in time, one line each."""
+    """What became of problems that were tried and not solved and certified in time, a line each."""
     lines = []
     for row in rows:
-        if row["outcome"] == "solved" and row["processor"] <= IN_TIME:
+        in_time = row.get("processor", 0.0) <= IN_TIME
+        if row["outcome"] == "refused" or (row["outcome"] == "solved" and in_time):
             continue
         why = row["why"].split("\n")[0] or f"{row['processor']:.0f} s of processor time"
         lines.append(f"- {row['robot']} {row['family']} {row['number']}, {row['outcome']}: {why}")
-    return "\n".join(lines) or "All are solved and certified."
+    return "\n".join(lines) or "All that were tried are solved and certified."
 
 
 def stages(rows: list[dict[str, Any]]) -> str:
