@@ -54,6 +54,9 @@ def public():
         if not kind.__module__.startswith("microbot_ocp"):
             continue
         for name, _ in inspect.getmembers(kind, callable):
+            owner = next(base for base in kind.__mro__ if name in vars(base))
+            if not owner.__module__.startswith("microbot_ocp"):  # of symbols, which are CasADi's
+                continue
             if not name.startswith("_") or name == "__call__":
                 with contextlib.suppress(Exception):
                     unique[f"{kind.__name__}.{name}"] = getattr(thing, name)

@@ -8,6 +8,7 @@ the distances of the arm with what it carries there.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -16,6 +17,7 @@ import numpy as np
 
 from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.codegen import interpreted
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import LIMIT_TOLERANCE, JointLimits, LimitFamily, Limits
 from microbot_ocp.motion import Motion, PiecewisePolynomial, pieces_of
@@ -316,7 +318,8 @@ class _Among:
             why = nothing_found(free, names)
         else:
             why = found.advice if proof is None else proof.sentence
-        shapes = [_unhindered(task, way, k) for k in range(len(task.segments))]
+        with interpreted() if deadline.over() else nullcontext():
+            shapes = [_unhindered(task, way, k) for k in range(len(task.segments))]
         motion = _joined(task, way, shapes)
         hit = clearance_along(places_along(task, motion, self._scene), motion)
         return not_found(motion, why, hit)
