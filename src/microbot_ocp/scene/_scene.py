@@ -12,7 +12,7 @@ import numpy as np
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.codegen import compiles
-from microbot_ocp.limits import Limit
+from microbot_ocp.limits import ROUNDING, Limit
 from microbot_ocp.robot import Capsule, Robot, fit_capsules, link_capsules
 from microbot_ocp.scene._obstacles import KINDS, Obstacle
 from microbot_ocp.scene._pairs import ACCURACY, Distances, Pair
@@ -117,11 +117,11 @@ class Scene:
         tolerance: float = 0.0,
         room: Sequence[float] | None = None,
     ) -> Limit:
-        """The distances as a limit of the robot: one value a pair, in m.
+        """Return the distances as a limit of the robot: one value a pair, in m.
 
-        A value is the distance of the axis of the arm's capsule from the other thing. Its lower
-        bound is the capsule's radius and the clearance, and what a solver may leave open, so that
-        that does not decide whether a certificate passes.
+        A value is the distance of the axis of the arm's capsule from the other thing, as if it were
+        as thick as the thickest one. Its lower bound is that radius and the clearance, and what a
+        solver may leave open, so that that does not decide whether a certificate passes.
 
         Parameters
         ----------
@@ -136,7 +136,8 @@ class Scene:
         """
         chosen = self.pairs(robot) if pairs is None else tuple(pairs)
         rooms = [np.inf] * len(chosen) if room is None else [float(own) for own in room]
-        return _limit(self, chosen, float(tolerance), tuple(rooms))
+        radii = [capsule.radius for _, capsule in robot.capsules]
+        return _limit(self, chosen, max(radii, default=0.0), float(tolerance), tuple(rooms))
 
 
 @lru_cache(maxsize=64)
@@ -146,14 +147,24 @@ def _ignoring(scene: Scene, pairs: tuple[tuple[str, str], ...]) -> Scene:
 
 @lru_cache(maxsize=256)
 def _limit(
-    scene: Scene, pairs: tuple[Pair, ...], tolerance: float, rooms: tuple[float, ...]
+    scene: Scene,
+    pairs: tuple[Pair, ...],
+    thickest: float,
+    tolerance: float,
+    rooms: tuple[float, ...],
 ) -> Limit:
     contact = np.array([pair.capsule.radius + scene.clearance for pair in pairs])
     most = 0.5 * np.maximum(rooms, 0.0)  # each of the margin, and of the rounding
+    # what may be left open is a share of the thickest capsule, of a thin finger as of an upper
+    # arm: of micrometres where a finger swings past an edge meshes do not come to an end
+    thick = np.minimum(thickest + scene.clearance, most / max(2.0 * tolerance, ROUNDING))
+    thicker = np.maximum(thick - contact, 0.0)
+    contact = contact + thicker
     return Limit(
         LIMIT_NAME,
         Distances(
-            tuple(replace(p, accuracy=max(m, ACCURACY)) for p, m in zip(pairs, most, strict=True))
+            tuple(replace(p, accuracy=max(m, ACCURACY)) for p, m in zip(pairs, most, strict=True)),
+            tuple(thicker.tolist()),
         ),
         # half is what may be left open, half what a proof has to go by
         lower=contact + np.maximum(np.minimum(2.0 * tolerance * contact, most), 2.0 * ACCURACY),
