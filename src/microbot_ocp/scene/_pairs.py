@@ -45,6 +45,8 @@ class Pair:
         By how much the distance that solvers see may be less than the distance, m, at most.
     facing : tuple
         Directions from the other thing in which it is seen as it is, where it has many faces.
+    thicker : float
+        What a limit of the distance adds to it, m, as if the capsule were so much thicker.
     """
 
     frame: int
@@ -53,6 +55,7 @@ class Pair:
     other_frame: int = 0
     accuracy: float = np.inf
     facing: tuple[tuple[float, ...], ...] = ()
+    thicker: float = 0.0
 
     @property
     def label(self) -> str:
@@ -70,7 +73,6 @@ class Distances:
     """Distances of the axes of an arm from other things as an expression of a motion's state."""
 
     pairs: tuple[Pair, ...]
-    thicker: tuple[float, ...] = ()
 
     def __call__(self, state: Any) -> Any:
         axes = {(frame, id(c)): (frame, c) for pair in self.pairs for frame, c in _axes(pair)}
@@ -79,17 +81,18 @@ class Distances:
         for pair in self.pairs:
             given = ca.vertcat(*(ends[frame, id(capsule)] for frame, capsule in _axes(pair)))
             values.append(_distance(*_kind(pair))(given, _numbers(pair)))
-        return ca.vertcat(*values) + self._thicker
-
-    @property
-    def _thicker(self) -> ca.DM:
-        return ca.DM(self.thicker or [0.0] * len(self.pairs))
+        return ca.vertcat(*values) + _thicker(self.pairs)
 
     def derivatives(self, robot: Robot, compiled: bool) -> tuple[ca.Function, ...]:
         """``(q) -> values, Jacobian``, ``(q, weights) -> gradient, Hessian`` of their weighted sum,
         and ``(q) -> values``.
         """
-        return _derivatives(robot, self.pairs, self.thicker, compiled)
+        return _derivatives(robot, self.pairs, compiled)
+
+
+def _thicker(pairs: Sequence[Pair]) -> ca.DM:
+    """What every value has beyond the distance, m."""
+    return ca.DM([pair.thicker for pair in pairs])
 
 
 def _axes(pair: Pair) -> list[tuple[int, Capsule]]:
@@ -138,9 +141,7 @@ def _distance(kind: type[Obstacle], count: int) -> ca.Function:
 
 
 @lru_cache(maxsize=64)
-def _derivatives(
-    robot: Robot, pairs: tuple[Pair, ...], thicker: tuple[float, ...], compiled: bool
-) -> tuple[ca.Function, ...]:
+def _derivatives(robot: Robot, pairs: tuple[Pair, ...], compiled: bool) -> tuple[ca.Function, ...]:
     n = robot.joint_count
     axes = {(frame, id(c)): (frame, c) for pair in pairs for frame, c in _axes(pair)}
     # those of the whole arm where they are the robot's, so that other scenes ask for the same
@@ -173,14 +174,13 @@ def _derivatives(
             pulls = pulls + pull[6 * row : 6 * row + 6, :] @ ca.sparsify(select)
         total, gradient = total + ca.sum2(hessian), gradient + ca.sum2(down)
     back = np.argsort(order).tolist()
-    more = ca.DM(thicker or [0.0] * len(pairs))
-    values = ca.horzcat(*(value for value, _ in first)).T[back] + more
+    values = ca.horzcat(*(value for value, _ in first)).T[back] + _thicker(pairs)
     jacobian = ca.horzcat(*(row for _, row in first)).T[back, :]
     total = ca.reshape(total, n, n) + bend(q, ca.vec(pulls))
     return (
         ca.Function("first_derivatives", [q], [values, jacobian]),
         ca.Function("second_derivatives", [q, weights], [gradient, total]),
-        ca.Function("values", [q], [ca.horzcat(*alone).T[back] + more]),
+        ca.Function("values", [q], [ca.horzcat(*alone).T[back] + _thicker(pairs)]),
     )
 
 

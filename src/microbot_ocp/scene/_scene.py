@@ -120,8 +120,9 @@ class Scene:
         """Return the distances as a limit of the robot: one value a pair, in m.
 
         A value is the distance of the axis of the arm's capsule from the other thing, as if it were
-        as thick as the thickest one. Its lower bound is that radius and the clearance, and what a
-        solver may leave open, so that that does not decide whether a certificate passes.
+        as thick as the thickest one, as far as ``room`` lets it. Its lower bound is that radius and
+        the clearance, and what a solver may leave open, so that that does not decide whether a
+        certificate passes.
 
         Parameters
         ----------
@@ -160,12 +161,10 @@ def _limit(
     thick = np.minimum(thickest + scene.clearance, most / max(2.0 * tolerance, ROUNDING))
     thicker = np.maximum(thick - contact, 0.0)
     contact = contact + thicker
+    rows = zip(pairs, np.maximum(most, ACCURACY).tolist(), thicker.tolist(), strict=True)
     return Limit(
         LIMIT_NAME,
-        Distances(
-            tuple(replace(p, accuracy=max(m, ACCURACY)) for p, m in zip(pairs, most, strict=True)),
-            tuple(thicker.tolist()),
-        ),
+        Distances(tuple(replace(pair, accuracy=m, thicker=more) for pair, m, more in rows)),
         # half is what may be left open, half what a proof has to go by
         lower=contact + np.maximum(np.minimum(2.0 * tolerance * contact, most), 2.0 * ACCURACY),
         unit="m",
