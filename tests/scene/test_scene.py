@@ -246,7 +246,7 @@ def test_pairs_that_are_missed_are_put_in_and_it_is_solved_again(around, monkeyp
     few = replace(among.AMONG_OBSTACLES, near=1e-3)  # no pair comes so near on the path
     monkeypatch.setattr(among, "AMONG_OBSTACLES", few)
     lines = list[str]()
-    motion = mo.time_optimal(ARM, ENDS, scene=POST, mesh=30, progress=lambda x: lines.append(x))
+    motion = mo.time_optimal(ARM, ENDS, scene=POST, mesh=30, progress=lines.append)
     assert any("more pairs come too near: solved again" in str(line) for line in lines)
     assert motion.solved
     assert motion.provenance["clearance"]["proved"]
@@ -262,6 +262,17 @@ def test_a_path_gets_its_best_timing_where_its_bound_is_faster(around) -> None:
     assert timed.clearance.proved
     assert timed.motion.duration > bound
     assert mo.certify(surroundings.robot, timed.motion, via_q=ENDS, scene=POST).ok
+
+
+def test_a_path_that_reachability_cannot_time_is_there_all_the_same(monkeypatch) -> None:
+    """It rests at its corners then, and was left out as slower than nothing."""
+    surroundings = Surroundings(ARM, POST)
+    legs = legs_between(surroundings, ENDS, mo.planning.TimeOptimalSettings(), quiet)
+    monkeypatch.setattr(among.Leg, "_reach", lambda leg, choice: None)
+    monkeypatch.setattr(among.Leg, "_timing_with_rates", lambda leg, choice: None)
+    (timed,) = timed_paths(surroundings, legs, quiet)
+    assert timed.motion.duration == legs[0].known.duration
+    assert mo.certify(ARM, timed.motion, via_q=ENDS, scene=POST).ok
 
 
 def test_an_optimum_slower_than_the_timed_path_ends_the_search(around: mo.Motion) -> None:

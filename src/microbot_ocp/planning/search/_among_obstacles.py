@@ -21,7 +21,7 @@ import numpy as np
 
 from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp._base.codegen import compiles
+from microbot_ocp._base.codegen import compiles, interpreted
 from microbot_ocp._base.outcome import Advice, Outcome
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import LIMIT_TOLERANCE, LimitFamily
@@ -290,30 +290,30 @@ def fastest_among(
     check_apart(around, via)
     legs = legs_between(around, via, settings, progress)
     planned = time.perf_counter()
-    starts, search, proof = list[TimedPath](), None, None
+    starts, search, proof, below = list[TimedPath](), None, None, None
     for start in starts_of(legs):
         starts.append(start)
         progress(f"{start.name}: {start.motion.duration:.4f} s by reachability")
         search = _solved(family, via, scene, settings, progress, start)
         proof = clearance(robot, search, scene) if search is not None and search.solved else None
-        if deadline.over() or (proof is not None and proof.proved):
+        if search is not None and proof is not None and proof.proved:
+            below = search.duration  # what a path must be able to beat
+        if deadline.over() or below is not None:
             break
-    is_clear = search is not None and proof is not None and proof.proved
-    # whether one of the paths is faster is asked where its bound allows it
-    below = search.duration if search is not None and is_clear else np.inf
     paths = list(timed_paths(around, legs, progress, below=below))
     more: dict[str, Any] = {
         "scene": list(scene.names),
         "paths": [{"start": p.name, "duration": p.motion.duration} for p in starts],
         "planning_time": planned - begin,
     }
-    if paths or is_clear:
+    if paths or below is not None:
         more["first_certified"] = legs[0].certified - begin_processor
         known = min(paths, key=lambda path: path.motion.duration, default=None)
         found = at_least(known, search, proof)
     else:
         names = ["start", *(f"via point {k}" for k in range(2, len(via))), "goal"]
-        motion = _ignoring(family, via, settings)
+        with interpreted():  # made once, and often when the time to compile is over
+            motion = _ignoring(family, via, settings)
         proof = clearance(robot, motion, scene)
         found = not_found(motion, nothing_found(legs, names), proof)
     more["wall_time"] = time.perf_counter() - begin
@@ -413,26 +413,27 @@ def starts_of(legs: Sequence[Leg]) -> Iterator[TimedPath]:
     """Different ways through via points for a search to start from, the fastest first."""
     durations: list[float] = []
     for choice in _by_bound(legs):
-        motions = [leg.guess(choice) for leg in legs]
-        path = _joined(legs, choice, [motion for motion in motions if motion is not None])
+        path = _joined(legs, choice, (leg.guess(choice) for leg in legs))
         if path is not None and differs(path.motion.duration, durations):
             durations.append(path.motion.duration)
             yield path
 
 
 def timed_paths(
-    around: Surroundings, legs: Sequence[Leg], progress: StepProgress, below: float = np.inf
+    around: Surroundings, legs: Sequence[Leg], progress: StepProgress, below: float | None = None
 ) -> Iterator[ProvedPath]:
     """Different ways through via points with a timing that keeps all limits, the fastest first.
 
-    In the order of what they take without limits of rates: those that may take less than ``below``,
-    s. At the time limit one alone.
+    In the order of what they take without limits of rates; with ``below``, s, only those that may
+    take less. At the time limit one alone.
     """
     durations: list[float] = []
     for choice in _by_bound(legs):
-        if (durations and deadline.over()) or sum(leg.bound(choice) for leg in legs) >= below:
+        if durations and deadline.over():
             return
-        timed = _proved(around, legs, choice, [leg.motion(choice) for leg in legs])
+        if below is not None and sum(leg.bound(choice) for leg in legs) >= below:
+            return
+        timed = _proved(around, legs, choice, (leg.motion(choice) for leg in legs))
         if timed is not None and differs(timed.motion.duration, durations):
             progress(f"path {timed.name}: {timed.motion.duration:.4f} s with its best timing")
             durations.append(timed.motion.duration)
@@ -444,10 +445,10 @@ def _by_bound(legs: Sequence[Leg]) -> list[int]:
 
 
 def _proved(
-    around: Surroundings, legs: Sequence[Leg], choice: int, timed: Sequence[Motion | None]
+    around: Surroundings, legs: Sequence[Leg], choice: int, timed: Iterable[Motion | None]
 ) -> ProvedPath | None:
     """A way with a timing of each leg, at rest at every via point; None where it may touch."""
-    path = _joined(legs, choice, [motion for motion in timed if motion is not None])
+    path = _joined(legs, choice, timed)
     proof = None if path is None else clearance(around.robot, path.motion, around.scene)
     if path is None or proof is None or not proof.proved:
         return None
@@ -456,10 +457,13 @@ def _proved(
     return ProvedPath(path.name, path.motion, proof)
 
 
-def _joined(legs: Sequence[Leg], choice: int, motions: Sequence[Motion]) -> TimedPath | None:
-    """The motions of all legs, one after another; None where one of them is missing."""
-    if len(motions) < len(legs):
-        return None
+def _joined(legs: Sequence[Leg], choice: int, timed: Iterable[Motion | None]) -> TimedPath | None:
+    """Return the motions of all legs, one after another; None from the first missing one on."""
+    motions = list[Motion]()
+    for motion in timed:
+        if motion is None:
+            return None
+        motions.append(motion)
     names = [leg.ways[min(choice, len(leg.ways) - 1)].name for leg in legs]
     times = np.cumsum([0.0, *(m.duration for m in motions)])
     if len(motions) == 1:

@@ -8,7 +8,6 @@ the distances of the arm with what it carries there.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -318,7 +317,7 @@ class _Among:
             why = nothing_found(free, names)
         else:
             why = found.advice if proof is None else proof.sentence
-        with interpreted() if deadline.over() else nullcontext():
+        with interpreted():  # made once, and often when the time to compile is over
             shapes = [_unhindered(task, way, k) for k in range(len(task.segments))]
         motion = _joined(task, way, shapes)
         hit = clearance_along(places_along(task, motion, self._scene), motion)
