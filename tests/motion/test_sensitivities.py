@@ -44,7 +44,7 @@ def program():
 def test_of_limits(program, key, name, joint):
     robot, solver, solution = program
     lower, upper = robot.limits.bounds(key)
-    found, step = multipliers_of(solution), 0.002 * upper[joint]
+    found, step = multipliers_of(solution, LimitFamily.of(robot)), 0.002 * upper[joint]
     assert found is not None
     for side, bounds in (("lower", (1.0, 0.0)), ("upper", (0.0, 1.0))):
         costs = []
@@ -58,8 +58,8 @@ def test_of_limits(program, key, name, joint):
 
 @pytest.mark.parametrize("joint", range(3))
 def test_of_via_points(program, joint):
-    _, solver, solution = program
-    found, step = multipliers_of(solution), 1e-3
+    robot, solver, solution = program
+    found, step = multipliers_of(solution, LimitFamily.of(robot)), 1e-3
     assert found is not None
     for point in range(3):
         costs = []
@@ -110,7 +110,7 @@ def test_torques_and_masses_together_change_nothing(program):
     robot, _, solution = program
     motion = replace(
         mo.Motion.from_polynomial(robot, polynomial(solution), label="free"),
-        provenance={"multipliers": multipliers_of(solution)},
+        provenance={"multipliers": multipliers_of(solution, LimitFamily.of(robot))},
     )
     slopes, rows = motion.sensitivities(robot), motion.provenance["multipliers"]["rows"]["tau"]
     tau = robot.torques_along(*motion.sample(np.array(rows["t"])))["tau"]

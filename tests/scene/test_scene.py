@@ -459,6 +459,18 @@ def test_a_part_keeps_clear_from_the_stop_on_at_which_it_is_picked(around: mo.Mo
         mo.Payload(1.0, shape={"start": [0, 0, 0], "end": [0, 0, 1]})
 
 
+@pytest.mark.parametrize("loads", [(None, 0.1), (0.1, None)])
+def test_segments_with_other_pairs_are_priced_by_limits_that_all_have(loads) -> None:
+    shape = {"start": [0, 0, 0], "end": [0.25, 0, 0], "radius": 0.08}
+    parts = [mo.Payload(mass, shape=shape) if mass else 0.0 for mass in loads]
+    stops = [mo.Stop(q=ENDS[k], payload=part) for k, part in enumerate(parts)]
+    stops.append(mo.Stop(q=ENDS[0]))
+    motion = mo.time_optimal(ARM, stops, scene=POST, mesh=20, compiled=False)
+    assert motion.solved
+    assert motion.provenance["clearance"]["proved"]
+    assert set(motion.provenance["multipliers"]["upper"]) == {"q", "qd", "tau"}
+
+
 def test_a_blocked_stop_is_said_before_any_order_is_solved(monkeypatch) -> None:
     monkeypatch.setattr("microbot_ocp.planning.search._stops_among.best_order", None)
     stops = [ENDS[0], mo.Stop(q=[0.2, 0.0, 0.0], name="through"), ENDS[1]]

@@ -349,7 +349,7 @@ class TimeOptimalSolver:
         >>> bool(line.duration[1] < line.duration[0]), bool((line.slope < 0.0).all())
         (True, True)
         """
-        own, count = self.robot.limits, self.robot.joint_count
+        usual, count = self.robot.limits, self.robot.joint_count
         keys = {f"{key}_max": key for key in JOINT_QUANTITIES if key != "q"}
         checks.one_of("name", name, ("payload", "reserve", *keys))
         if joint is not None:
@@ -358,27 +358,27 @@ class TimeOptimalSolver:
         given = checks.array("values", values, (None,))
         T, slopes, binding = np.full(given.size, np.nan), np.full(given.size, np.nan), []
         for k, value in enumerate(given.tolist()):
-            limits, payload = own, 0.0
+            limits, payload = usual, 0.0
             if name == "payload":
                 payload = value
             elif name == "reserve":
-                limits = own.with_reserve(value * chosen)
+                limits = usual.with_reserve(value * chosen)
             else:
-                usual = getattr(own, name)
-                limits = own.changed({name: np.where(chosen > 0.0, value, usual)})
+                bounds = np.where(chosen > 0.0, value, getattr(usual, name))
+                limits = usual.changed({name: bounds})
             motion = self(limits, payload, time_limit=time_limit)
             binding.append(frozenset())
             if not motion.solved:
                 continue
-            found = motion.sensitivities(self.robot.with_limits(limits), payload)
-            T[k], binding[k] = motion.duration, found.binding
+            prices = motion.sensitivities(self.robot.with_limits(limits), payload)
+            T[k], binding[k] = motion.duration, prices.binding
             if name == "payload":
-                slopes[k] = found.payload_mass
+                slopes[k] = prices.payload_mass
                 continue
             key = keys.get(name, "tau")
-            lower, upper = (own.bounds(key)) if name == "reserve" else (-chosen, chosen)
-            felt = found.lower[key] * lower + found.upper[key] * upper
-            slopes[k] = (-felt if name == "reserve" else felt) @ chosen
+            lower, upper = usual.bounds(key) if name == "reserve" else (-chosen, chosen)
+            slope = (prices.lower[key] * lower + prices.upper[key] * upper) @ chosen
+            slopes[k] = -slope if name == "reserve" else slope
         unit = {"payload": "kg", "reserve": ""}.get(name)
         unit = self.robot.unit(keys[name], joint or 0) if unit is None else unit
         return DurationLine(name, unit, given, T, slopes, tuple(binding))
@@ -645,6 +645,7 @@ class TimeOptimalSolver:
             solution,
             provenance_of(
                 "free time-optimal motion, solved again with other numbers",
+                family,
                 solution,
                 worst,
                 time.perf_counter() - begin,

@@ -115,6 +115,7 @@ def motion_of_answer(found: Fastest, **more: Any) -> Motion:
     optima = sorted({round(s["duration"], 3) for s in starts if s["status"] == "solved"})
     provenance = provenance_of(
         "free time-optimal motion, multiple shooting on the inverse dynamics",
+        problem.family,
         solution,
         largest(excess),
         found.wall_time + search.kernel_time,

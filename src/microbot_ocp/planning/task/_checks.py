@@ -166,6 +166,7 @@ def place_in_task(
 
 def provenance_of(
     method: str,
+    family: LimitFamily,
     solution: Solution,
     excess: float,
     wall_time: float,
@@ -180,7 +181,7 @@ def provenance_of(
         "gap": solution.gap.total,  # s: from the local optimum of the smoothed task, at most
         "intervals": [phase.mesh.size - 1 for phase in solution.phases],
         "phase_durations": [phase.duration for phase in solution.phases],
-        "multipliers": multipliers_of(solution),
+        "multipliers": multipliers_of(solution, family),
         **more,
         "wall_time": wall_time,
         "smoothing": smoothing,

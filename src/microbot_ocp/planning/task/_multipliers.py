@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.limits import JOINT_QUANTITIES, MotionSamples
+from microbot_ocp.limits import JOINT_QUANTITIES, LimitFamily, MotionSamples
 from microbot_ocp.ocp import PhaseSolution, Solution
 from microbot_ocp.ocp.transcription import TableEntry
 
@@ -21,8 +21,10 @@ KEYS = {quantity.name: key for key, quantity in JOINT_QUANTITIES.items()}
 DIGITS = 8  # significant ones: what is written with every motion
 
 
-def multipliers_of(solution: Solution) -> dict[str, Any] | None:
-    """Slopes of the duration of a motion, as plain values.
+def multipliers_of(solution: Solution, family: LimitFamily) -> dict[str, Any] | None:
+    """Return slopes of the duration of a motion by the limits of a family, as plain values.
+
+    Distances that a search adds to them, other ones in every segment, have none.
 
     Returns
     -------
@@ -49,6 +51,8 @@ def multipliers_of(solution: Solution) -> dict[str, Any] | None:
                     at = number + (entry.kind == "final")
                     via[at][entry.component] = -float(slopes.sum())
                 continue
+            if key not in family:
+                continue
             for side, sign in (("lower", -1.0), ("upper", 1.0)):
                 own = sides[side].setdefault(key, np.zeros(entry.size))
                 own[entry.component] -= slopes[sign * slopes > 0].sum()
@@ -57,14 +61,14 @@ def multipliers_of(solution: Solution) -> dict[str, Any] | None:
         start += phase.duration
     count = solution.phases[0]["q"].shape[1]
     points = np.array([[via[k].get(j, 0.0) for j in range(count)] for k in sorted(via)])
-    felt = {key: own for key, own in rows.items() if key not in MotionSamples._fields}
+    limited = {key: row for key, row in rows.items() if key not in MotionSamples._fields}
     return {
         **_plain(sides),
         "via": _plain(points),
         "beside": abs(solution.cost - start) + abs(solution.gap.slack),
         "rows": {
-            key: {"t": sorted(own), "slopes": _plain(np.array([own[t] for t in sorted(own)]))}
-            for key, own in felt.items()
+            key: {"t": sorted(row), "slopes": _plain(np.array([row[t] for t in sorted(row)]))}
+            for key, row in limited.items()
         },
     }
 
