@@ -14,6 +14,7 @@ from PIL import Image
 from microbot_ocp.tasks import read_cell
 from microbot_ocp.views.animation import Film
 from microbot_ocp.views.recording import of_cell
+from tools import palette
 
 TARGET = Path(__file__).resolve().parent / "images" / "cell.png"
 CELL = """
@@ -56,8 +57,7 @@ def main() -> None:
     film = Film(of_cell(cell), title="microbot: a cycle over a wall")
     frames = [film.frame(share * cell.motion.duration) for share in SHARES]
     rows = [np.hstack(frames[:2]), np.hstack(frames[2:])]
-    picture = Image.fromarray(np.vstack(rows)).quantize(256, Image.Quantize.MAXCOVERAGE, kmeans=5)
-    picture.save(TARGET, optimize=True)
+    palette.save(Image.fromarray(np.vstack(rows)), TARGET, 256)
     print(TARGET, f"{cell.motion.duration:.4f} s", cell.certificate.ok, cell.certificate.clearance)
 
 

@@ -11,6 +11,8 @@ from pathlib import Path
 
 from PIL import Image
 
+from tools import palette
+
 DOCS = Path(__file__).resolve().parent
 sys.path.insert(0, str(DOCS / "tools"))
 
@@ -29,7 +31,7 @@ def main() -> int:
                 height = round(picture.height * WIDTH / picture.width)
                 small = picture.convert("RGB").resize((WIDTH, height), Image.Resampling.LANCZOS)
             path = TARGET / written.name
-            small.quantize(COLORS, Image.Quantize.MAXCOVERAGE, kmeans=5).save(path, optimize=True)
+            palette.save(small, path, COLORS)
             print(f"{path} ({path.stat().st_size / 1e3:.0f} kB)")
     return 0
 

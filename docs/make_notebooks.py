@@ -25,6 +25,8 @@ from nbconvert import HTMLExporter
 from nbformat import NotebookNode
 from PIL import Image
 
+from tools import palette
+
 sys.path.insert(0, str(Path(__file__).resolve().parent / "tools"))
 
 from formulas import mathml
@@ -80,8 +82,7 @@ def _still(output: NotebookNode) -> NotebookNode | None:
     if "image/png" in data:
         image = Image.open(io.BytesIO(base64.b64decode(data["image/png"]))).convert("RGB")
         small = io.BytesIO()
-        few = image.quantize(STORED_COLORS, Image.Quantize.MAXCOVERAGE, kmeans=5)
-        few.save(small, "PNG", optimize=True)
+        palette.save(image, small, STORED_COLORS)
         data["image/png"] = base64.b64encode(small.getvalue()).decode()
     elif is_widget:
         if not str(data.get("text/plain", "")).startswith("VBox"):
@@ -112,7 +113,7 @@ def picture(page: Path, target: Path) -> None:
     pixels = np.asarray(image)
     used = np.flatnonzero((pixels != pixels[-1, -1]).any(axis=(1, 2)))
     kept = image.crop((0, 0, image.width, min(image.height, int(used[-1]) + 30)))
-    kept.quantize(COLORS, Image.Quantize.MAXCOVERAGE, kmeans=5).save(target, optimize=True)
+    palette.save(kept, target, COLORS)
 
 
 def main() -> None:

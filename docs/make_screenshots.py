@@ -14,6 +14,8 @@ from pathlib import Path
 
 from PIL import Image
 
+from tools import palette
+
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests" / "views" / "recording"))
 
 from every_kind import KINDS
@@ -50,7 +52,7 @@ def main() -> int:
                 picture = Image.fromarray(viewer.picture())
                 problems += [f"{name}: {problem}" for problem in viewer.problems()]
             path = TARGET / f"{name}.png"
-            picture.quantize(COLORS, Image.Quantize.MAXCOVERAGE, kmeans=5).save(path, optimize=True)
+            palette.save(picture, path, COLORS)
             size = recording.stat().st_size / 1e6
             print(f"{path} ({path.stat().st_size / 1e3:.0f} kB; recording {size:.2f} MB)")
     for problem in problems:

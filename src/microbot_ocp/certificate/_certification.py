@@ -342,22 +342,10 @@ def limit_checks_of(
             busy |= (history.use[member.key] >= AT_LIMIT).any(axis=1)
         t, values, use = history.judged(member.key)
         peaks = use.max(axis=0)
-        joint = int(peaks.argmax())
-        i = int(use[:, joint].argmax())
+        i = int(use[:, peaks.argmax()].argmax())
+        bound, jump = member.nearest_bound(values.row(i))[0], i >= history.t.size
         limit_checks.append(
-            LimitCheck(
-                quantity=member.key,
-                name=member.name,
-                labels=member.labels,
-                utilisation=np.where(member.limited, peaks, np.nan),
-                violation=max(0.0, float(peaks[joint]) - 1.0),
-                joint=member.labels[joint],
-                time=float(t[i]),
-                value=float(values.value[i, joint]),
-                limit=float(member.nearest_bound(values.row(i))[0, joint]),
-                unit=member.units[joint],
-                jump=i >= history.t.size,
-            )
+            _limit_check(member, peaks, float(t[i]), values.value[i], bound, jump=jump)
         )
     spans = np.diff(history.t)
     share_of_time = float((0.5 * (busy[:-1] + 0.0 + busy[1:]) * spans).sum() / spans.sum())
@@ -376,19 +364,33 @@ def _mean_check(family: LimitFamily, member: Member, motion: Motion) -> LimitChe
     end, rest = motion.q[-1:], member.limit.dwell
     held = squares(State(end, np.zeros_like(end), np.zeros_like(end)))[0]
     value = np.sqrt((weights @ squares(motion.sample(t)) + rest * held) / (motion.duration + rest))
-    use = np.where(member.limited, value / member.upper, np.nan)
-    joint = int(np.nanargmax(use))
+    use = value / member.upper  # 0 where there is no bound
+    return _limit_check(member, use, motion.duration, value, member.upper)
+
+
+def _limit_check(
+    member: Member,
+    use: FloatArray,
+    time: float,
+    values: FloatArray,
+    bounds: FloatArray,
+    *,
+    jump: bool = False,
+) -> LimitCheck:
+    """Return the check of a limit by its use [k], of the component that uses it most."""
+    joint = int(use.argmax())
     return LimitCheck(
         quantity=member.key,
         name=member.name,
         labels=member.labels,
-        utilisation=use,
+        utilisation=np.where(member.limited, use, np.nan),
         violation=max(0.0, float(use[joint]) - 1.0),
         joint=member.labels[joint],
-        time=motion.duration,
-        value=float(value[joint]),
-        limit=float(member.upper[joint]),
+        time=time,
+        value=float(values[joint]),
+        limit=float(bounds[joint]),
         unit=member.units[joint],
+        jump=jump,
     )
 
 

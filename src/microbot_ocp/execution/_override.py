@@ -49,6 +49,7 @@ from microbot_ocp.planning.path import (
     Reached,
     reach,
     sampled,
+    samples_along,
 )
 from microbot_ocp.planning.task import with_locked_joints_held
 from microbot_ocp.robot import Robot
@@ -311,10 +312,7 @@ class _Ramp:
 def _state_at(motion: Motion, place: Sequence[FloatArray]) -> MotionSamples:
     """The state at a place of the motion as planned, at another speed."""
     s = np.minimum(place[0], motion.duration)
-    v, a, j = (rate[:, None] for rate in place[1:])
-    (q, qd, qdd), qddd = motion.sample(s), motion.jerk(s)
-    rate = qd * j + 3.0 * qdd * v * a + qddd * v**3
-    return MotionSamples(q, qd * v, qd * a + qdd * v**2, rate)
+    return samples_along((*motion.sample(s), motion.jerk(s)), place[1:])
 
 
 def _ramped(family: LimitFamily, motion: Motion, wanted: _Ramp, later: Sequence[str]) -> Motion:

@@ -6,6 +6,7 @@ from ._blocked_path import (
 from ._curve import (
     CurvePiece as CurvePiece,
     PathCurve as PathCurve,
+    samples_along as samples_along,
 )
 from ._fast_timing import (
     PathTiming as PathTiming,

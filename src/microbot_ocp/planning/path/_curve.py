@@ -12,7 +12,7 @@ r = s.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import comb
 from typing import Any
@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from microbot_ocp._base.checks import FloatArray
+from microbot_ocp.limits import MotionSamples
 from microbot_ocp.motion import PiecewisePolynomial
 
 IntArray = NDArray[np.intp]
@@ -314,3 +315,19 @@ def _shifted(table: FloatArray, by: float) -> FloatArray:
         for j in range(k + 1):
             shifted[j] += table[k] * comb(k, j) * by ** (k - j)
     return shifted
+
+
+def samples_along(shape: Sequence[FloatArray], rates: Sequence[FloatArray]) -> MotionSamples:
+    """Return the motion of the joints along a path.
+
+    ``shape`` is the pose and its three derivatives by the place, each [N,n], ``rates`` the three
+    derivatives [N] of the place by the time.
+    """
+    q, tangent, curvature, bend = shape
+    v, a, j = (rate[:, None] for rate in rates)
+    return MotionSamples(
+        q,
+        tangent * v,
+        tangent * a + curvature * v**2,
+        tangent * j + 3 * curvature * v * a + bend * v**3,
+    )

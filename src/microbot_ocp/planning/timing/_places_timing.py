@@ -31,7 +31,13 @@ from microbot_ocp.limits import LimitFamily, MotionSamples
 from microbot_ocp.ocp.solution import Attempt, StepProgress, gap_of
 from microbot_ocp.ocp.solvers import SolverSettings, status_of
 from microbot_ocp.ocp.transcription import Bounds
-from microbot_ocp.planning.path import PathCurve, Reached, frictionless, largest_speeds
+from microbot_ocp.planning.path import (
+    PathCurve,
+    Reached,
+    frictionless,
+    largest_speeds,
+    samples_along,
+)
 from microbot_ocp.planning.task import CHECKS_PER_INTERVAL, dry_friction
 from microbot_ocp.planning.timing._places_program import (
     PROGRAM,
@@ -150,14 +156,7 @@ class SpeedProfile:
     def samples(self, curve: PathCurve, i: np.ndarray, after: FloatArray) -> MotionSamples:
         """Give the motion of the joints at times since the start of intervals i."""
         s, *rates = self.inside(i, after)
-        v, a, j = (rate[:, None] for rate in rates)
-        q, tangent, curvature, bend = curve.inside(s, i, self.s, highest=3)
-        return MotionSamples(
-            q,
-            tangent * v,
-            tangent * a + curvature * v**2,
-            tangent * j + 3 * curvature * v * a + bend * v**3,
-        )
+        return samples_along(curve.inside(s, i, self.s, highest=3), rates)
 
     def at_times(self, t: FloatArray) -> SpeedProfile:
         """Give the same motion more mesh points, at times among which are those that it has."""
