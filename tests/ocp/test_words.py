@@ -329,7 +329,7 @@ def test_functions_of_numbers_are_differentiated_by_differences():
     assert solution.solved
     assert solution.cost == pytest.approx(2 * np.log(2.0), rel=1e-5)
     assert verify(problem, solution).ok
-    with pytest.raises(InputError, match="whole number from 1 up"):
+    with pytest.raises(InputError, match="every size must be at least 1, not 0"):
         numeric_function(np.sin, sizes=(0,))
 
 

@@ -158,7 +158,7 @@ def test_a_study_file_is_read() -> None:
         ('"lspb"', '"spline"', "methods must be one of cubic, lspb"),
         ('kind = "random"', 'kind = "sobol"', "cases.kind must be one of random, grid, table"),
         ("count = 8", "", "cases.count is missing"),
-        ("count = 8", "count = 0", "cases.count must be a whole number from 1 up"),
+        ("count = 8", "count = 0", "cases.count must be at least 1, not 0"),
         ('kind = "random"', 'kind = "grid"', "cases.count is not for cases of the kind 'grid'"),
         ("from = [-90", "form = [-90", "unknown key 'form' of quantities.goal_q_deg"),
         ("start_q =", "seed = 3\nstart_q =", "seed is no quantity that may vary"),

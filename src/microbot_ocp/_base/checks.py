@@ -26,6 +26,7 @@ LONGEST = 1e4  # s, of a motion that is given or looked for
 MOST_SAMPLES = 100_000  # of a new motion
 SLOW = 100.0  # s: longer motions have fewer samples, as they are slow
 MOST_ITERATIONS = 10**9  # that solvers can count
+MOST_WHOLE = 20_000  # intervals, starts, tries: far more than any computer does in a day
 MOST_GIVEN = 2_000_000  # samples that may be asked for
 
 
@@ -140,10 +141,13 @@ def number(
     return result
 
 
-def whole(name: str, value: Any, at_least: int = 1) -> int:
-    """Return a whole number that is large enough."""
-    if not isinstance(value, int | np.integer) or value < at_least:
-        raise InputError(f"{name} must be a whole number from {at_least} up, not {shown(value)}")
+def whole(
+    name: str, value: Any, unit: str = "", *, at_least: int = 1, at_most: float = MOST_WHOLE
+) -> int:
+    """Return ``value`` as a whole number within the bounds."""
+    number(name, value, unit, at_least=at_least, at_most=at_most)
+    if not isinstance(value, int | np.integer):
+        raise InputError(f"{name} must be a whole number, not {value}")
     return int(value)
 
 

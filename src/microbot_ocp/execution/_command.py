@@ -18,7 +18,6 @@ from microbot_ocp.execution._rows import CommandRows
 from microbot_ocp.limits import ROUNDING, LimitFamily
 from microbot_ocp.motion import (
     Columns,
-    Mark,
     Motion,
     State,
     torque_along,
@@ -149,7 +148,7 @@ def _accepted(
     steps = max(1, int(np.ceil(motion.duration / profile.step - ROUNDING)))
     most = SLOWING.most_evenly * steps + 1.0
     while True:
-        slowed = _stretched(family.robot, motion, steps * profile.step / motion.duration)
+        slowed = motion.stretched(family.robot, steps * profile.step / motion.duration)
         if held:
             slowed = executed(family.robot, slowed, replace(profile, interpolation="hold"))
         curve = executed(family.robot, slowed, profile)
@@ -183,19 +182,6 @@ def _soonest(family: LimitFamily, motion: Motion, profile: Profile) -> tuple[Mot
         assert problem is not None
         raise problem
     return plain
-
-
-def _stretched(robot: Robot, motion: Motion, factor: float) -> Motion:
-    """The motion slower by a factor, with the torques of inverse dynamics."""
-    state = State(motion.q, motion.qd / factor, motion.qdd / factor**2)
-    assert motion.breaks is not None
-    marks = tuple(Mark(factor * mark.time, mark.name) for mark in motion.marks)
-    t = factor * motion.t
-    return replace(
-        motion,
-        t=t, q=state.q, qd=state.qd, qdd=state.qdd, tau=torque_along(robot, state),
-        breaks=factor * motion.breaks, marks=marks,
-    )  # fmt: skip
 
 
 def _factor(family: LimitFamily, curve: Motion, most: float) -> float:

@@ -8,7 +8,7 @@ problem.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -248,8 +248,8 @@ class LimitFamily:
         entries = {key: [given.get(key), self[key].lower, self[key].upper] for key in wanted}
         if computed := tuple(key for key in wanted if key not in given):
             for key in computed:  # what knows its derivatives is compiled, part by part
-                if (parts := self._compiled_parts(key)) is not None:
-                    entries[key][0] = np.array(parts(samples.q.T)).T
+                if parts := _parts_of(self[key].limit):
+                    entries[key][0] = np.array(parts(self.robot, compiles())[-1](samples.q.T)).T
             computed = tuple(key for key in computed if entries[key][0] is None)
         if computed:
             function, names, used = _function(self.robot, computed)
@@ -257,12 +257,6 @@ class LimitFamily:
             for (key, side), array in zip(names, _as_tuple(arrays), strict=True):
                 entries[key][side] = array
         return {key: LimitValues(*entry) for key, entry in entries.items()}
-
-    def _compiled_parts(self, key: str) -> ca.Function | None:
-        """A function of q for the values of a limit that brings the functions of its parts."""
-        limit = self[key].limit
-        functions = getattr(limit.expression, "derivatives", None) if limit else None
-        return functions(self.robot, compiles())[-1] if functions else None
 
     def use(
         self, samples: MotionSamples, keys: Iterable[str] | None = None
@@ -304,24 +298,25 @@ class LimitFamily:
         return {key: (entry[0], entry[1], entry[2]) for key, entry in entries.items()}
 
     def derivatives(self, function: ca.Function, compiled: bool) -> tuple[ca.Function, ...] | None:
-        """First and second derivatives of the function of a further limit, where it knows them.
-
-        Its expression says so by a method ``derivatives``: (robot, compiled) -> functions as a
-        transcription wants them.
-        """
+        """First and second derivatives of the function of a further limit, where it has them."""
         for limit in self.robot.limits.also:
-            functions = getattr(limit.expression, "derivatives", None)
-            if (
-                functions
-                and _function(self.robot, (limit.key,))[0].__hash__() == function.__hash__()
-            ):
-                return functions(self.robot, compiled)
+            parts = _parts_of(limit)
+            if parts and _function(self.robot, (limit.key,))[0].__hash__() == function.__hash__():
+                return parts(self.robot, compiled)
         return None
 
 
 @lru_cache(maxsize=64)
 def _family(robot: Any) -> LimitFamily:
     return LimitFamily(robot)
+
+
+def _parts_of(limit: Limit | None) -> Callable[[Any, bool], tuple[ca.Function, ...]] | None:
+    """A limit's own derivatives: (robot, compiled) -> functions as a transcription wants them.
+
+    The last one is of its values. An expression that has them says so by a method ``derivatives``.
+    """
+    return getattr(limit.expression, "derivatives", None) if limit else None
 
 
 def _as_tuple(answer: Any) -> tuple[Any, ...]:

@@ -246,6 +246,18 @@ class Motion:
             remark=remark,
         )
 
+    def stretched(self, robot: Robot, factor: float) -> Motion:
+        """The same motion, slower by ``factor`` (above 0), with the torques of inverse dynamics."""
+        state = State(self.q, self.qd / factor, self.qdd / factor**2)
+        return replace(
+            self,
+            t=factor * self.t,
+            **state._asdict(),
+            tau=torque_along(robot, state),
+            breaks=None if self.breaks is None else factor * self.breaks,
+            marks=tuple(Mark(factor * mark.time, mark.name) for mark in self.marks),
+        )
+
     def sample(self, t: ArrayLike) -> State:
         """Position, velocity and acceleration at times t [N] within [0, duration].
 

@@ -142,7 +142,7 @@ class Cases:
             A count or seed that is none.
         """
         for name, value, least in (("count", count, 1), ("seed", seed, 0)):
-            checks.number(name, checks.whole(name, value, least), at_most=MOST_CASES)
+            checks.whole(name, value, at_least=least, at_most=MOST_CASES)
         return cls("random", quantities, int(count), int(seed))
 
     @classmethod

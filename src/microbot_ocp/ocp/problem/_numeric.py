@@ -55,7 +55,7 @@ def numeric_function(
     1.3863
     """
     for size in (*sizes, result):
-        checks.whole("every size", size)
+        checks.whole("every size", size, at_most=np.inf)
     callback = _Numeric(function, sizes, result)
     _KEPT.append(callback)
     return callback

@@ -575,7 +575,7 @@ class Phase:
         self._refuse_second(repr(name), name, self.variables)
         rows, columns = size if isinstance(size, tuple | list) and len(size) == 2 else (size, 1)
         for each in (rows, columns):
-            checks.whole(f"size of {name!r}", each)
+            checks.whole(f"size of {name!r}", each, at_most=np.inf)
         places = ("lower", "upper", "initial", "final")
         for place, given in zip(places, (lower, upper, initial, final), strict=True):
             for side in given if isinstance(given, tuple) else (given,):

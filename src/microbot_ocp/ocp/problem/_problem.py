@@ -246,7 +246,7 @@ class OptimalControlProblem:
         """
         if name in {v.name for v in self.free_parameters}:
             raise InputError(f"free parameter {name!r} is declared twice")
-        checks.whole(f"size of {name!r}", size)
+        checks.whole(f"size of {name!r}", size, at_most=np.inf)
         limit = limit_of(name, ca.MX.sym(name, size), lower, upper, scale, unit)
         self.free_parameters.append(variable_of(limit, "parameter"))
         return Symbol(limit.expression)

@@ -55,11 +55,8 @@ class SolverSettings:
         checks.number("tolerance", self.tolerance, above=0.0)
         if not (isinstance(self.gap, float) and self.gap == np.inf):
             checks.number("gap", self.gap, above=0.0)
-        checks.number(
-            "max_iterations", self.max_iterations, at_least=0, at_most=checks.MOST_ITERATIONS
-        )
-        if self.max_iterations != int(self.max_iterations):
-            raise InputError(f"max_iterations must be a whole number, not {self.max_iterations}")
+        most = checks.MOST_ITERATIONS
+        checks.whole("max_iterations", self.max_iterations, at_least=0, at_most=most)
         if self.initial_barrier is not None:
             checks.number("initial_barrier", self.initial_barrier, above=0.0)
         if "linear_solver" in self.options.get("ipopt", {}):

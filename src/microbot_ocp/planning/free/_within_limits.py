@@ -21,7 +21,6 @@ from microbot_ocp.motion import (
     Mark,
     Motion,
     PiecewisePolynomial,
-    State,
     dense_times,
     unresolved,
 )
@@ -273,12 +272,7 @@ def _slowed_evenly(family: LimitFamily, motion: Motion, tolerance: float) -> Mot
             fits = use(middle, deciding).max() <= 1.0 + tolerance
             low, high = (low, middle) if fits else (middle, high)
         found = use(high, every)
-    state = State(motion.q, motion.qd / high, motion.qdd / high**2)
-    breaks = None if motion.breaks is None else high * motion.breaks
-    marks = _marks(high * np.array([mark.time for mark in motion.marks]))
-    return Motion.from_state(
-        family.robot, high * motion.t, state, label=motion.label, breaks=breaks, marks=marks
-    )
+    return motion.stretched(family.robot, high)
 
 
 def _scaled_shape(family: LimitFamily, shape: PiecewisePolynomial) -> Motion | None:

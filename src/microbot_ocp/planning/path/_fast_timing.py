@@ -18,7 +18,7 @@ from microbot_ocp.planning.path._curve import PathCurve
 from microbot_ocp.planning.path._limits import LATER, limits_kept_by
 from microbot_ocp.planning.path._paths import check_path, segments
 from microbot_ocp.planning.path._reachability import CurveLimits, Reached, reach
-from microbot_ocp.planning.task import check_limits, whole, with_locked_joints_held
+from microbot_ocp.planning.task import check_limits, with_locked_joints_held
 from microbot_ocp.robot import Robot
 
 
@@ -173,7 +173,7 @@ def time_path(
     >>> timing.solved, round(timing.duration, 3), timing.limits_kept_by["speed bound"]
     (True, 2.575, ['velocity'])
     """
-    whole("grid", grid, "points", at_least=10)
+    checks.whole("grid", grid, "points", at_least=10)
     family = check_limits(robot, limits)
     check_path(family, path)
     with deadline.within(time_limit):

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from microbot_ocp._base import deadline
+from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.codegen import compiles
 from microbot_ocp._base.status import Status
@@ -26,7 +26,7 @@ from microbot_ocp.planning.path._curve import PathCurve
 from microbot_ocp.planning.path._limits import FAR, LimitRows, Nodes, PathLimits
 from microbot_ocp.planning.path._paths import segments
 from microbot_ocp.planning.path._reachability import CurveLimits, Reached, reach
-from microbot_ocp.planning.task import check_limits, whole
+from microbot_ocp.planning.task import check_limits
 from microbot_ocp.robot import Robot
 
 
@@ -185,7 +185,7 @@ def phase_plane(
     count = robot.joint_count
     if path.coefficients.shape[2] != count:
         raise InputError(f"path must have {count} joints, not {path.coefficients.shape[2]}")
-    whole("grid", grid, "points", at_least=10)
+    checks.whole("grid", grid, "points", at_least=10)
     family = check_limits(robot, limits)
     begin, parts = float(path.breaks[0]), []
     curves = segments(path, family)

@@ -59,7 +59,6 @@ from microbot_ocp.planning.task import (
     locked_joints,
     provenance_of,
     verdict,
-    whole,
     with_drives_noted,
     with_locked_joints_held,
     with_windows,
@@ -232,10 +231,10 @@ class TimeOptimalSolver:
         seed: int = 0,
         tolerance: float = PREPARED.tolerance,
     ) -> None:
-        whole("mesh", mesh, "intervals", at_least=4)
-        whole("starts", starts, at_least=1)
-        whole("rounds", rounds, at_least=0)
-        whole("seed", seed, at_least=0, at_most=2**63)
+        checks.whole("mesh", mesh, "intervals", at_least=4)
+        checks.whole("starts", starts, at_least=1)
+        checks.whole("rounds", rounds, at_least=0)
+        checks.whole("seed", seed, at_least=0, at_most=2**63)
         checks.number("tolerance", tolerance, above=0.0)
         self._given = robot, np.array(via_q, float), mesh, starts, rounds, compiled, seed, tolerance
         self._solver_settings = replace(PREPARED, tolerance=tolerance)
@@ -353,7 +352,7 @@ class TimeOptimalSolver:
         keys = {f"{key}_max": key for key in JOINT_QUANTITIES if key != "q"}
         checks.one_of("name", name, ("payload", "reserve", *keys))
         if joint is not None:
-            whole("joint", joint, at_least=0, at_most=count - 1)
+            checks.whole("joint", joint, at_least=0, at_most=count - 1)
         chosen = np.ones(count) if joint is None else np.eye(count)[joint]
         given = checks.array("values", values, (None,))
         T, slopes, binding = np.full(given.size, np.nan), np.full(given.size, np.nan), []

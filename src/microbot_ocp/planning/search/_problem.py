@@ -70,8 +70,8 @@ class MotionProblem(Protocol):
     settings : TimeOptimalSettings
     names : of the phases, one from each stop to the next
     scale : TaskScale
-    compares_starts : whether starts go on until they agree, not until there are no more
-    slows_down : whether a motion that exceeds limits may be slowed down until it keeps them
+    is_free : nothing but via points is given, no velocity there and no timed path: starts go on
+        until they agree, and a motion that exceeds limits may be slowed down until it keeps them
     timed_path : around obstacles, that the search starts from: it is not far to the answer
     """
 
@@ -86,9 +86,7 @@ class MotionProblem(Protocol):
     @property
     def scale(self) -> TaskScale: ...
     @property
-    def compares_starts(self) -> bool: ...
-    @property
-    def slows_down(self) -> bool: ...
+    def is_free(self) -> bool: ...
     @property
     def timed_path(self) -> InitialGuess | None: ...
     @property
@@ -150,13 +148,8 @@ class FreeProblem:
         return TaskScale.of(self.family, self.via)
 
     @property
-    def compares_starts(self) -> bool:
-        """Not where it starts from a timed path."""
-        return self.timed_path is None
-
-    @property
-    def slows_down(self) -> bool:
-        """Not where a timed path is there for that."""
+    def is_free(self) -> bool:
+        """Not where it starts from a timed path, which is also there if limits are exceeded."""
         return self.timed_path is None
 
     @property
@@ -167,7 +160,7 @@ class FreeProblem:
     @property
     def known(self) -> Slowed | None:
         """The fastest way that needs no search, where motions may be slowed down."""
-        return self.way if not self.slows_down or self.way is not None else self._known
+        return self.way if not self.is_free or self.way is not None else self._known
 
     @cached_property
     def _known(self) -> Slowed | None:
@@ -226,7 +219,7 @@ class FreeProblem:
 
     def slowed(self, solution: Solution) -> Motion | None:
         """A solution slowed down until it keeps the limits; None where it is none."""
-        if not self.slows_down:
+        if not self.is_free:
             return None
         if solution not in self._slowed:
             self._slowed[solution] = self._slowed_anew(solution)

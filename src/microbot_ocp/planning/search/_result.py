@@ -78,11 +78,11 @@ def motion_through(search: MotionSearch, state: SearchState | None = None) -> Mo
     """The fastest motion through via points, or what is known at least."""
     begin, problem = time.perf_counter(), search.problem
     assert isinstance(problem, FreeProblem)
-    with sparing() if problem.slows_down else nullcontext():
+    with sparing() if problem.is_free else nullcontext():
         found = fastest(search, state)
         motion = motion_of_answer(found)
     solution = found.answer.solution
-    if problem.slows_down and solution.status is not Status.INTERRUPTED:
+    if problem.is_free and solution.status is not Status.INTERRUPTED:
         motion = _within_limits(found, motion)
         starts = sample(search, found.state)
         if motion.solved and not settled(starts, search.settings):

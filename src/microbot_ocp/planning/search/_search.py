@@ -208,7 +208,7 @@ class MotionSearch:
             and state.answers[0].solved
             and self.settings.starts > 1
             and self.progress is quiet
-            and self.problem.slows_down
+            and self.problem.is_free
             and strategies[0].next_step(self, state) is not None
             and not self.over
             and spare_processor()

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import InputError
-from microbot_ocp.planning.task import whole
 
 
 @dataclass(frozen=True)
@@ -173,10 +172,10 @@ class TimeOptimalSettings:
         if self.time_limit is not None:
             checks.time_limit(self.time_limit)
         if self.mesh is not None:
-            whole("mesh", self.mesh, "intervals", at_least=4)
-        whole("starts", self.starts, at_least=1)
-        whole("tries", self.tries, at_least=0)
-        whole("seed", self.seed, at_least=0, at_most=2**63)
+            checks.whole("mesh", self.mesh, "intervals", at_least=4)
+        checks.whole("starts", self.starts, at_least=1)
+        checks.whole("tries", self.tries, at_least=0)
+        checks.whole("seed", self.seed, at_least=0, at_most=2**63)
         checks.number("slack", self.slack, at_least=0.0)
         checks.number("limit_tolerance", self.limit_tolerance, above=0.0)
         if self.switching_times and self.slack:

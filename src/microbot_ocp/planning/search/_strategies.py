@@ -81,7 +81,7 @@ def search_of(
         rough=None if guided else ROUGH_TOLERANCE,
         polishing=polishing,
         fitted=partial(with_windows, dry_friction(problem.family.robot) > 0.0) if windows else None,
-        enough=partial(is_enough, problem, settings) if problem.slows_down else None,
+        enough=partial(is_enough, problem, settings) if problem.is_free else None,
     )
     return MotionSearch(problem, settings, refiner, progress, kernel_time)
 
@@ -104,7 +104,7 @@ def rank(search: MotionSearch, solution: Solution) -> tuple[bool, float]:
     """What keeps its limits first, then what is faster."""
     kept = solution.status.solved and (
         search.worst(solution) <= search.settings.limit_tolerance
-        or (search.problem.slows_down and is_enough(search.problem, search.settings, solution))
+        or (search.problem.is_free and is_enough(search.problem, search.settings, solution))
     )
     return not kept, solution.duration
 
@@ -180,7 +180,7 @@ def next_start(search: MotionSearch, state: SearchState) -> NextStep | None:
     tried, settings = state.of("start"), search.settings
     if search.problem.timed_path or (tried and search.over):
         return None
-    if not search.problem.compares_starts or len(tried) < settings.starts:
+    if not search.problem.is_free or len(tried) < settings.starts:
         return _fresh(search, state)
     compared = sample(search, state)
     if settled(compared, settings):

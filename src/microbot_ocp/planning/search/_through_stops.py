@@ -144,8 +144,7 @@ class StopProblem:
     briefly: bool = False
     _excess: dict[Solution, list[FloatArray]] = field(default_factory=dict)
 
-    compares_starts = False  # every way through the branches is tried
-    slows_down = False  # velocities and cycles at stops are given
+    is_free = False  # velocities and cycles at stops are given; every way through branches is tried
     timed_path: InitialGuess | None = None
     known: Slowed | None = None
 

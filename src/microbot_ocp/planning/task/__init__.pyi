@@ -26,7 +26,6 @@ from ._checks import (
     too_near as too_near,
     torques_of as torques_of,
     verdict as verdict,
-    whole as whole,
     with_changes as with_changes,
     with_drives_noted as with_drives_noted,
     with_locked_joints_held as with_locked_joints_held,

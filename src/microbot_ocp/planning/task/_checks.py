@@ -189,18 +189,6 @@ def provenance_of(
     }
 
 
-MOST_WHOLE = 20_000  # intervals, starts, tries: far more than any computer does in a day
-
-
-def whole(
-    name: str, value: Any, unit: str = "", *, at_least: int, at_most: int = MOST_WHOLE
-) -> None:
-    """Raise InputError where a setting is not a whole number within bounds."""
-    checks.number(name, value, unit, at_least=at_least, at_most=at_most)
-    if not isinstance(value, int | np.integer):
-        raise InputError(f"{name} must be a whole number, not {value}")
-
-
 def reach_of(robot: Robot) -> float:
     """Sum of the lengths of a robot's rows and tool, m; 1 where all are zero, as of a gantry."""
     rows = np.hypot(robot.a, robot.d)

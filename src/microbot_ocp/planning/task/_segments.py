@@ -18,7 +18,6 @@ import numpy as np
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.limits import Limit
-from microbot_ocp.planning.task._checks import whole
 
 DIRECTIONS = np.array([0.0, 0.25, 0.5, 0.75]) * np.pi  # across a tube
 SIDE = float(np.cos(np.pi / 8))  # of a tolerance: distance of the eight sides
@@ -103,7 +102,7 @@ class Circle:
         point = checks.array("through", self.through, (2, 3) if two else (3,), "m")
         found = tuple(map(tuple, point.tolist())) if two else tuple(point.tolist())
         object.__setattr__(self, "through", found)
-        whole("turns of a circle", self.turns, at_least=0, at_most=SEGMENTS.most_turns)
+        checks.whole("turns of a circle", self.turns, at_least=0, at_most=SEGMENTS.most_turns)
         checks.number("tolerance of a circle", self.tolerance, "m", above=0.0)
         _check_turn(self.orientation_tolerance)
 

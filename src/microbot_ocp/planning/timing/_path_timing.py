@@ -54,7 +54,6 @@ from microbot_ocp.planning.task import (
     TaskScale,
     check_limits,
     rates_alone,
-    whole,
     with_changes,
     with_drives_noted,
     with_locked_joints_held,
@@ -111,7 +110,7 @@ class PathTimingSettings:
 
     def __post_init__(self) -> None:
         checks.time_limit(self.time_limit)
-        whole("grid", self.grid, "points", at_least=10)
+        checks.whole("grid", self.grid, "points", at_least=10)
         checks.number("limit_tolerance", self.limit_tolerance, above=0.0)
 
 
