@@ -90,9 +90,9 @@ def initial_guesses(
             yield _swing(family, via, names, number, waves)
         else:
             bow = bows.uniform(-largest, largest) if index > 1 else 0.0 * largest
-            own = np.broadcast_to(bow, (len(names), 1, bow.size))
+            bow_of_segments = np.broadcast_to(bow, (len(names), 1, bow.size))
             name = f"bow {number}" if index > 1 else "straight"
-            yield _swung(family, via, names, name, own, durations)
+            yield _swung(family, via, names, name, bow_of_segments, durations)
 
 
 def _swing(
@@ -107,8 +107,8 @@ def _swing(
     waves = random.normal(size=(len(names), GUESSES.harmonics, via.shape[1]))
     waves *= size / np.arange(1, GUESSES.harmonics + 1)[:, None]
     slower = _between(random, GUESSES.swing_durations)
-    own = slower * GUESSES.spread ** random.uniform(-1.0, 1.0, len(names))
-    durations = own * TaskScale.of(family, via).durations
+    factors = slower * GUESSES.spread ** random.uniform(-1.0, 1.0, len(names))
+    durations = factors * TaskScale.of(family, via).durations
     return _swung(family, via, names, f"swing {number}", waves, durations)
 
 

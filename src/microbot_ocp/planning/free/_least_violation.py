@@ -37,11 +37,13 @@ def least_violation(
     """The least that limits have to give, of what several starts lead to."""
     best: Explanation | None = None
     for start in starts:
-        found = explain(kernels, mesh, start, limits_only=True, max_iterations=MOST_ITERATIONS)
-        if found.conclusive and found.feasible:
-            return found
-        if best is None or _total(found) < _total(best):
-            best = found
+        explanation = explain(
+            kernels, mesh, start, limits_only=True, max_iterations=MOST_ITERATIONS
+        )
+        if explanation.conclusive and explanation.feasible:
+            return explanation
+        if best is None or _total(explanation) < _total(best):
+            best = explanation
     assert best is not None
     return best
 
@@ -70,10 +72,10 @@ def judged(
         return outcome.and_(Advice("remark", UNCONFIRMED)), {}
     if explanation.feasible:
         return outcome, {}
-    found = sorted(explanation.gives, key=lambda g: -(g.amount or 0.0) / abs(g.limit or 1.0))
-    poses = [_pose(gives, explanation) for gives in found]
+    violations = sorted(explanation.gives, key=lambda g: -(g.amount or 0.0) / abs(g.limit or 1.0))
+    poses = [_pose(gives, explanation) for gives in violations]
     rows = []
-    for gives, pose in zip(found, poses, strict=True):
+    for gives, pose in zip(violations, poses, strict=True):
         joints = enumerate(pose)
         at = ", ".join(family.robot.position_text(j, float(f"{value:.4g}")) for j, value in joints)
         unit = f" {gives.unit}".rstrip()
@@ -86,7 +88,7 @@ def judged(
     entries = [
         {"limit": row.label, "value": gives.limit, "exceeded_by": row.amount, "unit": row.unit}
         | {"q": pose}
-        for row, gives, pose in zip(rows, found, poses, strict=True)
+        for row, gives, pose in zip(rows, violations, poses, strict=True)
     ]
     return Outcome.of(Status.INFEASIBLE, CONFIRMED, *rows), {"least_violation": entries}
 

@@ -71,7 +71,7 @@ def transcription(
     compiled = compiles(compiled)
     # among obstacles a stage is met once: only what other scenes share is compiled
     shared = compiled and any(
-        knows_derivatives(limit) for own in robots for limit in own.limits.also
+        knows_derivatives(limit) for limited in robots for limit in limited.limits.also
     )
     if compiled and not shared:
         prepare = compile_recipe
@@ -158,8 +158,8 @@ def _declare_segment(
     first, last = index == 0, index == len(form.conditions.ends) - 2
     family = LimitFamily.of(moving)
     constraints = [key for key in family.keys if key not in OF_VARIABLES]
-    made = partial(torques_of, keys=constraints, payload=form.payload)
-    torques: Callable[..., Any] = made(moving)
+    torques_of_form = partial(torques_of, keys=constraints, payload=form.payload)
+    torques: Callable[..., Any] = torques_of_form(moving)
     phase = problem.phase(
         phase_names(index + 1)[-1],
         duration=(size.shortest[index], size.longest[index]),
@@ -168,12 +168,12 @@ def _declare_segment(
     state = _declare_state(phase, form, index)
     q, qd, qdd, jerk = state
     mass = [phase.parameter("payload", 0.0)] if form.payload else []
-    kept = tau = None
+    torque_values = tau = None
     # with jumps the mesh points are where the friction jumps
     if has_windows(family) and not form.jumps:
-        light = made(without_dry_friction(moving))
-        kept, tau = kept_torques(phase, moving, state, light, mass)
-    declare_limits(phase, family, constraints, state, start, torques, mass, kept)
+        light = torques_of_form(without_dry_friction(moving))
+        torque_values, tau = kept_torques(phase, moving, state, light, mass)
+    declare_limits(phase, family, constraints, state, start, torques, mass, torque_values)
     for member in family.means:
         _declare_mean(phase, form, member, state, first=first, last=last)
     at_start, at_end = form.conditions.ends[index : index + 2]
@@ -221,7 +221,7 @@ def _declare_state(phase: Phase, form: _Form, index: int) -> tuple[Any, Any, Any
         unit="rad/s",
         interior_points=bool(np.isfinite(limits.qd_max).any()),
     )
-    own: dict[str, Any] = {
+    bounds: dict[str, Any] = {
         "lower": limits.qdd_min,
         "upper": limits.qdd_max,
         "scale": form.scales[1],
@@ -232,14 +232,14 @@ def _declare_state(phase: Phase, form: _Form, index: int) -> tuple[Any, Any, Any
         "final": None if at_end.qdd is None else _unless(held, at_end.qdd),
     }
     if not form.jumps:
-        qdd = phase.control("qdd", count, **own, **ends, shape="linear")
+        qdd = phase.control("qdd", count, **bounds, **ends, shape="linear")
         jerk = phase.rate(qdd)
     elif form.rated:
-        qdd = phase.state("qdd", count, **own, **ends)
+        qdd = phase.state("qdd", count, **bounds, **ends)
         jerk = phase.control("jerk", count, unit="rad/s^3", shape="polynomial")
         phase.derivative(qdd, jerk)
     else:
-        qdd = phase.control("qdd", count, **own, shape="polynomial")
+        qdd = phase.control("qdd", count, **bounds, shape="polynomial")
         jerk = ca.MX.zeros(count)
     phase.derivative(q, qd)
     phase.derivative(qd, qdd)
@@ -319,8 +319,8 @@ def effort_scale(family: LimitFamily, acceleration: FloatArray) -> FloatArray:
     if not family.robot.has_dynamics:
         return acceleration
     size = np.maximum(-limits.tau_min, limits.tau_max)
-    known = np.isfinite(size) & (size > 0)
-    return np.where(known, size, size[known].max() if known.any() else 1.0)
+    usable = np.isfinite(size) & (size > 0)
+    return np.where(usable, size, size[usable].max() if usable.any() else 1.0)
 
 
 def _scale(bounds: tuple[FloatArray, FloatArray], typical: FloatArray) -> FloatArray:
@@ -357,8 +357,8 @@ def motion_at_mesh(phases: Sequence[PhaseSolution]) -> Samples:
     starts = np.cumsum([0.0, *(phase.duration for phase in phases)])
     # where a phase ends the next begins
     last = len(phases) - 1
-    kept = [slice(None) if k == last else slice(-1) for k in range(len(phases))]
-    parts = list(zip(phases, kept, strict=True))
+    rows = [slice(None) if k == last else slice(-1) for k in range(len(phases))]
+    parts = list(zip(phases, rows, strict=True))
     t = [start + phase.t[part] for start, (phase, part) in zip(starts, parts, strict=False)]
     states = (
         np.concatenate([phase[name][part] for phase, part in parts]) for name in State._fields
@@ -395,7 +395,7 @@ def _integrated(phase: PhaseSolution) -> FloatArray:
     velocity = qd[0] + _summed(h * (qdd[:-1] + 0.5 * h * jerk))
     steps = h * (velocity[:-1] + h * (0.5 * qdd[:-1] + h * jerk / 6.0))
     position = q[0] + _summed(steps)
-    apart = [np.abs(found - at) for found, at in ((position, q), (velocity, qd))]
+    apart = [np.abs(integral - at) for integral, at in ((position, q), (velocity, qd))]
     sizes = [np.ptp(at, axis=0).max() for at in (q, qd)]
     if any(gap.max() > CLOSED * size for gap, size in zip(apart, sizes, strict=True)):
         return quintic_between(

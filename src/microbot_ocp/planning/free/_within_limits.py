@@ -176,9 +176,9 @@ def known_ways(family: LimitFamily, via: FloatArray, tolerance: float, fast: boo
     """
     for ways in (_timed_ways(family, via, fast), _smooth_ways(family, via)):
         motions = ((_keeping(family, way.motion, tolerance), way.made_from) for way in ways)
-        found = [Slowed(motion, name) for motion, name in motions if motion is not None]
-        if found:
-            return min(found, key=lambda way: way.motion.duration)
+        slowed = [Slowed(motion, name) for motion, name in motions if motion is not None]
+        if slowed:
+            return min(slowed, key=lambda way: way.motion.duration)
     return None
 
 
@@ -198,7 +198,7 @@ def _smooth_ways(family: LimitFamily, via: FloatArray) -> Iterator[Slowed]:
     if family.jerk_matters:
         shapes = [quintic(via, _sums(typical))]
     else:  # dry friction and gravity ask for other shares of the time than limits let expect
-        shapes = [_smooth(family, via, _sums(own)) for own in (typical, np.ones_like(typical))]
+        shapes = [_smooth(family, via, _sums(times)) for times in (typical, np.ones_like(typical))]
     for shape in shapes:
         slowed = _scaled_shape(family, shape)
         if slowed is not None:
@@ -227,15 +227,15 @@ def _smooth(family: LimitFamily, via: FloatArray, times: FloatArray) -> Piecewis
 
 def _keeping(family: LimitFamily, motion: Motion, tolerance: float) -> Motion | None:
     """A motion that keeps its limits, as it is or slowed down evenly; None where that is none."""
-    kept = largest_excess(family, motion) <= tolerance
-    return motion if kept else _slowed_evenly(family, motion, tolerance)
+    fits = largest_excess(family, motion) <= tolerance
+    return motion if fits else _slowed_evenly(family, motion, tolerance)
 
 
 def largest_excess(family: LimitFamily, motion: Motion) -> float:
     """Of any limit but those of rates, relative, between samples, too."""
     state = motion.sample(dense_times(motion)[0])
     use = family.use(MotionSamples(*state, np.zeros_like(state.q)), family.of_order(0, 1, 2))
-    return max((float(own.max()) for own in use.values()), default=0.0) - 1.0
+    return max((float(ratio.max()) for ratio in use.values()), default=0.0) - 1.0
 
 
 def _slowed_evenly(family: LimitFamily, motion: Motion, tolerance: float) -> Motion | None:
@@ -251,19 +251,19 @@ def _slowed_evenly(family: LimitFamily, motion: Motion, tolerance: float) -> Mot
 
     def use(slower: float, rows: np.ndarray) -> FloatArray:
         powers = (part[rows] / slower**order for order, part in enumerate(dense))
-        found = family.use(MotionSamples(*powers), slowed)
-        return np.max([own.max(axis=1) for own in found.values()], axis=0)
+        ratios = family.use(MotionSamples(*powers), slowed)
+        return np.max([ratio.max(axis=1) for ratio in ratios.values()], axis=0)
 
     every = np.arange(len(dense.q))
     if not use(most, every).max() <= 1.0 + tolerance:
         return None
     # Few places decide by how much; all of them are looked at again with what those ask for.
-    found, deciding, high = use(1.0, every), every[:0], 1.0
+    ratios, deciding, high = use(1.0, every), every[:0], 1.0
     while True:
-        broken = ~(found <= 1.0 + tolerance)
+        broken = ~(ratios <= 1.0 + tolerance)
         if not broken.any():
             break
-        worst = np.argsort(-found)[: min(SLOWING.deciding, int(broken.sum()))]
+        worst = np.argsort(-ratios)[: min(SLOWING.deciding, int(broken.sum()))]
         if np.isin(worst, deciding).all():
             return None
         deciding, low, high = np.union1d(deciding, worst), high, most
@@ -271,7 +271,7 @@ def _slowed_evenly(family: LimitFamily, motion: Motion, tolerance: float) -> Mot
             middle = 0.5 * (low + high)
             fits = use(middle, deciding).max() <= 1.0 + tolerance
             low, high = (low, middle) if fits else (middle, high)
-        found = use(high, every)
+        ratios = use(high, every)
     return motion.stretched(family.robot, high)
 
 
@@ -291,7 +291,7 @@ def _scaled_shape(family: LimitFamily, shape: PiecewisePolynomial) -> Motion | N
 
 def _kept(family: LimitFamily, samples: MotionSamples, tolerance: float, *orders: int) -> bool:
     use = family.use(samples, family.of_order(*orders))
-    return all(own.max() <= 1.0 + tolerance for own in use.values())
+    return all(ratio.max() <= 1.0 + tolerance for ratio in use.values())
 
 
 def _marks(times: FloatArray) -> tuple[Mark, ...]:

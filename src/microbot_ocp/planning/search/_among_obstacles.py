@@ -153,15 +153,15 @@ class Leg:
         if number < self._searches or straight or (number >= FIRST_SEARCHES and self.known):
             return
         self._searches = number + 1
-        found = detour(self.around, self.start, self.goal, self.settings.seed, number)
-        if found.path is None:
-            self.failed.append(found)
-            progress(f"search {number}: no path in {found.checks} poses")
+        candidate = detour(self.around, self.start, self.goal, self.settings.seed, number)
+        if candidate.path is None:
+            self.failed.append(candidate)
+            progress(f"search {number}: no path in {candidate.checks} poses")
             return
-        self.ways.append(found)
+        self.ways.append(candidate)
         if self.known is None:
             timing = self._timing(0)
-            self.known = timing or _resting_at_corners(self.family, found)
+            self.known = timing or _resting_at_corners(self.family, candidate)
         if self.known is None:
             self.refused = True
             self.failed.append(self.ways.pop())
@@ -208,10 +208,10 @@ class Leg:
             return None
         with suppress(InputError):
             check_path(self.family, path)
-            own = PathTimingSettings(
+            asked = PathTimingSettings(
                 limit_tolerance=self.settings.limit_tolerance, compiled=self.settings.compiled
             )
-            motion = best_timing(self.family, path, own, "timed path", quiet)
+            motion = best_timing(self.family, path, asked, "timed path", quiet)
             if motion.solved and _keeps_limits(self.family, motion):
                 return motion
         return None if deadline.over() else _resting_at_corners(self.family, self.ways[choice])
@@ -224,7 +224,7 @@ def _resting_at_corners(family: LimitFamily, way: Detour) -> Motion | None:
     ends = itertools.pairwise(way.corners)
     shapes = [quintic(pair, [0.0, 1.0], np.zeros((2, robot.joint_count))) for pair in ends]
     try:  # as short as tells: it only has to be there
-        scaled = [shortest_duration(robot, own, tolerance=1e-3).polynomial for own in shapes]
+        scaled = [shortest_duration(robot, path, tolerance=1e-3).polynomial for path in shapes]
     except InputError:  # it leaves the position limits, or cannot be held somewhere
         return None
     breaks = np.cumsum([0.0, *(shape.duration for shape in scaled)])
@@ -308,33 +308,33 @@ def fastest_among(
     }
     if paths or below is not None:
         more["first_certified"] = legs[0].certified - begin_processor
-        known = min(paths, key=lambda path: path.motion.duration, default=None)
-        found = at_least(known, search, proof)
+        fallback = min(paths, key=lambda path: path.motion.duration, default=None)
+        best = at_least(fallback, search, proof)
     else:
         names = ["start", *(f"via point {k}" for k in range(2, len(via))), "goal"]
         with interpreted():  # made once, and often when the time to compile is over
             motion = _ignoring(family, via, settings)
         proof = clearance(robot, motion, scene)
-        found = not_found(motion, nothing_found(legs, names), proof)
+        best = not_found(motion, nothing_found(legs, names), proof)
     more["wall_time"] = time.perf_counter() - begin
-    return replace(found, provenance={**found.provenance, **more})
+    return replace(best, provenance={**best.provenance, **more})
 
 
-def at_least(known: ProvedPath | None, found: Motion | None, proof: Clearance | None) -> Motion:
+def at_least(fallback: ProvedPath | None, motion: Motion | None, proof: Clearance | None) -> Motion:
     """What a search found; a timed path where that is not solved, not proved clear or slower.
 
     What is solved and proved needs no path beside it that it is known to be faster than.
     """
     outcome = Outcome.of(Status.TIME_LIMIT)
-    if found is not None:
-        outcome = found.outcome
-        faster = known is None or found.duration < known.motion.duration
-        faster = faster or "least_effort" in found.provenance
-        if proof is not None and proof.proved and (faster or not found.solved):
-            told = {**found.provenance, "clearance": as_plain(proof)}
-            return replace(found, provenance=told)
-    assert known is not None
-    slower = found is not None and found.duration >= known.motion.duration
+    if motion is not None:
+        outcome = motion.outcome
+        faster = fallback is None or motion.duration < fallback.motion.duration
+        faster = faster or "least_effort" in motion.provenance
+        if proof is not None and proof.proved and (faster or not motion.solved):
+            provenance = {**motion.provenance, "clearance": as_plain(proof)}
+            return replace(motion, provenance=provenance)
+    assert fallback is not None
+    slower = motion is not None and motion.duration >= fallback.motion.duration
     if slower and outcome.status is Status.LIMITS_EXCEEDED:  # even with limits at mesh points only
         outcome = Outcome.of(Status.SOLVED, NOTHING_FASTER)
     if proof is not None and proof.proved:
@@ -345,50 +345,50 @@ def at_least(known: ProvedPath | None, found: Motion | None, proof: Clearance | 
         outcome = Outcome.of(Status.NOT_ACCEPTED, proof.sentence)
     elif outcome.status in (Status.INFEASIBLE, Status.LIMITS_EXCEEDED):  # there is a motion
         outcome = Outcome.of(Status.FAILED, NONE_WITHIN)
-    if found is not None:
-        outcome = replace(outcome, ledger=found.outcome.ledger.discarded())
+    if motion is not None:
+        outcome = replace(outcome, ledger=motion.outcome.ledger.discarded())
     made_from = "the best timing of a path around the obstacles"
     if not outcome.solved:
         outcome = outcome.and_(returned(made_from))
     remark = f"{made_from}: {outcome.text}"
-    return replace(known.motion, label="time-optimal", remark=remark).ended(
+    return replace(fallback.motion, label="time-optimal", remark=remark).ended(
         outcome,
         made_from=made_from,
-        clearance=as_plain(known.clearance),
+        clearance=as_plain(fallback.clearance),
     )
 
 
 def not_found(motion: Motion, why: str, hit: Clearance) -> Motion:
     """What is returned where no way was found: a motion as without obstacles, and what it hits."""
     advice = f"{why}. {Status.NOT_FOUND.sentence}\nReturned is a motion that ignores the obstacles."
-    told = {"method": "free time-optimal motion among obstacles", **motion.provenance}
+    provenance = {"method": "free time-optimal motion among obstacles", **motion.provenance}
     outcome = Outcome.of(Status.NOT_FOUND, advice, Advice("contact", hit.sentence))
-    found = replace(motion, label="time-optimal", provenance=told)
-    return found.ended(outcome, clearance=as_plain(hit))
+    unsolved = replace(motion, label="time-optimal", provenance=provenance)
+    return unsolved.ended(outcome, clearance=as_plain(hit))
 
 
 def check_apart(around: Surroundings, via: FloatArray) -> None:
     """Raise InputError where the arm touches something at a via point [m,n]."""
     for number, q in enumerate(via, start=1):
-        found = around.collision(q)
-        if found is not None:
+        contact = around.collision(q)
+        if contact is not None:
             name = {1: "start", len(via): "goal"}.get(number, f"via point {number}")
-            raise InputError(f"{name} {touching(found, around.scene.clearance)}")
+            raise InputError(f"{name} {touching(contact, around.scene.clearance)}")
 
 
-def touching(found: Any, wanted: float) -> str:
-    other, link = found.pair.other.name, found.pair.capsule.name
-    if found.distance <= 0.0:
-        said = f"in collision with {other!r} by {length_text(-found.distance)} at link {link!r}"
-        excess = sum(getattr(own, "excess", 0.0) for own in (found.pair.capsule, found.pair.other))
-        if -found.distance < excess:
-            said += (
+def touching(hit: Any, wanted: float) -> str:
+    other, link = hit.pair.other.name, hit.pair.capsule.name
+    if hit.distance <= 0.0:
+        sentence = f"in collision with {other!r} by {length_text(-hit.distance)} at link {link!r}"
+        excess = sum(getattr(shape, "excess", 0.0) for shape in (hit.pair.capsule, hit.pair.other))
+        if -hit.distance < excess:
+            sentence += (
                 f", whose capsules stand out by up to {length_text(excess)}: the link itself may "
                 "be free there; closer ones: robot.with_capsules(mo.fit_capsules(robot, most=4))"
             )
-        return said
+        return sentence
     return (
-        f"too near to {other!r}: {length_text(found.distance)} at link {link!r}, not more than the "
+        f"too near to {other!r}: {length_text(hit.distance)} at link {link!r}, not more than the "
         f"clearance of {length_text(wanted)}"
     )
 
@@ -545,13 +545,13 @@ def _evenly(motion: Motion) -> FloatArray:
     return np.linspace(0.0, motion.duration, AMONG_OBSTACLES.samples)
 
 
-def as_plain(found: Clearance) -> dict[str, Any]:
+def as_plain(clearance: Clearance) -> dict[str, Any]:
     return {
-        "minimum": found.minimum,
-        "time": found.time,
-        "pair": found.pair,
-        "proved": found.proved,
-        "at_least": found.at_least,
+        "minimum": clearance.minimum,
+        "time": clearance.time,
+        "pair": clearance.pair,
+        "proved": clearance.proved,
+        "at_least": clearance.at_least,
     }
 
 
@@ -562,18 +562,18 @@ def nothing_found(legs: Sequence[Leg | None], names: Sequence[str]) -> str:
     if leg is None or leg.known is not None or leg.refused:
         return "no path around the obstacles that was found can be travelled within the limits"
     failed, start, end = leg.failed, names[missing], names[missing + 1]
-    poses = sum(own.checks for own in failed)
-    said = f"no path from the {start} to the {end} was found in {poses} poses"
+    poses = sum(search.checks for search in failed)
+    sentence = f"no path from the {start} to the {end} was found in {poses} poses"
     if not failed:
-        return said
-    left = np.degrees(min(own.left for own in failed))
-    return f"{said}; the search came within {left:.3g} deg (in joint space) of the {end}"
+        return sentence
+    left = np.degrees(min(search.left for search in failed))
+    return f"{sentence}; the search came within {left:.3g} deg (in joint space) of the {end}"
 
 
 def _ignoring(family: LimitFamily, via: FloatArray, settings: TimeOptimalSettings) -> Motion:
-    known = known_ways(family, via, settings.limit_tolerance, compiles(settings.compiled))
-    if known is not None:
-        return known.motion
+    unhindered = known_ways(family, via, settings.limit_tolerance, compiles(settings.compiled))
+    if unhindered is not None:
+        return unhindered.motion
     times = np.cumsum([0.0, *TaskScale.of(family, via).durations])
     shape = quintic(via, times, np.zeros_like(via))
     return Motion.from_polynomial(family.robot, shape, label="time-optimal")

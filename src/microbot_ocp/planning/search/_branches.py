@@ -92,14 +92,14 @@ def ways_through(task: Task) -> list[Way]:
         A stop out of reach, a tool line that no branch follows.
     """
     nodes = [list(_branches(task.robot, stop)) for stop in task.stops]
-    nodes = [_held_at_rest(task, index, found) for index, found in enumerate(nodes)]
+    nodes = [_held_at_rest(task, index, poses) for index, poses in enumerate(nodes)]
     if task.cycle:
         nodes[-1] = nodes[0] = _held_at_rest(task, len(nodes) - 1, nodes[0])
     edges: list[dict[tuple[int, int], FloatArray | None]] = []
     for index, kind in enumerate(task.segments):
         if isinstance(kind, Line | Circle):
-            nodes[index], nodes[index + 1], found = _followed(task, index, nodes)
-            edges.append(found)
+            nodes[index], nodes[index + 1], poses = _followed(task, index, nodes)
+            edges.append(poses)
         else:
             pairs = [(a, b) for a in range(len(nodes[index])) for b in range(len(nodes[index + 1]))]
             edges.append(dict.fromkeys(pairs))
@@ -132,11 +132,11 @@ def few_poses(robot: Robot, stop: Stop) -> FloatArray | None:
     if np.any(stop.slack) or stop.orientation_tolerance or stop.free_turn:
         return None
     try:
-        found = np.array(_branches(robot, stop))
+        poses = np.array(_branches(robot, stop))
     except InputError:
         return None
     rows = 3 if stop.orientation is None else 6
-    for q in found:
+    for q in poses:
         slopes = np.array(jacobian(robot)(q))[:rows]
         slopes[3:] *= reach_of(robot)
         if (
@@ -144,7 +144,7 @@ def few_poses(robot: Robot, stop: Stop) -> FloatArray | None:
             < robot.joint_count
         ):
             return None
-    return found
+    return poses
 
 
 @lru_cache(maxsize=256)
@@ -153,20 +153,20 @@ def _branches(robot: Robot, stop: Stop) -> tuple[FloatArray, ...]:
         return (np.array(stop.q),)
     assert stop.position is not None
     place, turned = stop.pose(robot)
-    found: list[FloatArray] = []
+    poses: list[FloatArray] = []
     missed: list[IKSolution] = []
     for orientation in _turned(turned, stop.free_axis):
         for solution in solve_ik_all(robot, place, orientation):
             if not solution.solved and not _within(stop, solution):
                 missed.append(solution)
-            elif all(np.abs(solution.q - other).max() > BRANCHES.same_branch for other in found):
-                found.append(solution.q)
-    if not found:
+            elif all(np.abs(solution.q - other).max() > BRANCHES.same_branch for other in poses):
+                poses.append(solution.q)
+    if not poses:
         raise InputError(_out_of_reach(robot, stop, missed))
-    return tuple(found)
+    return tuple(poses)
 
 
-def _held_at_rest(task: Task, index: int, found: list[FloatArray]) -> list[FloatArray]:
+def _held_at_rest(task: Task, index: int, poses: list[FloatArray]) -> list[FloatArray]:
     """Those of all poses of a stop in which the torques hold the arm; all where there are more.
 
     Raises
@@ -178,9 +178,9 @@ def _held_at_rest(task: Task, index: int, found: list[FloatArray]) -> list[Float
     given = 3 if stop.orientation is None else 6 - (stop.free_turn is not None)
     exact = np.all(np.array(stop.tolerance) == 0.0) and stop.orientation_tolerance == 0.0
     if stop.q is not None or not exact or task.robot.joint_count > given:
-        return found
+        return poses
     held, refused = [], None
-    for q in found:
+    for q in poses:
         try:
             check_held(task, index, q)
             held.append(q)
@@ -196,14 +196,14 @@ def _turned(turned: FloatArray | None, axis: int | None) -> list[FloatArray | No
     """An orientation, or several where a turn about an axis of the tool is free."""
     if turned is None or axis is None:
         return [turned]
-    made: list[FloatArray | None] = []
+    orientations: list[FloatArray | None] = []
     for angle in 2 * np.pi * np.arange(BRANCHES.turns) / BRANCHES.turns:
         turn = np.eye(3)
         i, j = (axis + 1) % 3, (axis + 2) % 3
         turn[[i, j], [i, j]] = np.cos(angle)
         turn[i, j], turn[j, i] = -np.sin(angle), np.sin(angle)
-        made.append(turned @ turn)
-    return made
+        orientations.append(turned @ turn)
+    return orientations
 
 
 def _within(stop: Stop, solution: IKSolution) -> bool:
@@ -250,7 +250,7 @@ def _followed(
     starts, ends = list(nodes[index]), list(nodes[index + 1])
     backwards = task.stops[index + 1].q is not None and task.stops[index].q is None
     origin, target = (ends, starts) if backwards else (starts, ends)
-    found: dict[tuple[int, int], FloatArray | None] = {}
+    joint_paths: dict[tuple[int, int], FloatArray | None] = {}
     failures: list[tuple[float, str]] = []
     for a, q in enumerate(list(origin)):
         path, failure = _follow(task, index, q, backwards)
@@ -267,15 +267,15 @@ def _followed(
         else:
             failures.append((1.0, "it ends on another branch than that of the joint pose there"))
             continue
-        found[(b, a) if backwards else (a, b)] = path
-    if not found and not _loose(task, index):
+        joint_paths[(b, a) if backwards else (a, b)] = path
+    if not joint_paths and not _loose(task, index):
         share, reason = max(failures)
         raise InputError(
             f"{task.name_of(index)} not reachable from {share:.2f} of its length: {reason}"
         )
-    if not found:  # a turn is free on the way: the solver may find one
-        found = {(a, b): None for a in range(len(starts)) for b in range(len(ends))}
-    return starts, ends, found
+    if not joint_paths:  # a turn is free on the way: the solver may find one
+        joint_paths = {(a, b): None for a in range(len(starts)) for b in range(len(ends))}
+    return starts, ends, joint_paths
 
 
 def _loose(task: Task, index: int) -> bool:
@@ -300,15 +300,15 @@ def _follow(
         orientations = np.array([np.array(turning.rotation(s)) for s in shares])
         if turning.free is not None:  # as the arm turns the tool at the end that it starts from
             tool = np.array(forward_kinematics(task.robot)(q))[:3, :3]
-            own = orientations[-1 if backwards else 0].T @ tool
-            orientations = orientations @ _about(own, turning.free)
+            start_orientation = orientations[-1 if backwards else 0].T @ tool
+            orientations = orientations @ _about(start_orientation, turning.free)
     if backwards:
         positions = positions[::-1]
         orientations = None if orientations is None else orientations[::-1]
-    found = follow_ik(task.robot, positions, orientations, seed=q)
-    if found.solved:
-        return (found.q[::-1] if backwards else found.q), (1.0, "")
-    share, reason = _why(task.robot, found)
+    poses = follow_ik(task.robot, positions, orientations, seed=q)
+    if poses.solved:
+        return (poses.q[::-1] if backwards else poses.q), (1.0, "")
+    share, reason = _why(task.robot, poses)
     return None, (1.0 - share if backwards else share, reason)
 
 
@@ -316,28 +316,31 @@ def _about(turn: FloatArray, axis: int) -> FloatArray:
     """The part of a rotation that is a turn about a coordinate axis."""
     i, j = (axis + 1) % 3, (axis + 2) % 3
     angle = np.arctan2(turn[j, i] - turn[i, j], turn[i, i] + turn[j, j])
-    made = np.eye(3)
-    made[[i, j], [i, j]] = np.cos(angle)
-    made[i, j], made[j, i] = -np.sin(angle), np.sin(angle)
-    return made
+    rotation = np.eye(3)
+    rotation[[i, j], [i, j]] = np.cos(angle)
+    rotation[i, j], rotation[j, i] = -np.sin(angle), np.sin(angle)
+    return rotation
 
 
-def _why(robot: Robot, found: IKPath) -> tuple[float, str]:
-    missed = [k for k, status in enumerate(found.statuses) if not status.solved]
-    row = min([*missed, *found.jumps])
+def _why(robot: Robot, poses: IKPath) -> tuple[float, str]:
+    missed = [k for k, status in enumerate(poses.statuses) if not status.solved]
+    row = min([*missed, *poses.jumps])
     share = float(EASED[max(row - 1, 0)])
-    status = found.statuses[row]
-    before = _held(robot, found.q[row])
+    status = poses.statuses[row]
+    before = _held(robot, poses.q[row])
     if status is Status.OUT_OF_REACH:
-        return share, f"out of reach by {1000 * found.position_error[row]:.3g} mm"
+        return share, f"out of reach by {1000 * poses.position_error[row]:.3g} mm"
     if before or status is Status.LIMITS:
         return share, f"limit of {', '.join(before)}" if before else "a position limit"
     if status.solved:
-        near = _held(robot, found.q[max(row - 1, 0)])
+        near = _held(robot, poses.q[max(row - 1, 0)])
         if near:
             return share, f"limit of {', '.join(near)}"
         return share, "the branch ends there, at a limit or a singular pose"
-    return share, f"the orientation is missed by {np.degrees(found.orientation_error[row]):.3g} deg"
+    return (
+        share,
+        f"the orientation is missed by {np.degrees(poses.orientation_error[row]):.3g} deg",
+    )
 
 
 def _apart(robot: Robot, q: FloatArray, other: FloatArray) -> float:
@@ -378,8 +381,8 @@ def _picks(
 ) -> list[tuple[int, ...]]:
     """The cheapest way through every branch of every stop: the number of the branch at each."""
     costs = [
-        {pair: _cost(task, nodes[k][pair[0]], nodes[k + 1][pair[1]]) for pair in found}
-        for k, found in enumerate(edges)
+        {pair: _cost(task, nodes[k][pair[0]], nodes[k + 1][pair[1]]) for pair in joint_paths}
+        for k, joint_paths in enumerate(edges)
     ]
     if task.cycle:
         picks = set()
@@ -395,18 +398,18 @@ def _through(
     """As :func:`_picks`, of ways that begin and end at one branch where it is given."""
     ends = range(len(nodes[0])) if only is None else (only,)
     forward: list[dict[int, tuple[float, tuple[int, ...]]]] = [{a: (0.0, (a,)) for a in ends}]
-    for found in costs:
+    for edge_costs in costs:
         best: dict[int, tuple[float, tuple[int, ...]]] = {}
-        for (a, b), cost in found.items():
+        for (a, b), cost in edge_costs.items():
             if a in forward[-1]:
                 total = forward[-1][a][0] + cost, (*forward[-1][a][1], b)
                 best[b] = min(best.get(b, total), total)
         forward.append(best)
     ends = range(len(nodes[-1])) if only is None else (only,)
     backward: list[dict[int, tuple[float, tuple[int, ...]]]] = [{b: (0.0, (b,)) for b in ends}]
-    for found in reversed(costs):
+    for edge_costs in reversed(costs):
         best = {}
-        for (a, b), cost in found.items():
+        for (a, b), cost in edge_costs.items():
             if b in backward[-1]:
                 total = backward[-1][b][0] + cost, (a, *backward[-1][b][1])
                 best[a] = min(best.get(a, total), total)
@@ -440,8 +443,8 @@ def _realised(
     if task.cycle:
         q[-1] = q[0]
     paths: list[FloatArray] = []
-    for k, found in enumerate(edges):
-        path = found[picks[k], picks[k + 1]]
+    for k, joint_paths in enumerate(edges):
+        path = joint_paths[picks[k], picks[k + 1]]
         if path is None:
             path = q[k] + EASED[:, None] * (q[k + 1] - q[k])
         else:
@@ -479,10 +482,10 @@ def least_duration(task: Task) -> float:
     robot = task.robot
     speeds = np.maximum(-robot.limits.qd_min, robot.limits.qd_max)
     fastest = fastest_tool(robot)
-    known = [few_poses(robot, stop) for stop in task.stops]
+    poses = [few_poses(robot, stop) for stop in task.stops]
     least = np.zeros(1)  # by the branch at a stop, or one number where there are many
     for k, (a, b) in enumerate(itertools.pairwise(task.stops)):
-        before, after = known[k], known[k + 1]
+        before, after = poses[k], poses[k + 1]
         if before is None or after is None:
             way = _tool_distance(robot, a, b) / fastest
             least = np.full(1 if after is None else len(after), least.min() + way)

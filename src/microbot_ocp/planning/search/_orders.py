@@ -167,11 +167,11 @@ def best_order(
     InputError
         No order can be done.
     """
-    told: dict[Places, dict[str, Any]] = {}
+    rows: dict[Places, dict[str, Any]] = {}
     there: dict[Places, Candidate] = {}
     refused: InputError | None = None
     for places, task in tasks.items():
-        row = told[places] = {"order": list(places), "bound": least_duration(task)}
+        row = rows[places] = {"order": list(places), "bound": least_duration(task)}
         row |= {"coarse": None, "duration": None, "status": LEFT_OUT}
         if there and deadline.over():
             continue
@@ -183,7 +183,7 @@ def best_order(
     if not there:
         assert refused is not None
         raise refused
-    ranked = sorted(there, key=lambda p: (there[p].rested, told[p]["bound"], p))
+    ranked = sorted(there, key=lambda p: (there[p].rested, rows[p]["bound"], p))
     coarse: dict[Places, float] = {}
     accurate = (
         1.0 + ACCURACY * max(1.0, SEARCH.explore_mesh / (settings.mesh or SEARCH.explore_mesh)) ** 2
@@ -191,26 +191,26 @@ def best_order(
     for places in ranked:
         best = min(coarse.values(), default=np.inf)
         most = best if duration is None else duration
-        least = max(told[places]["bound"], there[places].hoped if np.isfinite(best) else 0.0)
+        least = max(rows[places]["bound"], there[places].hoped if np.isfinite(best) else 0.0)
         if coarse and (least >= accurate * most or deadline.over()):
             continue
         try:
             coarse[places] = there[places].coarse_duration(accurate * most)
         except InputError as problem:
-            refused, told[places]["status"] = problem, str(problem)
+            refused, rows[places]["status"] = problem, str(problem)
             continue
         if np.isfinite(coarse[places]):
-            told[places] |= {"coarse": coarse[places], "status": "coarse"}
+            rows[places] |= {"coarse": coarse[places], "status": "coarse"}
         progress(f"order {_named(places)}: {coarse[places]:.4f} s on the coarse mesh")
     if not coarse:
         assert refused is not None
         raise refused
     most = accurate * (min(coarse.values()) if duration is None else duration)
-    return _refined(told, there, coarse, most, progress, duration)
+    return _refined(rows, there, coarse, most, progress, duration)
 
 
 def _refined(
-    told: dict[Places, dict[str, Any]],
+    orders: dict[Places, dict[str, Any]],
     there: Mapping[Places, Candidate],
     coarse: Mapping[Places, float],
     most: float,
@@ -230,23 +230,24 @@ def _refined(
         if best is not None and deadline.over():
             break
         motion = there[places].motion()
-        told[places] |= {"duration": motion.duration, "status": str(motion.status)}
+        orders[places] |= {"duration": motion.duration, "status": str(motion.status)}
         progress(f"order {_named(places)}: {motion.duration:.4f} s, {motion.status}")
         if best is None or rank(motion) < rank(best):
             best = replace(motion, provenance={**motion.provenance, "order": list(places)})
     assert best is not None
-    refined = [row for row in told.values() if row["duration"] is not None]
+    refined = [row for row in orders.values() if row["duration"] is not None]
     counts = f"{len(coarse)} solved on a coarse mesh, {len(refined)} of them refined"
-    rows = [row for row in told.values() if row["status"] != LEFT_OUT]
+    rows = [row for row in orders.values() if row["status"] != LEFT_OUT]
     rows.sort(key=lambda row: (row["duration"] or np.inf, row["coarse"] or np.inf))
     return replace(
         best,
         provenance={
             **best.provenance,
             "orders": rows,
-            "orders_left_out": len(told) - len(rows),
+            "orders_left_out": len(orders) - len(rows),
         },
-        remark=f"order {_named(best.provenance['order'])} of {len(told)}, {counts}; {best.remark}",
+        remark=f"order {_named(best.provenance['order'])} of {len(orders)}, {counts}; "
+        f"{best.remark}",
     )
 
 
@@ -256,7 +257,7 @@ def _named(places: Sequence[int]) -> str:
 
 def rested_of(task: Task, durations: Sequence[float | None]) -> float:
     """What segments take from rest to rest together, s; those that are not known take nothing."""
-    return sum(own or 0.0 for own in durations) + float(task.dwells.sum())
+    return sum(duration or 0.0 for duration in durations) + float(task.dwells.sum())
 
 
 def hoped_of(task: Task, durations: Sequence[float | None]) -> float:
@@ -266,8 +267,8 @@ def hoped_of(task: Task, durations: Sequence[float | None]) -> float:
     squares, as at constant accelerations along one straight line.
     """
     runs: list[list[float]] = [[]]
-    for k, own in enumerate(durations):
-        runs[-1].append(FASTER * (own or 0.0))
+    for k, duration in enumerate(durations):
+        runs[-1].append(FASTER * (duration or 0.0))
         if task.at_rest(k + 1):
             runs.append([])
     if task.cycle and not task.at_rest(0) and len(runs) > 1:
@@ -287,14 +288,14 @@ class _Alone:
     ) -> None:
         self.task = task
         self._given = settings, progress, duration
-        found: list[tuple[float, float, Way]] = []
+        estimates: list[tuple[float, float, Way]] = []
         for way in ways_through(task):
             timings = segment_timings(task, way, settings.compiled)
             times = [None if shape is None else shape.duration for shape in timings]
-            found.append((rested_of(task, times), hoped_of(task, times), way))
-        found.sort(key=lambda entry: entry[0])
-        self._ways = [way for _, _, way in found]
-        self.rested, self.hoped = found[0][0], min(hoped for _, hoped, _ in found)
+            estimates.append((rested_of(task, times), hoped_of(task, times), way))
+        estimates.sort(key=lambda entry: entry[0])
+        self._ways = [way for _, _, way in estimates]
+        self.rested, self.hoped = estimates[0][0], min(hoped for _, hoped, _ in estimates)
 
     def coarse_duration(self, beaten: float) -> float:
         self._search = StopSearch.of(self.task, *self._given, self._ways).explored(beaten)

@@ -74,8 +74,8 @@ class Place(NamedTuple):
 
 def tool_poses(robot: Robot, q: FloatArray) -> FloatArray:
     """Poses [N,4,4] of the tool in the base frame for q [N,n]."""
-    found = np.array(forward_kinematics(robot).map(len(q))(q.T))
-    return found.reshape(4, len(q), 4).transpose(1, 0, 2)
+    poses = np.array(forward_kinematics(robot).map(len(q))(q.T))
+    return poses.reshape(4, len(q), 4).transpose(1, 0, 2)
 
 
 def poses_at_stops(task: Task, motion: Motion) -> FloatArray:
@@ -86,7 +86,7 @@ def poses_at_stops(task: Task, motion: Motion) -> FloatArray:
 def parts_of(task: Task, tool: FloatArray) -> tuple[Part, ...]:
     """The parts of a task whose tool has poses [m,4,4] at its stops."""
     held = [payload.shape or payload for payload in task.payloads]
-    found: list[Part] = []
+    parts: list[Part] = []
     first = 0
     while first < len(held):
         end = first + 1
@@ -97,24 +97,24 @@ def parts_of(task: Task, tool: FloatArray) -> tuple[Part, ...]:
             left = next(
                 (
                     k
-                    for k, part in enumerate(found)
+                    for k, part in enumerate(parts)
                     if (part.payload.shape or part.payload) == held[first]
                     and _same_place(payload, tool[part.carries[-1][1]], tool[first])
                 ),
                 None,
             )
             if left is None:
-                found.append(Part(payload, ((first, end),)))
+                parts.append(Part(payload, ((first, end),)))
             else:
-                found[left] = replace(found[left], carries=(*found[left].carries, (first, end)))
+                parts[left] = replace(parts[left], carries=(*parts[left].carries, (first, end)))
         first = end
-    return tuple(found)
+    return tuple(parts)
 
 
 def _same_place(payload: Payload, before: FloatArray, after: FloatArray) -> bool:
     points = [p for capsule in payload.shape for p in (capsule.start, capsule.end)]
-    known = np.array(points or [payload.center_of_mass])
-    apart = [known @ pose[:3, :3].T + pose[:3, 3] for pose in (before, after)]
+    body_points = np.array(points or [payload.center_of_mass])
+    apart = [body_points @ pose[:3, :3].T + pose[:3, 3] for pose in (before, after)]
     least = min(
         (SAME_PART.place * capsule.radius for capsule in payload.shape), default=SAME_PART.point
     )
@@ -155,12 +155,12 @@ def scenes_of(task: Task, scene: Scene, tool: FloatArray) -> tuple[Scene, ...]:
 def _placed(shape: Sequence[Capsule], pose: FloatArray, where: str) -> list[Capsule]:
     """Capsules of a part where the tool [4,4] left it, named by the stop."""
     turn, origin = pose[:3, :3], pose[:3, 3]
-    found = []
+    capsules = []
     for number, capsule in enumerate(shape, start=1):
         start, end = (turn @ point + origin for point in (capsule.start, capsule.end))
         name = f"{capsule.name} at {where}" + (f", {number}" if number > 1 else "")
-        found.append(Capsule(start, end, capsule.radius, name))
-    return found
+        capsules.append(Capsule(start, end, capsule.radius, name))
+    return capsules
 
 
 def _ignored_with(scene: Scene, shape: Sequence[Capsule]) -> set[str]:
@@ -181,8 +181,8 @@ def _touching_in_the_tool(scene: Scene, robot: Robot, payload: Payload) -> set[s
     may = {
         link.name
         for frame, link in robot.capsules
-        for own, part in carried
-        if frame > 0 and frozenset((_key(frame, link), _key(own, part))) not in looked_at
+        for carrier, part in carried
+        if frame > 0 and frozenset((_key(frame, link), _key(carrier, part))) not in looked_at
     }
     return may | {part.name for _, part in carried}
 

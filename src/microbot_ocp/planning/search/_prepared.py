@@ -110,8 +110,8 @@ def _solved_near(
     declared = {p.name for p in solver.transcription.problem.phases[0].parameters}
     if not isinstance(start, Solution) and FRICTION_SMOOTHING in declared:
         rounded = {
-            phase: {**own, FRICTION_SMOOTHING: FRICTION_WINDOWS.rounded}
-            for phase, own in parameters.items()
+            phase: {**values, FRICTION_SMOOTHING: FRICTION_WINDOWS.rounded}
+            for phase, values in parameters.items()
         }
         near = solver.solve(guess=start, **{**changes, "parameters": rounded})
         start = near if near.status.solved else start
@@ -410,11 +410,11 @@ class TimeOptimalSolver:
         changes = self._changes(family, via, float(payload), moving)
         slower = self._slower(family)
         if via_q is None and moving is None:
-            own = self._own or self._under_own_limits()
-            solver = self._near(own, slower <= NEARNESS.close)
+            prepared = self._own or self._under_own_limits()
+            solver = self._near(prepared, slower <= NEARNESS.close)
         else:
-            own, solver = None, self._for_any_via()
-        near = own if slower <= NEARNESS.near_typical else None
+            prepared, solver = None, self._for_any_via()
+        near = prepared if slower <= NEARNESS.near_typical else None
         tried: list[tuple[str, Solution]] = []
         for name, first in self._starts(family, via, near, moving is not None):
             solution = _solved_near(solver, first, changes)
@@ -425,7 +425,9 @@ class TimeOptimalSolver:
             if (solution.status.solved and led_there and not search) or deadline.over():
                 break
         name, best = min(tried, key=lambda pair: (not pair[1].status.solved, pair[1].duration))
-        kernels, smoothing = (own.kernels, own.smoothing) if own else (self._kernels, SMOOTHING)
+        kernels, smoothing = (
+            (prepared.kernels, prepared.smoothing) if prepared else (self._kernels, SMOOTHING)
+        )
         # what begins moving may have no slower timing of its path
         allowed = LIMIT_TOLERANCE if moving is None else moving.tolerance
         solution, excess = self._refined(family, best, changes, kernels, allowed)
@@ -438,24 +440,26 @@ class TimeOptimalSolver:
 
     def _slower(self, family: LimitFamily) -> float:
         """Share by which the typical durations differ from those under the robot's own limits."""
-        own, asked = (
-            TaskScale.of(known, self.via_q).durations.sum()
-            for known in (LimitFamily.of(self.robot), family)
+        usual, asked = (
+            TaskScale.of(limits_family, self.via_q).durations.sum()
+            for limits_family in (LimitFamily.of(self.robot), family)
         )
-        return abs(asked - own) / own
+        return abs(asked - usual) / usual
 
     # Threads that come first at the same time make the same, each for itself, and any of it stays:
     # so none waits for the work of another beyond its own time.
 
-    def _near(self, own: _Prepared, close: bool) -> ParametricSolver:
+    def _near(self, prepared: _Prepared, close: bool) -> ParametricSolver:
         """A solver on the mesh of the motion under the robot's own limits, made once."""
         if close in self._solvers:
             return self._solvers[close]
-        found, settings = own.reference, self._solver_settings
+        reference, settings = prepared.reference, self._solver_settings
         if not close:
             settings = replace(settings, options=FAR.options)
-        solver = self._on(own.kernels, [phase.mesh for phase in found.phases], found, settings)
-        solver.scale_cost(found)
+        solver = self._on(
+            prepared.kernels, [phase.mesh for phase in reference.phases], reference, settings
+        )
+        solver.scale_cost(reference)
         if not deadline.over():
             self._solvers[close] = solver
         return solver
@@ -469,10 +473,10 @@ class TimeOptimalSolver:
         search = replace(search, refiner=replace(search.refiner, settings=settings))
         answer = fastest(search).answer
         # what follows is smoothed as the motion that it starts from
-        own = _Prepared(answer.solution, answer.refiner.transcription, answer.smoothing)
+        prepared = _Prepared(answer.solution, answer.refiner.transcription, answer.smoothing)
         if answer.solved and not deadline.over():
-            self._own = own
-        return own
+            self._own = prepared
+        return prepared
 
     def _for_any_via(self) -> ParametricSolver:
         """The solver on an even mesh, its cost scaled at the solver's own via points."""
@@ -480,8 +484,8 @@ class TimeOptimalSolver:
             mesh = [int(self._settings.mesh or SEARCH.full_mesh)] * len(self._phases)
             solver = ParametricSolver(self._kernels, mesh, self._solver_settings)
             family = LimitFamily.of(self.robot)
-            own = initial_guesses(family, self.via_q, self._phases, 1, self._settings.seed)
-            solver.scale_cost(next(own).guesses)
+            guesses = initial_guesses(family, self.via_q, self._phases, 1, self._settings.seed)
+            solver.scale_cost(next(guesses).guesses)
             self._anywhere = solver
         return self._anywhere
 
@@ -579,8 +583,8 @@ class TimeOptimalSolver:
 
     def _check_kinds(self, family: LimitFamily) -> None:
         """Only the numbers of limits may change: their expressions are built in."""
-        own = LimitFamily.of(self.robot)
-        freed = np.flatnonzero(locked_joints(own) & ~locked_joints(family))
+        declared = LimitFamily.of(self.robot)
+        freed = np.flatnonzero(locked_joints(declared) & ~locked_joints(family))
         if freed.size:
             raise InputError(
                 f"limits let joint {self.robot.joint_names[freed[0]]!r} move, but the solver was "
@@ -589,12 +593,12 @@ class TimeOptimalSolver:
         for member in family:
             if member.key in ("q", "qdd"):  # bounds of variables, which are always there
                 continue
-            if member.key not in own:
+            if member.key not in declared:
                 raise InputError(
                     f"limits bound {member.key}, but the solver was made for a robot without any "
                     f"limit of {member.key}: make it with robot.with_limits(...)"
                 )
-            before = own[member.key].limit
+            before = declared[member.key].limit
             if member.limit is not None and before is not None:
                 built, asked = (
                     (m.expression, *(b for b in (m.lower, m.upper) if callable(b)))
@@ -672,14 +676,14 @@ class TimeOptimalSolver:
         return _restored, (self._given, (plain, meshes, parameters, smoothing))
 
 
-def _restored(given: tuple[Any, ...], own: tuple[Any, ...] | None) -> TimeOptimalSolver:
+def _restored(given: tuple[Any, ...], prepared: tuple[Any, ...] | None) -> TimeOptimalSolver:
     names = ("robot", "via_q", "mesh", "starts", "rounds", "compiled", "seed", "tolerance")
-    made = TimeOptimalSolver(**dict(zip(names, given, strict=True)))
-    if own is not None:
-        plain, meshes, parameters, smoothing = own
-        kernels = made._kernels
+    solver = TimeOptimalSolver(**dict(zip(names, given, strict=True)))
+    if prepared is not None:
+        plain, meshes, parameters, smoothing = prepared
+        kernels = solver._kernels
         if any(parameters.values()):
             kernels = kernels.with_parameters(parameters)
         phases = unpack(kernels.layouts(meshes), plain.variables)
-        made._own = _Prepared(replace(plain, phases=phases), kernels, smoothing)
-    return made
+        solver._own = _Prepared(replace(plain, phases=phases), kernels, smoothing)
+    return solver

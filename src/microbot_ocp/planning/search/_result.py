@@ -79,12 +79,12 @@ def motion_through(search: MotionSearch, state: SearchState | None = None) -> Mo
     begin, problem = time.perf_counter(), search.problem
     assert isinstance(problem, FreeProblem)
     with sparing() if problem.is_free else nullcontext():
-        found = fastest(search, state)
-        motion = motion_of_answer(found)
-    solution = found.answer.solution
+        best = fastest(search, state)
+        motion = motion_of_answer(best)
+    solution = best.answer.solution
     if problem.is_free and solution.status is not Status.INTERRUPTED:
-        motion = _within_limits(found, motion)
-        starts = sample(search, found.state)
+        motion = _within_limits(best, motion)
+        starts = sample(search, best.state)
         if motion.solved and not settled(starts, search.settings):
             motion = _unsettled(motion)
     if not search.settings.switching_times or not motion.solved:
@@ -96,9 +96,9 @@ def motion_through(search: MotionSearch, state: SearchState | None = None) -> Mo
     return replace(exact, provenance={**exact.provenance, "wall_time": spent})
 
 
-def motion_of_answer(found: Fastest, **more: Any) -> Motion:
+def motion_of_answer(best: Fastest, **more: Any) -> Motion:
     """The best answer as a motion, with the whole search in its provenance."""
-    search, state, solution = found.search, found.state, found.answer.solution
+    search, state, solution = best.search, best.state, best.answer.solution
     problem, excess = search.problem, search.problem.excess(solution)
     outcome, least = (
         verdict(problem.family, solution, excess, search.settings.limit_tolerance).and_(
@@ -110,7 +110,7 @@ def motion_of_answer(found: Fastest, **more: Any) -> Motion:
     relaxed = next((a.relaxed for a in state.answers if a.relaxed is not None), None)
     if relaxed is not None and not (solution.status.solved or deadline.over()):
         outcome, least = judged(relaxed, problem.family, outcome)
-    outcome = replace(outcome, ledger=ledger_of(state, found.answer))
+    outcome = replace(outcome, ledger=ledger_of(state, best.answer))
     starts = starts_of(state)
     optima = sorted({round(s["duration"], 3) for s in starts if s["status"] == "solved"})
     provenance = provenance_of(
@@ -118,18 +118,18 @@ def motion_of_answer(found: Fastest, **more: Any) -> Motion:
         problem.family,
         solution,
         largest(excess),
-        found.wall_time + search.kernel_time,
-        found.answer.smoothing,
-        smoothing_cost=found.smoothing_cost,
+        best.wall_time + search.kernel_time,
+        best.answer.smoothing,
+        smoothing_cost=best.smoothing_cost,
         optima_seen=optima,
         starts=starts,
         solves=[solve for answer in state.answers for solve in answer.solves],
         kernel_time=search.kernel_time,
-        **({"least_effort": found.calmer.as_dict()} if found.calmer else {}),
+        **({"least_effort": best.calmer.as_dict()} if best.calmer else {}),
         **least,
         **more,
     )
-    remark = _remark(len(problem.via), len(starts), optima) + further_remarks(found)
+    remark = _remark(len(problem.via), len(starts), optima) + further_remarks(best)
     return replace(problem.motion(solution, provenance), remark=remark, outcome=outcome)
 
 
@@ -146,36 +146,36 @@ def starts_of(state: SearchState, rested: float = 0.0) -> list[dict[str, Any]]:
     ]
 
 
-def further_remarks(found: Fastest) -> str:
+def further_remarks(best: Fastest) -> str:
     """What less effort saves, and what the smoothing costs where it is much."""
-    solution, remark = found.answer.solution, found.calmer.remark if found.calmer else ""
-    share = found.smoothing_cost / solution.duration
+    solution, remark = best.answer.solution, best.calmer.remark if best.calmer else ""
+    share = best.smoothing_cost / solution.duration
     if not solution.status.solved or share < SEARCH.smoothing_told:
         return remark
     return remark + f"; without smoothing of the jerk it could be about {100 * share:.1g} % faster"
 
 
-def _within_limits(found: Fastest, motion: Motion) -> Motion:
+def _within_limits(best: Fastest, motion: Motion) -> Motion:
     """A motion that keeps the limits in the place of one that does not, or that is slower.
 
     A solution slowed down by no more than two meshes may differ counts as solved.
     """
-    search, solution = found.search, found.answer.solution
+    search, solution = best.search, best.answer.solution
     problem = search.problem
     assert isinstance(problem, FreeProblem)
-    kept = motion.solved and not is_enough(problem, search.settings, solution)
+    fast_enough = motion.solved and not is_enough(problem, search.settings, solution)
     # not even time may be left to slow it down
-    if not kept and (problem.way is None or not deadline.over()):
+    if not fast_enough and (problem.way is None or not deadline.over()):
         problem.slowed(solution)
     slower = [problem.way] if problem.way else []
-    slower += [Slowed(own, _name(a.solution is solution)) for a, own in _slowed(search, found)]
-    if not kept and not slower and problem.known:
+    slower += [Slowed(slowed, _name(a.solution is solution)) for a, slowed in _slowed(search, best)]
+    if not fast_enough and not slower and problem.known:
         slower = [problem.known]
     if not slower:
         return motion
-    known, made_from = min(slower, key=lambda own: own.motion.duration)
-    more = known.duration / solution.duration - 1.0
-    if kept and (found.calmer or more >= -WORSE):
+    fallback, made_from = min(slower, key=lambda slowed: slowed.motion.duration)
+    more = fallback.duration / solution.duration - 1.0
+    if fast_enough and (best.calmer or more >= -WORSE):
         return motion
     outcome = motion.outcome
     if motion.status is not Status.TIME_LIMIT and solution.status.solved and abs(more) <= WORSE:
@@ -188,19 +188,19 @@ def _within_limits(found: Fastest, motion: Motion) -> Motion:
     if not outcome.solved:
         outcome = outcome.and_(returned(made_from))
     remark = f"{motion.remark}; slowed down by {100 * more:.2g} % where it exceeded limits"
-    return replace(known, provenance=motion.provenance, remark=remark).ended(
+    return replace(fallback, provenance=motion.provenance, remark=remark).ended(
         outcome,
         made_from=made_from,
-        excess=largest_excess(problem.family, known),
+        excess=largest_excess(problem.family, fallback),
     )
 
 
-def _slowed(search: MotionSearch, found: Fastest) -> list[tuple[MotionAnswer, Motion]]:
+def _slowed(search: MotionSearch, best: Fastest) -> list[tuple[MotionAnswer, Motion]]:
     """Answers that were slowed down so far, and the motions."""
     problem = search.problem
     assert isinstance(problem, FreeProblem)
     rows = []
-    for answer in (*found.state.answers, found.answer):
+    for answer in (*best.state.answers, best.answer):
         motion = problem.slowed_before(answer.solution)
         if motion is not None:
             rows.append((answer, motion))
@@ -208,8 +208,8 @@ def _slowed(search: MotionSearch, found: Fastest) -> list[tuple[MotionAnswer, Mo
 
 
 def _name(is_answer: bool) -> str:
-    made = "the motion found" if is_answer else "a coarser motion"
-    return f"{made}, slowed down at limits"
+    origin = "the motion found" if is_answer else "a coarser motion"
+    return f"{origin}, slowed down at limits"
 
 
 def _unsettled(motion: Motion) -> Motion:

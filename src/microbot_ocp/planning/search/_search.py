@@ -191,14 +191,14 @@ class MotionSearch:
 
     def _made(self, strategy: MotionStrategy, step: NextStep, state: SearchState) -> MotionAnswer:
         """What a strategy makes of its subject; from memory where it was run on it before."""
-        known = None if step.subject is None else (strategy.name, id(step.subject))
-        if known in self.memory:
-            return self.memory[known]
+        key = None if step.subject is None else (strategy.name, id(step.subject))
+        if key in self.memory:
+            return self.memory[key]
         begin = time.perf_counter()
         answer = strategy.run(self, step)
         answer = replace(answer, before=step.subject, seconds=time.perf_counter() - begin)
-        if known is not None:
-            self.memory[known] = answer
+        if key is not None:
+            self.memory[key] = answer
         return answer
 
     def _may_fork(self, strategies: Sequence[MotionStrategy], state: SearchState) -> bool:

@@ -83,7 +83,7 @@ def stretches(task: Task, motion: Motion) -> list[Stretch]:
             f"motion {motion.label!r} has {len(motion.marks)} marks, but the task "
             f"{len(task.stops)} stops: it is not a motion of this task"
         )
-    found: list[Stretch] = []
+    parts: list[Stretch] = []
     loads = (
         (task.payloads[-1], *task.payloads) if task.cycle else (task.payloads[0], *task.payloads)
     )
@@ -93,7 +93,7 @@ def stretches(task: Task, motion: Motion) -> list[Stretch]:
         if leaves > arrives:
             rested: Robot = loads[k].on(task.robot)
             before = (k - 1) % len(task.segments) if task.cycle else max(k - 1, 0)
-            found.append(Stretch(arrives, leaves, rested, before))
+            parts.append(Stretch(arrives, leaves, rested, before))
         if k < len(task.segments):
-            found.append(Stretch(leaves, times[k + 1], task.robots[k], k))
-    return found
+            parts.append(Stretch(leaves, times[k + 1], task.robots[k], k))
+    return parts

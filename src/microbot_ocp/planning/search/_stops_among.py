@@ -91,12 +91,12 @@ class Around:
             return False
         self.poses.append(q)
         apart = clearances(robot, pairs, q).min(axis=0)
-        found = {p.label for p, least in zip(pairs, apart, strict=True) if least < distance}
+        near = {p.label for p, least in zip(pairs, apart, strict=True) if least < distance}
         for pair, least in zip(pairs, apart - scene.clearance, strict=True):
             if least > 0.0:
                 self.rooms[pair.label] = min(least, self.rooms.get(pair.label, np.inf))
-        new = not found <= self.near
-        self.near.update(found)
+        new = not near <= self.near
+        self.near.update(near)
         return new
 
 
@@ -128,8 +128,8 @@ def stops_among(
     """
     stops, segments, cycle, order, duration = plan
     if order == "given":
-        (found, *_), _ = motions_among(robot, limits, plan, scene, settings, progress, _fastest)
-        return found[1]
+        (fastest, *_), _ = motions_among(robot, limits, plan, scene, settings, progress, _fastest)
+        return fastest[1]
     robot = with_arm_capsules(robot)
     legs = Legs(scene, settings)
     bare = [replace(s, payload=None) if isinstance(s, Stop) else s for s in stops]
@@ -188,8 +188,8 @@ class _Among:
         self._near = AMONG_OBSTACLES.near * reach_of(task.robot)
         self._guided = legs.guides(task, progress)
         times = [guide.durations for guide in self._guided]
-        self.rested = min((rested_of(task, own) for own in times), default=np.inf)
-        self.hoped = min((hoped_of(task, own) for own in times), default=np.inf)
+        self.rested = min((rested_of(task, durations) for durations in times), default=np.inf)
+        self.hoped = min((hoped_of(task, durations) for durations in times), default=np.inf)
         self._search: StopSearch | None = None
 
     @cached_property
@@ -246,15 +246,15 @@ class _Among:
 
         Where one that was found misses some pair's distance the search is made again.
         """
-        names, known = {"scene": list(self._scene.names)}, self._known if self._guided else None
-        made: Made = [], ""
+        names, fallback = {"scene": list(self._scene.names)}, self._known if self._guided else None
+        answers: Made = [], ""
         proofs: list[Clearance | None] = []
         if self._guided:
-            made, proofs = self._found(ask, known)
+            answers, proofs = self._found(ask, fallback)
         judged: list[tuple[float, Motion]] = []
-        for place, ((effort, motion), proof) in enumerate(zip(made[0], proofs, strict=True)):
-            if place == 0 and known is not None:
-                motion = at_least(known, motion, proof)
+        for place, ((effort, motion), proof) in enumerate(zip(answers[0], proofs, strict=True)):
+            if place == 0 and fallback is not None:
+                motion = at_least(fallback, motion, proof)
                 effort = np.nan if "made_from" in motion.provenance else effort
             elif proof is None or not proof.proved:
                 motion = self._not_found(motion, proof)
@@ -262,31 +262,33 @@ class _Among:
                 motion = _with(motion, clearance=as_plain(proof))
             judged.append((effort, _with(motion, **names)))
         if not judged:
-            motion = self._not_found(None, None) if known is None else at_least(known, None, None)
+            motion = (
+                self._not_found(None, None) if fallback is None else at_least(fallback, None, None)
+            )
             judged = [(np.nan, _with(motion, **names))]
-        return judged, made[1]
+        return judged, answers[1]
 
     def _found(
-        self, ask: Callable[[StopSearch], Made], known: ProvedPath | None
+        self, ask: Callable[[StopSearch], Made], fallback: ProvedPath | None
     ) -> tuple[Made, list[Clearance | None]]:
         """The motions that a search is asked for, with the proofs of those that are solved."""
         task, scene, around, progress = self.task, self._scene, self._around, self._given[1]
-        made: Made = [], ""
+        answers: Made = [], ""
         proofs: list[Clearance | None] = []
         for again in range(AMONG_OBSTACLES.again):
             try:
-                with deadline.given_up(known is not None or bool(again)):
+                with deadline.given_up(fallback is not None or bool(again)):
                     search = None if again else self._search
                     search = search or self._searching(around)
             except deadline.Over:
                 break
-            made = ask(search)
-            solved = [motion for _, motion in made[0] if self._is_whole(motion)]
+            answers = ask(search)
+            solved = [motion for _, motion in answers[0] if self._is_whole(motion)]
             along = [places_along(task, motion, scene) for motion in solved]
-            found = [clearance_along(*pair) for pair in zip(along, solved, strict=True)]
-            each = iter(found)
-            proofs = [next(each) if self._is_whole(motion) else None for _, motion in made[0]]
-            if all(proof.proved for proof in found):
+            clearances = [clearance_along(*pair) for pair in zip(along, solved, strict=True)]
+            each = iter(clearances)
+            proofs = [next(each) if self._is_whole(motion) else None for _, motion in answers[0]]
+            if all(proof.proved for proof in clearances):
                 break
             scenes = scenes_of(task, scene, poses_at_stops(task, solved[0]))
             around = replace(around, scenes=scenes)
@@ -298,25 +300,25 @@ class _Among:
             if not any(more) and around.scenes == (scene,) * len(around.scenes):
                 break
             progress("more pairs come too near, or a part lies elsewhere: solved again")
-        return made, proofs
+        return answers, proofs
 
     def _is_whole(self, motion: Motion) -> bool:
         """Whether a motion is solved, or would be if it were allowed to last so long."""
         settings, _, allowed = self._given
         slow = allowed is not None and motion.duration > allowed
-        kept = motion.provenance["excess"] <= settings.limit_tolerance
-        return motion.solved or (slow and kept and motion.status is Status.INFEASIBLE)
+        within_limits = motion.provenance["excess"] <= settings.limit_tolerance
+        return motion.solved or (slow and within_limits and motion.status is Status.INFEASIBLE)
 
-    def _not_found(self, found: Motion | None, proof: Clearance | None) -> Motion:
+    def _not_found(self, attempt: Motion | None, proof: Clearance | None) -> Motion:
         """What is returned where nothing is known: a motion that ignores the obstacles."""
         task, legs = self.task, self._legs
-        way, own = legs.ways(task)[0]
-        if found is None:
+        way, parts = legs.ways(task)[0]
+        if attempt is None:
             names = [f"stop {stop.name!r}" for stop in task.stops]
-            free = [None if kind else leg for kind, leg in zip(task.segments, own, strict=True)]
+            free = [None if kind else leg for kind, leg in zip(task.segments, parts, strict=True)]
             why = nothing_found(free, names)
         else:
-            why = found.advice if proof is None else proof.sentence
+            why = attempt.advice if proof is None else proof.sentence
         with interpreted():  # made once, and often when the time to compile is over
             shapes = [_unhindered(task, way, k) for k in range(len(task.segments))]
         motion = _joined(task, way, shapes)
@@ -334,12 +336,12 @@ def _between(motion: Motion, place: Place) -> FloatArray:
 
 def _joined(task: Task, way: Way, shapes: Sequence[PiecewisePolynomial]) -> Motion:
     """Segments one after the other, as a motion through the stops."""
-    told = {
+    provenance = {
         "method": "path through stops, at rest at each of them",
         "branches": [{"branches": list(way.branches), "q": way.via.tolist(), "taken": True}],
         "segments": [type(kind).__name__ if kind else "free" for kind in task.segments],
     }
-    return motion_of(task, shapes, told)
+    return motion_of(task, shapes, provenance)
 
 
 def _may_rest(stop: Stop) -> bool:
@@ -380,7 +382,7 @@ class Legs:
     def search(self, tasks: Sequence[Task], progress: StepProgress) -> None:
         """Search for paths between the stops of several tasks until one has a way through."""
         for task in tasks:
-            carried = [capsule.name for own in task.robots for _, capsule in own.capsules]
+            carried = [capsule.name for held in task.robots for _, capsule in held.capsules]
             for name in sum(self.scene.ignore, ()):
                 checks.one_of("name in ignore", name, sorted({*carried, *self.scene.names}))
         ways, refused = [], None
@@ -423,29 +425,29 @@ class Legs:
 
     def _places(self, task: Task, way: Way) -> list[tuple[Any, Surroundings]]:
         """What is around the arm on every segment of a way, each with its key."""
-        found = []
+        places = []
         scenes = scenes_of(task, self.scene, tool_poses(task.robot, way.via))
-        for payload, own in zip(task.payloads, scenes, strict=True):
+        for payload, scene in zip(task.payloads, scenes, strict=True):
             robot = payload.on(task.robot)
-            lying = [c for c in own.obstacles[len(self.scene.obstacles) :] if type(c) is Capsule]
+            lying = [c for c in scene.obstacles[len(self.scene.obstacles) :] if type(c) is Capsule]
             parts = tuple((c.name, c.start.tobytes(), c.end.tobytes(), c.radius) for c in lying)
-            key = robot, parts, own.ignore
+            key = robot, parts, scene.ignore
             if key not in self._surroundings:
-                self._surroundings[key] = Surroundings(robot, own.without_parts_of(robot))
-            found.append((key, self._surroundings[key]))
-        return found
+                self._surroundings[key] = Surroundings(robot, scene.without_parts_of(robot))
+            places.append((key, self._surroundings[key]))
+        return places
 
     def _legs_of(
         self, task: Task, way: Way, places: Sequence[tuple[Any, Surroundings]]
     ) -> list[Leg | None]:
-        found: list[Leg | None] = []
-        for k, (kind, (own, around)) in enumerate(zip(task.segments, places, strict=True)):
+        legs: list[Leg | None] = []
+        for k, (kind, (place, around)) in enumerate(zip(task.segments, places, strict=True)):
             start, goal = way.via[k], way.via[k + 1]
-            key = own, start.tobytes(), goal.tobytes()
+            key = place, start.tobytes(), goal.tobytes()
             if kind is None and key not in self._legs:
                 self._legs[key] = Leg(around, start, goal, self.settings)
-            found.append(None if kind is not None else self._legs[key])
-        return found
+            legs.append(None if kind is not None else self._legs[key])
+        return legs
 
     def guides(self, task: Task, progress: StepProgress) -> list[Guide]:
         """Ways with their free segments around the obstacles, the fastest first.
@@ -460,9 +462,9 @@ class Legs:
                 rows = zip(legs, usual, strict=True)
                 bounds = [leg.bound(choice) if leg else s and s.duration for leg, s in rows]
                 choices.append((rested_of(task, bounds), number, way, legs, choice))
-        kept: list[Guide] = []
+        guides: list[Guide] = []
         for _, _, way, legs, choice in sorted(choices, key=lambda entry: entry[:2]):
-            if kept and (deadline.over() or len(kept) == MOST_GUESSES):
+            if guides and (deadline.over() or len(guides) == MOST_GUESSES):
                 break
             usual = self._usual(task, way)
             motions = [leg and leg.motion(choice) for leg in legs]
@@ -473,14 +475,14 @@ class Legs:
                 for name, motion in zip(names, motions, strict=True)
                 if motion
             }
-            own = [shapes.get(name, line) for name, line in zip(names, usual, strict=True)]
-            durations = [None if shape is None else shape.duration for shape in own]
+            moves = [shapes.get(name, line) for name, line in zip(names, usual, strict=True)]
+            durations = [None if shape is None else shape.duration for shape in moves]
             took = rested_of(task, durations)
-            if differs(took, (rested_of(task, g.durations) for g in kept if g.way is way)):
-                name = f"{way.name}, around {len(kept) + 1}"
-                kept.append(Guide(way, shapes, durations, name))
+            if differs(took, (rested_of(task, g.durations) for g in guides if g.way is way)):
+                name = f"{way.name}, around {len(guides) + 1}"
+                guides.append(Guide(way, shapes, durations, name))
                 progress(f"{way.name}: {took:.4f} s around the obstacles from rest to rest")
-        return sorted(kept, key=lambda guide: rested_of(task, guide.durations))
+        return sorted(guides, key=lambda guide: rested_of(task, guide.durations))
 
     def _usual(self, task: Task, way: Way) -> tuple[PiecewisePolynomial | None, ...]:
         """The best timing of every segment along its own path; of free ones it may be None."""
@@ -496,8 +498,8 @@ class Legs:
                 shapes.append(guide.shapes[name])
                 continue
             usual = self._usual(task, guide.way)[k]
-            kept = usual is not None and _keeps_limits(task.robots[k], usual)
-            shapes.append(usual if kept else _unhindered(task, guide.way, k))
+            usable = usual is not None and _keeps_limits(task.robots[k], usual)
+            shapes.append(usual if usable else _unhindered(task, guide.way, k))
         return shapes
 
 
@@ -505,8 +507,8 @@ def _blocked(task: Task, places: Sequence[Surroundings], way: Way) -> str:
     """Which stop of a way touches what; empty where none does."""
     for k, q in enumerate(way.via):
         for place in {max(k - 1, 0), min(k, len(places) - 1)}:
-            found = places[place].collision(q)
-            if found is not None:
-                said = touching(found, places[place].scene.clearance)
-                return f"stop {task.stops[k].name!r} {said}"
+            contact = places[place].collision(q)
+            if contact is not None:
+                sentence = touching(contact, places[place].scene.clearance)
+                return f"stop {task.stops[k].name!r} {sentence}"
     return ""

@@ -102,11 +102,11 @@ def is_enough(problem: MotionProblem, settings: TimeOptimalSettings, solution: S
 
 def rank(search: MotionSearch, solution: Solution) -> tuple[bool, float]:
     """What keeps its limits first, then what is faster."""
-    kept = solution.status.solved and (
+    valid = solution.status.solved and (
         search.worst(solution) <= search.settings.limit_tolerance
         or (search.problem.is_free and is_enough(search.problem, search.settings, solution))
     )
-    return not kept, solution.duration
+    return not valid, solution.duration
 
 
 def by_promise(answers: Sequence[MotionAnswer]) -> list[MotionAnswer]:
@@ -282,18 +282,18 @@ def next_from_known(search: MotionSearch, state: SearchState) -> NextStep | None
 
 def from_known(search: MotionSearch, step: NextStep) -> MotionAnswer:
     """Solve from a way with its best timing."""
-    known = search.problem.known
+    way = search.problem.known
     subject = step.answer
-    assert known is not None
+    assert way is not None
     refiner = coarse(search)
     solution = refiner.solve(
         [phase.mesh for phase in subject.solution.phases],
-        search.problem.guesses_along(known.motion),
+        search.problem.guesses_along(way.motion),
         tolerance=SEARCH.explore_tolerance,
         barrier=SEARCH.near_way_barrier,
     )
-    search.progress(f"start {known.made_from}: {solution.duration:.4f} s, {solution.status}")
-    return _answer(search, "known way", known.made_from, solution, refiner)
+    search.progress(f"start {way.made_from}: {solution.duration:.4f} s, {solution.status}")
+    return _answer(search, "known way", way.made_from, solution, refiner)
 
 
 def next_relaxed(search: MotionSearch, state: SearchState) -> NextStep | None:
@@ -306,8 +306,8 @@ def from_relaxed(search: MotionSearch, step: NextStep) -> MotionAnswer:
     subject = step.answer
     refiner, problem = coarse(search), search.problem
     meshes = [phase.mesh for phase in subject.solution.phases]
-    own = initial_guesses(problem.family, problem.via, problem.names, 1, search.settings.seed)
-    starts = [next(own).guesses, subject.solution]
+    initial = initial_guesses(problem.family, problem.via, problem.names, 1, search.settings.seed)
+    starts = [next(initial).guesses, subject.solution]
     relaxed = least_violation(refiner.transcription, starts, meshes)
     search.progress(f"relaxed problem: {relaxed}")
     solution = subject.solution
@@ -556,8 +556,8 @@ def next_splitting(search: MotionSearch, state: SearchState) -> NextStep | None:
     for coarser in (*state.of("full mesh"), *state.of("less and less smoothing")):
         before = coarser.before
         assert before is not None
-        made = [m for s in ON_FULL_MESH if (m := state.made_of(before, s)) and m.solved]
-        chosen = next((m for m in reversed(made) if m.solution is not before.solution), before)
+        refined = [m for s in ON_FULL_MESH if (m := state.made_of(before, s)) and m.solved]
+        chosen = next((m for m in reversed(refined) if m.solution is not before.solution), before)
         smoothed_less = state.made_of(chosen, "less smoothing")
         if smoothed_less is not None and smoothed_less.solved:
             chosen = smoothed_less

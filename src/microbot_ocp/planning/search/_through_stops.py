@@ -371,21 +371,21 @@ class StopSearch:
     def run(self) -> Motion:
         """The fastest motion, or the one of least effort in the duration that is given."""
         with sparing():
-            found = fastest(self.search, self.state, slack=0.0 if self.duration else None)
-            shortest = found.answer.solution.duration + self.stops.rested
-            if self.duration is not None and found.answer.solved:
+            best = fastest(self.search, self.state, slack=0.0 if self.duration else None)
+            shortest = best.answer.solution.duration + self.stops.rested
+            if self.duration is not None and best.answer.solved:
                 rested = self.stops.rested
-                slack = (self.duration - rested) / found.answer.solution.duration - 1.0
+                slack = (self.duration - rested) / best.answer.solution.duration - 1.0
                 if slack > 0.0:
-                    found = fastest(self.search, found.state, slack=min(slack, STOPS.slowest))
-            motion = self._motion(found, shortest)
+                    best = fastest(self.search, best.state, slack=min(slack, STOPS.slowest))
+            motion = self._motion(best, shortest)
         late = motion.status is Status.TIME_LIMIT
         slow = self._at_rest() if late and self.duration is None else None
         if slow is None:
             return motion
         shapes, made_from = slow
-        told = {**motion.provenance, "made_from": made_from}
-        at_rest = motion_of(self.stops.task, shapes, told)
+        provenance = {**motion.provenance, "made_from": made_from}
+        at_rest = motion_of(self.stops.task, shapes, provenance)
         return at_rest.ended(motion.outcome.and_(returned(made_from)))
 
     def _at_rest(self) -> tuple[list[PiecewisePolynomial], str] | None:
@@ -396,22 +396,22 @@ class StopSearch:
             return None
         via, shapes, fast = self.stops.via, [], compiles(settings.compiled)
         for k, family in enumerate(task.families):
-            known: Slowed | None = None
+            way: Slowed | None = None
             if not deadline.over():
-                known = known_ways(family, via[k : k + 2], settings.limit_tolerance, fast)
-            if known is None:
+                way = known_ways(family, via[k : k + 2], settings.limit_tolerance, fast)
+            if way is None:
                 return None
-            shapes.append(PiecewisePolynomial(known.motion.t, pieces_of(known.motion)))
+            shapes.append(PiecewisePolynomial(way.motion.t, pieces_of(way.motion)))
         return shapes, "a way that rests at every stop"
 
-    def _motion(self, found: Fastest, shortest: float = np.nan) -> Motion:
-        task, solution = self.stops.task, found.answer.solution
-        motion = motion_of_answer(found)
-        told = dict(motion.provenance)
-        told["method"] = "time-optimal motion through stops"
-        told["starts"] = starts_of(found.state, self.stops.rested)
-        told["branches"] = branches(self.stops, found.state, solution)
-        told["segments"] = [type(kind).__name__ if kind else "free" for kind in task.segments]
+    def _motion(self, best: Fastest, shortest: float = np.nan) -> Motion:
+        task, solution = self.stops.task, best.answer.solution
+        motion = motion_of_answer(best)
+        provenance = dict(motion.provenance)
+        provenance["method"] = "time-optimal motion through stops"
+        provenance["starts"] = starts_of(best.state, self.stops.rested)
+        provenance["branches"] = branches(self.stops, best.state, solution)
+        provenance["segments"] = [type(kind).__name__ if kind else "free" for kind in task.segments]
         outcome = motion.outcome
         late = self.duration is not None and self.duration < shortest * (1 - SEARCH.same)
         if motion.solved and late:
@@ -420,8 +420,8 @@ class StopSearch:
                 f"found takes {shortest:.6g} s."
             )
             outcome = replace(Outcome.of(Status.INFEASIBLE, advice), ledger=outcome.ledger)
-        remark = _remark(told) + further_remarks(found)
-        return replace(motion, remark=remark, outcome=outcome, provenance=told)
+        remark = _remark(provenance) + further_remarks(best)
+        return replace(motion, remark=remark, outcome=outcome, provenance=provenance)
 
 
 def branches(stops: StopProblem, state: SearchState, solution: Solution) -> list[dict[str, Any]]:
@@ -455,23 +455,23 @@ def branches(stops: StopProblem, state: SearchState, solution: Solution) -> list
     return rows
 
 
-def _remark(told: dict[str, Any]) -> str:
+def _remark(provenance: dict[str, Any]) -> str:
     """Say what other ways of reaching the stops would take; both on the same coarse mesh."""
-    taken, *others = told["branches"]
+    taken, *others = provenance["branches"]
     if not others:
         return "the arm reaches the stops in one way only"
-    said = [f"the best of {len(told['branches'])} ways in which the arm reaches the stops"]
+    parts = [f"the best of {len(provenance['branches'])} ways in which the arm reaches the stops"]
     tried = [entry["duration"] for entry in others if entry["status"] != LEFT_OUT]
     solved = [duration for duration in tried if duration is not None]
     if solved and taken["duration"] is not None:
         longer = 100.0 * (min(solved) / taken["duration"] - 1.0)
         near = "the next one is about as fast"
-        said.append(near if longer < 0.05 else f"the next one takes {longer:.1f} % longer")
+        parts.append(near if longer < 0.05 else f"the next one takes {longer:.1f} % longer")
     if len(tried) > len(solved):
-        said.append(f"{len(tried) - len(solved)} led to no motion")
+        parts.append(f"{len(tried) - len(solved)} led to no motion")
     if slow := [entry["at_least"] for entry in others if entry["status"] == LEFT_OUT]:
-        said.append(f"others need {min(slow):.3f} s or more at the highest joint velocities")
-    return "; ".join(said)
+        parts.append(f"others need {min(slow):.3f} s or more at the highest joint velocities")
+    return "; ".join(parts)
 
 
 # fronts -----------------------------------------------------------------------------------------
@@ -484,14 +484,14 @@ def effort_front(asked: StopSearch, slacks: Sequence[float]) -> Front:
 
     Each starts from the one before it.
     """
-    found = fastest(asked.search, asked.state, slack=0.0)
-    first = found.answer.solution.duration
-    points = [(effort_of(asked.search, found.answer.solution), asked._motion(found))]
-    for slack in sorted(slacks) if found.answer.solved else ():
-        share = (1.0 + slack) * first / found.answer.solution.duration - 1.0
-        calmer = least_effort(asked.search, found.answer, share)
-        found = replace(found, answer=calmer.answer, calmer=calmer)
-        points.append((effort_of(asked.search, calmer.answer.solution), asked._motion(found)))
+    best = fastest(asked.search, asked.state, slack=0.0)
+    first = best.answer.solution.duration
+    points = [(effort_of(asked.search, best.answer.solution), asked._motion(best))]
+    for slack in sorted(slacks) if best.answer.solved else ():
+        share = (1.0 + slack) * first / best.answer.solution.duration - 1.0
+        calmer = least_effort(asked.search, best.answer, share)
+        best = replace(best, answer=calmer.answer, calmer=calmer)
+        points.append((effort_of(asked.search, calmer.answer.solution), asked._motion(best)))
     return points, ""
 
 
@@ -500,9 +500,9 @@ def torque_front(asked: StopSearch, shares: Sequence[float]) -> Front:
 
     Each starts from the one before it. The text says why the last shares have no motion.
     """
-    found = fastest(asked.search, asked.state, slack=0.0)
-    points, before = [(effort_of(asked.search, found.answer.solution), asked._motion(found))], 1.0
-    for share in sorted(shares, reverse=True) if found.answer.solved else ():
+    best = fastest(asked.search, asked.state, slack=0.0)
+    points, before = [(effort_of(asked.search, best.answer.solution), asked._motion(best))], 1.0
+    for share in sorted(shares, reverse=True) if best.answer.solved else ():
         try:
             weaker = with_torques(asked.stops.task, share)
         except InputError as problem:
@@ -511,12 +511,12 @@ def torque_front(asked: StopSearch, shares: Sequence[float]) -> Front:
         search = StopSearch.of(
             weaker, settings, asked.search.progress, ways=stops.ways, guides=stops.guides
         )
-        found = _slower(search, found, float(np.sqrt(before / share)))
-        before, motion = share, search._motion(found)
+        best = _slower(search, best, float(np.sqrt(before / share)))
+        before, motion = share, search._motion(best)
         if not motion.solved:
             why = motion.advice or motion.status.sentence
             return points, f"With {100 * share:.3g} % of the torques: {why}"
-        points.append((effort_of(search.search, found.answer.solution), motion))
+        points.append((effort_of(search.search, best.answer.solution), motion))
     return points, ""
 
 

@@ -164,31 +164,29 @@ def fastest_motion(
         why = f"free motions are looked for from {LEAST_WAY:g} on"
         raise too_near(near + 1, ways[near], why)
     begin = time.perf_counter()
-    fast, known = compiles(settings.compiled), None
+    fast, way = compiles(settings.compiled), None
     given = min(TIME_LIMIT if settings.time_limit is None else settings.time_limit, deadline.left())
     with settings.within(TIME_LIMIT):
         if given < TIME_LIMIT:  # later there may be no time for what needs no search
-            known = known_ways(family, via, settings.limit_tolerance, fast)
+            way = known_ways(family, via, settings.limit_tolerance, fast)
         try:
-            with sparing(), deadline.given_up(known is not None):
-                search = search_of(
-                    FreeProblem(family, via, settings, way=known), settings, progress
-                )
+            with sparing(), deadline.given_up(way is not None):
+                search = search_of(FreeProblem(family, via, settings, way=way), settings, progress)
         except deadline.Over:
-            assert known is not None
-            return _without_search(known, time.perf_counter() - begin)
+            assert way is not None
+            return _without_search(way, time.perf_counter() - begin)
         return with_drives_noted(family.robot, motion_through(search))
 
 
-def _without_search(known: Slowed, wall: float) -> Motion:
+def _without_search(way: Slowed, wall: float) -> Motion:
     """What needs no search, where there was no time to prepare one."""
-    told = {
+    provenance = {
         "method": "free motion without a search",
-        "made_from": known.made_from,
+        "made_from": way.made_from,
         "wall_time": wall,
     }
-    outcome = Outcome.of(Status.TIME_LIMIT).and_(returned(known.made_from))
-    return replace(known.motion, provenance=told).ended(outcome)
+    outcome = Outcome.of(Status.TIME_LIMIT).and_(returned(way.made_from))
+    return replace(way.motion, provenance=provenance).ended(outcome)
 
 
 def motions_of_front(

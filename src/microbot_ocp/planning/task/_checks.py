@@ -63,12 +63,12 @@ def with_changes(settings: Settings, changes: Mapping[str, Any]) -> Settings:
     TypeError
         There is no such setting.
     """
-    known = [f.name for f in fields(settings)]  # type: ignore[arg-type]
+    names = [f.name for f in fields(settings)]  # type: ignore[arg-type]
     for name in changes:
-        if name not in known:
-            close = difflib.get_close_matches(name, known, n=1)
+        if name not in names:
+            close = difflib.get_close_matches(name, names, n=1)
             hint = f"; did you mean {close[0]!r}?" if close else ""
-            raise TypeError(f"there is no setting {name!r}{hint} (settings: {', '.join(known)})")
+            raise TypeError(f"there is no setting {name!r}{hint} (settings: {', '.join(names)})")
     return replace(settings, **changes)  # type: ignore[type-var]
 
 
@@ -390,8 +390,8 @@ def check_rest(family: LimitFamily, what: str, q: FloatArray) -> None:
                     f"{value[j]:.6g} {member.units[j]} against gravity, allowed {low[j]:.6g} to "
                     f"{high[j]:.6g} {member.units[j]}"
                 )
-            told = _broken(member, j, value, low, high)
-            raise InputError(f"{what} cannot be held at rest: {told}")
+            reason = _broken(member, j, value, low, high)
+            raise InputError(f"{what} cannot be held at rest: {reason}")
 
 
 def _at_rest(q: FloatArray) -> MotionSamples:
@@ -413,11 +413,11 @@ def jerk_switches(jerk: FloatArray, member: Member) -> np.ndarray:
     Between its neighbours' values, which differ by more than a quarter of its range.
     """
     size = np.where(np.isfinite(member.upper), 0.5 * (member.upper - member.lower), np.inf)
-    found = np.zeros(len(jerk), dtype=bool)
+    switches = np.zeros(len(jerk), dtype=bool)
     before, here, after = jerk[:-2] / size, jerk[1:-1] / size, jerk[2:] / size
     apart = np.minimum(np.abs(here - before), np.abs(after - here)) > 0.02
-    found[1:-1] = (apart & (np.abs(after - before) > 0.5)).any(axis=1)
-    return found
+    switches[1:-1] = (apart & (np.abs(after - before) > 0.5)).any(axis=1)
+    return switches
 
 
 def torques_of(robot: Robot, keys: Sequence[str], payload: bool = False) -> Callable[..., Any]:
@@ -448,7 +448,7 @@ def _with_payload(empty: ca.Function, holding_one: ca.Function) -> ca.Function:
     state = [ca.SX.sym(empty.name_in(k), empty.size1_in(k)) for k in range(empty.n_in())]
     payload = ca.SX.sym("payload")
     pairs = zip(*(function.call(state) for function in (empty, holding_one)), strict=True)
-    values = [own + payload * (other - own) for own, other in pairs]
+    values = [unloaded + payload * (other - unloaded) for unloaded, other in pairs]
     names = [*empty.name_in(), "payload"]
     return ca.Function(empty.name(), [*state, payload], values, names, empty.name_out())
 
@@ -470,14 +470,14 @@ def derivatives_for(*robots: Robot, compiled: bool = False) -> Callable[[ca.Func
         for robot in robots:
             for make, rates, payload in kinds if robot.has_dynamics else ():
                 if payload == held and make(robot).__hash__() == function.__hash__():
-                    made = torque_derivatives(robot, rates=rates, payload=payload)
-                    if made is None or not compiled:
-                        return made
-                    parts = (*made, function)
+                    derivatives = torque_derivatives(robot, rates=rates, payload=payload)
+                    if derivatives is None or not compiled:
+                        return derivatives
+                    parts = (*derivatives, function)
                     return compile_recipe(f"parts of {function.serialize()}", lambda p=parts: p)
-            found = LimitFamily.of(robot).derivatives(function, compiled)
-            if found is not None:
-                return found
+            derivatives_of_limit = LimitFamily.of(robot).derivatives(function, compiled)
+            if derivatives_of_limit is not None:
+                return derivatives_of_limit
         return None
 
     return find
@@ -491,7 +491,7 @@ def declare_limits(
     reference: FloatArray,
     torques: Callable[..., Any],
     held: Sequence[ca.MX] = (),
-    kept: Mapping[str, ca.MX] | None = None,
+    torque_values: Mapping[str, ca.MX] | None = None,
 ) -> None:
     """Declare limits of these keys as constraints of a phase.
 
@@ -509,8 +509,11 @@ def declare_limits(
     kept : mapping, optional
         What is limited in the place of the torque and its rate, by key.
     """
-    joint_values: dict[str, ca.MX] = {**dict(zip(STATE, state, strict=True)), **(kept or {})}
-    if {"tau", "taud"} & set(keys) and kept is None:
+    joint_values: dict[str, ca.MX] = {
+        **dict(zip(STATE, state, strict=True)),
+        **(torque_values or {}),
+    }
+    if {"tau", "taud"} & set(keys) and torque_values is None:
         joint_values["tau"], joint_values["taud"] = torques(*state, *held)
     further = [key for key in keys if family[key].limit is not None]
     payload = torque_and_rate_with_payload(family.robot) if held and further else None

@@ -112,13 +112,13 @@ def kept_torques(
     middle, range_ = ca.DM(0.5 * (low + high)), ca.DM(0.5 * (high - low))
     mean = tau + ca.DM(np.where(drawn, 0.5 * size, 0.0)) * (ahead + behind)
     half = ca.DM(np.where(drawn, 0.5 * size, 0.0)) * (ahead - behind)
-    kept = middle + (mean - middle) / (1.0 - half / range_)
+    values_at_drives = middle + (mean - middle) / (1.0 - half / range_)
     whole = ca.DM(size) * ca.tanh(qd / smoothing)
-    found = {"tau": kept + ca.DM(np.where(drawn, 0.0, 1.0)) * whole}
+    torque_values = {"tau": values_at_drives + ca.DM(np.where(drawn, 0.0, 1.0)) * whole}
     if taud is not None:
         slope = ca.DM(size) / smoothing * (1.0 - ca.tanh(qd / smoothing) ** 2)
-        found["taud"] = taud + slope * qdd
-    return found, tau + whole
+        torque_values["taud"] = taud + slope * qdd
+    return torque_values, tau + whole
 
 
 def reversals(velocity: FloatArray, joints: np.ndarray) -> np.ndarray:
@@ -126,8 +126,8 @@ def reversals(velocity: FloatArray, joints: np.ndarray) -> np.ndarray:
 
     From velocities [N+1,n].
     """
-    own = velocity[:, joints]
-    turns = (own[:-1] * own[1:] <= 0.0) & (np.abs(np.diff(own, axis=0)) > MOVES)
+    speeds = velocity[:, joints]
+    turns = (speeds[:-1] * speeds[1:] <= 0.0) & (np.abs(np.diff(speeds, axis=0)) > MOVES)
     return np.any(turns, axis=1)
 
 
@@ -172,8 +172,8 @@ def with_windows(
     names = [phase.name for phase in transcription.problem.phases]
     given = list(meshes) if isinstance(meshes, Sized) else [meshes] * len(names)
     values = {}
-    for name, own in zip(names, given, strict=True):
-        mesh = mesh_of(own).fractions
+    for name, phase_mesh in zip(names, given, strict=True):
+        mesh = mesh_of(phase_mesh).fractions
         if isinstance(start, Solution) and np.array_equal(start[name].mesh, mesh):
             values[name] = {WINDOW: _window_of(start[name])}
             continue
@@ -183,17 +183,17 @@ def with_windows(
             guess = start[name].values["qd"]
             velocity = np.asarray(guess(mesh)) if callable(guess) else np.asarray(guess)
         steps = np.diff(mesh)
-        found = steps[reversals(velocity, joints)]
+        spans = steps[reversals(velocity, joints)]
         values[name] = {
-            WINDOW: FRICTION_WINDOWS.reach * float(found.max() if found.size else steps.min())
+            WINDOW: FRICTION_WINDOWS.reach * float(spans.max() if spans.size else steps.min())
         }
     return transcription.with_parameters(values)
 
 
 def _window_of(phase: PhaseSolution) -> float:
     assert phase.layout is not None
-    own = (p.value[0] for p in phase.layout.phase.parameters if p.name == WINDOW)
-    return float(next(own, 0.0))
+    windows = (p.value[0] for p in phase.layout.phase.parameters if p.name == WINDOW)
+    return float(next(windows, 0.0))
 
 
 def rounded(transcription: Transcription, velocity: FloatArray) -> Transcription:

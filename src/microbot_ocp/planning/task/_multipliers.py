@@ -54,8 +54,8 @@ def multipliers_of(solution: Solution, family: LimitFamily) -> dict[str, Any] | 
             if key not in family:
                 continue
             for side, sign in (("lower", -1.0), ("upper", 1.0)):
-                own = sides[side].setdefault(key, np.zeros(entry.size))
-                own[entry.component] -= slopes[sign * slopes > 0].sum()
+                amounts = sides[side].setdefault(key, np.zeros(entry.size))
+                amounts[entry.component] -= slopes[sign * slopes > 0].sum()
             for t, slope in zip((start + times).tolist(), slopes, strict=True):
                 rows[key].setdefault(t, np.zeros(entry.size))[entry.component] += slope
         start += phase.duration
@@ -99,7 +99,7 @@ def _bounds(
 def _plain(values: Any) -> Any:
     """Nested lists of numbers with so many digits as they are known to."""
     if isinstance(values, dict):
-        return {key: _plain(own) for key, own in values.items()}
+        return {key: _plain(entry) for key, entry in values.items()}
     if values.ndim > 1:
         return [_plain(row) for row in values]
     return [float(f"{value:.{DIGITS}g}") for value in values]

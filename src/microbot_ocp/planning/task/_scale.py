@@ -237,6 +237,6 @@ def _alone(family: LimitFamily, poses: FloatArray) -> tuple[FloatArray, FloatArr
 
 def _power(size: FloatArray) -> FloatArray:
     """Powers of ten; one where a size is within a factor of ten of it, or unknown."""
-    known = np.isfinite(size) & (size > 0)
-    size = np.where(known, size, 1.0)
+    usable = np.isfinite(size) & (size > 0)
+    size = np.where(usable, size, 1.0)
     return np.where((size >= 0.1) & (size <= 10.0), 1.0, 10.0 ** np.round(np.log10(size)))

@@ -100,8 +100,8 @@ class Circle:
     def __post_init__(self) -> None:
         two = checks.numbers("through", self.through).ndim > 1
         point = checks.array("through", self.through, (2, 3) if two else (3,), "m")
-        found = tuple(map(tuple, point.tolist())) if two else tuple(point.tolist())
-        object.__setattr__(self, "through", found)
+        points = tuple(map(tuple, point.tolist())) if two else tuple(point.tolist())
+        object.__setattr__(self, "through", points)
         checks.whole("turns of a circle", self.turns, at_least=0, at_most=SEGMENTS.most_turns)
         checks.number("tolerance of a circle", self.tolerance, "m", above=0.0)
         _check_turn(self.orientation_tolerance)
@@ -357,16 +357,16 @@ class _Angle:
 
     def __call__(self, state: Any) -> Any:
         share = self.curve.share(state.tool[:3, 3])
-        wanted, found = self.turning.rotation(share), state.tool[:3, :3]
-        return orientation_error(wanted, found, self.turning.free)
+        wanted, turned = self.turning.rotation(share), state.tool[:3, :3]
+        return orientation_error(wanted, turned, self.turning.free)
 
 
-def orientation_error(wanted: Any, found: Any, free: int | None) -> Any:
+def orientation_error(wanted: Any, orientation: Any, free: int | None) -> Any:
     """Sine of the angle between two rotations, along its axis: [3], or [2] without the free turn.
 
     Expressions in CasADi; the axis is in the wanted frame.
     """
-    change = wanted.T @ found
+    change = wanted.T @ orientation
     if free is not None:
         others = [k for k in range(3) if k != free]
         return ca.vertcat(*(change[k, free] for k in others))
@@ -384,8 +384,8 @@ def curve_between(kind: Curved, start: FloatArray, end: FloatArray) -> Curve:
         return Straight(tuple(start.tolist()), tuple(end.tolist()))
     through = np.array(kind.through)
     if closed != (through.ndim == 2):
-        said = "two points, as both ends are" if closed else "one point, as the ends are not"
-        raise InputError(f"through must be {said} at one place, not {through.tolist()}")
+        wanted = "two points, as both ends are" if closed else "one point, as the ends are not"
+        raise InputError(f"through must be {wanted} at one place, not {through.tolist()}")
     if closed:
         full = CircleArc.through(start, *through)
         return replace(full, angle=2 * np.pi).turned(kind.turns)
@@ -410,7 +410,7 @@ def curve_limits(kind: Curved, curve: Curve, turning: Turning | None) -> tuple[L
     name = "tool line" if isinstance(kind, Line) else "tool circle"
     side = SIDE * kind.tolerance
     degrees = tuple(f"{np.degrees(a):.0f} deg across" for a in DIRECTIONS)
-    made = [
+    limits = [
         Limit(name, _Across(curve), lower=-side, upper=side, unit="m", labels=degrees),
         Limit(
             f"{name} beyond its ends",
@@ -424,21 +424,21 @@ def curve_limits(kind: Curved, curve: Curve, turning: Turning | None) -> tuple[L
         size = float(np.sin(kind.orientation_tolerance) / np.sqrt(len(axes)))
         angle = _Angle(curve, turning)
         labels = tuple(f"tool {axis}" for axis in axes)
-        made.append(
+        limits.append(
             Limit("tool orientation", angle, lower=-size, upper=size, unit="rad", labels=labels)
         )
-    return tuple(made)
+    return tuple(limits)
 
 
 def joint_line_limits(kind: JointLine, start: FloatArray, end: FloatArray) -> tuple[Limit, ...]:
     """What a straight joint path asks for, as limits."""
     curve = Straight(tuple(start.tolist()), tuple(end.tolist()))
     beyond = _Beyond(curve, kind.tolerance, of_joints=True)
-    made = [Limit("joint line beyond its ends", beyond, upper=kind.tolerance, unit="rad")]
+    limits = [Limit("joint line beyond its ends", beyond, upper=kind.tolerance, unit="rad")]
     if start.size > 1:
         size = kind.tolerance / np.sqrt(start.size - 1)
         labels = tuple(f"{k + 1} across" for k in range(start.size - 1))
-        made.append(
+        limits.append(
             Limit(
                 "joint line",
                 _JointsAcross(curve),
@@ -448,7 +448,7 @@ def joint_line_limits(kind: JointLine, start: FloatArray, end: FloatArray) -> tu
                 labels=labels,
             )
         )
-    return tuple(made)
+    return tuple(limits)
 
 
 def corner_limit(kind: Corner) -> Limit:

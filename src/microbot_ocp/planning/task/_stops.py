@@ -151,8 +151,8 @@ class Stop:
         put = object.__setattr__
         where = f"stop {self.name!r}" if self.name else "a stop"
         if (self.q is None) == (self.position is None):
-            found = "neither" if self.q is None else "both"
-            raise InputError(f"{where} must have a q or a position, not {found}")
+            both_or_neither = "neither" if self.q is None else "both"
+            raise InputError(f"{where} must have a q or a position, not {both_or_neither}")
         for key, shape, unit in (("q", (None,), "rad"), ("position", (3,), "m")):
             if getattr(self, key) is not None:
                 given = checks.array(f"{key} of {where}", getattr(self, key), shape, unit)
@@ -250,7 +250,7 @@ class Stop:
 def _capsules(given: Any) -> tuple[Capsule, ...]:
     """The capsules of a part."""
     entries = given if isinstance(given, list | tuple) else (given,) if given is not None else ()
-    found = []
+    capsules = []
     for entry in entries:
         if isinstance(entry, Mapping):
             for key in entry:
@@ -263,8 +263,8 @@ def _capsules(given: Any) -> tuple[Capsule, ...]:
             raise InputError(
                 f"shape of the payload must be made of mo.Capsule, not {checks.shown(entry)}"
             )
-        found.append(entry if entry.name else replace(entry, name="part"))
-    return tuple(found)
+        capsules.append(entry if entry.name else replace(entry, name="part"))
+    return tuple(capsules)
 
 
 def _rotation(what: str, given: Any) -> tuple[Numbers, ...]:

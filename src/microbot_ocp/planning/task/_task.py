@@ -103,21 +103,21 @@ class Task:
     @property
     def dwells(self) -> FloatArray:
         """How long the arm rests [m] at each stop, s; in a cycle at the first, not at the last."""
-        found = np.array([stop.dwell for stop in self.stops])
+        seconds = np.array([stop.dwell for stop in self.stops])
         if self.cycle:
-            found[-1] = 0.0
-        return found
+            seconds[-1] = 0.0
+        return seconds
 
     @cached_property
     def payloads(self) -> tuple[Payload, ...]:
         """What the tool holds on every segment."""
-        held, found = EMPTY, []
+        held, payloads = EMPTY, []
         if self.cycle:
             held = next((s.payload for s in reversed(self.stops) if s.payload is not None), EMPTY)
         for stop in self.stops[:-1]:
             held = held if stop.payload is None else stop.payload
-            found.append(held)
-        return tuple(found)
+            payloads.append(held)
+        return tuple(payloads)
 
     @cached_property
     def curves(self) -> tuple[tuple[Curve, Turning | None] | None, ...]:
@@ -151,17 +151,17 @@ class Task:
     def _robot(self, index: int) -> Robot:
         kind, robot = self.segments[index], self.payloads[index].on(self.robot)
         curve = self.curves[index]
-        own: tuple[Any, ...] = ()
+        limits: tuple[Any, ...] = ()
         if curve is not None and isinstance(kind, Line | Circle):
-            own = curve_limits(kind, *curve)
+            limits = curve_limits(kind, *curve)
         elif isinstance(kind, Corner):
-            own = (corner_limit(kind),)
+            limits = (corner_limit(kind),)
         elif isinstance(kind, JointLine):
             ends = [self.stops[k].q for k in (index, index + 1)]
-            own = joint_line_limits(kind, *map(np.array, ends))
+            limits = joint_line_limits(kind, *map(np.array, ends))
         if self.around is not None:
-            own = (*own, *self.around.limits(robot, index))
-        return robot.with_limits(also=(*robot.limits.also, *own)) if own else robot
+            limits = (*limits, *self.around.limits(robot, index))
+        return robot.with_limits(also=(*robot.limits.also, *limits)) if limits else robot
 
     @cached_property
     def families(self) -> tuple[LimitFamily, ...]:
@@ -263,13 +263,13 @@ def pose_rows(robot: Robot, stop: Stop) -> list[Row]:
             return ca.sumsqr((forward_kinematics(robot)(q)[:3, 3] - place) / radius)
 
         rows.append(Row("distance of the tool", distance, _upper(1.0)))
-    elif (kept := np.flatnonzero(np.isfinite(box))).size:
+    elif (bounded := np.flatnonzero(np.isfinite(box))).size:
 
         def offset(q: Any, _: Any) -> Any:
-            found = forward_kinematics(robot)(q)[:3, 3] - place
-            return ca.vertcat(*(found[int(k)] for k in kept))
+            miss = forward_kinematics(robot)(q)[:3, 3] - place
+            return ca.vertcat(*(miss[int(k)] for k in bounded))
 
-        rows.append(Row("position of the tool", offset, (-box[kept], box[kept])))
+        rows.append(Row("position of the tool", offset, (-box[bounded], box[bounded])))
     if turned is not None:
         wanted = ca.DM(turned)
 
@@ -310,9 +310,9 @@ def _felt(robot: Robot, stop: Stop, row: Row) -> Row | None:
         raise InputError(
             f"{row.name} of stop {stop.name!r} is off by {off.max():.3g} whatever the joints do"
         )
-    kept = np.flatnonzero(~fixed)
-    chosen = partial(_chosen, row.expression, kept.tolist())
-    return replace(row, expression=chosen, bounds=(low[kept], high[kept])) if kept.size else None
+    free = np.flatnonzero(~fixed)
+    chosen = partial(_chosen, row.expression, free.tolist())
+    return replace(row, expression=chosen, bounds=(low[free], high[free])) if free.size else None
 
 
 def _chosen(expression: Callable[..., Any], rows: list[int], q: Any, qd: Any) -> Any:
@@ -411,12 +411,12 @@ def _check_payload(robot: Robot, stop: Stop) -> None:
         raise InputError(
             f"stop {stop.name!r} has a payload, but robot {robot.name!r} has no masses"
         )
-    own = sum(link.mass for link in robot.links)
+    mass = sum(link.mass for link in robot.links)
     sentence = f"payload of stop {stop.name!r} is {stop.payload.mass:g} kg, more than "
-    times, weight = TASK_SIZES.heaviest, f"what the arm weighs itself ({own:.3g} kg)"
-    if stop.payload.mass > times * own > 0.0:
+    times, weight = TASK_SIZES.heaviest, f"what the arm weighs itself ({mass:.3g} kg)"
+    if stop.payload.mass > times * mass > 0.0:
         raise InputError(f"{sentence}{times:g} times {weight}; that looks like grams")
-    if stop.payload.mass > own > 0.0:
+    if stop.payload.mass > mass > 0.0:
         warn_user(f"{sentence}{weight}; that looks like grams")
 
 
@@ -523,15 +523,15 @@ def _expanded(
     if stops[0].blend or stops[-1].blend:
         raise InputError("the first stop and the last cannot be blended corners")
     places: list[Stop] = [stops[0]]
-    made: list[Segment] = []
+    segments: list[Segment] = []
     for index in range(1, len(stops)):
         stop, kind = stops[index], kinds[index - 1]
         if isinstance(kind, Circle):
             between, parts = _in_parts(robot, kind, stops[index - 1], stop)
             places += between
-            made += parts
+            segments += parts
         else:
-            made.append(kind)
+            segments.append(kind)
         if not stop.blend:
             places.append(stop)
             continue
@@ -553,8 +553,8 @@ def _expanded(
         for place, line, word in zip(cut, (before, after), ("before", "after"), strict=True):
             places.append(_within(place, line, f"{stop.name}, {word} the corner"))
         assert stop.position is not None
-        made.append(Corner(stop.position, stop.blend + before.tolerance))
-    return tuple(places), tuple(made)
+        segments.append(Corner(stop.position, stop.blend + before.tolerance))
+    return tuple(places), tuple(segments)
 
 
 def _is_straight(corner: Stop, cut: Sequence[Stop], tolerance: float) -> bool:
