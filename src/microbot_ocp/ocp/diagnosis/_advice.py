@@ -106,13 +106,13 @@ def _most_violated(program: Program, x: FloatArray) -> Iterator[Advice]:
 def _guess(program: Program, start: FloatArray) -> Iterator[Advice]:
     rows = program.row_labels
     excess = program.violations(start, program.row_values(start))[: len(rows)]
-    own = np.where([label.kind in DYNAMICS for label in rows], excess, 0.0)
-    worst = int(np.argmax(own))
-    if own[worst] > FAR:
+    defects = np.where([label.kind in DYNAMICS for label in rows], excess, 0.0)
+    worst = int(np.argmax(defects))
+    if defects[worst] > FAR:
         label = rows[worst]
         sentence = (
             f"The guess was no trajectory: it misses the {_placed(program, label, start)}, by "
-            f'{_amount(label, own[worst])}; start from guess="rollout", a simulation, or solve '
+            f'{_amount(label, defects[worst])}; start from guess="rollout", a simulation, or solve '
             "on a coarser mesh first."
         )
         yield Advice("program", sentence)

@@ -353,8 +353,12 @@ class _Elastic:
             allowed = np.zeros(slacks, dtype=bool)
             allowed[group] = True
             helps, trial, _ = self.solve(best, allowed)
-            x, own = trial[: self.count], trial[self.count :]
-            alone = [self._relaxation(i, own[i], x, multipliers) for i in group if own[i] > GIVES]
+            x, relaxations = trial[: self.count], trial[self.count :]
+            alone = [
+                self._relaxation(i, relaxations[i], x, multipliers)
+                for i in group
+                if relaxations[i] > GIVES
+            ]
             if helps and alone:
                 alternatives.append(tuple(alone))
             else:

@@ -37,11 +37,11 @@ def value_of(phase: Phase, expression: ca.MX, fraction: float, where: str) -> ca
     for point in phase._values:
         if point.fraction == fraction and ca.is_equal(point.expression, expression, 9):
             return ca.reshape(point.symbol, given.shape)
-    own = next((v for v in phase.variables if ca.is_equal(v.symbol, expression)), None)
+    variable = next((v for v in phase.variables if ca.is_equal(v.symbol, expression)), None)
     if ca.is_equal(expression, phase.duration):
         label, unit = "duration", "s"
-    elif own is not None:
-        label, unit = own.name, own.unit
+    elif variable is not None:
+        label, unit = variable.name, variable.unit
     else:
         label, unit = f"value {len(phase._values) + 1}", ""
     name = f"{label} {where} {phase.name!r}"
@@ -96,10 +96,10 @@ def _carry(phase: Phase, owner: Phase, symbol: ca.MX) -> None:
     """Let a free parameter of another phase reach this one through those between them."""
     assert phase.problem is not None
     phases = phase.problem.phases
-    own = next(v for v in owner.free_parameters if ca.is_equal(v.symbol, symbol))
+    carried = next(v for v in owner.free_parameters if ca.is_equal(v.symbol, symbol))
     first, last = sorted((phases.index(owner), phases.index(phase)))
     for between in phases[first : last + 1]:
-        _add_free(between, own)
+        _add_free(between, carried)
 
 
 def _add_free(phase: Phase, parameter: Variable) -> None:
@@ -126,12 +126,12 @@ def copied(phase: Phase, name: str, linked: Sequence[str]) -> Phase:
     What comes from other phases, and free parameters of the problem, stay what they are.
     """
     duplicate = replace(phase, name=name, **{kind: [] for kind in _SYMBOLIC})
-    own = {c.defines for c in phase.point_constraints}
+    defined = {c.defines for c in phase.point_constraints}
     old: list[ca.MX] = [phase.time, phase.duration]
     new: list[ca.MX] = [duplicate.time, duplicate.duration]
 
     def fresh(item: Any) -> Any:
-        if item in phase.free_parameters and item.name not in own:
+        if item in phase.free_parameters and item.name not in defined:
             return item
         label = item.name.replace(repr(phase.name), repr(name))
         symbol = ca.MX.sym(f"{name}.{label}", item.symbol.shape[0])

@@ -204,14 +204,16 @@ class OptimalControlProblem:
             self.phases.append(copy)
             copy.begins = phases[-1].begins + phases[-1].duration
             phases.append(copy)
-        landings = [{n: renamed(e, phase, own) for n, e in (jumps or {}).items()} for own in phases]
+        landings = [
+            {n: renamed(e, phase, member) for n, e in (jumps or {}).items()} for member in phases
+        ]
         for before, after, landing in zip(phases[:-1], phases[1:], landings[:-1], strict=True):
             self.link(before, after, continuous, jumps=landing)
-        for own in phases[:-1]:
+        for member in phases[:-1]:
             for kind in ("states", "controls"):
-                items = getattr(own, kind)
+                items = getattr(member, kind)
                 freed = [replace(v, final=None) if v.name in linked else v for v in items]
-                setattr(own, kind, freed)
+                setattr(member, kind, freed)
         return phases
 
     def free_parameter(
@@ -266,8 +268,8 @@ class OptimalControlProblem:
         The ends are what ``initial``, ``final`` and ``value`` of the phases return. A relation,
         such as ``a.duration + b.duration == 3``, is a constraint, too.
         """
-        own = self._last_of(expression)
-        own.end_constraint(name, expression, lower, upper, scale=scale, unit=unit)
+        last = self._last_of(expression)
+        last.end_constraint(name, expression, lower, upper, scale=scale, unit=unit)
 
     def cost(self, expression: ca.MX) -> None:
         """Add an expression of ends of phases, durations and free parameters to the cost.
@@ -296,11 +298,11 @@ class OptimalControlProblem:
             raise InputError(f"problem {self.name!r} has no phases")
         symbols = ca.symvar(converted(expression))
 
-        def known(phase: Phase) -> bool:
-            own = [phase.duration, *(value.symbol for value in phase._values)]
-            return any(ca.is_equal(a, b) for a in symbols for b in own)
+        def occurs(phase: Phase) -> bool:
+            declared = [phase.duration, *(value.symbol for value in phase._values)]
+            return any(ca.is_equal(a, b) for a in symbols for b in declared)
 
-        return next((phase for phase in reversed(self.phases) if known(phase)), self.phases[-1])
+        return next((phase for phase in reversed(self.phases) if occurs(phase)), self.phases[-1])
 
     def link(
         self,

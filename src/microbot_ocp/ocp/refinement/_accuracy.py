@@ -76,8 +76,8 @@ class Accuracy:
         hp = self.hp
         if hp is None:
             return mesh
-        own = getattr(transcription.scheme, "degree", hp.least)
-        start = int(np.clip(own, hp.least, hp.most))
+        degree = getattr(transcription.scheme, "degree", hp.least)
+        start = int(np.clip(degree, hp.least, hp.most))
         return [
             layout.chosen if layout.degrees is not None else Mesh(layout.mesh, start)
             for layout in transcription.layouts(mesh)

@@ -42,6 +42,6 @@ class SolveContext:
         **settings: Any,
     ) -> Solution:
         """One solve, with other settings where these are given."""
-        own = replace(self.settings, **settings)
+        changed = replace(self.settings, **settings)
         how = self.until, self.progress
-        return solve_on(self.transcription, mesh, guess, own, *how, uneven=uneven)
+        return solve_on(self.transcription, mesh, guess, changed, *how, uneven=uneven)

@@ -42,8 +42,10 @@ def with_more_freedom(solution: Solution) -> list[Mesh]:
 def _freer(layout: PhaseLayout) -> Mesh:
     fractions, degrees = layout.mesh, layout.degrees
     if _raises(layout):
-        own = [kind.scheme.degree for kind in layout.kinds if isinstance(kind.scheme, Collocation)]
-        return Mesh(fractions, np.array(own)[layout.kind_of] + 1)
+        of_kind = [
+            kind.scheme.degree for kind in layout.kinds if isinstance(kind.scheme, Collocation)
+        ]
+        return Mesh(fractions, np.array(of_kind)[layout.kind_of] + 1)
     halves = np.sort(np.append(fractions, (fractions[:-1] + fractions[1:]) / 2))
     return Mesh(halves, None if degrees is None else np.repeat(degrees, 2))
 

@@ -70,22 +70,22 @@ def decay_rates(phase: PhaseSolution) -> FloatArray:
     weights = state_weights(phase)
     rates = np.full(layout.intervals, np.inf)
     for group in layout.groups:
-        scheme, own = group.kind.scheme, group.intervals
+        scheme, intervals = group.kind.scheme, group.intervals
         assert isinstance(scheme, Collocation)
         for count, controls in ((scheme.degree + 1, False), (scheme.degree, True)):
             if controls and not polynomials:
                 continue
             nodes, quadrature = np.polynomial.legendre.leggauss(count)
-            places = np.tile((nodes + 1) / 2, own.size)
-            sampled = layout.interpolated(phase.stages, np.repeat(own, count), places)
+            places = np.tile((nodes + 1) / 2, intervals.size)
+            sampled = layout.interpolated(phase.stages, np.repeat(intervals, count), places)
             names = polynomials if controls else [s.name for s in layout.phase.states]
             table = np.hstack([sampled[name] for name in names]).T
             scale = np.abs(table).max(axis=1) if controls else weights
             series = np.polynomial.legendre.legvander(nodes, count - 1)
             series = (2 * np.arange(count) + 1) / 2 * quadrature[:, None] * series
-            values = table.reshape(-1, own.size, count)
+            values = table.reshape(-1, intervals.size, count)
             coefficients = np.abs(values @ series) / np.maximum(scale, 1e-300)[:, None, None]
-            rates[own] = np.minimum(rates[own], _slowest(coefficients))
+            rates[intervals] = np.minimum(rates[intervals], _slowest(coefficients))
     return rates
 
 

@@ -143,7 +143,7 @@ def step_of(solution: Solution, judgement: Judgement | None, wall_time: float) -
     ]
     errors, excess, worst = [np.inf], [np.inf], None
     if judgement is not None:
-        errors = [float(own.max()) for own in judgement.state_errors]
+        errors = [float(each.max()) for each in judgement.state_errors]
         excess = [float(relative_excess(dense).max()) for dense in judgement.dense]
         worst = worst_along(judgement.limits)
     return RefinementStep(
@@ -151,7 +151,7 @@ def step_of(solution: Solution, judgement: Judgement | None, wall_time: float) -
         degrees=(min(used), max(used)) if used else None,
         variables=sum(layout.variable_count for layout in layouts),
         state_error=max(errors),
-        switch_offset=max((s.offset for own in switches for s in own), default=0.0),
+        switch_offset=max((s.offset for each in switches for s in each), default=0.0),
         limit_excess=max(excess),
         worst_limit=worst,
         switches=switches,

@@ -208,11 +208,11 @@ class _Work:
                 break
         lowest = answers[-1]
         if not _endless(lowest):
-            lowest = min(answers, key=lambda own: (own.status not in CONVERGED, own.cost))
+            lowest = min(answers, key=lambda answer: (answer.status not in CONVERGED, answer.cost))
             worth = Thresholds().gap * cost_size(saddle.cost, saddle.cost_scale)
             if not lowest.cost < saddle.cost - worth:
                 lowest = replace(lowest, status=Status.NOT_ACCEPTED)
-        attempts = tuple(a for own in answers for a in own.attempts)
+        attempts = tuple(a for answer in answers for a in answer.attempts)
         return _by("from beside a saddle", replace(lowest, attempts=attempts))
 
     def _accepts(self, before: Solution, after: Solution) -> bool:
@@ -289,7 +289,7 @@ class _Work:
             if seen.freer is not None and seen.freer.status not in CONVERGED:
                 stopped = seen.freer.status is Status.INTERRUPTED
                 return Status.INTERRUPTED if stopped else Status.NOT_ACCEPTED
-            if goal.stalled([own.measure.step for own in rounds]):
+            if goal.stalled([each.measure.step for each in rounds]):
                 return Status.NO_PROGRESS
         if isinstance(proposal, Beside):
             return None
@@ -321,8 +321,8 @@ class _Work:
     def _recorded(self, state: Course) -> Solution:
         """The solution with all that was tried, its meshes and its part of the ledger."""
         first, last = state.rounds[0].solution, state.refused
-        answers = [own.solution for own in state.rounds]
-        history = [own.measure.step for own in state.rounds]
+        answers = [each.solution for each in state.rounds]
+        history = [each.measure.step for each in state.rounds]
         rows = [
             entry(
                 new.solution.attempts[-1].way,
@@ -340,7 +340,7 @@ class _Work:
             rows.append(entry(last.attempts[-1].way, answers[-2], None, last.attempts, spent))
         return replace(
             state.solution,
-            attempts=tuple(a for own in answers for a in own.attempts),
+            attempts=tuple(a for each in answers for a in each.attempts),
             history=History(history),
             ledger=Ledger.of([*first.ledger, *rows]),
         )

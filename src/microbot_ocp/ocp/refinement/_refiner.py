@@ -319,9 +319,9 @@ class Refiner:
         solution, seen = rounds[-1].solution, rounds[-1].measure
         marked = [e > self.foresight * self.limit_tolerance for e in seen.excess]
         if seen.switches:
-            tables = [own.reshape(own.shape[0], -1) for own in marked]
+            tables = [marks.reshape(marks.shape[0], -1) for marks in marked]
             pairs = zip(tables, seen.switches, strict=True)
-            marked = [own | switch.reshape(-1, 1) for own, switch in pairs]
+            marked = [marks | switch.reshape(-1, 1) for marks, switch in pairs]
         return _split_all(solution, marked)
 
     def _keeps_limits(self, rounds: _Rounds, _: list[FloatArray]) -> Status | None:
@@ -330,7 +330,7 @@ class Refiner:
         within = seen.worst <= self.limit_tolerance
         if (within and not seen.switched) or self._is_enough(rounds[-1].solution):
             return Status.SOLVED
-        stubborn = _stubborn([own.measure.worst for own in rounds]) >= SETTINGS.stubborn
+        stubborn = _stubborn([each.measure.worst for each in rounds]) >= SETTINGS.stubborn
         return Status.NO_PROGRESS if stubborn and not within else None
 
     def _is_enough(self, solution: Solution) -> bool:
@@ -347,7 +347,7 @@ class _Exceeded:
 
     @property
     def switched(self) -> bool:
-        return any(own.any() for own in self.switches)
+        return any(marks.any() for marks in self.switches)
 
 
 _Rounds = tuple[Round[Solution, _Exceeded], ...]
@@ -368,7 +368,7 @@ def _stubborn(excess: Sequence[float]) -> int:
 
 
 def _split_all(solution: Solution, marked: Sequence[np.ndarray]) -> list[FloatArray]:
-    return [split(phase.mesh, own) for phase, own in zip(solution.phases, marked, strict=True)]
+    return [split(phase.mesh, marks) for phase, marks in zip(solution.phases, marked, strict=True)]
 
 
 def split(mesh: FloatArray, bad: np.ndarray) -> FloatArray:

@@ -182,9 +182,10 @@ def on_any_mesh(guess: Given, problem: OptimalControlProblem) -> Given:
     sizes = {p.name: {v.name: v.size for v in p.variables} for p in problem.phases}
     return {
         name: replace(
-            own, values={k: _as_function(v, sizes[name].get(k, 1)) for k, v in own.values.items()}
+            each,
+            values={k: _as_function(v, sizes[name].get(k, 1)) for k, v in each.values.items()},
         )
-        for name, own in guess.items()
+        for name, each in guess.items()
     }
 
 
@@ -275,9 +276,9 @@ def _curves(
         guesses = {}
         drawn = next(parameters)
         for phase, solved in zip(problem.phases, here.phases, strict=True):
-            own = usual[phase.name]
+            ordinary = usual[phase.name]
             duration = solved.duration * float(np.exp(COMPARISON.stretch * draw.standard_normal()))
-            values: dict[str, GuessValue] = dict(own.values)
+            values: dict[str, GuessValue] = dict(ordinary.values)
             for state in phase.states:
                 table = solved.values[state.name].reshape(-1, state.size)
                 height = share * np.ptp(table, axis=0)
@@ -300,7 +301,7 @@ def _parameters(problem: OptimalControlProblem) -> Iterator[dict[str, FloatArray
     draw = np.random.default_rng(0)
     while True:
         strata = {p.name: np.tile(np.arange(COMPARISON.random), (p.size, 1)) for p in bounded}
-        strata = {name: draw.permuted(own, axis=1) for name, own in strata.items()}
+        strata = {name: draw.permuted(rows, axis=1) for name, rows in strata.items()}
         for k in range(COMPARISON.random):
             shares = {
                 p.name: (strata[p.name][:, k] + draw.random(p.size)) / COMPARISON.random

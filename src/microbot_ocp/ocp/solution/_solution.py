@@ -318,9 +318,9 @@ class Solution:
         slopes *= -1.0 if self.maximize else 1.0
         result: dict[str, dict[str, FloatArray]] = {}
         for phase in (layout.phase for layout in layouts):
-            own = result[phase.name] = {}
+            table = result[phase.name] = {}
             for constant in (*phase.parameters, *phase.measurements):
-                own[constant.name] = slopes[: constant.value.size].reshape(constant.value.shape)
+                table[constant.name] = slopes[: constant.value.size].reshape(constant.value.shape)
                 slopes = slopes[constant.value.size :]
         return result
 
@@ -385,11 +385,11 @@ def _phase_values(layout: PhaseLayout, x: FloatArray) -> PhaseSolution:
     inside: dict[str, list[tuple[np.ndarray, FloatArray]]] = {}
     for group in layout.groups:
         controls = (x[group.variables] * group.kind.scale)[:, layout.node_size :]
-        own: dict[str, list[FloatArray]] = {}
+        columns_of: dict[str, list[FloatArray]] = {}
         for variable, columns in _columns([k.source for k in group.kind.inner]):
             if variable.shape in ("constant", *INSIDE):
-                own.setdefault(variable.name, []).append(controls[:, columns])
-        for name, parts in own.items():
+                columns_of.setdefault(variable.name, []).append(controls[:, columns])
+        for name, parts in columns_of.items():
             inside.setdefault(name, []).append((group.intervals, np.stack(parts, axis=1)))
     values.update({name: _in_turn(parts) for name, parts in inside.items()})
     return PhaseSolution(

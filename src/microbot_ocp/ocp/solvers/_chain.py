@@ -73,8 +73,8 @@ def transcribed(
     """A transcription as it is, or that of a problem, with the scales that the settings want."""
     if isinstance(problem, Transcription):
         return problem
-    own = scaled(problem, guess) if settings.scaling == "auto" else problem
-    return Transcription(own, scheme=scheme)
+    scaled_problem = scaled(problem, guess) if settings.scaling == "auto" else problem
+    return Transcription(scaled_problem, scheme=scheme)
 
 
 def with_cost_scale(program: Program, x: FloatArray, settings: SolverSettings) -> Program:

@@ -40,8 +40,8 @@ def _works(name: str) -> bool:
 
     def tried() -> bool:
         x = ca.MX.sym("x")
-        own = {"print_level": 0, "sb": "yes", "linear_solver": name}
-        options = {"print_time": False, "error_on_fail": False, "ipopt": own}
+        silent = {"print_level": 0, "sb": "yes", "linear_solver": name}
+        options = {"print_time": False, "error_on_fail": False, "ipopt": silent}
         try:
             solver = ca.nlpsol("tried", "ipopt", {"x": x, "f": x**2}, options)
             solver(x0=1.0)

@@ -231,8 +231,8 @@ class ParametricSolver:
                     raise InputError(f"{what} has no phase {name!r}; there are {names}")
         layouts = []
         for layout in self.program.layouts:
-            own = {what: changes.get(layout.phase.name) for what, changes in given.items()}
-            layouts.append(replace(layout, phase=_with_changes(layout.phase, own)))
+            of_phase = {what: changes.get(layout.phase.name) for what, changes in given.items()}
+            layouts.append(replace(layout, phase=_with_changes(layout.phase, of_phase)))
         return replace(
             self.program,
             layouts=tuple(layouts),
@@ -256,13 +256,13 @@ def _values(program: Program) -> ca.Function:
             for entry, column in zip(block.entries, block.places.T, strict=True):
                 if entry.kind in ("arrival", "state") and entry.fraction > 0.0:
                     continue
-                own = places.setdefault(entry.name, [])
+                entries = places.setdefault(entry.name, [])
                 times = block.intervals + entry.fraction
-                own += [
+                entries += [
                     (t, entry.component, k, entry.scale) for t, k in zip(times, column, strict=True)
                 ]
-        for name, own in places.items():
-            _, _, chosen, scales = zip(*sorted(own), strict=True)
+        for name, entries in places.items():
+            _, _, chosen, scales = zip(*sorted(entries), strict=True)
             chosen = chosen[:1] if name == DURATION else chosen
             label = re.sub(r"\W", "_", f"{layout.phase.name}_{name}")
             outputs[label] = x[list(map(int, chosen))] * ca.DM(scales[: len(chosen)])

@@ -75,8 +75,8 @@ def save_solution(solution: Solution, path: str | Path) -> Path:
             "free": {name: value.tolist() for name, value in phase.parameters.items()},
         }
         if phase.layout is not None:
-            own = phase.layout.phase
-            described["units"] = {v.name: v.unit for v in own.variables}
+            declared = phase.layout.phase
+            described["units"] = {v.name: v.unit for v in declared.variables}
             described["numbers"] = problem_data(phase.layout)
             scheme = phase.layout.scheme
             described["scheme"] = [type(scheme).__name__, dict(vars(scheme))]
@@ -279,9 +279,9 @@ def _as_solved(
     """The problem with the data, and by the scheme, of a solve."""
     given = problem.problem if isinstance(problem, Transcription) else problem
     described = metadata["phases"]
-    names, own = [d["name"] for d in described], [phase.name for phase in given.phases]
-    if names != own:
-        raise InputError(f"the solution has the phases {names}, the problem {own}")
+    names, declared = [d["name"] for d in described], [phase.name for phase in given.phases]
+    if names != declared:
+        raise InputError(f"the solution has the phases {names}, the problem {declared}")
     if not all("numbers" in d for d in described):
         if isinstance(problem, Transcription):
             return problem

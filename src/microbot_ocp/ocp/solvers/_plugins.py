@@ -102,8 +102,8 @@ def create(
     make = {"fatrop": _fatrop, "ipopt": _ipopt, "sqp": _sqp}[name]
     plugin, options, cache = make(program, settings, variant)
     if name == "ipopt" and np.isfinite(seconds):
-        own = {"max_wall_time": max(seconds, 1e-3), **options["ipopt"]}
-        options = {**options, "ipopt": own}
+        timed = {"max_wall_time": max(seconds, 1e-3), **options["ipopt"]}
+        options = {**options, "ipopt": timed}
     if watch is not None:
         options, cache = watch.hooked(options, cache)
     nlp = {**program.nlp, "f": program.nlp["f"] / program.cost_scale}
@@ -158,8 +158,8 @@ def _fatrop(program: Program, settings: SolverSettings, _: bool) -> Plugin:
         "nlp_grad_f": _finite(functions["gradient_only"]),
         "nlp_hess_l": _finite(functions["hessian"]),
     }
-    own = {**options, **settings.options.get("fatrop", {})}
-    return "fatrop", {**structure, "fatrop": own}, cache
+    merged = {**options, **settings.options.get("fatrop", {})}
+    return "fatrop", {**structure, "fatrop": merged}, cache
 
 
 def _finite(function: ca.Function) -> ca.Function:

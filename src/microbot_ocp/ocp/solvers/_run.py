@@ -124,8 +124,8 @@ class Runner:
     def _trusted(self, name: str, size: int) -> bool:
         """Whether a solver ends by itself in time, or has all the time there is."""
         # one that is kept was made with the limit of the settings in place of that of this call
-        kept = self.made is not None and self.progress is None
-        endless = kept and not np.isfinite(self.settings.time_limit)
+        reused = self.made is not None and self.progress is None
+        endless = reused and not np.isfinite(self.settings.time_limit)
         short = size <= SETTINGS.large and not endless
         return name == "ipopt" and (short or not np.isfinite(self.until))
 

@@ -51,8 +51,8 @@ def stats_of(solver: ca.Function) -> Mapping[str, Any]:
 def first_cause(problem: BaseException) -> str:
     """The innermost line of an error of CasADi, without the places in its source."""
     lines = [line.strip() for line in str(problem).splitlines() if line.strip()]
-    own = [line for line in lines if not line.startswith("Error in ")] or lines or [repr(problem)]
-    return re.sub(r"^\S+\.\w+:\d+: | (at: /|\[\.\.\./).*$", "", own[-1])
+    rest = [line for line in lines if not line.startswith("Error in ")] or lines or [repr(problem)]
+    return re.sub(r"^\S+\.\w+:\d+: | (at: /|\[\.\.\./).*$", "", rest[-1])
 
 
 def checked(program: Program, x: FloatArray) -> tuple[float, float]:

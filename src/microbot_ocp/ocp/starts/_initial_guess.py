@@ -94,15 +94,15 @@ def completed(
     free = {v.name for phase in problem.phases for v in phase.free_parameters}
     shared = {k: v for g in given.values() for k, v in g.values.items() if k in free}
     for phase in problem.phases:  # a free parameter is the same in all phases that have it
-        own = {v.name: shared[v.name] for v in phase.free_parameters if v.name in shared}
+        usual = {v.name: shared[v.name] for v in phase.free_parameters if v.name in shared}
         old = ordinary[phase.name]
-        ordinary[phase.name] = Guess(old.duration, {**old.values, **own})
+        ordinary[phase.name] = Guess(old.duration, {**old.values, **usual})
     for name, value in given.items():
         if name not in ordinary:
             raise InputError(f"guess has phase {name!r}; the problem has {list(ordinary)}")
-        own = ordinary[name]
-        duration = own.duration if value.duration is None else value.duration
-        ordinary[name] = Guess(duration, {**own.values, **value.values})
+        usual = ordinary[name]
+        duration = usual.duration if value.duration is None else value.duration
+        ordinary[name] = Guess(duration, {**usual.values, **value.values})
     return ordinary
 
 
@@ -206,9 +206,9 @@ def _along(
     which = np.clip(np.searchsorted(edges, t, side="right") - 1, 0, len(pieces) - 1)
     result = np.zeros((t.size, pieces[0].values[name].shape[-1]))
     for index, piece in enumerate(pieces):
-        own = which == index
-        if own.any():
-            result[own] = _values(piece, name, t[own] - edges[index])
+        inside = which == index
+        if inside.any():
+            result[inside] = _values(piece, name, t[inside] - edges[index])
     return result
 
 

@@ -37,8 +37,8 @@ def with_measurements(
     unknown = {v.name: v for p in phases for v in p.free_parameters if v.name not in defined}
     fitted = _fitted(phases, completed, measured, list(unknown.values())) if unknown else {}
     for phase in problem.phases:
-        own = {v.name: fitted[v.name] for v in phase.free_parameters if v.name in fitted}
-        completed[phase.name] = _with_values(completed[phase.name], own)
+        values = {v.name: fitted[v.name] for v in phase.free_parameters if v.name in fitted}
+        completed[phase.name] = _with_values(completed[phase.name], values)
     return completed
 
 
@@ -50,9 +50,9 @@ def _states(phase: Phase, guess: Guess, points: Points) -> dict[str, GuessValue]
     """Guesses of the states that are seen."""
     states, offset = {}, 0
     for state in phase.states:
-        own = {i: points[offset + i] for i in range(state.size) if offset + i in points}
-        if own:
-            states[state.name] = partial(_along, guess, state, own)
+        measured = {i: points[offset + i] for i in range(state.size) if offset + i in points}
+        if measured:
+            states[state.name] = partial(_along, guess, state, measured)
         offset += state.size
     return states
 
@@ -72,8 +72,8 @@ def _points(phase: Phase, guess: Guess) -> Points:
     places: list[np.ndarray] = [np.zeros((3, 0))]  # component, fraction, value
     for state in phase.states:
         if state.initial is not None and np.array_equal(*state.initial):
-            own = offset + np.arange(state.size)
-            places.append(np.vstack([own, 0.0 * own, state.initial[0]]))
+            components = offset + np.arange(state.size)
+            places.append(np.vstack([components, 0.0 * components, state.initial[0]]))
         offset += state.size
     for cost in phase.point_costs:
         data = [m for m in phase.measurements if ca.depends_on(cost.expression, m.symbol)]

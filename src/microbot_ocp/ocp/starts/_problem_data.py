@@ -40,27 +40,27 @@ def with_problem_data(phase: Phase, data: Mapping[str, Any]) -> Phase:
     """
     changed = copy.copy(phase)
     for kind in (*VARIABLES, *LIMITS):
-        own, given = getattr(phase, kind), data.get(kind, [])
-        same = [(v.name, v.scale.size) for v in own] == [
+        declared, given = getattr(phase, kind), data.get(kind, [])
+        same = [(v.name, v.scale.size) for v in declared] == [
             (g["name"], len(g["scale"])) for g in given
         ]
         if not same:
             raise InputError(
                 f"phase {phase.name!r} of the solution has other variables or constraints: "
                 f"{kind.replace('_', ' ')} {[g['name'] for g in given]}, not "
-                f"{[v.name for v in own]}"
+                f"{[v.name for v in declared]}"
             )
-        setattr(changed, kind, [_changed(v, g) for v, g in zip(own, given, strict=True)])
+        setattr(changed, kind, [_changed(v, g) for v, g in zip(declared, given, strict=True)])
     for kind in CONSTANTS:
-        own, values = getattr(phase, kind), data.get(kind, {})
+        declared, values = getattr(phase, kind), data.get(kind, {})
         shapes = {name: np.shape(value) for name, value in values.items()}
-        if shapes != {p.name: p.value.shape for p in own}:
+        if shapes != {p.name: p.value.shape for p in declared}:
             raise InputError(
                 f"phase {phase.name!r} of the solution has the {kind} {list(values)}, not "
-                f"{[p.name for p in own]}"
+                f"{[p.name for p in declared]}"
             )
-        arrays = [np.array(checks.array(p.name, values[p.name], p.value.shape)) for p in own]
-        items = [replace(p, value=array) for p, array in zip(own, arrays, strict=True)]
+        arrays = [np.array(checks.array(p.name, values[p.name], p.value.shape)) for p in declared]
+        items = [replace(p, value=array) for p, array in zip(declared, arrays, strict=True)]
         setattr(changed, kind, items)
     low, high = data["duration"]
     if not 0.0 <= low <= high:

@@ -93,8 +93,8 @@ class Rollouts:
         self.integrators = {p.name: _Integrators(p, ordinary[p.name]) for p in problem.phases}
         self.bounded = any(
             bool((np.isfinite(low) & np.isfinite(high)).any())
-            for own in self.ranges.values()
-            for low, high in own.values()
+            for of_phase in self.ranges.values()
+            for low, high in of_phase.values()
         )
 
     def nearest_first(
@@ -130,8 +130,8 @@ class Rollouts:
             }
             tried += [durations] if durations not in tried else []
         best = 1 if len(tried) > 1 else None
-        pairs = [own for each in tried for own in self._nearest(each, steps=True)[:best]]
-        return [guess for guess, _ in sorted(pairs, key=lambda own: own[1])]
+        pairs = [pair for each in tried for pair in self._nearest(each, steps=True)[:best]]
+        return [guess for guess, _ in sorted(pairs, key=lambda pair: pair[1])]
 
     def _nearest(
         self, durations: Mapping[str, float], *, steps: bool
@@ -143,7 +143,7 @@ class Rollouts:
         tried = [
             self._simulated(durations, share) for share in (pairs if self.bounded else pairs[:1])
         ]
-        return sorted((own for own in tried if np.isfinite(own[1])), key=lambda own: own[1])
+        return sorted((pair for pair in tried if np.isfinite(pair[1])), key=lambda pair: pair[1])
 
     def random(self, count: int) -> Iterator[dict[str, Guess]]:
         """Guesses with controls at random, near a bound more often, that change once at a random
@@ -166,20 +166,20 @@ class Rollouts:
         links = {link.after: link.names for link in self.problem.links}
         last: dict[str, FloatArray] = {}
         for phase in self.problem.phases:
-            own = self.ordinary[phase.name]
-            duration = float(durations.get(phase.name, own.duration or 1.0))
+            phase_guess = self.ordinary[phase.name]
+            duration = float(durations.get(phase.name, phase_guess.duration or 1.0))
             start = {
                 s.name: last[s.name]
                 if s.name in links.get(phase.name, ()) and s.name in last
-                else _at_start(own, s)
+                else _at_start(phase_guess, s)
                 for s in phase.states
             }
             controls = {
-                name: (_constant(*own, shares[0]), _constant(*own, shares[1]))
-                for name, own in self.ranges[phase.name].items()
+                name: (_constant(*phase_guess, shares[0]), _constant(*phase_guess, shares[1]))
+                for name, phase_guess in self.ranges[phase.name].items()
             }
             table = self.integrators[phase.name].table(start, controls, duration, change)
-            values: dict[str, GuessValue] = dict(own.values)
+            values: dict[str, GuessValue] = dict(phase_guess.values)
             for name, (before, after) in controls.items():
                 same = np.array_equal(before, after)
                 values[name] = before if same else partial(_step, before, after, GRID[change])
@@ -189,7 +189,7 @@ class Rollouts:
                 values[state.name] = partial(_along, clipped)
                 last[state.name] = clipped[-1]
                 size = np.maximum(np.abs(clipped).max(axis=0), 1e-6)
-                ends = sampled(own.values.get(state.name), state, np.array([0.0, 1.0]))
+                ends = sampled(phase_guess.values.get(state.name), state, np.array([0.0, 1.0]))
                 usual = np.abs(ends).max(axis=0)
                 if np.any(size > SETTINGS.explodes * np.maximum(usual, 1.0)):
                     miss = np.inf
@@ -228,14 +228,14 @@ def _at_start(guess: Guess, variable: Variable) -> FloatArray:
 
 
 def _along(table: FloatArray, s: FloatArray) -> FloatArray:
-    own = np.linspace(0.0, 1.0, table.shape[0])
-    return np.column_stack([np.interp(s, own, column) for column in table.T])
+    grid = np.linspace(0.0, 1.0, table.shape[0])
+    return np.column_stack([np.interp(s, grid, column) for column in table.T])
 
 
 class _Integrators:
     """The dynamics of a phase in time from 0 to 1, with controls that are constant."""
 
-    def __init__(self, phase: Phase, own: Guess) -> None:
+    def __init__(self, phase: Phase, guess: Guess) -> None:
         self.phase = phase
         states = ca.vertcat(*(s.symbol for s in phase.states))
         algebraic = ca.vertcat(*(a.symbol for a in phase.algebraics), ca.MX(0, 1))
@@ -245,7 +245,7 @@ class _Integrators:
         pairs = [(phase.duration, duration), (phase.time, duration * (begin + share))]
         pairs += [(c.rate, ca.MX.zeros(c.size)) for c in phase.controls if c.rate is not None]
         pairs += [(p.symbol, ca.MX(ca.DM(p.value))) for p in phase.parameters]
-        pairs += [(f.symbol, ca.MX(ca.DM(_at_start(own, f)))) for f in phase.free_parameters]
+        pairs += [(f.symbol, ca.MX(ca.DM(_at_start(guess, f)))) for f in phase.free_parameters]
         symbols, values = ([pair[k] for pair in pairs] for k in range(2))
         slopes, equations = ca.graph_substitute([slopes, equations], symbols, values)
         held = ca.vertcat(*(c.symbol for c in phase.controls), ca.MX(0, 1))
@@ -253,7 +253,7 @@ class _Integrators:
         self.dae = {"x": states, "t": share, "p": given, "ode": duration * slopes}
         if phase.algebraics:
             self.dae |= {"z": algebraic, "alg": equations}
-        self.z = np.concatenate([*(_at_start(own, a) for a in phase.algebraics), np.zeros(0)])
+        self.z = np.concatenate([*(_at_start(guess, a) for a in phase.algebraics), np.zeros(0)])
         self.half = self._made(GRID[1 : SETTINGS.middle + 1])
 
     @cached_property

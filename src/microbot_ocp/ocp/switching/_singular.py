@@ -248,7 +248,7 @@ class _FirstOrderConditions:
         tables = (values, self.costates(t), values)
         parts = (self.state_parts, self.state_parts, self.control_parts)
         stacked = (
-            np.hstack([v[name] for name in own]).T for v, own in zip(tables, parts, strict=True)
+            np.hstack([v[name] for name in names]).T for v, names in zip(tables, parts, strict=True)
         )
         return [*stacked, t[None, :]]
 

@@ -73,7 +73,7 @@ class Program(Bounds):
     def stage_sizes(self) -> tuple[IntArray, ...]:
         """Components of z, of w, and rows besides the steps, stage by stage."""
         sizes = zip(*(layout.stage_sizes for layout in self.layouts), strict=True)
-        return tuple(np.concatenate(own) for own in sizes)
+        return tuple(np.concatenate(parts) for parts in sizes)
 
     def time_of(self, label: Label, x: FloatArray) -> float:
         """When a row or variable stands at x, s since the start of its phase."""
@@ -105,12 +105,12 @@ class _Entries:
         order = keep[np.lexsort((rows[keep], columns[keep]))]
         rows, columns, values = rows[order], columns[order], ca.vertcat(*self.values)
         fresh = (np.diff(rows, prepend=-1) != 0) | (np.diff(columns, prepend=-1) != 0)
-        own = np.cumsum(fresh) - 1  # nonzero of every entry
+        slots = np.cumsum(fresh) - 1  # nonzero of every entry
         nonzeros = values[order[fresh].tolist()]
-        for turn in range(1, int(np.bincount(own).max(initial=0))):
+        for turn in range(1, int(np.bincount(slots).max(initial=0))):
             # points inside a phase add to what their stages have there
-            again = np.flatnonzero(np.arange(own.size) - np.flatnonzero(fresh)[own] == turn)
-            nonzeros[own[again].tolist()] += values[order[again].tolist()]
+            again = np.flatnonzero(np.arange(slots.size) - np.flatnonzero(fresh)[slots] == turn)
+            nonzeros[slots[again].tolist()] += values[order[again].tolist()]
         rows, columns = rows[fresh], columns[fresh]
         first = np.searchsorted(columns, np.arange(width + 1))
         sparsity = ca.Sparsity(height, width, first.tolist(), rows.tolist())

@@ -57,11 +57,13 @@ def divided(stage: ca.Function) -> Composition | None:
         for function, nodes in heavy:
             columns = []
             for node, outputs in nodes:
-                own = [ca.MX.sym("w", function.size1_out(k)) for k in range(function.n_out())]
+                outputs_of_call = [
+                    ca.MX.sym("w", function.size1_out(k)) for k in range(function.n_out())
+                ]
                 columns.append(ca.vertcat(*(node.dep(i) for i in range(node.n_dep()))))
-                symbols += own
+                symbols += outputs_of_call
                 replaced += outputs
-                symbol_of += [own[output.which_output()] for output in outputs]
+                symbol_of += [outputs_of_call[output.which_output()] for output in outputs]
             if _heavy_calls(columns):  # one inside of another
                 return None
             arguments = ca.Function("stage_arguments", [v, c], [ca.horzcat(*columns)]).expand()
@@ -95,9 +97,9 @@ def _heavy_calls(expressions: Sequence[ca.MX]) -> HeavyCalls:
         if function.is_a("SXFunction") and function.n_instructions() >= HEAVY:
             key = function.__hash__()
             functions[key] = function
-            own = calls.setdefault(key, {})
-            own.setdefault(call.__hash__(), (call, []))[1].append(node)
-    return [(functions[key], list(own.values())) for key, own in calls.items()]
+            nodes_of = calls.setdefault(key, {})
+            nodes_of.setdefault(call.__hash__(), (call, []))[1].append(node)
+    return [(functions[key], list(nodes_of.values())) for key, nodes_of in calls.items()]
 
 
 Derivatives = Callable[[ca.Function], tuple[ca.Function, ...] | None]
@@ -117,10 +119,10 @@ def composed_derivatives(
     derived: list[tuple[ca.Function, ...]] = [
         derivatives(calls.function) or _derivatives_of(calls.function) for calls in stage.calls
     ]
-    first, second = ([own[k] for own in derived] for k in range(2))
-    fast = all(len(own) > 2 for own in derived)
+    first, second = ([functions[k] for functions in derived] for k in range(2))
+    fast = all(len(functions) > 2 for functions in derived)
     return (
-        _composed_stage(stage, [own[2] for own in derived]) if fast else None,
+        _composed_stage(stage, [functions[2] for functions in derived]) if fast else None,
         _composed_jacobian(stage, first),
         _composed_hessian(stage, first, second),
     )

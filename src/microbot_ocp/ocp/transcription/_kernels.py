@@ -121,7 +121,7 @@ def with_derivatives(
         is_point = bool(derived)
         if composition is not None and is_point:
             given = (derivatives(calls.function) or () for calls in composition.calls)
-            composition = composition if all(len(own) > 2 for own in given) else None
+            composition = composition if all(len(parts) > 2 for parts in given) else None
         if composition is None:
             derived += _derivatives(function)
             continue
@@ -238,10 +238,10 @@ def _interval(
     physics: _Physics, unscaled: ca.MX, c: ca.MX, inner: Sequence[StageVariable]
 ) -> tuple[Interval, list[ca.MX]]:
     """Symbols of the interval, and the values that its scheme asked for."""
-    phase, own = physics.phase, [k.source.size for k in inner]
+    phase, sizes = physics.phase, [k.source.size for k in inner]
     node = (phase.states, _linear(phase), phase.free_parameters)
-    head = [*(sum(v.size for v in own) for own in node), 1]
-    edges = np.cumsum([0, *head, *own]).tolist()
+    head = [*(sum(v.size for v in variables) for variables in node), 1]
+    edges = np.cumsum([0, *head, *sizes]).tolist()
     x, begin, free, duration, *rest = (unscaled[a:b] for a, b in itertools.pairwise(edges))
     constants, linear = len(_constant(phase)), len(_linear(phase))
     none = ca.MX(0, 1)

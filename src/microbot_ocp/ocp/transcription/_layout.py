@@ -81,9 +81,9 @@ def stage_kind(phase: Phase, scheme: Scheme, duration_scale: float, derive: Deri
         node += entries_of(phase, _kind(variable), variable)
     node.append(TableEntry("duration", None, DURATION, 0, 1, 0.0, "s", duration_scale))
     control: list[TableEntry] = []
-    for own in inner:
-        kind = "arrival" if own.source.shape == "linear" else _kind(own.source)
-        control += entries_of(phase, kind, own.source, own.fraction)
+    for value in inner:
+        kind = "arrival" if value.source.shape == "linear" else _kind(value.source)
+        control += entries_of(phase, kind, value.source, value.fraction)
     steps = [replace(entry, kind="step", fraction=1.0) for entry in node]
     return StageKind(
         scheme=scheme,
@@ -280,10 +280,10 @@ class PhaseLayout:
         count, parameters = group.nodes.size, self.parameters.size
         places_of_data = [np.tile(np.arange(parameters)[:, None], (1, count))]
         offset = parameters
-        for own in self.phase.measurements:
-            places = offset + np.arange(own.value.size).reshape(own.value.shape)
-            offset += own.value.size
-            if own.name in group.kernel.data:
+        for measurement in self.phase.measurements:
+            places = offset + np.arange(measurement.value.size).reshape(measurement.value.shape)
+            offset += measurement.value.size
+            if measurement.name in group.kernel.data:
                 places_of_data.append(places.T)
         return np.vstack(places_of_data)
 
@@ -317,14 +317,14 @@ class PhaseLayout:
         variables = interpolated_variables(self.phase)
         table = np.zeros((sum(v.size for v in variables), intervals.size))
         for index, group in enumerate(self.groups):
-            own = np.flatnonzero(self.kind_of[intervals] == index)
-            if own.size:
-                chosen = np.searchsorted(group.intervals, intervals[own])
+            chosen_points = np.flatnonzero(self.kind_of[intervals] == index)
+            if chosen_points.size:
+                chosen = np.searchsorted(group.intervals, intervals[chosen_points])
                 v = _within_bounds(self.phase, group.kind, self.table(stages, group)[chosen]).T
                 parts_of_group = group.kind.kernels.dense(
-                    v, self.constants(intervals[own]), share[None, own]
+                    v, self.constants(intervals[chosen_points]), share[None, chosen_points]
                 )
-                table[:, own] = np.vstack([part.full() for part in parts_of_group])
+                table[:, chosen_points] = np.vstack([part.full() for part in parts_of_group])
         edges = np.cumsum([v.size for v in variables])[:-1]
         parts = np.split(table.T, edges, axis=1)
         return {v.name: part for v, part in zip(variables, parts, strict=True)}
@@ -414,9 +414,9 @@ def lay_out(
         groups=tuple(
             StageGroup(
                 kind=kind,
-                intervals=(own := np.flatnonzero(kind_of == index)),
-                variables=corners[own][:, None] + np.arange(len(kind.variables)),
-                rows=first[own][:, None] + np.arange(len(kind.rows)),
+                intervals=(of_kind := np.flatnonzero(kind_of == index)),
+                variables=corners[of_kind][:, None] + np.arange(len(kind.variables)),
+                rows=first[of_kind][:, None] + np.arange(len(kind.rows)),
             )
             for index, kind in enumerate(kinds)
         ),
@@ -444,16 +444,16 @@ def fill_values(layouts: Sequence[PhaseLayout], x: FloatArray) -> None:
     """Give the free parameters in x that stand for values of expressions these values."""
     for layout in layouts:
         for group in layout.points:
-            own = [entry for entry in group.block.entries if entry.kind == "value"]
-            if not own:
+            values = [entry for entry in group.block.entries if entry.kind == "value"]
+            if not values:
                 continue
             z = x[layout.nodes[group.nodes]].T
             missed = group.kernel.point(z, layout.point_constants(group))[0].full()[:, 0]
             for other in layouts:
                 node = [entry.name for entry in other.groups[0].kind.node]
-                if own[0].name in node:
-                    first = node.index(own[0].name)
-                    x[other.nodes[:, first : first + len(own)]] += missed
+                if values[0].name in node:
+                    first = node.index(values[0].name)
+                    x[other.nodes[:, first : first + len(values)]] += missed
 
 
 @dataclass(frozen=True, eq=False)
@@ -515,8 +515,8 @@ def variable_labels(layouts: Sequence[PhaseLayout]) -> list[Label]:
 
 def _labels(blocks: Mapping[str, Sequence[Block]]) -> list[Label]:
     labels: dict[int, Label] = {}
-    for phase, own in blocks.items():
-        for block in own:
+    for phase, blocks_of_phase in blocks.items():
+        for block in blocks_of_phase:
             for interval, places in zip(block.intervals.tolist(), block.places, strict=True):
                 for entry, place in zip(block.entries, places.tolist(), strict=True):
                     labels[place] = Label(**vars(entry), phase=phase, interval=interval)

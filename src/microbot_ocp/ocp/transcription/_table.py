@@ -130,7 +130,7 @@ def entries_of(
 ) -> list[TableEntry]:
     """An entry for every component of a variable or constraint of a phase."""
     source = next(
-        (name, own.index(item)) for name in _LISTS if item in (own := getattr(phase, name))
+        (name, items.index(item)) for name in _LISTS if item in (items := getattr(phase, name))
     )
     size = item.scale.size
     return [

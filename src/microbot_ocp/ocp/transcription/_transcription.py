@@ -164,8 +164,8 @@ class Transcription:
         if len(chosen) != len(phases):
             raise InputError(f"mesh has {len(chosen)} entries for {len(phases)} phases")
         given = [
-            with_points(mesh_of(own), phase.point_fractions)
-            for own, phase in zip(chosen, phases, strict=True)
+            with_points(mesh_of(phase_mesh), phase.point_fractions)
+            for phase_mesh, phase in zip(chosen, phases, strict=True)
         ]
         kinds = [self._kinds_on(index, mesh) for index, mesh in enumerate(given)]
         links = {link.before: link.names for link in self.problem.links}
@@ -190,7 +190,7 @@ class Transcription:
 
 def _carried(before: Phase, after: Phase | None = None) -> Iterator[str]:
     """Names of the free parameters that two phases share."""
-    for own in before.free_parameters if after is not None else ():
+    for parameter in before.free_parameters if after is not None else ():
         assert after is not None
-        if any(ca.is_equal(own.symbol, other.symbol) for other in after.free_parameters):
-            yield own.name
+        if any(ca.is_equal(parameter.symbol, other.symbol) for other in after.free_parameters):
+            yield parameter.name

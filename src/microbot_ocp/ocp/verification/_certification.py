@@ -66,35 +66,35 @@ def verify(
     [('u', 'upper', 1.0), ('u', 'lower', 2.0)]
     """
     started = time.perf_counter()
-    own = judge(problem, solution, thresholds)
-    lam_x, lam_g = own.multipliers
+    judged = judge(problem, solution, thresholds)
+    lam_x, lam_g = judged.multipliers
     costates = tuple(
         costates_of(phase, part, lam_g)
-        for phase, part in zip(own.phases, own.derivatives, strict=True)
+        for phase, part in zip(judged.phases, judged.derivatives, strict=True)
     )
     hamiltonians = tuple(
         hamiltonian_of(phase, part, lam_x)
-        for phase, part in zip(own.phases, own.derivatives, strict=True)
+        for phase, part in zip(judged.phases, judged.derivatives, strict=True)
     )
     worth = THRESHOLDS.worthless * max(abs(solution.cost), 1e-6)
-    arcs = tuple(arcs_of(own.dense, own.labels, np.concatenate(own.multipliers), worth))
-    failures = [failure.sentence for failure in own.failures]
-    coarse = any(failure.status is Status.TOO_COARSE for failure in own.failures)
+    arcs = tuple(arcs_of(judged.dense, judged.labels, np.concatenate(judged.multipliers), worth))
+    failures = [failure.sentence for failure in judged.failures]
+    coarse = any(failure.status is Status.TOO_COARSE for failure in judged.failures)
     if coarse and (solution.solved or solution.status is Status.TOO_COARSE):
         failures.append("the mesh is too coarse: solve(problem, accuracy=1e-6) refines it")
     declared = problem.problem if isinstance(problem, Transcription) else problem
     sentences = failures or _summary(
-        own, hamiltonians, len(arcs), any(phase.has_cost for phase in declared.phases)
+        judged, hamiltonians, len(arcs), any(phase.has_cost for phase in declared.phases)
     )
     return OCPCertificate(
         problem=declared.name,
         ok=not failures,
         verdict=("Failed: " if failures else "Passed: ") + "; ".join(sentences) + ".",
-        cost=own.cost,
-        resimulations=own.resimulations,
-        limits=own.limits,
-        optimality=own.optimality,
-        curvature=own.curvature,
+        cost=judged.cost,
+        resimulations=judged.resimulations,
+        limits=judged.limits,
+        optimality=judged.optimality,
+        curvature=judged.curvature,
         costates=costates,
         hamiltonians=hamiltonians,
         arcs=arcs,
@@ -104,13 +104,16 @@ def verify(
 
 
 def _summary(
-    own: Judgement, hamiltonians: Sequence[Hamiltonian], arcs: int, has_cost: bool
+    judged: Judgement, hamiltonians: Sequence[Hamiltonian], arcs: int, has_cost: bool
 ) -> list[str]:
     """What is to be said of a solution that passed."""
-    optimality, worst = own.optimality, max((use.relative for use in own.limits), default=0.0)
+    optimality, worst = (
+        judged.optimality,
+        max((use.relative for use in judged.limits), default=0.0),
+    )
     limits_kept = "is kept" if worst <= 1e-6 else f"is kept to within {100 * worst:.2g} %"
-    growth = growth_said(max(check.amplification for check in own.resimulations))
-    error = max(check.error for check in own.resimulations)
+    growth = growth_said(max(check.amplification for check in judged.resimulations))
+    error = max(check.error for check in judged.resimulations)
     sentences = [
         f"first-order conditions hold to {optimality.stationarity.scaled:.1e} (stationarity) and "
         f"{optimality.complementarity.scaled:.1e} (complementarity), and the second-order one of a "

@@ -120,8 +120,8 @@ class _Matrix:
         """The curvature along a direction, without the rounding of the sum of all parts."""
         hessian, bends, rows, keeps = self.parts
         moved = np.array(ca.mtimes(rows, ca.DM(d))).ravel()
-        own = float(ca.mtimes([ca.DM(d).T, hessian, ca.DM(d)]))
-        return own + float(np.sum(bends * d**2) + np.sum(keeps * moved**2))
+        curvature = float(ca.mtimes([ca.DM(d).T, hessian, ca.DM(d)]))
+        return curvature + float(np.sum(bends * d**2) + np.sum(keeps * moved**2))
 
 
 def _stiffness(

@@ -36,22 +36,22 @@ def as_declared(
     InputError
         The solution is of another problem.
     """
-    own = problem.problem if isinstance(problem, Transcription) else problem
-    names = [phase.name for phase in own.phases]
+    stated = problem.problem if isinstance(problem, Transcription) else problem
+    names = [phase.name for phase in stated.phases]
     if names != [phase.name for phase in solution.phases]:
         raise InputError(
             f"the solution has phases {[p.name for p in solution.phases]}, but problem "
-            f"{own.name!r} has {names}"
+            f"{stated.name!r} has {names}"
         )
     restated = []
-    for declared, phase in zip(own.phases, solution.phases, strict=True):
+    for declared, phase in zip(stated.phases, solution.phases, strict=True):
         given = phase_layout(phase)
         layout = _laid_out(with_problem_data(declared, problem_data(given)), given)
         same = [[block.entries for block in (*k.rows, *k.variables)] for k in (layout, given)]
         if same[0] != same[1]:
             raise InputError(
                 f"phase {declared.name!r} of the solution has other variables or constraints than "
-                f"that of problem {own.name!r}"
+                f"that of problem {stated.name!r}"
             )
         restated.append(replace(phase, layout=layout))
     return tuple(restated)

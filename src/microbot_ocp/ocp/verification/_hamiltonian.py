@@ -55,12 +55,12 @@ def costates_of(phase: PhaseSolution, part: Derivatives, lam_g: FloatArray) -> C
     for group in layout.groups:
         scheme = group.kind.scheme
         if isinstance(scheme, Collocation):
-            own = _at_points(layout, group, scheme, lam_g)
+            at_points = _at_points(layout, group, scheme, lam_g)
             t = phase.t[group.intervals, None] + np.outer(
                 np.diff(phase.t)[group.intervals], scheme.points
             )
             point_t = np.concatenate([point_t, t.ravel()])
-            point_values = np.vstack([point_values, own.reshape(-1, size)])
+            point_values = np.vstack([point_values, at_points.reshape(-1, size)])
     in_turn = np.argsort(point_t, kind="stable")
     point_t, point_values = point_t[in_turn], point_values[in_turn]
     return Costates(
@@ -94,23 +94,23 @@ def hamiltonian_of(phase: PhaseSolution, part: Derivatives, lam_x: FloatArray) -
     # later start has is not the Hamiltonian's.
     values = (part.by_length - part.by_start * steps / 2) / phase.duration
     mean = float(values @ steps)
-    own = layout.phase
-    along = [*own.derivatives.values(), *own.running_costs, *own.algebraic_equations]
-    along += [c.expression for c in own.constraints]
+    declared = layout.phase
+    along = [*declared.derivatives.values(), *declared.running_costs, *declared.algebraic_equations]
+    along += [c.expression for c in declared.constraints]
     used = ca.vertcat(*along)
     price = -float(lam_x[layout.nodes[:, -1]].sum()) / layout.node_scale[-1]
-    low, high = own.duration_bounds
+    low, high = declared.duration_bounds
     free = low < high and min(phase.duration - low, high - phase.duration) > INSIDE * phase.duration
-    points = (*own.end_constraints, *own.point_constraints, *own.point_costs)
+    points = (*declared.end_constraints, *declared.point_constraints, *declared.point_costs)
     constraints = [c.expression for c in points]
-    apart = not ca.depends_on(ca.vertcat(used, *constraints), own.duration)
+    apart = not ca.depends_on(ca.vertcat(used, *constraints), declared.duration)
     return Hamiltonian(
         phase=phase.name,
         t=(phase.t[:-1] + phase.t[1:]) / 2,
         values=values,
         mean=mean,
         drift=float(np.abs(values - mean).max()),
-        autonomous=not ca.depends_on(used, own.time),
+        autonomous=not ca.depends_on(used, declared.time),
         expected=-float(part.end_cost[-1]) / layout.node_scale[-1] if free and apart else None,
         duration_price=price,
     )
@@ -141,9 +141,9 @@ def better_controls(solution: Solution) -> tuple[float, dict[str, dict[str, Floa
     """
     gain, controls = 0.0, {}
     for phase in solution.phases:
-        own, values = _of_phase(phase, solution.row_multipliers)
-        if own > 0:
-            gain, controls[phase.name] = gain + own, values
+        gained, values = _of_phase(phase, solution.row_multipliers)
+        if gained > 0:
+            gain, controls[phase.name] = gain + gained, values
     return gain, controls
 
 
@@ -177,9 +177,10 @@ def _of_phase(phase: PhaseSolution, multipliers: FloatArray) -> tuple[float, dic
         slopes = at.expressions.dynamics(table).full()
         sums = slopes[-1] + np.einsum("ki,ik->k", costates, slopes[:-1])
         for limit in declared.constraints:
-            own = at.expressions.function([limit.expression])(table).full()
+            values_there = at.expressions.function([limit.expression])(table).full()
             room = SETTINGS.keeps * limit.scale[:, None]
-            broken = (own < limit.lower[:, None] - room) | (own > limit.upper[:, None] + room)
+            below, above = limit.lower[:, None] - room, limit.upper[:, None] + room
+            broken = (values_there < below) | (values_there > above)
             sums = np.where(broken.any(axis=0), np.inf, sums)
         return np.where(np.isfinite(sums), sums, np.inf)
 
@@ -188,18 +189,18 @@ def _of_phase(phase: PhaseSolution, multipliers: FloatArray) -> tuple[float, dic
     for control in looked_at:
         for component in np.flatnonzero(np.isfinite(control.upper - control.lower)).tolist():
             even = np.linspace(control.lower[component], control.upper[component], SETTINGS.tried)
-            own = np.quantile(
+            quantiles = np.quantile(
                 sampled[control.name][:, component], np.linspace(0.0, 1.0, SETTINGS.tried)
             )
-            for value in np.union1d(even, own):
+            for value in np.union1d(even, quantiles):
                 tried = values[control.name].copy()
                 tried[:, component] = value
-                found = hamiltonian({**sampled, **values, control.name: tried})
-                lower = found < best
-                best = np.where(lower, found, best)
+                trial = hamiltonian({**sampled, **values, control.name: tried})
+                lower = trial < best
+                best = np.where(lower, trial, best)
                 values[control.name][lower, component] = value
     with np.errstate(invalid="ignore"):
         gain = np.nan_to_num((before - best) * weights, posinf=0.0)
     shape = (layout.intervals, count)
-    found = {name: table.reshape(*shape, -1) for name, table in values.items()}
-    return float(gain.sum()), found
+    tables = {name: table.reshape(*shape, -1) for name, table in values.items()}
+    return float(gain.sum()), tables

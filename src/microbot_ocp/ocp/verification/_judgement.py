@@ -114,7 +114,7 @@ class Judgement:
     @property
     def state_errors(self) -> list[FloatArray]:
         """Relative errors of every interval of a phase [N]."""
-        return [own * (self.passes.state_error / own.size) for own in self.errors]
+        return [errors * (self.passes.state_error / errors.size) for errors in self.errors]
 
     @property
     def status(self) -> Status:
@@ -157,7 +157,7 @@ def judge(
     local = [each_interval(phase, cost=True) for phase in phases]
     resimulations = tuple(map(resimulate, phases, local))
     cost = check_cost(solution.cost, again, local)
-    dense = tuple(dense_phase(own.phase, own.interpolated) for own in again)
+    dense = tuple(dense_phase(recomputed.phase, recomputed.interpolated) for recomputed in again)
     uses = tuple(use for d in dense for use in limit_uses(d))
     failures = [
         *_problems_of(solution, unpack(layouts, x)),
@@ -183,9 +183,9 @@ def judge(
         optimality=optimality,
         curvature=curvature,
         errors=tuple(
-            interval_errors(phase, arrived, own.costs, cost.size)
+            interval_errors(phase, arrived, recomputed.costs, cost.size)
             / (passes.state_error / (phase.mesh.size - 1))
-            for phase, own, arrived in zip(phases, again, local, strict=True)
+            for phase, recomputed, arrived in zip(phases, again, local, strict=True)
         ),
         excess=tuple(relative_excess(d).max(axis=1) / passes.excess for d in dense),
         passes=passes,

@@ -73,7 +73,7 @@ def dense_phase(
         default the interpolation of the scheme.
     """
     layout = phase_layout(phase)
-    own, n = layout.phase, layout.intervals
+    declared, n = layout.phase, layout.intervals
     assert phase.stages is not None
     interpolated = interpolated or partial(layout.interpolated, phase.stages)
     share = np.linspace(0.0, 1.0, POINTS + 1)
@@ -83,27 +83,29 @@ def dense_phase(
     sampled = interpolated(interval, place)
     t = (layout.mesh[interval] + place * steps[interval]) * phase.duration
     dense = DensePhase(phase, t, interval)
-    kinds = {id(v): "state" for v in own.states} | {id(v): "algebraic" for v in own.algebraics}
-    kinds |= {id(v): "parameter" for v in own.free_parameters}
-    for variable in own.variables:
+    kinds = {id(v): "state" for v in declared.states} | {
+        id(v): "algebraic" for v in declared.algebraics
+    }
+    kinds |= {id(v): "parameter" for v in declared.free_parameters}
+    for variable in declared.variables:
         kind = kinds.get(id(variable), "control")
         dense.limited.append(_limited(kind, variable, sampled[variable.name]))
     duration = np.array([[phase.duration]])
-    low, high = (np.array([d]) for d in own.duration_bounds)
+    low, high = (np.array([d]) for d in declared.duration_bounds)
     dense.limited.append(
         Limited("duration", DURATION, "s", low, high, np.ones(1), duration, end=True)
     )
-    linear = [c for c in own.controls if c.shape == "linear"]
+    linear = [c for c in declared.controls if c.shape == "linear"]
     rates = {
         c.name: np.diff(phase.values[c.name], axis=0).T[:, interval]
         / (steps * phase.duration)[interval]
         for c in linear
     }
-    expressions = Expressions(own)
+    expressions = Expressions(declared)
     table = expressions.table({k: v.T for k, v in sampled.items()}, t, phase.duration, rates)
     for kind, limits, rows in (
-        ("constraint", own.constraints, slice(None)),
-        ("end constraint", own.end_constraints, slice(-1, None)),
+        ("constraint", declared.constraints, slice(None)),
+        ("end constraint", declared.end_constraints, slice(-1, None)),
     ):
         for limit in limits:
             values = expressions.function([limit.expression])(table[:, rows]).full().T
@@ -111,8 +113,8 @@ def dense_phase(
     return dense
 
 
-def _limited(kind: str, own: Any, values: FloatArray, end: bool = False) -> Limited:
-    return Limited(kind, own.name, own.unit, own.lower, own.upper, own.scale, values, end)
+def _limited(kind: str, item: Any, values: FloatArray, end: bool = False) -> Limited:
+    return Limited(kind, item.name, item.unit, item.lower, item.upper, item.scale, values, end)
 
 
 def limit_uses(dense: DensePhase) -> list[OCPLimitUse]:

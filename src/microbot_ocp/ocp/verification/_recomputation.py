@@ -57,10 +57,12 @@ class Recomputation:
         self.groups = [_Intervals(phase, group, self.expressions) for group in layout.groups]
         self.rows: dict[int, float] = {}
         self.costs = np.zeros(layout.intervals)
-        for own in self.groups:
-            self.costs[own.group.intervals] = own.step.running
-            rows = own.rows(self._node(own.group.intervals + 1))
-            self.rows |= zip(own.group.rows.T.ravel().tolist(), rows.ravel().tolist(), strict=True)
+        for block in self.groups:
+            self.costs[block.group.intervals] = block.step.running
+            rows = block.rows(self._node(block.group.intervals + 1))
+            self.rows |= zip(
+                block.group.rows.T.ravel().tolist(), rows.ravel().tolist(), strict=True
+            )
         self._add_ends()
         self._add_points()
 
@@ -68,12 +70,12 @@ class Recomputation:
         """All variables [M, size] in some intervals [M], at fractions [M] of them."""
         declared = phase_layout(self.phase).phase
         tables = {v.name: np.zeros((share.size, v.size)) for v in declared.variables}
-        for own in self.groups:
+        for block in self.groups:
             column = np.full(self.phase.mesh.size - 1, -1)
-            column[own.group.intervals] = np.arange(own.group.intervals.size)
+            column[block.group.intervals] = np.arange(block.group.intervals.size)
             for part in np.unique(share).tolist():
                 chosen = np.flatnonzero((share == part) & (column[intervals] >= 0))
-                values = own.values(own.step.state(part), part, declared.controls)
+                values = block.values(block.step.state(part), part, declared.controls)
                 for name, table in values.items():
                     tables[name][chosen] = table.T[column[intervals[chosen]]]
         return tables
@@ -96,14 +98,14 @@ class Recomputation:
         rows = iter(layout.points)  # in the order of the declarations
         for item in (*declared.point_constraints, *declared.point_costs):
             data = [m for m in declared.measurements if ca.depends_on(item.expression, m.symbol)]
-            own = Expressions(declared, data)
-            function = own.function([item.expression])
+            expressions = Expressions(declared, data)
+            function = expressions.function([item.expression])
             places, results = next(rows).block.places, []
             for k, fraction in enumerate(item.fractions.tolist()):
                 node = int(np.abs(self.phase.mesh - fraction).argmin())
                 values, duration = self._node([node])
                 measured = [m.value[k][:, None] for m in data]
-                table = own.table(values, fraction * duration, duration, data=measured)
+                table = expressions.table(values, fraction * duration, duration, data=measured)
                 results.append(function(table).full().ravel())
             if isinstance(item, PointConstraint):
                 for own_places, values in zip(places.tolist(), results, strict=True):
@@ -113,14 +115,14 @@ class Recomputation:
 
     def _add_ends(self) -> None:
         """Conditions and constraints at the ends, and the end cost."""
-        layout, own = phase_layout(self.phase), self.expressions
+        layout, expressions = phase_layout(self.phase), self.expressions
         declared = layout.phase
         last, duration = self._node([-1])
         # what has no value there does not appear in these expressions
-        table = own.table(last, duration, duration)
-        cost = float(own.function([sum(declared.end_costs, ca.MX(0))])(table))
+        table = expressions.table(last, duration, duration)
+        cost = float(expressions.function([sum(declared.end_costs, ca.MX(0))])(table))
         self.costs = np.append(self.costs, cost)
-        limits = own.limits(table)
+        limits = expressions.limits(table)
         for block, values in ((layout.initial, self._node([0])[0]), (layout.final, last)):
             for place, entry in zip(block.places[0].tolist(), block.entries, strict=True):
                 self.rows[place] = float(values[entry.name][entry.component, 0])
@@ -130,11 +132,11 @@ class Recomputation:
 
 def scaled_rows(problem: OptimalControlProblem, phases: Sequence[Recomputation]) -> FloatArray:
     """Values of all rows of the program, divided by their scales."""
-    layouts = [phase_layout(own.phase) for own in phases]
+    layouts = [phase_layout(recomputed.phase) for recomputed in phases]
     scale = np.array([label.scale for label in row_labels(layouts)])
     values = np.zeros(scale.size)
-    for own in phases:
-        values[list(own.rows)] = list(own.rows.values())
+    for recomputed in phases:
+        values[list(recomputed.rows)] = list(recomputed.rows.values())
     for link, layout, before, after in zip(
         problem.links, layouts, phases[:-1], phases[1:], strict=False
     ):
@@ -154,7 +156,7 @@ def missed_conditions(phases: Sequence[Recomputation], tolerance: float) -> list
     """
     missed = []
     ends = ("initial", 0, "start"), ("final", -1, "end")
-    for phase in (own.phase for own in phases):
+    for phase in (recomputed.phase for recomputed in phases):
         for variable, (side, k, place) in product(node_variables(phase_layout(phase).phase), ends):
             condition = getattr(variable, side)
             if condition is not None:
@@ -173,9 +175,11 @@ def check_cost(
     given: float, phases: Sequence[Recomputation], integrated: Sequence[Integrated]
 ) -> CostCheck:
     """The cost of a solution evaluated again, and integrated again."""
-    parts = np.concatenate([own.costs for own in phases])
-    integrals = sum(float(own.costs.sum()) for own in integrated)
-    ends = sum(float(own.costs[own.phase.mesh.size - 1 :].sum()) for own in phases)
+    parts = np.concatenate([recomputed.costs for recomputed in phases])
+    integrals = sum(float(recomputed.costs.sum()) for recomputed in integrated)
+    ends = sum(
+        float(recomputed.costs[recomputed.phase.mesh.size - 1 :].sum()) for recomputed in phases
+    )
     return CostCheck(given, float(parts.sum()), integrals + ends, max(np.abs(parts).sum(), TINY))
 
 
@@ -231,15 +235,15 @@ class _Intervals:
         self.arrival: dict[str, FloatArray] = {}
         self.inside: dict[str, dict[float, FloatArray]] = {}
         row = layout.node_size
-        for own in group.kind.inner:
-            variable, part = own.source, table[row : row + own.source.size]
+        for value in group.kind.inner:
+            variable, part = value.source, table[row : row + value.source.size]
             row += variable.size
             if variable.shape == "constant":
                 self.constant[variable.name] = part
             elif variable.shape == "linear":
                 self.arrival[variable.name] = part
             else:
-                self.inside.setdefault(variable.name, {})[own.fraction] = part
+                self.inside.setdefault(variable.name, {})[value.fraction] = part
         self.free = {v.name: self.node[v.name] for v in layout.phase.free_parameters}
         self.rates = {
             name: (end - self.node[name]) / self.length for name, end in self.arrival.items()
@@ -332,18 +336,18 @@ class _Step:
     defects: Mapping[float, FloatArray]
 
 
-def _runge_kutta(own: _Intervals) -> _Step:
-    scheme = own.group.kind.scheme
+def _runge_kutta(intervals: _Intervals) -> _Step:
+    scheme = intervals.group.kind.scheme
     assert isinstance(scheme, Shooting)
 
     def reach(share: float) -> tuple[FloatArray, FloatArray]:
-        x, cost, part = own.x, np.zeros(own.length.size), share / scheme.steps
-        h = part * own.length
+        x, cost, part = intervals.x, np.zeros(intervals.length.size), share / scheme.steps
+        h = part * intervals.length
         for i in range(scheme.steps):
-            k1, l1 = own.slope(x, i * part)
-            k2, l2 = own.slope(x + h / 2 * k1, (i + 0.5) * part)
-            k3, l3 = own.slope(x + h / 2 * k2, (i + 0.5) * part)
-            k4, l4 = own.slope(x + h * k3, (i + 1) * part)
+            k1, l1 = intervals.slope(x, i * part)
+            k2, l2 = intervals.slope(x + h / 2 * k1, (i + 0.5) * part)
+            k3, l3 = intervals.slope(x + h / 2 * k2, (i + 0.5) * part)
+            k4, l4 = intervals.slope(x + h * k3, (i + 1) * part)
             x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
             cost = cost + h / 6 * (l1 + 2 * l2 + 2 * l3 + l4)
         return x, cost
@@ -351,9 +355,9 @@ def _runge_kutta(own: _Intervals) -> _Step:
     return _Step(*reach(1.0), lambda share: reach(share)[0], {})
 
 
-def _trapezoidal(own: _Intervals) -> _Step:
-    h, x, after = own.length, own.x, own.states_inside()[1.0]
-    (f0, l0), (f1, l1) = own.slope(x, 0.0), own.slope(after, 1.0)
+def _trapezoidal(intervals: _Intervals) -> _Step:
+    h, x, after = intervals.length, intervals.x, intervals.states_inside()[1.0]
+    (f0, l0), (f1, l1) = intervals.slope(x, 0.0), intervals.slope(after, 1.0)
     defect = after - x - h / 2 * (f0 + f1)
     # the slope is a straight line
     return _Step(
@@ -364,47 +368,47 @@ def _trapezoidal(own: _Intervals) -> _Step:
     )
 
 
-def _hermite_simpson(own: _Intervals) -> _Step:
-    h, x, after = own.length, own.x, own.states_inside()[1.0]
-    (f0, l0), (f1, l1) = own.slope(x, 0.0), own.slope(after, 1.0)
+def _hermite_simpson(intervals: _Intervals) -> _Step:
+    h, x, after = intervals.length, intervals.x, intervals.states_inside()[1.0]
+    (f0, l0), (f1, l1) = intervals.slope(x, 0.0), intervals.slope(after, 1.0)
 
     def cubic(s: float) -> FloatArray:
         """Hermite's cubic through both ends, with their slopes."""
         rest, turn = after - x - h * f0, h * (f1 - f0)
         return x + h * f0 * s + (3 * rest - turn) * s**2 + (turn - 2 * rest) * s**3
 
-    fm, lm = own.slope(cubic(0.5), 0.5)
+    fm, lm = intervals.slope(cubic(0.5), 0.5)
     defect = after - x - h / 6 * (f0 + 4 * fm + f1)
     return _Step(after, h / 6 * (l0 + 4 * lm + l1), cubic, {0.5: defect})
 
 
-def _collocation(own: _Intervals) -> _Step:
-    inside = own.states_inside()
+def _collocation(intervals: _Intervals) -> _Step:
+    inside = intervals.states_inside()
     points, nodes = list(inside), [0.0, *inside]
-    x = np.stack([own.x, *inside.values()])
-    slopes, costs = zip(*(own.slope(inside[s], s) for s in points), strict=True)
+    x = np.stack([intervals.x, *inside.values()])
+    slopes, costs = zip(*(intervals.slope(inside[s], s) for s in points), strict=True)
 
     def state(share: float) -> FloatArray:
         return np.tensordot(_lagrange(nodes, share), x, axes=1)
 
     defects = {
-        s: np.tensordot(_lagrange(nodes, s, derivative=1), x, axes=1) - own.length * slope
+        s: np.tensordot(_lagrange(nodes, s, derivative=1), x, axes=1) - intervals.length * slope
         for s, slope in zip(points, slopes, strict=True)
     }
     weights = _lagrange(points, 1.0, derivative=-1)
-    running = own.length * sum(w * cost for w, cost in zip(weights, costs, strict=True))
+    running = intervals.length * sum(w * cost for w, cost in zip(weights, costs, strict=True))
     return _Step(state(1.0), running, state, defects)
 
 
-def _integrated(own: _Intervals) -> _Step:
+def _integrated(intervals: _Intervals) -> _Step:
     """For a scheme without a formula here: what the dynamics really do."""
 
     def reach(share: float) -> tuple[FloatArray, FloatArray]:
-        integrated = each_interval(own.phase, until=share, cost=True)
-        k = own.group.intervals
+        integrated = each_interval(intervals.phase, until=share, cost=True)
+        k = intervals.group.intervals
         return integrated.states[k].T, integrated.costs[k]
 
-    return _Step(*reach(1.0), lambda share: reach(share)[0] if share else own.x, {})
+    return _Step(*reach(1.0), lambda share: reach(share)[0] if share else intervals.x, {})
 
 
 _FORMULAS: Mapping[type, Callable[[_Intervals], _Step]] = {
@@ -418,9 +422,9 @@ _FORMULAS: Mapping[type, Callable[[_Intervals], _Step]] = {
 def _lagrange(points: Sequence[float], s: float, derivative: int = 0) -> FloatArray:
     """Lagrange polynomials [points] at s, their derivatives, or (-1) their integrals from 0."""
     weights = []
-    for own in points:
-        others = [other for other in points if other != own]
-        basis = np.poly1d(others, r=True) / np.prod([own - other for other in others])
+    for point in points:
+        others = [other for other in points if other != point]
+        basis = np.poly1d(others, r=True) / np.prod([point - other for other in others])
         if derivative > 0:
             basis = basis.deriv(derivative)
         elif derivative < 0:

@@ -98,18 +98,18 @@ def each_interval(
     start = mesh_states(phase)[:-1]
     layout, ends, costs = phase_layout(phase), np.full_like(start, np.nan), np.zeros(len(start))
     for group in layout.groups:
-        own, failure = group.intervals, ""
+        intervals, failure = group.intervals, ""
         data = _interval_data(phase, group, until)
         for method in _methods(layout.phase):
             try:
                 with quiet():  # of a failure CasADi prints all inputs; the message is enough
                     run = _integrator(layout, group.kind, method, tolerance, cost)
-                    states, summed = run.map(own.size)(start[own].T, data.T)
+                    states, summed = run.map(intervals.size)(start[intervals].T, data.T)
             except RuntimeError as problem:
                 failure = _why(problem)
                 continue
-            ends[own] = states.full().T
-            costs[own] = summed.full().ravel() if cost else 0.0
+            ends[intervals] = states.full().T
+            costs[intervals] = summed.full().ravel() if cost else 0.0
             break
         else:
             return Integrated(np.full_like(start, np.nan), np.full(len(start), np.nan), failure)
@@ -135,11 +135,13 @@ def transitions(phase: PhaseSolution) -> FloatArray:
     middles = 0.5 * (states[:-1] + states[1:])
     slopes = np.zeros((layout.intervals, weights.size, weights.size))
     for group in layout.groups:
-        own = group.intervals
-        linear = _linearised(layout, group.kind).map(own.size)(
-            middles[own].T, _interval_data(phase, group).T
+        intervals = group.intervals
+        linear = _linearised(layout, group.kind).map(intervals.size)(
+            middles[intervals].T, _interval_data(phase, group).T
         )
-        slopes[own] = linear.full().T.reshape(own.size, weights.size, -1).transpose(0, 2, 1)
+        slopes[intervals] = (
+            linear.full().T.reshape(intervals.size, weights.size, -1).transpose(0, 2, 1)
+        )
     slopes = np.nan_to_num(slopes) * (weights[None, None, :] / weights[None, :, None])
     return transition_matrices(slopes, np.ones(layout.intervals))
 
@@ -174,24 +176,24 @@ def point_values(phase: PhaseSolution, group: StageGroup, variable: Variable) ->
 
 def _interval_data(phase: PhaseSolution, group: StageGroup, until: float = 1.0) -> FloatArray:
     """What the integrator needs to know of every interval of a group [M, ...], in its order."""
-    own, k = phase_layout(phase).phase, group.intervals
-    linear = [phase.values[v.name] for v in _of_shape(own, "linear")]
+    declared, k = phase_layout(phase).phase, group.intervals
+    linear = [phase.values[v.name] for v in _of_shape(declared, "linear")]
     polynomial = [
         within_bounds(point_values(phase, group, v), points_of(group.kind, v), v.lower, v.upper)
-        for v in _of_shape(own, "polynomial")
+        for v in _of_shape(declared, "polynomial")
     ]
-    algebraic = [point_values(phase, group, v)[:, 0] for v in own.algebraics]  # first guess
+    algebraic = [point_values(phase, group, v)[:, 0] for v in declared.algebraics]  # first guess
     columns = [
         phase.t[k, None],
         np.diff(phase.t)[k, None],
         np.full((k.size, 1), phase.duration),
         np.full((k.size, 1), until),
-        *(np.tile(p.value, (k.size, 1)) for p in own.parameters),
-        *(phase.values[v.name][k] for v in _of_shape(own, "constant")),
+        *(np.tile(p.value, (k.size, 1)) for p in declared.parameters),
+        *(phase.values[v.name][k] for v in _of_shape(declared, "constant")),
         *(values[k] for values in linear),
         *(values[k + 1] for values in linear),
         *(values.reshape(k.size, -1) for values in polynomial),
-        *(phase.values[v.name][k] for v in own.free_parameters),
+        *(phase.values[v.name][k] for v in declared.free_parameters),
         *algebraic,
     ]
     return np.hstack(columns)

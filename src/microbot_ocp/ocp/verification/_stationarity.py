@@ -157,9 +157,12 @@ def optimality_of(
     def worst(sizes: FloatArray, factor: FloatArray, unit: str, divisor: float) -> Residual:
         sizes = np.nan_to_num(sizes, nan=np.inf)
         i = int(np.argmax(sizes))
-        own = labels[i].unit or "1"
+        unit_of_row = labels[i].unit or "1"
         return Residual(
-            float(sizes[i] / divisor), float(sizes[i] * factor[i]), unit.format(own), str(labels[i])
+            float(sizes[i] / divisor),
+            float(sizes[i] * factor[i]),
+            unit.format(unit_of_row),
+            str(labels[i]),
         )
 
     residual = np.abs(gradient + lam_x)

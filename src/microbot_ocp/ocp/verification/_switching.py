@@ -79,10 +79,10 @@ def _prices(
     layouts = {dense.phase.name: phase_layout(dense.phase) for dense in phases}
     for label, multiplier in zip(labels, multipliers, strict=True):
         if label.kind in ("state", "control", "algebraic", "bound", "constraint"):
-            own = entries.setdefault((label.phase, label.name, label.component), [])
+            points = entries.setdefault((label.phase, label.name, label.component), [])
             place = layouts[label.phase].place_of(label)
-            own.append((place, label.interval, multiplier / label.scale))
-    return {key: np.array(own, dtype=float) for key, own in entries.items()}
+            points.append((place, label.interval, multiplier / label.scale))
+    return {key: np.array(points, dtype=float) for key, points in entries.items()}
 
 
 def _acting(dense: DensePhase, limited: Limited, i: int, prices: np.ndarray) -> Iterator[Arc]:

@@ -104,11 +104,11 @@ class Scheme(Protocol):
 def lagrange(points: Sequence[float], s: Any) -> list[Any]:
     """Values at s, numbers or an expression, of the Lagrange polynomials through some points."""
     weights = []
-    for own in points:
+    for point in points:
         weight: Any = 1.0
         for other in points:
-            if other != own:
-                weight = weight * (s - other) / (own - other)
+            if other != point:
+                weight = weight * (s - other) / (point - other)
         weights.append(weight)
     return weights
 

@@ -74,11 +74,11 @@ class Collocation:
         per_point = states + local
         at_point = [values[i * per_point : (i + 1) * per_point] for i in range(self.degree)]
         x = [interval.x, *(ca.vertcat(*k[:states]) for k in at_point)]
-        own = [ca.vertcat(*k[states:]) if local else ca.MX(0, 1) for k in at_point]
+        local_values = [ca.vertcat(*k[states:]) if local else ca.MX(0, 1) for k in at_point]
         defects: list[tuple[float, ca.MX]] = []
         running = ca.MX(0)
         for j, point in enumerate(points):
-            u = ca.vertcat(interval.control(point), own[j])
+            u = ca.vertcat(interval.control(point), local_values[j])
             slope, cost = interval.f(x[j + 1], u, point)
             polynomial = sum((slope_matrix[i, j] * k for i, k in enumerate(x)), ca.MX(0))
             defects.append((point, polynomial - interval.length * slope))
@@ -87,7 +87,7 @@ class Collocation:
 
         def at(fraction: Fraction) -> tuple[ca.MX, ca.MX]:
             state = _interpolate([0.0, *points], x, fraction)
-            inner = _interpolate(points, own, fraction) if local else ca.MX(0, 1)
+            inner = _interpolate(points, local_values, fraction) if local else ca.MX(0, 1)
             return state, ca.vertcat(interval.control(fraction), inner)
 
         return IntervalStep(arrived, running, tuple(defects), at)
