@@ -271,7 +271,7 @@ def test_a_path_that_reachability_cannot_time_is_there_all_the_same(monkeypatch)
     monkeypatch.setattr(among.Leg, "_reach", lambda leg, choice: None)
     monkeypatch.setattr(among.Leg, "_timing_with_rates", lambda leg, choice: None)
     (timed,) = timed_paths(surroundings, legs, quiet)
-    assert timed.motion.duration == legs[0].known.duration
+    assert timed.motion.duration == legs[0].first_motion.duration
     assert mo.certify(ARM, timed.motion, via_q=ENDS, scene=POST).ok
 
 
@@ -384,8 +384,8 @@ def test_a_first_way_is_proved_before_others_are_looked_for(monkeypatch) -> None
     legs = legs_between(Surroundings(ARM, POST), via, mo.planning.TimeOptimalSettings(), progress)
     (text, count), *_ = [row for row in told if row[0].startswith("path ")]
     assert count == 1 < len(searches)
-    assert legs[0].known is not None
-    assert f"{legs[0].known.duration:.4f} s" in text
+    assert legs[0].first_motion is not None
+    assert f"{legs[0].first_motion.duration:.4f} s" in text
 
 
 @pytest.fixture

@@ -524,14 +524,14 @@ def summary(certificate: Certificate) -> str:
     return "; ".join([limits, *_agreement(certificate)])
 
 
-def _agreement(found: ResimulationFigures) -> list[str]:
+def _agreement(figures: ResimulationFigures) -> list[str]:
     """That the torques lead along the motion; nothing where they never determine it."""
-    if not np.isfinite(found.defect):
+    if not np.isfinite(figures.defect):
         return ["kinematics only"]
-    if found.undetermined_fraction > SETTINGS.all_along:
+    if figures.undetermined_fraction > SETTINGS.all_along:
         return []
-    to = f" to {found.defect:.1g} of the torques" if found.defect > 1e-12 else ""
-    return [f"re-simulation of {found.segments} segments agrees{to}"]
+    to = f" to {figures.defect:.1g} of the torques" if figures.defect > 1e-12 else ""
+    return [f"re-simulation of {figures.segments} segments agrees{to}"]
 
 
 def _summary(limit_checks: tuple[LimitCheck, ...], again: Resimulation) -> str:

@@ -186,12 +186,12 @@ def _beyond(stop: Stop, offset: FloatArray) -> float:
     return float(np.linalg.norm(offset)) - float(stop.tolerance)
 
 
-def angle_between(wanted: FloatArray, found: FloatArray, free: int | None) -> float:
+def angle_between(wanted: FloatArray, actual: FloatArray, free: int | None) -> float:
     """Angle between two rotations [3,3], or between two of their axes, rad."""
     if free is not None:
-        a, b = wanted[:, free], found[:, free]
+        a, b = wanted[:, free], actual[:, free]
         return float(2 * np.arctan2(np.linalg.norm(a - b), np.linalg.norm(a + b)))
-    difference = np.linalg.norm(wanted - found)  # 2 sqrt(2) sin(angle / 2)
+    difference = np.linalg.norm(wanted - actual)  # 2 sqrt(2) sin(angle / 2)
     return float(2 * np.arcsin(min(1.0, difference / np.sqrt(8.0))))
 
 

@@ -102,8 +102,8 @@ def _path(robot: Robot, targets: FloatArray, seed: ArrayLike | None) -> IKPath:
         wanted = checks.array("seed", seed, (robot.joint_count,), "rad (prismatic: m)")
         starts = nearest_solution(robot, targets[0], wanted, begin).q[None]
     else:
-        found = find_branches(robot, targets[:1])[0]
-        rows, inside = within_limits(robot, found.q, middle(robot))
+        branches = find_branches(robot, targets[:1])[0]
+        rows, inside = within_limits(robot, branches.q, middle(robot))
         starts = rows[inside]
         if not len(starts):
             starts = nearest_solution(robot, targets[0], None, begin).q[None]

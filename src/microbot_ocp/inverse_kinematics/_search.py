@@ -204,14 +204,14 @@ def clusters(robot: Robot, q: FloatArray, tolerance: float) -> tuple[FloatArray,
     """One row for every different solution among q [B,n], and how many rows it stands for."""
     turn = np.where(revolute(robot), 2 * np.pi, np.inf)
     place = difference(robot, q, middle(robot))
-    kept, met, left = [], [], np.arange(len(q))
+    firsts, met, left = [], [], np.arange(len(q))
     while left.size:
         gap = np.abs(place[left] - place[left[0]])
         same = (np.minimum(gap, turn - gap) < tolerance).all(axis=1)
-        kept.append(left[0])
+        firsts.append(left[0])
         met.append(np.count_nonzero(same))
         left = left[~same]
-    return q[kept], np.array(met, dtype=int)
+    return q[firsts], np.array(met, dtype=int)
 
 
 def _merge_doubles(
@@ -226,12 +226,12 @@ def _merge_doubles(
         joint_scale(robot) / 2
     )
     one = reaches(*task_errors(robot, between, np.tile(target, (len(pairs), 1))))
-    kept = np.ones(len(q), dtype=bool)
+    single = np.ones(len(q), dtype=bool)
     for first, second in pairs[one]:
-        if kept[first] and kept[second]:
+        if single[first] and single[second]:
             met[first] += met[second]
-            kept[second] = False
-    return q[kept], met[kept]
+            single[second] = False
+    return q[single], met[single]
 
 
 def ranks(robot: Robot, q: FloatArray, width: int) -> np.ndarray:
@@ -335,10 +335,10 @@ def _slide(
     The NLP gives up where a doubled root lies on the continuum; this does not.
     """
     bounds = robot.limits.bounds("q")
-    found, errors = descend(robot, q[None], target[None], bounds)
+    poses, errors = descend(robot, q[None], target[None], bounds)
     if errors[0] > goal(robot):
         return None
-    q, scale, length = found[0], joint_scale(robot), 0.3
+    q, scale, length = poses[0], joint_scale(robot), 0.3
     for _ in range(60):
         _, values, right = np.linalg.svd(scaled_jacobian(robot, q[None], target.size)[0])
         rank = int(_rank(values[None])[0])
@@ -348,10 +348,10 @@ def _slide(
         if size < 1e-7 or length < 1e-4:
             break
         trial = q + along * min(1.0, length / size) * scale
-        found, errors = descend(robot, np.clip(trial, *bounds)[None], target[None], bounds)
-        nearer = np.linalg.norm((wanted - found[0]) / scale) < np.linalg.norm(missing) - 1e-9
+        poses, errors = descend(robot, np.clip(trial, *bounds)[None], target[None], bounds)
+        nearer = np.linalg.norm((wanted - poses[0]) / scale) < np.linalg.norm(missing) - 1e-9
         if errors[0] < goal(robot) and nearer:
-            q = found[0]
+            q = poses[0]
         else:
             length /= 4
     return q
@@ -380,13 +380,13 @@ def find_branches(robot: Robot, targets: FloatArray) -> list[Found]:
     pending = np.arange(len(targets))
     for turn in range(BRANCH_SEARCH.rounds):
         starts = low + (high - low) * quasi_random(size, count, turn * size)
-        found, errors = descend(
+        poses, errors = descend(
             robot, np.tile(starts, (len(pending), 1)), np.repeat(targets[pending], size, 0), bounds
         )
         still = []
         for row, index in enumerate(pending):
             block = slice(row * size, (row + 1) * size)
-            good = found[block][errors[block] < goal(robot)]
+            good = poses[block][errors[block] < goal(robot)]
             pools[index] = np.concatenate([pools[index], good])
             q, met = clusters(robot, pools[index], BRANCH_SEARCH.same_solution)
             q, met = _merge_doubles(robot, q, met, targets[index])
@@ -473,15 +473,15 @@ def nearest_pose(
     count = 64
     starts = low + (high - low) * quasi_random(count, robot.joint_count)
     if start is None:
-        found, errors = descend(
+        poses, errors = descend(
             robot, starts, np.tile(target, (count, 1)), bounds, DOWNHILL._replace(weight=weight)
         )
-        found, _ = clusters(robot, found[np.argsort(errors)], 0.1)
+        poses, _ = clusters(robot, poses[np.argsort(errors)], 0.1)
     else:
-        found = np.array(start)[None]
+        poses = np.array(start)[None]
     solve = nearest_pose_nlp(robot, target.size)
-    best, best_key, converged = found[0], (np.inf, np.inf), False
-    for index, begin in enumerate(found[: 4 if target.size == 3 else 8]):
+    best, best_key, converged = poses[0], (np.inf, np.inf), False
+    for index, begin in enumerate(poses[: 4 if target.size == 3 else 8]):
         if index and deadline.over():
             break
         q, ended = begin, True

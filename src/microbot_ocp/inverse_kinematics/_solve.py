@@ -164,9 +164,9 @@ def _from_seeds(robot: Robot, targets: FloatArray, seeds: FloatArray) -> tuple[I
         return tuple(_given_up(robot, target) for target in targets)
     q, solved = descend_from(robot, seeds, targets)
     share = (time.perf_counter() - begin) / len(targets)
-    made = iter(_solutions(robot, targets[solved], q[solved], None, share))
+    solutions = iter(_solutions(robot, targets[solved], q[solved], None, share))
     return tuple(
-        next(made) if good else nearest_solution(robot, target, seed, time.perf_counter())
+        next(solutions) if good else nearest_solution(robot, target, seed, time.perf_counter())
         for good, target, seed in zip(solved, targets, seeds, strict=True)
     )
 
@@ -243,23 +243,23 @@ def _branches(robot: Robot, targets: FloatArray) -> tuple[tuple[IKSolution, ...]
         return tuple((_given_up(robot, target),) for target in targets)
     wanted, everything = middle(robot), find_branches(robot, targets)
     rows, motions, owners = [], [], []
-    for index, found in enumerate(everything):
-        q, inside = within_limits(robot, found.q, wanted)
-        kept = np.flatnonzero(inside)
-        order = kept[np.argsort(np.linalg.norm(q[kept] - wanted, axis=1), kind="stable")]
+    for index, branches in enumerate(everything):
+        q, inside = within_limits(robot, branches.q, wanted)
+        valid = np.flatnonzero(inside)
+        order = valid[np.argsort(np.linalg.norm(q[valid] - wanted, axis=1), kind="stable")]
         rows.append(q[order])
-        motions.append(found.self_motion[order])
+        motions.append(branches.self_motion[order])
         owners += [index] * len(order)
     q = np.concatenate(rows)
     share = (time.perf_counter() - begin) / len(targets)
     solutions: list[list[IKSolution]] = [[] for _ in targets]
     if len(q):
-        made = _solutions(robot, targets[owners], q, np.concatenate(motions), share)
-        for index, solution in zip(owners, made, strict=True):
+        flat = _solutions(robot, targets[owners], q, np.concatenate(motions), share)
+        for index, solution in zip(owners, flat, strict=True):
             solutions[index].append(solution)
-    for index, found in enumerate(everything):
+    for index, branches in enumerate(everything):
         if not solutions[index]:
-            solutions[index].append(_missed(robot, targets[index], found, wanted, share))
+            solutions[index].append(_missed(robot, targets[index], branches, wanted, share))
     return tuple(map(tuple, solutions))
 
 
@@ -281,13 +281,13 @@ def nearest_solution(
 ) -> IKSolution:
     """The solution of a checked target nearest to the seed [n] (default: the middle of limits)."""
     wanted = middle(robot) if seed is None else np.array(seed)
-    found = find_branches(robot, target[None])[0]
-    rows, inside = within_limits(robot, found.q, wanted)
-    rows, motions = rows[inside], found.self_motion[inside]
+    branches = find_branches(robot, target[None])[0]
+    rows, inside = within_limits(robot, branches.q, wanted)
+    rows, motions = rows[inside], branches.self_motion[inside]
     if seed is not None and (motions.any() or not len(rows)):
         rows, motions = _nearer_members(robot, target, rows, motions, wanted)
     if not len(rows):
-        return _missed(robot, target, found, wanted, time.perf_counter() - begin)
+        return _missed(robot, target, branches, wanted, time.perf_counter() - begin)
     chosen = int(np.argmin(np.linalg.norm((rows - wanted) / joint_scale(robot), axis=1)))
     used = time.perf_counter() - begin
     return _solution(robot, target, rows[chosen], int(motions[chosen]), used)
@@ -361,7 +361,7 @@ def _rotation_rows(name: str, turns: FloatArray) -> FloatArray:
 
 
 def _missed(
-    robot: Robot, target: FloatArray, found: Found, wanted: FloatArray, used: float
+    robot: Robot, target: FloatArray, branches: Found, wanted: FloatArray, used: float
 ) -> IKSolution:
     """The nearest pose for a target that no branch within limits reaches."""
     begin = time.perf_counter()
@@ -375,7 +375,7 @@ def _missed(
         status = Status.TIME_LIMIT
     elif not converged:
         status = Status.NOT_CONVERGED
-    elif found.reached or _reached_without_limits(robot, target):
+    elif branches.reached or _reached_without_limits(robot, target):
         status = Status.LIMITS
     else:
         status = Status.ORIENTATION_MISSED if near else Status.OUT_OF_REACH
@@ -423,11 +423,11 @@ def _solutions(
         motions = self_motions(robot, q, targets, rank)
     joints, poses = read_only(q), read_only(pose_of(robot)(np.ascontiguousarray(q)))
     distances, angles = pose_errors(poses, targets)
-    made = []
+    solutions = []
     for k in range(len(q)):
         distance, angle = float(distances[k]), float(angles[k])
         motion, lost = int(motions[k]), bool(singular[k])
-        made.append(
+        solutions.append(
             IKSolution(
                 q=joints[k],
                 status=status,
@@ -440,7 +440,7 @@ def _solutions(
                 solve_time=solve_time,
             )
         )
-    return made
+    return solutions
 
 
 def _advice(

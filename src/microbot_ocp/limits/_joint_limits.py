@@ -265,13 +265,13 @@ class JointLimits:
 
 
 def with_reserve(
-    own: JointLimits, limits: Limits | JointLimits | None, reserve: ArrayLike
+    usual: JointLimits, limits: Limits | JointLimits | None, reserve: ArrayLike
 ) -> Limits | JointLimits | None:
     """The limits given, or a robot's own, with a share of the torques kept back."""
     if not np.any(np.asarray(reserve, dtype=object)):
         return limits
-    count = own.tau_max.size
-    return (own if limits is None else limits.for_joints(count)).with_reserve(reserve)
+    count = usual.tau_max.size
+    return (usual if limits is None else limits.for_joints(count)).with_reserve(reserve)
 
 
 def _per_joint(name: str, value: Any, count: int) -> FloatArray:

@@ -133,13 +133,13 @@ def _write_trajectory(path: Path, columns: Columns) -> None:
     names = {name: key for name, key in FIELDS.items() if key in columns.values}
     whole = np.rint(columns.t * NANOSECONDS).astype(np.int64)
     # A controller wants increasing times: of two samples at a jump it gets the later one.
-    kept = np.append(np.diff(whole) > 10_000, True)
+    apart = np.append(np.diff(whole) > 10_000, True)
     points = [
         {
             **{name: columns.values[key][i].tolist() for name, key in names.items()},
             "time_from_start": _stamp(int(whole[i])),
         }
-        for i in np.flatnonzero(kept)
+        for i in np.flatnonzero(apart)
     ]
     document: dict[str, Any] = {
         "header": {"stamp": _stamp(0), "frame_id": ""},

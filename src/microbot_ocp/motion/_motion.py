@@ -561,8 +561,8 @@ def pieces_of(motion: Motion, i: np.ndarray | None = None) -> FloatArray:
     if short.any():
         step, change = h[short, None], (end.qdd - start.qdd)[short]
         gained = (end.qd - start.qd)[short] - step * start.qdd[short]
-        known = ROUNDING * np.abs(start.qd[short]).max(axis=1) <= h[short] * least
-        gained = np.where(known[:, None], gained, 0.5 * step * change)
+        precise = ROUNDING * np.abs(start.qd[short]).max(axis=1) <= h[short] * least
+        gained = np.where(precise[:, None], gained, 0.5 * step * change)
         c[short, 3] = (gained / step - change / 3.0) / step
         c[short, 4] = (change / 4.0 - 0.5 * gained / step) / step**2
         c[short, 5] = 0.0

@@ -82,11 +82,11 @@ class PiecewisePolynomial:
 
 def _trusted(breaks: FloatArray, coefficients: FloatArray) -> PiecewisePolynomial:
     """A polynomial made from a checked one: not checked again."""
-    made = object.__new__(PiecewisePolynomial)
+    polynomial = object.__new__(PiecewisePolynomial)
     for name, values in (("breaks", breaks), ("coefficients", coefficients)):
         values.setflags(write=False)
-        object.__setattr__(made, name, values)
-    return made
+        object.__setattr__(polynomial, name, values)
+    return polynomial
 
 
 def quintic_between(start: State, end: State, h: FloatArray) -> FloatArray:

@@ -165,8 +165,8 @@ def sensitivities_of(
     center_of_mass: ArrayLike,
 ) -> Sensitivities:
     """Slopes of the duration; see :meth:`microbot_ocp.Motion.sensitivities`."""
-    told = motion.provenance.get("multipliers")
-    if not told or "rows" not in told:
+    multipliers = motion.provenance.get("multipliers")
+    if not multipliers or "rows" not in multipliers:
         raise InputError(
             "motion has no multipliers: those of time_optimal and prepared solvers through via "
             "points have"
@@ -176,7 +176,7 @@ def sensitivities_of(
     place = checks.array("center_of_mass", center_of_mass, (3,), "m")
     by_mass, by_place = np.nan, np.full(3, np.nan)
     if robot.has_dynamics:
-        limited = list(_limited(shape, told["rows"]))
+        limited = list(_limited(shape, multipliers["rows"]))
 
         def total(heavy: float, at: FloatArray) -> float:
             family = LimitFamily.of(robot.with_payload(heavy, at))
@@ -193,9 +193,10 @@ def sensitivities_of(
             sides = np.array([total(load, place + step) for step in steps])
             by_place = (sides[:3] - sides[3:]) / (2.0 * STEP)
     lower, upper = (
-        {key: np.array(values) for key, values in told[side].items()} for side in ("lower", "upper")
+        {key: np.array(values) for key, values in multipliers[side].items()}
+        for side in ("lower", "upper")
     )
-    via, least = np.array(told["via"]), told["beside"] / ACCURACY
+    via, least = np.array(multipliers["via"]), multipliers["beside"] / ACCURACY
     return Sensitivities(robot, motion.duration, lower, upper, via, by_mass, by_place, least)
 
 
@@ -206,6 +207,6 @@ def _limited(
     orders = [shape]
     for _ in MotionSamples._fields[1:]:
         orders.append(orders[-1].derivative())
-    for key, own in rows.items():
-        t = np.clip(own["t"], *shape.breaks[[0, -1]])
-        yield key, MotionSamples(*(order(t) for order in orders)), np.array(own["slopes"])
+    for key, row in rows.items():
+        t = np.clip(row["t"], *shape.breaks[[0, -1]])
+        yield key, MotionSamples(*(order(t) for order in orders)), np.array(row["slopes"])

@@ -140,9 +140,9 @@ class ClosedForm:
         """M, C and G as a line of text an entry; M above its diagonal only, being symmetric."""
         count = len(self.gravity)
         pairs = [(i, j) for i in range(count) for j in range(count)]
-        found = [f"M{i + 1}{j + 1} = {self.mass[i][j]}" for i, j in pairs if j >= i]
-        found += [f"C{i + 1}{j + 1} = {self.coriolis_text(i, j)}" for i, j in pairs]
-        return found + [f"G{i + 1} = {series}" for i, series in enumerate(self.gravity)]
+        lines = [f"M{i + 1}{j + 1} = {self.mass[i][j]}" for i, j in pairs if j >= i]
+        lines += [f"C{i + 1}{j + 1} = {self.coriolis_text(i, j)}" for i, j in pairs]
+        return lines + [f"G{i + 1} = {series}" for i, series in enumerate(self.gravity)]
 
     def text(self, language: Language) -> str:
         """All equations as a LaTeX document, or as source text that needs this package no more.
@@ -273,7 +273,7 @@ def _expanded(
             inverse = np.linalg.inv(np.vander(axis, increasing=True))
             spectrum = np.moveaxis(np.tensordot(inverse, spectrum, axes=(1, place)), 0, place)
     runs = _runs(robot)
-    found = []
+    table = []
     for i in range(rows):
         row = []
         for j in range(columns):
@@ -286,8 +286,8 @@ def _expanded(
                     powers[joint] = int(at) - (axis.size if folded else 0)
                 _add_wave(terms, complex(entry[place]), powers, runs)
             row.append(Series(_cleaned(terms, size), runs))
-        found.append(tuple(row))
-    return tuple(found), size
+        table.append(tuple(row))
+    return tuple(table), size
 
 
 def _runs(robot: Robot) -> Runs:
@@ -326,12 +326,12 @@ def _add_wave(
 def _cleaned(terms: dict[Term, float], size: float) -> dict[Term, float]:
     """The terms that are more than rounding, each with as few digits as it needs."""
     close = NEGLIGIBLE * size
-    found = {}
+    amplitudes = {}
     for term, value in sorted(terms.items(), key=lambda item: _place(item[0])):
         if abs(value) > 2 * close:
             texts = (float(f"{value:.{digits}g}") for digits in range(1, 18))
-            found[term] = next(text for text in texts if abs(text - value) <= close)
-    return found
+            amplitudes[term] = next(text for text in texts if abs(text - value) <= close)
+    return amplitudes
 
 
 def _halves(first: Series, second: Series, third: Series, size: float) -> Series:

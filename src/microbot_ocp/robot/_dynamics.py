@@ -112,8 +112,8 @@ def _mass_matrix(robot: Robot, q: ca.SX) -> ca.SX:
         link = robot.links[joint]
         com = ca.sparsify(ca.SX(ca.DM(link.center_of_mass)))
         # mass, first moment and inertia about the origin of this link frame
-        own = ca.sparsify(ca.SX(ca.DM(link.inertia))) + link.mass * _parallel_axis(com)
-        mass, first, second = mass + link.mass, first + link.mass * com, second + own
+        inertia = ca.sparsify(ca.SX(ca.DM(link.inertia))) + link.mass * _parallel_axis(com)
+        mass, first, second = mass + link.mass, first + link.mass * com, second + inertia
         axis = ca.sparsify(ca.SX(ca.DM([0, 0, 1])))
         if robot.joint_types[joint] == "revolute":
             force, moment = _cross(axis, first), second @ axis

@@ -156,15 +156,15 @@ def latex(form: ClosedForm) -> str:
 
 def _latex_sum(series: Series, names: Sequence[str]) -> str:
     def factors(term: Term) -> list[str]:
-        found = []
+        words = []
         for joint in series.displacements:
             if power := term.powers[joint]:
-                found.append(f"{names[joint]}_{joint + 1}" + (f"^{power}" if power > 1 else ""))
+                words.append(f"{names[joint]}_{joint + 1}" + (f"^{power}" if power > 1 else ""))
         for wave, run in _waves(series, term):
             angle = _angle(term, run, r"\theta_", "")
             single = sum(term.powers[joint] != 0 for joint in run) == 1
-            found.append(rf"\{wave} {angle}" if single else rf"\{wave}({angle})")
-        return found
+            words.append(rf"\{wave} {angle}" if single else rf"\{wave}({angle})")
+        return words
 
     def size(part: str) -> int:  # a command takes the room of one letter or of its name
         return len(re.sub(r"\\theta_|\\[,{}]|\\(?=[cs])|\{|\}|\^", "", part))
@@ -335,14 +335,14 @@ def _statements(form: ClosedForm, language: str, matrix: str) -> list[str]:
 
 def _code_factors(series: Series, term: Term, waves: dict[str, str]) -> list[str]:
     """Names of the factors; the waves among them are noted in ``waves``."""
-    found = []
+    factors = []
     for joint in series.displacements:
-        found += [f"q{joint + 1}"] * term.powers[joint]
+        factors += [f"q{joint + 1}"] * term.powers[joint]
     for wave, run in _waves(series, term):
         joints = ""
         for joint in run:
             power = term.powers[joint]
             joints += ("m" if power < 0 else "") + str(joint + 1) * abs(power)
         waves[wave[0] + joints] = f"{wave}({_angle(term, run, 'q', '*')})"
-        found.append(wave[0] + joints)
-    return found
+        factors.append(wave[0] + joints)
+    return factors

@@ -379,10 +379,10 @@ class Robot:
             raise InputError(f"robot {self.name!r} has no links with masses to add a payload to")
         if load == 0.0:
             return self
-        own = np.zeros((3, 3)) if inertia is None else np.asarray(inertia, dtype=float)
-        own = Link(load, place, own, name="payload").inertia
+        tensor = np.zeros((3, 3)) if inertia is None else np.asarray(inertia, dtype=float)
+        tensor = Link(load, place, tensor, name="payload").inertia
         last, turn = self.links[-1], self.tool[:3, :3]
-        held = load, turn @ place + self.tool[:3, 3], turn @ own @ turn.T
+        held = load, turn @ place + self.tool[:3, 3], turn @ tensor @ turn.T
         parts = [(last.mass, last.center_of_mass, last.inertia), held]
         total, center, whole = combined(parts, np.zeros(3))
         loaded = replace(last, mass=total, center_of_mass=center, inertia=whole)
@@ -412,7 +412,7 @@ class Robot:
         (2, 'link 2')
         """
         numbers = {link.name: k + 1 for k, link in enumerate(self.links) if link.name}
-        found: list[tuple[int, Capsule]] = []
+        placed: list[tuple[int, Capsule]] = []
         for key, entries in capsules.items():
             frame = numbers.get(key, key) if isinstance(key, str) else key
             if not isinstance(frame, int | np.integer) or not 0 <= frame <= self.joint_count:
@@ -425,9 +425,9 @@ class Robot:
                 if not isinstance(entry, Capsule):
                     raise InputError(f"capsules of {key!r} must be mo.Capsule, not {entry!r}")
                 named = entry if entry.name else replace(entry, name=usual)
-                found.append((int(frame), named))
-        found.sort(key=lambda pair: pair[0])
-        return replace(self, capsules=tuple(found))
+                placed.append((int(frame), named))
+        placed.sort(key=lambda pair: pair[0])
+        return replace(self, capsules=tuple(placed))
 
     def with_part(self, *capsules: Capsule) -> Robot:
         """Return the same robot with a part in its gripper, which may touch obstacles, too.

@@ -138,7 +138,7 @@ def _chain(
     upward = ca.SX(ca.DM(-robot.gravity))
     v, a, w = _none(), _Pair(ca.SX.zeros(3), upward), _none()
     screws: list[tuple[_Pair, _Pair, _Pair, _Pair]] = []
-    own: list[_Moments] = []
+    moments_of: list[_Moments] = []
     for k, link in enumerate(robot.links):
         turn, step = joint_transform(robot, k, q[k])
         origin, rotation = origin + rotation @ step, rotation @ turn
@@ -171,7 +171,7 @@ def _chain(
         both = ca.cross(v.linear, virtual) + _axial(virtuals @ ca.skew(v.angular).T)
         force = a.momentum(mass, first) + ca.cross(v.angular, velocity)
         moment = _axial(a.moments(first, second) + ca.skew(v.angular) @ velocities)
-        own.append(
+        moments_of.append(
             _Moments(
                 mass, first, second, velocity, velocities, virtual, virtuals, both,
                 _Pair(moment, force),
@@ -179,7 +179,7 @@ def _chain(
         )  # fmt: skip
     links: list[_Link] = []
     outside: _Moments | None = None
-    for parts, moments in zip(reversed(screws), reversed(own), strict=True):
+    for parts, moments in zip(reversed(screws), reversed(moments_of), strict=True):
         outside = moments if outside is None else moments + outside
         links.append(_Link(*parts, outside))
     return links[::-1]

@@ -145,22 +145,22 @@ def clearance_along(
     started = time.perf_counter()
     speeds = _speed_bounds(motion)
     farthest = np.abs(motion.q).max(axis=0) + (speeds * np.diff(motion.t)[:, None]).max(axis=0)
-    found = []
+    searches = []
     for start, end, robot, scene in places:
         model = contact_model(robot, scene.without_parts_of(robot))
         levers = levers_of(with_arm_capsules(robot), model.pairs, farthest)
-        found.append(_ClearanceSearch(model, motion, speeds, levers, scene.clearance))
-        found[-1].run(start, end)
-    least = min(found, key=lambda search: search.minimum)
-    closed = not any(search.open_stretches for search in found)
+        searches.append(_ClearanceSearch(model, motion, speeds, levers, scene.clearance))
+        searches[-1].run(start, end)
+    least = min(searches, key=lambda search: search.minimum)
+    closed = not any(search.open_stretches for search in searches)
     return Clearance(
         minimum=least.minimum,
         time=least.time,
         pair=least.model.pairs[least.pair].label,
         proved=closed and least.minimum > least.wanted,
-        at_least=min(search.at_least for search in found) if closed else -np.inf,
+        at_least=min(search.at_least for search in searches) if closed else -np.inf,
         wanted=least.wanted,
-        distances=sum(search.count for search in found),
+        distances=sum(search.count for search in searches),
         wall_time=time.perf_counter() - started,
     )
 
@@ -217,13 +217,13 @@ class _ClearanceSearch:
         different, which = np.unique(times, return_inverse=True)
         poses = self.model.poses(self.motion.sample(different).q)
         order = np.argsort(which, kind="stable")
-        found, current = np.empty(times.size), -1
+        distances, current = np.empty(times.size), -1
         for item in order.tolist():
             if which[item] != current:
                 current = int(which[item])
                 self.model.put(poses[current])
-            found[item] = self.model.distance(int(pair[item]))
-        return found
+            distances[item] = self.model.distance(int(pair[item]))
+        return distances
 
     def _reach(self, start: FloatArray, end: FloatArray, pair: np.ndarray) -> FloatArray:
         """How much nearer the sides of pairs can come than in the middle of stretches, m."""
@@ -247,12 +247,12 @@ class _Largest:
         """Largest of the rows from ``first`` to before ``last``, each [S]."""
         size = np.maximum(last - first, 1)
         level = np.floor(np.log2(size)).astype(int)
-        found = np.empty((first.size, self.levels[0].shape[1]))
+        largest = np.empty((first.size, self.levels[0].shape[1]))
         for k in np.unique(level):
-            own = level == k
+            at_level = level == k
             table = self.levels[k]
-            found[own] = np.maximum(table[first[own]], table[last[own] - 2**k])
-        return found
+            largest[at_level] = np.maximum(table[first[at_level]], table[last[at_level] - 2**k])
+        return largest
 
 
 def _speed_bounds(motion: Motion) -> FloatArray:
@@ -278,11 +278,13 @@ def levers_of(robot: Robot, pairs: Sequence[Pair], farthest: FloatArray) -> Floa
     steps = np.linalg.norm(offsets, axis=1) + np.where(sliding, farthest, 0.0)
 
     def of(frame: int, capsule: Capsule) -> FloatArray:
-        own = max(float(np.linalg.norm(end)) for end in (capsule.start, capsule.end))
-        found = np.zeros(robot.joint_count)
+        lever_in_frame = max(float(np.linalg.norm(end)) for end in (capsule.start, capsule.end))
+        levers = np.zeros(robot.joint_count)
         for joint in range(frame):
-            found[joint] = 1.0 if sliding[joint] else steps[joint + 1 : frame].sum() + own
-        return found
+            levers[joint] = (
+                1.0 if sliding[joint] else steps[joint + 1 : frame].sum() + lever_in_frame
+            )
+        return levers
 
     table = []
     for pair in pairs:

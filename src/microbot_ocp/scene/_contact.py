@@ -84,32 +84,32 @@ class ContactModel:
 
     def _shape_of(self, thing: Obstacle) -> tuple[Any, FloatArray, FloatArray]:
         """coal's shape of a thing, its turn [3,3] and origin [3]."""
-        made, unturned = self._coal, np.eye(3)
+        coal, unturned = self._coal, np.eye(3)
         if isinstance(thing, Sphere):
-            return made.Sphere(thing.radius), unturned, thing.center
+            return coal.Sphere(thing.radius), unturned, thing.center
         if isinstance(thing, Capsule):
             along = thing.end - thing.start
             length, middle = float(np.linalg.norm(along)), (thing.start + thing.end) / 2
             if length < 1e-12:
-                return made.Sphere(thing.radius), unturned, middle
-            return made.Capsule(thing.radius, length), rotation_to(along / length), middle
+                return coal.Sphere(thing.radius), unturned, middle
+            return coal.Capsule(thing.radius, length), rotation_to(along / length), middle
         if isinstance(thing, HalfSpace):
-            return made.Halfspace(thing.normal, thing.offset), unturned, np.zeros(3)
+            return coal.Halfspace(thing.normal, thing.offset), unturned, np.zeros(3)
         turn, shift = np.array(thing.pose[:3, :3]), np.array(thing.pose[:3, 3])
         if isinstance(thing, Box):
-            return made.Box(*thing.size), turn, shift
+            return coal.Box(*thing.size), turn, shift
         if isinstance(thing, Cylinder):
-            return made.Cylinder(thing.radius, thing.length), turn, shift
+            return coal.Cylinder(thing.radius, thing.length), turn, shift
         assert isinstance(thing, ConvexMesh)
-        points = made.StdVec_Vec3s()
+        points = coal.StdVec_Vec3s()
         for vertex in thing.vertices:
             points.append(vertex)
-        return made.Convex.convexHull(points, False, ""), turn, shift
+        return coal.Convex.convexHull(points, False, ""), turn, shift
 
     def poses(self, q: FloatArray) -> FloatArray:
         """Poses [N,n+1,4,4] of the base and the links for q [N,n]."""
-        found = np.asarray(self._poses(np.ascontiguousarray(q, dtype=float)))
-        return found.reshape(len(q), 4, -1, 4).transpose(0, 2, 1, 3)
+        poses = np.asarray(self._poses(np.ascontiguousarray(q, dtype=float)))
+        return poses.reshape(len(q), 4, -1, 4).transpose(0, 2, 1, 3)
 
     def put(self, poses: FloatArray) -> None:
         """Bring what moves into a pose [n+1,4,4]."""
@@ -141,11 +141,11 @@ class ContactModel:
 
     def distances(self, q: FloatArray) -> FloatArray:
         """Distances [N,k] of all pairs in poses q [N,n], m."""
-        found = np.empty((len(q), len(self.pairs)))
-        for row, poses in zip(found, self.poses(q), strict=True):
+        distances = np.empty((len(q), len(self.pairs)))
+        for row, poses in zip(distances, self.poses(q), strict=True):
             self.put(poses)
             row[:] = [self.distance(index) for index in range(len(self.pairs))]
-        return found
+        return distances
 
     def nearest(self, q: FloatArray) -> Nearest:
         """The nearest of all pairs in a pose [n]."""

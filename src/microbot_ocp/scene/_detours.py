@@ -82,8 +82,8 @@ class Surroundings:
 
     def collision(self, q: FloatArray) -> Nearest | None:
         """The pair that is nearest in a pose [n], where it is not farther than the clearance."""
-        found = self.model.nearest(q)
-        return found if found.distance <= self.least else None
+        nearest = self.model.nearest(q)
+        return nearest if nearest.distance <= self.least else None
 
     def is_free(self, q: FloatArray) -> bool:
         """Whether all pairs keep the clearance in a pose [n]."""
@@ -206,8 +206,8 @@ def _searched(
     planner.setProblemDefinition(problem)
     planner.setup()
     # the planner waits for another end without a check where it takes one for invalid
-    known = all(space.satisfiesBounds(s) and information.isValid(s) for s in ends)
-    if known:
+    valid = all(space.satisfiesBounds(s) and information.isValid(s) for s in ends)
+    if valid:
         planner.solve(
             base.PlannerTerminationCondition(lambda: problem.hasExactSolution() or is_over())
         )
@@ -217,8 +217,8 @@ def _searched(
             left = float(np.linalg.norm((goal - start) * weights))
         spent = around.checks - begun
         return Detour(str(number), None, None, spent, left / float(weights[moving].max()))
-    found = problem.getSolutionPath()
-    corners = np.array([pose(found.getState(row)) for row in range(found.getStateCount())])
+    solution = problem.getSolutionPath()
+    corners = np.array([pose(solution.getState(row)) for row in range(solution.getStateCount())])
     corners[0], corners[-1] = start, goal
     spent = around.checks - begun
     corners = _shortened(around, corners, own_seed)
@@ -252,16 +252,16 @@ def _shortened(around: Surroundings, corners: FloatArray, seed: int) -> FloatArr
 
 def _without_needless(around: Surroundings, corners: FloatArray) -> FloatArray:
     """A polyline that skips every corner that it can do without, from the start."""
-    kept, at = [0], 0
+    rows, at = [0], 0
     while at < len(corners) - 1:
         following = next(
             (j for j in range(len(corners) - 1, at + 1, -1)
              if around.is_clear(corners[at], corners[j])),
             at + 1,
         )  # fmt: skip
-        kept.append(following)
+        rows.append(following)
         at = following
-    return corners[kept]
+    return corners[rows]
 
 
 def rounded(around: Surroundings, corners: FloatArray, weights: FloatArray) -> PiecewisePolynomial:

@@ -35,7 +35,7 @@ def moveit_scene(path: Path) -> Scene:
         document = yaml_of(path, "scene file")
         world, touching = _of(document, "world"), _of(document, "allowed_collision_matrix", {})
         rows = _of(world, "collision_objects", [])
-        obstacles = tuple(found for row in rows for found in _obstacles(row))
+        obstacles = tuple(solid for row in rows for solid in _obstacles(row))
         names, objects = _of(touching, "entry_names", ()), {obstacle.name for obstacle in obstacles}
         ignore = []
         for first, row in zip(names, _of(touching, "entry_values", ()), strict=False):

@@ -97,10 +97,10 @@ def _thicker(pairs: Sequence[Pair]) -> ca.DM:
 
 def _axes(pair: Pair) -> list[tuple[int, Capsule]]:
     """The axes of a pair that move, with their frames."""
-    found = [(pair.frame, pair.capsule)]
+    axes = [(pair.frame, pair.capsule)]
     if pair.other_frame and isinstance(pair.other, Capsule):
-        found.append((pair.other_frame, pair.other))
-    return found
+        axes.append((pair.other_frame, pair.other))
+    return axes
 
 
 def _ends(poses: Sequence[Any], frame: int, capsule: Capsule) -> Any:
@@ -118,12 +118,12 @@ def _kind(pair: Pair) -> tuple[type[Obstacle], int]:
 
 @lru_cache(maxsize=1024)
 def _numbers(pair: Pair) -> FloatArray:
-    own = (
+    core = (
         np.zeros(0) if pair.other_frame else core_parameters(pair.other, pair.accuracy, pair.facing)
     )
     rounding = ROUNDING * max(pair.capsule.radius, 0.1 * pair.radii)
     rounding = min(rounding, 4.0 * pair.accuracy)  # a quarter of it is lost at contact
-    return np.append(own, [rounding, pair.radii, core_radius(pair.other)])
+    return np.append(core, [rounding, pair.radii, core_radius(pair.other)])
 
 
 @lru_cache(maxsize=64)
@@ -240,5 +240,5 @@ def _of_axes(
             ca.Function("axes_alone", [q], [ends]),
         )
 
-    told = [(frame, c.start.tolist(), c.end.tolist()) for frame, c in axes]
-    return compile_recipe(f"{poses.serialize()} {told}", make) if compiled else make()
+    places = [(frame, c.start.tolist(), c.end.tolist()) for frame, c in axes]
+    return compile_recipe(f"{poses.serialize()} {places}", make) if compiled else make()

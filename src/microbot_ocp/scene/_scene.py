@@ -63,7 +63,7 @@ class Scene:
 
     def __post_init__(self) -> None:
         put = object.__setattr__
-        found = []
+        obstacles = []
         for number, obstacle in enumerate(self.obstacles, start=1):
             kind = next((k for k, v in KINDS.items() if isinstance(obstacle, v)), None)
             if kind is None:
@@ -74,12 +74,12 @@ class Scene:
             if not isinstance(obstacle.name, str):
                 raise InputError(f"name of obstacle {number} must be text, not {obstacle.name!r}")
             usual = f"{kind.replace('_', ' ')} {number}"
-            found.append(obstacle if obstacle.name else replace(obstacle, name=usual))
-        names = [obstacle.name for obstacle in found]
+            obstacles.append(obstacle if obstacle.name else replace(obstacle, name=usual))
+        names = [obstacle.name for obstacle in obstacles]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
             raise InputError(f"names of obstacles must differ: there are several {twice[0]!r}")
-        put(self, "obstacles", tuple(found))
+        put(self, "obstacles", tuple(obstacles))
         put(self, "clearance", checks.number("clearance", self.clearance, "m", at_least=0.0))
         pairs = []
         for pair in self.ignore:
@@ -95,9 +95,9 @@ class Scene:
 
     def without_parts_of(self, robot: Robot) -> Scene:
         """The scene for a robot that may carry less than ``ignore`` speaks of."""
-        known = {*self.names, *(capsule.name for _, capsule in with_arm_capsules(robot).capsules)}
-        kept = tuple(pair for pair in self.ignore if known.issuperset(pair))
-        return self if kept == self.ignore else _ignoring(self, kept)
+        names = {*self.names, *(capsule.name for _, capsule in with_arm_capsules(robot).capsules)}
+        ignored = tuple(pair for pair in self.ignore if names.issuperset(pair))
+        return self if ignored == self.ignore else _ignoring(self, ignored)
 
     def pairs(self, robot: Robot) -> tuple[Pair, ...]:
         """What may touch: capsules of the arm and obstacles, and capsules of each other.
@@ -136,7 +136,7 @@ class Scene:
             and the rounding of the distance that it sees take at most half of that each.
         """
         chosen = self.pairs(robot) if pairs is None else tuple(pairs)
-        rooms = [np.inf] * len(chosen) if room is None else [float(own) for own in room]
+        rooms = [np.inf] * len(chosen) if room is None else [float(value) for value in room]
         radii = [capsule.radius for _, capsule in robot.capsules]
         return _limit(self, chosen, max(radii, default=0.0), float(tolerance), tuple(rooms))
 
@@ -188,18 +188,18 @@ def _with_default_capsules(robot: Robot, shapes: tuple[Any, ...]) -> Robot:
 @lru_cache(maxsize=64)
 def _pairs(scene: Scene, robot: Robot) -> tuple[Pair, ...]:
     links = {capsule.name for _, capsule in robot.capsules}
-    known = links | set(scene.names)
+    names = links | set(scene.names)
     for name in sum(scene.ignore, ()):
-        checks.one_of("name in ignore", name, sorted(known))
+        checks.one_of("name in ignore", name, sorted(names))
     ignored = {frozenset(pair) for pair in scene.ignore}
     moving = [(frame, capsule) for frame, capsule in robot.capsules if frame > 0]
-    found = [
+    pairs = [
         Pair(frame, capsule, obstacle) for frame, capsule in moving for obstacle in scene.obstacles
     ]
     if scene.self_collision:
-        found += _own_pairs(robot)
+        pairs += _own_pairs(robot)
     return tuple(
-        pair for pair in found if frozenset((pair.capsule.name, pair.other.name)) not in ignored
+        pair for pair in pairs if frozenset((pair.capsule.name, pair.other.name)) not in ignored
     )
 
 

@@ -139,11 +139,11 @@ def interpolated(motion: Motion, samples: FloatArray, breaks: FloatArray, most: 
         widths = np.minimum(most, high - low + 1)
         answer = np.zeros((times.size, motion.joint_count))
         for width in np.unique(widths):
-            own = np.flatnonzero(widths == width)
-            leftmost = np.clip(i[own] - width // 2 + 1, low[own], high[own] - width + 1)
+            rows = np.flatnonzero(widths == width)
+            leftmost = np.clip(i[rows] - width // 2 + 1, low[rows], high[rows] - width + 1)
             stencil = leftmost[:, None] + np.arange(width)
-            weights = lagrange_weights(times[own], motion.t[stencil])
-            answer[own] = (weights[:, :, None] * samples[stencil]).sum(axis=1)
+            weights = lagrange_weights(times[rows], motion.t[stencil])
+            answer[rows] = (weights[:, :, None] * samples[stencil]).sum(axis=1)
         return answer
 
     return values

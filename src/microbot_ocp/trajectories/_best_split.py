@@ -288,8 +288,8 @@ class _SplitSearch:
 
     def uses(self, shape: PiecewisePolynomial, split: _Split) -> FloatArray:
         """Use [R] of another shape at the places of the maxima."""
-        found = np.hstack(self.uses_at(shape, split.piece, split.fraction))
-        return found[split.at, split.channel]
+        uses = np.hstack(self.uses_at(shape, split.piece, split.fraction))
+        return uses[split.at, split.channel]
 
     def uses_at(
         self, shape: PiecewisePolynomial, piece: np.ndarray, fraction: FloatArray

@@ -62,13 +62,15 @@ def comparison_report(comparison: Comparison, path: str | Path) -> Path:
     robot, reference = comparison.robot, comparison.reference
     times = {name: motion.duration for name, motion in comparison.motions.items()}
     sure = [name for name, certificate in comparison.certificates.items() if certificate.ok]
-    said = [f"The arm {robot.name} goes through {len(comparison.via_q)} poses, from rest to rest."]
+    sentences = [
+        f"The arm {robot.name} goes through {len(comparison.via_q)} poses, from rest to rest."
+    ]
     if best := min(sure, key=times.__getitem__, default=None):
         title = comparison[best].title
-        said.append(f"The fastest certified motion takes {times[best]:.3f} s ({title}).")
+        sentences.append(f"The fastest certified motion takes {times[best]:.3f} s ({title}).")
         if reference in times and reference != best:
             usual, saved = comparison[reference].title, 1.0 - times[best] / times[reference]
-            said.append(
+            sentences.append(
                 f"The usual one ({usual}) takes {times[reference]:.3f} s under the same limits: "
                 f"{100 * saved:.0f} % is saved."
             )
@@ -78,7 +80,7 @@ def comparison_report(comparison: Comparison, path: str | Path) -> Path:
         for entry in comparison.entries
     ]
     parts = [
-        _words(said),
+        _words(sentences),
         _section("The fastest motion, the usual one as a ghost", film),
         _section("Every method", comparison_table(comparison)._repr_html_()),
         _section("Position, velocity and torque", _figure(comparison.plot(), "Curves over time")),
@@ -91,24 +93,26 @@ def comparison_report(comparison: Comparison, path: str | Path) -> Path:
 def cell_report(cell: Cell, path: str | Path) -> Path:
     """Write a cell as one HTML file: its time, parts an hour, stops, film, curves, certificate."""
     motion, robot = cell.motion, cell.robot
-    said = [f"The arm {robot.name} takes {motion.duration:.3f} s for the task ({motion.status})."]
+    sentences = [
+        f"The arm {robot.name} takes {motion.duration:.3f} s for the task ({motion.status})."
+    ]
     cycles = [motion.duration]
     if motion.solved:  # else there is nothing to compare
         try:
             usual = _point_to_point(cell)
         except InputError as problem:
-            said.append(f"Moves from stop to stop cannot be compared: {problem}.")
+            sentences.append(f"Moves from stop to stop cannot be compared: {problem}.")
         else:
             cycles.append(usual.duration)
             saved = 100.0 * (1.0 - motion.duration / usual.duration)
-            said.append(
+            sentences.append(
                 f"Moves from stop to stop, each with the fastest {usual.shape} of every joint from "
                 f"rest to rest, take {usual.duration:.3f} s{', obstacles aside' * bool(cell.scene)}"
                 f": {abs(saved):.0f} % {'is saved' if saved >= 0.0 else 'less'}."
             )
     if cell.task.cycle:
         hourly = " instead of ".join(f"{3600.0 / duration:.0f}" for duration in cycles)
-        said.append(f"Repeated, that is {hourly} parts an hour.")
+        sentences.append(f"Repeated, that is {hourly} parts an hour.")
     carried = [f"{load.mass:g}" for load in cell.task.payloads]
     stops = [
         [mark.name, f"{mark.time:.3f}", f"{dwell:g}", load]
@@ -117,7 +121,7 @@ def cell_report(cell: Cell, path: str | Path) -> Path:
     head = ["stop", "reached [s]", "rest [s]", "then carries [kg]"]
     film = _film(lambda to: cell.export(to, SETTINGS.rate))
     parts = [
-        _words(said),
+        _words(sentences),
         _section("The motion", film),
         _section("Stops", Table.of_text(head, stops)._repr_html_()),
         _section("Curves and limits", _figure(cell.plot(), "Curves over time")),
@@ -148,9 +152,9 @@ def certificate_report(
     certificate: Certificate, robot: Robot, motion: Motion, path: str | Path
 ) -> Path:
     """Write a certificate as one HTML file: its words, its table, the curves of the motion."""
-    said = "keeps every limit" if certificate.ok else "does not keep every limit"
+    verdict = "keeps every limit" if certificate.ok else "does not keep every limit"
     parts = [
-        _words([f"The motion of the arm {robot.name}, {motion.duration:.3f} s long, {said}."]),
+        _words([f"The motion of the arm {robot.name}, {motion.duration:.3f} s long, {verdict}."]),
         _section("What was checked", escape(certificate.verdict)),
         _section("Limits", certificate._repr_html_()),
         _section("Curves and limits", _figure(motion.plot(robot), "Curves over time")),
@@ -200,13 +204,13 @@ def _image(kind: str, data: bytes, text: str, look: str = "film") -> str:
 
 
 def _written(title: str, parts: Iterable[str], path: str | Path) -> Path:
-    made = f"microbot_ocp {version('microbot_ocp')}, {date.today().isoformat()}"
+    origin = f"microbot_ocp {version('microbot_ocp')}, {date.today().isoformat()}"
     body = "\n".join(filter(None, parts))
     page = (
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width">'
         f"<title>{escape(title)}</title><style>{STYLE}</style></head>\n"
-        f"<body><main><h1>{escape(title)}</h1>\n{body}\n</main><footer>{escape(made)}</footer>"
+        f"<body><main><h1>{escape(title)}</h1>\n{body}\n</main><footer>{escape(origin)}</footer>"
         "</body></html>\n"
     )
     return write_whole(path, page)

@@ -27,7 +27,7 @@ from microbot_ocp.ocp.diagnosis import NotFinite, finite_start
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.refinement import SolveContext
 from microbot_ocp.ocp.solution import RIVALS, Attempt, Solution, StartingPoint, cost_size
-from microbot_ocp.ocp.solvers import Made, run_chain, with_cost_scale
+from microbot_ocp.ocp.solvers import Solvers, run_chain, with_cost_scale
 from microbot_ocp.ocp.starts import Ranges, Rollouts, default_guess, starting_point
 from microbot_ocp.ocp.transcription import (
     Collocation,
@@ -379,7 +379,7 @@ class _Coarse:
             duration_scale = transcription.duration_scale
             transcription = Transcription(transcription.problem, duration_scale=duration_scale)
         self.program = assemble(transcription.layouts(intervals))
-        self.made: Made = {}
+        self.solvers: Solvers = {}
         settings = replace(
             context.settings,
             solver="ipopt",
@@ -407,6 +407,6 @@ class _Coarse:
             context.settings,
             begin,
             progress=context.progress,
-            made=self.made,
+            solvers=self.solvers,
             until=context.until,
         )

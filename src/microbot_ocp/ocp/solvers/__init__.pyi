@@ -25,7 +25,7 @@ from ._plugins import (
     create as create,
 )
 from ._run import (
-    Made as Made,
+    Solvers as Solvers,
     arguments_of as arguments_of,
 )
 from ._settings import (

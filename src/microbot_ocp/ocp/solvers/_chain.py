@@ -20,7 +20,7 @@ from microbot_ocp.ocp.diagnosis import advice, finite_start
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.solution import Attempt, Progress, Solution, StartingPoint, unpack
 from microbot_ocp.ocp.solvers._ldl import asks_for_ldl, without_ldl
-from microbot_ocp.ocp.solvers._run import Made, Runner, SolverOutcome
+from microbot_ocp.ocp.solvers._run import Runner, SolverOutcome, Solvers
 from microbot_ocp.ocp.solvers._settings import SolverSettings
 from microbot_ocp.ocp.solvers._tightening import tightened
 from microbot_ocp.ocp.starts import cost_scale, scaled, starting_point
@@ -91,18 +91,18 @@ def run_chain(
     *,
     progress: Progress | None = None,
     build_time: float = 0.0,
-    made: Made | None = None,
+    solvers: Solvers | None = None,
     until: float | None = None,
     warm_only: bool = False,
 ) -> Solution:
     """Try the solvers of the settings in turn until one converges.
 
-    ``made`` keeps solvers for further solves of the same program; ``until`` is when the time of all
+    ``solvers`` keeps them for further solves of the same program; ``until`` is when the time of all
     is over, by the clock of ``time.perf_counter``: by default the limit of the settings from now.
     """
     until = time.perf_counter() + settings.time_limit if until is None else until
     until = min(until, deadline.until())
-    runner = Runner(program, settings, progress, made, until)
+    runner = Runner(program, settings, progress, solvers, until)
     turns = [(name, False) for name in settings.chain()]
     if settings.solver == "sqp":
         turns.append(("sqp", True))
@@ -116,7 +116,7 @@ def run_chain(
         attempts.append(tried.attempt)
         if name == "ipopt" and tried.attempt.status in UNSURE and asks_for_ldl(settings.options):
             usual = replace(settings, options=without_ldl(settings.options))
-            tried = replace(runner, settings=usual, made=None).run(name, given, variant=variant)
+            tried = replace(runner, settings=usual, solvers=None).run(name, given, variant=variant)
             attempts.append(tried.attempt)
         status = tried.attempt.status
         # what one solver finds infeasible is not less so where the next one breaks down

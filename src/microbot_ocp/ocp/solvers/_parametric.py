@@ -42,7 +42,7 @@ from microbot_ocp.ocp.problem import (
 from microbot_ocp.ocp.solution import Progress, Solution
 from microbot_ocp.ocp.solvers import (
     SOLVERS,
-    Made,
+    Solvers,
     SolverSettings,
     arguments_of,
     create,
@@ -108,7 +108,7 @@ class ParametricSolver:
         self.transcription = transcription = transcribed(transcription, self.settings)
         self.mesh = mesh
         self.program = assemble(transcription.layouts(mesh), parametric=True)
-        self._made: Made = {}
+        self._cache: Solvers = {}
         self._cost_scale: float | None = None
 
     def solve(
@@ -157,7 +157,7 @@ class ParametricSolver:
         program = replace(program, cost_scale=self._cost_scale)
         spent = time.perf_counter() - begin
         return run_chain(
-            program, self.settings, start, progress=progress, build_time=spent, made=self._made
+            program, self.settings, start, progress=progress, build_time=spent, solvers=self._cache
         )
 
     def scale_cost(self, guess: Mapping[str, Guess] | Solution | None) -> None:

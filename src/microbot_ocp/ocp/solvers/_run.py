@@ -56,7 +56,7 @@ class SolverOutcome:
 
 
 # by name, variant, scale of the cost and thread
-Made = dict[tuple[str, bool, float, int], ca.Function]
+Solvers = dict[tuple[str, bool, float, int], ca.Function]
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,14 +79,14 @@ class Runner:
     program : Program
     settings : SolverSettings
     progress : callable, optional
-    made : keeps solvers for further solves of the program
+    solvers : of earlier solves of the program, and of this one for further ones
     until : when they end, by the clock of ``time.perf_counter``
     """
 
     program: Program
     settings: SolverSettings
     progress: Progress | None = None
-    made: Made | None = None
+    solvers: Solvers | None = None
     until: float = np.inf
 
     def run(self, name: str, start: StartingPoint, *, variant: bool = False) -> SolverOutcome:
@@ -95,7 +95,7 @@ class Runner:
         forks = not self._trusted(name, start.x.size) and can_fork()
         watch = None if self.progress is None else Watch(self.program, name, self.progress)
         left = self.settings.time_limit
-        if self.made is None:
+        if self.solvers is None:
             left = self.until - begin
             if forks:  # it answers before its process is ended, and what it had is known then
                 left -= max(SETTINGS.earlier * left, SETTINGS.least_earlier)
@@ -124,7 +124,7 @@ class Runner:
     def _trusted(self, name: str, size: int) -> bool:
         """Whether a solver ends by itself in time, or has all the time there is."""
         # one that is kept was made with the limit of the settings in place of that of this call
-        reused = self.made is not None and self.progress is None
+        reused = self.solvers is not None and self.progress is None
         endless = reused and not np.isfinite(self.settings.time_limit)
         short = size <= SETTINGS.large and not endless
         return name == "ipopt" and (short or not np.isfinite(self.until))
@@ -137,7 +137,7 @@ class Runner:
         One that is watched is not kept.
         """
         key = (name, variant, self.program.cost_scale, get_ident())
-        solvers = self.made if self.made is not None and watch is None else {}
+        solvers = self.solvers if self.solvers is not None and watch is None else {}
         if key not in solvers:
             given = self.program, name, self.settings
             try:

@@ -139,4 +139,4 @@ def _further(
         options={**settings.options, "ipopt": closer},
     )
     # not kept for other solves: it has the barrier of this one
-    return replace(runner, settings=finer, made=None).run("ipopt", before.point, variant=True)
+    return replace(runner, settings=finer, solvers=None).run("ipopt", before.point, variant=True)

@@ -46,8 +46,8 @@ class SwitchingTimeSettings:
     wrong_sign : of its largest: a multiplier of the wrong sign that is larger says that a switch is
         missing
     met : of its range: nearer to its limit a state is at it
-    kept, exceeded : of a limit: by more than the first it is exceeded between mesh points only
-        where an arc gets no more intervals, by more than the second nowhere
+    negligible, exceeded : of a limit: by more than the first it is exceeded between mesh points
+        only where an arc gets no more intervals, by more than the second nowhere
     """
 
     degree: int = 5
@@ -58,7 +58,7 @@ class SwitchingTimeSettings:
     costlier: float = 1e-3
     wrong_sign: float = 1e-3
     met: float = 1e-5
-    kept: float = 1e-8
+    negligible: float = 1e-8
     exceeded: float = 1e-4
 
 
@@ -73,7 +73,7 @@ class SingularSettings:
     checked : times an arc at which signs and limits are looked at
     shortest : of the phase, that an arc may come to
     vanishing : of its largest value, that a switching function is where it must vanish
-    kept : of their range or largest value: limits and signs
+    violation : of their range or largest value: by which limits and signs may be missed
     at_end : of its range: a condition that is an inequality is met at the end
     agrees : of the cost, that it may differ by from that of the solution that is near
     """
@@ -83,7 +83,7 @@ class SingularSettings:
     checked: int = 200
     shortest: float = 1e-6
     vanishing: float = 1e-9
-    kept: float = 1e-6
+    violation: float = 1e-6
     at_end: float = 1e-6
     agrees: float = 1e-2
 

@@ -435,7 +435,7 @@ class _FirstOrderConditions:
         ):
             sides = np.array(arc.signature[: self.lower.size])
             against = (sides[:, None] * switching).max(axis=1) / largest
-            if against.max() > SINGULAR.kept:
+            if against.max() > SINGULAR.violation:
                 raise NotPossibleError(
                     "a switching function of a control at a bound has the wrong sign"
                 )
@@ -502,7 +502,9 @@ class _FirstOrderConditions:
             reach = limit.upper - limit.lower
             reach = np.where(np.isfinite(reach), reach, np.ptp(values, axis=1) + limit.scale)
             excess = np.maximum(values.max(axis=1) - limit.upper, limit.lower - values.min(axis=1))
-            if np.any(excess > SINGULAR.kept * np.maximum(reach, SINGULAR.kept * limit.scale)):
+            if np.any(
+                excess > SINGULAR.violation * np.maximum(reach, SINGULAR.violation * limit.scale)
+            ):
                 raise NotPossibleError(f"{limit.name!r} is beyond its limit along an arc")
 
 

@@ -247,7 +247,7 @@ class _SwitchingSearch:
             count = piece.mesh.size - 1
             divided = divide(piece.mesh, error, self.accuracy, HIGH_ORDER.order)
             intervals[piece.name] = divided.size - 1
-            ratio = relative_excess(dense_phase(piece)).max(initial=0.0) / SWITCHING.kept
+            ratio = relative_excess(dense_phase(piece)).max(initial=0.0) / SWITCHING.negligible
             if ratio > 1.0 and count < SWITCHING.finest:
                 parts = int(np.clip(np.ceil(ratio ** (1 / SWITCHING.degree)), 2, 4))
                 intervals[piece.name] = max(intervals[piece.name], parts * count)

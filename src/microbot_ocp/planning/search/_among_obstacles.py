@@ -140,7 +140,7 @@ class Leg:
         self.family = LimitFamily.of(around.robot)
         self.ways: list[Detour] = []
         self.failed: list[Detour] = []
-        self.known: Motion | None = None
+        self.first_motion: Motion | None = None
         self.certified = np.inf
         self.refused = False  # whether there was a way that cannot be travelled
         self._reached: dict[int, PathTiming | None] = {}
@@ -150,7 +150,7 @@ class Leg:
     def search(self, number: int, progress: StepProgress) -> None:
         """Make the search of a number, unless it was made or there is no need of it."""
         straight = any(way.name == "straight" for way in (*self.ways, *self.failed))
-        if number < self._searches or straight or (number >= FIRST_SEARCHES and self.known):
+        if number < self._searches or straight or (number >= FIRST_SEARCHES and self.first_motion):
             return
         self._searches = number + 1
         candidate = detour(self.around, self.start, self.goal, self.settings.seed, number)
@@ -159,10 +159,10 @@ class Leg:
             progress(f"search {number}: no path in {candidate.checks} poses")
             return
         self.ways.append(candidate)
-        if self.known is None:
+        if self.first_motion is None:
             timing = self._timing(0)
-            self.known = timing or _resting_at_corners(self.family, candidate)
-        if self.known is None:
+            self.first_motion = timing or _resting_at_corners(self.family, candidate)
+        if self.first_motion is None:
             self.refused = True
             self.failed.append(self.ways.pop())
             self._reached.clear()
@@ -182,7 +182,7 @@ class Leg:
         choice = min(choice, len(self.ways) - 1)
         if choice not in self._motions:
             self._motions[choice] = self._timing(choice) or self._timing_with_rates(choice)
-        return self._motions[choice] or (self.known if choice == 0 else None)
+        return self._motions[choice] or (self.first_motion if choice == 0 else None)
 
     def _reach(self, choice: int) -> PathTiming | None:
         choice = min(choice, len(self.ways) - 1)
@@ -253,14 +253,14 @@ def search_legs(
                 leg.search(number, progress)
                 if deadline.over():
                     return
-            is_there = any(all(leg.known for leg in legs) for legs in ways)
+            is_there = any(all(leg.first_motion for leg in legs) for legs in ways)
             if is_there and number + 1 >= searches:
                 return
 
 
 def choices_of(legs: Sequence[Leg]) -> range:
     """Numbers of the ways that there are along legs; none where a leg has no way."""
-    there = all(leg.known for leg in legs)
+    there = all(leg.first_motion for leg in legs)
     return range(max((len(leg.ways) for leg in legs), default=1) if there else 0)
 
 
@@ -402,7 +402,7 @@ def legs_between(
     """
     legs = [Leg(around, start, end, settings) for start, end in itertools.pairwise(via)]
     search_legs([legs], progress, searches=1)
-    first = _proved(around, legs, 0, [leg.known for leg in legs])
+    first = _proved(around, legs, 0, [leg.first_motion for leg in legs])
     if first is not None:
         progress(f"path {first.name}: {first.motion.duration:.4f} s, the first that is known")
     search_legs([legs], progress)
@@ -557,9 +557,9 @@ def as_plain(clearance: Clearance) -> dict[str, Any]:
 
 def nothing_found(legs: Sequence[Leg | None], names: Sequence[str]) -> str:
     """Why there is no timed path along legs, where they are free, between poses of these names."""
-    missing = next((k for k, leg in enumerate(legs) if leg and leg.known is None), 0)
+    missing = next((k for k, leg in enumerate(legs) if leg and leg.first_motion is None), 0)
     leg = legs[missing]
-    if leg is None or leg.known is not None or leg.refused:
+    if leg is None or leg.first_motion is not None or leg.refused:
         return "no path around the obstacles that was found can be travelled within the limits"
     failed, start, end = leg.failed, names[missing], names[missing + 1]
     poses = sum(search.checks for search in failed)

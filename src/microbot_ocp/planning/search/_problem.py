@@ -90,7 +90,7 @@ class MotionProblem(Protocol):
     @property
     def timed_path(self) -> InitialGuess | None: ...
     @property
-    def known(self) -> Slowed | None:
+    def fallback(self) -> Slowed | None:
         """The fastest motion that needs no search."""
         ...
 
@@ -158,12 +158,12 @@ class FreeProblem:
         return compiles(self.settings.compiled)
 
     @property
-    def known(self) -> Slowed | None:
+    def fallback(self) -> Slowed | None:
         """The fastest way that needs no search, where motions may be slowed down."""
-        return self.way if not self.is_free or self.way is not None else self._known
+        return self.way if not self.is_free or self.way is not None else self._fallback
 
     @cached_property
-    def _known(self) -> Slowed | None:
+    def _fallback(self) -> Slowed | None:
         return known_ways(self.family, self.via, self.settings.limit_tolerance, self.fast)
 
     def kernels(self, *, budgeted: bool = False) -> Transcription:

@@ -169,8 +169,8 @@ def _within_limits(best: Fastest, motion: Motion) -> Motion:
         problem.slowed(solution)
     slower = [problem.way] if problem.way else []
     slower += [Slowed(slowed, _name(a.solution is solution)) for a, slowed in _slowed(search, best)]
-    if not fast_enough and not slower and problem.known:
-        slower = [problem.known]
+    if not fast_enough and not slower and problem.fallback:
+        slower = [problem.fallback]
     if not slower:
         return motion
     fallback, made_from = min(slower, key=lambda slowed: slowed.motion.duration)

@@ -193,7 +193,7 @@ class _Among:
         self._search: StopSearch | None = None
 
     @cached_property
-    def _known(self) -> ProvedPath | None:
+    def _fallback(self) -> ProvedPath | None:
         """The fastest way that rests at every stop, keeps all limits and is proved to keep clear;
         None where there is none.
         """
@@ -246,7 +246,8 @@ class _Among:
 
         Where one that was found misses some pair's distance the search is made again.
         """
-        names, fallback = {"scene": list(self._scene.names)}, self._known if self._guided else None
+        names = {"scene": list(self._scene.names)}
+        fallback = self._fallback if self._guided else None
         answers: Made = [], ""
         proofs: list[Clearance | None] = []
         if self._guided:

@@ -277,12 +277,12 @@ def _nearest(state: SearchState) -> MotionAnswer:
 def next_from_known(search: MotionSearch, state: SearchState) -> NextStep | None:
     """A known way where no start led anywhere."""
     step = _nothing_solved(search, state, "known way")
-    return step if step is not None and search.problem.known is not None else None
+    return step if step is not None and search.problem.fallback is not None else None
 
 
 def from_known(search: MotionSearch, step: NextStep) -> MotionAnswer:
     """Solve from a way with its best timing."""
-    way = search.problem.known
+    way = search.problem.fallback
     subject = step.answer
     assert way is not None
     refiner = coarse(search)
@@ -473,7 +473,7 @@ def next_smoother(search: MotionSearch, state: SearchState) -> NextStep | None:
 def _within_limits(search: MotionSearch, answer: MotionAnswer) -> Any:
     """A motion within the limits from a coarse answer, or any."""
     slowed = search.problem.slowed(answer.solution)
-    return slowed or getattr(search.problem.known, "motion", None)
+    return slowed or getattr(search.problem.fallback, "motion", None)
 
 
 def less_and_less_smoothing(search: MotionSearch, step: NextStep) -> MotionAnswer:

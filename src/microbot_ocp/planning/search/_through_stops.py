@@ -146,7 +146,7 @@ class StopProblem:
 
     is_free = False  # velocities and cycles at stops are given; every way through branches is tried
     timed_path: InitialGuess | None = None
-    known: Slowed | None = None
+    fallback: Slowed | None = None
 
     @property
     def family(self) -> LimitFamily:

@@ -117,8 +117,8 @@ def _described(name: str, tip: str | None) -> Robot:
     try:
         files = import_module(f"robot_descriptions.{name}")
     except Exception as problem:  # it clones a repository: whatever may go wrong with a network
-        said = " ".join(str(problem).split())
-        raise InputError(f"robot_descriptions cannot fetch {name!r}: {said}") from problem
+        reason = " ".join(str(problem).split())
+        raise InputError(f"robot_descriptions cannot fetch {name!r}: {reason}") from problem
     if urdf := getattr(files, "URDF_PATH", None):
         return load_urdf(urdf, tip)
     if xacro := getattr(files, "XACRO_PATH", None):

@@ -88,8 +88,8 @@ def load_mjcf(
         try:
             model = mujoco.MjModel.from_xml_path(str(path))
         except ValueError as problem:
-            said = " ".join(str(problem).split())
-            raise InputError(f"MuJoCo cannot read it: {said}") from None
+            reason = " ".join(str(problem).split())
+            raise InputError(f"MuJoCo cannot read it: {reason}") from None
         content = _Model(mujoco, model, Path(path).absolute().parent, remarks).file()
         robot = robot_of(content, remarks, tip, parallel_tolerance)
     remarks.warn(origin)
@@ -248,8 +248,8 @@ class _Model:
             pose, size, path = _pose(model.geom_pos[k], model.geom_quat[k]), model.geom_size[k], ""
             if kind == "MESH":
                 mesh = int(model.geom_dataid[k])
-                own = _pose(model.mesh_pos[mesh], model.mesh_quat[mesh])
-                pose, size = pose @ np.linalg.inv(own), model.mesh_scale[mesh]
+                shift = _pose(model.mesh_pos[mesh], model.mesh_quat[mesh])
+                pose, size = pose @ np.linalg.inv(shift), model.mesh_scale[mesh]
                 text = bytes(model.paths)[model.mesh_pathadr[mesh] :].split(b"\0")[0].decode()
                 path = str(self.folder / text)
                 if not text:

@@ -32,5 +32,5 @@ class Remarks:
             shown = items[:SHOWN]
             if len(items) > SHOWN:
                 shown.append(f"{len(items) - SHOWN} more")
-            told = f"{kind}: {', '.join(shown)}" if shown else kind
-            warn_user(f"{origin}: {told}", RobotFileWarning)
+            words = f"{kind}: {', '.join(shown)}" if shown else kind
+            warn_user(f"{origin}: {words}", RobotFileWarning)

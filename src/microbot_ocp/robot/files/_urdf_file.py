@@ -119,14 +119,14 @@ def urdf_file(root: Element, origin: str, folder: Path | None, remarks: Remarks)
 
 
 def _named(root: Element, kind: str) -> dict[str, Element]:
-    found: dict[str, Element] = {}
+    elements: dict[str, Element] = {}
     for element in root.findall(kind):
         name = element.get("name")
-        if not name or name in found:
+        if not name or name in elements:
             what = f"two {kind}s named {name!r}" if name else f"a {kind} without a name"
             raise InputError(f"it has {what}")
-        found[name] = element
-    return found
+        elements[name] = element
+    return elements
 
 
 def number_from(label: str, text: str) -> float:
@@ -337,11 +337,11 @@ def _size(element: Element, label: str) -> list[float]:
     return [number_from(f"{name} of the {label}", element.get(name, "")) for name in names]
 
 
-def _color(material: Element | None, known: Colors) -> tuple[float, ...] | None:
+def _color(material: Element | None, colors: Colors) -> tuple[float, ...] | None:
     if material is None:
         return None
     color = material.find("color")
     if color is None:
-        return known.get(material.get("name"))
+        return colors.get(material.get("name"))
     label = f"color of material {material.get('name')!r}"
     return tuple(_vector(color, "rgba", label, "", 4).tolist())

@@ -395,11 +395,11 @@ class _Tree:
         """One link a joint, of all that moves with it; none if nothing has a mass."""
         bodies: list[list[Part]] = [[] for _ in range(len(moving) + 1)]
         for name in self.order:
-            if own := self.links[name].inertial:
-                frame = frames[name] @ own.frame
-                inertia = frame[:3, :3] @ own.inertia @ frame[:3, :3].T
-                bodies[carriers[name]].append((own.mass, frame[:3, 3], inertia))
-                if fault := inertia_fault(own.inertia):
+            if inertial := self.links[name].inertial:
+                frame = frames[name] @ inertial.frame
+                inertia = frame[:3, :3] @ inertial.inertia @ frame[:3, :3].T
+                bodies[carriers[name]].append((inertial.mass, frame[:3, 3], inertia))
+                if fault := inertia_fault(inertial.inertia):
                     what = "are taken as they stand" if carriers[name] else "do not move here"
                     self.remarks.add(f"inertias that no rigid body has {what}", f"{name!r} {fault}")
         if not any(mass or inertia.any() for body in bodies[1:] for mass, _, inertia in body):

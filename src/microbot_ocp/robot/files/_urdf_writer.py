@@ -75,8 +75,8 @@ def _link_names(robot: Robot) -> list[str]:
     """Different names: base_link, one a joint, tool."""
     names = ["base_link"]
     for joint, joint_name in enumerate(robot.joint_names):
-        own = robot.links[joint].name if robot.has_dynamics else None
-        names.append(_unused(own if own and own != joint_name else f"{joint_name}_link", names))
+        link = robot.links[joint].name if robot.has_dynamics else None
+        names.append(_unused(link if link and link != joint_name else f"{joint_name}_link", names))
     return [*names, _unused("tool", names)]
 
 

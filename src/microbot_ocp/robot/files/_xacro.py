@@ -47,10 +47,10 @@ def expanded(path: Path, arguments: Mapping[str, str] | None = None) -> str:
     folder, missing = path.absolute().parent, []
 
     def find(name: str) -> str:
-        found = package_folder(name, folder)
-        if found is None:
+        place = package_folder(name, folder)
+        if place is None:
             missing.append(name)
-        return str(found or folder.parent)
+        return str(place or folder.parent)
 
     def work(_: object = None) -> tuple[bool, str]:
         """Whether it went well, and the text or what is wrong."""

@@ -62,8 +62,8 @@ def read_xml(data: str | bytes, remarks: Remarks) -> ElementTree.Element:
     return builder.close()
 
 
-def _blank(found: re.Match[str]) -> str:
-    return "\n" * found.group().count("\n")
+def _blank(match: re.Match[str]) -> str:
+    return "\n" * match.group().count("\n")
 
 
 def _decoded(data: bytes, remarks: Remarks) -> str:
@@ -77,7 +77,7 @@ def _decoded(data: bytes, remarks: Remarks) -> str:
 
 
 def _declared(data: bytes) -> str:
-    found = re.match(rb"\s*<\?xml[^>]*?encoding\s*=\s*[\"']([\w.:-]+)", data)
-    name = found.group(1).decode("ascii", "replace") if found else "utf-8"
+    declaration = re.match(rb"\s*<\?xml[^>]*?encoding\s*=\s*[\"']([\w.:-]+)", data)
+    name = declaration.group(1).decode("ascii", "replace") if declaration else "utf-8"
     wide = name.lower().replace("-", "").startswith(("utf16", "utf32"))
     return "utf-8" if wide else name  # of wide characters the declaration itself was not found

@@ -139,13 +139,13 @@ def _page(axes: GivenAxes | None, rows: int, joints: int, title: str) -> Page:
 def _across(page: Page, row: int) -> Axes:
     """Return one axes in the place of a row; on axes of the caller the others are hidden."""
     first, *others = page.axes[row]
-    if page.own:
+    if page.is_new:
         grid = first.get_gridspec()
         turned = grid.nrows != page.axes.shape[0] or grid.ncols != page.axes.shape[1]
         first.set_subplotspec(grid[:, row] if turned else grid[row, :])
         page.axes[row, :] = first
     for panel in others:
-        panel.remove() if page.own else panel.set_visible(False)
+        panel.remove() if page.is_new else panel.set_visible(False)
     for panel in page.axes.flat:  # panels of other widths below do not share their ticks
         panel.tick_params(labelbottom=True)
     return first
@@ -249,7 +249,7 @@ def _label_panels(
     page: Page, robot: Robot, quantities: Sequence[str], joints: Sequence[int], symbols: bool
 ) -> None:
     """Label every panel, or the first of a row where the others say the same; name the joints."""
-    grid, many = page.axes, len(joints) > STYLE.side_by_side and page.own
+    grid, many = page.axes, len(joints) > STYLE.side_by_side and page.is_new
     named = False
     for row, quantity in zip(grid, quantities, strict=True):
         of_joints = scene.of_joints(robot, quantity)
@@ -257,7 +257,7 @@ def _label_panels(
         name = NAMES.get(quantity) or LimitFamily.of(robot)[quantity].name
         name = quantity if symbols and quantity in NAMES else name
         for panel, unit in zip(row, units, strict=True):
-            repeated = page.own and not many and unit == units[0] and panel is not row[0]
+            repeated = page.is_new and not many and unit == units[0] and panel is not row[0]
             size = {"fontsize": 8.5} if many else {}
             panel.set_ylabel("" if repeated else f"{name} [{unit}]", **size)
         for panel, joint in zip(row, joints, strict=True) if of_joints and not named else ():
@@ -267,7 +267,7 @@ def _label_panels(
         named = named or of_joints
     for panel in grid[:, -1] if many else grid[-1]:
         panel.set_xlabel("t [s]")
-    if page.own:
+    if page.is_new:
         page.figure.align_ylabels(list(grid.flat))
 
 

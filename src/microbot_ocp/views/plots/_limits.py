@@ -192,7 +192,7 @@ def saturation(
     panel: Axes = page.axes[0, 0]
     ticks, kinds = [], set()
     longest = max((motion.duration for motion in motions.values()), default=1.0)
-    font = STYLE.small if page.own else STYLE.tiny
+    font = STYLE.small if page.is_new else STYLE.tiny
     for place, (label, motion) in enumerate(motions.items()):
         first = place * (len(names) + 1)
         rows = range(first, first + len(names))

@@ -129,12 +129,12 @@ class Page:
     ----------
     axes : AxesGrid
         One axes a panel.
-    own : bool
+    is_new : bool
         Whether the page was made here; only then it gets a title and a legend outside the axes.
     """
 
     axes: AxesGrid
-    own: bool
+    is_new: bool
 
     @property
     def figure(self) -> Figure:
@@ -152,18 +152,18 @@ class Page:
         warnings : iterable of str
             What went wrong, in red above the entries, broken where the page ends.
         """
-        width = int(13 * self.figure.get_figwidth()) if self.own else 40
+        width = int(13 * self.figure.get_figwidth()) if self.is_new else 40
         warning = "\n".join(line for text in warnings for line in textwrap.wrap(text, width))
         if not handles and not warning:
             return
-        target: Any = self.figure if self.own else self.axes.flat[0]
+        target: Any = self.figure if self.is_new else self.axes.flat[0]
         place: dict[str, Any] = {"loc": "best", "fontsize": STYLE.small}
-        if self.own:
+        if self.is_new:
             widest = max((len(str(handle.get_label())) for handle in handles), default=1)
             fit = max(1, int(13.0 * self.figure.get_figwidth() // (widest + 10)))
             place = {"loc": "outside lower center", "ncols": min(columns, fit)}
         legend = target.legend(
-            handles=list(handles), title=warning, frameon=not self.own, handlelength=3.6, **place
+            handles=list(handles), title=warning, frameon=not self.is_new, handlelength=3.6, **place
         )
         legend.get_title().set_color(STYLE.warning)
 
@@ -209,12 +209,12 @@ def axes_page(
         Axes of another shape, or no axes at all.
     """
     if axes is not None:
-        return Page(_checked(axes, rows, columns), own=False)
+        return Page(_checked(axes, rows, columns), is_new=False)
     figure = new_page(size, title)
     shape = (columns, rows) if transposed else (rows, columns)
     given = {"axes_class": ShownAxes, **subplots.pop("subplot_kw", {})}
     grid = figure.subplots(*shape, squeeze=False, subplot_kw=given, **subplots)
-    return Page((grid.T if transposed else grid).view(AxesGrid), own=True)
+    return Page((grid.T if transposed else grid).view(AxesGrid), is_new=True)
 
 
 def _checked(axes: Any, rows: int, columns: int) -> AxesGrid:

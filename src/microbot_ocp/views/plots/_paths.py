@@ -100,7 +100,7 @@ def _page(comparison: Comparison, axes: GivenAxes | None) -> Page:
         width_ratios=(1.35, 1.0),
         per_subplot_kw={name: {"axes_class": kind} for name, kind in kinds.items()},
     )
-    return Page(np.array([[panels[name] for name in kinds]]).view(AxesGrid), own=True)
+    return Page(np.array([[panels[name] for name in kinds]]).view(AxesGrid), is_new=True)
 
 
 def has_vertical_waist(comparison: Comparison) -> bool:
