@@ -54,7 +54,7 @@ def write_archive(
 def read_archive(
     path: str | Path, what: str, newest: int
 ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """Arrays and metadata of a file that :func:`write_archive` wrote.
+    """Return arrays and metadata of a file that :func:`write_archive` wrote.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ def read_archive(
 
 
 def no_archive(path: str | Path, what: str, problem: Exception) -> InputError:
-    """The refusal of a file that does not hold what it should."""
+    """Return the refusal of a file that does not hold what it should."""
     sentence = repr(problem) if isinstance(problem, KeyError) else str(problem)
     reason = " ".join(sentence.split()) or type(problem).__name__
     return InputError(

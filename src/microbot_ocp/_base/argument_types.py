@@ -45,7 +45,7 @@ _classes: set[type] = set()
 
 
 def checked(thing: Any, face: str) -> Any:
-    """A function, or a class of this package, that checks its arguments; all else as it is.
+    """Return a function, or a class of this package, that checks its arguments; all else as it is.
 
     A class is changed in place; a function becomes another one, which stands in ``face``.
     """
@@ -81,7 +81,9 @@ def _check_methods(kind: type) -> None:
 
 
 def _checking(function: Any, data: bool = False) -> Any:
-    """A function that calls the one given here, and looks at what it was given if that fails."""
+    """Return a function that calls the one given here, and looks at what it was given if that
+    fails.
+    """
     inner = inspect.unwrap(function)
     ours, foreign, refuse = InputError, Exception, functools.partial(_refuse, inner)
 
@@ -125,7 +127,7 @@ def _refuse(
 
 @functools.cache
 def _rules(function: Any) -> tuple[dict[str, tuple[Fits, str]], list[str]]:
-    """What fits the annotations of a function, and its positional parameters."""
+    """Return what fits the annotations of a function, and its positional parameters."""
     names = _Names(function.__globals__, ArrayLike=np.ndarray)
     parameters = inspect.signature(function).parameters.values()
     variable = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
@@ -158,7 +160,7 @@ def _evaluated(annotation: str, names: _Names) -> Any:
 
 
 def _is_number(value: Any) -> bool:
-    """Whether numpy or Python may make a float of it: what ``checks.number`` looks at."""
+    """Return whether numpy or Python may make a float of it: what ``checks.number`` looks at."""
     if isinstance(value, int | float | np.integer | np.floating):
         return not isinstance(value, bool)
     other = complex | np.generic | type | str | bytes  # of which float may make one, too
@@ -200,12 +202,12 @@ PLAIN: dict[Any, tuple[Fits, str]] = {
 
 
 def fits(value: Any, hint: Any) -> bool:
-    """Whether a value is of an annotation's type; of what is no type of ours anything is."""
+    """Return whether a value is of an annotation's type; of what is no type of ours anything is."""
     return _rule(hint)[0](value)
 
 
 def _rule(hint: Any) -> tuple[Fits, str]:
-    """What fits an annotation, and what to call it; empty where all does."""
+    """Return what fits an annotation, and what to call it; empty where all does."""
     kind, inner = typing.get_origin(hint) or hint, typing.get_args(hint)
     if kind in PLAIN:
         return PLAIN[kind]

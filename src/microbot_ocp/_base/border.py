@@ -37,7 +37,7 @@ def attach_stub(name: str, file: str) -> tuple[Callable[[str], Any], Callable[[]
 
 
 def _loaded(face: str, seen: set[str]) -> list[str]:
-    """Modules behind a face that were imported since this was asked before."""
+    """Return modules behind a face that were imported since this was asked before."""
     new = [
         name
         for name, module in list(sys.modules.items())

@@ -40,5 +40,5 @@ class Check:
 
 
 def problems_of(checks: Iterable[Check]) -> list[str]:
-    """Sentences of what did not pass."""
+    """Return sentences of what did not pass."""
     return [check.problem for check in checks if not check.passed]

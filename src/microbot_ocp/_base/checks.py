@@ -64,7 +64,7 @@ _brief.maxlist = _brief.maxtuple = _brief.maxset = _brief.maxdict = _brief.maxar
 
 
 def shown(value: Any) -> str:
-    """A value as a message may quote it: its ``repr``, of bounded length and depth."""
+    """Return a value as a message may quote it: its ``repr``, of bounded length and depth."""
     try:
         return shortened(_brief.repr(value), 120)
     except Exception:  # a repr is anyone's code; a huge integer has none
@@ -75,7 +75,7 @@ CONTROL = {code: f"\\x{code:02x}" for code in (*range(9), *range(11, 13), *range
 
 
 def shortened(text: str, most: int) -> str:
-    """``text`` on one line with at most so many characters, the middle left out.
+    """Return ``text`` on one line with at most so many characters, the middle left out.
 
     Control characters, which no terminal and no log should get, are written as their codes.
     """
@@ -95,7 +95,7 @@ def _with_unit(value: Any, unit: str) -> str:
 
 
 def _is_numeric(value: Any) -> bool:
-    """Whether numpy would read numbers only: no text, no truth values, at any depth."""
+    """Return whether numpy would read numbers only: no text, no truth values, at any depth."""
     if isinstance(value, list | tuple):
         return all(_is_numeric(entry) for entry in value)
     if isinstance(value, str | bytes | bool | np.bool_ | complex | np.complexfloating):
@@ -106,7 +106,7 @@ def _is_numeric(value: Any) -> bool:
 
 
 def _remedy(value: Any) -> str:
-    """What makes numbers of what is none."""
+    """Return what makes numbers of what is none."""
     if isinstance(value, Iterator):
         return "; make a list of it"
     return "; call it" if callable(value) else ""
@@ -152,7 +152,8 @@ def whole(
 
 
 def longest_step(duration: float, most: int) -> float:
-    """Least step between samples of a motion, s: of ``most`` in 100 s, of fewer in longer ones.
+    """Return least step between samples of a motion, s: of ``most`` in 100 s, of fewer in longer
+    ones.
 
     >>> longest_step(100.0, 1000), longest_step(10_000.0, 1000)
     (0.1, 100.0)
@@ -239,7 +240,7 @@ def joints(name: str, count: int, robot: Any) -> None:
 
 
 def step_count(duration: float, step: float) -> int:
-    """How many steps of at most ``step`` s a duration takes; too many are refused."""
+    """Return how many steps of at most ``step`` s a duration takes; too many are refused."""
     size("the number of samples", duration / step, MOST_GIVEN)
     return max(1, int(np.ceil(duration / step - 1e-9)))
 
@@ -250,7 +251,7 @@ LONGEST_LINK = 20.0  # m: no arm has a longer one
 
 
 def degrees_hint(angles: ArrayLike, beyond: float = 2 * np.pi) -> str:
-    """Words for angles given in rad that look like degrees: whole numbers beyond a turn.
+    """Return words for angles given in rad that look like degrees: whole numbers beyond a turn.
 
     >>> degrees_hint([0.0, 90.0]), degrees_hint([0.0, 1.5])
     ('; that looks like degrees: np.radians makes rad of them', '')
@@ -270,14 +271,14 @@ class UnknownName(InputError, KeyError):
 
 
 def by_name(what: str, entries: Mapping[str, Any], name: object, hint: str = "") -> Any:
-    """The entry of that name; without one the names that there are, the most similar first."""
+    """Give the entry of that name; without one the names that there are, the most similar first."""
     if isinstance(name, str) and name in entries:
         return entries[name]
     raise UnknownName(f"{what} has no {shown(name)}{similar(name, entries)}{hint}") from None
 
 
 def similar(name: object, names: Iterable[str]) -> str:
-    """What to say of a name that is none of these: which it may be, or which there are."""
+    """Return what to say of a name that is none of these: which it may be, or which there are."""
     there = list(names)
     close = difflib.get_close_matches(str(name), there, 1)
     if len(there) > MOST_NAMES:
@@ -297,7 +298,9 @@ def one_of(name: str, value: str, allowed: Iterable[str]) -> str:
 
 
 def plain(value: Any) -> Any:
-    """Dataclasses and arrays as plain values for strict JSON: what is not finite becomes None."""
+    """Return dataclasses and arrays as plain values for strict JSON: what is not finite becomes
+    None.
+    """
     if hasattr(type(value), "__dataclass_fields__"):
         return {f.name: plain(getattr(value, f.name)) for f in fields(value)}
     if isinstance(value, Mapping):

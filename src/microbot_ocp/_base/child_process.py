@@ -60,7 +60,7 @@ def _is_ours(frame: FrameType | None) -> bool:
 
 
 def spare_processor() -> bool:
-    """Whether another process would run beside this one, which is no worker of many itself.
+    """Return whether another process would run beside this one, which is no worker of many itself.
 
     Nor from any thread but the first.
     """

@@ -62,7 +62,7 @@ class NotCompiled(UserWarning):
 
 @lru_cache(maxsize=1)
 def compiler() -> str | None:
-    """Path of the C compiler: ``$CC``, else cc, gcc or clang; None where there is none."""
+    """Return path of the C compiler: ``$CC``, else cc, gcc or clang; None where there is none."""
     for name in (os.environ.get("CC"), "cc", "gcc", "clang"):
         path = shutil.which(name) if name else None
         if path:
@@ -72,7 +72,7 @@ def compiler() -> str | None:
 
 @lru_cache(maxsize=1)
 def processor() -> str:
-    """Identity of the processor: machine, model and instruction sets."""
+    """Return identity of the processor: machine, model and instruction sets."""
     parts = [platform.system(), platform.machine(), platform.processor()]
     with contextlib.suppress(OSError, UnicodeDecodeError):
         lines = Path("/proc/cpuinfo").read_text("utf-8").split("\n\n")[0].splitlines()
@@ -82,7 +82,7 @@ def processor() -> str:
 
 
 def cache_folder() -> Path:
-    """Folder that keeps the compiled functions."""
+    """Return folder that keeps the compiled functions."""
     chosen = os.environ.get("MICROBOT_OCP_CACHE")
     if chosen:
         return Path(chosen)
@@ -94,12 +94,12 @@ def cache_folder() -> Path:
 
 
 def _private_folder() -> Path:
-    """Where the user's own cache cannot be."""
+    """Return where the user's own cache cannot be."""
     return Path(tempfile.gettempdir()) / f"microbot_ocp-{_user()}"
 
 
 def usable_folder() -> Path:
-    """The cache folder, made if need be; a private one where it is not safe.
+    """Return the cache folder, made if need be; a private one where it is not safe.
 
     Warns
     -----
@@ -126,7 +126,7 @@ def _say_once(sentence: str) -> None:
 
 
 def _folder_problem(folder: Path) -> str:
-    """Why a folder is not used; empty where it may be."""
+    """Return why a folder is not used; empty where it may be."""
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         with contextlib.suppress(FileExistsError):
@@ -150,7 +150,7 @@ def _user() -> int:
 
 
 def _is_whole(path: Path) -> bool:
-    """Whether a file of the cache is as it was written."""
+    """Return whether a file of the cache is as it was written."""
     with contextlib.suppress(OSError):
         return content_of(_beside(path)) == digest(path).encode()
     return False
@@ -189,12 +189,12 @@ def interpreted() -> Iterator[None]:
 
 
 def compiles(wanted: bool = True) -> bool:
-    """Whether functions are compiled: wanted, with a compiler, and not :func:`interpreted`."""
+    """Give whether functions are compiled: wanted, with a compiler, and not :func:`interpreted`."""
     return wanted and not _interpreted.get() and compiler() is not None
 
 
 def maybe_compiled(function: ca.Function, wanted: bool) -> ca.Function:
-    """``function`` compiled if ``wanted``, else as it is."""
+    """Return ``function`` compiled if ``wanted``, else as it is."""
     return compile_function(function) if wanted else function
 
 
@@ -231,7 +231,8 @@ def compile_functions(functions: Sequence[ca.Function]) -> tuple[ca.Function, ..
 def compile_recipe(
     recipe: bytes | str, make: Callable[[], Sequence[ca.Function]]
 ) -> tuple[ca.Function, ...]:
-    """The functions that a recipe makes, compiled; they are made only where they are not at hand.
+    """Return the functions that a recipe makes, compiled; they are made only where they are not at
+    hand.
 
     Parameters
     ----------
@@ -261,7 +262,7 @@ def compile_recipe(
 
 @lru_cache(maxsize=1)
 def package() -> str:
-    """Digest of the source of this package and the version of CasADi."""
+    """Return digest of the source of this package and the version of CasADi."""
     digest = hashlib.sha256(ca.CasadiMeta.version().encode())
     for path in sorted(Path(__file__).parent.parent.rglob("*.py")):
         digest.update(path.read_bytes())
@@ -269,7 +270,7 @@ def package() -> str:
 
 
 def _compiled(given: Sequence[ca.Function]) -> dict[ca.Function, Path] | None:
-    """Every function compiled, with its library; where that fails a warning and None."""
+    """Return every function compiled, with its library; where that fails a warning and None."""
     deadline.check()
     cc = compiler()
     if cc is None:
@@ -297,7 +298,7 @@ def _compiled(given: Sequence[ca.Function]) -> dict[ca.Function, Path] | None:
 
 
 def _libraries(groups: Sequence[Sequence[ca.Function]], cc: str) -> Iterator[tuple[str, Path]]:
-    """Name and library of every function of groups, which are compiled at the same time."""
+    """Yield name and library of every function of groups, which are compiled at the same time."""
     sources = [c_source(group) for group in groups]
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
         jobs = []
@@ -325,13 +326,13 @@ def _external(name: str, library: Path) -> ca.Function:
 
 
 def _operations(function: ca.Function) -> int:
-    """Operations of a function and of all that it calls."""
+    """Return operations of a function and of all that it calls."""
     inner = (function, *function.find_functions())
     return sum(k.n_instructions() for k in inner if k.is_a("SXFunction"))
 
 
 def c_source(functions: Sequence[ca.Function]) -> str:
-    """C text of functions."""
+    """Return C text of functions."""
     generator = ca.CodeGenerator(f"{functions[0].name()}.c", {"with_header": False})
     for function in functions:
         generator.add(function)

@@ -40,12 +40,14 @@ def within(time_limit: float) -> Iterator[None]:
 
 
 def until() -> float:
-    """When the time is over, by the clock of ``time.perf_counter``; infinite without a limit."""
+    """Return when the time is over, by the clock of ``time.perf_counter``; infinite without a
+    limit.
+    """
     return _until.get()
 
 
 def left() -> float:
-    """Time that is left, s; infinite without a limit."""
+    """Return time that is left, s; infinite without a limit."""
     return max(0.0, _until.get() - time.perf_counter())
 
 
@@ -55,7 +57,7 @@ def processor_time() -> float:
 
 
 def over() -> bool:
-    """Whether the time is over."""
+    """Return whether the time is over."""
     return time.perf_counter() >= _until.get()
 
 

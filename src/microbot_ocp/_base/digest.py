@@ -49,7 +49,7 @@ _WRITTEN = ("__module__", "__doc__", "__dict__", "__weakref__", "__firstlineno__
 
 
 def digest_of(**parts: Any) -> str:
-    """SHA-256 of what these parts hold, in hexadecimal digits.
+    """Return SHA-256 of what these parts hold, in hexadecimal digits.
 
     Raises
     ------
@@ -235,7 +235,7 @@ def _indistinct(value: Any, name: str) -> InputError:
 
 
 def _references(code: CodeType) -> tuple[list[str], list[str]]:
-    """Global names that a code uses, and modules that it imports."""
+    """Return global names that a code uses, and modules that it imports."""
     used, imported, left = set[str](), set[str](), [code]
     while left:
         inner = left.pop()
@@ -258,7 +258,7 @@ def _file_of(module: str) -> Path | None:
 
 @functools.cache
 def _in_library(module: str | None) -> bool:
-    """Whether a module is Python's, ours or installed, and so told by its name and version."""
+    """Give whether a module is Python's, ours or installed, and so told by its name and version."""
     top = str(module).partition(".")[0]
     if top == PACKAGE or top in sys.stdlib_module_names:
         return True

@@ -187,7 +187,9 @@ def _check_vectors(function: ca.Function) -> None:
 
 
 def _extension(function: ca.Function, most: int, *, make: bool = True) -> FastCall | None:
-    """The compiled module's function; None where it cannot be built, or is not to be and is not."""
+    """Return the compiled module's function; None where it cannot be built, or is not to be and
+    is not.
+    """
     headers = [sysconfig.get_path("include"), np.get_include()]
     cc = compiler() if compiles() else None
     if cc is not None and (Path(headers[0]) / "Python.h").exists():
@@ -282,7 +284,8 @@ _WIDE = {
 
 
 def _wide(function: ca.Function) -> str:
-    """C statements of a function from x to y, vectors of states; none where an operation has none.
+    """Return C statements of a function from x to y, vectors of states; none where an operation has
+    none.
 
     What CasADi writes for one state a compiler cannot widen: a call of a sine stops it.
     """
@@ -400,7 +403,7 @@ class _Memory:
 
 
 def _stand_in(function: ca.Function) -> FastCall:
-    """What :func:`fast_call` promises, without an extension module."""
+    """Return what :func:`fast_call` promises, without an extension module."""
     name, labels = function.name(), function.name_in()
     sizes = [function.size1_in(i) for i in range(function.n_in())]
     shapes = [function.size_out(i) for i in range(function.n_out())]
@@ -436,7 +439,7 @@ def _stand_in(function: ca.Function) -> FastCall:
 
 
 def _repeated(single: FastCall, most: int) -> FastCall:
-    """What :func:`fast_loop` promises, without an extension module."""
+    """Return what :func:`fast_loop` promises, without an extension module."""
 
     def call(*given: Any) -> Any:
         arrays = [np.asarray(value, dtype=float) for value in given]

@@ -32,7 +32,7 @@ class Carried(NamedTuple):
 
 
 def transition_matrices(slopes: FloatArray, lengths: FloatArray) -> FloatArray:
-    """Matrix exponentials [K,n,n] of the linearised dynamics [K,n,n] over the lengths [K].
+    """Return matrix exponentials [K,n,n] of the linearised dynamics [K,n,n] over the lengths [K].
 
     By squaring a Taylor series (Moler and Van Loan, 2003, *Nineteen dubious ways to compute the
     exponential of a matrix*, method 3).
@@ -53,7 +53,9 @@ def transition_matrices(slopes: FloatArray, lengths: FloatArray) -> FloatArray:
 
 
 def carry(defects: FloatArray, transitions: FloatArray) -> Carried:
-    """What defects [K,n] come to along the way, in units that make the components comparable."""
+    """Return what defects [K,n] come to along the way, in units that make the components
+    comparable.
+    """
     error, errors = np.zeros(defects.shape[1]), np.zeros_like(defects)
     rest, amplification = np.eye(defects.shape[1]), 1.0
     with np.errstate(over="ignore", invalid="ignore"):
@@ -69,7 +71,7 @@ def carry(defects: FloatArray, transitions: FloatArray) -> Carried:
 
 
 def growth_said(amplification: float) -> str:
-    """How many fold errors grow, as text; large ones by their exponent.
+    """Return how many fold errors grow, as text; large ones by their exponent.
 
     >>> growth_said(37.88), growth_said(1.1e77), growth_said(np.inf)
     ('38-fold', '10^77-fold', 'more than 10^308-fold')

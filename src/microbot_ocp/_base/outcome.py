@@ -55,7 +55,7 @@ class Ledger(tuple[LedgerRow, ...]):
 
     @classmethod
     def of(cls, rows: Iterable[LedgerRow]) -> Ledger:
-        """One row a strategy."""
+        """Return one row a strategy."""
         sums: dict[str, LedgerRow] = {}
         for row in rows:
             before = sums.get(row.strategy)
@@ -64,11 +64,11 @@ class Ledger(tuple[LedgerRow, ...]):
 
     @classmethod
     def read(cls, rows: Iterable[Mapping[str, Any]]) -> Ledger:
-        """The ledger that a file holds."""
+        """Return the ledger that a file holds."""
         return cls(LedgerRow(**row) for row in rows)
 
     def discarded(self) -> Ledger:
-        """The same of an answer that was not returned."""
+        """Return the same of an answer that was not returned."""
         return Ledger(replace(row, decided=False) for row in self)
 
     def as_dicts(self) -> list[dict[str, Any]]:
@@ -76,7 +76,7 @@ class Ledger(tuple[LedgerRow, ...]):
         return [row.as_dict() for row in self]
 
     def table(self) -> Table:
-        """One row a strategy."""
+        """Return one row a strategy."""
         return Table(COLUMNS, [tuple(row.as_dict().values()) for row in self])
 
     def __str__(self) -> str:
@@ -120,14 +120,14 @@ class Advice:
     at: tuple[Any, float] | None = None
 
     def named(self, label: str) -> Advice:
-        """The same with another name of what it is about."""
+        """Return the same with another name of what it is about."""
         return replace(
             self, sentence=self.sentence.replace(self.label, label), label=label, at=None
         )
 
 
 def remark(sentence: str) -> Advice:
-    """Advice that programs have no use for."""
+    """Return advice that programs have no use for."""
     return Advice("remark", sentence)
 
 
@@ -154,13 +154,13 @@ class Outcome:
 
     @classmethod
     def of(cls, status: Status, sentence: str | None = None, *more: Advice) -> Outcome:
-        """An outcome with one sentence on its status (default: what the status means)."""
+        """Return an outcome with one sentence on its status (default: what the status means)."""
         words = status.sentence if sentence is None else sentence
         return cls(status, (*((Advice("status", words),) if words else ()), *more))
 
     @classmethod
     def read(cls, values: Mapping[str, Any]) -> Outcome:
-        """The outcome that a file holds; failed where its status is not known."""
+        """Return the outcome that a file holds; failed where its status is not known."""
         try:
             status = Status(values["status"])
         except ValueError:
@@ -179,7 +179,7 @@ class Outcome:
         return "\n".join(row.sentence for row in self.advice)
 
     def and_(self, *rows: Advice) -> Outcome:
-        """The outcome with more advice."""
+        """Return the outcome with more advice."""
         return replace(self, advice=(*self.advice, *rows))
 
     def as_dict(self) -> dict[str, Any]:

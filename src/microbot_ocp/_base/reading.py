@@ -16,7 +16,7 @@ DEEPEST = 200  # elements or tables in each other; a robot file has about six
 
 
 def opened(path: str | Path, *, links: bool = True) -> BufferedReader:
-    """A plain file, open; ``links`` may lead to it.
+    """Return a plain file, open; ``links`` may lead to it.
 
     Raises
     ------
@@ -38,7 +38,7 @@ def opened(path: str | Path, *, links: bool = True) -> BufferedReader:
 
 
 def content_of(path: str | Path) -> bytes:
-    """The bytes of a plain file.
+    """Return the bytes of a plain file.
 
     Raises
     ------
@@ -54,7 +54,7 @@ def content_of(path: str | Path) -> bytes:
 
 
 def bytes_of(path: str | Path, what: str) -> bytes:
-    """The bytes of a plain file; ``what`` it is, such as "task file", begins the message.
+    """Return the bytes of a plain file; ``what`` it is, such as "task file", begins the message.
 
     Raises
     ------
@@ -68,7 +68,7 @@ def bytes_of(path: str | Path, what: str) -> bytes:
 
 
 def yaml_of(path: str | Path, what: str) -> Any:
-    """What a YAML file holds; needs PyYAML, of the extra ``export``.
+    """Return what a YAML file holds; needs PyYAML, of the extra ``export``.
 
     Raises
     ------
@@ -86,7 +86,7 @@ def yaml_of(path: str | Path, what: str) -> Any:
 
 
 def text_of(path: str | Path, what: str) -> str:
-    """The text of a plain file, as :func:`bytes_of`; editors may put a byte order mark first.
+    """Give the text of a plain file, as :func:`bytes_of`; editors may put a byte order mark first.
 
     Raises
     ------

@@ -20,7 +20,7 @@ def is_relation(expression: ca.SX | ca.MX) -> bool:
 
 
 def reason_of(problem: Exception) -> str:
-    """Why a user's function has no expression: the last line, or how an if is written."""
+    """Return why a user's function has no expression: the last line, or how an if is written."""
     lines = str(problem).strip().splitlines() or [type(problem).__name__]
     if "truth value" in lines[-1]:  # CasADi, of a symbol
         return f"it asks whether a symbol is true: {IF}"

@@ -24,7 +24,7 @@ _DEEP_KEY = re.compile(rf"""(?<![\w."'-]){_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{DE
 
 
 def parsed(text: str) -> dict[str, Any]:
-    """What a text holds.
+    """Return what a text holds.
 
     Raises
     ------
@@ -41,7 +41,7 @@ def parsed(text: str) -> dict[str, Any]:
 
 
 def table_from(path: str | Path, kind: str) -> dict[str, Any]:
-    """What a file of this kind holds.
+    """Return what a file of this kind holds.
 
     Raises
     ------
@@ -105,7 +105,9 @@ Convert = Callable[[str, str, Any, bool], Any]
 
 
 def keys_of(kind: Any, /, **others: Key) -> dict[str, Key]:
-    """The keys of a table that becomes a dataclass: its fields; ``others`` stand in their place."""
+    """Return the keys of a table that becomes a dataclass: its fields; ``others`` stand in
+    their place.
+    """
     return {
         f.name: Key(needed=f.default is MISSING and f.default_factory is MISSING)
         for f in fields(kind)
@@ -113,7 +115,7 @@ def keys_of(kind: Any, /, **others: Key) -> dict[str, Key]:
 
 
 def names_of(schema: Schema) -> tuple[str, ...]:
-    """Every key as files may write it, those in degrees among them."""
+    """Return every key as files may write it, those in degrees among them."""
     return tuple(
         name
         for key, entry in schema.items()
@@ -129,7 +131,7 @@ def read_table(
     convert: Convert | None = None,
     elsewhere: Mapping[str, str] | None = None,
 ) -> dict[str, Any]:
-    """A table whose keys are those of a schema, without ``_deg``.
+    """Return a table whose keys are those of a schema, without ``_deg``.
 
     Parameters
     ----------
@@ -183,7 +185,7 @@ def _check_names(name: str, value: Any, allowed: Collection[str]) -> None:
 
 
 def suggestion(word: str, allowed: Iterable[str]) -> str:
-    """The nearest of the allowed words, and all of them."""
+    """Return the nearest of the allowed words, and all of them."""
     names = list(allowed)
     close = difflib.get_close_matches(word, names, n=1, cutoff=0.6)
     asked = f"; did you mean {close[0]!r}?" if close else ";"

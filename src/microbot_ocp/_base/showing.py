@@ -99,7 +99,7 @@ def register_view(cls: type, kind: str, view: View | str) -> None:
 
 
 def view_for(result: object, kind: str) -> View:
-    """The function registered for this kind of view of an object, its own class first."""
+    """Return the function registered for this kind of view of an object, its own class first."""
     for name in _ancestors(type(result)):
         view = _views.get(name, {}).get(kind)
         if isinstance(view, str):
@@ -116,5 +116,5 @@ def _ancestors(cls: type) -> list[str]:
 
 
 def _public_name(cls: type) -> str:
-    """The name in the innermost public package: ``microbot_ocp.motion.Motion``."""
+    """Return the name in the innermost public package: ``microbot_ocp.motion.Motion``."""
     return f"{cls.__module__.partition('._')[0]}.{cls.__qualname__}"

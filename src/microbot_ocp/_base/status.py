@@ -127,7 +127,7 @@ class Status(StrEnum):
 
     @classmethod
     def _missing_(cls, value: object) -> Status | None:
-        """The status whose name is given, as some files hold it: "iteration_limit"."""
+        """Return the status whose name is given, as some files hold it: "iteration_limit"."""
         return cls.__members__.get(str(value).upper())
 
     @property

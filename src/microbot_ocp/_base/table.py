@@ -42,7 +42,7 @@ class Column:
         return f"{self.head} [{self.unit}]" if self.unit else self.head
 
     def text(self, value: Any) -> str:
-        """A cell as it is printed; a dash for None and NaN."""
+        """Return a cell as it is printed; a dash for None and NaN."""
         if value is None or value != value:
             return NOTHING
         if callable(self.show):
@@ -87,7 +87,7 @@ class Table:
 
     @classmethod
     def of_text(cls, heads: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1) -> Table:
-        """A table of text whose first ``left`` columns are words, the others numbers."""
+        """Return a table of text whose first ``left`` columns are words, the others numbers."""
         return cls([Column(head, left=place < left) for place, head in enumerate(heads)], rows)
 
     @property
@@ -104,7 +104,7 @@ class Table:
         ]
 
     def without(self, *heads: str) -> Table:
-        """The same without the columns of these heads."""
+        """Return the same without the columns of these heads."""
         remaining = [place for place, column in enumerate(self.columns) if column.head not in heads]
         rows = [[row[place] for place in remaining] for row in self.rows]
         return replace(self, columns=[self.columns[place] for place in remaining], rows=rows)
@@ -120,7 +120,7 @@ class Table:
         return "\n".join([*filter(None, [self.title]), *body, *self.notes])
 
     def markdown(self) -> str:
-        """The table as Markdown, the notes as a list below it."""
+        """Return the table as Markdown, the notes as a list below it."""
         lines = [self.heads, ["---" if c.left else "---:" for c in self.columns], *self.cells]
         body = ["| " + " | ".join(c.replace("|", "\\|") for c in line) + " |" for line in lines]
         head = [f"### {self.title}", ""] if self.title else []

@@ -16,7 +16,7 @@ T = TypeVar("T")
 
 
 def cached_in_thread(maxsize: int) -> Callable[[Callable[P, T]], Callable[P, T]]:
-    """As ``functools.lru_cache``, but that no two threads get the same object.
+    """Do as ``functools.lru_cache``, but that no two threads get the same object.
 
     Examples
     --------

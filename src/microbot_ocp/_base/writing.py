@@ -63,7 +63,9 @@ def whole_file(path: str | Path) -> Iterator[Path]:
 
 
 def check_writable(path: str | Path) -> Path:
-    """Where ``path`` leads; :class:`NotWritten` where it is plain that nothing can be written."""
+    """Return where ``path`` leads; :class:`NotWritten` where it is plain that nothing can be
+    written.
+    """
     with _explained(path):
         if _is_direct(path):
             return Path(path)
@@ -81,7 +83,9 @@ def check_writable(path: str | Path) -> Path:
 
 
 def made_folder(path: str | Path) -> Path:
-    """A folder, made with those above it if need be; :class:`NotWritten` where it cannot be."""
+    """Return a folder, made with those above it if need be; :class:`NotWritten` where it cannot
+    be.
+    """
     with _explained(path):
         Path(path).mkdir(parents=True, exist_ok=True)
     return Path(path)
@@ -145,13 +149,13 @@ def sync(path: Path) -> None:
 
 
 def digest(path: Path) -> str:
-    """SHA-256 of a file's content, in hexadecimal digits."""
+    """Return SHA-256 of a file's content, in hexadecimal digits."""
     with opened(path) as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def digest_of_document(document: Mapping[str, Any], but: str) -> str:
-    """SHA-256 of all that a document of plain values says besides the key ``but``."""
+    """Return SHA-256 of all that a document of plain values says besides the key ``but``."""
     rest = {key: value for key, value in document.items() if key != but}
     return hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()
 

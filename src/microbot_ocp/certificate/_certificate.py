@@ -120,7 +120,7 @@ class SegmentCheck:
         return "rad" if self.name.startswith("joint") else "m"
 
     def as_check(self) -> Check:
-        """As one of the checks of a certificate."""
+        """Return as one of the checks of a certificate."""
         where = self.name, np.nan, self.distance, self.tolerance, self.unit
         return Check("segment", self.kept, f"{self} is left", *where)
 

@@ -219,7 +219,7 @@ def with_clearance(
     places: Sequence[tuple[float, float, Robot, Scene]],
     motion: Motion,
 ) -> Certificate:
-    """A certificate with the clearance of a motion: passed only where it is proved."""
+    """Return a certificate with the clearance of a motion: passed only where it is proved."""
     clearance = clearance_along(places, motion) if has_coal() else None
     check = Check("clearance", False, "clearance is not proved: that needs coal")
     if clearance is not None:
@@ -249,7 +249,7 @@ def certificate_of(
     *,
     simulated: bool = True,
 ) -> Certificate:
-    """As :func:`certify`, of what is checked.
+    """Do as :func:`certify`, of what is checked.
 
     ``history`` is what limits are judged by where the motion is a part of one, which begins at
     ``start``, s; all times are those of the whole then.
@@ -312,7 +312,7 @@ def certificate_of(
 
 
 def _remarks(robot: Robot, again: Resimulation, figures: dict[str, Any]) -> str:
-    """Where torques do not determine the motion, or nearly not."""
+    """Return where torques do not determine the motion, or nearly not."""
     remarks = ""
     if figures["condition_peak"] > RESIMULATION.near_singular:
         remarks += (
@@ -333,7 +333,7 @@ def _remarks(robot: Robot, again: Resimulation, figures: dict[str, Any]) -> str:
 def limit_checks_of(
     family: LimitFamily, states: StateHistory
 ) -> tuple[tuple[LimitCheck, ...], float]:
-    """The worst of every limit, and the share of the time in which one is used."""
+    """Return the worst of every limit, and the share of the time in which one is used."""
     history = LimitHistory.of(family, states)
     limit_checks = []
     busy = np.zeros(history.t.size, dtype=bool)
@@ -353,7 +353,7 @@ def limit_checks_of(
 
 
 def _mean_check(family: LimitFamily, member: Member, motion: Motion) -> LimitCheck:
-    """How much of a limit of a root mean square a motion uses, with the rest after it."""
+    """Return how much of a limit of a root mean square a motion uses, with the rest after it."""
 
     def squares(state: State) -> FloatArray:
         samples = MotionSamples(*state, np.zeros_like(state.q))
@@ -395,7 +395,9 @@ def _limit_check(
 
 
 def _condition(robot: Robot, t: FloatArray, state: State) -> tuple[float, int]:
-    """Largest condition number of the mass matrix and where: among some points, then near it."""
+    """Return largest condition number of the mass matrix and where: among some points, then
+    near it.
+    """
     function, apart = mass_matrix_condition(robot), -(-t.size // SETTINGS.condition_points)
     at = apart * int(np.array(function(state.q[::apart].T)).argmax())
     first = max(0, at - apart)
@@ -404,7 +406,7 @@ def _condition(robot: Robot, t: FloatArray, state: State) -> tuple[float, int]:
 
 
 def _stored_torque(robot: Robot, motion: Motion, allowed: float, start: float) -> Check:
-    """Largest difference to inverse dynamics, relative."""
+    """Return largest difference to inverse dynamics, relative."""
     again = torque_along(robot, State(motion.q, motion.qd, motion.qdd))
     ratio = np.abs(motion.tau - again) / torque_sizes(robot, motion)
     i, joint = np.unravel_index(int(ratio.argmax()), ratio.shape)
@@ -420,7 +422,7 @@ def _stored_torque(robot: Robot, motion: Motion, allowed: float, start: float) -
 def _between_samples(
     motion: Motion, moved: Callable[[State], FloatArray], what: str, first: float
 ) -> Check:
-    """How far the torque half-way between samples lies outside theirs (relative), and when.
+    """Return how far the torque half-way between samples lies outside theirs (relative), and when.
 
     ``moved`` gives it, or the acceleration of a robot without masses, from states; ``first`` is
     when the motion begins.
@@ -468,7 +470,7 @@ def _check_vias(motion: Motion, via: FloatArray, t: FloatArray) -> tuple[ViaChec
 
 
 def _agrees(again: Resimulation, tolerances: Tolerances) -> Check:
-    """Whether the torques lead along the motion."""
+    """Return whether the torques lead along the motion."""
     problem = (
         f"re-simulation misses the motion at {again.defect_time:.4g} s by what a torque of "
         f"{again.defect:.2g} of the largest of {again.defect_joint} would "
@@ -519,7 +521,7 @@ def _tightest(limit_checks: tuple[LimitCheck, ...], unjudged: Sequence[str] = ()
 
 
 def summary(certificate: Certificate) -> str:
-    """What a certificate of several parts says when all of them passed."""
+    """Return what a certificate of several parts says when all of them passed."""
     limits = _tightest(certificate.limit_checks, certificate.unjudged)
     return "; ".join([limits, *_agreement(certificate)])
 
@@ -546,7 +548,9 @@ def _summary(limit_checks: tuple[LimitCheck, ...], again: Resimulation) -> str:
 
 
 def _direction(robot: Robot, direction: FloatArray) -> str:
-    """Names of the joints that make up a direction, with their shares where they are several."""
+    """Return names of the joints that make up a direction, with their shares where they are
+    several.
+    """
     parts = np.abs(direction) >= SETTINGS.named_part * np.abs(direction).max()
     if parts.sum() == 1:
         return robot.joint_names[int(np.abs(direction).argmax())]

@@ -136,7 +136,7 @@ class _Drive:
         self.missed = np.cumsum(_missed(motion, first), axis=0)
 
     def unknown(self, start: FloatArray, end: FloatArray) -> FloatArray:
-        """How uncertain the mean acceleration [K,n] from start to end [K] is."""
+        """Return how uncertain the mean acceleration [K,n] from start to end [K] is."""
         both = np.stack([start, end])
         total = np.stack([np.interp(both, self.motion.t, column) for column in self.missed.T], -1)
         return (total[1] - total[0]) / (end - start)[:, None]
@@ -153,7 +153,8 @@ class _Drive:
 
 
 def _missed(motion: Motion, first: IntArray) -> FloatArray:
-    """Integral [N,n] over the interval before each sample of how uncertain the acceleration is.
+    """Return integral [N,n] over the interval before each sample of how uncertain the acceleration
+    is.
 
     That is how far the samples at its ends are from the cubics through their four neighbours: all
     of a jump that the samples do not mark, and next to nothing where they are dense. The first and
@@ -226,7 +227,7 @@ def resimulate(robot: Robot, motion: Motion, tolerance: float, first: float = 0.
 
 
 def torque_sizes(robot: Robot, motion: Motion) -> FloatArray:
-    """What errors of the torques [n] are relative to: the largest of each joint, N m (N).
+    """Return what errors of the torques [n] are relative to: the largest of each joint, N m (N).
 
     At least a thousandth of the largest of all, and what would stop the motion in its duration.
     """
@@ -240,7 +241,8 @@ def torque_sizes(robot: Robot, motion: Motion) -> FloatArray:
 def _integrated(
     drive: _Drive, allowed: FloatArray, spans: FloatArray, inner: BoolArray
 ) -> tuple[_Segments, BoolArray, BoolArray]:
-    """Segments [K] integrated, which are accurate, or as wrong as can be told, and which converged.
+    """Return segments [K] integrated, which are accurate, or as wrong as can be told, and which
+    converged.
 
     Where torques do not determine the motion there is no iteration to converge. Of those with
     breaks inside, ``inner`` [K], it is not begun where the torque jumps. Stored torques that differ
@@ -321,7 +323,8 @@ def _rough(inertia: FloatArray, qdd: FloatArray, allowed: FloatArray) -> BoolArr
 def _stiff_modes(
     robot: Robot, state: State, tau: FloatArray, h: FloatArray
 ) -> tuple[BoolArray, NDArray[Any]]:
-    """Which segments [K] friction makes stiff, and for those the inverses of Newton's iteration.
+    """Return which segments [K] friction makes stiff, and for those the inverses of Newton's
+    iteration.
 
     The derivative of the acceleration by the velocity is taken in the middle of each; the inverses
     [stiff, NODES, n, n] are for the eigenvectors of the collocation's integrals.
@@ -386,7 +389,7 @@ def _judged(
 
 
 def _linearised(robot: Robot, state: State) -> FloatArray:
-    """Derivative [K,2n,2n] of velocity and acceleration by position and velocity."""
+    """Return derivative [K,2n,2n] of velocity and acceleration by position and velocity."""
     tau, count = torque_along(robot, state), robot.joint_count
     slopes = np.zeros((len(tau), 2 * count, 2 * count))
     slopes[:, :count, count:] = np.eye(count)
@@ -398,7 +401,8 @@ def _linearised(robot: Robot, state: State) -> FloatArray:
 def _slopes(
     robot: Robot, q: FloatArray, qd: FloatArray, tau: FloatArray, by: tuple[float, float]
 ) -> FloatArray:
-    """Derivative [K,n,n] of the acceleration by the position, or by the velocity, as ``by`` says.
+    """Return derivative [K,n,n] of the acceleration by the position, or by the velocity, as ``by``
+    says.
 
     By differences; zero where the mass matrix is singular.
     """
@@ -412,13 +416,13 @@ def _slopes(
 
 
 def _accelerations(robot: Robot, q: FloatArray, qd: FloatArray, tau: FloatArray) -> FloatArray:
-    """Forward dynamics [...,n]."""
+    """Return forward dynamics [...,n]."""
     rows = [np.reshape(part, (-1, robot.joint_count)).T for part in (q, qd, tau)]
     return forward_dynamics(robot)(*rows).full().T.reshape(np.shape(q))
 
 
 def _mass_matrices(robot: Robot, q: FloatArray) -> FloatArray:
-    """Mass matrices [K,n,n] at positions [K,n]."""
+    """Return mass matrices [K,n,n] at positions [K,n]."""
     count = robot.joint_count
     return mass_matrix(robot)(q.T).full().reshape(count, -1, count).transpose(1, 0, 2)
 
@@ -428,7 +432,7 @@ def _times_mass(robot: Robot, q: FloatArray, qd: FloatArray) -> FloatArray:
 
 
 def _condition(matrices: FloatArray) -> FloatArray:
-    """Condition numbers [K], in the 2-norm; infinite where not positive definite."""
+    """Return condition numbers [K], in the 2-norm; infinite where not positive definite."""
     values = np.linalg.eigvalsh(matrices)
     with np.errstate(divide="ignore", invalid="ignore"):
         condition = values[:, -1] / values[:, 0]

@@ -44,7 +44,7 @@ SEGMENT_TOLERANCES = SegmentTolerances()
 
 
 def certificate_of_task(task: Task, motion: Motion, tolerances: Tolerances) -> Certificate:
-    """Certificate of a motion whose marks are when the stops of a task are reached."""
+    """Return certificate of a motion whose marks are when the stops of a task are reached."""
     parts, problems = [], []
     history = motion.history(cycle=task.cycle)
     places = stretches(task, motion)
@@ -73,7 +73,8 @@ def certificate_of_task(task: Task, motion: Motion, tolerances: Tolerances) -> C
 
 
 def _part(motion: Motion, robot: Robot, start: float, end: float) -> Motion:
-    """The motion from one time to another, both of them samples, with what the robot holds there.
+    """Return the motion from one time to another, both of them samples, with what the robot holds
+    there.
 
     One more sample stands in its first interval: breaks that are all the samples would look as if
     nothing had been said of them.
@@ -106,7 +107,7 @@ def _part(motion: Motion, robot: Robot, start: float, end: float) -> Motion:
 
 
 def _steps(motion: Motion, times: Sequence[float]) -> list[Check]:
-    """Whether position and velocity are continuous from one segment to the next."""
+    """Return whether position and velocity are continuous from one segment to the next."""
     checks = []
     for time in times:
         before, after = (motion.sample([time + k * 2 * JUMP_GAP]) for k in (-1, 1))
@@ -164,7 +165,8 @@ def _velocity(robot: Robot, q: FloatArray, qd: FloatArray) -> FloatArray:
 
 
 def stop_misses(robot: Robot, stop: Stop, q: FloatArray) -> dict[tuple[str, str], float]:
-    """By how much a pose [n] is beyond the tolerance of a stop, by what and unit; below 0 within.
+    """Return by how much a pose [n] is beyond the tolerance of a stop, by what and unit; below 0
+    within.
 
     A millionth of a metre or radian is let pass.
     """
@@ -187,7 +189,7 @@ def _beyond(stop: Stop, offset: FloatArray) -> float:
 
 
 def angle_between(wanted: FloatArray, actual: FloatArray, free: int | None) -> float:
-    """Angle between two rotations [3,3], or between two of their axes, rad."""
+    """Return angle between two rotations [3,3], or between two of their axes, rad."""
     if free is not None:
         a, b = wanted[:, free], actual[:, free]
         return float(2 * np.arctan2(np.linalg.norm(a - b), np.linalg.norm(a + b)))
@@ -236,7 +238,9 @@ def _check_curve(task: Task, k: int, kind: Line | Circle, q: FloatArray) -> Segm
 
 
 def _to_polyline(points: FloatArray, line: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Distances [N] to a polyline [M,d] with even steps, and shares [N] of it that are nearest."""
+    """Return distances [N] to a polyline [M,d] with even steps, and shares [N] of it that are
+    nearest.
+    """
     distance, share = np.empty(len(points)), np.empty(len(points))
     for row, point in enumerate(points):
         nearest = int(((line - point) ** 2).sum(axis=1).argmin())
@@ -268,7 +272,7 @@ WORST = {
 
 
 def _merged(motion: Motion, parts: Sequence[tuple[float, Certificate]]) -> Certificate:
-    """One certificate of several in a row: the worst of each figure, with its time."""
+    """Return one certificate of several in a row: the worst of each figure, with its time."""
     lengths, certificates = zip(*parts, strict=True)
     figures: dict[str, Any] = {}
     for key, others in WORST.items():

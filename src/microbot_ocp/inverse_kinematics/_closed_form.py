@@ -12,7 +12,8 @@ from microbot_ocp._base.checks import FloatArray, InputError
 def elbow_arm_branches(
     position: ArrayLike, height: float = 2.0, upper: float = 3.0, forearm: float = 4.0
 ) -> FloatArray:
-    """Joint angles of a waist-shoulder-elbow arm by the law of cosines (course report, part 2).
+    """Return joint angles of a waist-shoulder-elbow arm by the law of cosines (course report, part
+    2).
 
     Parameters
     ----------

@@ -73,26 +73,26 @@ IPOPT_OPTIONS = {
 
 @lru_cache(maxsize=64)
 def reach(robot: Robot) -> float:
-    """Sum of the lengths of the chain, m: no position is farther from the base; 1 for none."""
+    """Give sum of the lengths of the chain, m: no position is farther from the base; 1 for none."""
     total = np.abs(robot.a).sum() + np.abs(robot.d).sum() + np.linalg.norm(robot.tool[:3, 3])
     return float(total) if total > 1e-9 else 1.0
 
 
 @lru_cache(maxsize=64)
 def joint_scale(robot: Robot) -> FloatArray:
-    """Unit of every joint [n]: a radian, or the reach for a prismatic joint."""
+    """Return unit of every joint [n]: a radian, or the reach for a prismatic joint."""
     return np.where(revolute(robot), 1.0, reach(robot))
 
 
 @lru_cache(maxsize=64)
 def revolute(robot: Robot) -> np.ndarray:
-    """Which joints [n] are revolute."""
+    """Return which joints [n] are revolute."""
     return np.array(robot.joint_types) == "revolute"
 
 
 @lru_cache(maxsize=16)
 def evenly_spread_step(dimensions: int) -> FloatArray:
-    """Step of an additive recurrence that fills the unit cube evenly (modulo 1).
+    """Return step of an additive recurrence that fills the unit cube evenly (modulo 1).
 
     The powers of the root of x^(d+1) = x + 1, the golden ratio's relatives.
     """
@@ -107,7 +107,7 @@ def evenly_spread_step(dimensions: int) -> FloatArray:
 def _residual(
     robot: Robot, q: ca.SX, target: ca.SX, weight: ca.SX
 ) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
-    """Scaled error and its Jacobian, distance (m) and angle (rad) to the target."""
+    """Return scaled error and its Jacobian, distance (m) and angle (rad) to the target."""
     pose, full = forward_kinematics(robot)(q), jacobian(robot)(q)
     offset = target[:3] - pose[:3, 3]
     error, slope = offset / reach(robot), full[:3, :] / reach(robot)
@@ -137,7 +137,7 @@ class Descent(NamedTuple):
 
 @lru_cache(maxsize=64)
 def descent(robot: Robot, width: int) -> FastCall:
-    """Damped Gauss-Newton steps within bounds, until a target of ``width`` 3 or 12 is reached.
+    """Give damped Gauss-Newton steps within bounds, until a target of ``width`` 3 or 12 is reached.
 
     Returns
     -------
@@ -200,7 +200,7 @@ def descent(robot: Robot, width: int) -> FastCall:
 def _step(
     slope: ca.SX, error: ca.SX, damping: ca.SX, missing: ca.SX, sought: ca.SX
 ) -> tuple[ca.SX, ca.SX]:
-    """The step, and how far it goes beside the task: 0 unless nearness to joints is sought.
+    """Return the step, and how far it goes beside the task: 0 unless nearness to joints is sought.
 
     With fewer equations than joints the smaller of the two normal equations is solved, and the
     step may contain a part that the task does not feel: while it is ``sought``, that towards the
@@ -219,7 +219,7 @@ def _step(
 
 @lru_cache(maxsize=64)
 def pose_of(robot: Robot) -> FastCall:
-    """``(q[n] or [N,n]) -> T[4,4] or [N,4,4]``, tool in base."""
+    """Return ``(q[n] or [N,n]) -> T[4,4] or [N,4,4]``, tool in base."""
     return fast_call(forward_kinematics(robot))
 
 
@@ -229,7 +229,9 @@ def _jacobian_of(robot: Robot) -> FastCall:
 
 
 def scaled_jacobian(robot: Robot, q: FloatArray, width: int) -> FloatArray:
-    """Jacobians [N,m,n] of the task (m = 3 or 6), positions by the reach, joints by their unit."""
+    """Return Jacobians [N,m,n] of the task (m = 3 or 6), positions by the reach, joints by
+    their unit.
+    """
     full = np.reshape(_jacobian_of(robot)(q), (len(q), 6, robot.joint_count)) * joint_scale(robot)
     full[:, :3] /= reach(robot)
     return full[:, :3] if width == 3 else full
@@ -237,7 +239,7 @@ def scaled_jacobian(robot: Robot, q: FloatArray, width: int) -> FloatArray:
 
 @lru_cache(maxsize=64)
 def generic_rank(robot: Robot, width: int) -> int:
-    """Rank of the task's Jacobian away from singularities."""
+    """Return rank of the task's Jacobian away from singularities."""
     q = np.random.default_rng(0).uniform(-1.0, 1.0, (8, robot.joint_count))
     values = np.linalg.svd(scaled_jacobian(robot, q, width), compute_uv=False)
     return int((values > STEPS.rank_tolerance * values[:, :1]).sum(axis=1).max())
@@ -245,7 +247,7 @@ def generic_rank(robot: Robot, width: int) -> int:
 
 @cached_in_thread(maxsize=64)
 def nearest_pose_nlp(robot: Robot, width: int) -> ca.Function:
-    """NLP: the least squared distance, then the least angle, within limits on q.
+    """Return NLP: the least squared distance, then the least angle, within limits on q.
 
     Parameters of the NLP: target, then the weight of the angle (0: the position alone).
     """
@@ -262,7 +264,8 @@ def nearest_pose_nlp(robot: Robot, width: int) -> ca.Function:
 
 @cached_in_thread(maxsize=64)
 def nearest_joints_nlp(robot: Robot, width: int, rank: int) -> ca.Function:
-    """NLP: on a continuum of solutions the one nearest to wanted joint positions, within limits.
+    """Return NLP: on a continuum of solutions the one nearest to wanted joint positions, within
+    limits.
 
     Of the task's equations only ``rank`` combinations are imposed, those that are independent at
     the start: more would leave the constraints without a regular Jacobian. Parameters of the NLP:

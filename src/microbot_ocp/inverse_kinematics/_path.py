@@ -53,7 +53,7 @@ def follow_ik(
     *,
     time_limit: float = np.inf,
 ) -> IKPath:
-    """Joint positions along a line of targets, continuous from row to row.
+    """Return joint positions along a line of targets, continuous from row to row.
 
     Between neighbouring targets the tool goes straight (its orientation about a fixed axis); where
     a joint would move far in one step, points in between are solved as well, so that the branch is
@@ -118,7 +118,9 @@ def _path(robot: Robot, targets: FloatArray, seed: ArrayLike | None) -> IKPath:
 
 
 def _with_turns(robot: Robot, starts: FloatArray) -> FloatArray:
-    """The starts [K,n], most central first, and those one turn of one joint away within limits."""
+    """Return the starts [K,n], most central first, and those one turn of one joint away within
+    limits.
+    """
     low, high = robot.limits.bounds("q")
     rows = [starts]
     for joint in np.flatnonzero(revolute(robot) & (np.isfinite(low) | np.isfinite(high))):
@@ -199,12 +201,12 @@ def _advance(
 
 
 def _step(robot: Robot, ours: FloatArray, theirs: FloatArray) -> float:
-    """Largest joint change, whole turns included, rad (prismatic: share of the reach)."""
+    """Return largest joint change, whole turns included, rad (prismatic: share of the reach)."""
     return float(np.abs((ours - theirs) / joint_scale(robot)).max())
 
 
 def _halfway(origin: FloatArray, target: FloatArray) -> FloatArray:
-    """Target in the middle: of the line, and of the turn about its fixed axis."""
+    """Return target in the middle: of the line, and of the turn about its fixed axis."""
     middle_point = (origin + target) / 2
     if origin.size == 3:
         return middle_point
@@ -217,7 +219,7 @@ def _halfway(origin: FloatArray, target: FloatArray) -> FloatArray:
 def _elsewhere(
     robot: Robot, q: FloatArray, target: FloatArray, begin: float
 ) -> tuple[FloatArray, Status]:
-    """The nearest branch there is, or else the nearest pose that the arm can slide into."""
+    """Return the nearest branch there is, or else the nearest pose that the arm can slide into."""
     other = nearest_solution(robot, target, q, begin)
     if other.solved:
         return other.q, other.status

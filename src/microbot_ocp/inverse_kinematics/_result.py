@@ -99,7 +99,7 @@ class IKPath:
 
 
 def read_only(values: FloatArray) -> FloatArray:
-    """A copy that cannot be written to."""
+    """Return a copy that cannot be written to."""
     result = np.array(values, dtype=float)
     result.setflags(write=False)
     return result

@@ -93,14 +93,16 @@ class Found:
 
 
 def quasi_random(count: int, dimensions: int, skip: int = 0) -> FloatArray:
-    """Points [count, dimensions] in the unit cube that fill it evenly."""
+    """Return points [count, dimensions] in the unit cube that fill it evenly."""
     places = np.arange(skip, skip + count)[:, None]
     return (0.5 + places * evenly_spread_step(dimensions)) % 1.0
 
 
 @lru_cache(maxsize=64)
 def middle(robot: Robot) -> FloatArray:
-    """Middle of the joint limits [n]; where a side is open, the allowed value nearest to zero."""
+    """Return middle of the joint limits [n]; where a side is open, the allowed value nearest to
+    zero.
+    """
     lower, upper = robot.limits.bounds("q")
     closed = np.isfinite(lower) & np.isfinite(upper)
     half = (np.where(closed, lower, 0.0) + np.where(closed, upper, 0.0)) / 2
@@ -109,7 +111,7 @@ def middle(robot: Robot) -> FloatArray:
 
 @lru_cache(maxsize=64)
 def start_range(robot: Robot) -> tuple[FloatArray, FloatArray]:
-    """Where starts lie: within the limits, at most half a turn (the reach) from the middle."""
+    """Give where starts lie: within the limits, at most half a turn (the reach) from the middle."""
     around = np.where(revolute(robot), np.pi, reach(robot))
     return (
         read_only(np.maximum(robot.limits.q_min, middle(robot) - around)),
@@ -118,12 +120,14 @@ def start_range(robot: Robot) -> tuple[FloatArray, FloatArray]:
 
 
 def free_range(robot: Robot) -> tuple[FloatArray, FloatArray]:
-    """No limits: -inf and inf [n]."""
+    """Return no limits: -inf and inf [n]."""
     return np.full(robot.joint_count, -np.inf), np.full(robot.joint_count, np.inf)
 
 
 def difference(robot: Robot, ours: FloatArray, theirs: FloatArray) -> FloatArray:
-    """Joint differences, revolute ones wrapped to half a turn, prismatic ones over the reach."""
+    """Return joint differences, revolute ones wrapped to half a turn, prismatic ones over the
+    reach.
+    """
     gap = ours - theirs
     turned = (gap + np.pi) % (2 * np.pi) - np.pi
     return np.where(revolute(robot), turned, gap / joint_scale(robot))
@@ -145,7 +149,7 @@ def within_limits(robot: Robot, q: FloatArray, near: FloatArray) -> tuple[FloatA
 
 
 def goal(robot: Robot) -> float:
-    """Scaled error below which a start has reached its target: within both tolerances."""
+    """Return scaled error below which a start has reached its target: within both tolerances."""
     return max(min(1e-10, BRANCH_SEARCH.position_tolerance / reach(robot)), 1e-14)
 
 
@@ -169,7 +173,7 @@ def descend(
 def descend_from(
     robot: Robot, seeds: FloatArray, targets: FloatArray
 ) -> tuple[FloatArray, np.ndarray]:
-    """Solutions [N,n] within limits downhill from seeds [N,n] or near them; whether one is."""
+    """Give solutions [N,n] within limits downhill from seeds [N,n] or near them; whether one is."""
     bounds, given = robot.limits.bounds("q"), FROM_SEED
     clipped = np.clip(seeds, *bounds)
     if robot.joint_count > generic_rank(robot, targets.shape[1]):
@@ -179,12 +183,12 @@ def descend_from(
 
 
 def task_errors(robot: Robot, q: FloatArray, targets: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Distances (m) and angles (rad) [B] between the tool at q [B,n] and the targets [B,w]."""
+    """Give distances (m) and angles (rad) [B] between the tool at q [B,n] and the targets [B,w]."""
     return pose_errors(pose_of(robot)(np.ascontiguousarray(q)), targets)
 
 
 def pose_errors(poses: FloatArray, targets: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Distances (m) and angles (rad) [B] between poses [B,4,4] and targets [B,w]."""
+    """Return distances (m) and angles (rad) [B] between poses [B,4,4] and targets [B,w]."""
     distance = np.linalg.norm(targets[:, :3] - poses[:, :3, 3], axis=1)
     if targets.shape[1] == 3:
         return distance, np.zeros(len(targets))
@@ -195,13 +199,13 @@ def pose_errors(poses: FloatArray, targets: FloatArray) -> tuple[FloatArray, Flo
 
 
 def reaches(distance: ArrayLike, angle: ArrayLike) -> np.ndarray:
-    """Whether distances (m) and angles (rad) from targets are within the tolerances."""
+    """Return whether distances (m) and angles (rad) from targets are within the tolerances."""
     near = np.less(distance, BRANCH_SEARCH.position_tolerance)
     return near & np.less(angle, BRANCH_SEARCH.orientation_tolerance)
 
 
 def clusters(robot: Robot, q: FloatArray, tolerance: float) -> tuple[FloatArray, np.ndarray]:
-    """One row for every different solution among q [B,n], and how many rows it stands for."""
+    """Give one row for every different solution among q [B,n], and how many rows it stands for."""
     turn = np.where(revolute(robot), 2 * np.pi, np.inf)
     place = difference(robot, q, middle(robot))
     firsts, met, left = [], [], np.arange(len(q))
@@ -235,17 +239,17 @@ def _merge_doubles(
 
 
 def ranks(robot: Robot, q: FloatArray, width: int) -> np.ndarray:
-    """Ranks [K] of the task's Jacobian at q [K,n]."""
+    """Return ranks [K] of the task's Jacobian at q [K,n]."""
     return _rank(np.linalg.svd(scaled_jacobian(robot, q, width), compute_uv=False))
 
 
 def _rank(values: np.ndarray) -> np.ndarray:
-    """Ranks [K] of matrices with these singular values [K,m]."""
+    """Return ranks [K] of matrices with these singular values [K,m]."""
     return (values > STEPS.rank_tolerance * np.maximum(values[:, :1], 1e-12)).sum(axis=1)
 
 
 def self_motions(robot: Robot, q: FloatArray, targets: FloatArray, rank: np.ndarray) -> np.ndarray:
-    """Directions [K] in which the joints can really move at q [K,n] while the tool stays.
+    """Return directions [K] in which the joints can really move at q [K,n] while the tool stays.
 
     ``targets`` [K,w] are those that q reaches, ``rank`` [K] is that of the Jacobian at q.
 
@@ -281,7 +285,7 @@ def motions_of_one(robot: Robot, q: FloatArray, target: FloatArray) -> np.ndarra
 
 
 def _spread(robot: Robot, q: FloatArray, count: int) -> FloatArray:
-    """At most ``count`` rows of q, far from each other, the most central one first."""
+    """Return at most ``count`` rows of q, far from each other, the most central one first."""
     central = np.abs(difference(robot, q, middle(robot))).max(axis=1)
     chosen = [int(np.argmin(central))]
     far = np.full(len(q), np.inf)
@@ -294,7 +298,9 @@ def _spread(robot: Robot, q: FloatArray, count: int) -> FloatArray:
 def nearest_on_continuum(
     robot: Robot, start: FloatArray, target: FloatArray, wanted: FloatArray
 ) -> FloatArray | None:
-    """On the self-motion through ``start`` [n] the joints nearest to ``wanted``, within limits."""
+    """Return on the self-motion through ``start`` [n] the joints nearest to ``wanted``, within
+    limits.
+    """
     bounds = robot.limits.bounds("q")
     q = np.clip(start, *bounds)
     quick, errors = descend(robot, q[None], target[None], bounds, SLIDE, wanted[None])
@@ -313,7 +319,7 @@ def nearest_on_continuum(
 
 
 def _is_nearest(robot: Robot, q: FloatArray, target: FloatArray, wanted: FloatArray) -> bool:
-    """Whether no joint within limits can move nearer to ``wanted`` along the self-motion.
+    """Return whether no joint within limits can move nearer to ``wanted`` along the self-motion.
 
     To first order (Karush, Kuhn and Tucker): what is missing is a combination of the rows of the
     task's Jacobian, but for joints at a limit that what is missing points beyond.
@@ -330,7 +336,7 @@ def _is_nearest(robot: Robot, q: FloatArray, target: FloatArray, wanted: FloatAr
 def _slide(
     robot: Robot, q: FloatArray, target: FloatArray, wanted: FloatArray
 ) -> FloatArray | None:
-    """Small steps along the self-motion towards ``wanted`` while they bring q nearer to it.
+    """Return small steps along the self-motion towards ``wanted`` while they bring q nearer to it.
 
     The NLP gives up where a doubled root lies on the continuum; this does not.
     """
@@ -358,7 +364,7 @@ def _slide(
 
 
 def find_branches(robot: Robot, targets: FloatArray) -> list[Found]:
-    """All solutions of every target [N,w], modulo a turn, without regard to limits.
+    """Return all solutions of every target [N,w], modulo a turn, without regard to limits.
 
     Only continua (redundant arms, self-motion at singularities) are searched within the limits and
     given by their members nearest to the middle of the limits.
@@ -413,7 +419,7 @@ def find_branches(robot: Robot, targets: FloatArray) -> list[Found]:
 def _complete(
     jacobians: FloatArray, values: np.ndarray, met: np.ndarray, turn: int, balanced: bool
 ) -> bool:
-    """Whether isolated solutions, each met so many times [K], are likely to be all.
+    """Return whether isolated solutions, each met so many times [K], are likely to be all.
 
     Given are their Jacobians [K,m,n] and the singular values of these.
     """
@@ -432,7 +438,9 @@ def _complete(
 
 
 def _sorted_out(robot: Robot, q: FloatArray, rank: np.ndarray, target: FloatArray) -> Found:
-    """Isolated solutions as they are, continua by representatives; ``rank`` [K] is at q [K,n]."""
+    """Return isolated solutions as they are, continua by representatives; ``rank`` [K] is at q
+    [K,n].
+    """
     if not len(q):
         return Found(q, np.zeros(0, dtype=int), False)
     deficient = rank < robot.joint_count
@@ -504,7 +512,7 @@ def nearest_pose(
 
 
 def _stationary(robot: Robot, q: FloatArray, target: FloatArray) -> bool:
-    """Whether no joint that its limits leave free brings the tool nearer, to first order.
+    """Return whether no joint that its limits leave free brings the tool nearer, to first order.
 
     IPOPT often stops short of its own tolerance where the optimum is degenerate (a stretched arm).
     """
@@ -520,7 +528,7 @@ def _stationary(robot: Robot, q: FloatArray, target: FloatArray) -> bool:
 
 
 def search_by_nlp(robot: Robot, target: FloatArray, starts: int) -> FloatArray:
-    """Branches [K,n] of a target [3] or [12]: from every start the joints nearest to it."""
+    """Return branches [K,n] of a target [3] or [12]: from every start the joints nearest to it."""
     low, high = start_range(robot)
     rank = generic_rank(robot, target.size)
     spread = low + (high - low) * quasi_random(starts, robot.joint_count)
@@ -534,7 +542,9 @@ def search_by_nlp(robot: Robot, target: FloatArray, starts: int) -> FloatArray:
 def _nearest_by_nlp(
     robot: Robot, start: FloatArray, target: FloatArray, wanted: FloatArray, rank: int
 ) -> FloatArray:
-    """Joints [1,n] nearest to ``wanted`` by the NLP, under what is independent at the start."""
+    """Return joints [1,n] nearest to ``wanted`` by the NLP, under what is independent at the
+    start.
+    """
     left, _, _ = np.linalg.svd(scaled_jacobian(robot, start[None], target.size)[0])
     parameters = np.concatenate([target, wanted, left[:, :rank].T.ravel("F")])
     low, high = robot.limits.bounds("q")

@@ -47,7 +47,7 @@ def solve_ik(
     *,
     time_limit: float = np.inf,
 ) -> IKSolution:
-    """Joint positions that bring the tool to a position and, if asked, an orientation.
+    """Return joint positions that bring the tool to a position and, if asked, an orientation.
 
     Parameters
     ----------
@@ -145,7 +145,9 @@ PART = 64  # targets that are solved at once where there is a time limit
 
 
 def _in_parts(solve: Callable[..., Any], time_limit: float, *rows: FloatArray) -> tuple[Any, ...]:
-    """What is solved of rows of targets (and seeds), part after part until the time is over."""
+    """Return what is solved of rows of targets (and seeds), part after part until the time is
+    over.
+    """
     with deadline.within(time_limit):
         count = len(rows[0])
         size = PART if np.isfinite(deadline.until()) else count
@@ -158,7 +160,7 @@ def _given_up(robot: Robot, target: FloatArray) -> IKSolution:
 
 
 def _from_seeds(robot: Robot, targets: FloatArray, seeds: FloatArray) -> tuple[IKSolution, ...]:
-    """Downhill from the seeds [N,n]; by a search of all branches where that fails."""
+    """Return downhill from the seeds [N,n]; by a search of all branches where that fails."""
     begin = time.perf_counter()
     if deadline.over():
         return tuple(_given_up(robot, target) for target in targets)
@@ -178,7 +180,7 @@ def solve_ik_all(
     *,
     time_limit: float = np.inf,
 ) -> tuple[IKSolution, ...]:
-    """Every branch within the joint limits that brings the tool to a pose.
+    """Return every branch within the joint limits that brings the tool to a pose.
 
     Parameters
     ----------
@@ -266,7 +268,7 @@ def _branches(robot: Robot, targets: FloatArray) -> tuple[tuple[IKSolution, ...]
 def branches_by_nlp(
     robot: Robot, position: ArrayLike, orientation: ArrayLike | None = None, starts: int = 32
 ) -> FloatArray:
-    """Branches [K,n] by an NLP alone: slower than :func:`solve_ik_all` and independent of it.
+    """Give branches [K,n] by an NLP alone: slower than :func:`solve_ik_all` and independent of it.
 
     From each of ``starts`` evenly spread starts IPOPT seeks the joints nearest to it that meet the
     target within the limits; answers are verified by forward kinematics and told apart modulo a
@@ -279,7 +281,9 @@ def branches_by_nlp(
 def nearest_solution(
     robot: Robot, target: FloatArray, seed: FloatArray | None, begin: float
 ) -> IKSolution:
-    """The solution of a checked target nearest to the seed [n] (default: the middle of limits)."""
+    """Return the solution of a checked target nearest to the seed [n] (default: the middle of
+    limits).
+    """
     wanted = middle(robot) if seed is None else np.array(seed)
     branches = find_branches(robot, target[None])[0]
     rows, inside = within_limits(robot, branches.q, wanted)
@@ -296,7 +300,7 @@ def nearest_solution(
 def _nearer_members(
     robot: Robot, target: FloatArray, rows: FloatArray, motions: np.ndarray, wanted: FloatArray
 ) -> tuple[FloatArray, np.ndarray]:
-    """Solutions [K,n] with those of continua moved to where they are nearest to ``wanted``.
+    """Return solutions [K,n] with those of continua moved to where they are nearest to ``wanted``.
 
     What lies straight downhill from ``wanted`` is added: a representative may sit on another part
     of its continuum.
@@ -318,7 +322,7 @@ FARTHEST = 1e6  # m; beyond, nothing is left of a reach in double precision
 
 
 def checked_target(robot: Robot, position: ArrayLike, orientation: ArrayLike | None) -> FloatArray:
-    """Row [3] or [12] of a checked position [3] and orientation [3,3]."""
+    """Return row [3] or [12] of a checked position [3] and orientation [3,3]."""
     place = checks.array("position", position, (3,), "m")
     _check_near("position", place)
     if orientation is None:
@@ -330,7 +334,7 @@ def checked_target(robot: Robot, position: ArrayLike, orientation: ArrayLike | N
 def checked_targets(
     robot: Robot, positions: ArrayLike, orientations: ArrayLike | None
 ) -> FloatArray:
-    """Rows [N,3] or [N,12] of checked positions [N,3] and orientations [N,3,3]."""
+    """Return rows [N,3] or [N,12] of checked positions [N,3] and orientations [N,3,3]."""
     places = checks.array("positions", positions, (None, 3), "m")
     if not len(places):
         raise InputError("positions must have at least one row, not 0")
@@ -348,7 +352,7 @@ def _check_near(name: str, places: FloatArray) -> None:
 
 
 def _rotation_rows(name: str, turns: FloatArray) -> FloatArray:
-    """Columns [N,9] of rotations [N,3,3], made exact; ``name`` has a place for the index."""
+    """Return columns [N,9] of rotations [N,3,3], made exact; ``name`` has a place for the index."""
     bad = np.flatnonzero(~is_rotation(turns))
     if bad.size:
         raise InputError(
@@ -363,7 +367,7 @@ def _rotation_rows(name: str, turns: FloatArray) -> FloatArray:
 def _missed(
     robot: Robot, target: FloatArray, branches: Found, wanted: FloatArray, used: float
 ) -> IKSolution:
-    """The nearest pose for a target that no branch within limits reaches."""
+    """Return the nearest pose for a target that no branch within limits reaches."""
     begin = time.perf_counter()
     q, converged = nearest_pose(robot, target)
     q = within_limits(robot, q[None], wanted)[0][0]
@@ -415,7 +419,7 @@ def _solutions(
     solve_time: float,
     status: Status = Status.SOLVED,
 ) -> list[IKSolution]:
-    """One solution a row of targets [K,w] and q [K,n], measured anew; motions [K] if known."""
+    """Give one solution a row of targets [K,w] and q [K,n], measured anew; motions [K] if known."""
     width = targets.shape[1]
     rank = ranks(robot, q, width)
     singular = rank < generic_rank(robot, width)

@@ -104,16 +104,16 @@ class Member:
             return bool(np.any((self.lower > 0) | (self.upper < 0)))
 
     def title(self, component: int) -> str:
-        """Such as "torque of elbow" or "tool speed"."""
+        """Return such as "torque of elbow" or "tool speed"."""
         label = self.labels[component]
         return f"{self.name} of {label}" if label else self.name
 
     def use(self, values: LimitValues) -> FloatArray:
-        """Share [N,k] used; minus infinity where there is no limit."""
+        """Return share [N,k] used; minus infinity where there is no limit."""
         return use_of(*values, from_middle=self.from_middle)
 
     def nearest_bound(self, values: LimitValues) -> FloatArray:
-        """The bound [N,k] that each value is nearer to or beyond."""
+        """Return the bound [N,k] that each value is nearer to or beyond."""
         return nearest_bound(*values, from_middle=self.from_middle)
 
 
@@ -163,7 +163,7 @@ class LimitFamily:
 
     @classmethod
     def of(cls, robot: Any, limits: Limits | JointLimits | None = None) -> LimitFamily:
-        """The family of a robot, under its own or other limits.
+        """Return the family of a robot, under its own or other limits.
 
         Raises
         ------
@@ -198,7 +198,7 @@ class LimitFamily:
         return tuple(member.key for member in self.members)
 
     def of_order(self, *orders: int) -> tuple[str, ...]:
-        """Keys of the members whose highest derivative of the position is one of these."""
+        """Return keys of the members whose highest derivative of the position is one of these."""
         return tuple(member.key for member in self.members if member.order in orders)
 
     @property
@@ -210,7 +210,7 @@ class LimitFamily:
         return any(member.order == 3 for member in self.members)
 
     def bounds_motion_of(self, joint: int) -> bool:
-        """Whether any limit bounds how fast a joint may move."""
+        """Return whether any limit bounds how fast a joint may move."""
 
         def bounds(member: Member) -> bool:
             if member.limit is None:
@@ -235,7 +235,7 @@ class LimitFamily:
         keys: Iterable[str] | None = None,
         measured: Mapping[str, FloatArray] | None = None,
     ) -> dict[str, LimitValues]:
-        """Values and bounds of the limits (of these keys only) along samples.
+        """Return values and bounds of the limits (of these keys only) along samples.
 
         ``measured`` holds values [N,n] by key that are not to be computed: the torques of a drive.
         """
@@ -261,18 +261,18 @@ class LimitFamily:
     def use(
         self, samples: MotionSamples, keys: Iterable[str] | None = None
     ) -> dict[str, FloatArray]:
-        """Share [N,k] used of the limits (of these keys only) along samples."""
+        """Return share [N,k] used of the limits (of these keys only) along samples."""
         return {key: self[key].use(v) for key, v in self.values(samples, keys).items()}
 
     def excess(self, samples: MotionSamples) -> FloatArray:
-        """Largest relative excess [N] over any limit; negative inside them."""
+        """Return largest relative excess [N] over any limit; negative inside them."""
         uses = [use.max(axis=1) - 1.0 for use in self.use(samples).values()]
         return np.max([np.full(len(samples.q), -1.0), *uses], axis=0)
 
     def expressions(
         self, keys: Sequence[str], state: Sequence[Any], torques: ca.Function | None = None
     ) -> dict[str, tuple[Any, Any, Any]]:
-        """Value, lower and upper bound of further limits as expressions.
+        """Return value, lower and upper bound of further limits as expressions.
 
         Parameters
         ----------
@@ -298,7 +298,9 @@ class LimitFamily:
         return {key: (entry[0], entry[1], entry[2]) for key, entry in entries.items()}
 
     def derivatives(self, function: ca.Function, compiled: bool) -> tuple[ca.Function, ...] | None:
-        """First and second derivatives of the function of a further limit, where it has them."""
+        """Return first and second derivatives of the function of a further limit, where it has
+        them.
+        """
         for limit in self.robot.limits.also:
             parts = _parts_of(limit)
             if parts and _function(self.robot, (limit.key,))[0].__hash__() == function.__hash__():
@@ -312,7 +314,7 @@ def _family(robot: Any) -> LimitFamily:
 
 
 def _parts_of(limit: Limit | None) -> Callable[[Any, bool], tuple[ca.Function, ...]] | None:
-    """A limit's own derivatives: (robot, compiled) -> functions as a transcription wants them.
+    """Give a limit's own derivatives: (robot, compiled) -> functions as a transcription wants them.
 
     The last one is of its values. An expression that has them says so by a method ``derivatives``.
     """
@@ -379,7 +381,7 @@ def _further_member(robot: Any, limit: Limit) -> Member:
 def _function(
     robot: Any, keys: tuple[str, ...], torques: ca.Function | None = None
 ) -> tuple[ca.Function, tuple[tuple[str, int], ...], tuple[int, ...]]:
-    """One function of the state [n] each for the values (and bounds) of some limits.
+    """Return one function of the state [n] each for the values (and bounds) of some limits.
 
     Returns
     -------

@@ -8,7 +8,7 @@ SMALLEST = 1e-20  # below it the argument of a root counts as this
 
 
 def with_finite_slopes(function: ca.Function) -> ca.Function:
-    """The same function with ``sqrt(x)`` as ``sqrt(max(x, 1e-20))``.
+    """Return the same function with ``sqrt(x)`` as ``sqrt(max(x, 1e-20))``.
 
     The slope of a root is infinite at zero, and that of a norm 0/0: a tool at rest has a speed, but
     no derivative of it. With the maximum inside, the slope there is zero and the value off by

@@ -62,7 +62,7 @@ class LimitHistory:
         history: StateHistory,
         measured: Mapping[str, FloatArray] | None = None,
     ) -> LimitHistory:
-        """The use of the limits along a motion.
+        """Return the use of the limits along a motion.
 
         ``measured`` holds values [N,n] by key that are not to be computed: the torques of a drive.
         """
@@ -76,7 +76,7 @@ class LimitHistory:
         return cls(history.t, family, values, used(values), jumps)
 
     def judged(self, key: str) -> tuple[FloatArray, LimitValues, FloatArray]:
-        """Times, values and use of a limit, those of the jumps after those in motion."""
+        """Return times, values and use of a limit, those of the jumps after those in motion."""
         if self.jumps is None or key not in self.jumps.use:
             return self.t, self.limited[key], self.use[key]
         pair = self.limited[key], self.jumps.limited[key]
@@ -91,7 +91,7 @@ class LimitHistory:
         return {key: entry.value for key, entry in self.limited.items()}
 
     def spells(self, quantity: str, share: float = AT_LIMIT) -> list[Spell]:
-        """When which joint uses a limit to ``share`` or more, in the order of joints and time.
+        """Give when which joint uses a limit to ``share`` or more, in the order of joints and time.
 
         Gaps of less than 2 ms are closed, spells of less are left out.
         """
@@ -109,14 +109,14 @@ class LimitHistory:
         return sorted(entries, key=lambda spell: (spell.joint, spell.start))
 
     def every_spell(self) -> list[Spell]:
-        """Spells at all limits but those of the position, which every motion comes near."""
+        """Return spells at all limits but those of the position, which every motion comes near."""
         return [spell for key in self.use if key != "q" for spell in self.spells(key)]
 
 
 def limit_history(
     robot: Any, motion: Any, limits: Limits | JointLimits | None = None
 ) -> LimitHistory:
-    """How much of every limit a motion uses, on the dense grid of its certificate.
+    """Return how much of every limit a motion uses, on the dense grid of its certificate.
 
     Parameters
     ----------
@@ -154,7 +154,7 @@ def limit_history(
 
 
 def _runs(t: FloatArray, busy: np.ndarray) -> list[tuple[float, float]]:
-    """Stretches of time in which ``busy`` [N] holds."""
+    """Return stretches of time in which ``busy`` [N] holds."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], busy, [False]]).astype(int)))
     joined: list[list[float]] = []
     for first, after in edges.reshape(-1, 2):

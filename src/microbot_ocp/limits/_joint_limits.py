@@ -45,7 +45,7 @@ JOINT_QUANTITIES = {
 
 
 def quantity_name(key: str) -> str:
-    """Name of a quantity by its key: "torque" of "tau", "tool speed" of "tool_speed"."""
+    """Return name of a quantity by its key: "torque" of "tau", "tool speed" of "tool_speed"."""
     quantity = JOINT_QUANTITIES.get(key)
     return key.replace("_", " ") if quantity is None else quantity.name
 
@@ -178,12 +178,12 @@ class JointLimits:
     also: tuple[Limit, ...] = ()
 
     def bounds(self, quantity: str) -> tuple[FloatArray, FloatArray]:
-        """Lower and upper arrays [n] of a quantity of the joints, such as ``"tau"``."""
+        """Return lower and upper arrays [n] of a quantity of the joints, such as ``"tau"``."""
         checks.one_of("quantity", quantity, JOINT_QUANTITIES)
         return getattr(self, f"{quantity}_min"), getattr(self, f"{quantity}_max")
 
     def changed(self, changes: Mapping[str, Any]) -> Limits:
-        """Limits with some replaced by name; ``qd_max`` alone means plus and minus."""
+        """Return limits with some replaced by name; ``qd_max`` alone means plus and minus."""
         given: dict[str, Any] = {"also": changes.get("also", self.also)}
         for quantity in JOINT_QUANTITIES:
             low, high = f"{quantity}_min", f"{quantity}_max"
@@ -209,7 +209,7 @@ class JointLimits:
         return Limits(**bounds, also=also).for_joints(self.q_min.size)
 
     def with_reserve(self, reserve: ArrayLike) -> JointLimits:
-        """Limits with a share of every torque kept back, for feedback.
+        """Return limits with a share of every torque kept back, for feedback.
 
         Parameters
         ----------
@@ -256,7 +256,7 @@ class JointLimits:
         return self if as_they_are else checked
 
     def as_dict(self) -> dict[str, list[float]]:
-        """The limits of the joints as plain lists, for JSON and TOML."""
+        """Return the limits of the joints as plain lists, for JSON and TOML."""
         return {
             f"{key}_{side}": bound.tolist()
             for key in JOINT_QUANTITIES
@@ -267,7 +267,7 @@ class JointLimits:
 def with_reserve(
     usual: JointLimits, limits: Limits | JointLimits | None, reserve: ArrayLike
 ) -> Limits | JointLimits | None:
-    """The limits given, or a robot's own, with a share of the torques kept back."""
+    """Return the limits given, or a robot's own, with a share of the torques kept back."""
     if not np.any(np.asarray(reserve, dtype=object)):
         return limits
     count = usual.tau_max.size

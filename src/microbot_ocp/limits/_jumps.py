@@ -31,7 +31,7 @@ class StateHistory(NamedTuple):
     jumps: MotionSamples
 
     def between(self, start: float, end: float) -> StateHistory:
-        """The part from one of its times to another, with the jumps at both.
+        """Return the part from one of its times to another, with the jumps at both.
 
         What is at its end belongs to what follows.
         """
@@ -49,7 +49,7 @@ class StateHistory(NamedTuple):
 def jumps_between(
     starts: MotionSamples, ends: MotionSamples, *, cycle: bool = False
 ) -> MotionSamples:
-    """What jumps [K+1] there are before, between and after K pieces of one history.
+    """Return what jumps [K+1] there are before, between and after K pieces of one history.
 
     An arm that is at rest where its motion begins or ends is held there: before and after the
     acceleration is zero, and the torque what gravity asks for. An end that moves on has no history
@@ -77,6 +77,6 @@ def jumps_between(
 
 
 def _beyond(states: MotionSamples, row: int, moving: FloatArray) -> FloatArray:
-    """Acceleration [1,n] beyond an end of the motion: zero at rest, else that given."""
+    """Return acceleration [1,n] beyond an end of the motion: zero at rest, else that given."""
     rests = np.abs(states.qd[row]).max() <= JUMP_TIME * np.abs(states.qdd[row]).max()
     return np.zeros_like(moving) if rests else moving

@@ -120,6 +120,6 @@ class Limit:
         return self.name.strip().replace(" ", "_")
 
     def constant(self, side: str) -> FloatArray | None:
-        """The bound [k] or [1] of a side; None where there is none or it is an expression."""
+        """Give the bound [k] or [1] of a side; None where there is none or it is an expression."""
         bound = getattr(self, checks.one_of("side", side, ("lower", "upper")))
         return None if bound is None or callable(bound) else np.array(bound)

@@ -36,14 +36,14 @@ def limits_from_table(table: Mapping[str, Any]) -> tuple[Limit, ...]:
 
 
 def with_further(limits: Iterable[Limit], table: Mapping[str, Any]) -> tuple[Limit, ...]:
-    """Limits with those of a table added, or in the place of those of the same name."""
+    """Return limits with those of a table added, or in the place of those of the same name."""
     given = limits_from_table(table)
     names = {limit.key for limit in given}
     return (*(limit for limit in limits if limit.key not in names), *given)
 
 
 def limits_to_table(limits: Iterable[Limit]) -> dict[str, Any]:
-    """The keys and numbers that :func:`limits_from_table` reads back.
+    """Return the keys and numbers that :func:`limits_from_table` reads back.
 
     Raises
     ------

@@ -71,7 +71,7 @@ class Peak:
 def largest_use(
     family: LimitFamily, polynomial: Polynomial, keys: Iterable[str], *, at_rest: bool = False
 ) -> Peak:
-    """The largest use of the limits of these keys along a motion.
+    """Return the largest use of the limits of these keys along a motion.
 
     Every piece is evaluated with both its ends, so both one-sided values at a break count. The
     grid's largest local maxima are then refined by sampling ever closer around them. ``at_rest``
@@ -125,7 +125,7 @@ def largest_use(
 
 
 def jumps_of(polynomial: Polynomial) -> MotionSamples:
-    """Jumps of the acceleration [K+1] at the breaks of a motion, both ends included."""
+    """Return jumps of the acceleration [K+1] at the breaks of a motion, both ends included."""
     orders, lengths = orders_of(polynomial), np.diff(polynomial.breaks)
     pieces = np.arange(lengths.size)
     starts, ends = (samples_of(orders, pieces, local) for local in (0.0 * lengths, lengths))
@@ -133,7 +133,9 @@ def jumps_of(polynomial: Polynomial) -> MotionSamples:
 
 
 def largest_jump(family: LimitFamily, polynomial: Polynomial, keys: Iterable[str]) -> Peak | None:
-    """A jump of the acceleration that no limit of its rate allows, as an infinite use, or None."""
+    """Return a jump of the acceleration that no limit of its rate allows, as an infinite use,
+    or None.
+    """
     rated = [key for key in keys if key in family and family[key].order == 3]
     if not rated:
         return None
@@ -158,12 +160,12 @@ def largest_jump(family: LimitFamily, polynomial: Polynomial, keys: Iterable[str
 
 
 def samples_of(orders: Sequence[FloatArray], piece: np.ndarray, local: FloatArray) -> MotionSamples:
-    """State at ``local`` seconds [S] after the start of the pieces [S]."""
+    """Return state at ``local`` seconds [S] after the start of the pieces [S]."""
     return MotionSamples(*(_horner(coefficients[piece], local) for coefficients in orders))
 
 
 def orders_of(polynomial: Polynomial) -> list[FloatArray]:
-    """Coefficients of position, velocity, acceleration and jerk."""
+    """Return coefficients of position, velocity, acceleration and jerk."""
     orders = [polynomial]
     for _ in range(3):
         orders.append(orders[-1].derivative())
@@ -178,7 +180,7 @@ def _horner(coefficients: FloatArray, local: FloatArray) -> FloatArray:
 
 
 def _candidates(use: FloatArray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Local maxima of ``use`` [pieces, points, channels] that may hold the overall one."""
+    """Return local maxima of ``use`` [pieces, points, channels] that may hold the overall one."""
     finite = np.where(np.isfinite(use), use, -1e300)
     left = np.full_like(finite, -np.inf)
     right = np.full_like(finite, -np.inf)

@@ -17,7 +17,7 @@ ROUNDING = 1e-9
 def use_of(
     values: FloatArray, lower: FloatArray, upper: FloatArray, *, from_middle: bool = False
 ) -> FloatArray:
-    """Share [..., k] of a limit that values [..., k] use; bounds are [k] or [..., k].
+    """Return share [..., k] of a limit that values [..., k] use; bounds are [k] or [..., k].
 
     0 at rest, 1 at the limit, minus infinity where there is none. It is the value divided by the
     bound that it is nearer to or beyond. ``from_middle`` is for quantities whose bounds need not
@@ -41,7 +41,7 @@ def use_of(
 def nearest_bound(
     values: FloatArray, lower: FloatArray, upper: FloatArray, *, from_middle: bool = False
 ) -> FloatArray:
-    """The bound, lower or upper, that each value is nearer to or beyond."""
+    """Return the bound, lower or upper, that each value is nearer to or beyond."""
     above = _side(values - upper, upper, lower, upper, from_middle)
     below = _side(lower - values, lower, lower, upper, from_middle)
     return np.where(above >= below, upper, lower)

@@ -62,7 +62,7 @@ class Columns(NamedTuple):
         return cls(samples.label, samples.t, values, joints, units, marks)
 
     def table(self) -> tuple[list[str], FloatArray]:
-        """Heads, such as "qd elbow [rad/s]", and values [N, 1 + 4 n]."""
+        """Return heads, such as "qd elbow [rad/s]", and values [N, 1 + 4 n]."""
         heads = ["t [s]"]
         for key in self.values:
             heads += [

@@ -163,7 +163,7 @@ class Motion:
         return self.remark if self.solved else f"not solved: {self.advice}"
 
     def ended(self, outcome: Outcome, **provenance: Any) -> Motion:
-        """The motion with another outcome, and more entries of its provenance."""
+        """Return the motion with another outcome, and more entries of its provenance."""
         return replace(self, outcome=outcome, provenance={**self.provenance, **provenance})
 
     @classmethod
@@ -232,7 +232,7 @@ class Motion:
         provenance: Mapping[str, Any] | None = None,
         remark: str = "",
     ) -> Motion:
-        """Motion with the torques that inverse dynamics asks for at every sample."""
+        """Return motion with the torques that inverse dynamics asks for at every sample."""
         return cls(
             t=np.asarray(t, dtype=float),
             q=state.q,
@@ -247,7 +247,9 @@ class Motion:
         )
 
     def stretched(self, robot: Robot, factor: float) -> Motion:
-        """The same motion, slower by ``factor`` (above 0), with the torques of inverse dynamics."""
+        """Return the same motion, slower by ``factor`` (above 0), with the torques of inverse
+        dynamics.
+        """
         state = State(self.q, self.qd / factor, self.qdd / factor**2)
         return replace(
             self,
@@ -259,7 +261,7 @@ class Motion:
         )
 
     def sample(self, t: ArrayLike) -> State:
-        """Position, velocity and acceleration at times t [N] within [0, duration].
+        """Return position, velocity and acceleration at times t [N] within [0, duration].
 
         Raises
         ------
@@ -281,7 +283,9 @@ class Motion:
         return State(q, qd, qdd)
 
     def jerk(self, t: FloatArray) -> FloatArray:
-        """Jerk [N,n] at times t [N], in motion: in a jump of the acceleration that before it."""
+        """Return jerk [N,n] at times t [N], in motion: in a jump of the acceleration that
+        before it.
+        """
         t = checks.array("t", t, (None,), "s")
         i = self._pieces_at(t)
         i = i - jump_gaps(self.t)[i]
@@ -292,14 +296,14 @@ class Motion:
         return np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, self.t.size - 2)
 
     def _coefficients(self, i: np.ndarray) -> list[FloatArray]:
-        """Coefficients [N,n] of the quintics in intervals i, lowest power first."""
+        """Return coefficients [N,n] of the quintics in intervals i, lowest power first."""
         if i.size <= self.t.size:
             return list(np.moveaxis(pieces_of(self, i), 1, 0))
         table = pieces_of(self)  # every piece is asked for several times
         return [np.take(table[:, k], i, axis=0) for k in range(6)]
 
     def dense_samples(self) -> tuple[FloatArray, MotionSamples]:
-        """Times [N] on a grid that is dense enough to judge the motion, and the state there.
+        """Return times [N] on a grid that is dense enough to judge the motion, and the state there.
 
         At least 20 points to each interval between breaks (5 where there are thousands), steps of
         at most 0.25 ms; both sides of each break.
@@ -307,7 +311,7 @@ class Motion:
         return self.history()[:2]
 
     def history(self, *, cycle: bool = False) -> StateHistory:
-        """What limits are judged by: the dense samples, and the jumps of the acceleration.
+        """Return what limits are judged by: the dense samples, and the jumps of the acceleration.
 
         An arm that is at rest where the motion begins or ends is held there, so that a start with
         an acceleration is a jump. In a ``cycle`` what ends moving goes on at the start.
@@ -315,7 +319,7 @@ class Motion:
         return history_of(self, dense_times(self)[0], cycle)
 
     def resample(self, rate: float, robot: Robot | None = None) -> Motion:
-        """The motion on a grid of ``rate`` hertz, its end included.
+        """Return the motion on a grid of ``rate`` hertz, its end included.
 
         Torques are those of the inverse dynamics of ``robot``. Without it they are interpolated,
         which is exact to some thousandths only where they bend.
@@ -344,7 +348,7 @@ class Motion:
     def sensitivities(
         self, robot: Robot, mass: float = 0.0, center_of_mass: ArrayLike = (0.0, 0.0, 0.0)
     ) -> Sensitivities:
-        """How the duration changes with every limit, the payload and the via points.
+        """Return how the duration changes with every limit, the payload and the via points.
 
         Of a motion of :func:`microbot_ocp.time_optimal`, or of a prepared solver, through via
         points, by the multipliers of its solve: as long as the same limits stay active.
@@ -381,7 +385,7 @@ class Motion:
         return sensitivities_of(self, shape, robot, mass, center_of_mass)
 
     def plot(self, robot: Robot, axes: GivenAxes | None = None, **options: Any) -> DrawnAxes:
-        """Position, velocity and torque over time: :func:`microbot_ocp.plots.motion`."""
+        """Return position, velocity and torque over time: :func:`microbot_ocp.plots.motion`."""
         return view_for(self, "plot")(robot, self, axes, **options)
 
     def to_rerun(self, robot: Robot, path: str | Path, scene: Any = None) -> Path:
@@ -492,7 +496,7 @@ class Motion:
 
 
 def torque_along(robot: Robot, state: State) -> FloatArray:
-    """Inverse dynamics [N,n] of states [N,n], in one call; zero for a robot without masses."""
+    """Give inverse dynamics [N,n] of states [N,n], in one call; zero for a robot without masses."""
     q = checks.array("q", state.q, (None, robot.joint_count))
     if not robot.has_dynamics:
         return np.zeros_like(q)
@@ -500,7 +504,9 @@ def torque_along(robot: Robot, state: State) -> FloatArray:
 
 
 def _steps_to_tell(acceleration: PiecewisePolynomial) -> int:
-    """Steps to an interval whose samples determine the acceleration there: its degree, or one."""
+    """Return steps to an interval whose samples determine the acceleration there: its degree,
+    or one.
+    """
     terms = np.abs(acceleration.coefficients).max(axis=2)
     terms = terms * np.diff(acceleration.breaks)[:, None] ** np.arange(terms.shape[1])
     return max(
@@ -509,7 +515,7 @@ def _steps_to_tell(acceleration: PiecewisePolynomial) -> int:
 
 
 def unresolved(robot: Robot, t: FloatArray, state_at: Callable[[FloatArray], State]) -> FloatArray:
-    """Times half-way between samples where a torque is far outside of what it is at both.
+    """Return times half-way between samples where a torque is far outside of what it is at both.
 
     None where the robot has no masses, or between the two sides of a jump.
     """
@@ -523,7 +529,8 @@ def unresolved(robot: Robot, t: FloatArray, state_at: Callable[[FloatArray], Sta
 
 
 def sample_times(breaks: FloatArray, jumps: FloatArray, step: float, least: int = 1) -> FloatArray:
-    """Times from the first to the last break, at most ``step`` apart, with the breaks among them.
+    """Return times from the first to the last break, at most ``step`` apart, with the breaks among
+    them.
 
     There are at least ``least`` steps to an interval, so that the samples tell how the acceleration
     runs in it. Long motions have longer steps (:func:`checks.longest_step`). Every time in
@@ -546,7 +553,8 @@ def sample_times(breaks: FloatArray, jumps: FloatArray, step: float, least: int 
 
 
 def pieces_of(motion: Motion, i: np.ndarray | None = None) -> FloatArray:
-    """Coefficients [N-1,6,n] of the polynomials between samples, lowest power of the time first.
+    """Return coefficients [N-1,6,n] of the polynomials between samples, lowest power of the time
+    first.
 
     ``i`` chooses some of them.
     """

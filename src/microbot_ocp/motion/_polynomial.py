@@ -50,7 +50,7 @@ class PiecewisePolynomial:
         return float(self.breaks[-1] - self.breaks[0])
 
     def derivative(self) -> PiecewisePolynomial:
-        """First derivative with respect to time."""
+        """Return first derivative with respect to time."""
         powers = np.arange(1, self.coefficients.shape[1])
         lowered = self.coefficients[:, 1:] * powers[None, :, None]
         if lowered.shape[1] == 0:
@@ -71,7 +71,7 @@ class PiecewisePolynomial:
         return value
 
     def stretched(self, factor: float) -> PiecewisePolynomial:
-        """The same shape, slower by ``factor`` (above 0)."""
+        """Return the same shape, slower by ``factor`` (above 0)."""
         factor = checks.number("factor", factor, above=0.0)
         powers = factor ** -np.arange(self.coefficients.shape[1], dtype=float)
         start = self.breaks[0]
@@ -81,7 +81,7 @@ class PiecewisePolynomial:
 
 
 def _trusted(breaks: FloatArray, coefficients: FloatArray) -> PiecewisePolynomial:
-    """A polynomial made from a checked one: not checked again."""
+    """Return a polynomial made from a checked one: not checked again."""
     polynomial = object.__new__(PiecewisePolynomial)
     for name, values in (("breaks", breaks), ("coefficients", coefficients)):
         values.setflags(write=False)
@@ -90,7 +90,9 @@ def _trusted(breaks: FloatArray, coefficients: FloatArray) -> PiecewisePolynomia
 
 
 def quintic_between(start: State, end: State, h: FloatArray) -> FloatArray:
-    """Coefficients [K,6,n] of the quintics that meet the states [K,n] at both ends of h [K] s."""
+    """Return coefficients [K,6,n] of the quintics that meet the states [K,n] at both ends of h
+    [K] s.
+    """
     h = np.asarray(h, dtype=float)[:, None]
     q, qd, qdd = start
     # what a constant acceleration leaves over, in units of the interval

@@ -47,7 +47,7 @@ DENSE_GRID = DenseGrid()
 
 
 def jump_gaps(t: FloatArray, i: NDArray[np.intp] | None = None) -> NDArray[np.bool_]:
-    """Which intervals [N-1] between times t [N] stand for a jump; ``i`` chooses some of them.
+    """Give which intervals [N-1] between times t [N] stand for a jump; ``i`` chooses some of them.
 
     The first never does: there is nothing before it that the acceleration could jump from. Nor do
     even steps, which are the samples of one interval.
@@ -61,13 +61,13 @@ def jump_gaps(t: FloatArray, i: NDArray[np.intp] | None = None) -> NDArray[np.bo
 
 
 def nearest_samples(t: FloatArray, times: FloatArray) -> NDArray[np.intp]:
-    """Which of the samples at t [N] are nearest to some times [K]."""
+    """Return which of the samples at t [N] are nearest to some times [K]."""
     after = np.clip(np.searchsorted(t, times), 1, t.size - 1)
     return after - (times - t[after - 1] < t[after] - times)
 
 
 def mesh_of(motion: Motion) -> FloatArray:
-    """Breaks of a motion with both ends; the gap that stands for a jump is not an interval."""
+    """Give breaks of a motion with both ends; the gap that stands for a jump is not an interval."""
     breaks = motion.t if motion.breaks is None else motion.breaks
     inner = breaks[(breaks > 0.0) & (breaks < motion.duration)]
     mesh = np.concatenate([[0.0], inner, [motion.duration]])
@@ -76,7 +76,8 @@ def mesh_of(motion: Motion) -> FloatArray:
 
 
 def quadrature(t: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Times [3(N-1)] between samples [N], s, and weights with which values there make integrals.
+    """Return times [3(N-1)] between samples [N], s, and weights with which values there make
+    integrals.
 
     By Gauss, exact for the square of a torque that bends between two samples.
     """
@@ -86,7 +87,7 @@ def quadrature(t: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def dense_times(motion: Motion) -> tuple[FloatArray, float]:
-    """Dense grid and its least number of points to a mesh interval."""
+    """Return dense grid and its least number of points to a mesh interval."""
     mesh = mesh_of(motion)
     lengths = np.diff(mesh)
     step = max(DENSE_GRID.step, checks.longest_step(motion.duration, DENSE_GRID.most_steps))
@@ -103,7 +104,7 @@ def dense_times(motion: Motion) -> tuple[FloatArray, float]:
 
 
 def samples_at(motion: Motion, t: FloatArray) -> MotionSamples:
-    """Position and its first three derivatives [N,n] at times t [N] of the dense grid.
+    """Return position and its first three derivatives [N,n] at times t [N] of the dense grid.
 
     The jerk is that in motion: at both sides of a jump of the acceleration that of its side.
     """
@@ -111,7 +112,9 @@ def samples_at(motion: Motion, t: FloatArray) -> MotionSamples:
 
 
 def history_of(motion: Motion, t: FloatArray, cycle: bool = False) -> StateHistory:
-    """States at times t [N], and the jumps of the acceleration at the motion's ends and inside."""
+    """Return states at times t [N], and the jumps of the acceleration at the motion's ends and
+    inside.
+    """
     gaps = np.flatnonzero(jump_gaps(motion.t))
     first, last = np.append(0, gaps + 1), np.append(gaps, motion.t.size - 1)
     starts, ends = (

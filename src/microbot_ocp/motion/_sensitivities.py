@@ -64,7 +64,9 @@ class Sensitivities:
         return frozenset(row[0] for row in self.table().rows if row[4] == "yes")
 
     def table(self) -> Table:
-        """What one unit more of each bound that matters saves, the most for a percent first."""
+        """Return what one unit more of each bound that matters saves, the most for a percent
+        first.
+        """
         family = LimitFamily.of(self.robot)
         rows = []
         for side, slopes in (("lower", self.lower), ("upper", self.upper)):
@@ -99,7 +101,7 @@ class Sensitivities:
         return Table(columns, rows, notes=notes)
 
     def plot(self, axes: GivenAxes | None = None) -> DrawnAxes:
-        """Bars of what one percent of each limit saves: :func:`microbot_ocp.plots.prices`."""
+        """Give bars of what one percent of each limit saves: :func:`microbot_ocp.plots.prices`."""
         return view_for(self, "plot")(self, axes)
 
 
@@ -135,7 +137,7 @@ class DurationLine:
         return np.array([False, *(before != after for before, after in pairs)])
 
     def table(self) -> Table:
-        """One row a value, with the limits that begin (+) and cease (-) to bind."""
+        """Return one row a value, with the limits that begin (+) and cease (-) to bind."""
         columns = [
             Column(self.name, self.unit, ".6g"),
             Column("T", "s", ".4f"),
@@ -153,7 +155,7 @@ class DurationLine:
         return Table(columns, rows)
 
     def plot(self, axes: GivenAxes | None = None) -> DrawnAxes:
-        """Duration over the datum: :func:`microbot_ocp.plots.duration_line`."""
+        """Return duration over the datum: :func:`microbot_ocp.plots.duration_line`."""
         return view_for(self, "plot")(self, axes)
 
 
@@ -164,7 +166,7 @@ def sensitivities_of(
     mass: float,
     center_of_mass: ArrayLike,
 ) -> Sensitivities:
-    """Slopes of the duration; see :meth:`microbot_ocp.Motion.sensitivities`."""
+    """Return slopes of the duration; see :meth:`microbot_ocp.Motion.sensitivities`."""
     multipliers = motion.provenance.get("multipliers")
     if not multipliers or "rows" not in multipliers:
         raise InputError(
@@ -203,7 +205,9 @@ def sensitivities_of(
 def _limited(
     shape: PiecewisePolynomial, rows: Mapping[str, Any]
 ) -> Iterator[tuple[str, MotionSamples, FloatArray]]:
-    """Every limited quantity by key, where slopes [K,k] of the duration say how it is felt."""
+    """Yield every limited quantity by key, where slopes [K,k] of the duration say how it is
+    felt.
+    """
     orders = [shape]
     for _ in MotionSamples._fields[1:]:
         orders.append(orders[-1].derivative())

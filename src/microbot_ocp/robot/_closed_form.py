@@ -88,7 +88,7 @@ class Series:
         return [joint for joint in range(count) if joint not in turning]
 
     def slope(self, joint: int) -> Series:
-        """Partial derivative with respect to the position of joint index ``joint``."""
+        """Return partial derivative with respect to the position of joint index ``joint``."""
         place = next((i for i, run in enumerate(self.runs) if joint in run), None)
         terms: dict[Term, float] = {}
         for (powers, waves), value in self.terms.items():
@@ -132,12 +132,14 @@ class ClosedForm:
     gravity: tuple[Series, ...]
 
     def coriolis_text(self, i: int, j: int) -> str:
-        """Entry ``C[i][j]`` (from 0) in words of ``qd1``, ``qd2`` and so on."""
+        """Return entry ``C[i][j]`` (from 0) in words of ``qd1``, ``qd2`` and so on."""
         entry = enumerate(self.christoffel[i][j], start=1)
         return " + ".join(f"({series}) qd{k}" for k, series in entry if series.terms) or "0"
 
     def lines(self) -> list[str]:
-        """M, C and G as a line of text an entry; M above its diagonal only, being symmetric."""
+        """Return M, C and G as a line of text an entry; M above its diagonal only, being
+        symmetric.
+        """
         count = len(self.gravity)
         pairs = [(i, j) for i in range(count) for j in range(count)]
         lines = [f"M{i + 1}{j + 1} = {self.mass[i][j]}" for i, j in pairs if j >= i]
@@ -145,7 +147,8 @@ class ClosedForm:
         return lines + [f"G{i + 1} = {series}" for i, series in enumerate(self.gravity)]
 
     def text(self, language: Language) -> str:
-        """All equations as a LaTeX document, or as source text that needs this package no more.
+        """Return all equations as a LaTeX document, or as source text that needs this package no
+        more.
 
         Parameters
         ----------
@@ -195,7 +198,7 @@ class ClosedForm:
 
 
 def closed_form(robot: Robot) -> ClosedForm:
-    """Pose, mass matrix, Coriolis matrix and gravity torque of a robot in closed form.
+    """Return pose, mass matrix, Coriolis matrix and gravity torque of a robot in closed form.
 
     Parameters
     ----------
@@ -249,7 +252,7 @@ def closed_form(robot: Robot) -> ClosedForm:
 def _expanded(
     robot: Robot, function: ca.Function, degree: int
 ) -> tuple[tuple[tuple[Series, ...], ...], float]:
-    """Every entry of a function of q, of at most this degree, and the size of its values."""
+    """Return every entry of a function of q, of at most this degree, and the size of its values."""
     count = robot.joint_count
     turns = [kind == "revolute" for kind in robot.joint_types]
     q = ca.SX.sym("q", count)
@@ -291,7 +294,7 @@ def _expanded(
 
 
 def _runs(robot: Robot) -> Runs:
-    """Revolute joints, neighbours with parallel axes together."""
+    """Return revolute joints, neighbours with parallel axes together."""
     runs: list[list[int]] = []
     parallel = (np.abs(np.sin(robot.alpha)) < 1e-12) & (robot.beta == 0)
     for joint, kind in enumerate(robot.joint_types):
@@ -324,7 +327,7 @@ def _add_wave(
 
 
 def _cleaned(terms: dict[Term, float], size: float) -> dict[Term, float]:
-    """The terms that are more than rounding, each with as few digits as it needs."""
+    """Return the terms that are more than rounding, each with as few digits as it needs."""
     close = NEGLIGIBLE * size
     amplitudes = {}
     for term, value in sorted(terms.items(), key=lambda item: _place(item[0])):
@@ -335,7 +338,7 @@ def _cleaned(terms: dict[Term, float], size: float) -> dict[Term, float]:
 
 
 def _halves(first: Series, second: Series, third: Series, size: float) -> Series:
-    """``(first + second - third) / 2``."""
+    """Return ``(first + second - third) / 2``."""
     total: dict[Term, float] = {}
     for weight, series in ((0.5, first), (0.5, second), (-0.5, third)):
         for term, value in series.terms.items():
@@ -344,5 +347,5 @@ def _halves(first: Series, second: Series, third: Series, size: float) -> Series
 
 
 def _place(term: Term) -> tuple[int, tuple[int, ...], tuple[str, ...]]:
-    """Short terms first, then by joint."""
+    """Return short terms first, then by joint."""
     return sum(map(abs, term.powers)), tuple(-power for power in term.powers), term.waves

@@ -27,7 +27,8 @@ NAMES = {"modified": "modified (Craig's, proximal)", "standard": "standard (dist
 def as_modified(
     alpha: FloatArray, a: FloatArray, links: Sequence[Link], shapes: Sequence[Shape]
 ) -> tuple[FloatArray, tuple[Link, ...], tuple[Shape, ...], FloatArray]:
-    """What is given of a standard table [n] in the frames at the joints, those of a modified one.
+    """Return what is given of a standard table [n] in the frames at the joints, those of a modified
+    one.
 
     Returns
     -------
@@ -64,7 +65,7 @@ def doubts(
     *,
     placed: bool,
 ) -> str:
-    """What is odd about a table and would not be in the other convention; empty if nothing.
+    """Return what is odd about a table and would not be in the other convention; empty if nothing.
 
     Of the modified convention a first row that is not zero places the base, as is usual. It is odd
     only where nothing is ``placed`` by a base or a tool and the last two axes are parallel: then
@@ -91,7 +92,7 @@ def doubts(
 
 
 def _coincident(alpha: FloatArray, a: FloatArray, joint_types: Sequence[str]) -> list[str]:
-    """Revolute joints one after another about the same axis."""
+    """Return revolute joints one after another about the same axis."""
     same = [
         f"joints {joint + 1} and {joint + 2} turn about the same axis"
         for joint in range(alpha.size)

@@ -36,7 +36,7 @@ def _cross(left: ca.SX, right: ca.SX) -> ca.SX:
 
 
 def friction_torque(robot: Robot, qd: ca.SX) -> ca.SX:
-    """Torques [n] of friction, each of the speed of its own joint."""
+    """Return torques [n] of friction, each of the speed of its own joint."""
     terms = []
     for joint, link in enumerate(robot.links):
         term = ca.SX(0)
@@ -49,7 +49,7 @@ def friction_torque(robot: Robot, qd: ca.SX) -> ca.SX:
 
 
 def _newton_euler(robot: Robot, q: ca.SX, qd: ca.SX, qdd: ca.SX, *, friction: bool = True) -> ca.SX:
-    """Joint torques [n] by the outward and inward recursions of Craig, section 6.5."""
+    """Return joint torques [n] by the outward and inward recursions of Craig, section 6.5."""
     _require_links(robot)
     count = robot.joint_count
     # An upward acceleration of the base acts as gravity does; here in frame 0 of the rows.
@@ -102,7 +102,7 @@ def _newton_euler(robot: Robot, q: ca.SX, qd: ca.SX, qdd: ca.SX, *, friction: bo
 
 
 def _mass_matrix(robot: Robot, q: ca.SX) -> ca.SX:
-    """Mass matrix [n,n] by composite rigid bodies, carried inward in link frames."""
+    """Return mass matrix [n,n] by composite rigid bodies, carried inward in link frames."""
     _require_links(robot)
     count = robot.joint_count
     transforms = [joint_transform(robot, joint, q[joint]) for joint in range(count)]
@@ -147,7 +147,7 @@ def _mass_matrix(robot: Robot, q: ca.SX) -> ca.SX:
 
 
 def _parallel_axis(offset: ca.SX) -> ca.SX:
-    """Inertia of a unit mass at ``offset``: |r|^2 I - r r'."""
+    """Return inertia of a unit mass at ``offset``: |r|^2 I - r r'."""
     return ca.sparsify(ca.dot(offset, offset) * ca.SX.eye(3) - offset @ offset.T)
 
 
@@ -164,7 +164,7 @@ def _axis_component(robot: Robot, joint: int, force: ca.SX, moment: ca.SX) -> ca
 
 @function_maker
 def inverse_dynamics(robot: Robot, *, compiled: bool = False) -> ca.Function:
-    """Joint torques of a motion, by recursive Newton-Euler (Craig, section 6.5).
+    """Return joint torques of a motion, by recursive Newton-Euler (Craig, section 6.5).
 
     Returns
     -------
@@ -185,14 +185,14 @@ def inverse_dynamics(robot: Robot, *, compiled: bool = False) -> ca.Function:
 
 @function_maker
 def mass_matrix(robot: Robot, *, compiled: bool = False) -> ca.Function:
-    """Mass matrix ``(q[n]) -> M[n,n]``, kg m^2, with rotor inertia on the diagonal."""
+    """Return mass matrix ``(q[n]) -> M[n,n]``, kg m^2, with rotor inertia on the diagonal."""
     state = symbols(robot, "q")
     return robot_function("mass_matrix", state, {"M": _mass_matrix(robot, **state)}, compiled)
 
 
 @function_maker
 def coriolis_matrix(robot: Robot, *, compiled: bool = False) -> ca.Function:
-    """Coriolis and centrifugal matrix ``(q[n], qd[n]) -> C[n,n]`` from Christoffel symbols.
+    """Return Coriolis and centrifugal matrix ``(q[n], qd[n]) -> C[n,n]`` from Christoffel symbols.
 
     With it ``dM/dt - 2 C`` is skew-symmetric. Friction is not part of it.
     """
@@ -206,7 +206,7 @@ def coriolis_matrix(robot: Robot, *, compiled: bool = False) -> ca.Function:
 
 @function_maker
 def gravity_torque(robot: Robot, *, compiled: bool = False) -> ca.Function:
-    """Torque that holds the arm still: ``(q[n]) -> tau[n]``, N m."""
+    """Return torque that holds the arm still: ``(q[n]) -> tau[n]``, N m."""
     state, zero = symbols(robot, "q"), ca.SX(robot.joint_count, 1)
     tau = _newton_euler(robot, state["q"], zero, zero, friction=False)
     return robot_function("gravity_torque", state, {"tau": tau}, compiled)
@@ -214,7 +214,9 @@ def gravity_torque(robot: Robot, *, compiled: bool = False) -> ca.Function:
 
 @function_maker
 def bias_torque(robot: Robot, *, compiled: bool = False) -> ca.Function:
-    """Torque at zero acceleration, ``C qd + g + friction``: ``(q[n], qd[n]) -> tau[n]``, N m."""
+    """Return torque at zero acceleration, ``C qd + g + friction``: ``(q[n], qd[n]) -> tau[n]``,
+    N m.
+    """
     state = symbols(robot, "q", "qd")
     tau = _newton_euler(robot, state["q"], state["qd"], ca.SX(robot.joint_count, 1))
     return robot_function("bias_torque", state, {"tau": tau}, compiled)
@@ -227,7 +229,7 @@ def solve_symmetric(matrix: ca.SX, right: ca.SX) -> ca.SX:
 
 @function_maker
 def forward_dynamics(robot: Robot, *, compiled: bool = False) -> ca.Function:
-    """Accelerations that torques cause: ``(q[n], qd[n], tau[n]) -> qdd[n]``.
+    """Return accelerations that torques cause: ``(q[n], qd[n], tau[n]) -> qdd[n]``.
 
     Where the mass matrix is singular (a massless direction, as the Microbot standing straight up)
     there is no such acceleration: see :func:`mass_matrix_condition`, or give the links
@@ -242,7 +244,9 @@ def forward_dynamics(robot: Robot, *, compiled: bool = False) -> ca.Function:
 
 @function_maker
 def mass_matrix_condition(robot: Robot, *, compiled: bool = False) -> ca.Function:
-    """Condition number of the mass matrix in the 1-norm: ``(q[n]) -> condition``, 1 to infinity."""
+    """Return condition number of the mass matrix in the 1-norm: ``(q[n]) -> condition``, 1 to
+    infinity.
+    """
     state = symbols(robot, "q")
     matrix = ca.densify(_mass_matrix(robot, **state))
     inverse = solve_symmetric(matrix, ca.SX.eye(robot.joint_count))
@@ -253,7 +257,7 @@ def mass_matrix_condition(robot: Robot, *, compiled: bool = False) -> ca.Functio
 
 @function_maker
 def energy(robot: Robot, *, compiled: bool = False) -> ca.Function:
-    """Mechanical energy: ``(q[n], qd[n]) -> kinetic, potential``, J.
+    """Return mechanical energy: ``(q[n], qd[n]) -> kinetic, potential``, J.
 
     The potential is zero at the base origin; rotor inertia counts as kinetic energy.
     """
@@ -270,7 +274,7 @@ def energy(robot: Robot, *, compiled: bool = False) -> ca.Function:
 
 @lru_cache(maxsize=64)
 def torque_and_rate(robot: Robot) -> ca.Function:
-    """Torque and its exact time derivative along a motion.
+    """Return torque and its exact time derivative along a motion.
 
     Returns
     -------

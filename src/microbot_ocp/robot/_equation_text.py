@@ -36,7 +36,7 @@ TYPESETTING = Typesetting()
 
 
 def plain(series: Series) -> str:
-    """A sum to read: ``3 cos(q1) cos(q2) + 4 cos(q1) cos(q2 + q3)``."""
+    """Return a sum to read: ``3 cos(q1) cos(q2) + 4 cos(q1) cos(q2 + q3)``."""
 
     def factors(term: Term) -> list[str]:
         waves = [f"{wave}({_angle(term, run, 'q')})" for wave, run in _waves(series, term)]
@@ -52,7 +52,7 @@ def _waves(series: Series, term: Term) -> list[tuple[str, tuple[int, ...]]]:
 
 
 def _angle(term: Term, run: tuple[int, ...], name: str, times: str = " ") -> str:
-    """``q2 + 2 q3``: the first factor is positive."""
+    """Return ``q2 + 2 q3``: the first factor is positive."""
     text = ""
     for joint in run:
         if power := term.powers[joint]:
@@ -67,7 +67,7 @@ def _parts(
     times: str,
     number: Callable[[float], str],
 ) -> Iterator[str]:
-    """Terms with their signs: ``-2 a``, then ``+ b``."""
+    """Yield terms with their signs: ``-2 a``, then ``+ b``."""
     for at, (term, value) in enumerate(series.terms.items()):
         names = factors(term)
         size = number(abs(value))
@@ -79,7 +79,7 @@ def _parts(
 def _broken(
     parts: Iterable[str], width: int, between: str, size: Callable[[str], int] = len
 ) -> str:
-    """The terms in lines of at most this width where they can be."""
+    """Return the terms in lines of at most this width where they can be."""
     lines: list[list[str]] = []
     room = 0
     for part in parts:
@@ -109,7 +109,7 @@ HEADINGS = {
 
 
 def _entries(form: ClosedForm, symbol: str) -> Iterator[tuple[tuple[int, ...], Series]]:
-    """Places and entries of a tensor that are not zero; of what is symmetric one half."""
+    """Yield places and entries of a tensor that are not zero; of what is symmetric one half."""
     every = range(form.robot.joint_count)
     pairs = list(combinations_with_replacement(every, 2))
     places, tensor = {
@@ -125,7 +125,7 @@ def _entries(form: ClosedForm, symbol: str) -> Iterator[tuple[tuple[int, ...], S
 
 
 def latex(form: ClosedForm) -> str:
-    """A LaTeX document with every entry that is not zero."""
+    """Return a LaTeX document with every entry that is not zero."""
     names = ["d" if kind == "prismatic" else r"\theta" for kind in form.robot.joint_types]
     variables = ", ".join(f"${name}_{i}$" for i, name in enumerate(names, start=1))
     title = re.sub(r"([&%$#_{}])", r"\\\1", re.sub(r"[\\~^]", " ", form.robot.name))
@@ -192,7 +192,7 @@ class Syntax:
     let: str
 
     def at(self, language: str, name: str, place: Sequence[int]) -> str:
-        """An entry of an array, counted from 0 here."""
+        """Return an entry of an array, counted from 0 here."""
         if language == "matlab":
             return f"{name}({', '.join(str(i + 1) for i in place)})"
         return name + "".join(f"[{i}]" for i in place)
@@ -218,7 +218,7 @@ TITLES = {
 
 
 def program(form: ClosedForm, language: str) -> str:
-    """Source text with a function each for T, M, C and g."""
+    """Return source text with a function each for T, M, C and g."""
     syntax = SYNTAX[language]
     count = form.robot.joint_count
     name = " ".join(form.robot.name.split())
@@ -290,7 +290,7 @@ def _function(form: ClosedForm, language: str, matrix: str) -> list[str]:
 
 
 def _statements(form: ClosedForm, language: str, matrix: str) -> list[str]:
-    """The waves that are needed, and every entry that is not zero."""
+    """Return the waves that are needed, and every entry that is not zero."""
     syntax, every = SYNTAX[language], range(form.robot.joint_count)
     waves: dict[str, str] = {}
     entries: list[str] = []
@@ -334,7 +334,7 @@ def _statements(form: ClosedForm, language: str, matrix: str) -> list[str]:
 
 
 def _code_factors(series: Series, term: Term, waves: dict[str, str]) -> list[str]:
-    """Names of the factors; the waves among them are noted in ``waves``."""
+    """Return names of the factors; the waves among them are noted in ``waves``."""
     factors = []
     for joint in series.displacements:
         factors += [f"q{joint + 1}"] * term.powers[joint]

@@ -64,14 +64,14 @@ def _shape(value: Any) -> tuple[int, ...]:
 
 
 def symbols(robot: Any, *names: str) -> dict[str, ca.SX]:
-    """Vectors of symbols, one entry a joint."""
+    """Return vectors of symbols, one entry a joint."""
     return {name: ca.SX.sym(name, robot.joint_count) for name in names}
 
 
 def robot_function(
     name: str, inputs: dict[str, ca.SX], outputs: dict[str, Any], compiled: bool
 ) -> RobotFunction:
-    """The function of these expressions, compiled if wanted, with messages of its own."""
+    """Return the function of these expressions, compiled if wanted, with messages of its own."""
     results = [ca.densify(value) for value in outputs.values()]
     function = ca.Function(name, [*inputs.values()], results, [*inputs], [*outputs])
     return RobotFunction(maybe_compiled(function, compiled))

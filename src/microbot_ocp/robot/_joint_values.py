@@ -12,12 +12,14 @@ from microbot_ocp.robot._model import Robot
 
 
 def joint_scale(robot: Robot) -> FloatArray:
-    """Factors [n] from degrees to radians; 1 for prismatic joints, which are in metres."""
+    """Return factors [n] from degrees to radians; 1 for prismatic joints, which are in metres."""
     return np.where(np.array(robot.joint_types) == "revolute", np.pi / 180.0, 1.0)
 
 
 def per_joint(robot: Robot, name: str, value: Any) -> FloatArray:
-    """One number a joint [n] from a single number or a list; infinite is allowed, NaN is not."""
+    """Return one number a joint [n] from a single number or a list; infinite is allowed, NaN is
+    not.
+    """
     count = robot.joint_count
     several = value if isinstance(value, list) else [value] * count
     if len(several) != count:

@@ -15,7 +15,7 @@ from microbot_ocp.robot._model import Robot
 
 
 def _cos_sin(angle: float) -> tuple[float, float]:
-    """Cosine and sine, exact at multiples of a right angle so that the graphs stay sparse."""
+    """Give cosine and sine, exact at multiples of a right angle so that the graphs stay sparse."""
     quarter = angle / (np.pi / 2)
     if abs(quarter - round(quarter)) < 1e-12:
         turn = round(quarter) % 4
@@ -24,7 +24,7 @@ def _cos_sin(angle: float) -> tuple[float, float]:
 
 
 def joint_transform(robot: Robot, joint: int, q: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Rotation [3,3] and position [3] of link frame ``joint`` (0-based) in the frame before.
+    """Return rotation [3,3] and position [3] of link frame ``joint`` (0-based) in the frame before.
 
     Returns
     -------
@@ -63,13 +63,15 @@ def joint_transform(robot: Robot, joint: int, q: ca.SX) -> tuple[ca.SX, ca.SX]:
 
 
 def constant_transform(transform: FloatArray) -> tuple[ca.SX, ca.SX]:
-    """Rotation [3,3] and position [3] of a transform [4,4], such as that of the tool or base."""
+    """Return rotation [3,3] and position [3] of a transform [4,4], such as that of the tool or
+    base.
+    """
     clean = np.where(np.abs(transform) < 1e-15, 0.0, transform)
     return ca.sparsify(ca.SX(ca.DM(clean[:3, :3]))), ca.sparsify(ca.SX(ca.DM(clean[:3, 3])))
 
 
 def frames(robot: Robot, q: ca.SX) -> list[tuple[ca.SX, ca.SX]]:
-    """Rotation and origin in the base frame of link frames 1 to n and of the tool."""
+    """Return rotation and origin in the base frame of link frames 1 to n and of the tool."""
     rotation, origin = constant_transform(robot.base)
     placed = []
     for joint in range(robot.joint_count):
@@ -90,7 +92,7 @@ def _homogeneous(rotation: ca.SX, origin: ca.SX) -> ca.SX:
 def forward_kinematics(
     robot: Robot, frame: int | None = None, *, compiled: bool = False
 ) -> ca.Function:
-    """Pose of a frame in the base frame.
+    """Return pose of a frame in the base frame.
 
     Parameters
     ----------
@@ -126,7 +128,9 @@ def forward_kinematics(
 
 @function_maker
 def link_poses(robot: Robot, *, compiled: bool = False) -> ca.Function:
-    """Poses of the base and link frames 1 to n side by side: ``(q[n]) -> poses[4, 4 (n+1)]``."""
+    """Return poses of the base and link frames 1 to n side by side: ``(q[n]) -> poses[4, 4
+    (n+1)]``.
+    """
     state = symbols(robot, "q")
     poses = [ca.SX.eye(4), *(_homogeneous(*frame) for frame in frames(robot, **state)[:-1])]
     return robot_function("link_poses", state, {"poses": ca.horzcat(*poses)}, compiled)
@@ -134,7 +138,7 @@ def link_poses(robot: Robot, *, compiled: bool = False) -> ca.Function:
 
 @function_maker
 def frame_origins(robot: Robot, *, compiled: bool = False) -> ca.Function:
-    """Origins of the base, every link frame and the tool: ``(q[n]) -> origins[3, n+2]``, m."""
+    """Give origins of the base, every link frame and the tool: ``(q[n]) -> origins[3, n+2]``, m."""
     state = symbols(robot, "q")
     origins = [ca.SX.zeros(3), *(ca.densify(origin) for _, origin in frames(robot, **state))]
     return robot_function("frame_origins", state, {"origins": ca.horzcat(*origins)}, compiled)
@@ -142,7 +146,7 @@ def frame_origins(robot: Robot, *, compiled: bool = False) -> ca.Function:
 
 @function_maker
 def jacobian(robot: Robot, *, compiled: bool = False) -> ca.Function:
-    """Geometric Jacobian at the tool origin in the base frame.
+    """Return geometric Jacobian at the tool origin in the base frame.
 
     Returns
     -------
@@ -166,7 +170,7 @@ def jacobian(robot: Robot, *, compiled: bool = False) -> ca.Function:
 
 @function_maker
 def velocity_propagation(robot: Robot, *, compiled: bool = False) -> ca.Function:
-    """Velocities of every link frame by outward propagation (Craig, equations 5.45 to 5.48).
+    """Return velocities of every link frame by outward propagation (Craig, equations 5.45 to 5.48).
 
     Returns
     -------

@@ -149,7 +149,7 @@ class Link:
 
 
 def inertia_fault(inertia: FloatArray) -> str | None:
-    """Why no rigid body has this inertia [3,3]; None if one may, up to rounding."""
+    """Return why no rigid body has this inertia [3,3]; None if one may, up to rounding."""
     size = float(np.abs(inertia).max())
     if not 0.0 < size < np.inf:
         return None
@@ -167,7 +167,7 @@ def inertia_fault(inertia: FloatArray) -> str | None:
 
 
 def combined(parts: Sequence[Part], origin: FloatArray) -> Part:
-    """One body of several; ``origin`` [3] is the centre of what has no mass."""
+    """Return one body of several; ``origin`` [3] is the centre of what has no mass."""
     total = sum(mass for mass, _, _ in parts)
     first = sum((mass * center for mass, center, _ in parts), np.zeros(3))
     center = first / total if total else origin
@@ -179,7 +179,7 @@ def combined(parts: Sequence[Part], origin: FloatArray) -> Part:
 
 
 def checked_links(links: Any, count: int) -> tuple[Link, ...]:
-    """The links of a chain, one a joint."""
+    """Return the links of a chain, one a joint."""
     chain = tuple(links)
     if len(chain) != count:
         raise InputError(f"links has {len(chain)} entries for {count} joints")

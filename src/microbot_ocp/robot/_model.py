@@ -230,11 +230,15 @@ class Robot:
         )
 
     def unit(self, quantity: str, joint: int) -> str:
-        """Unit of a quantity of the joints, such as ``"tau"``, at joint index ``joint``, from 0."""
+        """Return unit of a quantity of the joints, such as ``"tau"``, at joint index ``joint``,
+        from 0.
+        """
         return getattr(JOINT_QUANTITIES[quantity], self.joint_types[joint])
 
     def position_text(self, joint: int, value: float, *, with_radians: bool = False) -> str:
-        """A position of a joint with its unit: degrees of a revolute, metres of a prismatic one."""
+        """Return a position of a joint with its unit: degrees of a revolute, metres of a
+        prismatic one.
+        """
         if not 0 <= joint < self.joint_count:
             raise InputError(f"joint must be from 0 to {self.joint_count - 1}, not {shown(joint)}")
         value = float(value)
@@ -246,7 +250,7 @@ class Robot:
     def motion_state(
         self, q: Any, qd: Any, qdd: Any, qddd: Any, torques: Any = None
     ) -> MotionState:
-        """Quantities of a motion of this robot as CasADi expressions, for limits."""
+        """Return quantities of a motion of this robot as CasADi expressions, for limits."""
         from microbot_ocp.robot._motion_state import MotionState
 
         return MotionState(self, q, qd, qdd, qddd, torques)
@@ -254,7 +258,7 @@ class Robot:
     def torques_along(
         self, q: FloatArray, qd: FloatArray, qdd: FloatArray, qddd: FloatArray | None = None
     ) -> dict[str, FloatArray]:
-        """Joint torques of inverse dynamics along many samples.
+        """Return joint torques of inverse dynamics along many samples.
 
         Parameters
         ----------
@@ -502,7 +506,7 @@ class Robot:
 
 
 def _columns(**columns: tuple[Any, str]) -> dict[str, Any]:
-    """Columns [n] of a table, each given with its unit; zero where there is none."""
+    """Return columns [n] of a table, each given with its unit; zero where there is none."""
     count = checks.array("alpha", columns["alpha"][0], (None,), "rad").size
     if count == 0:
         raise InputError("alpha must have at least one row, not 0")

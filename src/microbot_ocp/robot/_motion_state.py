@@ -79,7 +79,7 @@ class MotionState:
 
 @lru_cache(maxsize=64)
 def tool_acceleration(robot: Robot) -> ca.Function:
-    """Acceleration of the tool: ``(q[n], qd[n], qdd[n]) -> a[6]``, linear, then angular."""
+    """Return acceleration of the tool: ``(q[n], qd[n], qdd[n]) -> a[6]``, linear, then angular."""
     state = symbols(robot, "q", "qd", "qdd")
     q, qd, qdd = state.values()
     velocity = jacobian(robot)(q) @ qd

@@ -10,12 +10,12 @@ from microbot_ocp.robot._model import Robot
 
 
 def rest_pose(robot: Robot) -> FloatArray:
-    """Joint positions [n], rad (prismatic: m), nearest to zero within the limits."""
+    """Return joint positions [n], rad (prismatic: m), nearest to zero within the limits."""
     return np.clip(np.zeros(robot.joint_count), *robot.limits.bounds("q"))
 
 
 def stretched_out(robot: Robot) -> float:
-    """Distance of the tool from the base origin that is never exceeded, m."""
+    """Return distance of the tool from the base origin that is never exceeded, m."""
     revolute = np.array(robot.joint_types) == "revolute"
     low, high = robot.limits.bounds("q")
     slides = np.maximum(np.abs(robot.d + low), np.abs(robot.d + high))
@@ -24,7 +24,7 @@ def stretched_out(robot: Robot) -> float:
 
 
 def largest_reach(robot: Robot, *, poses: int = 4000, rounds: int = 12) -> tuple[float, float]:
-    """Distance of the tool from the base origin, m: the largest found, and one never exceeded.
+    """Give distance of the tool from the base origin, m: the largest found, and one never exceeded.
 
     Parameters
     ----------

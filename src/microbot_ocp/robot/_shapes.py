@@ -89,7 +89,7 @@ class Shape:
 
 
 def checked_shapes(shapes: Sequence[Shape], count: int) -> tuple[Shape, ...]:
-    """Shapes of the frames of a chain of so many joints."""
+    """Return shapes of the frames of a chain of so many joints."""
     for shape in shapes:
         if not isinstance(shape, Shape) or not 0 <= shape.frame <= count:
             raise InputError(
@@ -139,7 +139,7 @@ class Capsule:
         return capsule_volume(self.radius, float(np.linalg.norm(self.end - self.start)))
 
     def distance(self, points: ArrayLike) -> FloatArray:
-        """Distance [N] of points [N,3] from the surface, m; negative inside."""
+        """Return distance [N] of points [N,3] from the surface, m; negative inside."""
         places, along = np.asarray(points, dtype=float) - self.start, self.end - self.start
         square = along @ along
         share = np.clip(places @ along / square, 0.0, 1.0) if square else np.zeros(len(places))
@@ -147,7 +147,7 @@ class Capsule:
 
 
 def capsule_volume(radius: float, length: float) -> float:
-    """Volume of a capsule whose segment is so long, m^3."""
+    """Return volume of a capsule whose segment is so long, m^3."""
     return np.pi * radius**2 * (length + 4 / 3 * radius)
 
 
@@ -167,7 +167,7 @@ class TriangleMesh(NamedTuple):
 
 
 def read_mesh(shape: Shape) -> TriangleMesh:
-    """The mesh of a shape, at its scale; needs the extra ``urdf``.
+    """Return the mesh of a shape, at its scale; needs the extra ``urdf``.
 
     Raises
     ------

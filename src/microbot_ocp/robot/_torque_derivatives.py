@@ -52,26 +52,26 @@ class _Pair(NamedTuple):
         return ca.dot(self.angular, other.angular) + ca.dot(self.linear, other.linear)
 
     def on_screw(self, other: _Pair) -> _Pair:
-        """Rate of a screw that is carried along by this one."""
+        """Return rate of a screw that is carried along by this one."""
         linear = ca.cross(self.angular, other.linear) + ca.cross(self.linear, other.angular)
         return _Pair(ca.cross(self.angular, other.angular), linear)
 
     def on_wrench(self, other: _Pair) -> _Pair:
-        """Rate of a wrench that is carried along by this one."""
+        """Return rate of a wrench that is carried along by this one."""
         angular = ca.cross(self.angular, other.angular) + ca.cross(self.linear, other.linear)
         return _Pair(angular, ca.cross(self.angular, other.linear))
 
     def moments(self, first: ca.SX, second: ca.SX) -> ca.SX:
-        """Sum of m x(r) r' of the velocities x(r) of this screw: [3,3]."""
+        """Return sum of m x(r) r' of the velocities x(r) of this screw: [3,3]."""
         return self.linear @ first.T + ca.skew(self.angular) @ second
 
     def momentum(self, mass: ca.SX, first: ca.SX) -> ca.SX:
-        """Sum of m x(r): [3]."""
+        """Return sum of m x(r): [3]."""
         return mass * self.linear + ca.cross(self.angular, first)
 
 
 def _axial(matrix: ca.SX) -> ca.SX:
-    """Sum of r x y, of the sum of y r'."""
+    """Return sum of r x y, of the sum of y r'."""
     return ca.vertcat(
         matrix[2, 1] - matrix[1, 2], matrix[0, 2] - matrix[2, 0], matrix[1, 0] - matrix[0, 1]
     )
@@ -99,7 +99,7 @@ class _Moments:
         return _Moments(*(mine + vars(other)[name] for name, mine in vars(self).items()))
 
     def inertia(self, x: _Pair) -> _Pair:
-        """Wrench that a screw of accelerations needs."""
+        """Return wrench that a screw of accelerations needs."""
         turned = ca.trace(self.second) * x.angular - self.second @ x.angular
         return _Pair(ca.cross(self.first, x.linear) + turned, x.momentum(self.mass, self.first))
 
@@ -113,7 +113,9 @@ class _Moments:
         return _Pair(2 * (ca.cross(self.velocity, x.linear) + turned), ca.SX.zeros(3))
 
     def centripetal(self, x: _Pair) -> _Pair:
-        """Virtual power of the centripetal accelerations, which are quadratic in the velocity."""
+        """Return virtual power of the centripetal accelerations, which are quadratic in the
+        velocity.
+        """
         symmetric = self.virtuals + self.virtuals.T - 2 * ca.trace(self.virtuals) * _UNIT
         angular = ca.cross(x.linear, self.virtual) + symmetric @ x.angular
         return _Pair(angular, ca.cross(self.virtual, x.angular))
@@ -188,7 +190,7 @@ def _chain(
 def torque_derivatives(
     robot: Robot, *, rates: bool = False, payload: bool = False
 ) -> tuple[ca.Function, ca.Function] | None:
-    """First and second derivatives of the torques, or None where automatic ones are smaller.
+    """Return first and second derivatives of the torques, or None where automatic ones are smaller.
 
     Parameters
     ----------
@@ -269,7 +271,7 @@ def _derivatives(robot: Robot, rates: bool, payload: bool) -> tuple[ca.Function,
 
 
 def _along(names: list[ca.SX], rates: list[ca.SX], terms: dict[str, ca.SX]) -> dict[str, ca.SX]:
-    """Time derivatives of all terms."""
+    """Return time derivatives of all terms."""
     flat = ca.vertcat(*(ca.vec(ca.densify(term)) for term in terms.values()))
     change = ca.jtimes(flat, ca.vertcat(*names), ca.vertcat(*rates))
     edges = np.cumsum([0, *(term.numel() for term in terms.values())]).tolist()
@@ -287,7 +289,7 @@ def _terms(
     nu: ca.SX,
     payload: ca.SX | None = None,
 ) -> tuple[dict[str, ca.SX], dict[str, ca.SX]]:
-    """Torques with their Jacobians, and first and second derivatives of nu . tau.
+    """Return torques with their Jacobians, and first and second derivatives of nu . tau.
 
     The second ones by qd and qdd, and twice by qdd, are zero.
     """

@@ -13,7 +13,7 @@ from microbot_ocp._base.checks import FloatArray, InputError
 
 
 def rotation_of(angles: ArrayLike) -> FloatArray:
-    """Rotation [3,3] from roll, pitch, yaw [3] about the base axes, rad."""
+    """Return rotation [3,3] from roll, pitch, yaw [3] about the base axes, rad."""
     (cr, cp, cy), (sr, sp, sy) = np.cos(angles), np.sin(angles)
     return np.array(
         [
@@ -25,7 +25,8 @@ def rotation_of(angles: ArrayLike) -> FloatArray:
 
 
 def fixed_angles(rotation: ArrayLike) -> FloatArray:
-    """Roll, pitch, yaw [3], rad, of a rotation [3,3]; where pitch is a quarter turn the yaw is 0.
+    """Return roll, pitch, yaw [3], rad, of a rotation [3,3]; where pitch is a quarter turn the yaw
+    is 0.
 
     >>> fixed_angles(rotation_of([0.1, 0.2, 0.3])).round(6).tolist()
     [0.1, 0.2, 0.3]
@@ -41,7 +42,9 @@ def fixed_angles(rotation: ArrayLike) -> FloatArray:
 
 
 def dh_transform(alpha: float, a: float, d: float, theta: float, beta: float = 0.0) -> FloatArray:
-    """Homogeneous transform [4,4] of one modified-DH row (Craig, equation 3.6; Hayati's beta)."""
+    """Return homogeneous transform [4,4] of one modified-DH row (Craig, equation 3.6; Hayati's
+    beta).
+    """
     ca, sa, ct, st = np.cos(alpha), np.sin(alpha), np.cos(theta), np.sin(theta)
     matrix = np.array(
         [
@@ -60,13 +63,13 @@ def dh_transform(alpha: float, a: float, d: float, theta: float, beta: float = 0
 
 
 def is_rotation(matrices: FloatArray) -> np.ndarray:
-    """Whether matrices [...,3,3] are rotations, to six digits."""
+    """Return whether matrices [...,3,3] are rotations, to six digits."""
     slip = np.abs(matrices @ np.swapaxes(matrices, -1, -2) - np.eye(3)).max(axis=(-2, -1))
     return (slip <= 1e-6) & (np.linalg.det(matrices) > 0)
 
 
 def rigid_transform(name: str, value: ArrayLike | None) -> FloatArray:
-    """Read-only homogeneous transform [4,4] from one, from a DH row [4], or the identity."""
+    """Return read-only homogeneous transform [4,4] from one, from a DH row [4], or the identity."""
     if value is None:
         matrix = np.eye(4)
     elif np.ndim(np.asarray(value, dtype=object)) == 1:
@@ -83,7 +86,7 @@ def rigid_transform(name: str, value: ArrayLike | None) -> FloatArray:
 
 
 def of_quaternion(quaternion: ArrayLike) -> FloatArray:
-    """Rotation [3,3] of a quaternion w, x, y, z of any length but zero."""
+    """Return rotation [3,3] of a quaternion w, x, y, z of any length but zero."""
     w, x, y, z = np.asarray(quaternion) / np.linalg.norm(quaternion)
     return np.array(
         [

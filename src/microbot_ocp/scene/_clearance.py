@@ -98,7 +98,7 @@ class Clearance:
 
 
 def clearance(robot: Robot, motion: Motion, scene: Scene) -> Clearance:
-    """Least distance of a motion from its surroundings, and whether it is proved.
+    """Return least distance of a motion from its surroundings, and whether it is proved.
 
     Needs the extra ``cell`` (coal).
 
@@ -138,7 +138,7 @@ def clearance(robot: Robot, motion: Motion, scene: Scene) -> Clearance:
 def clearance_along(
     places: Sequence[tuple[float, float, Robot, Scene]], motion: Motion
 ) -> Clearance:
-    """As :func:`clearance`, of an arm that carries something else from one time on.
+    """Do as :func:`clearance`, of an arm that carries something else from one time on.
 
     ``places`` are start and end, s, the robot with what it carries there, and what is around it.
     """
@@ -226,7 +226,7 @@ class _ClearanceSearch:
         return distances
 
     def _reach(self, start: FloatArray, end: FloatArray, pair: np.ndarray) -> FloatArray:
-        """How much nearer the sides of pairs can come than in the middle of stretches, m."""
+        """Return how much nearer the sides of pairs can come than in the middle of stretches, m."""
         first = np.clip(np.searchsorted(self.motion.t, start, side="right") - 1, 0, None)
         last = np.clip(np.searchsorted(self.motion.t, end, side="left"), first + 1, None)
         speeds = self.speeds.between(first, np.minimum(last, self.motion.t.size - 1))
@@ -244,7 +244,7 @@ class _Largest:
             self.levels.append(np.maximum(last[:-half], last[half:]))
 
     def between(self, first: np.ndarray, last: np.ndarray) -> FloatArray:
-        """Largest of the rows from ``first`` to before ``last``, each [S]."""
+        """Return largest of the rows from ``first`` to before ``last``, each [S]."""
         size = np.maximum(last - first, 1)
         level = np.floor(np.log2(size)).astype(int)
         largest = np.empty((first.size, self.levels[0].shape[1]))
@@ -256,7 +256,9 @@ class _Largest:
 
 
 def _speed_bounds(motion: Motion) -> FloatArray:
-    """Bounds [N-1,n] of the joint speeds between samples: Bernstein coefficients of the slopes."""
+    """Return bounds [N-1,n] of the joint speeds between samples: Bernstein coefficients of the
+    slopes.
+    """
     pieces = pieces_of(motion)
     h = np.diff(motion.t)[:, None]
     slopes = [(k + 1) * pieces[:, k + 1] * h**k for k in range(5)]
@@ -268,7 +270,7 @@ def _speed_bounds(motion: Motion) -> FloatArray:
 
 
 def levers_of(robot: Robot, pairs: Sequence[Pair], farthest: FloatArray) -> FloatArray:
-    """How far a unit of each joint's motion moves one side of pairs towards the other, [k,n].
+    """Give how far a unit of each joint's motion moves one side of pairs towards the other, [k,n].
 
     ``farthest`` [n] is how far joints are from zero at most.
     """

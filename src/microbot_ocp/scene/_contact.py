@@ -72,7 +72,7 @@ class ContactModel:
         self._request, self._result = self._coal.DistanceRequest(), self._coal.DistanceResult()
 
     def _place(self, frame: int, thing: Obstacle) -> int:
-        """Index of the transform of a thing, with its shape made when it is first met."""
+        """Return index of the transform of a thing, with its shape made when it is first met."""
         key = frame, id(thing)
         if key not in self._placed:
             shape, turn, shift = self._shape_of(thing)
@@ -83,7 +83,7 @@ class ContactModel:
         return self._placed[key]
 
     def _shape_of(self, thing: Obstacle) -> tuple[Any, FloatArray, FloatArray]:
-        """coal's shape of a thing, its turn [3,3] and origin [3]."""
+        """Return coal's shape of a thing, its turn [3,3] and origin [3]."""
         coal, unturned = self._coal, np.eye(3)
         if isinstance(thing, Sphere):
             return coal.Sphere(thing.radius), unturned, thing.center
@@ -107,7 +107,7 @@ class ContactModel:
         return coal.Convex.convexHull(points, False, ""), turn, shift
 
     def poses(self, q: FloatArray) -> FloatArray:
-        """Poses [N,n+1,4,4] of the base and the links for q [N,n]."""
+        """Return poses [N,n+1,4,4] of the base and the links for q [N,n]."""
         poses = np.asarray(self._poses(np.ascontiguousarray(q, dtype=float)))
         return poses.reshape(len(q), 4, -1, 4).transpose(0, 2, 1, 3)
 
@@ -121,13 +121,13 @@ class ContactModel:
             transform.setTransform(turn, shift)
 
     def distance(self, index: int) -> float:
-        """Distance of a pair where it stands, m; negative where it overlaps."""
+        """Return distance of a pair where it stands, m; negative where it overlaps."""
         functor, arm, other = self._computed[index]
         self._result.clear()
         return functor(arm, other, self._request, self._result)
 
     def direction(self, index: int) -> FloatArray:
-        """Unit vector [3] from the other thing of a pair to the arm; zero at contact."""
+        """Return unit vector [3] from the other thing of a pair to the arm; zero at contact."""
         side = 1.0 if self.distance(index) > 0.0 else -1.0
         on_arm, on_other = self._points()
         way = side * (on_arm - on_other)
@@ -135,12 +135,12 @@ class ContactModel:
         return way / apart if apart > ACCURACY else np.zeros(3)
 
     def _points(self) -> tuple[FloatArray, FloatArray]:
-        """Nearest points [3] of the pair that was asked for last."""
+        """Return nearest points [3] of the pair that was asked for last."""
         result = self._result
         return np.array(result.getNearestPoint1()), np.array(result.getNearestPoint2())
 
     def distances(self, q: FloatArray) -> FloatArray:
-        """Distances [N,k] of all pairs in poses q [N,n], m."""
+        """Return distances [N,k] of all pairs in poses q [N,n], m."""
         distances = np.empty((len(q), len(self.pairs)))
         for row, poses in zip(distances, self.poses(q), strict=True):
             self.put(poses)
@@ -148,7 +148,7 @@ class ContactModel:
         return distances
 
     def nearest(self, q: FloatArray) -> Nearest:
-        """The nearest of all pairs in a pose [n]."""
+        """Return the nearest of all pairs in a pose [n]."""
         apart = self.distances(np.reshape(q, (1, -1)))[0]
         index = int(apart.argmin())
         self.distance(index)
@@ -156,7 +156,7 @@ class ContactModel:
 
 
 def facing(robot: Robot, pairs: Sequence[Pair], q: FloatArray) -> tuple[Pair, ...]:
-    """Pairs with the directions in which the arm passes meshes of many faces in poses q [N,n].
+    """Give pairs with the directions in which the arm passes meshes of many faces in poses q [N,n].
 
     A large mesh would be seen decimetres nearer than it is otherwise.
     """
@@ -176,7 +176,7 @@ def facing(robot: Robot, pairs: Sequence[Pair], q: FloatArray) -> tuple[Pair, ..
 
 
 def _farthest(directions: FloatArray) -> tuple[tuple[float, ...], ...]:
-    """As many of some unit vectors [N,3] as solvers see, each far from those before it."""
+    """Return as many of some unit vectors [N,3] as solvers see, each far from those before it."""
     directions = directions[directions.any(axis=1)]
     if not len(directions):
         return ()
@@ -188,7 +188,7 @@ def _farthest(directions: FloatArray) -> tuple[tuple[float, ...], ...]:
 
 
 def contact_model(robot: Robot, scene: Scene) -> ContactModel:
-    """The contact model of an arm, with its capsules, in a scene; cached, for each thread.
+    """Return the contact model of an arm, with its capsules, in a scene; cached, for each thread.
 
     Raises
     ------
@@ -207,7 +207,7 @@ def _contact_model(robot: Robot, scene: Scene) -> ContactModel:
 
 
 def coal() -> Any:
-    """The package coal.
+    """Return the package coal.
 
     Raises
     ------
@@ -218,7 +218,7 @@ def coal() -> Any:
 
 
 def has_coal() -> bool:
-    """Whether coal is installed."""
+    """Return whether coal is installed."""
     try:
         coal()
     except InputError:
@@ -227,7 +227,7 @@ def has_coal() -> bool:
 
 
 def rotation_to(direction: FloatArray) -> FloatArray:
-    """A rotation [3,3] whose Z axis is a unit vector."""
+    """Return a rotation [3,3] whose Z axis is a unit vector."""
     side = np.cross(np.eye(3)[np.argmin(np.abs(direction))], direction)
     side /= np.linalg.norm(side)
     return np.column_stack([side, np.cross(direction, side), direction])

@@ -81,23 +81,25 @@ class Surroundings:
         self._all = np.arange(len(self.model.pairs))
 
     def collision(self, q: FloatArray) -> Nearest | None:
-        """The pair that is nearest in a pose [n], where it is not farther than the clearance."""
+        """Return the pair that is nearest in a pose [n], where it is not farther than the
+        clearance.
+        """
         nearest = self.model.nearest(q)
         return nearest if nearest.distance <= self.least else None
 
     def is_free(self, q: FloatArray) -> bool:
-        """Whether all pairs keep the clearance in a pose [n]."""
+        """Return whether all pairs keep the clearance in a pose [n]."""
         return self._room(q, self._all) is not None
 
     def is_clear(self, start: FloatArray, end: FloatArray) -> bool:
-        """Whether the straight segment between two poses is proved to keep the clearance."""
+        """Return whether the straight segment between two poses is proved to keep the clearance."""
         way = end - start
         return self.is_clear_along(lambda s: start + s * way, 1.0, np.abs(way))
 
     def is_clear_along(
         self, curve: Callable[[float], FloatArray], length: float, slopes: FloatArray
     ) -> bool:
-        """Whether a curve of a parameter from 0 to a length is proved to keep the clearance.
+        """Return whether a curve of a parameter from 0 to a length is proved to keep the clearance.
 
         ``slopes`` [n] are the largest of its joints. What is not sure in the middle of a stretch is
         looked at in both its halves, until nothing is left that the accuracy of distances decides.
@@ -119,7 +121,9 @@ class Surroundings:
         return True
 
     def _room(self, q: FloatArray, pairs: np.ndarray) -> FloatArray | None:
-        """What pairs have beyond the clearance in a pose [n], m; None where one has nothing."""
+        """Return what pairs have beyond the clearance in a pose [n], m; None where one has
+        nothing.
+        """
         model, self.checks = self.model, self.checks + 1
         model.put(model.poses(q[None])[0])
         room = np.empty(pairs.size)
@@ -133,7 +137,8 @@ class Surroundings:
 def detour(
     around: Surroundings, start: FloatArray, goal: FloatArray, seed: int, number: int
 ) -> Detour:
-    """The way from a pose [n] to another that a search leads to: the straight one if that is clear.
+    """Return the way from a pose [n] to another that a search leads to: the straight one if that is
+    clear.
 
     Parameters
     ----------
@@ -226,7 +231,7 @@ def _searched(
 
 
 def _shortened(around: Surroundings, corners: FloatArray, seed: int) -> FloatArray:
-    """A polyline [m,n] with random shortcuts, and without corners that are not needed."""
+    """Return a polyline [m,n] with random shortcuts, and without corners that are not needed."""
     random = np.random.default_rng(seed)
     path = _without_needless(around, corners)
     for _ in range(SHORTCUTS):
@@ -251,7 +256,7 @@ def _shortened(around: Surroundings, corners: FloatArray, seed: int) -> FloatArr
 
 
 def _without_needless(around: Surroundings, corners: FloatArray) -> FloatArray:
-    """A polyline that skips every corner that it can do without, from the start."""
+    """Return a polyline that skips every corner that it can do without, from the start."""
     rows, at = [0], 0
     while at < len(corners) - 1:
         following = next(
@@ -265,7 +270,7 @@ def _without_needless(around: Surroundings, corners: FloatArray) -> FloatArray:
 
 
 def rounded(around: Surroundings, corners: FloatArray, weights: FloatArray) -> PiecewisePolynomial:
-    """A polyline [m,n] whose corners are curves, as long as they keep clear.
+    """Return a polyline [m,n] whose corners are curves, as long as they keep clear.
 
     Parabolas are the fastest; where rates are limited, the curvature of curves is continuous, so
     that the arm has to stop at none of their ends.
@@ -307,7 +312,7 @@ def rounded(around: Surroundings, corners: FloatArray, weights: FloatArray) -> P
 def _blend(
     corner: FloatArray, before: FloatArray, after: FloatArray, size: float, smooth: bool
 ) -> FloatArray:
-    """Coefficients [5,n] of a curve around a corner, of a parameter from 0 to twice ``size``.
+    """Give coefficients [5,n] of a curve around a corner, of a parameter from 0 to twice ``size``.
 
     Its slope goes from one tangent to the other: evenly, or smoothly from rest to rest.
     """
@@ -322,7 +327,7 @@ def _blend(
 
 
 def _weights(robot: Robot) -> FloatArray:
-    """By what joints are multiplied so that their paths compare by the time that they take."""
+    """Give by what joints are multiplied so that their paths compare by the time that they take."""
     low, high = robot.limits.bounds("qd")
     speed = np.maximum(-low, high)
     speed = np.where(np.isfinite(speed) & (speed > 0), speed, USUAL_SPEED)
@@ -330,7 +335,7 @@ def _weights(robot: Robot) -> FloatArray:
 
 
 def _bounds(robot: Robot, start: FloatArray, goal: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Where joints may go: within their limits, and not far beyond both ends."""
+    """Return where joints may go: within their limits, and not far beyond both ends."""
     low, high = robot.limits.bounds("q")
     least, most = np.minimum(start, goal), np.maximum(start, goal)
     low, high = np.maximum(low, least - TURN), np.minimum(high, most + TURN)

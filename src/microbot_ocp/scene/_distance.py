@@ -28,7 +28,7 @@ def segment_to_body(
     rounding: ca.SX,
     contact: ca.SX,
 ) -> ca.SX:
-    """Distance of a segment from a convex body.
+    """Return distance of a segment from a convex body.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ def segment_to_function(
     end: ca.SX,
     rounding: ca.SX,
 ) -> ca.SX:
-    """Least value along a segment of a convex function of a point with continuous slopes.
+    """Return least value along a segment of a convex function of a point with continuous slopes.
 
     ``distance`` is a function of the point [3] and of ``numbers``.
     """
@@ -73,7 +73,7 @@ def segment_to_function(
 
 
 def _least(slope: PointFunction) -> ca.SX:
-    """Where from 0 to 1 a convex function of this slope is least: bisection, then a secant."""
+    """Give where from 0 to 1 a convex function of this slope is least: bisection, then a secant."""
     low, high = ca.SX(0.0), ca.SX(1.0)
     for _ in range(BISECTIONS):
         middle = 0.5 * (low + high)
@@ -85,19 +85,19 @@ def _least(slope: PointFunction) -> ca.SX:
 
 
 def segment_to_plane(start_height: ca.SX, end_height: ca.SX, rounding: ca.SX) -> ca.SX:
-    """Least height of a segment whose ends have these heights over a plane."""
+    """Return least height of a segment whose ends have these heights over a plane."""
     rise = end_height - start_height
     t = ca.fmin(ca.fmax(0.5 - rise / (2.0 * rounding), 0.0), 1.0)
     return start_height + t * rise + rounding * ((t - 0.5) ** 2 - 0.25)
 
 
 def from_segment(point: ca.SX, start: ca.SX, end: ca.SX) -> ca.SX:
-    """A point [3] less the nearest one of the segment between two others."""
+    """Return a point [3] less the nearest one of the segment between two others."""
     along = end - start
     share = ca.dot(point - start, along) / ca.fmax(ca.sumsqr(along), TINY)
     return point - start - ca.fmin(ca.fmax(share, 0.0), 1.0) * along
 
 
 def length(vector: ca.SX) -> ca.SX:
-    """Norm with a slope of zero at zero."""
+    """Return norm with a slope of zero at zero."""
     return ca.sqrt(ca.fmax(ca.sumsqr(vector), TINY))

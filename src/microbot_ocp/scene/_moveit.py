@@ -24,7 +24,7 @@ LEFT_OUT = ("meshes", "planes")
 
 
 def moveit_scene(path: Path) -> Scene:
-    """The obstacles of a planning scene, and what of them links may touch.
+    """Return the obstacles of a planning scene, and what of them links may touch.
 
     Raises
     ------
@@ -93,14 +93,14 @@ def load_request(path: str | Path, robot: Robot) -> FloatArray:
 
 
 def _of(table: Any, key: str, default: Any = None) -> Any:
-    """What a mapping has under a key."""
+    """Return what a mapping has under a key."""
     if not isinstance(table, Mapping) or (key not in table and default is None):
         raise InputError(f"{key} is missing: the message is of another kind")
     return table[key] if table.get(key) is not None else default or ()
 
 
 def _obstacles(row: Any) -> Iterator[Obstacle]:
-    """Obstacles of a collision object, named after it, numbered if they are several."""
+    """Yield obstacles of a collision object, named after it, numbered if they are several."""
     name = str(_of(row, "id"))
     for kind in LEFT_OUT:
         if row.get(kind):
@@ -127,7 +127,7 @@ def _obstacles(row: Any) -> Iterator[Obstacle]:
 
 
 def _pose(table: Any) -> FloatArray:
-    """Transform [4,4] of a position and a quaternion x, y, z, w."""
+    """Return transform [4,4] of a position and a quaternion x, y, z, w."""
     pose, entries = np.eye(4), []
     for key, letters in (("position", "xyz"), ("orientation", "xyzw")):
         value = _of(table, key)

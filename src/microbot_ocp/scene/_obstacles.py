@@ -205,14 +205,14 @@ KINDS: Mapping[str, type] = {
 
 
 def core_radius(obstacle: Obstacle) -> float:
-    """By how much the core of an obstacle is inflated, m."""
+    """Return by how much the core of an obstacle is inflated, m."""
     return obstacle.radius if isinstance(obstacle, Sphere | Capsule) else 0.0
 
 
 def core_parameters(
     obstacle: Obstacle, accuracy: float = np.inf, facing: Sequence[Sequence[float]] = ()
 ) -> FloatArray:
-    """The numbers [k] that the distance of an obstacle's core depends on.
+    """Return the numbers [k] that the distance of an obstacle's core depends on.
 
     What is rounded off the corners of a mesh is at most the ``accuracy``, m; one of many faces is
     seen as it is in the directions that it is ``facing``.
@@ -239,7 +239,7 @@ def core_distance(
     rounding: ca.SX,
     contact: ca.SX,
 ) -> ca.SX:
-    """Signed distance of a segment from the core of an obstacle as an expression, m.
+    """Return signed distance of a segment from the core of an obstacle as an expression, m.
 
     Parameters
     ----------
@@ -297,14 +297,15 @@ def _to_faces(x: ca.SX, numbers: ca.SX) -> ca.SX:
 
 @lru_cache(maxsize=256)
 def has_many_faces(obstacle: Obstacle) -> bool:
-    """Whether solvers see an obstacle by fewer planes than it has."""
+    """Return whether solvers see an obstacle by fewer planes than it has."""
     return isinstance(obstacle, ConvexMesh) and len(_faces(obstacle.points)[0]) > MOST_FACES
 
 
 def solver_faces(
     mesh: ConvexMesh, facing: Sequence[Sequence[float]] = ()
 ) -> tuple[FloatArray, FloatArray, float]:
-    """Normals [K,3], offsets [K] and rounding of the planes around a mesh that the solver sees.
+    """Return normals [K,3], offsets [K] and rounding of the planes around a mesh that the solver
+    sees.
 
     Of many faces those in directions all around, and in those that it is ``facing``.
     """
@@ -318,7 +319,7 @@ def solver_faces(
 
 
 def _rounded_maximum(values: ca.SX, rounding: ca.SX) -> ca.SX:
-    """At most the largest of values [K], and near it, with continuous slopes."""
+    """Return at most the largest of values [K], and near it, with continuous slopes."""
     largest = ca.mmax(values)
     rest = ca.sum1(ca.exp((values - largest) / rounding))
     return largest + rounding * (ca.log(rest) - np.log(values.shape[0]))
@@ -329,13 +330,13 @@ def _hull(points: FloatArray) -> Any:
 
 
 def _faces(points: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Outward normals [K,3] and offsets [K] of the faces of a convex hull."""
+    """Return outward normals [K,3] and offsets [K] of the faces of a convex hull."""
     planes = np.unique(np.round(_hull(points).equations, 9), axis=0)
     return planes[:, :3], -planes[:, 3]
 
 
 def _directions() -> FloatArray:
-    """The 26 directions to the faces, edges and corners of a cube."""
+    """Return the 26 directions to the faces, edges and corners of a cube."""
     grid = np.array(np.meshgrid(*[(-1, 0, 1)] * 3)).reshape(3, -1).T
     away = grid[np.abs(grid).sum(axis=1) > 0]
     return away / np.linalg.norm(away, axis=1)[:, None]

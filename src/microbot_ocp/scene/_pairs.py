@@ -84,19 +84,19 @@ class Distances:
         return ca.vertcat(*values) + _thicker(self.pairs)
 
     def derivatives(self, robot: Robot, compiled: bool) -> tuple[ca.Function, ...]:
-        """``(q) -> values, Jacobian``, ``(q, weights) -> gradient, Hessian`` of their weighted sum,
-        and ``(q) -> values``.
+        """Return ``(q) -> values, Jacobian``, ``(q, weights) -> gradient, Hessian`` of their
+        weighted sum, and ``(q) -> values``.
         """
         return _derivatives(robot, self.pairs, compiled)
 
 
 def _thicker(pairs: Sequence[Pair]) -> ca.DM:
-    """What every value has beyond the distance, m."""
+    """Return what every value has beyond the distance, m."""
     return ca.DM([pair.thicker for pair in pairs])
 
 
 def _axes(pair: Pair) -> list[tuple[int, Capsule]]:
-    """The axes of a pair that move, with their frames."""
+    """Return the axes of a pair that move, with their frames."""
     axes = [(pair.frame, pair.capsule)]
     if pair.other_frame and isinstance(pair.other, Capsule):
         axes.append((pair.other_frame, pair.other))
@@ -104,13 +104,13 @@ def _axes(pair: Pair) -> list[tuple[int, Capsule]]:
 
 
 def _ends(poses: Sequence[Any], frame: int, capsule: Capsule) -> Any:
-    """Ends [6] of the axis of a capsule in the base frame."""
+    """Return ends [6] of the axis of a capsule in the base frame."""
     turn, origin = poses[frame][:3, :3], poses[frame][:3, 3]
     return ca.vertcat(origin + turn @ capsule.start, origin + turn @ capsule.end)
 
 
 def _kind(pair: Pair) -> tuple[type[Obstacle], int]:
-    """What the function of a pair's distance follows from: the obstacle's kind, and how many
+    """Return what the function of a pair's distance follows from: the obstacle's kind, and how many
     numbers tell about it; none where it moves.
     """
     return type(pair.other), len(_numbers(pair)) - 3
@@ -128,7 +128,7 @@ def _numbers(pair: Pair) -> FloatArray:
 
 @lru_cache(maxsize=64)
 def _distance(kind: type[Obstacle], count: int) -> ca.Function:
-    """``(ends[6], numbers) -> distance``; ``ends[12]`` where both move."""
+    """Return ``(ends[6], numbers) -> distance``; ``ends[12]`` where both move."""
     ends = ca.SX.sym("ends", 6 if count else 12)
     numbers = ca.SX.sym("numbers", count + 3)
     body, (rounding, contact, radius) = numbers[:-3], ca.vertsplit(numbers[-3:])
@@ -188,7 +188,7 @@ def _derivatives(robot: Robot, pairs: tuple[Pair, ...], compiled: bool) -> tuple
 def _kernels(
     kind: type[Obstacle], count: int, joints: int, compiled: bool
 ) -> Sequence[ca.Function]:
-    """Derivatives of one distance by the joints, given those of the ends by the joints.
+    """Return derivatives of one distance by the joints, given those of the ends by the joints.
 
     ``(ends, slopes[e,n], numbers) -> distance, slope[n]`` and with a weight besides -> weight times
     the slope by the ends [e], by the joints [n], and times the curvature by the joints [n n];
@@ -220,7 +220,7 @@ def _kernels(
 def _of_axes(
     robot: Robot, axes: tuple[tuple[int, Capsule], ...], compiled: bool
 ) -> Sequence[ca.Function]:
-    """``(q) -> ends [6,A], slopes [6,A n]`` and ``(q, weights [6 A]) -> Hessian`` of the sum;
+    """Give ``(q) -> ends [6,A], slopes [6,A n]`` and ``(q, weights [6 A]) -> Hessian`` of the sum;
     last, the ends alone.
     """
     poses = link_poses(robot)

@@ -94,13 +94,13 @@ class Scene:
         return tuple(obstacle.name for obstacle in self.obstacles)
 
     def without_parts_of(self, robot: Robot) -> Scene:
-        """The scene for a robot that may carry less than ``ignore`` speaks of."""
+        """Return the scene for a robot that may carry less than ``ignore`` speaks of."""
         names = {*self.names, *(capsule.name for _, capsule in with_arm_capsules(robot).capsules)}
         ignored = tuple(pair for pair in self.ignore if names.issuperset(pair))
         return self if ignored == self.ignore else _ignoring(self, ignored)
 
     def pairs(self, robot: Robot) -> tuple[Pair, ...]:
-        """What may touch: capsules of the arm and obstacles, and capsules of each other.
+        """Return what may touch: capsules of the arm and obstacles, and capsules of each other.
 
         Raises
         ------
@@ -173,7 +173,7 @@ def _limit(
 
 
 def with_arm_capsules(robot: Robot) -> Robot:
-    """The robot with capsules: its own, fitted ones, or those along its links."""
+    """Return the robot with capsules: its own, fitted ones, or those along its links."""
     if robot.capsules:
         return robot
     return _with_default_capsules(robot, robot.shapes)
@@ -204,7 +204,7 @@ def _pairs(scene: Scene, robot: Robot) -> tuple[Pair, ...]:
 
 
 def _own_pairs(robot: Robot) -> list[Pair]:
-    """Capsules of links that are not neighbours, but those of pairs that are disabled.
+    """Return capsules of links that are not neighbours, but those of pairs that are disabled.
 
     Nor those that touch in the zero pose.
     """
@@ -223,14 +223,16 @@ def _own_pairs(robot: Robot) -> list[Pair]:
 
 
 def _fitted(pair: Pair) -> Any:
-    """What of a pair touches or not: links, where capsules are pieces of a fit, else itself."""
+    """Return what of a pair touches or not: links, where capsules are pieces of a fit, else
+    itself.
+    """
     other = pair.other
     fits = pair.capsule.excess > 0.0 and isinstance(other, Capsule) and other.excess > 0.0
     return frozenset((pair.capsule.name, other.name)) if fits else pair
 
 
 def clearances(robot: Robot, pairs: Sequence[Pair], q: FloatArray) -> FloatArray:
-    """Distances [N,k] of pairs in poses q [N,n], m, by the functions that solvers see."""
+    """Return distances [N,k] of pairs in poses q [N,n], m, by the functions that solvers see."""
     chosen = tuple(pairs)
     poses = checks.array("q", q, (None, robot.joint_count), "rad")
     values = Distances(chosen).derivatives(robot, compiles())[-1](np.ascontiguousarray(poses.T))

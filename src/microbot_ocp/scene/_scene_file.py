@@ -49,7 +49,7 @@ SCENE = {
 
 
 def _schema(kind: str) -> dict[str, Key]:
-    """Keys of an obstacle: those of its class, and where its frame is."""
+    """Return keys of an obstacle: those of its class, and where its frame is."""
     keys = keys_of(KINDS[kind], kind=NEEDED, name=TEXT)
     if keys.pop("pose", None):
         keys |= dict.fromkeys(PLACED, ANY)
@@ -143,7 +143,7 @@ def _vertices(path: Path, scale: Any) -> FloatArray:
 
 
 def _pose(table: Mapping[str, Any]) -> FloatArray:
-    """Frame [4,4] from a matrix, or from a centre and angles about the fixed axes X, Y, Z."""
+    """Give frame [4,4] from a matrix, or from a centre and angles about the fixed axes X, Y, Z."""
     if "matrix" in table:
         if len(table) > 1:
             raise InputError("it must have a matrix, or center and rotation_deg")
@@ -156,7 +156,7 @@ def _pose(table: Mapping[str, Any]) -> FloatArray:
 
 
 def _of_urdf(path: Path) -> tuple[Obstacle, ...]:
-    """Obstacles of the links of a URDF file, named after them."""
+    """Return obstacles of the links of a URDF file, named after them."""
     shapes = read_urdf_shapes(path)
     if not shapes:
         raise InputError(f"{path.name} has no collision geometry")

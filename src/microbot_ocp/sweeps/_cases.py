@@ -69,7 +69,7 @@ class Axis(NamedTuple):
     values: FloatArray | None = None
 
     def at(self, share: FloatArray) -> FloatArray:
-        """Values [K,k] at shares [K] from 0 to 1 of the way."""
+        """Return values [K,k] at shares [K] from 0 to 1 of the way."""
         if self.values is None:
             return (self.lower + (self.upper - self.lower) * share)[:, None]
         rows = np.minimum((share * len(self.values)).astype(int), len(self.values) - 1)
@@ -114,7 +114,7 @@ class Cases:
 
     @classmethod
     def grid(cls, **quantities: Any) -> Cases:
-        """Every combination of the values; that of the quantity named last changes first.
+        """Return every combination of the values; that of the quantity named last changes first.
 
         Parameters
         ----------
@@ -125,7 +125,7 @@ class Cases:
 
     @classmethod
     def random(cls, count: int, *, seed: int = 0, **quantities: Any) -> Cases:
-        """Scrambled Sobol points: the first so many are spread as evenly as all of them.
+        """Return scrambled Sobol points: the first so many are spread as evenly as all of them.
 
         Parameters
         ----------
@@ -147,7 +147,7 @@ class Cases:
 
     @classmethod
     def table(cls, source: str | Path | Mapping[str, ArrayLike], **fixed: Any) -> Cases:
-        """One case a row.
+        """Return one case a row.
 
         Parameters
         ----------
@@ -175,7 +175,7 @@ class Cases:
         return cls("table", fixed, columns=columns, origin=origin)
 
     def of(self, robot: Robot) -> CaseSource:
-        """The cases of a robot.
+        """Return the cases of a robot.
 
         Raises
         ------
@@ -251,7 +251,9 @@ class CaseSource:
         return tuple(name for name, of_name in self.values(varies).items() if of_name.any())
 
     def rows(self, start: int, stop: int) -> FloatArray:
-        """Values [K,c] of the cases from ``start`` up to ``stop``, in the order of the columns."""
+        """Return values [K,c] of the cases from ``start`` up to ``stop``, in the order of the
+        columns.
+        """
         values = np.tile(self._constant, (stop - start, 1))
         if not self._axes:
             return values
@@ -273,19 +275,19 @@ class CaseSource:
         return values
 
     def values(self, row: FloatArray) -> dict[str, FloatArray]:
-        """Values of the quantities by name, from a row [c]."""
+        """Return values of the quantities by name, from a row [c]."""
         parts = np.split(row, np.cumsum(list(self.width.values()))[:-1])
         return dict(zip(self.names, parts, strict=True))
 
     def chunks(self, size: int, skipped: set[int]) -> Iterator[tuple[int, int, FloatArray]]:
-        """Number, first case and rows of every chunk of cases that is not to be skipped."""
+        """Yield number, first case and rows of every chunk of cases that is not to be skipped."""
         for number in range(-(-self.count // size)):
             if number not in skipped:
                 start = number * size
                 yield number, start, self.rows(start, min(start + size, self.count))
 
     def reference(self) -> dict[str, FloatArray]:
-        """One value for every quantity: finite where some case has one."""
+        """Return one value for every quantity: finite where some case has one."""
         row = self.rows(0, 1)[0]
         for axis in self._axes:
             if axis.values is not None and not np.isfinite(row[axis.columns]).all():
@@ -294,7 +296,7 @@ class CaseSource:
         return self.values(row)
 
     def robots(self) -> list[dict[str, FloatArray]] | None:
-        """The few values that masses, gravity and friction take together; None where many."""
+        """Give the few values that masses, gravity and friction take together; None where many."""
         reference = self.reference()
         row = np.concatenate(list(reference.values()))
         kinds = np.repeat([name in DYNAMICS for name in reference], list(self.width.values()))
@@ -318,7 +320,9 @@ class CaseSource:
         return robots
 
     def _every(self) -> dict[str, Any]:
-        """Quantities as given, those of a table's columns among them (as their first values)."""
+        """Return quantities as given, those of a table's columns among them (as their first
+        values).
+        """
         given = dict(self.cases.quantities)
         columns = set(self.cases.columns)
         for name in self.cases.columns:
@@ -341,7 +345,7 @@ class CaseSource:
         return given
 
     def _table_values(self) -> FloatArray:
-        """Values [N,c] of the columns of a table, constants beside them, in SI units."""
+        """Return values [N,c] of the columns of a table, constants beside them, in SI units."""
         count = len(next(iter(self.cases.columns.values())))
         values = np.tile(self._constant, (count, 1))
         place = 0
@@ -358,7 +362,7 @@ class CaseSource:
         return values
 
     def _read(self, name: str, given: Any, place: int) -> tuple[FloatArray, list[Axis]]:
-        """First value [w] of a quantity and its axes, in SI units."""
+        """Return first value [w] of a quantity and its axes, in SI units."""
         check_name(name)
         if isinstance(given, OneOf):
             choices = self._choices(name, given)
@@ -376,7 +380,7 @@ class CaseSource:
         return value * scale_to_si(self._robot, name, value.size), []
 
     def _choices(self, name: str, given: OneOf) -> FloatArray:
-        """Values [K,w] to choose from, in SI units."""
+        """Return values [K,w] to choose from, in SI units."""
         if not isinstance(given.values, list | tuple | np.ndarray) or not len(given.values):
             raise InputError(f"{name} must have at least one of values, not {shown(given)}")
         allowed = widths(self._robot, name)
@@ -386,7 +390,7 @@ class CaseSource:
         return np.array(rows) * scale_to_si(self._robot, name, rows[0].size)
 
     def _range(self, name: str, given: Between) -> tuple[FloatArray, FloatArray]:
-        """Lower and upper ends [w] of a range, in SI units."""
+        """Return lower and upper ends [w] of a range, in SI units."""
         kind, steps = self.cases.kind, given.steps
         if kind == "table":
             raise InputError(f"{name} must be a constant beside a table, not a range")
@@ -420,7 +424,7 @@ class CaseSource:
 
 
 def _read(path: Path) -> Mapping[str, Any]:
-    """Columns of a CSV or Parquet file."""
+    """Return columns of a CSV or Parquet file."""
     if path.suffix not in (".parquet", ".csv"):
         raise InputError(f"table {str(path)!r} must end in .csv or .parquet")
     try:

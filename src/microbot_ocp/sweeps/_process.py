@@ -64,7 +64,7 @@ class CaseProcess:
         return self._process.poll() is None
 
     def ask(self, question: Any, time_limit: float = MOST_WAIT) -> Any:
-        """The answer to a plan, or to the number of a case with its numbers.
+        """Return the answer to a plan, or to the number of a case with its numbers.
 
         Raises
         ------
@@ -107,7 +107,7 @@ def do_cases(
 
 
 def _done(digest: str, plan: bytes, time_limit: float, case: int, numbers: FloatArray) -> Done:
-    """The row and the motions of a case; of one without an answer, why."""
+    """Return the row and the motions of a case; of one without an answer, why."""
     status, reason = Status.KILLED_WORKER, f"its process ended {LIVES} times without an answer"
     for _ in range(LIVES):
         try:
@@ -124,7 +124,7 @@ def _done(digest: str, plan: bytes, time_limit: float, case: int, numbers: Float
 
 
 def _process(digest: str, plan: bytes) -> CaseProcess:
-    """The process of this thread, started where there is none, or one of another study."""
+    """Return the process of this thread, started where there is none, or one of another study."""
     process: CaseProcess | None = getattr(_processes, "one", None)
     if process is None or process.digest != digest or not process.alive:
         if process is not None:

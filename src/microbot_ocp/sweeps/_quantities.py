@@ -50,7 +50,7 @@ class CaseTask:
 
 
 def plain_name(name: str) -> str:
-    """The name of a quantity without ``_deg``."""
+    """Return the name of a quantity without ``_deg``."""
     return name.removesuffix("_deg")
 
 
@@ -71,7 +71,7 @@ def check_name(name: str) -> None:
 
 
 def widths(robot: Robot, name: str) -> tuple[int, ...]:
-    """How many numbers a quantity may have."""
+    """Return how many numbers a quantity may have."""
     plain, count = plain_name(name), robot.joint_count
     pose = POSE.fullmatch(plain)
     if pose:
@@ -82,7 +82,7 @@ def widths(robot: Robot, name: str) -> tuple[int, ...]:
 
 
 def scale_to_si(robot: Robot, name: str, width: int) -> FloatArray:
-    """Factors [width] to SI units: of degrees where the name ends so."""
+    """Return factors [width] to SI units: of degrees where the name ends so."""
     if plain_name(name) == name:
         return np.ones(width)
     scale = joint_scale(robot)
@@ -90,12 +90,12 @@ def scale_to_si(robot: Robot, name: str, width: int) -> FloatArray:
 
 
 def column_names(name: str, width: int) -> tuple[str, ...]:
-    """Columns of a quantity: its name, numbered from 1 where it has several numbers."""
+    """Return columns of a quantity: its name, numbered from 1 where it has several numbers."""
     return (name,) if width == 1 else tuple(f"{name}_{k + 1}" for k in range(width))
 
 
 def pose_names(names: tuple[str, ...]) -> tuple[str, ...]:
-    """Names of the poses of a task in their order: start, via points by number, goal.
+    """Return names of the poses of a task in their order: start, via points by number, goal.
 
     Raises
     ------
@@ -118,7 +118,9 @@ def pose_names(names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def robot_with(robot: Robot, values: Values) -> Robot:
-    """The robot with the masses, friction, gravity and limits of a case, without its payload."""
+    """Return the robot with the masses, friction, gravity and limits of a case, without its
+    payload.
+    """
     count = robot.joint_count
     links = list(robot.links)
     for name in set(DYNAMICS[:3]) & set(values):
@@ -150,7 +152,8 @@ def robot_with(robot: Robot, values: Values) -> Robot:
 
 
 def task_of(robot: Robot, poses: tuple[str, ...], values: Values) -> CaseTask:
-    """The task of a case; tool positions become the joint positions nearest to the pose before.
+    """Return the task of a case; tool positions become the joint positions nearest to the pose
+    before.
 
     Raises
     ------

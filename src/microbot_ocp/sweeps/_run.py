@@ -150,7 +150,7 @@ def run_study(
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> Sweep:
-    """As :func:`sweep`, of a study that is checked."""
+    """Do as :func:`sweep`, of a study that is checked."""
     for module in ("distributed", "pyarrow.parquet"):
         needed(module)
     if workers is not None:
@@ -210,7 +210,7 @@ def _connected(client: Any, workers: int | None) -> Iterator[Any]:
 
 
 def _own_cluster(distributed: Any) -> Any:
-    """A scheduler in this process, whose workers do not hear Ctrl-C: they are ended by it.
+    """Return a scheduler in this process, whose workers do not hear Ctrl-C: they are ended by it.
 
     A thread has the signal mask of the one that starts it, and so has a process.
     """

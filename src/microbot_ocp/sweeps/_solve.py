@@ -64,7 +64,7 @@ class CaseSolver:
         self.notes += notes[:1]
 
     def row(self, case: int, numbers: FloatArray) -> tuple[Row, dict[str, bytes]]:
-        """The row of a case, and its motions as the bytes of ``.npz`` files, if asked for."""
+        """Give the row of a case, and its motions as the bytes of ``.npz`` files, if asked for."""
         begin = time.perf_counter()
         row = inputs(self.plan, case, numbers)
         motions: dict[str, bytes] = {}
@@ -121,7 +121,7 @@ class CaseSolver:
         return quick if quick is not None and not thorough.kept else thorough
 
     def _quick(self, name: str, task: CaseTask, moving: Robot, values: Row) -> CaseOutcome | None:
-        """By what is prepared; None where nothing is."""
+        """Return by what is prepared; None where nothing is."""
         if name == BY_SOLVER and self.plan.prepares:
             solver = self._solvers.get(_key(values))
             if solver is None:  # masses, friction or gravity of its own
@@ -183,13 +183,13 @@ def _judged(robot: Robot, task: CaseTask, motion: Motion) -> CaseOutcome:
 
 
 def _key(values: Mapping[str, FloatArray]) -> tuple[tuple[str, bytes], ...]:
-    """What tells solvers apart: masses, friction and gravity."""
+    """Return what tells solvers apart: masses, friction and gravity."""
     arrays = {name: np.asarray(value, dtype=float) for name, value in values.items()}
     return tuple((name, arrays[name].tobytes()) for name in DYNAMICS if name in arrays)
 
 
 def limit_shares(plan: Plan, robot: Robot, motion: Motion) -> dict[str, float]:
-    """Share of the time in which each limit of the joints, or further one, is used up."""
+    """Return share of the time in which each limit of the joints, or further one, is used up."""
     history = limit_history(robot, motion)
     weight = np.gradient(history.t)
     return {
@@ -200,13 +200,13 @@ def limit_shares(plan: Plan, robot: Robot, motion: Motion) -> dict[str, float]:
 
 
 def inputs(plan: Plan, case: int, numbers: FloatArray) -> Row:
-    """What is known of a case before it is done."""
+    """Return what is known of a case before it is done."""
     row: Row = {"case": case, "seed": plan.settings["seed"], "version": plan.version}
     return row | dict(zip(plan.columns, map(float, numbers), strict=True))
 
 
 def ended(plan: Plan, status: Status, reason: str) -> Row:
-    """The rest of a row of which no method came to an end."""
+    """Return the rest of a row of which no method came to an end."""
     row: Row = {"status": str(status), "reason": " ".join(reason.split())}
     return row | {f"{name}_status": str(status) for name in plan.methods}
 

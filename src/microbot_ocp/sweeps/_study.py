@@ -186,7 +186,7 @@ class Study:
         )
 
     def plan(self) -> Plan:
-        """What a worker has to know."""
+        """Return what a worker has to know."""
         several = self.source.robots() if self._prepares else None
         ready = []
         for values in several or []:
@@ -213,7 +213,9 @@ class Study:
         return bool(self.settings["prepared"]) and method is None and self.robot.has_dynamics
 
     def _holdable(self, robot: Robot) -> FloatArray | None:
-        """Via points of the first case that a robot can hold at rest; None where none is found."""
+        """Return via points of the first case that a robot can hold at rest; None where none is
+        found.
+        """
         family = LimitFamily.of(robot)
         for row in self.source.rows(0, min(STUDY.most_tried, self.source.count)):
             with contextlib.suppress(InputError, NoTask):
@@ -255,13 +257,13 @@ class Plan:
     version: str = field(default_factory=lambda: versions())
 
     def values(self, numbers: FloatArray) -> dict[str, FloatArray]:
-        """Values of the quantities by name, from the numbers [c] of a case."""
+        """Return values of the quantities by name, from the numbers [c] of a case."""
         parts = np.split(numbers, np.cumsum(list(self.widths.values()))[:-1])
         return dict(zip(self.widths, parts, strict=True))
 
 
 def outcome_columns(methods: Iterable[str], limits: Sequence[str]) -> list[tuple[str, str]]:
-    """Name and type of the columns of what becomes of a case."""
+    """Return name and type of the columns of what becomes of a case."""
     columns = [("status", "text"), ("reason", "text")]
     for method in methods:
         columns += [
@@ -277,7 +279,7 @@ def outcome_columns(methods: Iterable[str], limits: Sequence[str]) -> list[tuple
 
 
 def versions() -> str:
-    """Versions of this package and of CasADi."""
+    """Return versions of this package and of CasADi."""
     return f"microbot_ocp {version('microbot_ocp')}, casadi {ca.CasadiMeta.version()}"
 
 

@@ -65,7 +65,7 @@ def read_study(path: str | Path) -> Study:
 
 
 def parse_study(text: str, origin: str, folder: Path) -> Study:
-    """Study from the text of a file; ``origin`` names it, ``folder`` holds what it names.
+    """Return study from the text of a file; ``origin`` names it, ``folder`` holds what it names.
 
     Raises
     ------
@@ -112,7 +112,7 @@ def _cases(table: Mapping[str, Any], quantities: dict[str, Any], folder: Path) -
 
 
 def _quantity(name: str, given: Any) -> Any:
-    """A constant, a range ``{from, to, steps}`` or values ``{one_of}``."""
+    """Return a constant, a range ``{from, to, steps}`` or values ``{one_of}``."""
     check_name(name)
     if not isinstance(given, dict):
         return given

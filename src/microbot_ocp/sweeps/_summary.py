@@ -97,7 +97,7 @@ class SweepSummary:
 
 
 def summary_of(sweep: Sweep) -> SweepSummary:
-    """Statistics of what is done so far."""
+    """Return statistics of what is done so far."""
     limits, best = list(sweep.about["limits"]), sweep.best
     columns = ["case", "status", "reason", "case_time", "compiled", f"{best}_limit"]
     for method in sweep.methods:
@@ -133,7 +133,7 @@ def summary_of(sweep: Sweep) -> SweepSummary:
 
 
 def _failures(read: Mapping[str, np.ndarray]) -> tuple[CaseFailure, ...]:
-    """Failures that differ in their numbers only count as one."""
+    """Return failures that differ in their numbers only count as one."""
     places_of: dict[tuple[str, str], list[int]] = {}
     for k in np.flatnonzero(read["status"] != Status.SOLVED):
         kind = _NUMBER.sub("#", read["reason"][k])[:120]

@@ -110,7 +110,7 @@ class Sweep:
         return with_rows
 
     def read(self, columns: Sequence[str] | None = None) -> dict[str, np.ndarray]:
-        """Columns [N] by name, in the order of the cases; by default all of them.
+        """Return columns [N] by name, in the order of the cases; by default all of them.
 
         Where a method has no motion its numbers are NaN and its texts empty.
 
@@ -154,7 +154,9 @@ class Sweep:
         return arrays
 
     def savings(self, method: str) -> FloatArray:
-        """Share [N] of its time that the best method saves; NaN where one of them is not solved."""
+        """Return share [N] of its time that the best method saves; NaN where one of them is not
+        solved.
+        """
         names = [method, self.best]
         read = self.read([f"{name}_{what}" for name in names for what in ("status", "duration")])
         slow, fast = (
@@ -164,17 +166,17 @@ class Sweep:
         return 1.0 - fast / slow
 
     def summary(self) -> SweepSummary:
-        """Statistics of what is done so far."""
+        """Return statistics of what is done so far."""
         from microbot_ocp.sweeps._summary import summary_of
 
         return summary_of(self)
 
     def table(self) -> Table:
-        """Durations and savings of the methods: printed, in Jupyter, as Markdown or CSV."""
+        """Return durations and savings of the methods: printed, in Jupyter, as Markdown or CSV."""
         return view_for(self, "table")(self)
 
     def plot(self, axes: GivenAxes | None = None, **options: Any) -> DrawnAxes:
-        """The time saved over the workspace, and more: :func:`microbot_ocp.plots.sweep`."""
+        """Return the time saved over the workspace, and more: :func:`microbot_ocp.plots.sweep`."""
         return view_for(self, "plot")(self, axes, **options)
 
     def to_rerun(self, path: str | Path) -> Path:
@@ -190,12 +192,12 @@ class Sweep:
         return self.folder / PARTS / f"part-{number:08d}.parquet"
 
     def _cases(self, number: int) -> range:
-        """Cases of a chunk; none where the sweep has no such chunk."""
+        """Return cases of a chunk; none where the sweep has no such chunk."""
         chunk = int(self.about["chunk"])
         return range(number * chunk, min((number + 1) * chunk, self.count))
 
     def _belongs(self, number: int) -> bool:
-        """Whether a part file is of this sweep, and of the cases that its name says.
+        """Return whether a part file is of this sweep, and of the cases that its name says.
 
         Raises
         ------
@@ -220,7 +222,7 @@ class Sweep:
         return True
 
     def _schema(self) -> Any:
-        """Names and types of the columns, as pyarrow has them."""
+        """Return names and types of the columns, as pyarrow has them."""
         arrow = needed("pyarrow")
         return arrow.schema([(n, getattr(arrow, TYPES[k])()) for n, k in self.about["columns"]])
 
@@ -241,7 +243,7 @@ class Sweep:
 
 
 def load_sweep(folder: str | Path) -> Sweep:
-    """The results of a sweep from its folder.
+    """Return the results of a sweep from its folder.
 
     Raises
     ------
@@ -272,7 +274,7 @@ _ABOUT: dict[str, Any] = {
 
 
 def _is_about(about: Any) -> bool:
-    """Whether a document says of a sweep what its readers ask for."""
+    """Return whether a document says of a sweep what its readers ask for."""
     if not isinstance(about, dict) or about.get("schema") not in (1, SCHEMA):
         return False
     if not all(fits(about.get(key), kind) for key, kind in _ABOUT.items()):
@@ -289,7 +291,7 @@ def _is_about(about: Any) -> bool:
 
 
 def opened(study: Study, folder: Path) -> Sweep:
-    """The folder of a study: a new one, or the one that it was begun in.
+    """Return the folder of a study: a new one, or the one that it was begun in.
 
     Raises
     ------
@@ -336,7 +338,7 @@ def opened(study: Study, folder: Path) -> Sweep:
 
 
 def _whole(sweep: Sweep, number: int) -> bool:
-    """Whether a part file has all its rows as they were written."""
+    """Return whether a part file has all its rows as they were written."""
     try:
         return sweep._belongs(number) and _rows(str(sweep._part(number))).num_rows > 0
     except DAMAGED:
@@ -344,7 +346,7 @@ def _whole(sweep: Sweep, number: int) -> bool:
 
 
 def _rows(paths: str | list[str], **options: Any) -> Any:
-    """The table of part files, whose pages are compared with their checksums."""
+    """Return the table of part files, whose pages are compared with their checksums."""
     table = needed("pyarrow.parquet").read_table(paths, page_checksum_verification=True, **options)
     table.validate(full=True)
     return table

@@ -144,7 +144,8 @@ class CellFile:
         return self.certified(motion)
 
     def certified(self, motion: Motion, certificate: Certificate | None = None) -> Cell:
-        """A motion of this task, such as a saved one, with its certificate, by default a new one.
+        """Return a motion of this task, such as a saved one, with its certificate, by default a new
+        one.
 
         Raises
         ------
@@ -257,7 +258,9 @@ class Cell:
         return view_for(self, "html_report")(self, path)
 
     def plot(self) -> DrawnAxes:
-        """Position, velocity, torque and every limit at work, with rests and what is carried."""
+        """Return position, velocity, torque and every limit at work, with rests and what is
+        carried.
+        """
         return view_for(self, "plot")(self)
 
     def to_rerun(self, path: str | Path) -> Path:
@@ -278,7 +281,7 @@ class Cell:
 
 
 def is_cell_file(path: str | Path) -> bool:
-    """Whether a task file has stops in the place of via points."""
+    """Return whether a task file has stops in the place of via points."""
     return "stop" in table_from(path, "task")
 
 
@@ -326,7 +329,7 @@ def read_cell(path: str | Path) -> CellFile:
 
 
 def request_cell(path: str | Path, robot: Robot, scene: Scene | None) -> CellFile:
-    """The task of a MoveIt motion plan request in YAML.
+    """Return the task of a MoveIt motion plan request in YAML.
 
     Raises
     ------
@@ -368,7 +371,7 @@ def _cell(data: Mapping[str, Any], origin: str, folder: Path) -> CellFile:
 
 
 def _front(table: Mapping[str, Any]) -> tuple[str, tuple[float, ...]]:
-    """The kind of the table [front] and by what its motions are asked."""
+    """Return the kind of the table [front] and by what its motions are asked."""
     given = read_table(table, FRONT, "of [front]")
     kind = given.pop("kind")
     _, key, usual = FRONTS[kind]
@@ -380,7 +383,7 @@ def _front(table: Mapping[str, Any]) -> tuple[str, tuple[float, ...]]:
 
 
 def _with_capsules(robot: Robot, rows: Sequence[Mapping[str, Any]]) -> Robot:
-    """The robot with the capsules of [[capsule]] in the place of those of the same links."""
+    """Return the robot with the capsules of [[capsule]] in the place of those of the same links."""
     if not rows:
         return robot
     links = [link.name for link in robot.links] or robot.joint_names  # none without masses
@@ -399,7 +402,7 @@ def _with_capsules(robot: Robot, rows: Sequence[Mapping[str, Any]]) -> Robot:
 
 
 def _scene(table: Any, folder: Path) -> Scene | None:
-    """The table [scene], or the file that it names."""
+    """Return the table [scene], or the file that it names."""
     if table is None or isinstance(table, str):
         return None if table is None else load_scene(folder / table)
     if not isinstance(table, dict):

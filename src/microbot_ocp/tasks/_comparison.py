@@ -152,15 +152,17 @@ class Comparison:
         return all(certificate.ok for certificate in self.certificates.values())
 
     def table(self) -> Table:
-        """One row a method: printed, in a rich console, in Jupyter, as Markdown or CSV."""
+        """Return one row a method: printed, in a rich console, in Jupyter, as Markdown or CSV."""
         return view_for(self, "table")(self)
 
     def plot(self, axes: GivenAxes | None = None, **options: Any) -> DrawnAxes:
-        """Position, velocity and torque of every method: :func:`microbot_ocp.plots.comparison`."""
+        """Return position, velocity and torque of every method:
+        :func:`microbot_ocp.plots.comparison`.
+        """
         return view_for(self, "plot")(self, axes, **options)
 
     def plot_paths(self, axes: GivenAxes | None = None) -> DrawnAxes:
-        """The tool paths in space: :func:`microbot_ocp.plots.paths`."""
+        """Return the tool paths in space: :func:`microbot_ocp.plots.paths`."""
         return view_for(self, "paths")(self, axes)
 
     def report(self, path: str | Path) -> Path:
@@ -391,7 +393,7 @@ def compare(
 
 
 def _work(method: str) -> int:
-    """Units of work to solve by a method and to certify what it finds."""
+    """Return units of work to solve by a method and to certify what it finds."""
     return WORK.get(method, 1) + 1
 
 
@@ -410,7 +412,9 @@ def _method_names(methods: Sequence[str] | None, timed: bool) -> list[str]:
 
 
 def _settings(given: Mapping[str, Any]) -> tuple[TimeOptimalSettings, PathTimingSettings]:
-    """The given settings for the free motion and, as far as they have them, for path timing."""
+    """Return the given settings for the free motion and, as far as they have them, for path
+    timing.
+    """
     for_free = {f.name for f in fields(TimeOptimalSettings)} - {"time_limit"}
     for_path = {f.name for f in fields(PathTimingSettings)} - {"time_limit"}
     for key in given:
@@ -422,7 +426,7 @@ def _settings(given: Mapping[str, Any]) -> tuple[TimeOptimalSettings, PathTiming
 def timing(
     via: FloatArray, via_t: ArrayLike | None, via_qd: ArrayLike | None, prefix: str = "via_"
 ) -> tuple[FloatArray | None, FloatArray | None]:
-    """Checked times and velocities at via points, which messages name with a prefix."""
+    """Return checked times and velocities at via points, which messages name with a prefix."""
     if via_t is None:
         if via_qd is not None:
             raise InputError(
@@ -442,7 +446,9 @@ def _played(
     profile: str | Profile | None,
     trackable: Mapping[str, Any] | None,
 ) -> dict[str, float]:
-    """How long a motion takes by a controller, and until all plants follow; NaN where never, s."""
+    """Return how long a motion takes by a controller, and until all plants follow; NaN where
+    never, s.
+    """
     durations: dict[str, float] = {}
     if profile is not None:
         try:
@@ -466,7 +472,7 @@ def _entry(
     seconds: float,
     played: Mapping[str, float],
 ) -> Entry:
-    """The motion of a method, certified in what is left of its time, s."""
+    """Return the motion of a method, certified in what is left of its time, s."""
     tau = motion.tau if task.robot.has_dynamics else np.full_like(motion.tau, np.nan)
     motion = replace(motion, provenance={**motion.provenance, "robot": task.robot.name})
     with deadline.within(max(seconds - wall, LEAST_TIME)):

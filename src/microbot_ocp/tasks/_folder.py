@@ -25,7 +25,7 @@ _LISTED = re.compile(rf"(motions/)?{NAME.pattern}", re.ASCII)
 
 
 def files_in(folder: Path) -> dict[str, str]:
-    """Digests of the files in a folder and its folders, by their path in it."""
+    """Return digests of the files in a folder and its folders, by their path in it."""
     paths = sorted(path for path in folder.rglob("*") if path.is_file())
     return {path.relative_to(folder).as_posix(): digest(path) for path in paths}
 
@@ -128,7 +128,7 @@ def check_run(folder: Path, document: Mapping[str, Any]) -> None:
 
 
 def _of_the_run(document: Mapping[str, Any]) -> dict[str, Any]:
-    """What a document says but for the files."""
+    """Return what a document says but for the files."""
     return {key: value for key, value in document.items() if key not in ("files", "digest")}
 
 

@@ -85,7 +85,7 @@ class Front:
         return {"points": points, "ended": self.ended}
 
     def plot(self, axes: GivenAxes | None = None) -> DrawnAxes:
-        """Effort and peak torque over the duration."""
+        """Return effort and peak torque over the duration."""
         return view_for(self, "plot")(self, axes)
 
 
@@ -101,7 +101,7 @@ def time_effort_front(
     progress: StepProgress | None = None,
     **changes: Any,
 ) -> Front:
-    """The front of time against effort: each motion of least effort in its time, certified.
+    """Return the front of time against effort: each motion of least effort in its time, certified.
 
     Parameters
     ----------
@@ -138,7 +138,8 @@ def time_torque_front(
     progress: StepProgress | None = None,
     **changes: Any,
 ) -> Front:
-    """The front of time against peak torque: the fastest motion with a share of every torque limit.
+    """Return the front of time against peak torque: the fastest motion with a share of every torque
+    limit.
 
     Parameters
     ----------
@@ -170,7 +171,7 @@ def time_torque_front(
 def _front(
     task: Any, progress: StepProgress | None, changes: dict[str, Any], **asked: tuple[float, ...]
 ) -> Front:
-    """The motions of a front, each certified."""
+    """Return the motions of a front, each certified."""
     robot, via_q, limits, segments, cycle, scene = task
     if not all(asked.values()):
         raise InputError(f"{next(iter(asked))} must have at least one number")

@@ -88,17 +88,17 @@ class ComparedTask:
         return first if self.via_t is None else np.vstack([self.given, first])
 
     def cubic(self, durations: FloatArray) -> PiecewisePolynomial:
-        """Cubic segments of these durations."""
+        """Return cubic segments of these durations."""
         via, velocities = self._via(durations)
         return cubic_through(via, velocities)
 
     def lspb(self, durations: FloatArray, blends: FloatArray) -> PiecewisePolynomial:
-        """Linear segments of these durations with parabolic blends."""
+        """Return linear segments of these durations with parabolic blends."""
         via, velocities = self._via(durations)
         return lspb_through(via, blends, velocities)
 
     def _via(self, durations: FloatArray) -> tuple[ViaPoints, FloatArray]:
-        """Via points and velocities there; given ones are slower as the whole motion is."""
+        """Return via points and velocities there; given ones are slower as the whole motion is."""
         via = ViaPoints(self.via_q, np.concatenate([[0.0], np.cumsum(durations)]))
         if self.via_qd is None or self.via_t is None:
             return via, via_velocities(via)
@@ -161,7 +161,8 @@ def _scaled(
     parts: FloatArray,
     segments: Callable[[FloatArray], FloatArray] = lambda parts: parts,
 ) -> tuple[Motion, FloatArray]:
-    """A shape scaled to the limits, all of its parts alike or each as is best, and their durations.
+    """Return a shape scaled to the limits, all of its parts alike or each as is best, and their
+    durations.
 
     ``segments`` makes durations of the segments of those of the parts.
     """
@@ -205,7 +206,7 @@ def _seconds(of: str, durations: FloatArray) -> str:
 
 
 def _passage(units: Sequence[str], via: FloatArray, q: FloatArray, qd: FloatArray) -> str:
-    """How LSPB passes a via point."""
+    """Return how LSPB passes a via point."""
     miss = float(np.abs(q - via).max())
     unit = " or ".join(units)
     speeds = f"({', '.join(f'{v:.3f}' for v in qd)}) {'/s or '.join(units)}/s"

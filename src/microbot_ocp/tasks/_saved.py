@@ -26,7 +26,8 @@ SCHEMA = 1
 
 
 def load_comparison(folder: str | Path, robot: Robot | str | None = None) -> Comparison:
-    """A comparison from the folder that :meth:`Comparison.save` wrote; motions are certified anew.
+    """Return a comparison from the folder that :meth:`Comparison.save` wrote; motions are certified
+    anew.
 
     Parameters
     ----------
@@ -72,7 +73,7 @@ def load_comparison(folder: str | Path, robot: Robot | str | None = None) -> Com
 
 
 def named_robot(origin: str, named: str | None, given: Robot | str | None) -> Robot:
-    """The robot that was given, or the packaged one that the file ``origin`` names."""
+    """Return the robot that was given, or the packaged one that the file ``origin`` names."""
     if given is not None:
         return given if isinstance(given, Robot) else load_robot(given)
     if named is None:
@@ -85,7 +86,7 @@ def named_robot(origin: str, named: str | None, given: Robot | str | None) -> Ro
 
 
 def _stored_limits(origin: str, saved: Mapping[str, list[Any]]) -> Limits:
-    """Limits from JSON, where what is infinite is null."""
+    """Return limits from JSON, where what is infinite is null."""
     arrays = {}
     for key, values in saved.items():
         checks.one_of(f"limits of {origin}", key, JOINT_KEYS)

@@ -187,7 +187,9 @@ def read_task(path: str | Path) -> TaskFile:
 
 
 def parse_task(text: str, origin: str, folder: Path) -> TaskFile:
-    """Task from the text of a file; ``origin`` names it, ``folder`` holds the robots it names."""
+    """Return task from the text of a file; ``origin`` names it, ``folder`` holds the robots it
+    names.
+    """
     with naming(f"{origin}: "):
         return _task(parsed(text), origin, folder)
 
@@ -227,7 +229,7 @@ def _task(data: dict[str, Any], origin: str, folder: Path) -> TaskFile:
 
 
 def robot_from(data: Mapping[str, Any], folder: Path) -> Robot:
-    """The robot that a file names."""
+    """Return the robot that a file names."""
     source = data.get("robot")
     if not isinstance(source, str):
         instead = f"not {source!r}" if "robot" in data else "but it is missing"
@@ -240,7 +242,7 @@ def robot_from(data: Mapping[str, Any], folder: Path) -> Robot:
 
 
 def _via_rows(robot: Robot, key: str, name: str, rows: Any, in_degrees: bool) -> Any:
-    """Rows [m,n] in SI units."""
+    """Return rows [m,n] in SI units."""
     if key == "t":
         return rows
     if not isinstance(rows, list) or not all(isinstance(row, list) for row in rows) or not rows:
@@ -256,7 +258,7 @@ def _via_rows(robot: Robot, key: str, name: str, rows: Any, in_degrees: bool) ->
 
 
 def limits_from(robot: Robot, table: Mapping[str, Any]) -> JointLimits:
-    """The limits of the robot with the changes of a table."""
+    """Return the limits of the robot with the changes of a table."""
 
     def of_joints(key: str, name: str, value: Any, in_degrees: bool) -> Any:
         if key in MEMBER_KEYS:
@@ -273,7 +275,7 @@ def limits_from(robot: Robot, table: Mapping[str, Any]) -> JointLimits:
 
 
 def settings_from(table: Mapping[str, Any]) -> dict[str, Any]:
-    """Checked settings of a table."""
+    """Return checked settings of a table."""
     settings = read_table(table, SETTINGS, "in table [settings]", "settings.{}")
     with naming("settings."):
         for key, value in settings.items():

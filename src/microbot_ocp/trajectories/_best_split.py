@@ -37,7 +37,7 @@ def best_split(
     tolerance: float = 1e-4,
     time_limit: float = np.inf,
 ) -> Scaled:
-    """Shortest duration of a shape over all splits of its time between its parts.
+    """Return shortest duration of a shape over all splits of its time between its parts.
 
     :func:`shortest_duration` stretches all parts alike; here each part, such as the segment between
     two via points, has a duration of its own. The uses of the limits are linearised at all their
@@ -111,7 +111,8 @@ def best_durations(
     first_durations: ArrayLike,
     limits: Limits | JointLimits | None = None,
 ) -> FloatArray:
-    """Durations [k] of the parts as :func:`best_split` chooses them, of a shape that it may refuse.
+    """Return durations [k] of the parts as :func:`best_split` chooses them, of a shape that it may
+    refuse.
 
     For the timing of a path, whose shape depends on their ratios.
     """
@@ -119,7 +120,8 @@ def best_durations(
 
 
 def first_splits(via_q: ArrayLike) -> FloatArray:
-    """Splits [2,m-1] to start from: segments of equal times, and as long as their largest step.
+    """Return splits [2,m-1] to start from: segments of equal times, and as long as their largest
+    step.
 
     Examples
     --------
@@ -197,7 +199,7 @@ class _SplitSearch:
         self.weights = np.empty(0)  # of the parts' durations in the whole one
 
     def best(self, first_durations: ArrayLike) -> FloatArray:
-        """The durations of the best split that is found from any of the first ones."""
+        """Return the durations of the best split that is found from any of the first ones."""
         first = checks.array("first_durations", np.atleast_2d(first_durations), (None, None), "s")
         if not first.size or not np.all(first > 0.0):
             raise InputError(f"first_durations must be above 0 s, not {first.tolist()}")
@@ -233,7 +235,9 @@ class _SplitSearch:
         return split
 
     def stretched(self, logs: FloatArray) -> _Split:
-        """The split with these ratios that just meets a limit: Newton's method, with a bracket."""
+        """Return the split with these ratios that just meets a limit: Newton's method, with a
+        bracket.
+        """
         first, too_short, enough = float(logs[0]), -np.inf, np.inf
         while True:
             split = self.at(logs)
@@ -305,13 +309,15 @@ class _SplitSearch:
         return np.hstack([empty, *lasting.values()]), np.hstack([empty, *moving.values()])
 
     def slopes(self, split: _Split) -> FloatArray:
-        """Slopes [R,k] of the maxima in the logarithms of the durations."""
+        """Return slopes [R,k] of the maxima in the logarithms of the durations."""
         changed = np.exp(split.logs + DIFFERENCE * np.eye(split.logs.size))
         uses = [self.uses(self.make(durations), split) for durations in changed]
         return (np.stack(uses, axis=1) - split.use[:, None]) / DIFFERENCE
 
     def step(self, split: _Split, slopes: FloatArray, reach: float) -> tuple[FloatArray, float]:
-        """The change of the logarithms, each by at most ``reach``, that promises most, and what."""
+        """Return the change of the logarithms, each by at most ``reach``, that promises most,
+        and what.
+        """
         weights = self.weights * np.exp(split.logs - split.log_duration)
         # Limits that last are aimed at from inside, so that a step along them does not leave them.
         inside = 1.0 - self.tolerance

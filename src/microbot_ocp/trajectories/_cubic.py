@@ -13,7 +13,7 @@ from microbot_ocp.trajectories._via_points import ViaPoints, via_points, via_vel
 def cubic(
     via_q: ArrayLike, via_t: ArrayLike, via_qd: ArrayLike | None = None
 ) -> PiecewisePolynomial:
-    """Cubic segments through via points, with given velocities there.
+    """Return cubic segments through via points, with given velocities there.
 
     On each segment of duration T, from (q0, v0) to (qf, vf), with x the time since its start:
     ``q = q0 + v0 x + a2 x^2 + a3 x^3``, ``a2 = [3 (qf - q0) - (2 v0 + vf) T] / T^2``,

@@ -14,7 +14,7 @@ from microbot_ocp.trajectories._quintic import quintic
 def joint_sweep(
     robot: Robot, *, angle: float = np.pi / 3, distance: float = 0.35, least_time: float = 1.0
 ) -> Motion:
-    """Every joint in turn to either side of the rest pose and back, from rest to rest.
+    """Return every joint in turn to either side of the rest pose and back, from rest to rest.
 
     The limits of position, velocity and acceleration hold; torques are what it takes.
 

@@ -19,7 +19,7 @@ def lspb(
     blend_time: ArrayLike,
     via_qd: ArrayLike | None = None,
 ) -> PiecewisePolynomial:
-    """Linear segments with parabolic blends that pass every via point.
+    """Return linear segments with parabolic blends that pass every via point.
 
     Each segment of duration T runs from (q0, v0) to (qf, vf): a parabola for the blend time t_b
     from v0 to the cruise velocity V, a straight line, a parabola for t_b from V to vf, with

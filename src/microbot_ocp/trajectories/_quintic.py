@@ -15,7 +15,7 @@ def quintic(
     via_qd: ArrayLike | None = None,
     via_qdd: ArrayLike | None = None,
 ) -> PiecewisePolynomial:
-    """Quintic segments through via points, with given velocities and accelerations there.
+    """Return quintic segments through via points, with given velocities and accelerations there.
 
     Position, velocity and acceleration are continuous (Craig, *Introduction to Robotics*,
     3rd ed., section 7.3, equation 7.18), so the torque is, too.

@@ -101,7 +101,7 @@ def shortest_duration(
     tolerance: float = 1e-8,
     time_limit: float = np.inf,
 ) -> Scaled:
-    """Shortest duration at which a shape of motion keeps every limit.
+    """Return shortest duration at which a shape of motion keeps every limit.
 
     When a motion is stretched in time by the factor l, velocities go with 1/l, accelerations with
     1/l^2, and the torque at each point of the path is ``g(q) + c / l^2`` with gravity g and c from
@@ -203,7 +203,7 @@ class _DurationSearch:
         )
 
     def evaluate(self, duration: float) -> Peak:
-        """The largest use of the limits at this duration."""
+        """Return the largest use of the limits at this duration."""
         self.tried += 1
         try:
             polynomial = self.make(duration)
@@ -249,7 +249,7 @@ class _DurationSearch:
         )
 
     def _bracket(self) -> tuple[tuple[float, Peak], tuple[float, Peak]]:
-        """A duration that keeps the limits and a shorter one that does not."""
+        """Return a duration that keeps the limits and a shorter one that does not."""
         duration, bad = self.first, None
         peak = self.evaluate(duration)
         while peak.use > 1.0:
@@ -297,7 +297,7 @@ class _DurationSearch:
     def _narrow(
         self, good: tuple[float, Peak], bad: tuple[float, Peak]
     ) -> tuple[float, Peak, Peak]:
-        """Illinois regula falsi in 1/T^2, in which a torque-limited use is affine."""
+        """Return Illinois regula falsi in 1/T^2, in which a torque-limited use is affine."""
         aim = 1.0 - 0.5 * self.tolerance
         ends, weights, last = [good, bad], [1.0, 1.0], -1
         for iteration in range(200):
@@ -322,7 +322,7 @@ class _DurationSearch:
 
 
 def checked_shape(robot: Robot, shape: object) -> PiecewisePolynomial:
-    """What ``make_motion`` is or returns, of as many joints as the robot."""
+    """Return what ``make_motion`` is or returns, of as many joints as the robot."""
     if not isinstance(shape, PiecewisePolynomial):
         raise InputError(
             f"make_motion must return a PiecewisePolynomial, not {type(shape).__name__}"
@@ -332,7 +332,7 @@ def checked_shape(robot: Robot, shape: object) -> PiecewisePolynomial:
 
 
 def refusal_of(robot: Robot, family: LimitFamily, shape: PiecewisePolynomial) -> str | None:
-    """Why no duration of this shape keeps the limits, or None."""
+    """Return why no duration of this shape keeps the limits, or None."""
     for key in family.of_order(0):
         place = largest_use(family, shape, [key])
         if place.use > 1.0 + ROUNDING:

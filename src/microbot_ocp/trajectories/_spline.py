@@ -18,7 +18,8 @@ def spline(
     ends: str = "clamped",
     end_qd: ArrayLike | None = None,
 ) -> PiecewisePolynomial:
-    """Cubic spline: of the curves through the via points that of the least mean square curvature.
+    """Return cubic spline: of the curves through the via points that of the least mean square
+    curvature.
 
     Cubic segments (Craig, *Introduction to Robotics*, 3rd ed., section 7.3) whose velocities at the
     inner via points make the acceleration continuous there:

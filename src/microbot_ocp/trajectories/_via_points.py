@@ -18,7 +18,7 @@ class ViaPoints(NamedTuple):
     t: FloatArray
 
     def given(self, name: str, values: ArrayLike | None, unit: str) -> FloatArray:
-        """Checked values at the via points [m,n]; zeros where none are given."""
+        """Return checked values at the via points [m,n]; zeros where none are given."""
         if values is None:
             return np.zeros_like(self.q)
         return checks.array(name, values, self.q.shape, unit)
@@ -52,7 +52,7 @@ def via_points(via_q: ArrayLike, via_t: ArrayLike) -> ViaPoints:
 
 
 def via_velocities(via: ViaPoints) -> FloatArray:
-    """Velocities at via points by the heuristic of Craig, section 7.3.
+    """Return velocities at via points by the heuristic of Craig, section 7.3.
 
     At each inner via point and for each joint: zero where the slope of the straight lines between
     the via points changes sign (or is zero on a side), else the mean of the two slopes. Zero at

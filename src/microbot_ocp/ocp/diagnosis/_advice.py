@@ -24,7 +24,7 @@ NO_COST = "No cost is declared: this is one of all answers that keep the constra
 def advice(
     program: Program, begin: StartingPoint, x: FloatArray, attempts: Sequence[Attempt]
 ) -> tuple[Advice, ...]:
-    """What went wrong and what would help.
+    """Return what went wrong and what would help.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def advice(
 
 
 def falls_for_ever(cost: float, scale: float) -> bool:
-    """Whether a cost is so far below zero that its scale is lost in half of its digits."""
+    """Return whether a cost is so far below zero that its scale is lost in half of its digits."""
     return bool(cost < -scale / np.sqrt(np.finfo(float).eps))
 
 
@@ -146,7 +146,7 @@ def _badly_scaled(program: Program, x: FloatArray) -> Iterator[str]:
 
 
 def _overdetermined(program: Program) -> Iterator[str]:
-    """Mesh points with more equations than variables, which fatrop refuses."""
+    """Yield mesh points with more equations than variables, which fatrop refuses."""
     counts: dict[tuple[str, int], list[Label]] = {}
     equal = program.row_lower == program.row_upper
     for label, demanded in zip(program.row_labels, equal, strict=True):

@@ -303,7 +303,7 @@ class _Elastic:
         return ca.nlpsol("elastic", "ipopt", {"x": v, "p": p, "f": cost, "g": limits}, options)
 
     def solve(self, x: FloatArray, allowed: np.ndarray) -> tuple[bool, FloatArray, FloatArray]:
-        """Whether it converged, variables with slacks, multipliers of the rows."""
+        """Return whether it converged, variables with slacks, multipliers of the rows."""
         slacks = len(self.items)
         most = np.where(allowed, [item.most for item in self.items], 0.0)
         result = self.solver(
@@ -321,7 +321,7 @@ class _Elastic:
     def cheapest(
         self, starts: Iterable[FloatArray], allowed: np.ndarray
     ) -> tuple[bool, FloatArray, FloatArray]:
-        """As :meth:`solve`, from the start that leads to the cheapest way out."""
+        """Do as :meth:`solve`, from the start that leads to the cheapest way out."""
         ends = []
         for x in starts:
             ends.append(self.solve(x, allowed))

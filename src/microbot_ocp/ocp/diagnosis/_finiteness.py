@@ -43,7 +43,8 @@ class NotFinite(InputError):
 
 
 def finite_start(program: Program, x: FloatArray, *, uneven: bool = False) -> FloatArray:
-    """The start, moved a little where it is at a kink, such as the norm of controls that are zero.
+    """Return the start, moved a little where it is at a kink, such as the norm of controls that are
+    zero.
 
     It is looked at where a solver will: a little inside its bounds. With ``uneven`` it is moved
     wherever it is: from a start that is symmetric a solver does not leave what is symmetric, for
@@ -71,7 +72,7 @@ def finite_start(program: Program, x: FloatArray, *, uneven: bool = False) -> Fl
 
 
 def _held(program: Program, x: FloatArray) -> np.ndarray:
-    """Variables that a condition at an end leaves no choice."""
+    """Return variables that a condition at an end leaves no choice."""
     equal = program.row_lower == program.row_upper
     ends = np.array([label.kind in ("initial", "final") for label in program.row_labels], bool)
     _, jacobian = program.functions["jacobian"](x, program.parameters)
@@ -82,14 +83,14 @@ def _held(program: Program, x: FloatArray) -> np.ndarray:
 
 
 def _has_values(program: Program, x: FloatArray) -> bool:
-    """Whether the cost and all rows are finite, whatever their slopes."""
+    """Return whether the cost and all rows are finite, whatever their slopes."""
     f, _ = program.functions["gradient"](x, program.parameters)
     g, _ = program.functions["jacobian"](x, program.parameters)
     return bool(np.isfinite(f.nonzeros()).all() and np.isfinite(g.nonzeros()).all())
 
 
 def not_finite(program: Program, x: FloatArray, where: str) -> str | None:
-    """The first expression that has no finite value or slope at x; None where all have one.
+    """Return the first expression that has no finite value or slope at x; None where all have one.
 
     Parameters
     ----------
@@ -164,7 +165,7 @@ def _complaint(
 def _points(
     layout: PhaseLayout, values: PhaseSolution, *, at_end: bool
 ) -> tuple[list[tuple[str, ca.MX]], list[FloatArray], FloatArray, np.ndarray]:
-    """Symbols of a phase, their values [size, M], times and intervals of some points."""
+    """Return symbols of a phase, their values [size, M], times and intervals of some points."""
     phase = layout.phase
     fractions = np.array([1.0]) if at_end else np.array([0.0, 0.25, 0.5, 0.75, 1.0])
     intervals = np.arange(layout.intervals)[-1:] if at_end else np.arange(layout.intervals)
@@ -187,7 +188,7 @@ def _points(
 def _interpolated(
     layout: PhaseLayout, values: PhaseSolution, k: np.ndarray, share: FloatArray
 ) -> dict[str, FloatArray]:
-    """Values at fractions of intervals; states at mesh points as they are guessed."""
+    """Return values at fractions of intervals; states at mesh points as they are guessed."""
     assert values.stages is not None
     tables = layout.interpolated(values.stages, k, share)
     # inside an interval the state follows from the dynamics, which may be what is wrong
@@ -220,7 +221,7 @@ _OPERATIONS: dict[int, Callable[[float, float], str]] = {
 def _cause(
     function: ca.Function, symbols: Sequence[tuple[str, ca.MX]], point: Sequence[FloatArray]
 ) -> str:
-    """The first operation that leaves the finite numbers, and the variables behind it."""
+    """Return the first operation that leaves the finite numbers, and the variables behind it."""
     try:
         scalar = function.expand()
     except RuntimeError:  # calls that have no scalar graph

@@ -42,7 +42,7 @@ DIVISION = Division()
 
 
 def state_errors(solution: Solution) -> list[FloatArray]:
-    """Relative state error of every interval: one array [N] a phase.
+    """Return relative state error of every interval: one array [N] a phase.
 
     ``max_i |x_i(t_k+1) - reached_i| / weight_i``, where reached is the integral of the dynamics
     from the mesh state at t_k and the weight is the largest magnitude of the state along the phase,

@@ -31,7 +31,7 @@ _SYMBOLIC = (*VARIABLES, *CONSTANTS)  # what is declared with a symbol
 
 
 def value_of(phase: Phase, expression: ca.MX, fraction: float, where: str) -> ca.MX:
-    """The symbol of the value of an expression at a fraction of a phase."""
+    """Return the symbol of the value of an expression at a fraction of a phase."""
     given = as_expression(expression)
     expression = owned(phase, ca.vec(given))
     for point in phase._values:
@@ -51,7 +51,7 @@ def value_of(phase: Phase, expression: ca.MX, fraction: float, where: str) -> ca
 
 
 def owned(phase: Phase, expression: ca.MX | float, at: float | None = None) -> ca.MX:
-    """An expression with everything that comes from elsewhere among the free parameters.
+    """Return an expression with everything that comes from elsewhere among the free parameters.
 
     Values that are taken at the very place ``at`` of the phase, at which the expression is
     evaluated, are replaced by what they stand for.
@@ -114,14 +114,14 @@ def _add_free(phase: Phase, parameter: Variable) -> None:
 
 
 def renamed(expression: ca.MX, phase: Phase, copy: Phase) -> ca.MX:
-    """An expression of the variables of a phase as one of those of a copy of it."""
+    """Return an expression of the variables of a phase as one of those of a copy of it."""
     old, new = ([i.symbol for kind in _SYMBOLIC for i in getattr(p, kind)] for p in (phase, copy))
     times = [[p.time, p.duration] for p in (phase, copy)]
     return ca.graph_substitute(ca.MX(expression), [*old, *times[0]], [*new, *times[1]])
 
 
 def copied(phase: Phase, name: str, linked: Sequence[str]) -> Phase:
-    """The phase with symbols of its own and without conditions at the start of what is linked.
+    """Give the phase with symbols of its own and without conditions at the start of what is linked.
 
     What comes from other phases, and free parameters of the problem, stay what they are.
     """

@@ -44,7 +44,7 @@ class Expressions:
         return [symbol for _, symbol in self.inputs]
 
     def function(self, expressions: Sequence[ca.MX]) -> ca.Function:
-        """The expressions, one below the other, as a function of the table of all inputs."""
+        """Return the expressions, one below the other, as a function of the table of all inputs."""
         stacked = ca.densify(ca.vertcat(*expressions, ca.MX(0, 1)))
         run = ca.Function("declared", [ca.vertcat(*self.symbols)], [stacked])
         with suppress(RuntimeError):  # interpolants have no scalar graph
@@ -59,7 +59,7 @@ class Expressions:
         rates: Mapping[str, FloatArray] | None = None,
         data: Sequence[FloatArray] = (),
     ) -> list[FloatArray]:
-        """Values [size, M] of the inputs at times t [M] since the start of the phase.
+        """Return values [size, M] of the inputs at times t [M] since the start of the phase.
 
         Rates and variables that have no value there are zero.
         """
@@ -71,5 +71,5 @@ class Expressions:
         return [*moving, *data, t[None], np.full((1, t.size), duration), *fixed]
 
     def table(self, *values: Any, **more: Any) -> FloatArray:
-        """The same, one below the other [inputs, M]."""
+        """Return the same, one below the other [inputs, M]."""
         return np.vstack(self.tables(*values, **more))

@@ -70,7 +70,7 @@ class PointConstraint(PathConstraint):
 
     @classmethod
     def of(cls, limit: PathConstraint, fractions: ArrayLike, defines: str = "") -> Self:
-        """A limit at some fractions of the phase."""
+        """Return a limit at some fractions of the phase."""
         return cls(**vars(limit), fractions=np.atleast_1d(fractions), defines=defines)
 
 
@@ -91,7 +91,7 @@ class Parameter:
     value: FloatArray
 
     def with_value(self, value: ArrayLike) -> Self:
-        """The same with another value."""
+        """Return the same with another value."""
         flat = np.ravel(checks.numbers(f"parameter {self.name!r}", value), order="F")
         flat = checks.array(f"parameter {self.name!r}", flat, (self.value.size,))
         return replace(self, value=flat.reshape(self.value.shape, order="F"))
@@ -125,14 +125,14 @@ class PhaseLink:
 
 
 def moving(value: object) -> bool:
-    """Whether a bound or condition is an expression, and not numbers."""
+    """Return whether a bound or condition is an expression, and not numbers."""
     if isinstance(value, tuple):
         return any(isinstance(side, ca.MX) for side in value)
     return isinstance(value, ca.MX)
 
 
 def fill(name: str, value: ArrayLike, size: int) -> FloatArray:
-    """A number for every component, or an array of them; of a matrix column by column."""
+    """Return a number for every component, or an array of them; of a matrix column by column."""
     given = checks.numbers(name, value)
     if given.ndim == 0:
         given = np.full(size, float(given))
@@ -140,7 +140,7 @@ def fill(name: str, value: ArrayLike, size: int) -> FloatArray:
 
 
 def duration_bounds(phase: str, value: float | tuple[float, float]) -> tuple[float, float]:
-    """Bounds of the duration of a phase, s, from a fixed one or from (lower, upper)."""
+    """Return bounds of the duration of a phase, s, from a fixed one or from (lower, upper)."""
     low, high = value if isinstance(value, tuple | list) and len(value) == 2 else (value, value)
     low = checks.number(f"duration of phase {phase!r}", low, "s", above=0.0)
     return low, checks.number(f"upper duration of phase {phase!r}", high, "s", at_least=low)
@@ -149,7 +149,7 @@ def duration_bounds(phase: str, value: float | tuple[float, float]) -> tuple[flo
 def ordered(
     name: str, lower: ArrayLike, upper: ArrayLike, size: int, unit: str
 ) -> tuple[FloatArray, FloatArray]:
-    """Lower and upper bounds that are not crossed."""
+    """Return lower and upper bounds that are not crossed."""
     low, high = fill(f"lower {name}", lower, size), fill(f"upper {name}", upper, size)
     if np.any(low > high):
         i = int(np.argmax(low > high))
@@ -162,7 +162,7 @@ def ordered(
 def condition(
     name: str, value: Bound, size: int, unit: str
 ) -> tuple[FloatArray, FloatArray] | None:
-    """Bounds at an end; None where there are none, or where they are expressions."""
+    """Return bounds at an end; None where there are none, or where they are expressions."""
     if value is None or moving(value):
         return None
     sides: Any = value if isinstance(value, tuple) and len(value) == 2 else (value, value)
@@ -176,7 +176,7 @@ def condition(
 
 
 def positive_scale(name: str, value: ArrayLike | None, size: int) -> FloatArray:
-    """A declared scale, or one."""
+    """Return a declared scale, or one."""
     if value is None:
         return np.ones(size)
     scale = fill(f"scale of {name}", value, size)
@@ -193,7 +193,7 @@ def limit_of(
     scale: ArrayLike | None = None,
     unit: str = "",
 ) -> PathConstraint:
-    """A limit whose bounds are not crossed, with its scale if one was declared."""
+    """Return a limit whose bounds are not crossed, with its scale if one was declared."""
     expression = ca.vec(expression)
     size = expression.shape[0]
     low, high = ordered(name, lower, upper, size, unit)
@@ -208,7 +208,9 @@ def variable_of(
     final: Bound = None,
     columns: int = 1,
 ) -> Variable:
-    """A variable within a limit of its symbol; conditions that are expressions are left out."""
+    """Return a variable within a limit of its symbol; conditions that are expressions are left
+    out.
+    """
     name, symbol, unit = limit.name, limit.expression, limit.unit
     size = symbol.shape[0]
     return Variable(

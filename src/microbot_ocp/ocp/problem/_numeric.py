@@ -16,7 +16,7 @@ _KEPT: list[ca.Callback] = []  # expressions that call them do not keep them
 def numeric_function(
     function: Callable[..., object], sizes: Sequence[int] = (1,), result: int = 1
 ) -> ca.Function:
-    """A function of numbers, such as a table or a simulation, for expressions.
+    """Return a function of numbers, such as a table or a simulation, for expressions.
 
     Its derivatives are central differences, those of second order differences of differences: good
     to about 1e-6 and 1e-4, and every evaluation is a call of Python, of which an iteration needs

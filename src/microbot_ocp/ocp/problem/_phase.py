@@ -289,7 +289,7 @@ class Phase:
         return Symbol(symbol)
 
     def rate(self, control: ca.MX) -> ca.MX:
-        """Time derivative of a linear control, as a symbol for path constraints."""
+        """Return time derivative of a linear control, as a symbol for path constraints."""
         control = ca.vec(as_expression(control))
         for index, variable in enumerate(self.controls):
             if ca.is_equal(variable.symbol, control) and variable.shape == "auto":
@@ -325,7 +325,7 @@ class Phase:
         scale: ArrayLike | None = None,
         unit: str = "",
     ) -> ca.MX:
-        """The time integral of an expression since the start of the phase, as a state.
+        """Return the time integral of an expression since the start of the phase, as a state.
 
         Its bounds hold at the end of the phase, where it is the integral over the whole of it;
         there it may be used in end costs and end constraints, elsewhere as ``final`` of it.
@@ -471,7 +471,7 @@ class Phase:
     # values at other places -----------------------------------------------------------------------
 
     def initial(self, expression: ca.MX) -> ca.MX:
-        """The value at the start of the phase, for expressions of this and other phases.
+        """Return the value at the start of the phase, for expressions of this and other phases.
 
         ``expression`` is of what has a value there: states, linear controls, ``duration``, free
         parameters.
@@ -479,11 +479,11 @@ class Phase:
         return value_of(self, expression, 0.0, "at the start of")
 
     def final(self, expression: ca.MX) -> ca.MX:
-        """The value at the end of the phase, for expressions of this and other phases."""
+        """Return the value at the end of the phase, for expressions of this and other phases."""
         return value_of(self, expression, 1.0, "at the end of")
 
     def value(self, expression: ca.MX, at: float) -> ca.MX:
-        """The value at a time since the start of the phase, s, whose duration must be fixed.
+        """Return the value at a time since the start of the phase, s, whose duration must be fixed.
 
         Examples
         --------
@@ -506,7 +506,7 @@ class Phase:
     # checks ---------------------------------------------------------------------------------------
 
     def _fractions(self, label: str, at: ArrayLike) -> FloatArray:
-        """Increasing fractions [M] of the phase from times, s."""
+        """Return increasing fractions [M] of the phase from times, s."""
         times = checks.array(label, np.atleast_1d(checks.numbers(label, at)), (None,), "s")
         low, high = self.duration_bounds
         if low < high and np.any(times != 0):
@@ -524,7 +524,7 @@ class Phase:
         return times / high if low == high else times
 
     def _point_fractions(self, label: str, expression: ca.MX, at: ArrayLike | None) -> FloatArray:
-        """Where something holds: as given, or where the measurements in it were made."""
+        """Return where something holds: as given, or where the measurements in it were made."""
         expression = as_expression(expression)
         used = [m for m in self.measurements if ca.depends_on(expression, m.symbol)]
         places = [m.fractions for m in used]
@@ -549,7 +549,7 @@ class Phase:
     def _owned(
         self, limits: Sequence[PathConstraint], at: float | None = None
     ) -> list[PathConstraint]:
-        """Limits with everything that comes from elsewhere among the free parameters."""
+        """Return limits with everything that comes from elsewhere among the free parameters."""
         return [replace(k, expression=owned(self, k.expression, at)) for k in limits]
 
     def _refuse_second(

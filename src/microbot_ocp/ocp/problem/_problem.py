@@ -293,7 +293,7 @@ class OptimalControlProblem:
         self._last_of(expression).end_cost(expression)
 
     def _last_of(self, expression: ca.MX) -> Phase:
-        """The last phase that an expression knows of, or of all."""
+        """Return the last phase that an expression knows of, or of all."""
         if not self.phases:
             raise InputError(f"problem {self.name!r} has no phases")
         symbols = ca.symvar(converted(expression))
@@ -438,7 +438,7 @@ def _check_symbols(phase: Phase, used: ca.MX) -> None:
 
 
 def with_shapes(problem: OptimalControlProblem, shape: str) -> OptimalControlProblem:
-    """The problem with a shape for every control that was declared without one."""
+    """Return the problem with a shape for every control that was declared without one."""
 
     def shaped(control: Variable) -> Variable:
         return replace(control, shape=shape) if control.shape == "auto" else control
@@ -448,14 +448,14 @@ def with_shapes(problem: OptimalControlProblem, shape: str) -> OptimalControlPro
 
 
 def with_phases(problem: OptimalControlProblem, phases: Iterable[Phase]) -> OptimalControlProblem:
-    """The problem with other phases; its symbols and links stay."""
+    """Return the problem with other phases; its symbols and links stay."""
     changed = copy.copy(problem)
     changed.phases = list(phases)
     return changed
 
 
 def with_items(phase: Phase, change: Callable[[Any], Any], kinds: Iterable[str]) -> Phase:
-    """The phase with some of its lists changed item by item; symbols and expressions stay."""
+    """Give the phase with some of its lists changed item by item; symbols and expressions stay."""
     changed = copy.copy(phase)
     for kind in kinds:
         setattr(changed, kind, [change(item) for item in getattr(phase, kind)])
@@ -463,7 +463,7 @@ def with_items(phase: Phase, change: Callable[[Any], Any], kinds: Iterable[str])
 
 
 def with_values(phase: Phase, values: Mapping[str, ArrayLike]) -> Phase:
-    """The phase with other values of the parameters and measurements that are named."""
+    """Return the phase with other values of the parameters and measurements that are named."""
 
     def valued(item: Parameter) -> Parameter:
         return item.with_value(values[item.name]) if item.name in values else item
@@ -472,6 +472,6 @@ def with_values(phase: Phase, values: Mapping[str, ArrayLike]) -> Phase:
 
 
 def node_variables(phase: Phase) -> list[Variable]:
-    """States, linear controls and free parameters: what has a value at every mesh point."""
+    """Return states, linear controls and free parameters: what has a value at every mesh point."""
     linear = [c for c in phase.controls if c.shape == "linear"]
     return [*phase.states, *linear, *phase.free_parameters]

@@ -62,7 +62,7 @@ def declared_limits(
 
 
 def sides(given: Bound) -> Iterator[tuple[str, ca.MX, float, float]]:
-    """What a condition by expressions compares with, and the bounds of the difference."""
+    """Yield what a condition by expressions compares with, and the bounds of the difference."""
     if not moving(given):
         return
     given_sides: tuple[Any, ...] = given if isinstance(given, tuple) else (given,)

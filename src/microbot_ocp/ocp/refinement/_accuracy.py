@@ -72,7 +72,7 @@ class Accuracy:
         return None if self.degrees is None else Degrees(*self.degrees)
 
     def first_mesh(self, transcription: Transcription, mesh: Meshes) -> Meshes:
-        """A mesh with the degree of the scheme in every interval, where degrees are raised."""
+        """Give a mesh with the degree of the scheme in every interval, where degrees are raised."""
         hp = self.hp
         if hp is None:
             return mesh
@@ -84,7 +84,7 @@ class Accuracy:
         ]
 
     def met(self, step: RefinementStep) -> bool:
-        """Whether a mesh is good enough, but for its cost."""
+        """Return whether a mesh is good enough, but for its cost."""
         return (
             step.state_error <= self.states
             and step.switch_offset <= self.switches
@@ -92,7 +92,7 @@ class Accuracy:
         )
 
     def missing(self, step: RefinementStep) -> list[Failure]:
-        """What a mesh misses."""
+        """Return what a mesh misses."""
         use = step.worst_limit
         parts = (
             ("state error", step.state_error, self.states, ""),
@@ -107,7 +107,7 @@ class Accuracy:
         ]
 
     def stalled(self, history: Sequence[RefinementStep]) -> bool:
-        """Whether the last two meshes improved no error, switch nor limit."""
+        """Return whether the last two meshes improved no error, switch nor limit."""
         if len(history) < 3:
             return False
         before, *later = history[-3:]
@@ -122,7 +122,7 @@ class Accuracy:
         )
 
     def rises(self, history: Sequence[RefinementStep]) -> Iterator[str]:
-        """Why a finer mesh costs more than a coarser one; nothing where none does."""
+        """Yield why a finer mesh costs more than a coarser one; nothing where none does."""
         pairs = itertools.pairwise((k, step) for k, step in enumerate(history) if step.accepted)
         for (one, coarse), (other, fine) in pairs:
             if fine.cost - coarse.cost > self.rise * abs(coarse.cost):
@@ -139,7 +139,7 @@ class Accuracy:
         excess: FloatArray,
         switches: Sequence[Switch],
     ) -> Mesh:
-        """A mesh for a phase that comes nearer."""
+        """Return a mesh for a phase that comes nearer."""
         layout, hp = phase_layout(phase), self.hp
         if hp is None:
             finer = Mesh(divide_phase(phase, errors, self.states))

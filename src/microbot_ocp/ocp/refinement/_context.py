@@ -41,7 +41,7 @@ class SolveContext:
         uneven: bool = False,
         **settings: Any,
     ) -> Solution:
-        """One solve, with other settings where these are given."""
+        """Return one solve, with other settings where these are given."""
         changed = replace(self.settings, **settings)
         how = self.until, self.progress
         return solve_on(self.transcription, mesh, guess, changed, *how, uneven=uneven)

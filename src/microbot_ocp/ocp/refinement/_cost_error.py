@@ -35,7 +35,7 @@ SETTINGS = CostErrorSettings()
 
 
 def with_more_freedom(solution: Solution) -> list[Mesh]:
-    """Meshes with a degree more where all is polynomial, else with halved intervals."""
+    """Return meshes with a degree more where all is polynomial, else with halved intervals."""
     return [_freer(phase_layout(phase)) for phase in solution.phases]
 
 
@@ -51,7 +51,7 @@ def _freer(layout: PhaseLayout) -> Mesh:
 
 
 def _raises(layout: PhaseLayout) -> bool:
-    """Whether a degree more frees the controls of a phase, too."""
+    """Return whether a degree more frees the controls of a phase, too."""
     return all(c.shape == "polynomial" for c in layout.phase.controls) and all(
         isinstance(kind.scheme, Collocation) and kind.scheme.degree < SETTINGS.highest
         for kind in layout.kinds
@@ -59,7 +59,7 @@ def _raises(layout: PhaseLayout) -> bool:
 
 
 def cost_error(solution: Solution, freer: Solution) -> float:
-    """Error of the cost, relative, from a solve with more freedom."""
+    """Return error of the cost, relative, from a solve with more freedom."""
     raised = all(_raises(phase_layout(phase)) for phase in solution.phases)
     gained = abs(solution.cost - freer.cost) * (1.0 if raised else SETTINGS.halved)
     return gained / cost_size(solution.cost, solution.cost_scale)

@@ -59,7 +59,7 @@ class Degrees:
 
 
 def decay_rates(phase: PhaseSolution) -> FloatArray:
-    """Decay of the Legendre coefficients in every interval [N], in powers of ten an index.
+    """Return decay of the Legendre coefficients in every interval [N], in powers of ten an index.
 
     The slowest of all states and polynomial controls; infinite where there is nothing but rounding
     beyond the first coefficient.
@@ -90,7 +90,7 @@ def decay_rates(phase: PhaseSolution) -> FloatArray:
 
 
 def _slowest(coefficients: FloatArray) -> FloatArray:
-    """Rates [M] from coefficients [variables, M, indices]; the slowest variable counts."""
+    """Return rates [M] from coefficients [variables, M, indices]; the slowest variable counts."""
     # the largest of those that follow: odd or even ones alone may vanish
     envelope = np.maximum.accumulate(coefficients[..., ::-1], axis=-1)[..., ::-1][..., 1:]
     rates = np.full(envelope.shape[:2], np.inf)
@@ -110,7 +110,8 @@ def refine_hp(
     accuracy: float,
     degrees: Degrees,
 ) -> Mesh:
-    """A mesh for an accuracy: degrees raised where the solution is smooth, intervals divided else.
+    """Return a mesh for an accuracy: degrees raised where the solution is smooth, intervals divided
+    else.
 
     Parameters
     ----------
@@ -139,7 +140,7 @@ def refine_hp(
 def _choice(
     degree: int, error: float, rate: float, goal: float, degrees: Degrees
 ) -> tuple[int, int]:
-    """Pieces of an interval and their degree."""
+    """Return pieces of an interval and their degree."""
     if error <= goal / DIVISION.safety:
         spare = (
             error <= SETTINGS.spare * goal and rate >= SETTINGS.smooth and degree > degrees.least
@@ -155,7 +156,7 @@ def _choice(
 
 
 def degrees_on(fractions: FloatArray, mesh: Mesh) -> IntArray:
-    """Degrees of the intervals between other fractions: those of where their middles lie."""
+    """Return degrees of the intervals between other fractions: those of where their middles lie."""
     assert mesh.degrees is not None
     middles = (fractions[:-1] + fractions[1:]) / 2
     return mesh.degrees[np.searchsorted(mesh.fractions, middles) - 1]

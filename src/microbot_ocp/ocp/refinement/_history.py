@@ -104,7 +104,7 @@ class History(tuple[RefinementStep, ...]):
     __slots__ = ()
 
     def table(self) -> Table:
-        """One row a mesh."""
+        """Return one row a mesh."""
         return Table(COLUMNS, [(number, *_cells(step)) for number, step in enumerate(self)])
 
     def __str__(self) -> str:
@@ -132,7 +132,7 @@ def _cells(step: RefinementStep) -> tuple[Any, ...]:
 
 
 def step_of(solution: Solution, judgement: Judgement | None, wall_time: float) -> RefinementStep:
-    """What a mesh led to, as its judgement says; without one it was not accepted."""
+    """Return what a mesh led to, as its judgement says; without one it was not accepted."""
     layouts = [phase_layout(phase) for phase in solution.phases]
     switches = tuple(find_switches(phase) for phase in solution.phases)
     used = [

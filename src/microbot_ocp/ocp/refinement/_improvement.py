@@ -43,13 +43,13 @@ WAY = "from controls with a smaller Hamiltonian"
 
 
 def improvable(solution: Solution) -> float:
-    """What better controls would save, to first order, relative to the cost."""
+    """Return what better controls would save, to first order, relative to the cost."""
     gain, _ = verification.better_controls(solution)
     return gain / cost_size(solution.cost, solution.cost_scale)
 
 
 def improved(solution: Solution, context: SolveContext) -> tuple[Solution, list[Attempt]]:
-    """The solution, or one on its mesh that costs less, and what was tried."""
+    """Return the solution, or one on its mesh that costs less, and what was tried."""
     attempts: list[Attempt] = []
     most = min(context.settings.max_iterations, IMPROVEMENT.iterations)
     how = {"solver": "ipopt", "initial_barrier": IMPROVEMENT.barrier, "max_iterations": most}

@@ -135,7 +135,7 @@ def judged(
     accuracy: Accuracy | None = None,
     freer_cost: float = np.inf,
 ) -> tuple[Solution, bool]:
-    """The solution with the status that its judgement gives it, and whether that is final.
+    """Return the solution with the status that its judgement gives it, and whether that is final.
 
     With ``finer`` on meshes so fine that it passes and its cost does not change any more; with an
     accuracy until that is met. It is final where no other strategy would do better. An accuracy of
@@ -197,7 +197,7 @@ class _Work:
         return self.context.solve(meshes, start, solver=solver)
 
     def _below(self, saddle: Solution, starts: Beside) -> Solution:
-        """The cheaper of what solves lead to on both sides of a saddle.
+        """Return the cheaper of what solves lead to on both sides of a saddle.
 
         Where the cost falls for ever on one side that is what it is, though it did not converge.
         """
@@ -216,7 +216,9 @@ class _Work:
         return _by("from beside a saddle", replace(lowest, attempts=attempts))
 
     def _accepts(self, before: Solution, after: Solution) -> bool:
-        """Whether a solve converged; to an accuracy no gap takes the place of what has none."""
+        """Return whether a solve converged; to an accuracy no gap takes the place of what has
+        none.
+        """
         worse = after.status is Status.GAP_LEFT and before.solved and self.accuracy is not None
         return after.status in CONVERGED and not worse
 
@@ -319,7 +321,7 @@ class _Work:
         return replace(state, rounds=(*state.rounds, last)), improvable(better), []
 
     def _recorded(self, state: Course) -> Solution:
-        """The solution with all that was tried, its meshes and its part of the ledger."""
+        """Return the solution with all that was tried, its meshes and its part of the ledger."""
         first, last = state.rounds[0].solution, state.refused
         answers = [each.solution for each in state.rounds]
         history = [each.measure.step for each in state.rounds]
@@ -351,7 +353,8 @@ class _Work:
             cast("StepProgress", progress)(str(state.measure.step))
 
     def _judged(self, solution: Solution, state: Course, saved: float) -> tuple[Solution, bool]:
-        """The solution with a status and advice that says what is missing, and whether it is final.
+        """Return the solution with a status and advice that says what is missing, and whether it is
+        final.
 
         That is so, too, where only the mesh or the kind of control is missing.
         """
@@ -390,7 +393,7 @@ class _Work:
 
 
 def _of_accuracy(judged: Status, ended: Status | None, missing: Sequence[Failure]) -> Status:
-    """The status of what was refined to an accuracy."""
+    """Return the status of what was refined to an accuracy."""
     if ended is not Status.SOLVED:
         return ended or Status.INTERRUPTED
     return (
@@ -403,7 +406,7 @@ def _endless(solution: Solution) -> bool:
 
 
 def _alone(solution: Solution) -> Solution:
-    """A solution of which nothing else is known, as the only one of its history."""
+    """Return a solution of which nothing else is known, as the only one of its history."""
     spent = sum(attempt.wall_time for attempt in solution.attempts)
     return replace(solution, history=History([step_of(solution, None, spent)]))
 
@@ -413,7 +416,7 @@ def _interrupted(solution: Solution) -> Solution:
 
 
 def _by(way: str, solution: Solution) -> Solution:
-    """The solution, whose attempts say what they were for."""
+    """Return the solution, whose attempts say what they were for."""
     return replace(solution, attempts=tuple(replace(a, way=way) for a in solution.attempts))
 
 
@@ -422,7 +425,7 @@ def _intervals(meshes: Sequence[Mesh | FloatArray]) -> int:
 
 
 def _beside(solution: Solution, judgement: Judgement) -> Beside:
-    """Starts on both sides of a saddle."""
+    """Return starts on both sides of a saddle."""
     assert judgement.curvature is not None
     direction, x = judgement.curvature.direction, solution.variables
     assert direction is not None
@@ -435,7 +438,8 @@ def _beside(solution: Solution, judgement: Judgement) -> Beside:
 
 
 def _divided(solution: Solution, judgement: Judgement, *, whole: bool) -> list[FloatArray]:
-    """Intervals divided as their errors ask for; with ``whole`` every one in two, if that will do.
+    """Return intervals divided as their errors ask for; with ``whole`` every one in two, if that
+    will do.
 
     Where limits are exceeded in between they are divided further: where a control jumps a state
     leaves its limit by the step times the jump, whatever the order of the scheme.

@@ -124,7 +124,7 @@ class Refiner:
         solver: str | tuple[str, ...] | None = None,
         barrier: float | None = None,
     ) -> Solution:
-        """One solve, entered in the history."""
+        """Return one solve, entered in the history."""
         tolerance = tolerance or self.rough
         settings = replace(
             self.settings,
@@ -136,7 +136,7 @@ class Refiner:
         return self._solve(mesh, guesses, settings, warm_only=self.once)
 
     def finished(self, solution: Solution) -> Solution:
-        """A rough solution to the full tolerance and refined so further.
+        """Return a rough solution to the full tolerance and refined so further.
 
         As it is where that takes too long or does not keep the limits.
         """
@@ -227,7 +227,8 @@ class Refiner:
         return max(float(e.max()) for e in self.excess(solution))
 
     def _owed_to_excess(self, before: Solution) -> float:
-        """Share of its cost that an answer may owe to limits that it exceeds between mesh points.
+        """Return share of its cost that an answer may owe to limits that it exceeds between mesh
+        points.
 
         A motion that is slowed down by as much as it exceeds a limit of its speed keeps it; limits
         of the second derivative cost less.
@@ -238,7 +239,7 @@ class Refiner:
         return worst if worst > self.limit_tolerance else 0.0
 
     def _exceeds_grossly(self, before: Solution, after: Solution) -> bool:
-        """Whether what came of a mesh exceeds limits as what was known before does not."""
+        """Return whether what came of a mesh exceeds limits as what was known before does not."""
         return self._worst(after) > max(SETTINGS.gross, self._worst(before))
 
     def _accepts(self, before: Solution, after: Solution) -> bool:
@@ -292,7 +293,7 @@ class Refiner:
         accept: Callable[[Solution, Solution], bool],
         done: Callable[[_Rounds, list[FloatArray]], Status | None],
     ) -> Solution:
-        """The last answer of the one loop, which ends where it must or where it is done."""
+        """Return the last answer of the one loop, which ends where it must or where it is done."""
 
         def ended(rounds: _Rounds, meshes: list[FloatArray]) -> Status | None:
             if deadline.over() or not rounds[-1].solution.status.solved:
@@ -325,7 +326,7 @@ class Refiner:
         return _split_all(solution, marked)
 
     def _keeps_limits(self, rounds: _Rounds, _: list[FloatArray]) -> Status | None:
-        """Why no more is split: limits are kept, or enough, or finer meshes come no nearer."""
+        """Give why no more is split: limits are kept, or enough, or finer meshes come no nearer."""
         seen = rounds[-1].measure
         within = seen.worst <= self.limit_tolerance
         if (within and not seen.switched) or self._is_enough(rounds[-1].solution):
@@ -354,12 +355,12 @@ _Rounds = tuple[Round[Solution, _Exceeded], ...]
 
 
 def _gained(rounds: _Rounds) -> float:
-    """What the last mesh saved; infinite of the first one."""
+    """Return what the last mesh saved; infinite of the first one."""
     return rounds[-2].solution.cost - rounds[-1].solution.cost if len(rounds) > 1 else np.inf
 
 
 def _stubborn(excess: Sequence[float]) -> int:
-    """Meshes since the least excess was halved last."""
+    """Return meshes since the least excess was halved last."""
     least, last = np.inf, 0
     for number, worst in enumerate(excess):
         if worst < 0.5 * least:

@@ -103,7 +103,7 @@ Given = Mapping[str, Guess] | Solution | str | None
 
 
 def cheapest_of_starts(context: SolveContext, most: int) -> tuple[Solution | None, list[Attempt]]:
-    """The cheapest answer on a coarse mesh that any of ``most`` simulations leads to."""
+    """Return the cheapest answer on a coarse mesh that any of ``most`` simulations leads to."""
     starts = islice(_starts(context.transcription.problem, most, {}), most)
     answers = list(_solved(_Coarse(context), starts))
     attempts = [replace(a, way=WAY) for answer in answers for a in answer.attempts]
@@ -114,7 +114,7 @@ def cheapest_of_starts(context: SolveContext, most: int) -> tuple[Solution | Non
 def cheaper_elsewhere(
     solution: Solution, context: SolveContext, most: int, guess: Given = None
 ) -> tuple[Solution, list[Attempt]]:
-    """The solution, or the cheapest on its mesh that one of ``most`` other starts leads to.
+    """Return the solution, or the cheapest on its mesh that one of ``most`` other starts leads to.
 
     With what was tried, where something was found; its ``rivals`` are the other optima. ``guess``
     is what the solution was found from.
@@ -151,7 +151,9 @@ def cheaper_elsewhere(
 def _cheapest_finalist(
     solution: Solution, finalists: Sequence[Solution], context: SolveContext, worth: float
 ) -> tuple[Solution, list[Attempt]]:
-    """The cheapest of a solution and what finalists lead to on its mesh, and how it was found."""
+    """Return the cheapest of a solution and what finalists lead to on its mesh, and how it was
+    found.
+    """
     best, attempts = solution, []
     meshes = [phase.mesh for phase in solution.phases]
     for start in finalists[: COMPARISON.finalists]:
@@ -167,7 +169,7 @@ def _cheapest_finalist(
 
 
 def _distinct(answers: list[Solution], here: Solution, worth: float) -> list[Solution]:
-    """Solutions of other costs than ``here`` and each other, the cheapest first."""
+    """Return solutions of other costs than ``here`` and each other, the cheapest first."""
     distinct = [here]
     for one in sorted(answers, key=lambda k: k.cost):
         if all(abs(one.cost - k.cost) > worth for k in distinct):
@@ -176,7 +178,7 @@ def _distinct(answers: list[Solution], here: Solution, worth: float) -> list[Sol
 
 
 def on_any_mesh(guess: Given, problem: OptimalControlProblem) -> Given:
-    """A guess whose tables over the points of a mesh are functions, as if these were even."""
+    """Give a guess whose tables over the points of a mesh are functions, as if these were even."""
     if not isinstance(guess, Mapping):
         return guess
     sizes = {p.name: {v.name: v.size for v in p.variables} for p in problem.phases}
@@ -246,7 +248,7 @@ def _answers(
 def _until_they_agree(
     coarse: _Coarse, most: int, here: Solution, guess: Given
 ) -> Iterator[Solution]:
-    """Answers until as many as ``AGREE`` cost what the cheapest does, or enough was tried."""
+    """Yield answers until as many as ``AGREE`` cost what the cheapest does, or enough was tried."""
     size = cost_size(here.cost, here.cost_scale)
     costs, spent, simulations = [here.cost], 0, 0
     for answer, simulated in _answers(coarse, most, here, guess):
@@ -317,14 +319,14 @@ def _curve(
     bounds: tuple[FloatArray, FloatArray],
     s: FloatArray,
 ) -> FloatArray:
-    """A line with sines on it, within bounds [N, size]."""
+    """Return a line with sines on it, within bounds [N, size]."""
     share = np.asarray(s)[:, None]
     sines = np.sin(np.pi * share * np.arange(1, COMPARISON.waves + 1))
     return np.clip(first + (last - first) * share + sines @ waves, *bounds)
 
 
 def _ranges(solution: Solution) -> Ranges:
-    """What the controls of a solution range over."""
+    """Return what the controls of a solution range over."""
     return {
         phase.name: {
             control.name: (table.min(axis=0), table.max(axis=0))
@@ -357,7 +359,7 @@ def _starts(
 
 
 def _comparable(solution: Solution, context: SolveContext) -> tuple[_Coarse, Solution]:
-    """The coarsest program on which the answer costs about the same, and its answer there."""
+    """Give the coarsest program on which the answer costs about the same, and its answer there."""
     size = cost_size(solution.cost, solution.cost_scale)
     fewest = min(phase.mesh.size - 1 for phase in solution.phases)
     for intervals in COMPARISON.coarse:
@@ -390,11 +392,11 @@ class _Coarse:
         self.context = replace(context, transcription=transcription, settings=settings)
 
     def start(self, guess: dict[str, Guess] | Solution) -> StartingPoint:
-        """Where a solve starts from a guess."""
+        """Return where a solve starts from a guess."""
         return starting_point(self.program, self.context.transcription.problem, guess)
 
     def cost(self, guess: dict[str, Guess]) -> float:
-        """What a guess costs as it stands, or infinity."""
+        """Return what a guess costs as it stands, or infinity."""
         x = self.start(guess).x
         cost = float(self.program.functions["gradient"](x, self.program.parameters)[0])
         return cost if np.isfinite(cost) else np.inf

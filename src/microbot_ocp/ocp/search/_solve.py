@@ -219,7 +219,7 @@ def solve(
 
 
 def _ended(task: Task, best: Solution) -> Solution:
-    """The answer, with what is to be said of the search."""
+    """Return the answer, with what is to be said of the search."""
     if best.status not in ENDED and task.over:
         best = best.remarked(NOT_ALL)
     if best.solved and best.unsettled:
@@ -228,7 +228,7 @@ def _ended(task: Task, best: Solution) -> Solution:
 
 
 def default_mesh(problem: OptimalControlProblem | Transcription) -> int:
-    """Intervals of every phase: fewer where there are many."""
+    """Return intervals of every phase: fewer where there are many."""
     phases = (problem.problem if isinstance(problem, Transcription) else problem).phases
     return max(SEARCH.fewest, round(2 * SEARCH.intervals / max(len(phases), 2)))
 
@@ -306,7 +306,7 @@ class Task:
     def judged(
         self, solution: Solution, context: SolveContext, freer_cost: float = np.inf
     ) -> tuple[Solution, bool]:
-        """The solution on its way to one that passes, and whether that is final."""
+        """Return the solution on its way to one that passes, and whether that is final."""
         finer, goal = self.given is None or self.accuracy is not None, self.accuracy
         how = replace(context, settings=self.short)
         return judged(solution, how, finer=finer, accuracy=goal, freer_cost=freer_cost)
@@ -332,7 +332,7 @@ class Journal:
         self.rows.append(entry(strategy, before, after, attempts, time.perf_counter() - began))
 
     def closed(self, solution: Solution) -> Solution:
-        """A solution with all that led to it; what follows leads to another."""
+        """Return a solution with all that led to it; what follows leads to another."""
         full = replace(solution, attempts=tuple(self.attempts), ledger=Ledger.of(self.rows))
         self.attempts.clear()
         self.rows.clear()
@@ -340,7 +340,7 @@ class Journal:
 
 
 def named(strategy: str, attempts: Sequence[Attempt]) -> list[Attempt]:
-    """Attempts that say what they were for."""
+    """Return attempts that say what they were for."""
     return [replace(attempt, way=attempt.way or strategy) for attempt in attempts]
 
 
@@ -350,7 +350,8 @@ def named(strategy: str, attempts: Sequence[Attempt]) -> list[Attempt]:
 def _finished(
     task: Task, journal: Journal, strategy: Strategy, solution: Solution, start: Start
 ) -> tuple[Solution, bool]:
-    """The cheapest that an answer leads to, on meshes on which it passes, and whether it is final.
+    """Return the cheapest that an answer leads to, on meshes on which it passes, and whether it is
+    final.
 
     It is compared with what other starts lead to.
     """
@@ -375,7 +376,7 @@ def _finished(
 def _in_own_scales(
     task: Task, journal: Journal, solution: Solution, start: Start
 ) -> tuple[Solution, Start]:
-    """The solution, solved again with scales of its own where these are far from the guessed.
+    """Give the solution, solved again with scales of its own where these are far from the guessed.
 
     What is small beside its scale is not accurate, and a cost of such a scale seems to be
     settled; what is far larger may be on its way to a slope at infinity.
@@ -404,7 +405,7 @@ def _in_own_scales(
 
 
 def _swings(problem: OptimalControlProblem | Transcription, solution: Solution) -> bool:
-    """Whether controls have a value at every collocation point that nobody asked for.
+    """Return whether controls have a value at every collocation point that nobody asked for.
 
     Not where others are known to be better, which is not looked for where controls are constant.
     """
@@ -419,7 +420,7 @@ def _swings(problem: OptimalControlProblem | Transcription, solution: Solution) 
 
 
 def _with_constant_controls(task: Task, before: Solution) -> tuple[Solution, bool]:
-    """The solution with controls that are constant over every interval, where that passes.
+    """Return the solution with controls that are constant over every interval, where that passes.
 
     On a singular arc a control that is free at every collocation point may go to and fro
     between them, and owe a part of its cost to what the scheme does not see; where it jumps it

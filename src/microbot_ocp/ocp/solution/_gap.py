@@ -46,14 +46,14 @@ UNKNOWN = Gap(float("nan"), float("nan"))
 
 
 def cost_size(cost: float, scale: float) -> float:
-    """What a gap is relative to: the cost, or a share of its scale where it is less."""
+    """Return what a gap is relative to: the cost, or a share of its scale where it is less."""
     return max(abs(cost), FLAT * scale)
 
 
 def gap_of(
     bounds: Bounds, x: FloatArray, rows: FloatArray, slope: FloatArray, multipliers: FloatArray
 ) -> Gap:
-    """Gap of a point of a scaled program.
+    """Return gap of a point of a scaled program.
 
     Parameters
     ----------

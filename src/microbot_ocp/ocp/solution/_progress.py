@@ -89,7 +89,7 @@ class Watch:
     callback: ca.Callback | None = None  # which CasADi does not keep
 
     def hooked(self, options: Options, functions: Functions) -> tuple[Options, Functions]:
-        """Options and functions of a solver that let it report."""
+        """Return options and functions of a solver that let it report."""
         if self.solver == "fatrop":
             self.callback = _JacobianCall(self, functions["nlp_jac_g"])
             return options, {**functions, "nlp_jac_g": self.callback}
@@ -184,7 +184,9 @@ class _JacobianCall(ca.Callback):
 
 
 def _interrupts(problem: BaseException | None) -> bool:
-    """Whether it is a KeyboardInterrupt, or what CasADi's conversion to arrays makes of one."""
+    """Return whether it is a KeyboardInterrupt, or what CasADi's conversion to arrays makes of
+    one.
+    """
     while problem is not None and not isinstance(problem, KeyboardInterrupt):
         problem = problem.__cause__ or problem.__context__
     return problem is not None

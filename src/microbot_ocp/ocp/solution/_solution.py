@@ -121,7 +121,8 @@ class PhaseSolution:
         return table.reshape(*table.shape[:-1], columns, -1).swapaxes(-1, -2)
 
     def sample(self, t: ArrayLike) -> dict[str, FloatArray]:
-        """Every state, control and algebraic variable [M, size] at times t [M] since the start.
+        """Return every state, control and algebraic variable [M, size] at times t [M] since the
+        start.
 
         Between the mesh points it is the scheme's own interpolation.
         """
@@ -217,7 +218,7 @@ class Solution:
         return view_for(self, "table")(self)._repr_html_()
 
     def plot(self, axes: GivenAxes | None = None, **options: Any) -> DrawnAxes:
-        """States and controls over time: :func:`microbot_ocp.plots.solution`."""
+        """Return states and controls over time: :func:`microbot_ocp.plots.solution`."""
         return view_for(self, "plot")(self, axes, **options)
 
     def __getitem__(self, name: str) -> PhaseSolution:
@@ -242,13 +243,13 @@ class Solution:
         return self.outcome.text
 
     def ended(self, status: Status, *remarks: str) -> Solution:
-        """The same with another status, and remarks on it."""
+        """Return the same with another status, and remarks on it."""
         return replace(
             self, status=status, rows=Outcome.of(status).and_(*map(remark, remarks)).advice
         )
 
     def remarked(self, *remarks: str) -> Solution:
-        """The same with further remarks; empty ones are none."""
+        """Return the same with further remarks; empty ones are none."""
         return replace(self, rows=self.outcome.and_(*map(remark, filter(None, remarks))).advice)
 
     @property
@@ -262,7 +263,7 @@ class Solution:
         return bool(self.rivals) and self.agreed < max(RIVALS.agreed, RIVALS.rare * self.compared)
 
     def with_rivals_of(self, other: Solution) -> Solution:
-        """The same with what is known of the optima beside another solution."""
+        """Return the same with what is known of the optima beside another solution."""
         return replace(self, rivals=other.rivals, agreed=other.agreed, compared=other.compared)
 
     @property
@@ -277,7 +278,7 @@ class Solution:
         )
 
     def sensitivities(self) -> dict[str, dict[str, FloatArray]]:
-        """Slopes of the objective: what one more of each parameter changes, by phase and name.
+        """Give slopes of the objective: what one more of each parameter changes, by phase and name.
 
         They follow from the multipliers, without another solve, and hold as long as the same limits
         stay active. Of measurements, too. Whatever number is of interest may be a parameter:
@@ -325,7 +326,8 @@ class Solution:
         return result
 
     def shifted(self, seconds: float) -> Solution:
-        """The solution as seen some seconds later, to start the next solve of a receding horizon.
+        """Return the solution as seen some seconds later, to start the next solve of a receding
+        horizon.
 
         Of one phase of fixed duration: as the ``guess`` of a :class:`ParametricSolver` or of
         :func:`~microbot_ocp.ocp.solve` it gives values and multipliers at the times of the new
@@ -358,7 +360,7 @@ def entry(
     attempts: Sequence[Attempt],
     seconds: float,
 ) -> LedgerRow:
-    """A row of the ledger for a strategy that led from one solution to another, or to none."""
+    """Give a row of the ledger for a strategy that led from one solution to another, or to none."""
     last = before if after is None else after
     return LedgerRow(
         strategy=strategy,
@@ -372,7 +374,7 @@ def entry(
 
 
 def unpack(layouts: Sequence[PhaseLayout], x: FloatArray) -> tuple[PhaseSolution, ...]:
-    """Values by name from the scaled variables."""
+    """Return values by name from the scaled variables."""
     return tuple(_phase_values(layout, x) for layout in layouts)
 
 
@@ -405,7 +407,7 @@ def _phase_values(layout: PhaseLayout, x: FloatArray) -> PhaseSolution:
 
 
 def _in_turn(parts: Sequence[tuple[np.ndarray, FloatArray]]) -> FloatArray:
-    """Values of groups of intervals, each [M, points, size], by interval."""
+    """Return values of groups of intervals, each [M, points, size], by interval."""
     if len(parts) == 1:
         table = parts[0][1]
         return table[:, 0] if table.shape[1] == 1 else table
@@ -420,7 +422,7 @@ def _columns(variables: Sequence[Variable]) -> list[tuple[Variable, slice]]:
 
 
 def pack(program: Program, guesses: Mapping[str, Guess]) -> FloatArray:
-    """Scaled variables from a guess for every phase.
+    """Return scaled variables from a guess for every phase.
 
     Raises
     ------
@@ -469,7 +471,9 @@ def _guess_table(
     points: FloatArray,
     which: int | None = None,
 ) -> FloatArray:
-    """Guess of a variable at fractions of the phase, at a point of the scheme where it has some."""
+    """Return guess of a variable at fractions of the phase, at a point of the scheme where it
+    has some.
+    """
     label = f"guess of {variable.name!r} in phase {layout.phase.name!r}"
     if variable.name not in guess.values:
         if variable.shape in ("state", "linear", "parameter"):

@@ -35,7 +35,7 @@ def accepted(
     variable_multipliers: FloatArray,
     tolerance: float,
 ) -> Accepted | None:
-    """Multipliers that prove x within the tolerance, or None where these do not.
+    """Return multipliers that prove x within the tolerance, or None where these do not.
 
     Multipliers of inequalities stay as the solver left them, without those that are smaller than
     the distance to their limit, which a barrier leaves: they must have the right sign and vanish
@@ -74,7 +74,9 @@ def accepted(
 
 
 def _least_squares(slopes: ca.DM, given: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Multipliers of equations and fixed variables that leave least of a slope, and the rest."""
+    """Return multipliers of equations and fixed variables that leave least of a slope, and the
+    rest.
+    """
     count = slopes.shape[0]
     matrix = ca.blockcat([[ca.DM.eye(given.size), slopes.T], [slopes, -REGULAR * ca.DM.eye(count)]])
     right = ca.DM(np.concatenate([-given, np.zeros(count)]))

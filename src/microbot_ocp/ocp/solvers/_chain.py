@@ -70,7 +70,9 @@ def transcribed(
     scheme: str | Scheme = "radau",
     guess: Mapping[str, Guess] | Solution | str | None = None,
 ) -> Transcription:
-    """A transcription as it is, or that of a problem, with the scales that the settings want."""
+    """Return a transcription as it is, or that of a problem, with the scales that the settings
+    want.
+    """
     if isinstance(problem, Transcription):
         return problem
     scaled_problem = scaled(problem, guess) if settings.scaling == "auto" else problem
@@ -78,7 +80,7 @@ def transcribed(
 
 
 def with_cost_scale(program: Program, x: FloatArray, settings: SolverSettings) -> Program:
-    """The program with the scale of its cost that the settings want, seen from a start."""
+    """Return the program with the scale of its cost that the settings want, seen from a start."""
     if settings.scaling == "declared":
         return program
     return replace(program, cost_scale=cost_scale(program, x))
@@ -148,7 +150,7 @@ def run_chain(
 
 
 def _rank(status: Status) -> int:
-    """The lower, the more it says of a problem."""
+    """Return the lower, the more it says of a problem."""
     order = (Status.SOLVED, Status.INTERRUPTED, Status.INFEASIBLE, Status.ITERATION_LIMIT)
     return order.index(status) if status in order else len(order)
 

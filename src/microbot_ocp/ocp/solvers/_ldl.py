@@ -26,18 +26,18 @@ NAME = "ldl"  # as ``linear_solver`` in the options of IPOPT
 
 
 def asks_for_ldl(options: Options) -> bool:
-    """Whether the options of all solvers ask IPOPT for this one."""
+    """Return whether the options of all solvers ask IPOPT for this one."""
     return options.get("ipopt", {}).get("linear_solver") == NAME
 
 
 def without_ldl(options: Options) -> Options:
-    """The same options with IPOPT's usual linear solver."""
+    """Return the same options with IPOPT's usual linear solver."""
     usual = {k: v for k, v in options.get("ipopt", {}).items() if k != "linear_solver"}
     return {**options, "ipopt": usual}
 
 
 def as_ipopt_knows(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Options of IPOPT that may ask for this solver, with what IPOPT needs to load it."""
+    """Return options of IPOPT that may ask for this solver, with what IPOPT needs to load it."""
     if options.get("linear_solver") != NAME:
         return dict(options)
     built = library()
@@ -59,7 +59,7 @@ _known: dict[str, Path | None] = {}  # by compiler
 
 
 def library() -> Path | None:
-    """The compiled solver; None where there is no compiler, it fails, or AMD is missing."""
+    """Return the compiled solver; None where there is no compiler, it fails, or AMD is missing."""
     cc = compiler() if compiles() else None
     if cc is None:
         return None

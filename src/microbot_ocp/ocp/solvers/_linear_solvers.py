@@ -36,7 +36,9 @@ def check_linear_solver(name: Any) -> None:
 
 @cache
 def _works(name: str) -> bool:
-    """Whether IPOPT solves something by this linear solver; some end the process without it."""
+    """Return whether IPOPT solves something by this linear solver; some end the process without
+    it.
+    """
 
     def tried() -> bool:
         x = ca.MX.sym("x")

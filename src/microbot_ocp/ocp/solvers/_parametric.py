@@ -166,7 +166,7 @@ class ParametricSolver:
         self._cost_scale = with_cost_scale(self.program, start.x, self.settings).cost_scale
 
     def plot(self, axes: GivenAxes | None = None) -> DrawnAxes:
-        """Where the nonzeros of the program stand: :func:`microbot_ocp.plots.sparsity`."""
+        """Return where the nonzeros of the program stand: :func:`microbot_ocp.plots.sparsity`."""
         return view_for(self, "plot")(self, axes)
 
     def export_c(self, path: str | Path, *, solver: str = "sqp") -> Path:
@@ -248,7 +248,7 @@ class ParametricSolver:
 
 
 def _values(program: Program) -> ca.Function:
-    """Durations, states and controls from the scaled variables."""
+    """Return durations, states and controls from the scaled variables."""
     x, outputs = program.nlp["x"], {}
     for layout in program.layouts:
         places: dict[str, list[tuple[float, int, int, float]]] = {}
@@ -278,7 +278,7 @@ def _restored(state: bytes) -> ParametricSolver:
 
 
 def _with_changes(phase: Phase, changes: Mapping[str, Any]) -> Phase:
-    """A copy of a phase with the same expressions and other limits and parameters."""
+    """Return a copy of a phase with the same expressions and other limits and parameters."""
     changed, nodes = copy.copy(phase), {v.name for v in node_variables(phase)}
     for name, value in (changes["parameters"] or {}).items():
         new = partial(Parameter.with_value, value=value)
@@ -307,7 +307,9 @@ def _changed(
     new: Callable[[Any], Any],
     among: set[str] | None = None,
 ) -> Phase:
-    """The phase with what bears a name changed, in those lists of the first group that have it."""
+    """Return the phase with what bears a name changed, in those lists of the first group that
+    have it.
+    """
     there: set[str] = set()
     for group in groups:
         names = {item.name for kind in group for item in getattr(phase, kind)}
@@ -344,7 +346,7 @@ def _conditioned(phase: str, which: str, value: Any, old: Variable) -> Variable:
 def _pair(
     name: str, pair: Any, declared: tuple[FloatArray, FloatArray], unit: str
 ) -> tuple[FloatArray, FloatArray]:
-    """Bounds from a pair in which None leaves one of them as it was declared."""
+    """Return bounds from a pair in which None leaves one of them as it was declared."""
     if not isinstance(pair, tuple) or len(pair) != 2:
         raise InputError(f"bounds of {name!r} must be a pair (lower, upper), not {pair!r}")
     low, high = (old if new is None else new for new, old in zip(pair, declared, strict=True))

@@ -43,7 +43,7 @@ _OF_ROWS = ("row_multipliers", "start.rows")  # the other arrays are of the vari
 
 
 def versions() -> dict[str, str]:
-    """Versions of CasADi, numpy and Python."""
+    """Return versions of CasADi, numpy and Python."""
     return {
         "casadi": ca.CasadiMeta.version(),
         "numpy": np.__version__,
@@ -100,7 +100,7 @@ def save_solution(solution: Solution, path: str | Path) -> Path:
 
 
 def _arrays_of(solution: Solution) -> dict[str, FloatArray]:
-    """Arrays over the whole program, those that there are."""
+    """Return arrays over the whole program, those that there are."""
     start = solution.start or StartingPoint(np.zeros(0))
     arrays = {
         "row_multipliers": solution.row_multipliers,
@@ -137,7 +137,7 @@ def load_solution(
 def _read(
     path: str | Path, problem: OptimalControlProblem | Transcription | None = None
 ) -> tuple[Solution, dict[str, Any]]:
-    """A solution and the metadata of its file."""
+    """Return a solution and the metadata of its file."""
     arrays, metadata = read_archive(path, "solution", SCHEMA)
     try:
         solution = _restored(metadata, arrays, problem)
@@ -178,7 +178,7 @@ def repeat(path: str | Path, problem: OptimalControlProblem | Transcription) -> 
 
 
 def saved_with(path: str | Path) -> dict[str, Any]:
-    """Settings and versions that a solution was made with."""
+    """Return settings and versions that a solution was made with."""
     metadata = _read(path)[1]
     return {key: metadata[key] for key in ("settings", "versions")}
 
@@ -276,7 +276,7 @@ def _check_numbers(solution: Solution) -> None:
 def _as_solved(
     metadata: dict[str, Any], problem: OptimalControlProblem | Transcription
 ) -> Transcription:
-    """The problem with the data, and by the scheme, of a solve."""
+    """Return the problem with the data, and by the scheme, of a solve."""
     given = problem.problem if isinstance(problem, Transcription) else problem
     described = metadata["phases"]
     names, declared = [d["name"] for d in described], [phase.name for phase in given.phases]
@@ -312,7 +312,7 @@ def _layouts(
 
 
 def _advice(saved: Any, status: Status) -> tuple[Advice, ...]:
-    """Advice of a file, which was one text before there were rows."""
+    """Return advice of a file, which was one text before there were rows."""
     if isinstance(saved, list):
         return tuple(Advice(**row) for row in saved)
     return Outcome.of(status, str(saved or status.sentence)).advice

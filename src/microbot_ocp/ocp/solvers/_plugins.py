@@ -91,7 +91,9 @@ def create(
     watch: Watch | None = None,
     seconds: float = np.inf,
 ) -> ca.Function:
-    """A solver of a program, with its derivatives and options; IPOPT stops itself after seconds."""
+    """Return a solver of a program, with its derivatives and options; IPOPT stops itself after
+    seconds.
+    """
     common: dict[str, Any] = {
         "print_time": False,
         "calc_lam_p": False,
@@ -119,7 +121,7 @@ _OF_COST = {"lagrangian": 1, "gradient": 2, "gradient_only": 1, "hessian": 0, "h
 
 
 def _with_scaled_cost(program: Program) -> Mapping[str, ca.Function]:
-    """The functions of a program as solvers get them."""
+    """Return the functions of a program as solvers get them."""
     functions, scale = program.functions, program.cost_scale
     if scale == 1.0:
         return functions
@@ -163,7 +165,7 @@ def _fatrop(program: Program, settings: SolverSettings, _: bool) -> Plugin:
 
 
 def _finite(function: ca.Function) -> ca.Function:
-    """The function with zeros where it has no value."""
+    """Return the function with zeros where it has no value."""
     inputs, outputs = function.mx_in(), []
     for value in function.call(inputs):
         entries = value.nz[:]

@@ -122,7 +122,7 @@ class Runner:
         return self._accepted(outcome) if answer.values else outcome
 
     def _trusted(self, name: str, size: int) -> bool:
-        """Whether a solver ends by itself in time, or has all the time there is."""
+        """Return whether a solver ends by itself in time, or has all the time there is."""
         # one that is kept was made with the limit of the settings in place of that of this call
         reused = self.solvers is not None and self.progress is None
         endless = reused and not np.isfinite(self.settings.time_limit)
@@ -132,7 +132,7 @@ class Runner:
     def _solver(
         self, name: str, variant: bool, watch: Watch | None, seconds: float
     ) -> tuple[ca.Function | None, str]:
-        """A solver, the one that is kept where there is one; or why it could not be made.
+        """Return a solver, the one that is kept where there is one; or why it could not be made.
 
         One that is watched is not kept.
         """
@@ -149,7 +149,7 @@ class Runner:
     def _outcome(
         self, name: str, start: StartingPoint, answer: _Answer, watch: Watch | None, stopped: bool
     ) -> SolverOutcome:
-        """What a call left, measured again; its times are not in it yet."""
+        """Return what a call left, measured again; its times are not in it yet."""
         program, stats, result = self.program, answer.stats, answer.values
         last = start.x if watch is None or watch.x is None else watch.x
         x = last if not result or (stopped and watch is not None) else result["x"]
@@ -181,7 +181,7 @@ class Runner:
         return SolverOutcome(attempt, StartingPoint(x, rows, variables))
 
     def _accepted(self, outcome: SolverOutcome) -> SolverOutcome:
-        """The outcome, as solved where a solver stopped at what is an optimum all the same."""
+        """Give the outcome, as solved where a solver stopped at what is an optimum all the same."""
         attempt, point = outcome.attempt, outcome.point
         stopped = attempt.status in (Status.ITERATION_LIMIT, Status.FAILED)
         if not stopped or attempt.solver == "sqp":
@@ -196,7 +196,7 @@ class Runner:
 
 
 def arguments_of(program: Program, start: StartingPoint) -> dict[str, Any]:
-    """What a solver is called with."""
+    """Return what a solver is called with."""
     arguments: dict[str, Any] = {
         "x0": start.x,
         "p": program.parameters,
@@ -214,7 +214,7 @@ def arguments_of(program: Program, start: StartingPoint) -> dict[str, Any]:
 def _answered(
     solver: ca.Function, name: str, arguments: Mapping[str, Any], watch: Watch | None
 ) -> tuple[_Answer, bool]:
-    """What a solver answers, and whether Ctrl-C was pressed."""
+    """Return what a solver answers, and whether Ctrl-C was pressed."""
     with watching(name) as interrupted:
         if watch is not None:
             watch.asked = interrupted

@@ -63,7 +63,7 @@ class SolverSettings:
             check_linear_solver(self.options["ipopt"]["linear_solver"])
 
     def chain(self) -> tuple[str, ...]:
-        """Solvers to try in turn."""
+        """Return solvers to try in turn."""
         if not isinstance(self.solver, str):
             if not self.solver:
                 raise InputError("solver must name at least one solver, or be 'auto'")

@@ -20,7 +20,7 @@ FEASIBLE = 1e-4  # largest violation, scaled, at which a solver's success is bel
 def status_of(
     name: str, stats: Mapping[str, Any], settings: SolverSettings, infeasibility: float
 ) -> Status:
-    """Status from the statistics of a solver and the violation at its point."""
+    """Return status from the statistics of a solver and the violation at its point."""
     message = str(stats.get("return_status", ""))
     limit = settings.options.get(name, {}).get("max_iter", settings.max_iterations)
     if "Time" in message:  # Maximum_WallTime_Exceeded, Maximum_CpuTime_Exceeded
@@ -41,7 +41,7 @@ def status_of(
 
 
 def stats_of(solver: ca.Function) -> Mapping[str, Any]:
-    """Statistics of a solver; empty where it has none."""
+    """Return statistics of a solver; empty where it has none."""
     try:
         return solver.stats()
     except RuntimeError:  # the SQP method's, where its quadratic program had no answer
@@ -49,14 +49,16 @@ def stats_of(solver: ca.Function) -> Mapping[str, Any]:
 
 
 def first_cause(problem: BaseException) -> str:
-    """The innermost line of an error of CasADi, without the places in its source."""
+    """Return the innermost line of an error of CasADi, without the places in its source."""
     lines = [line.strip() for line in str(problem).splitlines() if line.strip()]
     rest = [line for line in lines if not line.startswith("Error in ")] or lines or [repr(problem)]
     return re.sub(r"^\S+\.\w+:\d+: | (at: /|\[\.\.\./).*$", "", rest[-1])
 
 
 def checked(program: Program, x: FloatArray) -> tuple[float, float]:
-    """Cost and largest violation of a bound or row at x, independent of what the solver reports."""
+    """Return cost and largest violation of a bound or row at x, independent of what the solver
+    reports.
+    """
     cost = float(program.functions["gradient"](x, program.parameters)[0])
     worst = float(program.violations(x, program.row_values(x)).max())
     return cost, worst if np.isfinite(cost) else np.inf

@@ -51,7 +51,7 @@ FURTHER: tuple[tuple[float, dict[str, float]], ...] = (
 
 
 def gap_at(program: Program, outcome: SolverOutcome) -> Gap:
-    """Gap of what a solver left; not a number where it is none."""
+    """Return gap of what a solver left; not a number where it is none."""
     x, lam_g, lam_x = outcome.point.x, *outcome.point.multipliers
     if not all(np.isfinite(k).all() for k in (x, lam_g, lam_x)):
         return UNKNOWN
@@ -62,12 +62,13 @@ def gap_at(program: Program, outcome: SolverOutcome) -> Gap:
 
 
 def wanted_gap(program: Program, settings: SolverSettings, cost: float) -> float:
-    """Gap that the settings allow, in the unit of the cost."""
+    """Return gap that the settings allow, in the unit of the cost."""
     return settings.gap * cost_size(cost, program.cost_scale)
 
 
 def tightened(runner: Runner, outcome: SolverOutcome) -> tuple[SolverOutcome, Gap, list[Attempt]]:
-    """An outcome as near its optimum as wanted, its gap, and the further attempts that it took.
+    """Return an outcome as near its optimum as wanted, its gap, and the further attempts that it
+    took.
 
     What did not converge stays as it is. Where the gap stays larger than wanted, that is the status
     of the last attempt. Where no gap is wanted no more is done.
@@ -102,7 +103,7 @@ def tightened(runner: Runner, outcome: SolverOutcome) -> tuple[SolverOutcome, Ga
 
 
 def _keeps_all(outcome: SolverOutcome) -> bool:
-    """Whether rows and bounds are kept to what passes."""
+    """Return whether rows and bounds are kept to what passes."""
     return outcome.attempt.infeasibility <= Thresholds().feasibility
 
 

@@ -26,7 +26,7 @@ def starting_point(
     problem: OptimalControlProblem,
     guess: Mapping[str, Guess] | Solution | str | None,
 ) -> StartingPoint:
-    """Starting point from guesses, from an earlier solution, or from nothing."""
+    """Return starting point from guesses, from an earlier solution, or from nothing."""
     if not isinstance(guess, Solution):
         return StartingPoint(pack(program, completed(problem, guess)))
     layouts = [phase.layout for phase in guess.phases]
@@ -48,12 +48,12 @@ def starting_point(
 
 
 def _alike(a: PhaseLayout, b: PhaseLayout) -> bool:
-    """Whether two layouts differ in their meshes and degrees only."""
+    """Return whether two layouts differ in their meshes and degrees only."""
     return type(a.scheme) is type(b.scheme) and _content(a) == _content(b)
 
 
 def _content(layout: PhaseLayout) -> set[tuple[str, str, int, float]]:
-    """Kind, name, component and scale of everything that a phase holds."""
+    """Return kind, name, component and scale of everything that a phase holds."""
     return {
         (entry.kind, entry.name, entry.component, entry.scale)
         for block in (*layout.rows, *layout.variables)
@@ -73,7 +73,7 @@ def _same_mesh(a: PhaseLayout, b: PhaseLayout) -> bool:
 def completed(
     problem: OptimalControlProblem, guess: Mapping[str, Guess] | str | None
 ) -> dict[str, Guess]:
-    """A guess for every phase: what is not given is the default.
+    """Return a guess for every phase: what is not given is the default.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def completed(
 
 
 def default_guess(problem: OptimalControlProblem) -> dict[str, Guess]:
-    """Straight lines between the end conditions.
+    """Return straight lines between the end conditions.
 
     What has a condition at one end keeps that value; what has none is in the middle of its bounds,
     or zero. What measurements see goes through them, and free parameters suit it.
@@ -132,7 +132,7 @@ def default_guess(problem: OptimalControlProblem) -> dict[str, Guess]:
 
 
 def _at_end(variable: Variable, which: str, otherwise: FloatArray) -> FloatArray:
-    """The middle of the condition at one end, or what else is within it and the bounds."""
+    """Return the middle of the condition at one end, or what else is within it and the bounds."""
     low, high = variable.lower, variable.upper
     condition = getattr(variable, which)
     if condition is None:
@@ -153,7 +153,7 @@ def _line(start: FloatArray, end: FloatArray, s: FloatArray) -> FloatArray:
 
 
 def guess_from(problem: OptimalControlProblem, solution: Solution) -> dict[str, Guess]:
-    """Guesses for the phases of a problem from a solution of it or of a similar one.
+    """Return guesses for the phases of a problem from a solution of it or of a similar one.
 
     Phases of the same names take over each other's values. Where the names differ, the whole
     solution is cut into as many pieces of equal duration as the problem has phases. What the
@@ -173,7 +173,7 @@ def guess_from(problem: OptimalControlProblem, solution: Solution) -> dict[str, 
 
 
 def missing_from(problem: OptimalControlProblem, solution: Solution) -> Iterator[str]:
-    """What of a problem starts from the default guess, as a solution does not have it."""
+    """Yield what of a problem starts from the default guess, as a solution does not have it."""
     for phase, pieces, _ in _taken_over(problem, solution):
         for variable in phase.variables:
             if not all(_has(piece, variable) for piece in pieces):
@@ -183,7 +183,9 @@ def missing_from(problem: OptimalControlProblem, solution: Solution) -> Iterator
 def _taken_over(
     problem: OptimalControlProblem, solution: Solution
 ) -> Iterator[tuple[Phase, Sequence[PhaseSolution], tuple[float, float]]]:
-    """Every phase with the phases of a solution that it starts from, and its share of them."""
+    """Yield every phase with the phases of a solution that it starts from, and its share of
+    them.
+    """
     solved, count = {phase.name: phase for phase in solution.phases}, len(problem.phases)
     matched = all(phase.name in solved for phase in problem.phases)
     for k, phase in enumerate(problem.phases):
@@ -200,7 +202,7 @@ def _has(piece: PhaseSolution, variable: Variable) -> bool:
 def _along(
     pieces: Sequence[PhaseSolution], name: str, share: tuple[float, float], s: FloatArray
 ) -> FloatArray:
-    """Values [M, size] of a variable at fractions [M] of a share of the pieces."""
+    """Return values [M, size] of a variable at fractions [M] of a share of the pieces."""
     edges = np.cumsum([0.0, *(piece.duration for piece in pieces)])
     t = (share[0] + s * (share[1] - share[0])) * edges[-1]
     which = np.clip(np.searchsorted(edges, t, side="right") - 1, 0, len(pieces) - 1)
@@ -233,7 +235,7 @@ def _values(piece: PhaseSolution, name: str, t: FloatArray) -> FloatArray:
 def _moved_multipliers(
     program: Program, old: Sequence[PhaseLayout], rows: FloatArray, variables: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Multipliers for a program from those of the same problem on another mesh."""
+    """Return multipliers for a program from those of the same problem on another mesh."""
     new_rows = np.zeros(program.row_lower.size)
     new_variables = np.zeros(program.variable_lower.size)
     for before, after in zip(old, program.layouts, strict=True):
@@ -265,7 +267,7 @@ def _inner_blocks(layout: PhaseLayout) -> list[Block]:
 
 
 def _series(layout: PhaseLayout, blocks: Sequence[Block]) -> Series:
-    """Everything that has the same name and stands at the same kind of point."""
+    """Return everything that has the same name and stands at the same kind of point."""
     gathered: dict[Key, list[FloatArray]] = {}
     for group, block in zip(layout.groups, blocks, strict=True):
         start, h = layout.mesh[block.intervals], np.diff(layout.mesh)[block.intervals]

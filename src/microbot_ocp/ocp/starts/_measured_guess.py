@@ -47,7 +47,7 @@ def _with_values(guess: Guess, values: Mapping[str, GuessValue]) -> Guess:
 
 
 def _states(phase: Phase, guess: Guess, points: Points) -> dict[str, GuessValue]:
-    """Guesses of the states that are seen."""
+    """Return guesses of the states that are seen."""
     states, offset = {}, 0
     for state in phase.states:
         measured = {i: points[offset + i] for i in range(state.size) if offset + i in points}
@@ -153,7 +153,7 @@ def _fitted(
 
 
 def _misfits(phase: Phase, guess: Guess, points: Points, free: Mapping[str, ca.MX]) -> list[ca.MX]:
-    """Differences of what is seen, less the integrals of its slopes, relative to its size."""
+    """Give differences of what is seen, less the integrals of its slopes, relative to its size."""
     nodes, weights = np.polynomial.legendre.leggauss(NODES)
     duration = float(guess.duration or 1.0)
     slopes = ca.vertcat(*(phase.derivatives[s.name] for s in phase.states))

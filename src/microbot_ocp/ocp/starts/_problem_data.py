@@ -31,7 +31,7 @@ def problem_data(layout: PhaseLayout) -> dict[str, Any]:
 
 
 def with_problem_data(phase: Phase, data: Mapping[str, Any]) -> Phase:
-    """A phase with the same expressions and the data of another solve of it.
+    """Return a phase with the same expressions and the data of another solve of it.
 
     Raises
     ------

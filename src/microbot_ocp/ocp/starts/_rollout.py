@@ -49,7 +49,7 @@ Share = float | np.random.Generator  # of the range of a control; at random
 def rollouts(
     problem: OptimalControlProblem, ordinary: Mapping[str, Guess]
 ) -> list[dict[str, Guess]]:
-    """Guesses whose states follow the dynamics under constant controls.
+    """Return guesses whose states follow the dynamics under constant controls.
 
     Controls without bounds are zero; the others are at one share of their ranges. The first guess
     is the one in which states stay nearest to their bounds and come nearest to the conditions at
@@ -104,7 +104,7 @@ class Rollouts:
         steps: bool = False,
         cost: Callable[[dict[str, Guess]], float] | None = None,
     ) -> list[dict[str, Guess]]:
-        """Guesses as of :func:`rollouts`; none where everything grows out of proportion.
+        """Return guesses as of :func:`rollouts`; none where everything grows out of proportion.
 
         With ``steps`` controls that change once, in the middle of every phase, are tried as well.
         Of those that are as near the cheapest comes first where ``cost`` tells it.
@@ -117,7 +117,7 @@ class Rollouts:
         return [guess for guess, _ in pairs]
 
     def of_any_duration(self) -> list[dict[str, Guess]]:
-        """The nearest of durations from the lowest to the highest, three times as long each.
+        """Return the nearest of durations from the lowest to the highest, three times as long each.
 
         Where durations are fixed all of :meth:`nearest_first`.
         """
@@ -136,7 +136,7 @@ class Rollouts:
     def _nearest(
         self, durations: Mapping[str, float], *, steps: bool
     ) -> list[tuple[dict[str, Guess], float]]:
-        """Guesses with how far they are, the nearest first."""
+        """Return guesses with how far they are, the nearest first."""
         pairs = [(share, share) for share in SETTINGS.levels] + list(
             SETTINGS.steps if steps else ()
         )
@@ -161,7 +161,9 @@ class Rollouts:
         shares: tuple[Share, Share],
         change: int = SETTINGS.middle,
     ) -> tuple[dict[str, Guess], float]:
-        """Guesses, and how far they are from bounds and conditions, relative to their sizes."""
+        """Return guesses, and how far they are from bounds and conditions, relative to their
+        sizes.
+        """
         guesses, miss = {}, 0.0
         links = {link.after: link.names for link in self.problem.links}
         last: dict[str, FloatArray] = {}
@@ -203,7 +205,7 @@ class Rollouts:
 
 
 def _range(control: Variable, ranges: Mapping[str, Range]) -> Range:
-    """Bounds of a control; where they are infinite what is known of it, within the others."""
+    """Give bounds of a control; where they are infinite what is known of it, within the others."""
     low, high = ranges.get(control.name, (control.lower, control.upper))
     return (
         np.where(np.isfinite(control.lower), control.lower, low),
@@ -274,7 +276,7 @@ class _Integrators:
         duration: float,
         change: int,
     ) -> FloatArray:
-        """States [POINTS, n]; from where the integrator stops they keep their values."""
+        """Return states [POINTS, n]; from where the integrator stops they keep their values."""
         x, z = np.concatenate([start[s.name] for s in self.phase.states]), self.z
         table = np.tile(x, (POINTS, 1))
         first = 0
@@ -302,7 +304,7 @@ class _Integrators:
         count: int,
         given: FloatArray,
     ) -> FloatArray:
-        """The table, filled in pieces until the integrator stops."""
+        """Return the table, filled in pieces until the integrator stops."""
         for k in range(first, first + count):
             given[0] = GRID[k]
             try:

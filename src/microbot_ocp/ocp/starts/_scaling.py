@@ -71,7 +71,7 @@ SETTINGS = ScalingSettings()
 def scaled(
     problem: OptimalControlProblem, guess: Mapping[str, Guess] | Solution | str | None = None
 ) -> OptimalControlProblem:
-    """The problem with a scale for everything that was declared without.
+    """Return the problem with a scale for everything that was declared without.
 
     Parameters
     ----------
@@ -128,7 +128,8 @@ def scaled(
 
 
 def cost_scale(program: Program, x: FloatArray) -> float:
-    """What to divide the cost by, so that it changes by ten when all scaled variables do by one.
+    """Return what to divide the cost by, so that it changes by ten when all scaled variables do by
+    one.
 
     A barrier of the size of the tolerance at every limit is then still small, compared with the
     cost.
@@ -137,7 +138,7 @@ def cost_scale(program: Program, x: FloatArray) -> float:
 
 
 def cost_change(program: Program, x: FloatArray) -> float:
-    """How far the cost changes when all scaled variables change by one.
+    """Return how far the cost changes when all scaled variables change by one.
 
     Looked at at the start and a little beside it, where a quadratic cost has a slope.
     """
@@ -150,7 +151,7 @@ def cost_change(program: Program, x: FloatArray) -> float:
 
 
 def _rounded(size: FloatArray, band: float = SETTINGS.band) -> FloatArray:
-    """Powers of ten; one where a size is near it, or unknown."""
+    """Return powers of ten; one where a size is near it, or unknown."""
     positive = np.isfinite(size) & (size > 0)
     size = np.where(positive, size, 1.0)
     near = (size >= 1 / band) & (size <= band)
@@ -238,7 +239,7 @@ class _Look:
             self.sizes = {v.name: part for v, part in zip(self.variables, parts, strict=True)}
 
     def scaled(self, scales: Mapping[str, FloatArray]) -> Phase:
-        """The phase with these scales of its variables, and those of constraints for them."""
+        """Give the phase with these scales of its variables, and those of constraints for them."""
         self.sizes = dict(scales)
         changed = with_items(self.phase, lambda v: replace(v, scale=scales[v.name]), VARIABLES)
         changed = with_items(changed, lambda c: replace(c, scale=self._limit_scale(c)), LIMITS)
@@ -246,7 +247,7 @@ class _Look:
         return changed
 
     def _limit_scale(self, limit: PathConstraint) -> FloatArray:
-        """How far a constraint changes when the variables change by their scales."""
+        """Return how far a constraint changes when the variables change by their scales."""
         if isinstance(limit, PointConstraint) and limit.defines:
             return self.sizes[limit.defines]
         if limit.scaled:
@@ -263,7 +264,9 @@ class _Look:
     def _evaluated(
         self, expression: ca.MX, *, rates: bool = False
     ) -> tuple[FloatArray, FloatArray]:
-        """An expression [M, rows] and its slopes [M, rows, columns] at the guess and around it."""
+        """Return an expression [M, rows] and its slopes [M, rows, columns] at the guess and
+        around it.
+        """
         random, phase = np.random.default_rng(0), self.phase
         values, speeds, count = {}, {}, SETTINGS.points
         for v in self.variables:
@@ -291,7 +294,7 @@ class _Look:
 
 
 def _size(variable: Variable, guess: FloatArray | None) -> FloatArray:
-    """Size of a variable by what was declared and guessed; NaN where neither gives one."""
+    """Return size of a variable by what was declared and guessed; NaN where neither gives one."""
     sizes = [np.zeros(variable.size)]
     bounded = np.isfinite(variable.lower) & np.isfinite(variable.upper)
     bounds = np.where(bounded, np.fmax(np.abs(variable.lower), np.abs(variable.upper)), np.nan)
@@ -311,7 +314,9 @@ def _size(variable: Variable, guess: FloatArray | None) -> FloatArray:
 
 
 def _typical(table: FloatArray) -> FloatArray:
-    """Upper quartile over the points of what is finite: half of them may stand on a bound at 0."""
+    """Return upper quartile over the points of what is finite: half of them may stand on a
+    bound at 0.
+    """
     finite = np.isfinite(table)
     filled = np.where(finite, table, np.where(finite.any(axis=0), np.nan, 0.0))
     return np.nanpercentile(filled, 75, axis=0)

@@ -76,12 +76,12 @@ class Program(Bounds):
         return tuple(np.concatenate(parts) for parts in sizes)
 
     def time_of(self, label: Label, x: FloatArray) -> float:
-        """When a row or variable stands at x, s since the start of its phase."""
+        """Return when a row or variable stands at x, s since the start of its phase."""
         layout = next(k for k in self.layouts if k.phase.name == label.phase)
         return layout.place_of(label) * float(x[layout.nodes[0, -1]] * layout.node_scale[-1])
 
     def row_values(self, x: FloatArray) -> FloatArray:
-        """Values of all rows at x, scaled."""
+        """Return values of all rows at x, scaled."""
         return np.array(self.functions["jacobian"](x, self.parameters)[0]).ravel()
 
 
@@ -202,14 +202,14 @@ class _Piece:
     constants: ca.MX
 
     def called(self, order: int, *more: ca.MX) -> list[ca.MX]:
-        """Outputs of a kernel for all stages or points at once."""
+        """Return outputs of a kernel for all stages or points at once."""
         kernel, count = self.kernels[order], self.rows.shape[0]
         threads = self.v.size1() >= LARGE_STAGE and count >= MANY_STAGES and spare_processor()
         mapped = kernel.map(count, "thread", 2) if threads else kernel.map(count)
         return mapped.call([self.v, self.constants, *more])
 
     def values(self, rows: _Entries) -> ca.MX:
-        """Cost; rows are added to those of the program."""
+        """Return cost; rows are added to those of the program."""
         *parts, cost = self.called(0)
         if self.arrivals.size:
             parts[0] = self.arrived - parts[0]
@@ -217,7 +217,7 @@ class _Piece:
         return ca.sum2(cost)
 
     def first_order(self, rows: _Entries, gradient: _Entries, jacobian: _Entries) -> ca.MX:
-        """Cost; rows, its gradient and the Jacobian are added to those of the program."""
+        """Return cost; rows, its gradient and the Jacobian are added to those of the program."""
         both, block, cost, slope = self.called(1)
         at, column = _triplet(self.kernels[1], 1)
         entries, steps = block.nz[:], self.arrivals.shape[1]
@@ -239,7 +239,9 @@ class _Piece:
 
 
 def _conditions(layout: PhaseLayout) -> Iterator[tuple[np.ndarray, np.ndarray, FloatArray]]:
-    """Linear rows of a phase: where they stand, of which variables they are, and their factors."""
+    """Yield linear rows of a phase: where they stand, of which variables they are, and their
+    factors.
+    """
     for block, node in ((layout.initial, 0), (layout.final, -1)):
         columns = layout.nodes[node, layout.node_columns(block)]
         yield block.places[0], columns, np.ones(columns.size)
@@ -248,7 +250,7 @@ def _conditions(layout: PhaseLayout) -> Iterator[tuple[np.ndarray, np.ndarray, F
 
 
 def _pieces(layout: PhaseLayout, x: ca.MX, constants: ca.MX) -> list[_Piece]:
-    """Points of a phase, then its stages, as expressions of all variables."""
+    """Return points of a phase, then its stages, as expressions of all variables."""
     pieces, nodes = [], layout.nodes
     grid = np.vstack([layout.mesh[:-1], np.diff(layout.mesh)])
     fixed = constants[: layout.parameters.size]
@@ -284,11 +286,11 @@ def _pieces(layout: PhaseLayout, x: ca.MX, constants: ca.MX) -> list[_Piece]:
 
 
 def _gathered(x: ca.MX, places: np.ndarray) -> ca.MX:
-    """Entries of x: a column for every row of places [M, ...]."""
+    """Return entries of x: a column for every row of places [M, ...]."""
     return ca.reshape(x[places.ravel().tolist()], places.shape[1], places.shape[0])
 
 
 def _triplet(function: ca.Function, output: int) -> tuple[np.ndarray, np.ndarray]:
-    """Rows and columns of the nonzeros of one output, in storage order."""
+    """Return rows and columns of the nonzeros of one output, in storage order."""
     rows, columns = function.sparsity_out(output).get_triplet()
     return np.asarray(rows, dtype=int), np.asarray(columns, dtype=int)

@@ -46,7 +46,7 @@ class Composition:
 
 
 def divided(stage: ca.Function) -> Composition | None:
-    """The stage around the heavy functions that it calls, or None where there are none."""
+    """Return the stage around the heavy functions that it calls, or None where there are none."""
     v, c = stage.mx_in()
     results = ca.cse(list(stage.call([v, c], True, False)))
     heavy = _heavy_calls(results)
@@ -79,7 +79,7 @@ HeavyCalls = list[tuple[ca.Function, list[tuple[ca.MX, list[ca.MX]]]]]
 
 
 def _heavy_calls(expressions: Sequence[ca.MX]) -> HeavyCalls:
-    """Heavy functions that expressions call: every call with those outputs that are used."""
+    """Return heavy functions that expressions call: every call with those outputs that are used."""
     calls: dict[int, dict[int, tuple[ca.MX, list[ca.MX]]]] = {}
     functions: dict[int, ca.Function] = {}
     seen: set[int] = set()
@@ -112,7 +112,7 @@ def automatic(function: ca.Function) -> None:
 def composed_derivatives(
     stage: Composition, derivatives: Derivatives = automatic
 ) -> tuple[ca.Function | None, ca.Function, ca.Function]:
-    """The stage, Jacobian and Hessian of a stage, as those of one that is not divided.
+    """Return the stage, Jacobian and Hessian of a stage, as those of one that is not divided.
 
     The stage itself is None where it is no faster than the undivided one.
     """
@@ -129,7 +129,7 @@ def composed_derivatives(
 
 
 def _composed_stage(stage: Composition, values: Sequence[ca.Function]) -> ca.Function:
-    """``(v, c) -> next, rows, cost``."""
+    """Return ``(v, c) -> next, rows, cost``."""
     v, c = stage.outer.mx_in()[:2]
     results = []
     for calls, function in zip(stage.calls, values, strict=True):
@@ -140,7 +140,7 @@ def _composed_stage(stage: Composition, values: Sequence[ca.Function]) -> ca.Fun
 
 
 def _composed_jacobian(stage: Composition, first: Sequence[ca.Function]) -> ca.Function:
-    """``(v, c) -> [next; rows], their Jacobian, cost, its gradient``, all by v."""
+    """Return ``(v, c) -> [next; rows], their Jacobian, cost, its gradient``, all by v."""
     v, c = stage.outer.mx_in()[:2]
     w, through = _results(stage, first, v, c)
     sv, sc, sw = stage.outer.sx_in()
@@ -156,7 +156,9 @@ def _composed_jacobian(stage: Composition, first: Sequence[ca.Function]) -> ca.F
 def _composed_hessian(
     stage: Composition, first: Sequence[ca.Function], second: Sequence[ca.Function]
 ) -> ca.Function:
-    """``(v, c, lam, sigma) -> H``: of sigma times the cost plus lam times [-next; rows], by v."""
+    """Return ``(v, c, lam, sigma) -> H``: of sigma times the cost plus lam times [-next; rows],
+    by v.
+    """
     v, c = stage.outer.mx_in()[:2]
     lam = ca.MX.sym("lam", stage.outer.size1_out(0) + stage.outer.size1_out(1))
     sigma = ca.MX.sym("sigma")
@@ -202,7 +204,7 @@ def _below(matrix: ca.MX, calls: Calls) -> list[ca.MX]:
 def _results(
     stage: Composition, first: Sequence[ca.Function], v: ca.MX, c: ca.MX
 ) -> tuple[ca.MX, ca.MX]:
-    """Results w of all calls, and their derivatives by v."""
+    """Return results w of all calls, and their derivatives by v."""
     results, through = [], []
     for calls, function in zip(stage.calls, first, strict=True):
         arguments, slopes = _slopes(calls)(v, c)
@@ -214,7 +216,9 @@ def _results(
 
 
 def _slopes(calls: Calls) -> ca.Function:
-    """``(v, c) -> A [a, K]``, and its derivatives by v, those of every column below the last."""
+    """Return ``(v, c) -> A [a, K]``, and its derivatives by v, those of every column below the
+    last.
+    """
     v, c = calls.arguments.sx_in()
     arguments = calls.arguments(v, c)
     slopes = ca.jacobian(ca.vec(arguments), v)
@@ -222,7 +226,7 @@ def _slopes(calls: Calls) -> ca.Function:
 
 
 def _light_hessian(stage: Composition) -> tuple[ca.Function, ca.Function]:
-    """``(v, c, w, lam, sigma) -> weights of w``, and with the gradients of all calls besides
+    """Return ``(v, c, w, lam, sigma) -> weights of w``, and with the gradients of all calls besides
     second derivatives by v, by v and w, by w.
     """
     v, c, w = stage.outer.sx_in()
@@ -242,7 +246,7 @@ def _light_hessian(stage: Composition) -> tuple[ca.Function, ca.Function]:
 
 
 def _at_every_call(function: ca.Function, arguments: ca.MX, *more: ca.MX) -> list[ca.MX]:
-    """Outputs side by side for every column of the arguments."""
+    """Return outputs side by side for every column of the arguments."""
     count = function.n_in() - len(more)
     edges = _edges([function.size1_in(k) for k in range(count)])
     parts = [arguments[a:b, :] for a, b in itertools.pairwise(edges)]

@@ -90,14 +90,14 @@ def _constant(phase: Phase) -> list[Variable]:
 
 
 def stage_variables(phase: Phase, scheme: Scheme) -> list[StageVariable]:
-    """What w holds: constant controls, linear controls at the end, what the scheme needs."""
+    """Return what w holds: constant controls, linear controls at the end, what the scheme needs."""
     constant = [StageVariable(v, 0.5) for v in _constant(phase)]
     linear = [StageVariable(v, 1.0) for v in _linear(phase)]
     return [*constant, *linear, *scheme.variables(phase)]
 
 
 def interpolated_variables(phase: Phase) -> list[Variable]:
-    """What has values all along an interval: states, constant and linear controls, free
+    """Return what has values all along an interval: states, constant and linear controls, free
     parameters, polynomial controls, algebraic variables."""
     ordered = [*phase.states, *_constant(phase), *_linear(phase), *phase.free_parameters]
     return [*ordered, *pointwise(phase)]
@@ -111,7 +111,7 @@ def with_derivatives(
     compositions: Sequence[Composition | None] = (None,),
     derivatives: Derivatives = automatic,
 ) -> Sequence[ca.Function]:
-    """The stage function, then those of points, each with its Jacobian and Hessian.
+    """Return the stage function, then those of points, each with its Jacobian and Hessian.
 
     Points are divided only where that leaves no derivative to be written out: those of 426
     distances at the end of a phase took 5 s of processor time.
@@ -136,7 +136,7 @@ def build_kernels(
     scheme: Scheme,
     derive: Derive = with_derivatives,
 ) -> Kernels:
-    """Kernels of a phase, expanded to scalar graphs where its expressions allow it."""
+    """Return kernels of a phase, expanded to scalar graphs where its expressions allow it."""
     physics = _Physics(phase, duration_scale)
     inner, node_scale = stage_variables(phase, scheme), physics.node_scale
     scale = np.concatenate([node_scale, *(k.source.scale for k in inner)])
@@ -237,7 +237,7 @@ class _Physics:
 def _interval(
     physics: _Physics, unscaled: ca.MX, c: ca.MX, inner: Sequence[StageVariable]
 ) -> tuple[Interval, list[ca.MX]]:
-    """Symbols of the interval, and the values that its scheme asked for."""
+    """Return symbols of the interval, and the values that its scheme asked for."""
     phase, sizes = physics.phase, [k.source.size for k in inner]
     node = (phase.states, _linear(phase), phase.free_parameters)
     head = [*(sum(v.size for v in variables) for variables in node), 1]
@@ -290,7 +290,7 @@ def _path_rows(
 
 
 def _split(table: ca.MX, variables: Sequence[Variable]) -> list[ca.MX]:
-    """Parts of a column, one a variable."""
+    """Return parts of a column, one a variable."""
     return ca.vertsplit(table, np.cumsum([0, *(v.size for v in variables)]).tolist())
 
 
@@ -301,7 +301,7 @@ def _holds(
     inner: Sequence[float],
     points: Sequence[float],
 ) -> bool:
-    """Whether a path constraint is kept at a point of the interval."""
+    """Return whether a path constraint is kept at a point of the interval."""
     if _depends(expression, [v.symbol for v in pointwise(phase)]):
         return point in points  # it has no value elsewhere
     moving = [phase.time, *(v.symbol for v in (*phase.states, *_linear(phase)))]
@@ -314,7 +314,9 @@ def _holds(
 
 
 def _end(physics: _Physics) -> PointKernel:
-    """Cost, end constraints and continuous path constraints at the end, not differentiated yet."""
+    """Return cost, end constraints and continuous path constraints at the end, not
+    differentiated yet.
+    """
     phase = physics.phase
     z, c, at_end = _node(physics)
     no_rate = ca.MX.zeros(sum(v.size for v in _linear(phase)))
@@ -333,7 +335,7 @@ def _end(physics: _Physics) -> PointKernel:
 
 
 def _points(physics: _Physics) -> list[PointKernel]:
-    """What is demanded or costs at given times, one a declaration, not differentiated yet."""
+    """Give what is demanded or costs at given times, one a declaration, not differentiated yet."""
     phase, kernels = physics.phase, []
     for item in (*phase.point_constraints, *phase.point_costs):
         data = [m for m in phase.measurements if ca.depends_on(item.expression, m.symbol)]
@@ -353,7 +355,7 @@ def _points(physics: _Physics) -> list[PointKernel]:
 
 
 def _node(physics: _Physics, data: int = 0) -> tuple[ca.MX, ca.MX, list[ca.MX]]:
-    """Scaled z and constants of a mesh point, and the arguments of functions of points."""
+    """Return scaled z and constants of a mesh point, and the arguments of functions of points."""
     phase = physics.phase
     z = ca.MX.sym("z", physics.node_scale.size)
     size = physics.constants.shape[0]
@@ -375,26 +377,28 @@ def _depends(expression: ca.MX, symbols: Sequence[ca.MX]) -> bool:
 
 
 def _continuous(phase: Phase, expression: ca.MX) -> bool:
-    """Whether an expression has a value at a mesh point: the same on both its sides."""
+    """Return whether an expression has a value at a mesh point: the same on both its sides."""
     local = [v.symbol for v in pointwise(phase)]
     return not _depends(expression, local) and not _jumps(phase, expression)
 
 
 def _jumps(phase: Phase, expression: ca.MX) -> bool:
-    """Whether an expression may differ on the two sides of a mesh point."""
+    """Return whether an expression may differ on the two sides of a mesh point."""
     symbols = [k.symbol for k in _constant(phase)]
     symbols += [k.rate for k in _linear(phase) if k.rate is not None]
     return _depends(expression, symbols)
 
 
 def _as_stage(point: ca.Function) -> ca.Function:
-    """A point with an empty next mesh point before its rows."""
+    """Return a point with an empty next mesh point before its rows."""
     given: Any = point.mx_in()
     return ca.Function(point.name(), given, [ca.MX(0, 1), *point.call(given, True, False)])
 
 
 def _expanded(function: ca.Function) -> ca.Function:
-    """The function as one scalar graph without repeated work, where its calls have such a graph."""
+    """Return the function as one scalar graph without repeated work, where its calls have such
+    a graph.
+    """
     try:
         scalar = function.expand()
     except RuntimeError:  # interpolants and compiled functions have none: stay with MX
@@ -411,7 +415,7 @@ def _without_repeats(function: ca.Function) -> ca.Function:
 
 
 def _derivatives(function: ca.Function) -> tuple[ca.Function, ca.Function, ca.Function]:
-    """A function of a stage or of points with its Jacobian and Hessian."""
+    """Return a function of a stage or of points with its Jacobian and Hessian."""
     symbols: Any = function.sx_in() if function.is_a("SXFunction") else function.mx_in()
     v, c = symbols
     *parts, cost = function(v, c)

@@ -73,7 +73,7 @@ class StageKind:
 
 
 def stage_kind(phase: Phase, scheme: Scheme, duration_scale: float, derive: Derive) -> StageKind:
-    """Stages of a phase by one scheme, with what their kernels hold."""
+    """Return stages of a phase by one scheme, with what their kernels hold."""
     inner = stage_variables(phase, scheme)
     kernels = build_kernels(phase, duration_scale, scheme, derive)
     node: list[TableEntry] = []
@@ -254,12 +254,12 @@ class PhaseLayout:
         )
 
     def node_columns(self, block: Block) -> list[int]:
-        """Components of z that the rows of a block, such as the start conditions, are of."""
+        """Return components of z that the rows of a block, such as the start conditions, are of."""
         node = [(entry.source, entry.component) for entry in self.groups[0].kind.node]
         return [node.index((entry.source, entry.component)) for entry in block.entries]
 
     def place_of(self, label: Label) -> float:
-        """Where a row or variable of the phase stands, as a fraction of the phase."""
+        """Return where a row or variable of the phase stands, as a fraction of the phase."""
         if label.interval == self.intervals:
             return 1.0
         start, end = self.mesh[label.interval : label.interval + 2]
@@ -276,7 +276,7 @@ class PhaseLayout:
         return joined([self.parameters, *(m.value.ravel() for m in self.phase.measurements)])
 
     def point_places(self, group: PointGroup) -> IntArray:
-        """What of ``data`` the kernel of some points gets besides the fraction [..., M]."""
+        """Return what of ``data`` the kernel of some points gets besides the fraction [..., M]."""
         count, parameters = group.nodes.size, self.parameters.size
         places_of_data = [np.tile(np.arange(parameters)[:, None], (1, count))]
         offset = parameters
@@ -288,11 +288,11 @@ class PhaseLayout:
         return np.vstack(places_of_data)
 
     def point_constants(self, group: PointGroup) -> FloatArray:
-        """Second argument of the kernel of some points [..., M]."""
+        """Return second argument of the kernel of some points [..., M]."""
         return np.vstack([self.mesh[group.nodes], self.data[self.point_places(group)]])
 
     def constants(self, intervals: IntArray) -> FloatArray:
-        """Second argument of the kernels, for some intervals [..., M]."""
+        """Return second argument of the kernels, for some intervals [..., M]."""
         fixed = self.parameters
         return np.vstack(
             [
@@ -303,13 +303,15 @@ class PhaseLayout:
         )
 
     def table(self, stages: FloatArray, group: StageGroup) -> FloatArray:
-        """Scaled (z, w) of the stages of a group [M, ...] from those of all stages, in turn."""
+        """Return scaled (z, w) of the stages of a group [M, ...] from those of all stages, in
+        turn.
+        """
         return stages[group.variables - self.stages.start]
 
     def interpolated(
         self, stages: FloatArray, intervals: IntArray, share: FloatArray
     ) -> dict[str, FloatArray]:
-        """States, controls and algebraic variables [M, size], in their declared units.
+        """Return states, controls and algebraic variables [M, size], in their declared units.
 
         In some intervals [M], at fractions [M] of them, by the interpolation of the scheme;
         polynomial controls are kept within their bounds: :func:`within_bounds`.
@@ -331,7 +333,7 @@ class PhaseLayout:
 
 
 def _within_bounds(phase: Phase, kind: StageKind, table: FloatArray) -> FloatArray:
-    """Scaled (z, w) [M, ...] whose polynomial controls keep their bounds all along."""
+    """Return scaled (z, w) [M, ...] whose polynomial controls keep their bounds all along."""
     limited, sources = table.copy(), [entry.source for entry in kind.variables]
     for index, variable in enumerate(phase.controls):
         if variable.shape != "polynomial":
@@ -476,7 +478,7 @@ class Bounds:
         return np.concatenate([self.row_upper, self.variable_upper])
 
     def violations(self, x: FloatArray, rows: FloatArray) -> FloatArray:
-        """How far the rows, then the variables, are beyond their bounds, scaled.
+        """Return how far the rows, then the variables, are beyond their bounds, scaled.
 
         Infinite where a value is not finite.
         """
@@ -486,7 +488,7 @@ class Bounds:
 
 
 def bounds_of(layouts: Sequence[PhaseLayout]) -> Bounds:
-    """Bounds as the phases declare them."""
+    """Return bounds as the phases declare them."""
     variables = np.zeros((2, sum(layout.variable_count for layout in layouts)))
     rows = np.zeros((2, sum(layout.row_count for layout in layouts)))
     for layout in layouts:
@@ -504,12 +506,12 @@ def bounds_of(layouts: Sequence[PhaseLayout]) -> Bounds:
 
 
 def row_labels(layouts: Sequence[PhaseLayout]) -> list[Label]:
-    """What every row of a program is."""
+    """Return what every row of a program is."""
     return _labels({layout.phase.name: layout.rows for layout in layouts})
 
 
 def variable_labels(layouts: Sequence[PhaseLayout]) -> list[Label]:
-    """What every variable of a program is."""
+    """Return what every variable of a program is."""
     return _labels({layout.phase.name: layout.variables for layout in layouts})
 
 

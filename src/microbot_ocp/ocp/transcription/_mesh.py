@@ -60,12 +60,12 @@ Meshes = Sequence[MeshLike] | MeshLike  # one a phase, or one for all
 
 
 def mesh_of(given: MeshLike) -> Mesh:
-    """A mesh from a number of intervals, from fractions, or as it is."""
+    """Return a mesh from a number of intervals, from fractions, or as it is."""
     return given if isinstance(given, Mesh) else Mesh(given)
 
 
 def with_points(mesh: Mesh, fractions: Sequence[float]) -> Mesh:
-    """The mesh with some fractions among its points.
+    """Return the mesh with some fractions among its points.
 
     The nearest point of its own moves there, where it is nearer than half of the shorter interval
     beside it; otherwise there is one more. Chosen degrees stay those of the intervals.

@@ -128,7 +128,7 @@ class Block:
 def entries_of(
     phase: Phase, kind: str, item: Variable | PathConstraint, fraction: float = 0.0
 ) -> list[TableEntry]:
-    """An entry for every component of a variable or constraint of a phase."""
+    """Return an entry for every component of a variable or constraint of a phase."""
     source = next(
         (name, items.index(item)) for name in _LISTS if item in (items := getattr(phase, name))
     )
@@ -140,7 +140,7 @@ def entries_of(
 
 
 def conditions_of(phase: Phase, which: str, node: Sequence[TableEntry]) -> tuple[TableEntry, ...]:
-    """Entries of what has a condition at the start ("initial") or end ("final") of a phase."""
+    """Give entries of what has a condition at the start ("initial") or end ("final") of a phase."""
     conditions = [replace(entry, kind=which) for entry in node if _item(phase, entry) is not None]
     return tuple(
         entry
@@ -151,7 +151,7 @@ def conditions_of(phase: Phase, which: str, node: Sequence[TableEntry]) -> tuple
 
 
 def limits_of(phase: Phase, entries: Sequence[TableEntry]) -> tuple[FloatArray, FloatArray]:
-    """Lower and upper limits of entries as a phase declares them, divided by their scales."""
+    """Give lower and upper limits of entries as a phase declares them, divided by their scales."""
     pairs = np.array([_pair(phase, entry) for entry in entries]).reshape(-1, 2)
     low, high = pairs.T / np.array([entry.scale for entry in entries])
     return low, high

@@ -50,7 +50,8 @@ class Guess:
 
 
 def guess_table(value: GuessValue, size: int, fractions: FloatArray) -> FloatArray:
-    """A guess at fractions [M] of its phase: [M, size], or as it is where its shape is another.
+    """Return a guess at fractions [M] of its phase: [M, size], or as it is where its shape is
+    another.
 
     Constants stand for all fractions, and a row of a scalar for a column.
     """
@@ -61,7 +62,7 @@ def guess_table(value: GuessValue, size: int, fractions: FloatArray) -> FloatArr
 
 
 def sampled(value: GuessValue | None, variable: Variable, fractions: FloatArray) -> FloatArray:
-    """A guess of a variable at fractions [M] of its phase [M, size], whatever its mesh.
+    """Return a guess of a variable at fractions [M] of its phase [M, size], whatever its mesh.
 
     None is as near zero as the bounds allow. What has a wrong shape is zero: it is refused where
     the guess is used.
@@ -125,7 +126,7 @@ class Transcription:
     def with_parameters(
         self, values: Mapping[str, Mapping[str, float | FloatArray]]
     ) -> Transcription:
-        """The same kernels with other values of phase parameters, by phase and name."""
+        """Return the same kernels with other values of phase parameters, by phase and name."""
         changed = copy.copy(self)
         phases = (with_values(p, values.get(p.name, {})) for p in self.problem.phases)
         changed.problem = with_phases(self.problem, phases)
@@ -150,7 +151,7 @@ class Transcription:
         return self._kinds[index, degree]
 
     def _kinds_on(self, index: int, mesh: Mesh) -> tuple[tuple[StageKind, ...], np.ndarray]:
-        """Kinds of stages that a phase has on a mesh, and which one every interval is."""
+        """Return kinds of stages that a phase has on a mesh, and which one every interval is."""
         if mesh.degrees is None:
             return (self._kind(index, None),), np.zeros(mesh.intervals, dtype=int)
         degrees, which = np.unique(mesh.degrees, return_inverse=True)
@@ -189,7 +190,7 @@ class Transcription:
 
 
 def _carried(before: Phase, after: Phase | None = None) -> Iterator[str]:
-    """Names of the free parameters that two phases share."""
+    """Yield names of the free parameters that two phases share."""
     for parameter in before.free_parameters if after is not None else ():
         assert after is not None
         if any(ca.is_equal(parameter.symbol, other.symbol) for other in after.free_parameters):

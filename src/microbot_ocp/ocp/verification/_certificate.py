@@ -315,11 +315,11 @@ class OCPCertificate:
         return view_for(self, "table")(self)._repr_html_()
 
     def costate(self, phase: str) -> Costates:
-        """Costates of a phase by its name."""
+        """Return costates of a phase by its name."""
         return next(c for c in self.costates if c.phase == phase)
 
     def hamiltonian(self, phase: str) -> Hamiltonian:
-        """Hamiltonian of a phase by its name."""
+        """Return Hamiltonian of a phase by its name."""
         return next(h for h in self.hamiltonians if h.phase == phase)
 
     @property

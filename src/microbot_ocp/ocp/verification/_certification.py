@@ -106,7 +106,7 @@ def verify(
 def _summary(
     judged: Judgement, hamiltonians: Sequence[Hamiltonian], arcs: int, has_cost: bool
 ) -> list[str]:
-    """What is to be said of a solution that passed."""
+    """Return what is to be said of a solution that passed."""
     optimality, worst = (
         judged.optimality,
         max((use.relative for use in judged.limits), default=0.0),

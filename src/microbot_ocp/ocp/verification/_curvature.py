@@ -33,7 +33,7 @@ def curvature_of(
     gap: float,
     size: float,
 ) -> Curvature:
-    """The least curvature at a point, where it is negative by more than thresholds let pass.
+    """Return the least curvature at a point, where it is negative by more than thresholds let pass.
 
     Parameters
     ----------
@@ -93,13 +93,13 @@ class _Matrix:
         self.solver.sfact(self.matrix)
 
     def positive(self, shift: float) -> bool:
-        """Whether no direction curves downwards by more, per mean square of what it moves."""
+        """Give whether no direction curves downwards by more, per mean square of what it moves."""
         moved = self.matrix + ca.diag(ca.DM(shift * self.mass))
         self.solver.nfact(moved)
         return self.solver.neig(moved) == 0
 
     def least(self, shift: float) -> tuple[float, FloatArray]:
-        """The least curvature, between ``-shift`` and half of it, and its direction.
+        """Return the least curvature, between ``-shift`` and half of it, and its direction.
 
         Powers of the inverse come down to it; what they change in the digits that count for zero is
         none of it.
@@ -117,7 +117,7 @@ class _Matrix:
         return values[-1], whole
 
     def _along(self, d: FloatArray) -> float:
-        """The curvature along a direction, without the rounding of the sum of all parts."""
+        """Return the curvature along a direction, without the rounding of the sum of all parts."""
         hessian, bends, rows, keeps = self.parts
         moved = np.array(ca.mtimes(rows, ca.DM(d))).ravel()
         curvature = float(ca.mtimes([ca.DM(d).T, hessian, ca.DM(d)]))
@@ -127,7 +127,7 @@ class _Matrix:
 def _stiffness(
     lam: FloatArray, value: FloatArray, low: FloatArray, high: FloatArray, most: float
 ) -> FloatArray:
-    """Multiplier over distance: nothing of a limit that does not act, most of an equation."""
+    """Give multiplier over distance: nothing of a limit that does not act, most of an equation."""
     with np.errstate(invalid="ignore", divide="ignore"):
         distance = np.maximum(np.where(lam > 0, high - value, value - low), 0.0)
         stiffness = np.where(lam == 0, 0.0, np.abs(lam) / distance)
@@ -135,7 +135,7 @@ def _stiffness(
 
 
 def _mass(layouts: Sequence[PhaseLayout], size: int) -> FloatArray:
-    """What share of its phase every variable stands for."""
+    """Return what share of its phase every variable stands for."""
     mass = np.zeros(size)
     for layout in layouts:
         steps = np.diff(layout.mesh)

@@ -25,7 +25,7 @@ from microbot_ocp.ocp.verification._reintegration import phase_layout
 def as_declared(
     problem: OptimalControlProblem | Transcription, solution: Solution
 ) -> tuple[PhaseSolution, ...]:
-    """The phases of a solution with the declared expressions and the data of the solve.
+    """Return the phases of a solution with the declared expressions and the data of the solve.
 
     Limits, conditions, parameters and scales may be others than those declared, see
     :class:`~microbot_ocp.ocp.ParametricSolver`. Kernels are built anew, without derivatives; of
@@ -58,7 +58,7 @@ def as_declared(
 
 
 def _laid_out(phase: Phase, given: PhaseLayout) -> PhaseLayout:
-    """A layout with the places of another, and kernels of its own."""
+    """Return a layout with the places of another, and kernels of its own."""
 
     def derive(functions: Sequence[ca.Function], _: object) -> Sequence[ca.Function]:
         # differentiated here, not by the builder
@@ -76,7 +76,7 @@ def _laid_out(phase: Phase, given: PhaseLayout) -> PhaseLayout:
 
 
 def scaled_variables(phases: Sequence[PhaseSolution]) -> FloatArray:
-    """Variables of the program, from the stages and the last mesh values of every phase."""
+    """Return variables of the program, from the stages and the last mesh values of every phase."""
     layouts = [phase_layout(phase) for phase in phases]
     x = np.zeros(sum(layout.variable_count for layout in layouts))
     for layout, phase in zip(layouts, phases, strict=True):

@@ -44,7 +44,7 @@ from microbot_ocp.ocp.verification._stationarity import Derivatives
 
 
 def costates_of(phase: PhaseSolution, part: Derivatives, lam_g: FloatArray) -> Costates:
-    """Costates of a phase in cost per unit of the state."""
+    """Return costates of a phase in cost per unit of the state."""
     layout = part.layout
     states = layout.phase.states
     size = sum(s.size for s in states)
@@ -76,7 +76,7 @@ def costates_of(phase: PhaseSolution, part: Derivatives, lam_g: FloatArray) -> C
 def _at_points(
     layout: PhaseLayout, group: StageGroup, scheme: Collocation, lam_g: FloatArray
 ) -> FloatArray:
-    """Costates [M, degree, n] at the collocation points of the intervals of a group."""
+    """Return costates [M, degree, n] at the collocation points of the intervals of a group."""
     size = sum(s.size for s in layout.phase.states)
     defects = group.rows[:, layout.node_size :][:, : scheme.degree * size]
     mu = lam_g[defects].reshape(-1, scheme.degree, size)
@@ -87,7 +87,7 @@ INSIDE = 1e-6  # relative distance of a duration from its bounds that makes it f
 
 
 def hamiltonian_of(phase: PhaseSolution, part: Derivatives, lam_x: FloatArray) -> Hamiltonian:
-    """Hamiltonian of a phase, and what it should be."""
+    """Return Hamiltonian of a phase, and what it should be."""
     layout = part.layout
     steps = np.diff(layout.mesh)
     # With a longer interval the later points of it come later as well: half of the effect that a
@@ -134,7 +134,8 @@ SETTINGS = MinimumSettings()
 
 
 def better_controls(solution: Solution) -> tuple[float, dict[str, dict[str, FloatArray]]]:
-    """What the cost would fall by, to first order, and the controls [N, points, size] by phase.
+    """Return what the cost would fall by, to first order, and the controls [N, points, size] by
+    phase.
 
     Bounded polynomial controls are looked at one by one, at the points of collocation of phases
     whose intervals are of one degree and which have no algebraic variables.

@@ -202,7 +202,7 @@ def judge(
 
 
 def _problems_of(solution: Solution, stages: Sequence[PhaseSolution]) -> list[Failure]:
-    """What is wrong with a solution before anything is evaluated.
+    """Return what is wrong with a solution before anything is evaluated.
 
     ``stages`` are the phases as the stages of the program have them.
     """
@@ -228,7 +228,7 @@ def _failures_of(
     passes: Thresholds,
     cost_scale: float,
 ) -> Iterator[Failure]:
-    """What did not pass; nothing where all did."""
+    """Yield what did not pass; nothing where all did."""
     if not cost.error <= passes.cost:
         sentence = f"the cost is {cost.recomputed:.8g}, not the {cost.given:.8g} given"
         yield Failure(Status.FAILED, sentence)

@@ -34,7 +34,7 @@ class Limited:
     end: bool = False  # whether it has a value at the end of the phase only
 
     def size(self, i: int) -> float:
-        """What an excess is relative to: half the range, the limit, or the scale."""
+        """Return what an excess is relative to: half the range, the limit, or the scale."""
         low, high = float(self.lower[i]), float(self.upper[i])
         if np.isfinite(low) and np.isfinite(high) and high > low:
             return (high - low) / 2
@@ -42,7 +42,7 @@ class Limited:
         return limit if limit > 0 else float(self.scale[i])
 
     def beyond(self, i: int) -> FloatArray:
-        """How far the values [M] are beyond a limit; infinite where they are no numbers."""
+        """Return how far the values [M] are beyond a limit; infinite where they are no numbers."""
         value = self.values[:, i]
         return np.nan_to_num(
             np.maximum(self.lower[i] - value, value - self.upper[i]), nan=np.inf, neginf=-np.inf
@@ -63,7 +63,7 @@ def dense_phase(
     phase: PhaseSolution,
     interpolated: Callable[[IntArray, FloatArray], Mapping[str, FloatArray]] | None = None,
 ) -> DensePhase:
-    """A phase with all its quantities that have limits, on a dense grid.
+    """Return a phase with all its quantities that have limits, on a dense grid.
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ def _limited(kind: str, item: Any, values: FloatArray, end: bool = False) -> Lim
 
 
 def limit_uses(dense: DensePhase) -> list[OCPLimitUse]:
-    """Worst point of every component that has a limit."""
+    """Return worst point of every component that has a limit."""
     uses = []
     for limited in dense.limited:
         for i in range(limited.lower.size):
@@ -147,13 +147,16 @@ def limit_uses(dense: DensePhase) -> list[OCPLimitUse]:
 
 
 def worst_along(uses: Iterable[OCPLimitUse]) -> OCPLimitUse | None:
-    """The limit that a mesh is refined for and that is exceeded most; None where all are kept."""
+    """Return the limit that a mesh is refined for and that is exceeded most; None where all are
+    kept.
+    """
     exceeded = (use for use in uses if use.kind in ALONG and use.excess > 0)
     return max(exceeded, key=lambda use: use.relative, default=None)
 
 
 def relative_excess(dense: DensePhase) -> FloatArray:
-    """Largest relative excess of a state, algebraic variable or path constraint on the dense grid.
+    """Return largest relative excess of a state, algebraic variable or path constraint on the dense
+    grid.
 
     Array [N, K] with both ends of every interval among the K places of it; 0 where all are kept.
     """

@@ -67,7 +67,7 @@ class Recomputation:
         self._add_points()
 
     def interpolated(self, intervals: IntArray, share: FloatArray) -> dict[str, FloatArray]:
-        """All variables [M, size] in some intervals [M], at fractions [M] of them."""
+        """Return all variables [M, size] in some intervals [M], at fractions [M] of them."""
         declared = phase_layout(self.phase).phase
         tables = {v.name: np.zeros((share.size, v.size)) for v in declared.variables}
         for block in self.groups:
@@ -81,7 +81,7 @@ class Recomputation:
         return tables
 
     def _node(self, k: Sequence[int] | np.ndarray) -> tuple[dict[str, FloatArray], FloatArray]:
-        """Values [size, M] at some mesh points, and the durations [M] that stand there."""
+        """Return values [size, M] at some mesh points, and the durations [M] that stand there."""
         layout, stages = phase_layout(self.phase), self.phase.stages
         assert stages is not None
         nodes = node_variables(layout.phase)
@@ -131,7 +131,7 @@ class Recomputation:
 
 
 def scaled_rows(problem: OptimalControlProblem, phases: Sequence[Recomputation]) -> FloatArray:
-    """Values of all rows of the program, divided by their scales."""
+    """Return values of all rows of the program, divided by their scales."""
     layouts = [phase_layout(recomputed.phase) for recomputed in phases]
     scale = np.array([label.scale for label in row_labels(layouts)])
     values = np.zeros(scale.size)
@@ -150,7 +150,7 @@ def scaled_rows(problem: OptimalControlProblem, phases: Sequence[Recomputation])
 
 
 def missed_conditions(phases: Sequence[Recomputation], tolerance: float) -> list[str]:
-    """Start and end conditions that are not met, by the mesh values and as they are declared.
+    """Give start and end conditions that are not met, by the mesh values and as they are declared.
 
     The tolerance is a share of the scale of a variable.
     """
@@ -174,7 +174,7 @@ def missed_conditions(phases: Sequence[Recomputation], tolerance: float) -> list
 def check_cost(
     given: float, phases: Sequence[Recomputation], integrated: Sequence[Integrated]
 ) -> CostCheck:
-    """The cost of a solution evaluated again, and integrated again."""
+    """Return the cost of a solution evaluated again, and integrated again."""
     parts = np.concatenate([recomputed.costs for recomputed in phases])
     integrals = sum(float(recomputed.costs.sum()) for recomputed in integrated)
     ends = sum(
@@ -186,7 +186,9 @@ def check_cost(
 def parts_of(
     items: Sequence[Variable | PathConstraint], table: FloatArray, axis: int = -1
 ) -> dict[str, FloatArray]:
-    """Parts of a table by what they are of, side by side or with axis 0 one below the other."""
+    """Return parts of a table by what they are of, side by side or with axis 0 one below the
+    other.
+    """
     parts = np.split(table, np.cumsum([item.scale.size for item in items])[:-1], axis)
     return {item.name: part for item, part in zip(items, parts, strict=bool(items))}
 
@@ -208,7 +210,9 @@ class _Declared(Expressions):
         return self.function([*(k.expression for k in limits), *phase.algebraic_equations])
 
     def limits(self, table: FloatArray) -> dict[tuple[str, int] | None, FloatArray]:
-        """Path and end constraints by where they are declared; algebraic equations under None."""
+        """Return path and end constraints by where they are declared; algebraic equations under
+        None.
+        """
         phase = self.phase
         names = [("constraints", i) for i in range(len(phase.constraints))]
         names += [("end_constraints", i) for i in range(len(phase.end_constraints))]
@@ -252,14 +256,14 @@ class _Intervals:
         self.step = _FORMULAS.get(type(group.kind.scheme), _integrated)(self)
 
     def states_inside(self) -> dict[float, FloatArray]:
-        """States [n, M] at the fractions at which they are variables."""
+        """Return states [n, M] at the fractions at which they are variables."""
         fractions = self.inside[self.states[0].name]
         return {f: np.vstack([self.inside[s.name][f] for s in self.states]) for f in fractions}
 
     def values(
         self, x: FloatArray, share: float, applied: Sequence[Variable] = ()
     ) -> dict[str, FloatArray]:
-        """All variables [size, M] at a fraction of the intervals, where the state is x.
+        """Return all variables [size, M] at a fraction of the intervals, where the state is x.
 
         Polynomial controls among ``applied`` are limited to their bounds.
         """
@@ -284,12 +288,12 @@ class _Intervals:
         return self.expressions.table(self.values(x, share), t, self.duration, self.rates)
 
     def slope(self, x: FloatArray, share: float) -> tuple[FloatArray, FloatArray]:
-        """Slopes of the states [n, M] and running cost [M]."""
+        """Return slopes of the states [n, M] and running cost [M]."""
         slopes = self.expressions.dynamics(self.table(x, share)).full()
         return slopes[:-1], slopes[-1]
 
     def rows(self, following: tuple[Values, FloatArray]) -> FloatArray:
-        """Values of all rows [rows, M] of the stages, given the next mesh points."""
+        """Return values of all rows [rows, M] of the stages, given the next mesh points."""
         ahead, duration = following
         arrived = parts_of(self.states, self.step.arrived, 0) | self.arrival | self.free
         defects = {f: parts_of(self.states, value, 0) for f, value in self.step.defects.items()}
@@ -373,7 +377,7 @@ def _hermite_simpson(intervals: _Intervals) -> _Step:
     (f0, l0), (f1, l1) = intervals.slope(x, 0.0), intervals.slope(after, 1.0)
 
     def cubic(s: float) -> FloatArray:
-        """Hermite's cubic through both ends, with their slopes."""
+        """Return Hermite's cubic through both ends, with their slopes."""
         rest, turn = after - x - h * f0, h * (f1 - f0)
         return x + h * f0 * s + (3 * rest - turn) * s**2 + (turn - 2 * rest) * s**3
 
@@ -420,7 +424,9 @@ _FORMULAS: Mapping[type, Callable[[_Intervals], _Step]] = {
 
 
 def _lagrange(points: Sequence[float], s: float, derivative: int = 0) -> FloatArray:
-    """Lagrange polynomials [points] at s, their derivatives, or (-1) their integrals from 0."""
+    """Return Lagrange polynomials [points] at s, their derivatives, or (-1) their integrals
+    from 0.
+    """
     weights = []
     for point in points:
         others = [other for other in points if other != point]

@@ -45,20 +45,20 @@ REINTEGRATION = Reintegration()
 
 
 def phase_layout(phase: PhaseSolution) -> PhaseLayout:
-    """Where a phase stands in its program."""
+    """Return where a phase stands in its program."""
     if phase.layout is None or phase.stages is None:
         raise InputError(f"phase {phase.name!r} was not made by a solve: it has mesh values only")
     return phase.layout
 
 
 def mesh_states(phase: PhaseSolution) -> FloatArray:
-    """All states [N+1, n] at the mesh points."""
+    """Return all states [N+1, n] at the mesh points."""
     states = phase_layout(phase).phase.states
     return np.hstack([phase.values[state.name] for state in states])
 
 
 def state_weights(phase: PhaseSolution) -> FloatArray:
-    """What errors of the states [n] are relative to.
+    """Return what errors of the states [n] are relative to.
 
     The largest magnitude along the phase, but no less than a hundredth of the declared scale: a
     state that stays at zero has no relative error.
@@ -119,14 +119,16 @@ def each_interval(
 def interval_errors(
     phase: PhaseSolution, arrived: Integrated, costs: FloatArray, size: float
 ) -> FloatArray:
-    """Relative errors of every interval [N]: of its states, and of its running costs by a size."""
+    """Return relative errors of every interval [N]: of its states, and of its running costs by
+    a size.
+    """
     missed = np.abs(arrived.states - mesh_states(phase)[1:]) / state_weights(phase)
     error = np.maximum(missed.max(axis=1), np.abs(arrived.costs - costs[: len(missed)]) / size)
     return np.nan_to_num(error, nan=np.inf)
 
 
 def transitions(phase: PhaseSolution) -> FloatArray:
-    """Transition matrices [N,n,n] of the intervals, in states divided by their weights.
+    """Return transition matrices [N,n,n] of the intervals, in states divided by their weights.
 
     Of the dynamics linearised in the middle of each interval.
     """
@@ -161,12 +163,12 @@ def _of_shape(phase: Phase, shape: str) -> list[Variable]:
 
 
 def points_of(kind: StageKind, variable: Variable) -> list[float]:
-    """Fractions of an interval at which a variable has values."""
+    """Return fractions of an interval at which a variable has values."""
     return [k.fraction for k in kind.inner if k.source.name == variable.name]
 
 
 def point_values(phase: PhaseSolution, group: StageGroup, variable: Variable) -> FloatArray:
-    """Values [M, points, size] of a polynomial control or algebraic variable in a group."""
+    """Return values [M, points, size] of a polynomial control or algebraic variable in a group."""
     layout = phase_layout(phase)
     counts = np.array([len(points_of(kind, variable)) for kind in layout.kinds])[layout.kind_of]
     first = np.cumsum(counts) - counts
@@ -175,7 +177,9 @@ def point_values(phase: PhaseSolution, group: StageGroup, variable: Variable) ->
 
 
 def _interval_data(phase: PhaseSolution, group: StageGroup, until: float = 1.0) -> FloatArray:
-    """What the integrator needs to know of every interval of a group [M, ...], in its order."""
+    """Return what the integrator needs to know of every interval of a group [M, ...], in its
+    order.
+    """
     declared, k = phase_layout(phase).phase, group.intervals
     linear = [phase.values[v.name] for v in _of_shape(declared, "linear")]
     polynomial = [
@@ -271,7 +275,9 @@ def _equation(layout: PhaseLayout, kind: StageKind, cost: bool) -> _Equation:
 def _integrator(
     layout: PhaseLayout, kind: StageKind, method: str, tolerance: float, cost: bool
 ) -> ca.Function:
-    """``(x at the start, data of the interval) -> x at the end, integral of the running cost``."""
+    """Return ``(x at the start, data of the interval) -> x at the end, integral of the running
+    cost``.
+    """
     dae, parts, guesses, scale = _equation(layout, kind, cost)
     options: dict[str, Any] = {
         "abstol": tolerance,
@@ -292,7 +298,9 @@ def _integrator(
 
 
 def _linearised(layout: PhaseLayout, kind: StageKind) -> ca.Function:
-    """``(x half-way, data of the interval) -> slopes [n,n]`` of what the integrator integrates."""
+    """Return ``(x half-way, data of the interval) -> slopes [n,n]`` of what the integrator
+    integrates.
+    """
     dae, parts, guesses, scale = _equation(layout, kind, cost=False)
     slopes = ca.jacobian(dae["ode"], dae["x"])
     if "z" in dae:

@@ -45,7 +45,7 @@ class Derivatives:
 
 
 def differentiate(phase: PhaseSolution, lam_g: FloatArray) -> Derivatives:
-    """Derivatives of the discrete Lagrangian of a phase with the multipliers of all rows."""
+    """Return derivatives of the discrete Lagrangian of a phase with the multipliers of all rows."""
     layout = phase_layout(phase)
     assert phase.stages is not None
     n = layout.intervals
@@ -89,7 +89,7 @@ def _symbols(function: ca.Function) -> list[Any]:
 
 
 def _gradient(function: ca.Function) -> ca.Function:
-    """Slopes of the Lagrangian of a stage, or of points, with respect to its inputs."""
+    """Return slopes of the Lagrangian of a stage, or of points, with respect to its inputs."""
     v, c = _symbols(function)
     *parts, cost = function(v, c)
     signed = ca.vertcat(-parts[0], *parts[1:]) if len(parts) > 1 else parts[0]
@@ -100,7 +100,7 @@ def _gradient(function: ca.Function) -> ca.Function:
 
 
 def lagrangian_gradient(parts: Sequence[Derivatives], lam_g: FloatArray) -> FloatArray:
-    """``grad f + J' lam_g`` of the scaled program."""
+    """Return ``grad f + J' lam_g`` of the scaled program."""
     gradient = np.zeros(sum(part.layout.variable_count for part in parts))
     for part in parts:
         layout = part.layout
@@ -118,7 +118,7 @@ def lagrangian_gradient(parts: Sequence[Derivatives], lam_g: FloatArray) -> Floa
 def bound_multipliers(
     bounds: Bounds, solution: Solution, gradient: FloatArray
 ) -> tuple[FloatArray, bool]:
-    """Multipliers of the bounds, and whether they had to be computed from the gradient."""
+    """Return multipliers of the bounds, and whether they had to be computed from the gradient."""
     given = solution.variable_multipliers
     if given is not None and np.size(given) == gradient.size:
         return np.asarray(given, dtype=float), False
@@ -137,7 +137,7 @@ def optimality_of(
     computed: bool,
     cost_scale: float,
 ) -> Optimality:
-    """Largest residual of every condition, in the scaled program and in its own unit.
+    """Return largest residual of every condition, in the scaled program and in its own unit.
 
     Labels are of the variables x, then of the rows, whose values are g.
     """

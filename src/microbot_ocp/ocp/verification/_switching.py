@@ -54,7 +54,7 @@ def runs(sides: np.ndarray) -> list[SideRun]:
 def arcs_of(
     phases: Sequence[DensePhase], labels: Sequence[Label], multipliers: FloatArray, worth: float
 ) -> Iterator[Arc]:
-    """Stretches of the phases during which a limit acts and is worth something."""
+    """Yield stretches of the phases during which a limit acts and is worth something."""
     prices = _prices(phases, labels, multipliers)
     none = np.zeros((0, 3))
     for dense in phases:
@@ -74,7 +74,9 @@ def arcs_of(
 def _prices(
     phases: Sequence[DensePhase], labels: Sequence[Label], multipliers: FloatArray
 ) -> dict[tuple[str, str, int], np.ndarray]:
-    """Place, interval and multiplier [M, 3] of bounds and path constraints, in cost per unit."""
+    """Return place, interval and multiplier [M, 3] of bounds and path constraints, in cost per
+    unit.
+    """
     entries: dict[tuple[str, str, int], list[tuple[float, int, float]]] = {}
     layouts = {dense.phase.name: phase_layout(dense.phase) for dense in phases}
     for label, multiplier in zip(labels, multipliers, strict=True):
@@ -86,7 +88,9 @@ def _prices(
 
 
 def _acting(dense: DensePhase, limited: Limited, i: int, prices: np.ndarray) -> Iterator[Arc]:
-    """Stretches of a phase during which a component of a limit acts, and what each is worth."""
+    """Yield stretches of a phase during which a component of a limit acts, and what each is
+    worth.
+    """
     phase, size = dense.phase, limited.size(i)
     # to the nearest dense point, as the multipliers stand at points of the mesh
     reach = 1e-9 + float(np.diff(phase.mesh).max()) / POINTS
@@ -108,7 +112,7 @@ def _acting(dense: DensePhase, limited: Limited, i: int, prices: np.ndarray) -> 
 
 
 def _joined_runs(dense: DensePhase, active: np.ndarray) -> list[tuple[int, int]]:
-    """First and last of runs of true values; those less than an interval apart are one.
+    """Return first and last of runs of true values; those less than an interval apart are one.
 
     A limit that is kept at a few points of every interval leaves it a little between them.
     """

@@ -60,7 +60,7 @@ def initial_guesses(
     *,
     moving: bool = False,
 ) -> Iterator[InitialGuess]:
-    """The first ``count`` of: the scaled cubic, straight segments, bows and swings in turn.
+    """Yield the first ``count`` of: the scaled cubic, straight segments, bows and swings in turn.
 
     Without the cubic where the arm is ``moving`` at the start: one from rest is no nearer to what
     is wanted than straight segments, and has to be scaled.
@@ -102,7 +102,7 @@ def _swing(
     number: int,
     random: np.random.Generator,
 ) -> InitialGuess:
-    """Segments that swing to and fro at random."""
+    """Return segments that swing to and fro at random."""
     size = _between(random, GUESSES.swings) * _moving(family)
     waves = random.normal(size=(len(names), GUESSES.harmonics, via.shape[1]))
     waves *= size / np.arange(1, GUESSES.harmonics + 1)[:, None]
@@ -115,7 +115,7 @@ def _swing(
 def guesses_along(
     names: Sequence[str], shape: PiecewisePolynomial, times: FloatArray
 ) -> dict[str, Guess]:
-    """A guess for every phase from a motion that passes the via points at ``times`` [m]."""
+    """Return a guess for every phase from a motion that passes the via points at ``times`` [m]."""
     velocity = shape.derivative()
     acceleration = velocity.derivative()
     curves = {"q": shape, "qd": velocity, "qdd": acceleration}
@@ -133,7 +133,7 @@ def guesses_along(
 
 
 def _cubic(robot: Robot, via: FloatArray, names: Sequence[str]) -> InitialGuess:
-    """The cubic through the via points at the shortest duration that keeps the limits."""
+    """Return the cubic through the via points at the shortest duration that keeps the limits."""
     steps = np.abs(np.diff(via, axis=0)).max(axis=1)
     timed = ViaPoints(via, np.concatenate([[0.0], np.cumsum(steps)]))
     shape = cubic_through(timed, via_velocities(timed))
@@ -151,7 +151,9 @@ def _swung(
     waves: FloatArray,
     durations: FloatArray,
 ) -> InitialGuess:
-    """Straight segments with waves [m-1,K,n] on them: the amplitudes of sines of 1 to K arcs."""
+    """Return straight segments with waves [m-1,K,n] on them: the amplitudes of sines of 1 to K
+    arcs.
+    """
     limits = family.robot.limits
     turns = np.pi * np.arange(1, waves.shape[1] + 1)
     guesses = {}
@@ -171,10 +173,10 @@ def _swung(
 
 
 def _moving(family: LimitFamily) -> FloatArray:
-    """One [n] for joints that may move, zero for locked ones."""
+    """Return one [n] for joints that may move, zero for locked ones."""
     return np.where(locked_joints(family), 0.0, 1.0)
 
 
 def _between(random: np.random.Generator, ends: tuple[float, float]) -> float:
-    """A random number, its logarithm evenly spread."""
+    """Return a random number, its logarithm evenly spread."""
     return float(np.exp(random.uniform(*np.log(ends))))

@@ -34,7 +34,7 @@ CONFIRMED = (
 def least_violation(
     kernels: Transcription, starts: Sequence[Mapping[str, Guess] | Solution], mesh: Meshes
 ) -> Explanation:
-    """The least that limits have to give, of what several starts lead to."""
+    """Return the least that limits have to give, of what several starts lead to."""
     best: Explanation | None = None
     for start in starts:
         explanation = explain(
@@ -49,14 +49,14 @@ def least_violation(
 
 
 def _total(explanation: Explanation) -> float:
-    """What limits give together, relative to each; infinite where that is not known."""
+    """Return what limits give together, relative to each; infinite where that is not known."""
     if not explanation.conclusive:
         return float("inf")
     return sum((g.amount or 0.0) / max(abs(g.limit), 1e-9) for g in explanation.gives)
 
 
 def guesses_from(explanation: Explanation) -> dict[str, Guess]:
-    """The motion of a relaxed problem as a start."""
+    """Return the motion of a relaxed problem as a start."""
     names = ("q", "qd", "qdd")
     return {
         phase.name: Guess(phase.duration, {name: phase[name] for name in names})
@@ -67,7 +67,7 @@ def guesses_from(explanation: Explanation) -> dict[str, Guess]:
 def judged(
     explanation: Explanation, family: LimitFamily, outcome: Outcome
 ) -> tuple[Outcome, dict[str, Any]]:
-    """Outcome where limits have to give, and an entry of the provenance with all figures."""
+    """Return outcome where limits have to give, and an entry of the provenance with all figures."""
     if not explanation.conclusive:
         return outcome.and_(Advice("remark", UNCONFIRMED)), {}
     if explanation.feasible:
@@ -94,7 +94,7 @@ def judged(
 
 
 def _what(gives: Relaxation, explanation: Explanation, family: LimitFamily) -> str:
-    """The limit and its segment; its pose, which stands beside, says more than a time."""
+    """Return the limit and its segment; its pose, which stands beside, says more than a time."""
     name = gives.name.removesuffix(f"[{gives.component}]")
     phases = [phase.name for phase in explanation.phases]
     return place_in_task(family, gives.kind, name, gives.component, gives.phase, None, phases)

@@ -44,13 +44,15 @@ OF_VARIABLES = ("q", "qd", "qdd")  # limits that are bounds of states and of the
 
 
 def accelerations_jump(family: LimitFamily) -> bool:
-    """Whether only velocities, accelerations and smooth torques are limited: bang-bang arcs."""
+    """Return whether only velocities, accelerations and smooth torques are limited: bang-bang
+    arcs.
+    """
     plain = all(member.limit is None for member in family) and not family.means
     return plain and not has_windows(family) and not {"qddd", "taud"} & set(family.keys)
 
 
 def phase_names(count: int) -> list[str]:
-    """The phases of a motion in their order, one from each stop to the next."""
+    """Return the phases of a motion in their order, one from each stop to the next."""
     return [f"phase {index + 1}" for index in range(count)]
 
 
@@ -65,7 +67,7 @@ def transcription(
     budgeted: bool = False,
     conditions: Conditions | None = None,
 ) -> Transcription:
-    """Kernels for a robot (its own limits) and via points, built once."""
+    """Return kernels for a robot (its own limits) and via points, built once."""
     via = np.frombuffer(via_bytes).reshape(count, -1)
     robots, prepare = conditions.robots if conditions else (robot,), None
     compiled = compiles(compiled)
@@ -92,7 +94,7 @@ def free_problem(
     jumps: bool = False,
     conditions: Conditions | None = None,
 ) -> OptimalControlProblem:
-    """The optimal-control problem of a robot (with its limits) through via points [m,n].
+    """Return the optimal-control problem of a robot (with its limits) through via points [m,n].
 
     Each segment between two via points is a phase of free duration with the states q, qd and a
     continuous, piecewise linear acceleration as the control. With ``payload`` every phase has the
@@ -310,7 +312,8 @@ def _link_segments(problem: OptimalControlProblem, form: _Form) -> None:
 
 
 def effort_scale(family: LimitFamily, acceleration: FloatArray) -> FloatArray:
-    """What torques [n], or accelerations without masses, are divided by before they are squared.
+    """Return what torques [n], or accelerations without masses, are divided by before they are
+    squared.
 
     Their limits, so that the effort is what the motors lose as heat, each in proportion to its
     own; the largest limit where a joint has none.
@@ -324,25 +327,25 @@ def effort_scale(family: LimitFamily, acceleration: FloatArray) -> FloatArray:
 
 
 def _scale(bounds: tuple[FloatArray, FloatArray], typical: FloatArray) -> FloatArray:
-    """The limits [n], where given, else typical values."""
+    """Return the limits [n], where given, else typical values."""
     size = np.maximum(-bounds[0], bounds[1])
     return np.where(np.isfinite(size) & (size > 0), size, typical)
 
 
 def _unless(held: np.ndarray, bounds: Bounds) -> Bounds | None:
-    """A condition [n] for joints that are not held; None where there is none."""
+    """Return a condition [n] for joints that are not held; None where there is none."""
     lower, upper = np.where(held, -np.inf, bounds[0]), np.where(held, np.inf, bounds[1])
     return (lower, upper) if np.isfinite([lower, upper]).any() else None
 
 
 def excess_between(family: LimitFamily, solution: Solution) -> list[FloatArray]:
-    """Largest relative excess of any limit along every interval: an array [N, K] a phase."""
+    """Return largest relative excess of any limit along every interval: an array [N, K] a phase."""
     excess = excess_along(family, polynomial(solution))
     return np.split(excess, np.cumsum([p.mesh.size - 1 for p in solution.phases])[:-1])
 
 
 def excess_along(family: LimitFamily, shape: PiecewisePolynomial) -> FloatArray:
-    """Largest relative excess of any limit at K places of every piece [N, K]."""
+    """Return largest relative excess of any limit at K places of every piece [N, K]."""
     velocity = shape.derivative()
     acceleration = velocity.derivative()
     inside = np.linspace(0, 1, CHECKS_PER_INTERVAL + 1)
@@ -353,7 +356,7 @@ def excess_along(family: LimitFamily, shape: PiecewisePolynomial) -> FloatArray:
 
 
 def motion_at_mesh(phases: Sequence[PhaseSolution]) -> Samples:
-    """Times and states at the mesh points of all phases."""
+    """Return times and states at the mesh points of all phases."""
     starts = np.cumsum([0.0, *(phase.duration for phase in phases)])
     # where a phase ends the next begins
     last = len(phases) - 1
@@ -367,12 +370,12 @@ def motion_at_mesh(phases: Sequence[PhaseSolution]) -> Samples:
 
 
 def via_times(solution: Solution) -> FloatArray:
-    """Times [m] at which the via points are passed, s."""
+    """Return times [m] at which the via points are passed, s."""
     return np.concatenate([[0.0], np.cumsum([phase.duration for phase in solution.phases])])
 
 
 def polynomial(solution: Solution) -> PiecewisePolynomial:
-    """The motion between the mesh points: cubics, integrals of the linear acceleration.
+    """Return the motion between the mesh points: cubics, integrals of the linear acceleration.
 
     What the solver left open between the intervals is spread along the whole phase by one quintic:
     divided by the third power of a short interval a gap of 1e-8 would be a large jerk. Where the
@@ -388,7 +391,7 @@ def polynomial(solution: Solution) -> PiecewisePolynomial:
 
 
 def _integrated(phase: PhaseSolution) -> FloatArray:
-    """Coefficients [N,6,n] of the intervals of a phase."""
+    """Return coefficients [N,6,n] of the intervals of a phase."""
     q, qd, qdd, t = phase["q"], phase["qd"], phase["qdd"], phase.t
     h = np.diff(t)[:, None]
     jerk = np.diff(qdd, axis=0) / h
@@ -415,5 +418,5 @@ def _integrated(phase: PhaseSolution) -> FloatArray:
 
 
 def _summed(steps: FloatArray) -> FloatArray:
-    """Sums [N+1,n] of the first steps [N,n]."""
+    """Return sums [N+1,n] of the first steps [N,n]."""
     return np.vstack([np.zeros_like(steps[:1]), np.cumsum(steps, axis=0)])

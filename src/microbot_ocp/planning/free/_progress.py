@@ -31,18 +31,20 @@ class MotionIteration(Iteration):
     motion_of: MotionOf = field(repr=False)
 
     def motion(self) -> Samples:
-        """Times [M], s, and the state [M,n] at the mesh points, constraints met or not."""
+        """Return times [M], s, and the state [M,n] at the mesh points, constraints met or not."""
         return self.motion_of(self.phases)
 
     def torque(self) -> FloatArray:
-        """Torque [M,n] at the mesh points, N m (N)."""
+        """Return torque [M,n] at the mesh points, N m (N)."""
         return torque_along(self.robot, self.motion()[1])
 
 
 def with_motion(
     progress: StepProgress, robot: Robot, via_q: FloatArray, motion_of: MotionOf
 ) -> StepProgress:
-    """A progress function for solvers that gives ``progress`` every iteration with its motion."""
+    """Return a progress function for solvers that gives ``progress`` every iteration with its
+    motion.
+    """
     if progress is quiet:
         return quiet
 

@@ -43,7 +43,7 @@ def in_arcs(
     guesses: Mapping[str, Guess],
     progress: StepProgress,
 ) -> Motion:
-    """A free motion with the switching times of the fastest one beside it.
+    """Return a free motion with the switching times of the fastest one beside it.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ def _with_jerk(guess: Guess) -> Guess:
 
 
 def _polynomial_of(exact: SwitchingTimes) -> PiecewisePolynomial:
-    """The motion as quintics that meet its positions, velocities and accelerations."""
+    """Return the motion as quintics that meet its positions, velocities and accelerations."""
     breaks, pieces, start = [np.zeros(1)], [], 0.0
     places = np.linspace(0.0, 1.0, PIECES + 1)
     for names in exact.pieces.values():

@@ -85,7 +85,8 @@ def within_limits(
     *,
     moving: bool = False,
 ) -> Motion | None:
-    """The motion ``shape``, slowed down where it exceeds limits; None where that does not help.
+    """Return the motion ``shape``, slowed down where it exceeds limits; None where that does not
+    help.
 
     Parameters
     ----------
@@ -154,7 +155,7 @@ def within_limits(
 
 
 def with_steady_ends(timing: Reached, ends: Sequence[int] = (0, -1)) -> Reached:
-    """The same with an even ds/dt in the first (0) and the last (-1) interval.
+    """Return the same with an even ds/dt in the first (0) and the last (-1) interval.
 
     At an end at rest d2s/dt2 asks for no torque, so that nothing bounds it there, but close by.
     """
@@ -169,7 +170,7 @@ def with_steady_ends(timing: Reached, ends: Sequence[int] = (0, -1)) -> Reached:
 
 
 def known_ways(family: LimitFamily, via: FloatArray, tolerance: float, fast: bool) -> Slowed | None:
-    """The fastest motion through via points [m,n] that needs no search, where there is one.
+    """Return the fastest motion through via points [m,n] that needs no search, where there is one.
 
     A spline or straight lines with their best timing; where these have none that keeps all limits
     to the ``tolerance``, a shape that is slowed down evenly.
@@ -206,7 +207,9 @@ def _smooth_ways(family: LimitFamily, via: FloatArray) -> Iterator[Slowed]:
 
 
 def _paths(family: LimitFamily, via: FloatArray) -> Iterator[tuple[str, PiecewisePolynomial]]:
-    """Ways through via points by name; the parameter of the first is the distance travelled."""
+    """Yield ways through via points by name; the parameter of the first is the distance
+    travelled.
+    """
     steps = np.diff(via, axis=0) / TaskScale.of(family, via).velocity
     lengths = np.linalg.norm(steps, axis=1)
     yield "a spline through the via points", _smooth(family, via, _sums(lengths))
@@ -218,7 +221,9 @@ def _sums(steps: FloatArray) -> FloatArray:
 
 
 def _smooth(family: LimitFamily, via: FloatArray, times: FloatArray) -> PiecewisePolynomial:
-    """A spline, or cubic segments, which swing out less, where it leaves the position limits."""
+    """Return a spline, or cubic segments, which swing out less, where it leaves the position
+    limits.
+    """
     shape, limits = spline(via, times), family.robot.limits
     q = shape(np.linspace(times[0], times[-1], SLOWING.seen))
     out = ((q < limits.q_min) | (q > limits.q_max)).any()
@@ -226,7 +231,9 @@ def _smooth(family: LimitFamily, via: FloatArray, times: FloatArray) -> Piecewis
 
 
 def _keeping(family: LimitFamily, motion: Motion, tolerance: float) -> Motion | None:
-    """A motion that keeps its limits, as it is or slowed down evenly; None where that is none."""
+    """Return a motion that keeps its limits, as it is or slowed down evenly; None where that is
+    none.
+    """
     fits = largest_excess(family, motion) <= tolerance
     return motion if fits else _slowed_evenly(family, motion, tolerance)
 
@@ -239,7 +246,7 @@ def largest_excess(family: LimitFamily, motion: Motion) -> float:
 
 
 def _slowed_evenly(family: LimitFamily, motion: Motion, tolerance: float) -> Motion | None:
-    """A motion slowed down until its limits hold to the tolerance, where that helps."""
+    """Return a motion slowed down until its limits hold to the tolerance, where that helps."""
     _, samples, _, jumps = motion.history()
     dense, most = (
         MotionSamples(*map(np.concatenate, zip(samples, jumps, strict=True))),
@@ -276,7 +283,7 @@ def _slowed_evenly(family: LimitFamily, motion: Motion, tolerance: float) -> Mot
 
 
 def _scaled_shape(family: LimitFamily, shape: PiecewisePolynomial) -> Motion | None:
-    """A shape at the shortest duration at which it keeps all limits; its breaks are marked."""
+    """Give a shape at the shortest duration at which it keeps all limits; its breaks are marked."""
     try:
         scaled = shortest_duration(family.robot, shape, time_limit=max(deadline.left(), 1e-3))
     except InputError:  # gravity alone asks for more, or it leaves the position limits

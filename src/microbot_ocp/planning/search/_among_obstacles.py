@@ -168,17 +168,23 @@ class Leg:
             self._reached.clear()
 
     def bound(self, choice: int) -> float:
-        """What a way takes without limits of rates and others that reachability cannot keep, s."""
+        """Return what a way takes without limits of rates and others that reachability cannot
+        keep, s.
+        """
         reached = self._reach(choice)
         return np.inf if reached is None else reached.duration
 
     def guess(self, choice: int) -> Motion | None:
-        """What a search starts from: a way as fast as the limits that reachability keeps allow."""
+        """Return what a search starts from: a way as fast as the limits that reachability keeps
+        allow.
+        """
         timing = self._reach(choice)
         return self.motion(choice) if timing is None else timing.motion("timed path")
 
     def motion(self, choice: int) -> Motion | None:
-        """A way with its best timing that keeps all limits; None where none is found in time."""
+        """Return a way with its best timing that keeps all limits; None where none is found in
+        time.
+        """
         choice = min(choice, len(self.ways) - 1)
         if choice not in self._motions:
             self._motions[choice] = self._timing(choice) or self._timing_with_rates(choice)
@@ -195,7 +201,7 @@ class Leg:
         return self._reached[choice]
 
     def _timing(self, choice: int) -> Motion | None:
-        """The best timing where reachability keeps every limit."""
+        """Return the best timing where reachability keeps every limit."""
         timing = self._reach(choice)
         if timing is None or self.family.jerk_matters or timing.limits_kept_by[LATER]:
             return None
@@ -218,7 +224,7 @@ class Leg:
 
 
 def _resting_at_corners(family: LimitFamily, way: Detour) -> Motion | None:
-    """A motion along a polyline that rests at its corners; None where limits allow none."""
+    """Return a motion along a polyline that rests at its corners; None where limits allow none."""
     robot: Robot = family.robot
     assert way.corners is not None
     ends = itertools.pairwise(way.corners)
@@ -259,13 +265,13 @@ def search_legs(
 
 
 def choices_of(legs: Sequence[Leg]) -> range:
-    """Numbers of the ways that there are along legs; none where a leg has no way."""
+    """Return numbers of the ways that there are along legs; none where a leg has no way."""
     there = all(leg.first_motion for leg in legs)
     return range(max((len(leg.ways) for leg in legs), default=1) if there else 0)
 
 
 def differs(duration: float, others: Iterable[float]) -> bool:
-    """Whether a timed path is another one than those of other durations, s."""
+    """Return whether a timed path is another one than those of other durations, s."""
     return all(abs(duration - other) > AMONG_OBSTACLES.different * other for other in others)
 
 
@@ -276,7 +282,7 @@ def fastest_among(
     settings: TimeOptimalSettings,
     progress: StepProgress,
 ) -> Motion:
-    """The fastest motion through via points [m,n] that keeps clear of a scene.
+    """Return the fastest motion through via points [m,n] that keeps clear of a scene.
 
     Raises
     ------
@@ -321,7 +327,7 @@ def fastest_among(
 
 
 def at_least(fallback: ProvedPath | None, motion: Motion | None, proof: Clearance | None) -> Motion:
-    """What a search found; a timed path where that is not solved, not proved clear or slower.
+    """Give what a search found; a timed path where that is not solved, not proved clear or slower.
 
     What is solved and proved needs no path beside it that it is known to be faster than.
     """
@@ -359,7 +365,9 @@ def at_least(fallback: ProvedPath | None, motion: Motion | None, proof: Clearanc
 
 
 def not_found(motion: Motion, why: str, hit: Clearance) -> Motion:
-    """What is returned where no way was found: a motion as without obstacles, and what it hits."""
+    """Return what is returned where no way was found: a motion as without obstacles, and what
+    it hits.
+    """
     advice = f"{why}. {Status.NOT_FOUND.sentence}\nReturned is a motion that ignores the obstacles."
     provenance = {"method": "free time-optimal motion among obstacles", **motion.provenance}
     outcome = Outcome.of(Status.NOT_FOUND, advice, Advice("contact", hit.sentence))
@@ -396,7 +404,7 @@ def touching(hit: Any, wanted: float) -> str:
 def legs_between(
     around: Surroundings, via: FloatArray, settings: TimeOptimalSettings, progress: StepProgress
 ) -> list[Leg]:
-    """The legs from each via point [m,n] to the next, with the ways that searches lead to.
+    """Return the legs from each via point [m,n] to the next, with the ways that searches lead to.
 
     The first way through all of them is timed and proved before others are looked for.
     """
@@ -410,7 +418,7 @@ def legs_between(
 
 
 def starts_of(legs: Sequence[Leg]) -> Iterator[TimedPath]:
-    """Different ways through via points for a search to start from, the fastest first."""
+    """Yield different ways through via points for a search to start from, the fastest first."""
     durations: list[float] = []
     for choice in _by_bound(legs):
         path = _joined(legs, choice, (leg.guess(choice) for leg in legs))
@@ -422,7 +430,8 @@ def starts_of(legs: Sequence[Leg]) -> Iterator[TimedPath]:
 def timed_paths(
     around: Surroundings, legs: Sequence[Leg], progress: StepProgress, below: float | None = None
 ) -> Iterator[ProvedPath]:
-    """Different ways through via points with a timing that keeps all limits, the fastest first.
+    """Yield different ways through via points with a timing that keeps all limits, the fastest
+    first.
 
     In the order of what they take without limits of rates; with ``below``, s, only those that may
     take less. At the time limit one alone.
@@ -447,7 +456,7 @@ def _by_bound(legs: Sequence[Leg]) -> list[int]:
 def _proved(
     around: Surroundings, legs: Sequence[Leg], choice: int, timed: Iterable[Motion | None]
 ) -> ProvedPath | None:
-    """A way with a timing of each leg, at rest at every via point; None where it may touch."""
+    """Give a way with a timing of each leg, at rest at every via point; None where it may touch."""
     path = _joined(legs, choice, timed)
     proof = None if path is None else clearance(around.robot, path.motion, around.scene)
     if path is None or proof is None or not proof.proved:
@@ -488,7 +497,7 @@ def _solved(
     progress: StepProgress,
     path: TimedPath,
 ) -> Motion | None:
-    """The fastest motion found from a timed path, with all pairs that matter in the problem.
+    """Return the fastest motion found from a timed path, with all pairs that matter in the problem.
 
     None where the time was over before the search began.
     """
@@ -505,7 +514,9 @@ def _solved(
     motion: Motion | None = None
 
     def missed(shape: PiecewisePolynomial) -> np.ndarray:
-        """Which pairs come near that are not in the problem, where one of them comes too near."""
+        """Return which pairs come near that are not in the problem, where one of them comes too
+        near.
+        """
         times = np.linspace(0.0, shape.duration, AMONG_OBSTACLES.samples)
         apart = clearances(robot, pairs, shape(times)).min(axis=0)
         come = ~near & (apart < within)
@@ -556,7 +567,9 @@ def as_plain(clearance: Clearance) -> dict[str, Any]:
 
 
 def nothing_found(legs: Sequence[Leg | None], names: Sequence[str]) -> str:
-    """Why there is no timed path along legs, where they are free, between poses of these names."""
+    """Return why there is no timed path along legs, where they are free, between poses of these
+    names.
+    """
     missing = next((k for k, leg in enumerate(legs) if leg and leg.first_motion is None), 0)
     leg = legs[missing]
     if leg is None or leg.first_motion is not None or leg.refused:

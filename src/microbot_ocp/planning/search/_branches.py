@@ -84,7 +84,7 @@ class Way:
 
 
 def ways_through(task: Task) -> list[Way]:
-    """Ways through every branch of every stop, the most promising first.
+    """Return ways through every branch of every stop, the most promising first.
 
     Raises
     ------
@@ -123,7 +123,8 @@ def ways_through(task: Task) -> list[Way]:
 
 
 def few_poses(robot: Robot, stop: Stop) -> FloatArray | None:
-    """The joint poses [k,n] of a stop, or the middles of their tolerance; None of infinitely many.
+    """Return the joint poses [k,n] of a stop, or the middles of their tolerance; None of infinitely
+    many.
 
     Of a tool position these are the branches, where the arm has no joint to spare for it.
     """
@@ -167,7 +168,8 @@ def _branches(robot: Robot, stop: Stop) -> tuple[FloatArray, ...]:
 
 
 def _held_at_rest(task: Task, index: int, poses: list[FloatArray]) -> list[FloatArray]:
-    """Those of all poses of a stop in which the torques hold the arm; all where there are more.
+    """Return those of all poses of a stop in which the torques hold the arm; all where there are
+    more.
 
     Raises
     ------
@@ -193,7 +195,7 @@ def _held_at_rest(task: Task, index: int, poses: list[FloatArray]) -> list[Float
 
 
 def _turned(turned: FloatArray | None, axis: int | None) -> list[FloatArray | None]:
-    """An orientation, or several where a turn about an axis of the tool is free."""
+    """Return an orientation, or several where a turn about an axis of the tool is free."""
     if turned is None or axis is None:
         return [turned]
     orientations: list[FloatArray | None] = []
@@ -207,7 +209,7 @@ def _turned(turned: FloatArray | None, axis: int | None) -> list[FloatArray | No
 
 
 def _within(stop: Stop, solution: IKSolution) -> bool:
-    """Whether a pose that misses the middle of a stop is within its tolerance."""
+    """Return whether a pose that misses the middle of a stop is within its tolerance."""
     reach = float(np.min(stop.tolerance))
     return (
         solution.position_error <= reach + STOP_SIZES.exact
@@ -243,7 +245,7 @@ def _held(robot: Robot, q: FloatArray) -> list[str]:
 def _followed(
     task: Task, index: int, nodes: list[list[FloatArray]]
 ) -> tuple[list[FloatArray], list[FloatArray], dict[tuple[int, int], FloatArray | None]]:
-    """Branches at both ends of a tool line, and the joint paths that join them.
+    """Return branches at both ends of a tool line, and the joint paths that join them.
 
     Followed from its start, or from its end where only that is a joint pose.
     """
@@ -286,7 +288,8 @@ def _loose(task: Task, index: int) -> bool:
 def _follow(
     task: Task, index: int, q: FloatArray, backwards: bool
 ) -> tuple[FloatArray | None, tuple[float, str]]:
-    """Joint path [N,n] along a tool line from a branch at its start (or end), or why there is none.
+    """Return joint path [N,n] along a tool line from a branch at its start (or end), or why there
+    is none.
 
     The share of the length at which it ends comes with the reason.
     """
@@ -313,7 +316,7 @@ def _follow(
 
 
 def _about(turn: FloatArray, axis: int) -> FloatArray:
-    """The part of a rotation that is a turn about a coordinate axis."""
+    """Return the part of a rotation that is a turn about a coordinate axis."""
     i, j = (axis + 1) % 3, (axis + 2) % 3
     angle = np.arctan2(turn[j, i] - turn[i, j], turn[i, i] + turn[j, j])
     rotation = np.eye(3)
@@ -344,7 +347,7 @@ def _why(robot: Robot, poses: IKPath) -> tuple[float, str]:
 
 
 def _apart(robot: Robot, q: FloatArray, other: FloatArray) -> float:
-    """Largest difference of two poses, whole turns aside."""
+    """Return largest difference of two poses, whole turns aside."""
     step = q - other
     revolute = np.array([kind == "revolute" for kind in robot.joint_types])
     step = np.where(revolute, (step + np.pi) % (2 * np.pi) - np.pi, step)
@@ -360,7 +363,7 @@ def _speeds(robot: Robot) -> FloatArray:
 
 
 def _near(robot: Robot, q: FloatArray, other: FloatArray) -> FloatArray:
-    """A pose [n] moved by whole turns to where it is nearest to another, within the limits."""
+    """Give a pose [n] moved by whole turns to where it is nearest to another, within the limits."""
     turn = 2 * np.pi * np.array([kind == "revolute" for kind in robot.joint_types])
     best = q + turn * np.round((other - q) / (2 * np.pi))
     for shifted in (best - turn, best + turn):
@@ -379,7 +382,9 @@ def _picks(
     nodes: list[list[FloatArray]],
     edges: list[dict[tuple[int, int], FloatArray | None]],
 ) -> list[tuple[int, ...]]:
-    """The cheapest way through every branch of every stop: the number of the branch at each."""
+    """Return the cheapest way through every branch of every stop: the number of the branch at
+    each.
+    """
     costs = [
         {pair: _cost(task, nodes[k][pair[0]], nodes[k + 1][pair[1]]) for pair in joint_paths}
         for k, joint_paths in enumerate(edges)
@@ -395,7 +400,7 @@ def _picks(
 def _through(
     nodes: list[list[FloatArray]], costs: list[dict[tuple[int, int], float]], only: int | None
 ) -> list[tuple[int, ...]]:
-    """As :func:`_picks`, of ways that begin and end at one branch where it is given."""
+    """Do as :func:`_picks`, of ways that begin and end at one branch where it is given."""
     ends = range(len(nodes[0])) if only is None else (only,)
     forward: list[dict[int, tuple[float, tuple[int, ...]]]] = [{a: (0.0, (a,)) for a in ends}]
     for edge_costs in costs:
@@ -429,7 +434,7 @@ def _realised(
     edges: list[dict[tuple[int, int], FloatArray | None]],
     picks: tuple[int, ...],
 ) -> Way | None:
-    """Joint poses of a way, each moved by whole turns to be near to the one before."""
+    """Return joint poses of a way, each moved by whole turns to be near to the one before."""
     robot = task.robot
     q = [nodes[k][pick] for k, pick in enumerate(picks)]
     fixed = [k for k, stop in enumerate(task.stops) if stop.q is not None]
@@ -458,7 +463,7 @@ def _realised(
 
 
 def least_time(task: Task, way: Way) -> float:
-    """Time between the poses of a way by the velocity limits alone, s, dwells not included."""
+    """Give time between the poses of a way by the velocity limits alone, s, dwells not included."""
     return _time(way, np.maximum(-task.robot.limits.qd_min, task.robot.limits.qd_max))
 
 
@@ -473,7 +478,7 @@ def _time(way: Way, speeds: FloatArray) -> float:
 
 
 def least_duration(task: Task) -> float:
-    """What no motion of the task can fall below by the velocity limits, s.
+    """Return what no motion of the task can fall below by the velocity limits, s.
 
     Between poses of the joints the slowest joint at its highest velocity, by the branches that take
     least; of a stop whose poses are not a few, the way of the tool at a speed that the joints
@@ -498,7 +503,9 @@ def least_duration(task: Task) -> float:
 
 
 def _joint_distances(robot: Robot, before: FloatArray, after: FloatArray) -> FloatArray:
-    """Distances [k,l,n] of joint poses [k,n] from others [l,n], whole turns aside where allowed."""
+    """Return distances [k,l,n] of joint poses [k,n] from others [l,n], whole turns aside where
+    allowed.
+    """
     apart = np.abs(after[None] - before[:, None])
     turns = (robot.limits.q_max - robot.limits.q_min >= 2 * np.pi) & [
         kind == "revolute" for kind in robot.joint_types
@@ -507,7 +514,9 @@ def _joint_distances(robot: Robot, before: FloatArray, after: FloatArray) -> Flo
 
 
 def _tool_distance(robot: Robot, before: Stop, after: Stop) -> float:
-    """What the tool has to travel at least from one stop to another, m; 0 where that is open."""
+    """Return what the tool has to travel at least from one stop to another, m; 0 where that is
+    open.
+    """
     if any(stop.q is not None and np.any(stop.slack) for stop in (before, after)):
         return 0.0
     apart = np.abs(before.pose(robot)[0] - after.pose(robot)[0])

@@ -53,7 +53,7 @@ class LeastEffort:
 
 
 def least_effort(search: MotionSearch, fastest: MotionAnswer, slack: float) -> LeastEffort:
-    """The motion of least effort that takes at most the slack longer; the fastest if none."""
+    """Give the motion of least effort that takes at most the slack longer; the fastest if none."""
     problem, solution, slower = search.problem, fastest.solution, 1.0 + slack
     kernels = problem.kernels(budgeted=True)
     allowed = {problem.names[-1]: {BUDGET: slower * solution.duration}}
@@ -85,7 +85,9 @@ def least_effort(search: MotionSearch, fastest: MotionAnswer, slack: float) -> L
 
 
 def effort_of(search: MotionSearch, solution: Solution) -> float:
-    """The time integral of the squared torques (accelerations without masses), each relative, s."""
+    """Return the time integral of the squared torques (accelerations without masses), each
+    relative, s.
+    """
     problem = search.problem
     motion = problem.motion(solution, {})
     moved = motion.tau if problem.family.robot.has_dynamics else motion.qdd
@@ -94,7 +96,7 @@ def effort_of(search: MotionSearch, solution: Solution) -> float:
 
 
 def _with_clock(search: MotionSearch, solution: Solution, slower: float = 1.0) -> dict[str, Guess]:
-    """Guesses from a solution, with the time that has passed, slowed down evenly."""
+    """Return guesses from a solution, with the time that has passed, slowed down evenly."""
     problem, edges = search.problem, slower * via_times(solution)
     guesses = problem.guesses(solution)
     with_clock = {}

@@ -79,7 +79,7 @@ def solve_stops(
     settings: TimeOptimalSettings,
     progress: StepProgress,
 ) -> Motion:
-    """As :func:`microbot_ocp.time_optimal`, of stops."""
+    """Do as :func:`microbot_ocp.time_optimal`, of stops."""
     if order == "given":
         task = task_of(robot, stops, limits, segments=segments, cycle=cycle)
         return fastest_through(task, settings, progress, duration)
@@ -101,7 +101,7 @@ def tasks_in_orders(
     segments: Sequence[Segment] | None,
     cycle: bool,
 ) -> dict[Places, Task]:
-    """The tasks of all orders of some stops, by the places that stops had.
+    """Return the tasks of all orders of some stops, by the places that stops had.
 
     Raises
     ------
@@ -126,14 +126,16 @@ def tasks_in_orders(
 def in_order(
     segments: Sequence[Segment] | None, order: Sequence[int]
 ) -> tuple[Segment, ...] | None:
-    """The segments between stops in another order: each stays with the stop where it begins."""
+    """Return the segments between stops in another order: each stays with the stop where it
+    begins.
+    """
     if segments is None:
         return None
     return tuple(segments[k] if k < len(segments) else None for k in order)[: len(segments)]
 
 
 def _orders(count: int, cycle: bool, segments: Sequence[Segment] | None) -> list[Places]:
-    """Orders of stops: a cycle begins with its first, another task keeps its first and last.
+    """Return orders of stops: a cycle begins with its first, another task keeps its first and last.
 
     Two stops with a line, circle or joint line between them follow one another in every order.
 
@@ -157,7 +159,7 @@ def best_order(
     progress: StepProgress,
     duration: float | None,
 ) -> Motion:
-    """The best of several orders of the stops.
+    """Return the best of several orders of the stops.
 
     Where a ``duration``, s, is given the orders that can be done in it are all refined: the best is
     the one of least effort. An order that no branch of the arm can follow is not one of them.
@@ -217,7 +219,7 @@ def _refined(
     progress: StepProgress,
     duration: float | None,
 ) -> Motion:
-    """The best of the orders whose coarse answers take at most so long, s."""
+    """Return the best of the orders whose coarse answers take at most so long, s."""
     near = sorted(coarse, key=lambda p: (coarse[p], there[p].rested, p))
     near = [places for places in near if coarse[places] <= most] or near[:1]
     best: Motion | None = None
@@ -256,12 +258,14 @@ def _named(places: Sequence[int]) -> str:
 
 
 def rested_of(task: Task, durations: Sequence[float | None]) -> float:
-    """What segments take from rest to rest together, s; those that are not known take nothing."""
+    """Return what segments take from rest to rest together, s; those that are not known take
+    nothing.
+    """
     return sum(duration or 0.0 for duration in durations) + float(task.dwells.sum())
 
 
 def hoped_of(task: Task, durations: Sequence[float | None]) -> float:
-    """What a motion may take at least, s, whose segments take so long from rest to rest.
+    """Return what a motion may take at least, s, whose segments take so long from rest to rest.
 
     Where the arm does not rest between segments it takes at least the root of the sum of their
     squares, as at constant accelerations along one straight line.

@@ -73,18 +73,18 @@ class Place(NamedTuple):
 
 
 def tool_poses(robot: Robot, q: FloatArray) -> FloatArray:
-    """Poses [N,4,4] of the tool in the base frame for q [N,n]."""
+    """Return poses [N,4,4] of the tool in the base frame for q [N,n]."""
     poses = np.array(forward_kinematics(robot).map(len(q))(q.T))
     return poses.reshape(4, len(q), 4).transpose(1, 0, 2)
 
 
 def poses_at_stops(task: Task, motion: Motion) -> FloatArray:
-    """Poses [m,4,4] of the tool at the stops of a motion."""
+    """Return poses [m,4,4] of the tool at the stops of a motion."""
     return tool_poses(task.robot, motion.sample([mark.time for mark in motion.marks]).q)
 
 
 def parts_of(task: Task, tool: FloatArray) -> tuple[Part, ...]:
-    """The parts of a task whose tool has poses [m,4,4] at its stops."""
+    """Return the parts of a task whose tool has poses [m,4,4] at its stops."""
     held = [payload.shape or payload for payload in task.payloads]
     parts: list[Part] = []
     first = 0
@@ -122,7 +122,7 @@ def _same_place(payload: Payload, before: FloatArray, after: FloatArray) -> bool
 
 
 def scenes_of(task: Task, scene: Scene, tool: FloatArray) -> tuple[Scene, ...]:
-    """The scene on every segment, with the parts that lie in it.
+    """Return the scene on every segment, with the parts that lie in it.
 
     Parameters
     ----------
@@ -153,7 +153,7 @@ def scenes_of(task: Task, scene: Scene, tool: FloatArray) -> tuple[Scene, ...]:
 
 
 def _placed(shape: Sequence[Capsule], pose: FloatArray, where: str) -> list[Capsule]:
-    """Capsules of a part where the tool [4,4] left it, named by the stop."""
+    """Return capsules of a part where the tool [4,4] left it, named by the stop."""
     turn, origin = pose[:3, :3], pose[:3, 3]
     capsules = []
     for number, capsule in enumerate(shape, start=1):
@@ -164,13 +164,13 @@ def _placed(shape: Sequence[Capsule], pose: FloatArray, where: str) -> list[Caps
 
 
 def _ignored_with(scene: Scene, shape: Sequence[Capsule]) -> set[str]:
-    """What the scene lets touch a part."""
+    """Return what the scene lets touch a part."""
     names = {capsule.name for capsule in shape}
     return {b if a in names else a for a, b in scene.ignore if {a, b} & names}
 
 
 def _touching_in_the_tool(scene: Scene, robot: Robot, payload: Payload) -> set[str]:
-    """Links whose distance from a part is not looked at while it is held."""
+    """Return links whose distance from a part is not looked at while it is held."""
     held = payload.on(robot)
     carried = held.capsules[len(robot.capsules) :]
     looked_at = {
@@ -188,11 +188,13 @@ def _touching_in_the_tool(scene: Scene, robot: Robot, payload: Payload) -> set[s
 
 
 def _key(frame: int, capsule: Capsule) -> tuple[int, bytes]:
-    """What tells capsules apart, also of two robots that are equal."""
+    """Return what tells capsules apart, also of two robots that are equal."""
     return frame, np.concatenate([capsule.start, capsule.end, [capsule.radius]]).tobytes()
 
 
 def places_along(task: Task, motion: Motion, scene: Scene) -> list[Place]:
-    """The stretches of a motion, each with the robot that moves there and what is around it."""
+    """Return the stretches of a motion, each with the robot that moves there and what is around
+    it.
+    """
     scenes = scenes_of(task, scene, poses_at_stops(task, motion))
     return [Place(s.start, s.end, s.robot, scenes[s.segment]) for s in stretches(task, motion)]

@@ -105,7 +105,7 @@ FAR = replace(PREPARED, options={**LDL, "ipopt warm": {"mu_init": NEARNESS.far_b
 def _solved_near(
     solver: ParametricSolver, start: Solution | Mapping[str, Guess], changes: Mapping[str, Any]
 ) -> Solution:
-    """A solve with other numbers; from afar with friction rounded off at first."""
+    """Return a solve with other numbers; from afar with friction rounded off at first."""
     parameters = changes["parameters"]
     declared = {p.name for p in solver.transcription.problem.phases[0].parameters}
     if not isinstance(start, Solution) and FRICTION_SMOOTHING in declared:
@@ -316,7 +316,7 @@ class TimeOptimalSolver:
         joint: int | None = None,
         time_limit: float = TIME_LIMIT,
     ) -> DurationLine:
-        """The shortest duration over one datum, with slopes and the limits that bind.
+        """Return the shortest duration over one datum, with slopes and the limits that bind.
 
         Parameters
         ----------
@@ -439,7 +439,9 @@ class TimeOptimalSolver:
         return with_drives_noted(family.robot, motion)
 
     def _slower(self, family: LimitFamily) -> float:
-        """Share by which the typical durations differ from those under the robot's own limits."""
+        """Return share by which the typical durations differ from those under the robot's own
+        limits.
+        """
         usual, asked = (
             TaskScale.of(limits_family, self.via_q).durations.sum()
             for limits_family in (LimitFamily.of(self.robot), family)
@@ -450,7 +452,7 @@ class TimeOptimalSolver:
     # so none waits for the work of another beyond its own time.
 
     def _near(self, prepared: _Prepared, close: bool) -> ParametricSolver:
-        """A solver on the mesh of the motion under the robot's own limits, made once."""
+        """Return a solver on the mesh of the motion under the robot's own limits, made once."""
         if close in self._solvers:
             return self._solvers[close]
         reference, settings = prepared.reference, self._solver_settings
@@ -479,7 +481,7 @@ class TimeOptimalSolver:
         return prepared
 
     def _for_any_via(self) -> ParametricSolver:
-        """The solver on an even mesh, its cost scaled at the solver's own via points."""
+        """Return the solver on an even mesh, its cost scaled at the solver's own via points."""
         if self._anywhere is None:
             mesh = [int(self._settings.mesh or SEARCH.full_mesh)] * len(self._phases)
             solver = ParametricSolver(self._kernels, mesh, self._solver_settings)

@@ -95,31 +95,31 @@ class MotionProblem(Protocol):
         ...
 
     def kernels(self, *, budgeted: bool = False) -> Transcription:
-        """The program; ``budgeted`` that of the least effort in a time that is given."""
+        """Return the program; ``budgeted`` that of the least effort in a time that is given."""
         ...
 
     def next_start(self, search: MotionSearch, state: SearchState) -> TrialStart | None:
-        """The next initial guess; None where there are no more."""
+        """Return the next initial guess; None where there are no more."""
         ...
 
     def guesses(self, solution: Solution) -> dict[str, Guess]:
-        """A guess for every phase from a solution on another mesh."""
+        """Return a guess for every phase from a solution on another mesh."""
         ...
 
     def guesses_along(self, motion: Motion) -> dict[str, Guess]:
-        """A guess for every phase from a motion whose marks are the via points."""
+        """Return a guess for every phase from a motion whose marks are the via points."""
         ...
 
     def excess(self, solution: Solution) -> list[FloatArray]:
-        """Largest relative excess of any limit along every interval [N, K] of every phase."""
+        """Give largest relative excess of any limit along every interval [N, K] of every phase."""
         ...
 
     def slowed(self, solution: Solution) -> Motion | None:
-        """A solution slowed down until it keeps the limits; None where it is none."""
+        """Return a solution slowed down until it keeps the limits; None where it is none."""
         ...
 
     def motion(self, solution: Solution, provenance: dict[str, Any]) -> Motion:
-        """A solution as a motion."""
+        """Return a solution as a motion."""
         ...
 
 
@@ -167,7 +167,7 @@ class FreeProblem:
         return known_ways(self.family, self.via, self.settings.limit_tolerance, self.fast)
 
     def kernels(self, *, budgeted: bool = False) -> Transcription:
-        """The program, built once."""
+        """Return the program, built once."""
         if self.given is not None and not budgeted:
             return self.given
         held: Robot = with_locked_joints_held(self.family).robot
@@ -176,7 +176,7 @@ class FreeProblem:
         return transcription(held, via.tobytes(), len(via), compiled, budgeted=budgeted)
 
     def next_start(self, search: MotionSearch, state: SearchState) -> TrialStart | None:
-        """The guess after those that were tried, with its solver."""
+        """Return the guess after those that were tried, with its solver."""
         tried = [answer for answer in state.of("start") if answer.before is None]
         given, index = self.settings, len(tried)
         if index == max(given.starts, given.tries):
@@ -203,22 +203,24 @@ class FreeProblem:
         return initial_guesses(self.family, self.via, self.names, most, seed)
 
     def guesses(self, solution: Solution) -> dict[str, Guess]:
-        """A guess for every phase from a solution."""
+        """Return a guess for every phase from a solution."""
         return guesses_along(self.names, polynomial(solution), via_times(solution))
 
     def guesses_along(self, motion: Motion) -> dict[str, Guess]:
-        """A guess for every phase from a motion whose marks are the via points."""
+        """Return a guess for every phase from a motion whose marks are the via points."""
         shape = PiecewisePolynomial(motion.t, pieces_of(motion))
         return guesses_along(self.names, shape, np.array([mark.time for mark in motion.marks]))
 
     def excess(self, solution: Solution) -> list[FloatArray]:
-        """Largest relative excess of any limit along every interval, asked for again and again."""
+        """Return largest relative excess of any limit along every interval, asked for again and
+        again.
+        """
         if solution not in self._excess:
             self._excess[solution] = excess_between(self.family, solution)
         return self._excess[solution]
 
     def slowed(self, solution: Solution) -> Motion | None:
-        """A solution slowed down until it keeps the limits; None where it is none."""
+        """Return a solution slowed down until it keeps the limits; None where it is none."""
         if not self.is_free:
             return None
         if solution not in self._slowed:
@@ -226,7 +228,7 @@ class FreeProblem:
         return self._slowed[solution]
 
     def slowed_before(self, solution: Solution) -> Motion | None:
-        """The same where it was asked for before."""
+        """Return the same where it was asked for before."""
         return self._slowed.get(solution)
 
     def _slowed_anew(self, solution: Solution) -> Motion | None:
@@ -243,12 +245,12 @@ class FreeProblem:
         return within_limits(self.family, shape, times, self.settings.limit_tolerance, self.fast)
 
     def motion(self, solution: Solution, provenance: dict[str, Any]) -> Motion:
-        """A solution as a motion with the via points marked."""
+        """Return a solution as a motion with the via points marked."""
         return as_motion(self.family.robot, solution, provenance)
 
 
 def as_motion(robot: Robot, solution: Solution, provenance: dict[str, Any]) -> Motion:
-    """A solution as a motion with the via points marked."""
+    """Return a solution as a motion with the via points marked."""
     marks = [Mark(float(t), f"via {i + 1}") for i, t in enumerate(via_times(solution))]
     return Motion.from_polynomial(
         robot,

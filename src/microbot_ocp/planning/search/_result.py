@@ -38,7 +38,7 @@ NONE_WITHIN = "The search found no motion within the limits."
 
 
 def returned(made_from: str) -> Advice:
-    """Advice on a motion that is returned in the place of a solution."""
+    """Return advice on a motion that is returned in the place of a solution."""
     sentence = f"Returned is {made_from}: it keeps every limit, but others may be faster."
     return Advice("returned", sentence, made_from)
 
@@ -75,7 +75,7 @@ def fastest(
 
 
 def motion_through(search: MotionSearch, state: SearchState | None = None) -> Motion:
-    """The fastest motion through via points, or what is known at least."""
+    """Return the fastest motion through via points, or what is known at least."""
     begin, problem = time.perf_counter(), search.problem
     assert isinstance(problem, FreeProblem)
     with sparing() if problem.is_free else nullcontext():
@@ -97,7 +97,7 @@ def motion_through(search: MotionSearch, state: SearchState | None = None) -> Mo
 
 
 def motion_of_answer(best: Fastest, **more: Any) -> Motion:
-    """The best answer as a motion, with the whole search in its provenance."""
+    """Return the best answer as a motion, with the whole search in its provenance."""
     search, state, solution = best.search, best.state, best.answer.solution
     problem, excess = search.problem, search.problem.excess(solution)
     outcome, least = (
@@ -134,7 +134,7 @@ def motion_of_answer(best: Fastest, **more: Any) -> Motion:
 
 
 def starts_of(state: SearchState, rested: float = 0.0) -> list[dict[str, Any]]:
-    """What every initial guess led to, for the provenance; dwells last ``rested`` s."""
+    """Return what every initial guess led to, for the provenance; dwells last ``rested`` s."""
     return [
         {
             "start": answer.start,
@@ -147,7 +147,7 @@ def starts_of(state: SearchState, rested: float = 0.0) -> list[dict[str, Any]]:
 
 
 def further_remarks(best: Fastest) -> str:
-    """What less effort saves, and what the smoothing costs where it is much."""
+    """Return what less effort saves, and what the smoothing costs where it is much."""
     solution, remark = best.answer.solution, best.calmer.remark if best.calmer else ""
     share = best.smoothing_cost / solution.duration
     if not solution.status.solved or share < SEARCH.smoothing_told:
@@ -156,7 +156,7 @@ def further_remarks(best: Fastest) -> str:
 
 
 def _within_limits(best: Fastest, motion: Motion) -> Motion:
-    """A motion that keeps the limits in the place of one that does not, or that is slower.
+    """Return a motion that keeps the limits in the place of one that does not, or that is slower.
 
     A solution slowed down by no more than two meshes may differ counts as solved.
     """
@@ -196,7 +196,7 @@ def _within_limits(best: Fastest, motion: Motion) -> Motion:
 
 
 def _slowed(search: MotionSearch, best: Fastest) -> list[tuple[MotionAnswer, Motion]]:
-    """Answers that were slowed down so far, and the motions."""
+    """Return answers that were slowed down so far, and the motions."""
     problem = search.problem
     assert isinstance(problem, FreeProblem)
     rows = []
@@ -213,7 +213,7 @@ def _name(is_answer: bool) -> str:
 
 
 def _unsettled(motion: Motion) -> Motion:
-    """The motion, which is not the fastest where further starts would lead to better ones."""
+    """Give the motion, which is not the fastest where further starts would lead to better ones."""
     advice = (
         f"Of {len(motion.provenance['starts'])} starts nearly every one led to another optimum, so "
         "that others may well be faster: allow more tries, or take another seed."

@@ -71,16 +71,16 @@ class SearchState:
     answers: tuple[MotionAnswer, ...] = ()
 
     def of(self, *strategies: str) -> list[MotionAnswer]:
-        """The answers of these strategies."""
+        """Return the answers of these strategies."""
         return [answer for answer in self.answers if answer.strategy in strategies]
 
     def made_of(self, subject: MotionAnswer | None, strategy: str) -> MotionAnswer | None:
-        """What a strategy made of an answer; None where it was not run on it."""
+        """Return what a strategy made of an answer; None where it was not run on it."""
         rows = (a for a in self.answers if a.before is subject and a.strategy == strategy)
         return next(rows, None)
 
     def and_(self, answer: MotionAnswer) -> SearchState:
-        """The same with one answer more."""
+        """Return the same with one answer more."""
         return SearchState((*self.answers, answer))
 
     @property
@@ -172,7 +172,7 @@ class MotionSearch:
         return passed / (passed + max(deadline.left(), 0.0))
 
     def worst(self, solution: Solution) -> float:
-        """Largest relative excess of a limit between mesh points."""
+        """Return largest relative excess of a limit between mesh points."""
         return max(float(e.max()) for e in self.problem.excess(solution))
 
     def run(
@@ -190,7 +190,7 @@ class MotionSearch:
         return state
 
     def _made(self, strategy: MotionStrategy, step: NextStep, state: SearchState) -> MotionAnswer:
-        """What a strategy makes of its subject; from memory where it was run on it before."""
+        """Give what a strategy makes of its subject; from memory where it was run on it before."""
         key = None if step.subject is None else (strategy.name, id(step.subject))
         if key in self.memory:
             return self.memory[key]
@@ -202,7 +202,7 @@ class MotionSearch:
         return answer
 
     def _may_fork(self, strategies: Sequence[MotionStrategy], state: SearchState) -> bool:
-        """Whether further starts are tried in another process from here on."""
+        """Return whether further starts are tried in another process from here on."""
         return (
             len(state.answers) == 1
             and state.answers[0].solved
@@ -233,7 +233,7 @@ class MotionSearch:
                 return state
 
     def _plain(self, state: SearchState, before: SearchState) -> list[Any]:
-        """The new answers of a state as plain data: values without kernels."""
+        """Return the new answers of a state as plain data: values without kernels."""
         rows = []
         for answer in state.answers[len(before.answers) :]:
             solution, subject = answer.solution, answer.before
@@ -253,7 +253,7 @@ class MotionSearch:
         return rows
 
     def _with_plain(self, state: SearchState, rows: Sequence[Any]) -> SearchState:
-        """The state with answers of another process."""
+        """Return the state with answers of another process."""
         for values, meshes, parameters in rows:
             kernels, before = self.refiner.transcription, values["before"]
             if any(parameters.values()):
@@ -268,7 +268,7 @@ class MotionSearch:
 def _first(
     search: MotionSearch, strategies: Sequence[MotionStrategy], state: SearchState
 ) -> tuple[MotionStrategy, NextStep] | None:
-    """The first strategy that has something to do."""
+    """Return the first strategy that has something to do."""
     for strategy in strategies:
         if state.answers and search.spent > strategy.share:
             continue
@@ -279,7 +279,7 @@ def _first(
 
 
 def ledger_of(state: SearchState, last: MotionAnswer) -> Ledger:
-    """What every strategy did, and which of them the answer comes from."""
+    """Return what every strategy did, and which of them the answer comes from."""
     lineage, answer = set[int](), last
     while answer is not None:
         lineage.add(id(answer))

@@ -183,7 +183,7 @@ class TimeOptimalSettings:
         checks.one_of("solver", self.solver, ("auto", "fatrop", "ipopt"))
 
     def within(self, usual: float) -> AbstractContextManager[None]:
-        """What is called inside ends at the time limit, s, by default the ``usual`` one."""
+        """Return what is called inside ends at the time limit, s, by default the ``usual`` one."""
         return deadline.within(usual if self.time_limit is None else self.time_limit)
 
 

@@ -17,7 +17,9 @@ from microbot_ocp.robot import Robot
 def motion_of(
     task: Task, shapes: Sequence[PiecewisePolynomial], provenance: dict[str, Any]
 ) -> Motion:
-    """The segments one after the other, with the dwells; torques with what the tool holds then."""
+    """Return the segments one after the other, with the dwells; torques with what the tool
+    holds then.
+    """
     breaks, pieces, marks = [np.zeros(1)], [], []
     changes: list[tuple[float, int]] = []  # from when on which segment's payload is held
     now = 0.0
@@ -69,7 +71,7 @@ class Stretch(NamedTuple):
 
 
 def stretches(task: Task, motion: Motion) -> list[Stretch]:
-    """Every segment and dwell of a motion.
+    """Return every segment and dwell of a motion.
 
     The marks of the motion say when its stops are reached.
 

@@ -75,7 +75,7 @@ class Around:
     poses: list[FloatArray] = field(default_factory=list)  # of known ways
 
     def limits(self, robot: Robot, index: int) -> tuple[Any, ...]:
-        """The distances of the pairs that come near on a segment."""
+        """Return the distances of the pairs that come near on a segment."""
         scene = self.scenes[index]
         chosen = [pair for pair in _pairs(scene, robot) if pair.label in self.near]
         rooms = [self.rooms.get(pair.label, np.inf) for pair in chosen]
@@ -101,7 +101,7 @@ class Around:
 
 
 def _pairs(scene: Scene, robot: Robot) -> tuple[Pair, ...]:
-    """What may touch where the arm carries what this robot has."""
+    """Return what may touch where the arm carries what this robot has."""
     return scene.without_parts_of(robot).pairs(robot)
 
 
@@ -117,7 +117,7 @@ def stops_among(
     settings: TimeOptimalSettings,
     progress: StepProgress,
 ) -> Motion:
-    """The fastest motion through stops that keeps clear of a scene.
+    """Return the fastest motion through stops that keeps clear of a scene.
 
     Of a free order of the stops all orders are compared among the obstacles.
 
@@ -154,7 +154,7 @@ def motions_among(
     progress: StepProgress,
     ask: Callable[[StopSearch], Made],
 ) -> Made:
-    """The motions that a search is asked for, in a scene.
+    """Return the motions that a search is asked for, in a scene.
 
     Raises
     ------
@@ -242,7 +242,8 @@ class _Among:
         return self.motions(_fastest)[0][0][1]
 
     def motions(self, ask: Callable[[StopSearch], Made]) -> Made:
-        """The motions that a search is asked for, what is known at least in the place of the first.
+        """Return the motions that a search is asked for, what is known at least in the place of the
+        first.
 
         Where one that was found misses some pair's distance the search is made again.
         """
@@ -272,7 +273,7 @@ class _Among:
     def _found(
         self, ask: Callable[[StopSearch], Made], fallback: ProvedPath | None
     ) -> tuple[Made, list[Clearance | None]]:
-        """The motions that a search is asked for, with the proofs of those that are solved."""
+        """Give the motions that a search is asked for, with the proofs of those that are solved."""
         task, scene, around, progress = self.task, self._scene, self._around, self._given[1]
         answers: Made = [], ""
         proofs: list[Clearance | None] = []
@@ -304,14 +305,14 @@ class _Among:
         return answers, proofs
 
     def _is_whole(self, motion: Motion) -> bool:
-        """Whether a motion is solved, or would be if it were allowed to last so long."""
+        """Return whether a motion is solved, or would be if it were allowed to last so long."""
         settings, _, allowed = self._given
         slow = allowed is not None and motion.duration > allowed
         within_limits = motion.provenance["excess"] <= settings.limit_tolerance
         return motion.solved or (slow and within_limits and motion.status is Status.INFEASIBLE)
 
     def _not_found(self, attempt: Motion | None, proof: Clearance | None) -> Motion:
-        """What is returned where nothing is known: a motion that ignores the obstacles."""
+        """Return what is returned where nothing is known: a motion that ignores the obstacles."""
         task, legs = self.task, self._legs
         way, parts = legs.ways(task)[0]
         if attempt is None:
@@ -336,7 +337,7 @@ def _between(motion: Motion, place: Place) -> FloatArray:
 
 
 def _joined(task: Task, way: Way, shapes: Sequence[PiecewisePolynomial]) -> Motion:
-    """Segments one after the other, as a motion through the stops."""
+    """Return segments one after the other, as a motion through the stops."""
     provenance = {
         "method": "path through stops, at rest at each of them",
         "branches": [{"branches": list(way.branches), "q": way.via.tolist(), "taken": True}],
@@ -346,7 +347,7 @@ def _joined(task: Task, way: Way, shapes: Sequence[PiecewisePolynomial]) -> Moti
 
 
 def _may_rest(stop: Stop) -> bool:
-    """Whether the arm may be at rest at a stop."""
+    """Return whether the arm may be at rest at a stop."""
     return stop.velocity is None or isinstance(stop.velocity, str) or not np.any(stop.velocity)
 
 
@@ -355,7 +356,9 @@ def _keeps_limits(robot: Robot, shape: PiecewisePolynomial) -> bool:
 
 
 def _unhindered(task: Task, way: Way, index: int) -> PiecewisePolynomial:
-    """A segment from rest to rest along its own path, as slow as its limits ask for if they do."""
+    """Return a segment from rest to rest along its own path, as slow as its limits ask for if
+    they do.
+    """
     path = way.paths[index]
     shape = quintic(path, np.linspace(0.0, 1.0, len(path)))
     try:
@@ -397,7 +400,7 @@ class Legs:
         search_legs(ways, progress)
 
     def ways(self, task: Task) -> list[tuple[Way, list[Leg | None]]]:
-        """Ways whose poses at the stops touch nothing, with the legs of their free segments.
+        """Return ways whose poses at the stops touch nothing, with the legs of their free segments.
 
         Raises
         ------
@@ -411,7 +414,7 @@ class Legs:
         return self._ways[task]
 
     def clear_ways(self, task: Task) -> list[tuple[Way, list[tuple[Any, Surroundings]]]]:
-        """The same, with what is around each segment."""
+        """Return the same, with what is around each segment."""
         clear, refused = [], []
         for way in ways_through(task):
             places = self._places(task, way)
@@ -425,7 +428,7 @@ class Legs:
         return clear
 
     def _places(self, task: Task, way: Way) -> list[tuple[Any, Surroundings]]:
-        """What is around the arm on every segment of a way, each with its key."""
+        """Return what is around the arm on every segment of a way, each with its key."""
         places = []
         scenes = scenes_of(task, self.scene, tool_poses(task.robot, way.via))
         for payload, scene in zip(task.payloads, scenes, strict=True):
@@ -451,7 +454,7 @@ class Legs:
         return legs
 
     def guides(self, task: Task, progress: StepProgress) -> list[Guide]:
-        """Ways with their free segments around the obstacles, the fastest first.
+        """Return ways with their free segments around the obstacles, the fastest first.
 
         None where the searches led to no way between the poses at the stops.
         """
@@ -486,13 +489,15 @@ class Legs:
         return sorted(guides, key=lambda guide: rested_of(task, guide.durations))
 
     def _usual(self, task: Task, way: Way) -> tuple[PiecewisePolynomial | None, ...]:
-        """The best timing of every segment along its own path; of free ones it may be None."""
+        """Give the best timing of every segment along its own path; of free ones it may be None."""
         if not any(task.segments):
             return (None,) * len(task.segments)
         return segment_timings(task, way, self.settings.compiled)
 
     def at_rest(self, task: Task, guide: Guide) -> list[PiecewisePolynomial]:
-        """Every segment of a guide from rest to rest, those that are not free along their paths."""
+        """Return every segment of a guide from rest to rest, those that are not free along
+        their paths.
+        """
         shapes = []
         for k, name in enumerate(phase_names(len(task.segments))):
             if name in guide.shapes:
@@ -505,7 +510,7 @@ class Legs:
 
 
 def _blocked(task: Task, places: Sequence[Surroundings], way: Way) -> str:
-    """Which stop of a way touches what; empty where none does."""
+    """Return which stop of a way touches what; empty where none does."""
     for k, q in enumerate(way.via):
         for place in {max(k - 1, 0), min(k, len(places) - 1)}:
             contact = places[place].collision(q)

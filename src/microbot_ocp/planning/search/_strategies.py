@@ -59,7 +59,7 @@ TINY = 1e-12
 def search_of(
     problem: MotionProblem, settings: TimeOptimalSettings, progress: StepProgress
 ) -> MotionSearch:
-    """The search of a problem: with its program, and how every solve of it is done."""
+    """Return the search of a problem: with its program, and how every solve of it is done."""
     begin = time.perf_counter()
     kernels = problem.kernels()
     if deadline.over():  # they may not be compiled: made again the next time
@@ -90,7 +90,7 @@ def search_of(
 
 
 def is_enough(problem: MotionProblem, settings: TimeOptimalSettings, solution: Solution) -> bool:
-    """Whether a motion on a large mesh is slowed down, by next to nothing, not refined."""
+    """Return whether a motion on a large mesh is slowed down, by next to nothing, not refined."""
     size = sum(phase.mesh.size - 1 for phase in solution.phases) * problem.family.robot.joint_count
     if size < SEARCH.large or not solution.status.solved or settings.slack:
         return False
@@ -101,7 +101,7 @@ def is_enough(problem: MotionProblem, settings: TimeOptimalSettings, solution: S
 
 
 def rank(search: MotionSearch, solution: Solution) -> tuple[bool, float]:
-    """What keeps its limits first, then what is faster."""
+    """Return what keeps its limits first, then what is faster."""
     valid = solution.status.solved and (
         search.worst(solution) <= search.settings.limit_tolerance
         or (search.problem.is_free and is_enough(search.problem, search.settings, solution))
@@ -110,7 +110,7 @@ def rank(search: MotionSearch, solution: Solution) -> tuple[bool, float]:
 
 
 def by_promise(answers: Sequence[MotionAnswer]) -> list[MotionAnswer]:
-    """The different optima among coarse answers, the fastest first; of the same the first."""
+    """Give the different optima among coarse answers, the fastest first; of the same the first."""
     different = list[MotionAnswer]()
     for coarse in answers:
         if coarse.solved and not any(
@@ -123,7 +123,7 @@ def by_promise(answers: Sequence[MotionAnswer]) -> list[MotionAnswer]:
 
 
 def settled(answers: Sequence[MotionAnswer], settings: TimeOptimalSettings) -> bool:
-    """Whether another start would more likely than not lead to what has been seen before.
+    """Return whether another start would more likely than not lead to what has been seen before.
 
     After w different outcomes of N starts it leads to a new one with the probability
     w (w + 1) / (N (N - 1)) (Boender and Rinnooy Kan, Math. Programming 37, 1987, 59-80). What was
@@ -141,13 +141,13 @@ def settled(answers: Sequence[MotionAnswer], settings: TimeOptimalSettings) -> b
 
 
 def explore_mesh(search: MotionSearch) -> int:
-    """Intervals a phase of the first look."""
+    """Return intervals a phase of the first look."""
     fewest = max(SEARCH.explore_sum // len(search.problem.names), SEARCH.least_explore_mesh)
     return min(full_mesh(search), fewest, SEARCH.explore_mesh)
 
 
 def full_mesh(search: MotionSearch) -> int:
-    """Intervals a phase of the first full mesh."""
+    """Return intervals a phase of the first full mesh."""
     if search.settings.mesh is not None:
         return search.settings.mesh
     most = SEARCH.full_mesh if accelerations_jump(search.problem.family) else SEARCH.full_mesh_even
@@ -156,7 +156,7 @@ def full_mesh(search: MotionSearch) -> int:
 
 
 def coarse(search: MotionSearch) -> Refiner:
-    """How coarse answers are solved for: with dry friction rounded off."""
+    """Return how coarse answers are solved for: with dry friction rounded off."""
     refiner = replace(search.refiner, history=[])
     if refiner.fitted is None:
         return refiner
@@ -165,14 +165,16 @@ def coarse(search: MotionSearch) -> Refiner:
 
 
 def sample(search: MotionSearch, state: SearchState) -> list[MotionAnswer]:
-    """The starts that are compared: those on the finest mesh that any of them was solved on."""
+    """Return the starts that are compared: those on the finest mesh that any of them was solved
+    on.
+    """
     tried = state.of("start")
     finest = max((answer.intervals for answer in tried if answer.solved), default=0)
     return [answer for answer in tried if answer.intervals == finest or not finest]
 
 
 def next_start(search: MotionSearch, state: SearchState) -> NextStep | None:
-    """A fresh start while another is likely to lead elsewhere.
+    """Return a fresh start while another is likely to lead elsewhere.
 
     Where the first starts do not agree they are compared on a mesh twice as fine, as are all that
     follow: optima of a coarse mesh are not those of a fine one. Among obstacles there are none.
@@ -195,7 +197,7 @@ def next_start(search: MotionSearch, state: SearchState) -> NextStep | None:
 
 
 def _fresh(search: MotionSearch, state: SearchState) -> NextStep | None:
-    """The next initial guess, on the mesh that answers are compared on."""
+    """Return the next initial guess, on the mesh that answers are compared on."""
     start = search.problem.next_start(search, state)
     carried = any(answer.before is not None for answer in state.of("start"))
     if start is None:
@@ -245,7 +247,7 @@ def _answer(
     by: Refiner,
     origin: Any = None,
 ) -> MotionAnswer:
-    """A coarse answer, which the usual kernels refine."""
+    """Return a coarse answer, which the usual kernels refine."""
     solves = tuple(by.history)
     return MotionAnswer(
         strategy,
@@ -267,7 +269,7 @@ def _nothing_solved(search: MotionSearch, state: SearchState, strategy: str) -> 
 
 
 def _nearest(state: SearchState) -> MotionAnswer:
-    """The start whose answer breaks constraints least."""
+    """Return the start whose answer breaks constraints least."""
     return min(
         state.of("start", "timed path"),
         key=lambda a: (not a.solution.attempts, a.solution.attempts[-1].infeasibility),
@@ -275,7 +277,7 @@ def _nearest(state: SearchState) -> MotionAnswer:
 
 
 def next_from_known(search: MotionSearch, state: SearchState) -> NextStep | None:
-    """A known way where no start led anywhere."""
+    """Return a known way where no start led anywhere."""
     step = _nothing_solved(search, state, "known way")
     return step if step is not None and search.problem.fallback is not None else None
 
@@ -297,7 +299,7 @@ def from_known(search: MotionSearch, step: NextStep) -> MotionAnswer:
 
 
 def next_relaxed(search: MotionSearch, state: SearchState) -> NextStep | None:
-    """The relaxed problem where nothing is solved."""
+    """Return the relaxed problem where nothing is solved."""
     return _nothing_solved(search, state, "relaxed problem")
 
 
@@ -325,12 +327,12 @@ ON_FULL_MESH = ("full mesh", "less and less smoothing")
 
 
 def refined(state: SearchState) -> list[MotionAnswer]:
-    """The answers that were refined."""
+    """Return the answers that were refined."""
     return state.of("splitting")
 
 
 def best_of(search: MotionSearch, state: SearchState) -> MotionAnswer:
-    """The best answer: of those that were refined, else the nearest that there is."""
+    """Return the best answer: of those that were refined, else the nearest that there is."""
     answers = state.of("last digits") or refined(state)
     if answers:
         return min(answers, key=lambda answer: rank(search, answer.solution))
@@ -339,7 +341,7 @@ def best_of(search: MotionSearch, state: SearchState) -> MotionAnswer:
 
 
 def promising(search: MotionSearch, state: SearchState) -> list[MotionAnswer]:
-    """The coarse answers that the best motion may come from, the fastest first.
+    """Return the coarse answers that the best motion may come from, the fastest first.
 
     One that was solved on a finer mesh, too, is among them where that led to a slower optimum.
     """
@@ -356,7 +358,7 @@ def _superseded(state: SearchState, answer: MotionAnswer) -> bool:
 
 
 def next_timed_path(search: MotionSearch, state: SearchState) -> NextStep | None:
-    """The timed path among obstacles, once."""
+    """Return the timed path among obstacles, once."""
     path = search.problem.timed_path
     if path is None or state.answers:
         return None
@@ -379,7 +381,7 @@ def from_timed_path(search: MotionSearch, step: NextStep) -> MotionAnswer:
 
 
 def next_full_mesh(search: MotionSearch, state: SearchState) -> NextStep | None:
-    """The most promising coarse answer that may be better than all that were refined.
+    """Return the most promising coarse answer that may be better than all that were refined.
 
     A refined answer is faster than its coarse one by what the coarse mesh costs; the others may
     gain as much.
@@ -429,7 +431,7 @@ def to_full_mesh(search: MotionSearch, step: NextStep) -> MotionAnswer:
 
 
 def _going_on(subject: MotionAnswer) -> Refiner:
-    """What refines an answer, with the record of the solve that it comes from."""
+    """Return what refines an answer, with the record of the solve that it comes from."""
     answer: MotionAnswer | None = subject
     while answer is not None and not answer.solves:
         answer = answer.before
@@ -452,7 +454,9 @@ def _finer(
 
 
 def next_smoother(search: MotionSearch, state: SearchState) -> NextStep | None:
-    """A coarse answer that no full mesh was solved from, where a motion within limits is known."""
+    """Return a coarse answer that no full mesh was solved from, where a motion within limits is
+    known.
+    """
     for answer in state.of("full mesh"):
         coarser = answer.before
         assert coarser is not None
@@ -471,7 +475,7 @@ def next_smoother(search: MotionSearch, state: SearchState) -> NextStep | None:
 
 
 def _within_limits(search: MotionSearch, answer: MotionAnswer) -> Any:
-    """A motion within the limits from a coarse answer, or any."""
+    """Return a motion within the limits from a coarse answer, or any."""
     slowed = search.problem.slowed(answer.solution)
     return slowed or getattr(search.problem.fallback, "motion", None)
 
@@ -518,7 +522,7 @@ def less_and_less_smoothing(search: MotionSearch, step: NextStep) -> MotionAnswe
 
 
 def next_less_smoothing(search: MotionSearch, state: SearchState) -> NextStep | None:
-    """What was solved on a full mesh, where its smoothing costs much."""
+    """Return what was solved on a full mesh, where its smoothing costs much."""
     for answer in state.of("full mesh"):
         assert answer.before is not None
         costly = answer.solution.cost - answer.solution.duration > (
@@ -552,7 +556,7 @@ def less_smoothing(search: MotionSearch, step: NextStep) -> MotionAnswer:
 
 
 def next_splitting(search: MotionSearch, state: SearchState) -> NextStep | None:
-    """What was solved on a full mesh, or where none was the coarse answer itself."""
+    """Return what was solved on a full mesh, or where none was the coarse answer itself."""
     for coarser in (*state.of("full mesh"), *state.of("less and less smoothing")):
         before = coarser.before
         assert before is not None
@@ -593,7 +597,7 @@ def split_where_exceeded(search: MotionSearch, step: NextStep) -> MotionAnswer:
 
 
 def next_last_digits(search: MotionSearch, state: SearchState) -> NextStep | None:
-    """The best of the refined answers."""
+    """Return the best of the refined answers."""
     if state.of("last digits") or not refined(state):
         return None
     best = best_of(search, state)
@@ -611,7 +615,7 @@ def last_digits(search: MotionSearch, step: NextStep) -> MotionAnswer:
 
 
 def _velocity_switches(search: MotionSearch, solution: Solution) -> list[Any]:
-    """Intervals in which a velocity goes through more than half of its limit at once.
+    """Return intervals in which a velocity goes through more than half of its limit at once.
 
     The arm could reach it in far less time than the mesh lets it.
     """
@@ -624,7 +628,7 @@ def _velocity_switches(search: MotionSearch, solution: Solution) -> list[Any]:
 
 
 def _reversals(search: MotionSearch, solution: Solution) -> list[np.ndarray]:
-    """Intervals inside which a joint with dry friction turns back, or a limit is exceeded."""
+    """Give intervals inside which a joint with dry friction turns back, or a limit is exceeded."""
     marked, dry = [], dry_friction(search.problem.family.robot) > 0.0
     for phase, excess in zip(solution.phases, search.problem.excess(solution), strict=True):
         turns = reversals(phase["qd"], dry)
@@ -644,7 +648,7 @@ def _jerk_switches(search: MotionSearch, solution: Solution) -> list[np.ndarray]
 
 
 def graded(phase: PhaseSolution, count: int) -> FloatArray:
-    """Mesh [count+1] of a phase: evenly spread, and with it where its accelerations change."""
+    """Give mesh [count+1] of a phase: evenly spread, and with it where its accelerations change."""
     steps, change = np.diff(phase.mesh), np.abs(np.diff(phase["qdd"], axis=0))
     change = (change / np.maximum(np.abs(phase["qdd"]).max(axis=0), TINY)).max(axis=1)
     slope = np.pad(change / steps, 1)

@@ -174,7 +174,7 @@ class StopProblem:
         return float(self.task.dwells.sum())
 
     def kernels(self, *, budgeted: bool = False) -> Transcription:
-        """The program with the limits and payloads of every segment, built once."""
+        """Return the program with the limits and payloads of every segment, built once."""
         held = [with_locked_joints_held(family).robot for family in self.task.families]
         given = self.task.conditions
         base: Any = with_locked_joints_held(self.family).robot
@@ -190,7 +190,7 @@ class StopProblem:
     # initial guesses --------------------------------------------------------------------------
 
     def next_start(self, search: MotionSearch, state: SearchState) -> TrialStart | None:
-        """The next way that may be the fastest; bows beside the best of them at last."""
+        """Return the next way that may be the fastest; bows beside the best of them at last."""
         pair = next(self._guesses(state), None)
         if pair is None:
             return None
@@ -212,7 +212,7 @@ class StopProblem:
         )
 
     def _guesses(self, state: SearchState) -> Iterator[tuple[Way, InitialGuess]]:
-        """What was not tried yet: ways, or guides, and then bows beside the best of them."""
+        """Yield what was not tried yet: ways, or guides, and then bows beside the best of them."""
         tried = {answer.start for answer in state.of("start")}
         taken: list[Way] = []
         for guide in self.guides:
@@ -241,7 +241,9 @@ class StopProblem:
                 yield best, replace(g, name=name)
 
     def least(self, state: SearchState, way: Way) -> float | None:
-        """What a way takes at the highest velocities, s; None where no other one takes less."""
+        """Return what a way takes at the highest velocities, s; None where no other one takes
+        less.
+        """
         durations = [a.solution.duration for a in state.of("start") if a.solved]
         exact = all(few_poses(self.task.robot, stop) is not None for stop in self.task.stops)
         least = least_time(self.task, way)
@@ -249,7 +251,9 @@ class StopProblem:
         return least if slower else None
 
     def _rest_to_rest(self, way: Way) -> InitialGuess:
-        """Every segment from rest to rest, with its best timing where its path can be travelled."""
+        """Return every segment from rest to rest, with its best timing where its path can be
+        travelled.
+        """
         guesses = {}
         durations = TaskScale.of(self.family, way.via).durations
         timings = segment_timings(self.task, way, self.settings.compiled)
@@ -261,7 +265,9 @@ class StopProblem:
         return InitialGuess(way.name, guesses)
 
     def _with_closed(self, name: str, guess: Guess) -> Guess:
-        """A guess of the first phase with the values at its start that the last one returns to."""
+        """Return a guess of the first phase with the values at its start that the last one
+        returns to.
+        """
         if name != self.names[0] or not self.task.conditions.closed:
             return guess
         start = np.zeros(1)
@@ -276,11 +282,11 @@ class StopProblem:
     # solutions --------------------------------------------------------------------------------
 
     def guesses(self, solution: Solution) -> dict[str, Guess]:
-        """A guess for every phase from a solution."""
+        """Return a guess for every phase from a solution."""
         return self.stretched(solution, 1.0)
 
     def stretched(self, solution: Solution, factor: float) -> dict[str, Guess]:
-        """The same, slowed down evenly."""
+        """Return the same, slowed down evenly."""
         shapes = zip(self.names, phase_shapes(solution), strict=True)
         return {
             name: self._with_closed(name, guess_along(shape.stretched(factor)))
@@ -292,7 +298,7 @@ class StopProblem:
         raise NotImplementedError
 
     def excess(self, solution: Solution) -> list[FloatArray]:
-        """Largest relative excess of any limit along every interval of every phase."""
+        """Return largest relative excess of any limit along every interval of every phase."""
         if solution not in self._excess:
             pairs = zip(self.task.families, phase_shapes(solution), strict=True)
             self._excess[solution] = [excess_along(family, shape) for family, shape in pairs]
@@ -303,7 +309,7 @@ class StopProblem:
         return None
 
     def motion(self, solution: Solution, provenance: dict[str, Any]) -> Motion:
-        """A solution as a motion with the stops marked."""
+        """Return a solution as a motion with the stops marked."""
         return motion_of(self.task, phase_shapes(solution), provenance)
 
 
@@ -332,7 +338,7 @@ class StopSearch:
         ways: Sequence[Way] = (),
         guides: Sequence[Guide] = (),
     ) -> StopSearch:
-        """The search of a task.
+        """Return the search of a task.
 
         Raises
         ------
@@ -357,7 +363,9 @@ class StopSearch:
         return problem
 
     def explored(self, beaten: float) -> StopSearch:
-        """The same with coarse answers, of ways that may take less than ``beaten``, s, alone."""
+        """Return the same with coarse answers, of ways that may take less than ``beaten``, s,
+        alone.
+        """
         least = replace(self.stops, beaten=beaten - self.stops.rested, briefly=True)
         state = replace(self.search, problem=least).run(STRATEGIES[:1], self.state)
         return replace(self, state=state)
@@ -369,7 +377,7 @@ class StopSearch:
         return min(durations, default=np.inf) + self.stops.rested
 
     def run(self) -> Motion:
-        """The fastest motion, or the one of least effort in the duration that is given."""
+        """Return the fastest motion, or the one of least effort in the duration that is given."""
         with sparing():
             best = fastest(self.search, self.state, slack=0.0 if self.duration else None)
             shortest = best.answer.solution.duration + self.stops.rested
@@ -389,7 +397,9 @@ class StopSearch:
         return at_rest.ended(motion.outcome.and_(returned(made_from)))
 
     def _at_rest(self) -> tuple[list[PiecewisePolynomial], str] | None:
-        """Segments that need no search, from rest to rest, where stops and segments allow them."""
+        """Return segments that need no search, from rest to rest, where stops and segments
+        allow them.
+        """
         task, settings = self.stops.task, self.search.settings
         moves = any(stop.velocity not in (None, "any", "rest") for stop in task.stops)
         if moves or task.around is not None or any(kind is not None for kind in task.segments):
@@ -425,7 +435,7 @@ class StopSearch:
 
 
 def branches(stops: StopProblem, state: SearchState, solution: Solution) -> list[dict[str, Any]]:
-    """What every way through the branches took on the coarse mesh, the one taken first."""
+    """Return what every way through the branches took on the coarse mesh, the one taken first."""
     via = _poses(solution)
     best: dict[str, dict[str, Any]] = {}
     for answer in state.of("start"):
@@ -480,7 +490,8 @@ Front = tuple[list[tuple[float, Motion]], str]  # effort and motion of each, why
 
 
 def effort_front(asked: StopSearch, slacks: Sequence[float]) -> Front:
-    """Effort and motion of the fastest, and of those of least effort that are slower by shares.
+    """Return effort and motion of the fastest, and of those of least effort that are slower by
+    shares.
 
     Each starts from the one before it.
     """
@@ -496,7 +507,7 @@ def effort_front(asked: StopSearch, slacks: Sequence[float]) -> Front:
 
 
 def torque_front(asked: StopSearch, shares: Sequence[float]) -> Front:
-    """Effort and motion of the fastest, and of the fastest with shares of the torques.
+    """Return effort and motion of the fastest, and of the fastest with shares of the torques.
 
     Each starts from the one before it. The text says why the last shares have no motion.
     """
@@ -521,7 +532,7 @@ def torque_front(asked: StopSearch, shares: Sequence[float]) -> Front:
 
 
 def _slower(asked: StopSearch, before: Fastest, factor: float) -> Fastest:
-    """The fastest motion, from another one slowed down; by a new search if that fails."""
+    """Return the fastest motion, from another one slowed down; by a new search if that fails."""
     search, solution = asked.search, before.answer.solution
     refiner = replace(search.refiner, history=[])
     meshes = [phase.mesh for phase in solution.phases]
@@ -546,7 +557,7 @@ def fastest_through(
     progress: StepProgress,
     duration: float | None = None,
 ) -> Motion:
-    """The fastest motion of a task, or the one of least effort in ``duration`` s."""
+    """Return the fastest motion of a task, or the one of least effort in ``duration`` s."""
     if settings.switching_times:
         raise InputError("switching_times are found for joint poses alone, not for stops")
     if duration is not None:
@@ -558,12 +569,12 @@ def fastest_through(
 
 
 def phase_shapes(solution: Solution) -> list[PiecewisePolynomial]:
-    """The polynomial of every phase, from time 0 each."""
+    """Return the polynomial of every phase, from time 0 each."""
     return [polynomial(replace(solution, phases=(phase,))) for phase in solution.phases]
 
 
 def _poses(solution: Solution) -> FloatArray:
-    """Joint poses [m,n] at the stops."""
+    """Return joint poses [m,n] at the stops."""
     ends = [phase["q"][-1] for phase in solution.phases]
     return np.array([solution.phases[0]["q"][0], *ends])
 
@@ -573,14 +584,16 @@ def _along(curve: PiecewisePolynomial, s: FloatArray) -> FloatArray:
 
 
 def guess_along(shape: PiecewisePolynomial) -> Guess:
-    """A guess for a phase of this shape."""
+    """Return a guess for a phase of this shape."""
     velocity = shape.derivative()
     curves = {"q": shape, "qd": velocity, "qdd": velocity.derivative()}
     return Guess(shape.duration, {key: partial(_along, curve) for key, curve in curves.items()})
 
 
 def segment_timings(task: Task, way: Way, compiled: bool) -> tuple[PiecewisePolynomial | None, ...]:
-    """The best timing from rest to rest of every segment of a way; None where there is none."""
+    """Return the best timing from rest to rest of every segment of a way; None where there is
+    none.
+    """
     rows = zip(way.paths, task.payloads, strict=True)
     return tuple(
         _best_timing(payload.on(task.robot), path.tobytes(), len(path), compiled)
@@ -592,7 +605,7 @@ def segment_timings(task: Task, way: Way, compiled: bool) -> tuple[PiecewisePoly
 def _best_timing(
     robot: Robot, path_bytes: bytes, count: int, compiled: bool
 ) -> PiecewisePolynomial | None:
-    """As :func:`segment_timings`, of one path [count,n]; other orders of stops have it, too."""
+    """Do as :func:`segment_timings`, of one path [count,n]; other orders of stops have it, too."""
     shape = spline(np.frombuffer(path_bytes).reshape(count, -1), np.linspace(0.0, 1.0, count))
     with contextlib.suppress(InputError):
         timing = time_path(robot, shape, grid=STOPS.timed, compiled=compiled)
@@ -603,7 +616,9 @@ def _best_timing(
 
 
 def _slowed(robot: Robot, shape: PiecewisePolynomial) -> PiecewisePolynomial:
-    """A shape slowed down until it keeps the limits of velocities, accelerations and torques."""
+    """Return a shape slowed down until it keeps the limits of velocities, accelerations and
+    torques.
+    """
     family = LimitFamily.of(robot)
     keys = [key for key in family.of_order(1, 2, 3) if key != "taud"]
     for _ in range(STOPS.most_slowed):

@@ -57,7 +57,8 @@ def time_optimal(
     progress: StepProgress | None = None,
     **changes: Any,
 ) -> Motion:
-    """The fastest motion through via points: at rest at both ends, passing the others at any speed.
+    """Return the fastest motion through via points: at rest at both ends, passing the others at any
+    speed.
 
     Minimises the sum of the phase durations subject to every limit: of positions, velocities,
     accelerations, jerk, torques, their rates, and those of ``limits.also``.
@@ -151,7 +152,7 @@ def time_optimal(
 def fastest_motion(
     family: LimitFamily, via: FloatArray, settings: TimeOptimalSettings, progress: StepProgress
 ) -> Motion:
-    """As :func:`time_optimal`, of via points that are checked.
+    """Do as :func:`time_optimal`, of via points that are checked.
 
     Raises
     ------
@@ -179,7 +180,7 @@ def fastest_motion(
 
 
 def _without_search(way: Slowed, wall: float) -> Motion:
-    """What needs no search, where there was no time to prepare one."""
+    """Return what needs no search, where there was no time to prepare one."""
     provenance = {
         "method": "free motion without a search",
         "made_from": way.made_from,
@@ -202,7 +203,7 @@ def motions_of_front(
     slacks: Sequence[float] = (),
     shares: Sequence[float] = (),
 ) -> tuple[list[tuple[float, Motion]], str]:
-    """Effort and motion of the fastest, and of calmer ones; why there are no more.
+    """Return effort and motion of the fastest, and of calmer ones; why there are no more.
 
     By ``slacks`` of the duration those of least effort, else the fastest by ``shares`` of the
     torques.

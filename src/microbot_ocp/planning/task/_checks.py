@@ -56,7 +56,7 @@ Settings = TypeVar("Settings")
 
 
 def with_changes(settings: Settings, changes: Mapping[str, Any]) -> Settings:
-    """Settings with some fields replaced.
+    """Return settings with some fields replaced.
 
     Raises
     ------
@@ -75,7 +75,7 @@ def with_changes(settings: Settings, changes: Mapping[str, Any]) -> Settings:
 def with_drives_noted(
     robot: Robot, motion: Motion, limits: Limits | JointLimits | None = None
 ) -> Motion:
-    """The motion, whose note and outcome say what of the drives nothing is known of.
+    """Return the motion, whose note and outcome say what of the drives nothing is known of.
 
     These are limits of torques without masses, and torques on light links that alone decide how
     fast it begins.
@@ -95,7 +95,7 @@ def verdict(
     excess: Sequence[FloatArray],
     limit_tolerance: float,
 ) -> Outcome:
-    """Status and advice of a motion, by the excess of its limits between mesh points.
+    """Return status and advice of a motion, by the excess of its limits between mesh points.
 
     A solver that converged on the mesh points is not believed where limits are exceeded in between
     by more than was asked for.
@@ -119,7 +119,7 @@ def verdict(
 
 
 def largest(excess: Sequence[FloatArray]) -> float:
-    """The largest excess of all phases, relative to its limit."""
+    """Return the largest excess of all phases, relative to its limit."""
     return max(float(e.max()) for e in excess)
 
 
@@ -173,7 +173,7 @@ def provenance_of(
     smoothing: float,
     **more: Any,
 ) -> dict[str, Any]:
-    """How a motion was made: what every time-optimal motion says, and ``more``."""
+    """Return how a motion was made: what every time-optimal motion says, and ``more``."""
     return {
         "method": method,
         "excess": excess,
@@ -190,25 +190,27 @@ def provenance_of(
 
 
 def reach_of(robot: Robot) -> float:
-    """Sum of the lengths of a robot's rows and tool, m; 1 where all are zero, as of a gantry."""
+    """Return sum of the lengths of a robot's rows and tool, m; 1 where all are zero, as of a
+    gantry.
+    """
     rows = np.hypot(robot.a, robot.d)
     return float(rows.sum() + np.linalg.norm(robot.tool[:3, 3])) or 1.0
 
 
 def _slides(robot: Robot) -> FloatArray:
-    """Farthest place [n] of every prismatic joint, m; zero of the others."""
+    """Return farthest place [n] of every prismatic joint, m; zero of the others."""
     low, high = robot.limits.bounds("q")
     prismatic = np.array([kind == "prismatic" for kind in robot.joint_types])
     return np.where(prismatic, np.maximum(np.abs(low), np.abs(high)), 0.0)
 
 
 def farthest_tool(robot: Robot) -> float:
-    """A distance from the base beyond which the tool's origin cannot be, m."""
+    """Return a distance from the base beyond which the tool's origin cannot be, m."""
     return reach_of(robot) + float(_slides(robot).sum())
 
 
 def fastest_tool(robot: Robot) -> float:
-    """A speed of the tool's origin that all joints at their limits cannot exceed, m/s."""
+    """Return a speed of the tool's origin that all joints at their limits cannot exceed, m/s."""
     speeds = np.maximum(-robot.limits.qd_min, robot.limits.qd_max)
     prismatic = np.array([kind == "prismatic" for kind in robot.joint_types])
     rows = np.hypot(robot.a, np.abs(robot.d) + _slides(robot))
@@ -218,14 +220,14 @@ def fastest_tool(robot: Robot) -> float:
 
 
 def length_text(value: float) -> str:
-    """A length in words for a sentence: millimetres below one metre."""
+    """Return a length in words for a sentence: millimetres below one metre."""
     return f"{1e3 * value:.3g} mm" if value < 1.0 else f"{value:.4g} m"
 
 
 def check_limits(
     robot: Robot, limits: Limits | JointLimits | None, *, means: bool = False
 ) -> LimitFamily:
-    """The family of limits of a task; some of them must bound the motion of every joint.
+    """Return the family of limits of a task; some of them must bound the motion of every joint.
 
     Limits of ``means`` over the whole motion are refused unless the planner keeps them.
     """
@@ -243,7 +245,8 @@ def check_limits(
 
 
 def check_via(family: LimitFamily, via_q: ArrayLike, *, moving: bool = False) -> FloatArray:
-    """Via points [m,n], m >= 2, within the limits of the pose, the first and last one holdable.
+    """Return via points [m,n], m >= 2, within the limits of the pose, the first and last one
+    holdable.
 
     The first one only where the arm does not begin ``moving``.
 
@@ -279,7 +282,9 @@ def check_via(family: LimitFamily, via_q: ArrayLike, *, moving: bool = False) ->
 
 
 def too_near(number: int, apart: float, why: str) -> InputError:
-    """The error of a via point, numbered from 1, and the next one, by how far they are apart."""
+    """Return the error of a via point, numbered from 1, and the next one, by how far they are
+    apart.
+    """
     return InputError(
         f"via points {number} and {number + 1} are {apart:.2g} rad (m) apart in every joint or "
         f"less: {why}"
@@ -323,13 +328,16 @@ def check_pace(family: LimitFamily, places: FloatArray, at_rest: bool = True) ->
 
 
 def locked_joints(family: LimitFamily) -> np.ndarray:
-    """Which joints [n] stand still: a limit of their velocity, acceleration or jerk is zero."""
+    """Return which joints [n] stand still: a limit of their velocity, acceleration or jerk is
+    zero.
+    """
     bounds = [np.array(family.robot.limits.bounds(key)) for key in STATE[1:]]
     return np.any([(pair == 0.0).all(axis=0) for pair in bounds], axis=0)
 
 
 def with_locked_joints_held(family: LimitFamily, bounded: str | None = "qdd") -> LimitFamily:
-    """The same family, locked joints bounded in one way only: others would repeat the equation.
+    """Return the same family, locked joints bounded in one way only: others would repeat the
+    equation.
 
     ``bounded`` is the quantity that stays zero; None where nothing could move these joints.
     """
@@ -408,7 +416,8 @@ def _broken(member: Member, j: Any, value: FloatArray, low: FloatArray, high: Fl
 
 
 def jerk_switches(jerk: FloatArray, member: Member) -> np.ndarray:
-    """Intervals [N] inside which a limited jerk [N,n], constant in each, goes from one value on.
+    """Return intervals [N] inside which a limited jerk [N,n], constant in each, goes from one value
+    on.
 
     Between its neighbours' values, which differ by more than a quarter of its range.
     """
@@ -421,7 +430,8 @@ def jerk_switches(jerk: FloatArray, member: Member) -> np.ndarray:
 
 
 def torques_of(robot: Robot, keys: Sequence[str], payload: bool = False) -> Callable[..., Any]:
-    """Torque and torque rate of q, qd, qdd and qddd (and the mass of a payload at the tool, kg).
+    """Return torque and torque rate of q, qd, qdd and qddd (and the mass of a payload at the tool,
+    kg).
 
     The rate is None where no key asks for it.
     """
@@ -433,18 +443,18 @@ def torques_of(robot: Robot, keys: Sequence[str], payload: bool = False) -> Call
 
 @lru_cache(maxsize=64)
 def torque_with_payload(robot: Robot) -> ca.Function:
-    """As :func:`inverse_dynamics`, with the mass of a payload as the last argument."""
+    """Do as :func:`inverse_dynamics`, with the mass of a payload as the last argument."""
     return _with_payload(inverse_dynamics(robot), inverse_dynamics(robot.with_payload(1.0)))
 
 
 @lru_cache(maxsize=64)
 def torque_and_rate_with_payload(robot: Robot) -> ca.Function:
-    """As :func:`torque_and_rate`, with the mass of a payload as the last argument."""
+    """Do as :func:`torque_and_rate`, with the mass of a payload as the last argument."""
     return _with_payload(torque_and_rate(robot), torque_and_rate(robot.with_payload(1.0)))
 
 
 def _with_payload(empty: ca.Function, holding_one: ca.Function) -> ca.Function:
-    """Torques are linear in the mass."""
+    """Return torques are linear in the mass."""
     state = [ca.SX.sym(empty.name_in(k), empty.size1_in(k)) for k in range(empty.n_in())]
     payload = ca.SX.sym("payload")
     pairs = zip(*(function.call(state) for function in (empty, holding_one)), strict=True)
@@ -454,7 +464,7 @@ def _with_payload(empty: ca.Function, holding_one: ca.Function) -> ca.Function:
 
 
 def derivatives_for(*robots: Robot, compiled: bool = False) -> Callable[[ca.Function], Any]:
-    """What a transcription is told: the derivatives of those functions that have some.
+    """Return what a transcription is told: the derivatives of those functions that have some.
 
     They are ``compiled`` where the stages that call them are not.
     """
@@ -547,11 +557,11 @@ def declare_limits(
 
 
 def knows_derivatives(limit: Limit | None) -> bool:
-    """Whether the expression of a limit has derivatives of its own."""
+    """Return whether the expression of a limit has derivatives of its own."""
     return limit is not None and hasattr(limit.expression, "derivatives")
 
 
 def finite_scale(lower: FloatArray, upper: FloatArray) -> FloatArray:
-    """Sizes [n] of limits, 1 where there is none."""
+    """Return sizes [n] of limits, 1 where there is none."""
     size = np.maximum(np.abs(lower), np.abs(upper))
     return np.where(np.isfinite(size) & (size > 0), size, 1.0)

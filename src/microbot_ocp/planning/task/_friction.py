@@ -52,20 +52,20 @@ MOVES = 2.0 * COULOMB_SMOOTHING  # change of a velocity within an interval that 
 
 
 def dry_friction(robot: Robot) -> FloatArray:
-    """Sizes [n] of dry friction, N m (N); zero without masses."""
+    """Return sizes [n] of dry friction, N m (N); zero without masses."""
     if not robot.has_dynamics:
         return np.zeros(robot.joint_count)
     return np.array([link.coulomb_friction for link in robot.links])
 
 
 def has_windows(family: LimitFamily) -> bool:
-    """Whether torques of joints with dry friction are limited."""
+    """Return whether torques of joints with dry friction are limited."""
     return bool(dry_friction(family.robot).any()) and bool({"tau", "taud"} & set(family.keys))
 
 
 @lru_cache(maxsize=64)
 def without_dry_friction(robot: Robot) -> Robot:
-    """The same robot, its joints without dry friction."""
+    """Return the same robot, its joints without dry friction."""
     if not dry_friction(robot).any():
         return robot
     return robot.with_links([replace(link, coulomb_friction=0.0) for link in robot.links])
@@ -78,7 +78,7 @@ def kept_torques(
     torques: Callable[..., Any],
     held: Sequence[ca.MX] = (),
 ) -> tuple[dict[str, ca.MX], ca.MX]:
-    """Torque and torque rate to be limited, by key, and the torque itself.
+    """Return torque and torque rate to be limited, by key, and the torque itself.
 
     With friction within the window, limits L about a middle M are kept in the form
     ``M + (tau - M) / (1 - half / L)``, where ``tau`` is the mean of the two torques there and
@@ -122,7 +122,7 @@ def kept_torques(
 
 
 def reversals(velocity: FloatArray, joints: np.ndarray) -> np.ndarray:
-    """Intervals [N] inside which one of these joints turns back, starts or stops.
+    """Return intervals [N] inside which one of these joints turns back, starts or stops.
 
     From velocities [N+1,n].
     """
@@ -132,7 +132,9 @@ def reversals(velocity: FloatArray, joints: np.ndarray) -> np.ndarray:
 
 
 def rates_at_reversals(family: LimitFamily, solution: Solution) -> tuple[Advice, ...]:
-    """Advice on joints whose torque rate is limited where dry friction lets the torque jump."""
+    """Return advice on joints whose torque rate is limited where dry friction lets the torque
+    jump.
+    """
     if "taud" not in family:
         return ()
     robot: Robot = family.robot
@@ -160,7 +162,7 @@ def with_windows(
     meshes: Meshes,
     start: Mapping[str, Guess] | Solution,
 ) -> Transcription:
-    """Kernels whose windows fit those intervals of a mesh inside which joints turn back.
+    """Return kernels whose windows fit those intervals of a mesh inside which joints turn back.
 
     Parameters
     ----------
@@ -197,7 +199,9 @@ def _window_of(phase: PhaseSolution) -> float:
 
 
 def rounded(transcription: Transcription, velocity: FloatArray) -> Transcription:
-    """Kernels with friction rounded off as coarse meshes need it, for typical velocities [n]."""
+    """Return kernels with friction rounded off as coarse meshes need it, for typical velocities
+    [n].
+    """
     smoothing = max(COULOMB_SMOOTHING, FRICTION_WINDOWS.rounded * float(velocity.min()))
     names = [phase.name for phase in transcription.problem.phases]
     return transcription.with_parameters({name: {SMOOTHING: smoothing} for name in names})

@@ -76,7 +76,7 @@ def multipliers_of(solution: Solution, family: LimitFamily) -> dict[str, Any] | 
 def _bounds(
     solution: Solution, phase: PhaseSolution
 ) -> Iterator[tuple[TableEntry, FloatArray, FloatArray]]:
-    """Every bounded row and variable of a phase, with times [M], s, and multipliers [M]."""
+    """Yield every bounded row and variable of a phase, with times [M], s, and multipliers [M]."""
     layout = phase.layout
     assert layout is not None
     assert solution.variable_multipliers is not None
@@ -97,7 +97,7 @@ def _bounds(
 
 
 def _plain(values: Any) -> Any:
-    """Nested lists of numbers with so many digits as they are known to."""
+    """Return nested lists of numbers with so many digits as they are known to."""
     if isinstance(values, dict):
         return {key: _plain(entry) for key, entry in values.items()}
     if values.ndim > 1:

@@ -81,7 +81,7 @@ class TaskScale:
 
     @classmethod
     def of(cls, family: LimitFamily, via: FloatArray) -> TaskScale:
-        """Sizes of a task from its limits; motions joint by joint, without gravity."""
+        """Return sizes of a task from its limits; motions joint by joint, without gravity."""
         limits = family.robot.limits
         steps = np.abs(np.diff(via, axis=0))
         speed = _larger(limits.bounds("qd"))
@@ -133,7 +133,7 @@ class TaskScale:
         )
 
     def active_bounds(self, durations: Sequence[float]) -> tuple[Advice, ...]:
-        """Advice on the segments whose durations [m-1] stand on a bound."""
+        """Return advice on the segments whose durations [m-1] stand on a bound."""
         rows, why = [], "a bound of the search, which no limit asks for"
         for k, duration in enumerate(durations):
             between = f"between via points {k + 1} and {k + 2}"
@@ -148,7 +148,7 @@ class TaskScale:
 
 
 def _stretch(family: LimitFamily, via: FloatArray, durations: FloatArray) -> float:
-    """How many times as long straight motions last within ten times the further limits.
+    """Return how many times as long straight motions last within ten times the further limits.
 
     A power of ten; limits that bind an arm at rest, too, are none of its pace.
     """
@@ -160,7 +160,7 @@ def _stretch(family: LimitFamily, via: FloatArray, durations: FloatArray) -> flo
     slopes = (30 * s**2 * (1 - s) ** 2, 60 * s * (1 - s) * (1 - 2 * s), 60 * (1 - 6 * s * (1 - s)))
 
     def most(stretch: float) -> FloatArray:
-        """Share [k] used of each limit."""
+        """Return share [k] used of each limit."""
         spans = (stretch * durations)[:, None]
         moving = [slope * ways / spans**order for order, slope in enumerate(slopes, 1)]
         samples = (part.reshape(-1, via.shape[1]) for part in (q, *moving))
@@ -174,13 +174,14 @@ def _stretch(family: LimitFamily, via: FloatArray, durations: FloatArray) -> flo
 
 
 def _larger(bounds: tuple[FloatArray, FloatArray]) -> FloatArray:
-    """Sizes [n] of limits; infinite for joints that are held, which need no time."""
+    """Return sizes [n] of limits; infinite for joints that are held, which need no time."""
     size = np.maximum(-bounds[0], bounds[1])
     return np.where(size > 0, size, np.inf)
 
 
 def rates_alone(family: LimitFamily, q: FloatArray) -> tuple[FloatArray, dict[str, Any]]:
-    """What limits of jerk and torque rate leave to joints alone, from rest to rest along q [N,n].
+    """Return what limits of jerk and torque rate leave to joints alone, from rest to rest along q
+    [N,n].
 
     The jerk [n], infinite where nothing limits it, and the velocities and accelerations that are
     reached so, as limits of the joints where theirs are no tighter.
@@ -202,7 +203,8 @@ def rates_alone(family: LimitFamily, q: FloatArray) -> tuple[FloatArray, dict[st
 
 
 def _alone(family: LimitFamily, poses: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """What limits leave to one joint at a time, whose inertia is the middle one of poses [K,m,n].
+    """Return what limits leave to one joint at a time, whose inertia is the middle one of poses
+    [K,m,n].
 
     The largest acceleration [n] and jerk [n], infinite without a limit, and how long [m,n] its
     torque rate takes through the torques that hold the arm in K poses, s.
@@ -236,7 +238,7 @@ def _alone(family: LimitFamily, poses: FloatArray) -> tuple[FloatArray, FloatArr
 
 
 def _power(size: FloatArray) -> FloatArray:
-    """Powers of ten; one where a size is within a factor of ten of it, or unknown."""
+    """Return powers of ten; one where a size is within a factor of ten of it, or unknown."""
     usable = np.isfinite(size) & (size > 0)
     size = np.where(usable, size, 1.0)
     return np.where((size >= 0.1) & (size <= 10.0), 1.0, 10.0 ** np.round(np.log10(size)))

@@ -159,16 +159,16 @@ class Straight:
         return float(np.linalg.norm(np.subtract(self.end, self.start)))
 
     def points(self, shares: FloatArray) -> FloatArray:
-        """Points [N,d] at shares [N] of the length."""
+        """Return points [N,d] at shares [N] of the length."""
         return np.array(self.start) + shares[:, None] * np.subtract(self.end, self.start)
 
     def share(self, point: Any) -> Any:
-        """Share of the length at which a point (an expression) is beside the line."""
+        """Return share of the length at which a point (an expression) is beside the line."""
         along = ca.DM(np.subtract(self.end, self.start))
         return ca.dot(point - ca.DM(self.start), along) / self.length**2
 
     def across(self, point: Any) -> list[Any]:
-        """Offsets from the line in the directions across it, expressions."""
+        """Return offsets from the line in the directions across it, expressions."""
         way = np.subtract(self.end, self.start) / self.length
         normals = np.linalg.svd(way[None, :])[2][1:]
         offset = point - ca.DM(self.start)
@@ -187,7 +187,7 @@ class CircleArc:
 
     @classmethod
     def through(cls, start: FloatArray, middle: FloatArray, end: FloatArray) -> CircleArc:
-        """The arc from start to end on which middle lies."""
+        """Return the arc from start to end on which middle lies."""
         a, b = middle - start, end - start
         normal = np.cross(a, b)
         size = float(normal @ normal)
@@ -205,7 +205,7 @@ class CircleArc:
         return cls(*parts, radius=radius, angle=angle)
 
     def turned(self, turns: int) -> CircleArc:
-        """The same with so many whole turns more."""
+        """Return the same with so many whole turns more."""
         return replace(self, angle=self.angle + 2 * np.pi * turns)
 
     @property
@@ -213,13 +213,13 @@ class CircleArc:
         return self.radius * self.angle
 
     def points(self, shares: FloatArray) -> FloatArray:
-        """Points [N,3] at shares [N] of the length."""
+        """Return points [N,3] at shares [N] of the length."""
         turn = self.angle * shares[:, None]
         around = np.cos(turn) * np.array(self.x) + np.sin(turn) * np.array(self.y)
         return np.array(self.center) + self.radius * around
 
     def share(self, point: Any) -> Any:
-        """Share of the length at which a point (an expression) is beside the arc."""
+        """Return share of the length at which a point (an expression) is beside the arc."""
         across, up = self._in_plane(point)
         # measured from the middle of the arc: the jump of atan2 is far from both ends
         middle = 0.5 * self.angle
@@ -230,7 +230,7 @@ class CircleArc:
         return 0.5 + turned / self.angle
 
     def across(self, point: Any) -> list[Any]:
-        """Offsets from the arc: outwards and out of its plane, expressions."""
+        """Return offsets from the arc: outwards and out of its plane, expressions."""
         across, up = self._in_plane(point)
         out_of_plane = ca.dot(point - ca.DM(self.center), ca.DM(np.cross(self.x, self.y)))
         return [ca.sqrt(across**2 + up**2) - self.radius, out_of_plane]
@@ -288,7 +288,7 @@ class Turning:
         return cls(rows, tuple(axis.tolist()), angle if size > 1e-12 else 0.0, free)
 
     def rotation(self, share: Any) -> Any:
-        """Rotation [3,3] at a share of the way, a number or an expression."""
+        """Return rotation [3,3] at a share of the way, a number or an expression."""
         k = ca.DM(ca.skew(ca.DM(self.axis)))
         turn = self.angle * share
         change = ca.DM.eye(3) + ca.sin(turn) * k + (1.0 - ca.cos(turn)) * (k @ k)
@@ -362,7 +362,8 @@ class _Angle:
 
 
 def orientation_error(wanted: Any, orientation: Any, free: int | None) -> Any:
-    """Sine of the angle between two rotations, along its axis: [3], or [2] without the free turn.
+    """Return sine of the angle between two rotations, along its axis: [3], or [2] without the free
+    turn.
 
     Expressions in CasADi; the axis is in the wanted frame.
     """
@@ -376,7 +377,7 @@ def orientation_error(wanted: Any, orientation: Any, free: int | None) -> Any:
 
 
 def curve_between(kind: Curved, start: FloatArray, end: FloatArray) -> Curve:
-    """The curve of the tool's origin from one point [3] to another."""
+    """Return the curve of the tool's origin from one point [3] to another."""
     closed = bool(np.allclose(start, end))
     if isinstance(kind, Line):
         if closed:
@@ -393,7 +394,7 @@ def curve_between(kind: Curved, start: FloatArray, end: FloatArray) -> Curve:
 
 
 def parts_of(kind: Curved, curve: Curve) -> list[tuple[float, Curved]]:
-    """A curve in parts beside which a place on it is unique: the share at the end of each."""
+    """Give a curve in parts beside which a place on it is unique: the share at the end of each."""
     if not isinstance(curve, CircleArc) or curve.angle <= SEGMENTS.largest_arc:
         return [(1.0, kind)]
     count = int(np.ceil(curve.angle / SEGMENTS.largest_arc))
@@ -406,7 +407,7 @@ def parts_of(kind: Curved, curve: Curve) -> list[tuple[float, Curved]]:
 
 
 def curve_limits(kind: Curved, curve: Curve, turning: Turning | None) -> tuple[Limit, ...]:
-    """What a tool line or circle asks for, as limits."""
+    """Return what a tool line or circle asks for, as limits."""
     name = "tool line" if isinstance(kind, Line) else "tool circle"
     side = SIDE * kind.tolerance
     degrees = tuple(f"{np.degrees(a):.0f} deg across" for a in DIRECTIONS)
@@ -431,7 +432,7 @@ def curve_limits(kind: Curved, curve: Curve, turning: Turning | None) -> tuple[L
 
 
 def joint_line_limits(kind: JointLine, start: FloatArray, end: FloatArray) -> tuple[Limit, ...]:
-    """What a straight joint path asks for, as limits."""
+    """Return what a straight joint path asks for, as limits."""
     curve = Straight(tuple(start.tolist()), tuple(end.tolist()))
     beyond = _Beyond(curve, kind.tolerance, of_joints=True)
     limits = [Limit("joint line beyond its ends", beyond, upper=kind.tolerance, unit="rad")]
@@ -452,6 +453,6 @@ def joint_line_limits(kind: JointLine, start: FloatArray, end: FloatArray) -> tu
 
 
 def corner_limit(kind: Corner) -> Limit:
-    """What a blended corner asks for, as a limit."""
+    """Return what a blended corner asks for, as a limit."""
     distance = _SquaredDistance(kind.center)
     return Limit("squared distance from the corner", distance, upper=kind.radius**2, unit="m^2")

@@ -75,7 +75,7 @@ class Payload:
             object.__setattr__(self, "inertia", tuple(map(tuple, held.inertia.tolist())))
 
     def on(self, robot: Robot) -> Robot:
-        """The robot with this in its tool."""
+        """Return the robot with this in its tool."""
         if self.mass:
             robot = robot.with_payload(self.mass, self.center_of_mass, self.inertia)
         return robot.with_part(*self.shape) if self.shape and robot.capsules else robot
@@ -230,7 +230,7 @@ class Stop:
         return np.broadcast_to(np.array(self.tolerance), (3 if self.q is None else len(self.q),))
 
     def pose(self, robot: Robot) -> tuple[FloatArray, FloatArray | None]:
-        """Position [3] and rotation [3,3] of the tool at the middle of its tolerance.
+        """Return position [3] and rotation [3,3] of the tool at the middle of its tolerance.
 
         A joint pose states a rotation only of an arm that can hold one on the way, with six joints.
         """
@@ -243,12 +243,12 @@ class Stop:
         return np.array(self.position), turned
 
     def named(self, name: str) -> Stop:
-        """The same stop with a name, unless it has one."""
+        """Return the same stop with a name, unless it has one."""
         return self if self.name else replace(self, name=name)
 
 
 def _capsules(given: Any) -> tuple[Capsule, ...]:
-    """The capsules of a part."""
+    """Return the capsules of a part."""
     entries = given if isinstance(given, list | tuple) else (given,) if given is not None else ()
     capsules = []
     for entry in entries:

@@ -169,11 +169,11 @@ class Task:
         return tuple(map(LimitFamily.of, self.robots))
 
     def name_of(self, index: int) -> str:
-        """Name of a segment, such as "tool line from stop 'pick' to stop 'place'"."""
+        """Return name of a segment, such as "tool line from stop 'pick' to stop 'place'"."""
         return segment_name(self.segments[index], *self.stops[index : index + 2])
 
     def at_rest(self, index: int) -> bool:
-        """Whether the arm rests at a stop."""
+        """Return whether the arm rests at a stop."""
         stop, last = self.stops[index], len(self.stops) - 1
         if stop.velocity is not None:
             return stop.velocity == "rest" or (
@@ -237,7 +237,7 @@ class Task:
 
 
 def segment_name(kind: Segment, before: Stop, after: Stop) -> str:
-    """Such as "tool line from stop 'pick' to stop 'place'"."""
+    """Return such as "tool line from stop 'pick' to stop 'place'"."""
     names = {Line: "tool line", Circle: "tool circle", JointLine: "joint line"}
     what = names.get(type(kind), "way")
     return f"{what} from stop {before.name!r} to stop {after.name!r}"
@@ -248,7 +248,7 @@ def _tool_velocity(robot: Robot, q: Any, qd: Any) -> Any:
 
 
 def pose_rows(robot: Robot, stop: Stop) -> list[Row]:
-    """Conditions on the pose at a stop that are not bounds of joints."""
+    """Return conditions on the pose at a stop that are not bounds of joints."""
     rows = []
     if stop.q is not None:
         target, size = np.array(stop.q), float(stop.tolerance)
@@ -288,7 +288,8 @@ def pose_rows(robot: Robot, stop: Stop) -> list[Row]:
 
 
 def _felt(robot: Robot, stop: Stop, row: Row) -> Row | None:
-    """A condition without those equations that no joint changes, as of the height of a planar arm.
+    """Return a condition without those equations that no joint changes, as of the height of a
+    planar arm.
 
     Solvers that drop fixed variables refuse them.
 
@@ -327,7 +328,7 @@ def _upper(bound: float) -> Bounds:
 
 
 def is_task(via: Any) -> bool:
-    """Whether some of the via points are stops."""
+    """Return whether some of the via points are stops."""
     return isinstance(via, list | tuple) and any(isinstance(point, Stop) for point in via)
 
 
@@ -339,7 +340,7 @@ def task_of(
     segments: Sequence[Segment] | None = None,
     cycle: bool = False,
 ) -> Task:
-    """A task of stops, or joint poses [n], and of segments between them.
+    """Return a task of stops, or joint poses [n], and of segments between them.
 
     Raises
     ------
@@ -481,7 +482,7 @@ def _check_stops(
 
 
 def with_torques(task: Task, share: float) -> Task:
-    """The same task with a share of the torque limits.
+    """Return the same task with a share of the torque limits.
 
     Raises
     ------
@@ -519,7 +520,7 @@ def check_held(task: Task, index: int, q: FloatArray) -> None:
 def _expanded(
     robot: Robot, stops: Sequence[Stop], kinds: Sequence[Segment]
 ) -> tuple[tuple[Stop, ...], tuple[Segment, ...]]:
-    """Stops and segments with blended corners as two stops each, and long arcs in parts."""
+    """Return stops and segments with blended corners as two stops each, and long arcs in parts."""
     if stops[0].blend or stops[-1].blend:
         raise InputError("the first stop and the last cannot be blended corners")
     places: list[Stop] = [stops[0]]
@@ -558,7 +559,9 @@ def _expanded(
 
 
 def _is_straight(corner: Stop, cut: Sequence[Stop], tolerance: float) -> bool:
-    """Whether the straight way between the two ends of a blend is within the tubes of its lines."""
+    """Return whether the straight way between the two ends of a blend is within the tubes of
+    its lines.
+    """
     start, end = (np.array(place.position) for place in cut)
     way, offset = end - start, np.array(corner.position) - start
     share = float(offset @ way) / float(way @ way)
@@ -570,7 +573,7 @@ def _is_straight(corner: Stop, cut: Sequence[Stop], tolerance: float) -> bool:
 def _in_parts(
     robot: Robot, kind: Circle, before: Stop, after: Stop
 ) -> tuple[list[Stop], list[Segment]]:
-    """Stops on a long arc, and the parts of it between them."""
+    """Return stops on a long arc, and the parts of it between them."""
     (start, turned), (end, turned_after) = before.pose(robot), after.pose(robot)
     with naming(f"{segment_name(kind, before, after)}: "):
         curve = curve_between(kind, start, end)
@@ -589,13 +592,13 @@ def _in_parts(
 
 
 def _passed(point: FloatArray, orientation: FloatArray | None, free: int | None) -> Stop:
-    """A place on a tool line or circle that the arm passes at any velocity."""
+    """Return a place on a tool line or circle that the arm passes at any velocity."""
     turn = None if orientation is None or free is None else AXES[free]
     return Stop(position=point, orientation=orientation, free_turn=turn, velocity="any")
 
 
 def _within(place: Stop, kind: Line | Circle, name: str) -> Stop:
-    """A place on a tool line or circle with the tolerance of its orientation.
+    """Return a place on a tool line or circle with the tolerance of its orientation.
 
     The position is exact: within the tube it would be anywhere along the way at no cost, and
     solvers take ten times the iterations.
@@ -605,7 +608,7 @@ def _within(place: Stop, kind: Line | Circle, name: str) -> Stop:
 
 
 def _on_the_way(robot: Robot, corner: Stop, other: Stop) -> Stop:
-    """The stop on the line from a corner to its neighbour where the blend begins."""
+    """Return the stop on the line from a corner to its neighbour where the blend begins."""
     (place, turned), (far, turned_far) = corner.pose(robot), other.pose(robot)
     if corner.position is None:
         raise InputError(f"stop {corner.name!r} is a blended corner: it needs a tool position")

@@ -27,12 +27,14 @@ def _packaged() -> Traversable:
 
 
 def packaged_robots() -> tuple[str, ...]:
-    """Names of the robots that come with the package."""
+    """Return names of the robots that come with the package."""
     return tuple(sorted(f.name[:-5] for f in _packaged().iterdir() if f.name.endswith(".toml")))
 
 
 def is_robot_name(source: str) -> bool:
-    """Whether it is a name, packaged or of ``robot_descriptions``, and not the path of a file."""
+    """Return whether it is a name, packaged or of ``robot_descriptions``, and not the path of a
+    file.
+    """
     return source.startswith(DESCRIPTIONS) or source in packaged_robots()
 
 
@@ -108,7 +110,7 @@ def save_robot(robot: Robot, path: str | Path) -> None:
 
 
 def _described(name: str, tip: str | None) -> Robot:
-    """A robot by its name in the package ``robot_descriptions``."""
+    """Return a robot by its name in the package ``robot_descriptions``."""
     package = needed("robot_descriptions", "robots by these names need", "descriptions")
     modules = {module.name for module in iter_modules(package.__path__)}
     names = sorted(module for module in modules if module.endswith("_description"))
@@ -127,7 +129,7 @@ def _described(name: str, tip: str | None) -> Robot:
 
 
 def robot_text(source: str | Path, tip: str | None = None) -> str:
-    """Text of a robot's TOML file, to be changed into another robot.
+    """Return text of a robot's TOML file, to be changed into another robot.
 
     Of a packaged robot and of a TOML file it is the file as it stands, with its comments and the
     sources of its figures; of another file, what :func:`microbot_ocp.save_robot` makes of it.
@@ -154,7 +156,7 @@ def robot_text(source: str | Path, tip: str | None = None) -> str:
 
 
 def _toml_file(name: str) -> tuple[str, str]:
-    """Text of a packaged robot or of a TOML file, and what to call it in messages."""
+    """Return text of a packaged robot or of a TOML file, and what to call it in messages."""
     if name in packaged_robots():
         text = (_packaged() / f"{name}.toml").read_text("utf-8")
         return text, f"{name}.toml"

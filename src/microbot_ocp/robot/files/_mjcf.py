@@ -113,7 +113,7 @@ class _Model:
         ]
 
     def _kind(self, enum: str, value: int) -> str:
-        """Name of a constant of MuJoCo: HINGE of mjJNT_HINGE."""
+        """Return name of a constant of MuJoCo: HINGE of mjJNT_HINGE."""
         return getattr(self.mujoco, enum)(value).name.partition("_")[2]
 
     def file(self) -> UrdfFile:
@@ -205,7 +205,7 @@ class _Model:
         return float(self.model.qpos0[self.model.jnt_qposadr[number]])
 
     def _leader(self, number: int) -> tuple[str | None, float, float]:
-        """Joint that another follows by an equality, with the factor and the offset."""
+        """Return joint that another follows by an equality, with the factor and the offset."""
         model = self.model
         for k in range(model.neq):
             same = self._kind("mjtEq", model.eq_type[k]) == "JOINT" and model.eq_active0[k]
@@ -217,7 +217,7 @@ class _Model:
         return None, 1.0, 0.0
 
     def _forces(self, number: int) -> tuple[float, float]:
-        """Least and greatest torque of the actuators of a joint; infinite without a limit."""
+        """Give least and greatest torque of the actuators of a joint; infinite without a limit."""
         model, ranges = self.model, []
         for k in range(model.nu):
             direct = self._kind("mjtTrn", model.actuator_trntype[k]) == "JOINT"
@@ -277,7 +277,7 @@ class _Model:
 
 
 def _pose(position: FloatArray, quaternion: FloatArray) -> FloatArray:
-    """Transform [4,4] of a position and a quaternion, scalar first."""
+    """Return transform [4,4] of a position and a quaternion, scalar first."""
     pose = np.eye(4)
     pose[:3, :3] = of_quaternion(quaternion)
     pose[:3, 3] = position

@@ -49,7 +49,8 @@ class Rows(NamedTuple):
 
 
 def dh_rows(points: FloatArray, axes: FloatArray, parallel_tolerance: float) -> Rows:
-    """Rows of the chain whose axes pass through ``points`` [n,3] along unit vectors ``axes`` [n,3].
+    """Return rows of the chain whose axes pass through ``points`` [n,3] along unit vectors ``axes``
+    [n,3].
 
     Parameters
     ----------
@@ -100,7 +101,7 @@ def _frame_zero(point: FloatArray, axis: FloatArray) -> tuple[FloatArray, FloatA
 
 
 def _across(x: FloatArray, z: FloatArray) -> FloatArray:
-    """Unit vector normal to ``z``, as close to ``x`` as it can be."""
+    """Return unit vector normal to ``z``, as close to ``x`` as it can be."""
     for candidate in (x, *np.eye(3)):
         normal = candidate - (candidate @ z) * z
         if np.linalg.norm(normal) > 0.5:
@@ -112,7 +113,7 @@ def _across(x: FloatArray, z: FloatArray) -> FloatArray:
 
 
 def _turned(x: FloatArray, z: FloatArray, alpha: float, beta: float) -> FloatArray:
-    """X of a frame after its turns alpha about X and beta about the new Y."""
+    """Return X of a frame after its turns alpha about X and beta about the new Y."""
     z_turned = np.cos(alpha) * z - np.sin(alpha) * np.cross(z, x)
     return np.cos(beta) * x - np.sin(beta) * z_turned
 
@@ -125,7 +126,7 @@ def _to_axis(
     z_next: FloatArray,
     sine: float,
 ) -> tuple[float, float, float, FloatArray]:
-    """Twist, length, beta and the foot of ``x`` on the next axis, ``x`` being normal to both.
+    """Give twist, length, beta and the foot of ``x`` on the next axis, ``x`` being normal to both.
 
     Of axes nearly parallel, ``x`` leads to where the next one crosses the plane normal to ``z``.
     """
@@ -143,7 +144,7 @@ def _to_axis(
 def _crossing(
     origin: FloatArray, z: FloatArray, point_next: FloatArray, z_next: FloatArray
 ) -> FloatArray:
-    """Where an axis crosses the plane through ``origin`` normal to ``z``."""
+    """Return where an axis crosses the plane through ``origin`` normal to ``z``."""
     return point_next + (origin - point_next) @ z / (z_next @ z) * z_next
 
 
@@ -156,7 +157,7 @@ def _normal(
     foot: FloatArray,
     sine: float,
 ) -> tuple[FloatArray, FloatArray]:
-    """Unit X along the common normal from one axis to the next, and its foot on the first."""
+    """Give unit X along the common normal from one axis to the next, and its foot on the first."""
     gap = point_next - point
     if sine < PLACEMENT.nearly_parallel:
         if sine > 0.0:

@@ -88,7 +88,7 @@ SHAPE = keys_of(Shape)
 
 
 def parse_robot(text: str, origin: str = "robot") -> Robot:
-    """Robot from the text of a TOML file; ``origin`` names it in error messages."""
+    """Return robot from the text of a TOML file; ``origin`` names it in error messages."""
     with naming(f"{origin}: "):
         return _robot(read_table(parsed(text), ROBOT), Path(origin).stem)
 
@@ -125,7 +125,7 @@ def _robot(data: dict[str, Any], name: str) -> Robot:
 
 
 def _pairs(pairs: Any) -> tuple[tuple[str, str], ...]:
-    """Pairs of names of links, such as an SRDF file disables."""
+    """Return pairs of names of links, such as an SRDF file disables."""
     for pair in pairs if isinstance(pairs, list) else [pairs]:
         if not isinstance(pair, list) or [*map(type, pair)] != [str, str]:
             raise InputError(f"disabled_pairs must be pairs of names of links, not {shown(pair)}")
@@ -143,7 +143,7 @@ def _in_radians(key: str, name: str, value: Any, in_degrees: bool, prismatic: bo
 
 
 def _number_or_inf(name: str, value: Any, unit: str = "") -> float:
-    """A number that may be infinite, which TOML writes as inf."""
+    """Return a number that may be infinite, which TOML writes as inf."""
     return value if value in (math.inf, -math.inf) else checks.number(name, value, unit)
 
 
@@ -198,7 +198,7 @@ def _further(table: dict[str, Any]) -> tuple[Limit, ...]:
 
 
 def _placement(name: str, table: Any) -> Any:
-    """A constant transform [4,4] from its table: a matrix, or a DH row."""
+    """Return a constant transform [4,4] from its table: a matrix, or a DH row."""
     if table is None:
         return None
     where = f"of {name}"
@@ -212,7 +212,7 @@ def _placement(name: str, table: Any) -> Any:
 
 
 def robot_to_toml(robot: Robot) -> str:
-    """Text of the TOML file of a robot.
+    """Return text of the TOML file of a robot.
 
     Every figure has the shortest digits that read back as the same number, angles in radians. What
     a robot does not hold, such as the sources of a packaged file, is not written.
@@ -256,7 +256,7 @@ def _text(value: str) -> str:
 
 
 def _lines(item: Any, *keys: str) -> list[str]:
-    """What an object has under these keys, but for what is empty."""
+    """Return what an object has under these keys, but for what is empty."""
     given = ((key, getattr(item, key)) for key in keys)
     return [f"{key} = {_value(value)}" for key, value in given if not _is_empty(value)]
 

@@ -90,7 +90,7 @@ class UrdfFile:
 
 
 def urdf_file(root: Element, origin: str, folder: Path | None, remarks: Remarks) -> UrdfFile:
-    """The file whose root element is ``root``; meshes are looked for from ``folder``."""
+    """Return the file whose root element is ``root``; meshes are looked for from ``folder``."""
     if root.tag != "robot":
         raise InputError(f"it is not a URDF: its root is <{root.tag}>, not <robot>")
     extension = root.find(EXTENSION)
@@ -130,7 +130,7 @@ def _named(root: Element, kind: str) -> dict[str, Element]:
 
 
 def number_from(label: str, text: str) -> float:
-    """The number that ``text`` says; it may be infinite or NaN."""
+    """Return the number that ``text`` says; it may be infinite or NaN."""
     try:
         if "_" in text or not text.isascii():  # Python would read 1_0 as 10
             raise ValueError
@@ -157,7 +157,7 @@ def _finite(
 
 
 def numbers_from(label: str, text: str) -> list[float]:
-    """The numbers that stand in a text."""
+    """Return the numbers that stand in a text."""
     return [number_from(label, entry) for entry in text.split()]
 
 
@@ -166,7 +166,7 @@ def _vector(element: Element, key: str, label: str, default: str, count: int = 3
 
 
 def _frame(element: Element, label: str) -> FloatArray:
-    """The transform [4,4] of an element's <origin>; the identity without one."""
+    """Return the transform [4,4] of an element's <origin>; the identity without one."""
     frame, origin = np.eye(4), element.find("origin")
     if origin is None:
         return frame
@@ -240,7 +240,7 @@ def _joint(element: Element, name: str, remarks: Remarks) -> UrdfJoint:
 
 
 def _axis(joint: Element, name: str, remarks: Remarks) -> FloatArray:
-    """Unit axis [3] of a moving joint in its own frame."""
+    """Return unit axis [3] of a moving joint in its own frame."""
     element = joint.find("axis")
     given = Element("axis") if element is None else element
     axis = _vector(given, "xyz", f"axis of joint {name!r}", "1 0 0")
@@ -256,7 +256,9 @@ def _axis(joint: Element, name: str, remarks: Remarks) -> FloatArray:
 
 
 def _bound(limit: Element | None, key: str, label: str, remarks: Remarks) -> float:
-    """A bound of speed, effort or acceleration; infinite without one, which files write as 0."""
+    """Return a bound of speed, effort or acceleration; infinite without one, which files write
+    as 0.
+    """
     text = None if limit is None else limit.get(key)
     if text is None or number_from(f"{key} of {label}", text) == math.inf:
         return math.inf
@@ -269,7 +271,7 @@ def _bound(limit: Element | None, key: str, label: str, remarks: Remarks) -> flo
 
 
 def _range(limit: Element | None, kind: str, name: str, remarks: Remarks) -> tuple[float, float]:
-    """Lower and upper position of a joint, rad or m."""
+    """Return lower and upper position of a joint, rad or m."""
     if kind == "continuous":
         return -math.inf, math.inf
     given = {} if limit is None else limit.attrib
@@ -288,7 +290,7 @@ def _range(limit: Element | None, kind: str, name: str, remarks: Remarks) -> tup
 def _shapes(
     link: Element, name: str, colors: Colors, folder: Path | None, remarks: Remarks
 ) -> list[Shape]:
-    """Geometry of a link that can be read; what cannot is remarked and left out."""
+    """Return geometry of a link that can be read; what cannot is remarked and left out."""
     shapes = []
     for role in ROLES:
         for element in link.findall(role):
@@ -327,7 +329,7 @@ def _shape(
 
 
 def _size(element: Element, label: str) -> list[float]:
-    """Size of a shape, in the order of ``SIZES``."""
+    """Return size of a shape, in the order of ``SIZES``."""
     if element.tag == "mesh":
         values = numbers_from(f"scale of the {label}", element.get("scale", "1 1 1"))
         return values * 3 if len(values) == 1 else values

@@ -47,7 +47,9 @@ ROOM = 70  # characters that a list of names takes in a message
 
 
 def _link(parts: list[Part], frame: FloatArray, **joint: Any) -> Link:
-    """The body of parts, given in the root's frame, in the link frame ``frame`` [4,4] of it."""
+    """Return the body of parts, given in the root's frame, in the link frame ``frame`` [4,4] of
+    it.
+    """
     total, center, about_center = combined(parts, frame[:3, 3])
     rotation = frame[:3, :3]
     turned = rotation.T @ about_center @ rotation
@@ -138,7 +140,7 @@ def parse_urdf(
     folder: Path | None = None,
     about: SrdfFile | None = None,
 ) -> Robot:
-    """Robot from the text of a URDF file.
+    """Return robot from the text of a URDF file.
 
     ``origin`` names it in messages; its meshes are looked for from ``folder``; ``about`` is what an
     SRDF file says.
@@ -159,7 +161,7 @@ def parse_urdf(
 
 
 def _with_semantics(robot: Robot, about: SrdfFile, links: Set[str], remarks: Remarks) -> Robot:
-    """The robot with what an SRDF file says of it and its links."""
+    """Return the robot with what an SRDF file says of it and its links."""
     names = robot.joint_names
     for name in sorted(set(sum(about.disabled, ())) - links):
         remarks.add("pairs of links that only the SRDF has are left out", repr(name))
@@ -172,7 +174,7 @@ def _with_semantics(robot: Robot, about: SrdfFile, links: Set[str], remarks: Rem
 
 
 def robot_of(file: UrdfFile, remarks: Remarks, tip: str | None, parallel_tolerance: float) -> Robot:
-    """The arm of a file from its root to ``tip``."""
+    """Return the arm of a file from its root to ``tip``."""
     with np.errstate(all="ignore"):  # what overflows is refused by name
         return _Tree(file, remarks).robot(tip, parallel_tolerance)
 
@@ -212,7 +214,7 @@ class _Tree:
             raise InputError("some links hang on each other in a ring: the file is not a chain")
 
     def _outward(self, link: str) -> Iterator[str]:
-        """The link and all links outward of it, each after the one that carries it."""
+        """Yield the link and all links outward of it, each after the one that carries it."""
         waiting = [link]
         while waiting:
             name = waiting.pop()
@@ -220,7 +222,7 @@ class _Tree:
             waiting += [joint.child for joint in self.below[name]]
 
     def _way(self, tip: str) -> list[UrdfJoint]:
-        """Joints from the root to the link ``tip``."""
+        """Return joints from the root to the link ``tip``."""
         way = []
         while tip != self.root:
             way.append(self.above[tip])
@@ -228,7 +230,7 @@ class _Tree:
         return way[::-1]
 
     def _leader(self, joint: UrdfJoint) -> tuple[str, float]:
-        """Joint at the head of those that mimic each other, and the position with it at zero.
+        """Give joint at the head of those that mimic each other, and the position with it at zero.
 
         A joint whose leader is not there, or is itself, leads itself.
         """
@@ -247,7 +249,9 @@ class _Tree:
         return at.name, offset
 
     def _free(self, way: list[UrdfJoint]) -> list[UrdfJoint]:
-        """The joints of the chain: those on the way that move, of a mimicking group only one."""
+        """Return the joints of the chain: those on the way that move, of a mimicking group only
+        one.
+        """
         groups: dict[str, list[UrdfJoint]] = {}
         for joint in way:
             if joint.moves:
@@ -259,14 +263,16 @@ class _Tree:
         return [joint for joint in way if joint.name in chosen]
 
     def _tips(self, *more: str) -> str:
-        """Links that can be the tip, those with the most joints on the way first, for messages."""
+        """Return links that can be the tip, those with the most joints on the way first, for
+        messages.
+        """
         ends = [*more, *(name for name in self.links if not self.below[name])]
         counts = {name: len(self._free(self._way(name))) for name in ends}
         longest = sorted(counts.items(), key=lambda pair: -pair[1])
         return _some([f"{name!r} ({count})" for name, count in longest if count])
 
     def _only_tip(self) -> str:
-        """The end of a file that is one arm."""
+        """Return the end of a file that is one arm."""
         moving = {self.root: False}  # whether any joint outward of a link moves
         for name in reversed(self.order):
             moving[name] = any(j.moves or moving[j.child] for j in self.below[name])
@@ -290,7 +296,7 @@ class _Tree:
         return tip
 
     def _is_gripper(self, link: str) -> bool:
-        """Whether all that moves outward of a link that moves itself mimics one joint."""
+        """Return whether all that moves outward of a link that moves itself mimics one joint."""
         outward = [j for name in self._outward(link) for j in self.below[name] if j.moves]
         return (
             any(joint.moves for joint in self._way(link))
@@ -308,7 +314,7 @@ class _Tree:
         return tip
 
     def robot(self, tip: str | None, parallel_tolerance: float) -> Robot:
-        """The chain from the root to ``tip``, or to the only end there is."""
+        """Return the chain from the root to ``tip``, or to the only end there is."""
         tip = self._only_tip() if tip is None else self._checked_tip(tip)
         way = self._way(tip)
         moving = self._free(way)
@@ -366,7 +372,7 @@ class _Tree:
                 )
 
     def _frames(self, chain: set[str]) -> dict[str, FloatArray]:
-        """Frames [4,4] of all links in the root's, chain at zero, other joints held."""
+        """Return frames [4,4] of all links in the root's, chain at zero, other joints held."""
         frames = {self.root: np.eye(4)}
         for name in self.order:
             for joint in self.below[name]:
@@ -377,7 +383,9 @@ class _Tree:
         return frames
 
     def _carriers(self, moving: list[UrdfJoint]) -> dict[str, int]:
-        """Link -> number of the chain's joint that moves it, from 1; 0 for what stands still."""
+        """Return link -> number of the chain's joint that moves it, from 1; 0 for what stands
+        still.
+        """
         numbers = {joint.name: number for number, joint in enumerate(moving, 1)}
         carriers = {self.root: 0}
         for name in self.order:
@@ -392,7 +400,7 @@ class _Tree:
         frames: dict[str, FloatArray],
         placed: list[FloatArray],
     ) -> list[Link]:
-        """One link a joint, of all that moves with it; none if nothing has a mass."""
+        """Return one link a joint, of all that moves with it; none if nothing has a mass."""
         bodies: list[list[Part]] = [[] for _ in range(len(moving) + 1)]
         for name in self.order:
             if inertial := self.links[name].inertial:
@@ -426,7 +434,7 @@ class _Tree:
         frames: dict[str, FloatArray],
         placed: list[FloatArray],
     ) -> list[Shape]:
-        """Geometry of all links, in the base frame and the new link frames."""
+        """Return geometry of all links, in the base frame and the new link frames."""
         shapes = []
         for name in self.order:
             number = carriers[name]
@@ -439,7 +447,7 @@ class _Tree:
 
 
 def _some(texts: list[str]) -> str:
-    """As many texts as a message has room for, at least one."""
+    """Return as many texts as a message has room for, at least one."""
     ends = itertools.accumulate(len(text) + 2 for text in texts)
     fitting = max(sum(end <= ROOM for end in ends), 1)
     rest = len(texts) - fitting
@@ -474,12 +482,12 @@ def _limits(moving: list[UrdfJoint]) -> Limits:
 
 
 def _cleaned(matrix: FloatArray) -> FloatArray:
-    """The transform with entries below 1e-15, rounding errors of right angles, set to zero."""
+    """Give the transform with entries below 1e-15, rounding errors of right angles, set to zero."""
     return np.where(np.abs(matrix) < 1e-15, 0.0, matrix)
 
 
 def joint_motion(joint: UrdfJoint, position: float) -> FloatArray:
-    """Transform [4,4] of a joint by ``position``, rad or m."""
+    """Return transform [4,4] of a joint by ``position``, rad or m."""
     motion = np.eye(4)
     if joint.type == "prismatic":
         motion[:3, 3] = position * joint.axis

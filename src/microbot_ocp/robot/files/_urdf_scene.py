@@ -16,7 +16,7 @@ from microbot_ocp.robot.files._xml import read_xml
 
 
 def read_urdf_shapes(path: str | Path) -> tuple[Shape, ...]:
-    """Collision geometry of a URDF file without moving joints, in the frame of its root link.
+    """Give collision geometry of a URDF file without moving joints, in the frame of its root link.
 
     Raises
     ------

@@ -17,7 +17,7 @@ from microbot_ocp.robot.files._urdf_file import ACCELERATION, EXTENSION, RANGES
 
 
 def robot_to_urdf(robot: Robot) -> str:
-    """Text of the URDF file of a robot: the same poses, dynamics and geometry.
+    """Return text of the URDF file of a robot: the same poses, dynamics and geometry.
 
     The root link is ``base_link``, the last one ``tool``. Rotor inertia, gravity, and limits that
     URDF has no room for stand in elements ``<microbot_ocp>``: :func:`microbot_ocp.load_robot` reads
@@ -72,7 +72,7 @@ def _unused(name: str, taken: Iterable[str]) -> str:
 
 
 def _link_names(robot: Robot) -> list[str]:
-    """Different names: base_link, one a joint, tool."""
+    """Return different names: base_link, one a joint, tool."""
     names = ["base_link"]
     for joint, joint_name in enumerate(robot.joint_names):
         link = robot.links[joint].name if robot.has_dynamics else None

@@ -19,7 +19,7 @@ EXPANSION_TIME = 10.0  # s, of wall time: expressions are programs, whose steps 
 def urdf_content(
     path: str | Path, what: str, arguments: Mapping[str, str] | None = None
 ) -> str | bytes:
-    """What a URDF file holds, or a xacro file once it is expanded.
+    """Return what a URDF file holds, or a xacro file once it is expanded.
 
     Raises
     ------
@@ -32,7 +32,7 @@ def urdf_content(
 
 
 def expanded(path: Path, arguments: Mapping[str, str] | None = None) -> str:
-    """URDF text of a xacro file.
+    """Return URDF text of a xacro file.
 
     ``$(find package)`` looks around the file and on ROS_PACKAGE_PATH; a package that is in neither
     is taken for the one that the file is in, which may have been renamed.
@@ -53,7 +53,7 @@ def expanded(path: Path, arguments: Mapping[str, str] | None = None) -> str:
         return str(place or folder.parent)
 
     def work(_: object = None) -> tuple[bool, str]:
-        """Whether it went well, and the text or what is wrong."""
+        """Return whether it went well, and the text or what is wrong."""
         substitution_args._eval_find = find
         try:
             document: Any = xacro.process_file(str(path), mappings=dict(arguments or {}))

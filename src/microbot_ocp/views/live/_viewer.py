@@ -112,7 +112,7 @@ def abandon() -> None:
 
 
 def listens(host: str, port: int) -> bool:
-    """Whether a port is open."""
+    """Return whether a port is open."""
     with suppress(OSError), socket.create_connection((host, port), timeout=1.0):
         return True
     return False

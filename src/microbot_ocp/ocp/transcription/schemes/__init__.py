@@ -31,7 +31,7 @@ SCHEMES: dict[str, Scheme] = {
 
 
 def with_degree(scheme: Scheme, degree: int) -> Scheme:
-    """The scheme with another degree.
+    """Return the scheme with another degree.
 
     Raises
     ------

@@ -50,13 +50,13 @@ class Interval:
     dynamics: ca.Function
 
     def f(self, x: ca.MX, u: ca.MX, fraction: Fraction) -> tuple[ca.MX, ca.MX]:
-        """Slope of the state and running cost at a fraction of the interval."""
+        """Return slope of the state and running cost at a fraction of the interval."""
         time = self.start + fraction * self.length
         slope, cost = self.dynamics(x, u, self.rate, time, self.duration, self.constants)
         return slope, cost
 
     def control(self, fraction: Fraction) -> ca.MX:
-        """Constant and linear controls and free parameters at a fraction of the interval."""
+        """Return constant and linear controls and free parameters at a fraction of the interval."""
         return ca.vertcat(self.constant, self.begin + fraction * (self.end - self.begin))
 
 
@@ -93,7 +93,7 @@ class Scheme(Protocol):
         ...
 
     def variables(self, phase: Phase) -> tuple[StageVariable, ...]:
-        """Values needed inside every interval."""
+        """Return values needed inside every interval."""
         ...
 
     def step(self, phase: Phase, interval: Interval, values: Sequence[ca.MX]) -> IntervalStep:
@@ -102,7 +102,9 @@ class Scheme(Protocol):
 
 
 def lagrange(points: Sequence[float], s: Any) -> list[Any]:
-    """Values at s, numbers or an expression, of the Lagrange polynomials through some points."""
+    """Return values at s, numbers or an expression, of the Lagrange polynomials through some
+    points.
+    """
     weights = []
     for point in points:
         weight: Any = 1.0
@@ -114,7 +116,7 @@ def lagrange(points: Sequence[float], s: Any) -> list[Any]:
 
 
 def pointwise(phase: Phase) -> list[Variable]:
-    """Variables that have values at the points of a scheme only."""
+    """Return variables that have values at the points of a scheme only."""
     return [*(c for c in phase.controls if c.shape == "polynomial"), *phase.algebraics]
 
 

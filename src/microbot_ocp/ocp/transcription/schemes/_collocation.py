@@ -63,12 +63,12 @@ class Collocation:
         return 2 * self.degree - (self.kind == "radau")
 
     def variables(self, phase: Phase) -> tuple[StageVariable, ...]:
-        """States, polynomial controls and algebraic variables at every point."""
+        """Return states, polynomial controls and algebraic variables at every point."""
         inside = [*phase.states, *pointwise(phase)]
         return tuple(StageVariable(v, point) for point in self.points for v in inside)
 
     def step(self, phase: Phase, interval: Interval, values: Sequence[ca.MX]) -> IntervalStep:
-        """Polynomial over the interval with one defect a point."""
+        """Return polynomial over the interval with one defect a point."""
         points, slope_matrix, end_weights, cost_weights = _coefficients(self.kind, self.degree)
         states, local = len(phase.states), len(pointwise(phase))
         per_point = states + local
@@ -96,7 +96,8 @@ class Collocation:
 def within_bounds(
     values: FloatArray, points: Sequence[float], lower: FloatArray, upper: FloatArray
 ) -> FloatArray:
-    """Values of polynomial controls at the points so that between them no bound is exceeded, too.
+    """Return values of polynomial controls at the points so that between them no bound is exceeded,
+    too.
 
     A polynomial through points that keep their bounds may leave them in between, and does where the
     control jumps. There it is drawn towards its mean over the interval, as little as the bounds
@@ -127,27 +128,31 @@ def within_bounds(
 
 @lru_cache(maxsize=32)
 def _dense_basis(points: tuple[float, ...]) -> FloatArray:
-    """Lagrange polynomials [G, points] at evenly spaced places of an interval."""
+    """Return Lagrange polynomials [G, points] at evenly spaced places of an interval."""
     return np.column_stack(lagrange(points, np.linspace(0.0, 1.0, DENSE)))
 
 
 @lru_cache(maxsize=32)
 def _coefficients(kind: str, degree: int) -> tuple[list[float], FloatArray, FloatArray, FloatArray]:
-    """Points, derivative matrix [d+1,d], weights of the end [d+1] and of the quadrature [d]."""
+    """Return points, derivative matrix [d+1,d], weights of the end [d+1] and of the quadrature
+    [d].
+    """
     points = [float(p) for p in ca.collocation_points(degree, kind)]
     slope, end, _ = ca.collocation_coeff(points)
     return points, np.array(slope), np.array(end).ravel(), _quadrature(points)
 
 
 def _quadrature(points: Sequence[float]) -> FloatArray:
-    """Integrals [d] of the Lagrange polynomials; CasADi's are wrong for a single Radau point."""
+    """Return integrals [d] of the Lagrange polynomials; CasADi's are wrong for a single Radau
+    point.
+    """
     nodes, weights = np.polynomial.legendre.leggauss(len(points))
     bases = lagrange(points, (nodes + 1) / 2)
     return np.array([weights @ (basis * np.ones_like(nodes)) / 2 for basis in bases])
 
 
 def _interpolate(points: Sequence[float], values: Sequence[ca.MX], s: Fraction) -> ca.MX:
-    """Lagrange interpolation at s."""
+    """Return Lagrange interpolation at s."""
     if isinstance(s, float):
         for point, value in zip(points, values, strict=True):
             if abs(point - s) < 1e-12:

@@ -32,12 +32,12 @@ class Shooting:
     order: int = 4
 
     def variables(self, phase: Phase) -> tuple[StageVariable, ...]:
-        """None: the state inside follows from the start."""
+        """Return none: the state inside follows from the start."""
         refuse_pointwise(phase, "shooting")
         return ()
 
     def step(self, phase: Phase, interval: Interval, values: Sequence[ca.MX]) -> IntervalStep:
-        """Runge-Kutta from the start of the interval."""
+        """Return Runge-Kutta from the start of the interval."""
 
         def after(fraction: Fraction) -> tuple[ca.MX, ca.MX]:
             x, cost, share = interval.x, ca.MX(0), fraction / self.steps
@@ -75,12 +75,12 @@ class IntegratorShooting:
     order: int = 4
 
     def variables(self, phase: Phase) -> tuple[StageVariable, ...]:
-        """None: the state inside follows from the start."""
+        """Return none: the state inside follows from the start."""
         refuse_pointwise(phase, "shooting on an integrator")
         return ()
 
     def step(self, phase: Phase, interval: Interval, values: Sequence[ca.MX]) -> IntervalStep:
-        """The integrator runs over the fraction s of the interval, from 0 to 1."""
+        """Return the integrator runs over the fraction s of the interval, from 0 to 1."""
         names = ("begin", "end", "constant", "start", "length", "duration", "constants")
         inputs = [getattr(interval, name) for name in names]
         symbols = [ca.MX.sym(name, k.shape[0]) for name, k in zip(names, inputs, strict=True)]

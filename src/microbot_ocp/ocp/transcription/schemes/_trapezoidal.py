@@ -34,11 +34,11 @@ class Trapezoidal:
     order: int = 2
 
     def variables(self, phase: Phase) -> tuple[StageVariable, ...]:
-        """The state at the end."""
+        """Return the state at the end."""
         return _next_state(phase, "trapezoidal")
 
     def step(self, phase: Phase, interval: Interval, values: Sequence[ca.MX]) -> IntervalStep:
-        """One defect, from the slopes at both ends."""
+        """Return one defect, from the slopes at both ends."""
         h, after = interval.length, ca.vertcat(*values)
         f0, l0 = interval.f(interval.x, interval.control(0.0), 0.0)
         f1, l1 = interval.f(after, interval.control(1.0), 1.0)
@@ -59,11 +59,11 @@ class HermiteSimpson:
     order: int = 4
 
     def variables(self, phase: Phase) -> tuple[StageVariable, ...]:
-        """The state at the end."""
+        """Return the state at the end."""
         return _next_state(phase, "hermite_simpson")
 
     def step(self, phase: Phase, interval: Interval, values: Sequence[ca.MX]) -> IntervalStep:
-        """One defect, by Simpson's rule with the Hermite cubic's middle."""
+        """Return one defect, by Simpson's rule with the Hermite cubic's middle."""
         h, x, after = interval.length, interval.x, ca.vertcat(*values)
         f0, l0 = interval.f(x, interval.control(0.0), 0.0)
         f1, l1 = interval.f(after, interval.control(1.0), 1.0)
