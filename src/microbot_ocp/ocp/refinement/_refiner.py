@@ -133,7 +133,25 @@ class Refiner:
             initial_barrier=barrier,
             gap=self.settings.gap if tolerance is None else np.inf,  # of a first look none is asked
         )
-        return self._solve(mesh, guesses, settings, warm_only=self.once)
+        kernels = self.transcription
+        if self.fitted is not None:
+            kernels = self.fitted(kernels, mesh, guesses)
+        progress = None if self.progress is quiet else self.progress
+        solution = solve_on(
+            kernels, mesh, guesses, settings, np.inf, progress=progress, warm_only=self.once
+        )
+        self.history.append(
+            {
+                "intervals": [phase.mesh.size - 1 for phase in solution.phases],
+                "cost": solution.cost,
+                "duration": solution.duration,
+                "status": solution.status,
+                "accepted": solution.status.solved,
+                "build_time": solution.build_time,
+                "attempts": [attempt.as_dict() for attempt in solution.attempts],
+            }
+        )
+        return solution
 
     def finished(self, solution: Solution) -> Solution:
         """Return a rough solution to the full tolerance and refined so further.
@@ -147,14 +165,10 @@ class Refiner:
         near = solution.gap.total <= SETTINGS.polished * wanted * abs(solution.cost)
         if self._is_enough(solution) or polished or near:
             return solution
-        settings = replace(
-            self.settings,
-            solver=self.solver,
-            tolerance=self.tolerance,
-            max_iterations=min(self.settings.max_iterations, self.polishing),
-        )
+        most = min(self.settings.max_iterations, self.polishing)
+        settings = replace(self.settings, max_iterations=most)
         meshes = [phase.mesh for phase in solution.phases]
-        finer = self._solve(meshes, solution, settings, warm_only=True)
+        finer = replace(self, settings=settings, rough=None, once=True).solve(meshes, solution)
         accepted = self.history[-1]["accepted"] = self._accepts(solution, finer)
         self.progress(f"the last digits: {finer.duration:.6f} s, {finer.status}")
         if not accepted:
@@ -164,31 +178,6 @@ class Refiner:
         self.rounds = rounds
         within = self._worst(finer) <= max(self.limit_tolerance, self._worst(solution))
         return finer if within else solution
-
-    def _solve(
-        self,
-        mesh: Meshes,
-        guesses: Mapping[str, Guess] | Solution,
-        settings: SolverSettings,
-        **further: Any,
-    ) -> Solution:
-        kernels = self.transcription
-        if self.fitted is not None:
-            kernels = self.fitted(kernels, mesh, guesses)
-        further["progress"] = None if self.progress is quiet else self.progress
-        solution = solve_on(kernels, mesh, guesses, settings, np.inf, **further)
-        self.history.append(
-            {
-                "intervals": [phase.mesh.size - 1 for phase in solution.phases],
-                "cost": solution.cost,
-                "duration": solution.duration,
-                "status": solution.status,
-                "accepted": solution.status.solved,
-                "build_time": solution.build_time,
-                "attempts": [attempt.as_dict() for attempt in solution.attempts],
-            }
-        )
-        return solution
 
     def finer(self, before: Solution, meshes: Sequence[MeshLike]) -> Solution:
         """Solve on another mesh from a solution; keep the old one where the new one is worse."""

@@ -83,13 +83,7 @@ class Integrated:
     failure: str = ""
 
 
-def each_interval(
-    phase: PhaseSolution,
-    tolerance: float = REINTEGRATION.tolerance,
-    *,
-    until: float = 1.0,
-    cost: bool = False,
-) -> Integrated:
+def each_interval(phase: PhaseSolution, *, until: float = 1.0, cost: bool = False) -> Integrated:
     """Integrate every interval from its own mesh state, up to a fraction of it.
 
     All intervals of one degree are one call of one mapped integrator. The running cost is
@@ -103,7 +97,7 @@ def each_interval(
         for method in _methods(layout.phase):
             try:
                 with quiet():  # of a failure CasADi prints all inputs; the message is enough
-                    run = _integrator(layout, group.kind, method, tolerance, cost)
+                    run = _integrator(layout, group.kind, method, cost)
                     states, summed = run.map(intervals.size)(start[intervals].T, data.T)
             except RuntimeError as problem:
                 failure = _why(problem)
@@ -272,16 +266,14 @@ def _equation(layout: PhaseLayout, kind: StageKind, cost: bool) -> _Equation:
     return _Equation(dae, parts, ca.vertcat(*guesses, ca.MX(0, 1)), scale)
 
 
-def _integrator(
-    layout: PhaseLayout, kind: StageKind, method: str, tolerance: float, cost: bool
-) -> ca.Function:
+def _integrator(layout: PhaseLayout, kind: StageKind, method: str, cost: bool) -> ca.Function:
     """Return ``(x at the start, data of the interval) -> x at the end, integral of the running
     cost``.
     """
     dae, parts, guesses, scale = _equation(layout, kind, cost)
     options: dict[str, Any] = {
-        "abstol": tolerance,
-        "reltol": tolerance,
+        "abstol": REINTEGRATION.tolerance,
+        "reltol": REINTEGRATION.tolerance,
         "max_num_steps": REINTEGRATION.most_steps,
         "quad_err_con": True,  # else the steps suit the states alone
         "disable_internal_warnings": True,

@@ -239,7 +239,7 @@ class PathCurve:
     def parameter(self, r: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Give the path's own parameter s since the start of the curve, and ds/dr, both [N]."""
         s, slope, begin = np.zeros_like(r), np.zeros_like(r), 0.0
-        for piece, here, local in self._by_piece(r, False):
+        for piece, here, local in self._by_piece(r):
             place, slopes = local, 1.0
             if piece.bent:
                 at_end = float(piece.bent_at_end)
@@ -253,11 +253,10 @@ class PathCurve:
             begin += piece.length
         return s, slope
 
-    def _by_piece(self, r: FloatArray, from_left: bool) -> Iterator[tuple[CurvePiece, Any, Any]]:
+    def _by_piece(self, r: FloatArray) -> Iterator[tuple[CurvePiece, Any, Any]]:
         """Give every piece with the places of its parameters and their values within it."""
         breaks = self.breaks
-        side = "left" if from_left else "right"
-        index = np.clip(np.searchsorted(breaks, r, side=side) - 1, 0, len(self.pieces) - 1)
+        index = np.clip(np.searchsorted(breaks, r, side="right") - 1, 0, len(self.pieces) - 1)
         for i, piece in enumerate(self.pieces):
             here = index == i
             yield piece, here, r[here] - breaks[i] + piece.limits[0]

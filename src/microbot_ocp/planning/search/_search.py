@@ -184,22 +184,19 @@ class MotionSearch:
             pair = _first(self, strategies, state)
             if pair is None or (self.over and state.answers):
                 break
-            state = state.and_(self._made(*pair, state))
+            strategy, step = pair
+            key = None if step.subject is None else (strategy.name, id(step.subject))
+            answer = None if key is None else self.memory.get(key)
+            if answer is None:
+                begin = time.perf_counter()
+                answer = strategy.run(self, step)
+                answer = replace(answer, before=step.subject, seconds=time.perf_counter() - begin)
+            if key is not None:
+                self.memory[key] = answer
+            state = state.and_(answer)
             if self._may_fork(strategies, state):
                 state = self._with_starts_beside(strategies, state)
         return state
-
-    def _made(self, strategy: MotionStrategy, step: NextStep, state: SearchState) -> MotionAnswer:
-        """Give what a strategy makes of its subject; from memory where it was run on it before."""
-        key = None if step.subject is None else (strategy.name, id(step.subject))
-        if key in self.memory:
-            return self.memory[key]
-        begin = time.perf_counter()
-        answer = strategy.run(self, step)
-        answer = replace(answer, before=step.subject, seconds=time.perf_counter() - begin)
-        if key is not None:
-            self.memory[key] = answer
-        return answer
 
     def _may_fork(self, strategies: Sequence[MotionStrategy], state: SearchState) -> bool:
         """Return whether further starts are tried in another process from here on."""

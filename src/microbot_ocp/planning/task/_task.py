@@ -236,6 +236,9 @@ class Task:
         return EndConditions(q, qd, tuple(filter(None, felt)), qdd=qdd, leaps=stated and not rated)
 
 
+AT_MOST_ONE: Bounds = np.array([-np.inf]), np.array([1.0])
+
+
 def segment_name(kind: Segment, before: Stop, after: Stop) -> str:
     """Return such as "tool line from stop 'pick' to stop 'place'"."""
     names = {Line: "tool line", Circle: "tool circle", JointLine: "joint line"}
@@ -253,7 +256,7 @@ def pose_rows(robot: Robot, stop: Stop) -> list[Row]:
     if stop.q is not None:
         target, size = np.array(stop.q), float(stop.tolerance)
         ball = lambda q, _: ca.sumsqr((q - target) / size)  # noqa: E731
-        return [Row("distance from the joint pose", ball, _upper(1.0))]
+        return [Row("distance from the joint pose", ball, AT_MOST_ONE)]
     place, turned = stop.pose(robot)
     box = stop.box
     if box is None:
@@ -262,7 +265,7 @@ def pose_rows(robot: Robot, stop: Stop) -> list[Row]:
         def distance(q: Any, _: Any) -> Any:
             return ca.sumsqr((forward_kinematics(robot)(q)[:3, 3] - place) / radius)
 
-        rows.append(Row("distance of the tool", distance, _upper(1.0)))
+        rows.append(Row("distance of the tool", distance, AT_MOST_ONE))
     elif (bounded := np.flatnonzero(np.isfinite(box))).size:
 
         def offset(q: Any, _: Any) -> Any:
@@ -280,7 +283,7 @@ def pose_rows(robot: Robot, stop: Stop) -> list[Row]:
         if stop.orientation_tolerance:
             largest = np.sin(stop.orientation_tolerance)
             ball = lambda q, qd: ca.sumsqr(error(q, qd) / largest)  # noqa: E731
-            rows.append(Row("orientation of the tool", ball, _upper(1.0)))
+            rows.append(Row("orientation of the tool", ball, AT_MOST_ONE))
         else:
             zero = np.zeros(3 if stop.free_axis is None else 2)
             rows.append(Row("orientation of the tool", error, (zero, zero)))
@@ -318,10 +321,6 @@ def _felt(robot: Robot, stop: Stop, row: Row) -> Row | None:
 
 def _chosen(expression: Callable[..., Any], rows: list[int], q: Any, qd: Any) -> Any:
     return expression(q, qd)[rows]
-
-
-def _upper(bound: float) -> Bounds:
-    return np.array([-np.inf]), np.array([bound])
 
 
 # checks -------------------------------------------------------------------------------------------
