@@ -10,7 +10,7 @@ import lazy_loader
 
 
 def attach_stub(name: str, file: str) -> tuple[Callable[[str], Any], Callable[[], list], list]:
-    """As that of lazy_loader; functions and classes come out of it with checked arguments."""
+    """Do as that of lazy_loader; functions and classes come out of it with checked arguments."""
     load, directory, names = lazy_loader.attach_stub(name, file)
     seen: set[str] = set()
 

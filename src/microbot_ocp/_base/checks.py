@@ -51,7 +51,7 @@ def warn_user(sentence: str, category: type[Warning] = UserWarning) -> None:
 
 @contextmanager
 def naming(prefix: str) -> Iterator[None]:
-    """Within this context the message of an InputError begins with a prefix, such as "a.toml: "."""
+    """Let messages of InputErrors within this context begin with a prefix, such as "a.toml: "."""
     try:
         yield
     except InputError as problem:

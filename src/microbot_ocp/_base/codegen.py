@@ -176,7 +176,7 @@ _interpreted: ContextVar[bool] = ContextVar("interpreted", default=False)
 
 @contextlib.contextmanager
 def interpreted() -> Iterator[None]:
-    """Inside, functions that are made run on CasADi's virtual machine, without a warning.
+    """Let functions that are made inside run on CasADi's virtual machine, without a warning.
 
     For robots that are used once, in sweeps of thousands: a compiler takes longer than they do, and
     each would leave a library in the cache.

@@ -22,7 +22,7 @@ class Over(Exception):
 
 @contextmanager
 def within(time_limit: float) -> Iterator[None]:
-    """What is called inside ends after so much wall time, s, with the best it has by then.
+    """End what is called inside after so much wall time, s, with the best it has by then.
 
     Limits nest: the one that ends first counts.
 
@@ -52,7 +52,7 @@ def left() -> float:
 
 
 def processor_time() -> float:
-    """Of this process and of those that it started and waited for, s."""
+    """Return the time of this process and of those that it started and waited for, s."""
     return sum(os.times()[:4])
 
 
@@ -63,7 +63,7 @@ def over() -> bool:
 
 @contextmanager
 def given_up(possible: bool = True) -> Iterator[None]:
-    """What is made inside raises :class:`Over` when the time is over, where that is possible."""
+    """Raise :class:`Over` in what is made inside when the time is over, where that is possible."""
     token = _given_up.set(possible)
     try:
         yield

@@ -140,7 +140,7 @@ class _Content:
             self.add(value, f"{name}.{key}" if isinstance(key, str) else name)
 
     def _state(self, value: Any, name: str) -> None:
-        """Any other object: what a copy of it would be made of."""
+        """Add any other object: what a copy of it would be made of."""
         reduced = copyreg.dispatch_table.get(type(value))
         try:
             parts: Any = reduced(value) if reduced else value.__reduce_ex__(4)
@@ -168,7 +168,7 @@ class _Content:
         self._put("casadi", content)
 
     def _once(self, value: Any, name: str) -> None:
-        """A function, class or module: once, then by its number."""
+        """Add a function, class or module: once, then by its number."""
         if id(value) in self._shared:
             self._put("again", str(self._shared[id(value)][0]))
             return
@@ -208,7 +208,7 @@ class _Content:
         self._many("code", (*counts, *names, *code.co_consts), name)
 
     def _module(self, module: str, name: str) -> None:
-        """A module by its name, and by its text where it is the user's own."""
+        """Add a module by its name, and by its text where it is the user's own."""
         self._put("module", module)
         path = None if _in_library(module) else _file_of(module)
         if path is not None:

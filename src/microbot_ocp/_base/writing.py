@@ -108,7 +108,7 @@ def write_whole(path: str | Path, content: str | bytes) -> Path:
 
 @contextlib.contextmanager
 def temporary_path(target: Path) -> Iterator[Path]:
-    """A new name beside ``target``, for a file or a folder that is removed when the block ends."""
+    """Yield a new name beside ``target`` for what is removed when the block ends."""
     remove_leftovers(target.parent)
     shown = os.fsencode(target.name)[:80].decode(errors="ignore")
     label = f".{shown}.{_host()}.{os.getpid()}.{secrets.token_hex(6)}.microbot.part"

@@ -527,7 +527,7 @@ def summary(certificate: Certificate) -> str:
 
 
 def _agreement(figures: ResimulationFigures) -> list[str]:
-    """That the torques lead along the motion; nothing where they never determine it."""
+    """Check that the torques lead along the motion; nothing where they never determine it."""
     if not np.isfinite(figures.defect):
         return ["kinematics only"]
     if figures.undetermined_fraction > SETTINGS.all_along:

@@ -233,8 +233,8 @@ def torque_sizes(robot: Robot, motion: Motion) -> FloatArray:
     """
     peaks = np.abs(torque_along(robot, State(motion.q, motion.qd, motion.qdd))).max(axis=0)
     some = np.linspace(0, motion.t.size - 1, min(100, motion.t.size)).astype(int)
-    momentum = np.abs(_times_mass(robot, motion.q[some], motion.qd[some])).max(axis=0)
-    peaks = np.maximum(peaks, momentum / motion.duration)
+    momenta = np.einsum("kij,kj->ki", _mass_matrices(robot, motion.q[some]), motion.qd[some])
+    peaks = np.maximum(peaks, np.abs(momenta).max(axis=0) / motion.duration)
     return np.maximum(peaks, max(RESIMULATION.small_torque * float(peaks.max()), 1e-9))
 
 
@@ -314,7 +314,7 @@ def _integrated(
 
 
 def _rough(inertia: FloatArray, qdd: FloatArray, allowed: FloatArray) -> BoolArray:
-    """In which segments [K] the nodes do not resolve the accelerations [K,NODES,n]."""
+    """Tell in which segments [K] the nodes do not resolve the accelerations [K,NODES,n]."""
     tail = np.abs(np.einsum("an,knj->kaj", TAIL, qdd)).max(axis=1)
     torque = np.abs(np.einsum("kij,kj->ki", inertia, tail))
     return np.logical_or.reduce(torque > RESIMULATION.resolved * allowed, axis=1)
@@ -425,10 +425,6 @@ def _mass_matrices(robot: Robot, q: FloatArray) -> FloatArray:
     """Return mass matrices [K,n,n] at positions [K,n]."""
     count = robot.joint_count
     return mass_matrix(robot)(q.T).full().reshape(count, -1, count).transpose(1, 0, 2)
-
-
-def _times_mass(robot: Robot, q: FloatArray, qd: FloatArray) -> FloatArray:
-    return np.einsum("kij,kj->ki", _mass_matrices(robot, q), qd)
 
 
 def _condition(matrices: FloatArray) -> FloatArray:

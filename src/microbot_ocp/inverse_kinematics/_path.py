@@ -91,7 +91,7 @@ def follow_ik(
     >>> followed.solved, followed.largest_step < 0.02
     (True, True)
     """
-    targets = checked_targets(robot, positions, orientations)
+    targets = checked_targets(positions, orientations)
     with deadline.within(time_limit):
         return _path(robot, targets, seed)
 
@@ -189,7 +189,7 @@ def _advance(
     target: FloatArray,
     halvings: int = FOLLOWING.halvings,
 ) -> FloatArray | None:
-    """From q at ``origin`` to ``target`` on the same branch; None where that does not go."""
+    """Go from q at ``origin`` to ``target`` on the same branch; None where that does not go."""
     ended, errors = descend(robot, q[None], target[None], robot.limits.bounds("q"))
     if errors[0] < goal(robot) and _step(robot, ended[0], q) <= FOLLOWING.largest_step:
         return ended[0]

@@ -280,7 +280,7 @@ def self_motions(robot: Robot, q: FloatArray, targets: FloatArray, rank: np.ndar
 
 
 def motions_of_one(robot: Robot, q: FloatArray, target: FloatArray) -> np.ndarray:
-    """:func:`self_motions` at solutions q [K,n] of one target [w]."""
+    """Find :func:`self_motions` at solutions q [K,n] of one target [w]."""
     return self_motions(robot, q, np.tile(target, (len(q), 1)), ranks(robot, q, target.size))
 
 
@@ -469,7 +469,7 @@ def _sorted_out(robot: Robot, q: FloatArray, rank: np.ndarray, target: FloatArra
 def nearest_pose(
     robot: Robot, target: FloatArray, start: FloatArray | None = None
 ) -> tuple[FloatArray, bool]:
-    """Within limits: the least distance, then the least angle; q [n] and whether it converged.
+    """Find within limits the least distance, then angle; q [n] and whether it converged.
 
     From many starts, or downhill from the one given. The distance comes first: with the angle
     weighted by a thousandth of it the best starts are found, then the position alone is brought

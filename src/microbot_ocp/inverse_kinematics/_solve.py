@@ -84,7 +84,7 @@ def solve_ik(
     [-18.4349, 105.8439, -111.3819]
     """
     begin = time.perf_counter()
-    target = checked_target(robot, position, orientation)
+    target = checked_target(position, orientation)
     with deadline.within(time_limit):
         if seed is None:
             return nearest_solution(robot, target, None, begin)
@@ -100,7 +100,7 @@ def solve_ik_each(
     *,
     time_limit: float = np.inf,
 ) -> tuple[IKSolution, ...]:
-    """:func:`solve_ik` with a seed, for many targets at once.
+    """Run :func:`solve_ik` with a seed, for many targets at once.
 
     Parameters
     ----------
@@ -133,7 +133,7 @@ def solve_ik_each(
     >>> len(found), all(solution.solved for solution in found)
     (50, True)
     """
-    targets = checked_targets(robot, positions, orientations)
+    targets = checked_targets(positions, orientations)
     given = middle(robot) if seeds is None else seeds
     shape = (robot.joint_count,) if np.ndim(given) == 1 else (len(targets), robot.joint_count)
     wanted = checks.array("seeds", given, shape, "rad (prismatic: m)")
@@ -213,7 +213,7 @@ def solve_ik_all(
     4
     """
     with deadline.within(time_limit):
-        return _branches(robot, checked_target(robot, position, orientation)[None])[0]
+        return _branches(robot, checked_target(position, orientation)[None])[0]
 
 
 def solve_ik_batch(
@@ -223,7 +223,7 @@ def solve_ik_batch(
     *,
     time_limit: float = np.inf,
 ) -> tuple[tuple[IKSolution, ...], ...]:
-    """:func:`solve_ik_all` for positions [N,3] and orientations [N,3,3] at once.
+    """Run :func:`solve_ik_all` for positions [N,3] and orientations [N,3,3] at once.
 
     Returns
     -------
@@ -235,7 +235,7 @@ def solve_ik_batch(
     InputError
         As for :func:`solve_ik`.
     """
-    targets = checked_targets(robot, positions, orientations)
+    targets = checked_targets(positions, orientations)
     return _in_parts(partial(_branches, robot), time_limit, targets)
 
 
@@ -274,7 +274,7 @@ def branches_by_nlp(
     target within the limits; answers are verified by forward kinematics and told apart modulo a
     turn.
     """
-    target = checked_target(robot, position, orientation)
+    target = checked_target(position, orientation)
     return search_by_nlp(robot, target, starts)
 
 
@@ -321,7 +321,7 @@ FAR_OFF = 10.0  # times the stretched arm: a target that far off is in another u
 FARTHEST = 1e6  # m; beyond, nothing is left of a reach in double precision
 
 
-def checked_target(robot: Robot, position: ArrayLike, orientation: ArrayLike | None) -> FloatArray:
+def checked_target(position: ArrayLike, orientation: ArrayLike | None) -> FloatArray:
     """Return row [3] or [12] of a checked position [3] and orientation [3,3]."""
     place = checks.array("position", position, (3,), "m")
     _check_near("position", place)
@@ -331,9 +331,7 @@ def checked_target(robot: Robot, position: ArrayLike, orientation: ArrayLike | N
     return np.concatenate([place, _rotation_rows("orientation", turn[None])[0]])
 
 
-def checked_targets(
-    robot: Robot, positions: ArrayLike, orientations: ArrayLike | None
-) -> FloatArray:
+def checked_targets(positions: ArrayLike, orientations: ArrayLike | None) -> FloatArray:
     """Return rows [N,3] or [N,12] of checked positions [N,3] and orientations [N,3,3]."""
     places = checks.array("positions", positions, (None, 3), "m")
     if not len(places):

@@ -195,7 +195,7 @@ class JointLimits:
         return Limits(**given)
 
     def tightened(self, other: JointLimits) -> JointLimits:
-        """Of every bound the tighter of both, and the further limits of both.
+        """Take of every bound the tighter of both, and the further limits of both.
 
         Of two further limits of one name that of ``other`` counts.
         """

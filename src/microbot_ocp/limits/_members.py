@@ -27,7 +27,7 @@ MEMBER_KEYS = {
 
 
 def limits_from_table(table: Mapping[str, Any]) -> tuple[Limit, ...]:
-    """Further limits from the keys of :data:`MEMBER_KEYS`, with numbers or lists of them."""
+    """Read further limits from the keys of :data:`MEMBER_KEYS`, with numbers or lists of them."""
     bounds: dict[str, dict[str, Any]] = {}
     for key, value in table.items():
         name, side = MEMBER_KEYS[key]

@@ -49,7 +49,7 @@ class Columns(NamedTuple):
         keys: Iterable[str] = tuple(QUANTITIES),
         marks: Any = None,
     ) -> Columns:
-        """Of a motion; without a robot joints are numbered and taken for revolute ones."""
+        """Describe a motion; without a robot joints are numbered and taken for revolute ones."""
         count = samples.q.shape[1]
         if robot is None:
             joints = tuple(f"joint_{j + 1}" for j in range(count))
@@ -129,7 +129,7 @@ def _write_csv(path: Path, columns: Columns) -> None:
 
 
 def _write_trajectory(path: Path, columns: Columns) -> None:
-    """A ``trajectory_msgs/JointTrajectory`` of ROS as JSON."""
+    """Write a ``trajectory_msgs/JointTrajectory`` of ROS as JSON."""
     names = {name: key for name, key in FIELDS.items() if key in columns.values}
     whole = np.rint(columns.t * NANOSECONDS).astype(np.int64)
     # A controller wants increasing times: of two samples at a jump it gets the later one.
@@ -181,7 +181,7 @@ def _write_parquet(path: Path, columns: Columns) -> None:
 
 
 def _write_keyframes(path: Path, columns: Columns) -> None:
-    """``<keyframe>`` of a MuJoCo model whose joints are those of the arm, one key a sample."""
+    """Write MuJoCo ``<keyframe>`` of a model with the joints of the arm, a key a sample."""
     root = ElementTree.Element("mujoco")
     frame = ElementTree.SubElement(root, "keyframe")
     for i, t in enumerate(columns.t.tolist()):

@@ -134,7 +134,7 @@ def _process(digest: str, plan: bytes) -> CaseProcess:
 
 
 def serve(pipe: int) -> None:
-    """What the process does: read the plan, get ready, then one case after the other."""
+    """Do the work of the process: read the plan, get ready, then one case after the other."""
     end_with_parent()
     from microbot_ocp.sweeps._solve import CaseSolver
     from microbot_ocp.sweeps._study import versions

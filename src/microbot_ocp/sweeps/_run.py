@@ -182,7 +182,7 @@ def run_study(
 
 @contextlib.contextmanager
 def _connected(client: Any, workers: int | None) -> Iterator[Any]:
-    """The client that is given, or one of processes of this machine."""
+    """Yield the client that is given, or one of processes of this machine."""
     distributed = needed("distributed")
     if client is not None and not isinstance(client, str):
         if not hasattr(client, "submit") or not hasattr(client, "scheduler_info"):
@@ -238,7 +238,7 @@ def _own_cluster(distributed: Any) -> Any:
 
 
 def _processors() -> int:
-    """Of this process, by its affinity and its share of the machine."""
+    """Return how many this process has, by its affinity and its share of the machine."""
     return needed("dask.system").CPU_COUNT
 
 
@@ -294,7 +294,7 @@ class _Run:
         self._last_worker = time.monotonic()
 
     def run(self) -> None:
-        """Until every chunk has its file."""
+        """Wait until every chunk has its file."""
         size = int(self.results.about["chunk"])
         todo = self.study.source.chunks(size, set(self.results.parts))
         self.tell()
@@ -367,7 +367,7 @@ class _Run:
         )
 
     def _again(self, task: _SubmittedTask) -> None:
-        """Workers ended under these cases again and again: find which one it is."""
+        """Find under which of these cases workers end again and again."""
         if len(task.rows) > 1:
             self._waiting += [
                 _SubmittedTask(task.chunk, task.first + k, task.rows[k : k + 1])

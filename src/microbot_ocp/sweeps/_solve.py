@@ -233,7 +233,7 @@ def _as_bytes(motion: Motion) -> bytes:
 
 @contextlib.contextmanager
 def _one_process_at_a_time() -> Iterator[None]:
-    """Of this user on this machine: so that one process compiles and the others find its work."""
+    """Let one process of this user in at a time: it compiles, and the others find its work."""
     try:
         import fcntl
 

@@ -27,7 +27,7 @@ class Quartiles(NamedTuple):
 
     @classmethod
     def of(cls, values: FloatArray) -> Quartiles:
-        """Of the values that are finite; NaN where there are none."""
+        """Return that of the values that are finite; NaN where there are none."""
         finite = values[np.isfinite(values)]
         if not finite.size:
             return cls(0, np.nan, np.nan, np.nan)

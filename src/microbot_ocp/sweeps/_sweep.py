@@ -184,7 +184,7 @@ class Sweep:
         return view_for(self, "rerun")(self, path)
 
     def _numbers(self) -> list[int]:
-        """Of all part files that are there, whatever they hold."""
+        """Give the numbers of all part files that are there, whatever they hold."""
         names = (_PART.fullmatch(path.name) for path in (self.folder / PARTS).glob("part-*"))
         return sorted(int(name[1]) for name in names if name)
 

@@ -154,7 +154,7 @@ def _has(path: Path, value: str) -> bool:
 
 @contextlib.contextmanager
 def _locked(folder: Path) -> Iterator[None]:
-    """One writer at a time, where the system can do that for a folder."""
+    """Let one writer in at a time, where the system can do that for a folder."""
     handle = None
     if fcntl is not None:
         with contextlib.suppress(OSError):

@@ -131,7 +131,7 @@ def _cubic(task: ComparedTask, best: bool) -> Motion:
 
 
 def _lspb(task: ComparedTask, best: bool) -> Motion:
-    """With blends of a share of each segment, or as is best for each."""
+    """Take blends of a share of each segment, or as is best for each."""
     share = BLEND if task.blend is None and not best else task.blend
     parts = task.first if best else task.given
     count = len(task.via_q) - 1
@@ -220,7 +220,7 @@ def _straight_path(task: ComparedTask) -> Motion:
 
 
 def _cubic_path(task: ComparedTask) -> Motion:
-    """Along the path of the best split, which is not refused for a torque rate, as its cubic is."""
+    """Time the path of the best split, which is not refused for a torque rate, as its cubic is."""
     durations = best_durations(task.robot, task.cubic, task.first)
     return _timed(task, task.cubic(durations), "cubic's path, best timing")
 

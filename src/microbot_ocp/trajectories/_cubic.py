@@ -54,7 +54,7 @@ def cubic(
 
 
 def cubic_through(via: ViaPoints, qd: FloatArray) -> PiecewisePolynomial:
-    """:func:`cubic` through checked via points with the velocities ``qd`` [m,n] there."""
+    """Make :func:`cubic` through checked via points with the velocities ``qd`` [m,n] there."""
     h = np.diff(via.t)[:, None]
     q0, qf, v0, vf = via.q[:-1], via.q[1:], qd[:-1], qd[1:]
     a2 = (3 * (qf - q0) - (2 * v0 + vf) * h) / h**2

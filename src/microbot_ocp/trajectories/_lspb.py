@@ -62,7 +62,7 @@ def lspb(
 
 
 def lspb_through(via: ViaPoints, blends: FloatArray, qd: FloatArray) -> PiecewisePolynomial:
-    """:func:`lspb` through checked via points, with blend times [m-1] and velocities [m,n]."""
+    """Make :func:`lspb` through checked via points, with blend times [m-1] and velocities [m,n]."""
     durations = np.diff(via.t)
     breaks, coefficients = [], []
     for i, (duration, blend) in enumerate(zip(durations, blends, strict=True)):

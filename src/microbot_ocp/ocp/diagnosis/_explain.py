@@ -238,7 +238,7 @@ class _Elastic:
                 yield _Item(self.labels[acting[0]], kind, side, equal, value, acting, most)
 
     def _arrange(self) -> None:
-        """Rows of the elastic program: which they are in the program, and their limits."""
+        """Note rows of the elastic program: which they are in the program, and their limits."""
         strict = [i for i, label in enumerate(self.labels) if label.kind in EQUATIONS]
         source = list(strict)
         lower, upper = (list(limits[strict]) for limits in (self.lower, self.upper))
@@ -367,7 +367,7 @@ class _Elastic:
         return Explanation(False, True, gives, tuple(alternatives), tuple(conflicts), phases)
 
     def _groups(self, order: Sequence[int]) -> list[list[int]]:
-        """Both sides and all components of a limit together, in the given order."""
+        """Yield both sides and all components of a limit together, in the given order."""
         names: dict[tuple[str, str, str], list[int]] = {}
         for i in order:
             names.setdefault(self._name(i), [])

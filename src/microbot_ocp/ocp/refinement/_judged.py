@@ -77,7 +77,7 @@ class Left:
     ratios: tuple[float, float] = (0.5, 0.0)
 
     def entered(self, change: float) -> Left:
-        """With one change more."""
+        """Return it with one change more."""
         ratios = self.ratios
         if 0 < self.change < np.inf:
             ratio = float(np.clip(change / self.change, 0.1, 0.9))
@@ -238,7 +238,7 @@ class _Work:
         return self._with_cost_error(solution, seen, self.accuracy)
 
     def _with_cost_error(self, solution: Solution, seen: Seen, accuracy: Accuracy) -> Seen:
-        """With the error of the cost, where all else is good enough, by a solve more."""
+        """Add the error of the cost, where all else is good enough, by a solve more."""
         if not accuracy.met(seen.step):
             return seen
         if accuracy.cost == np.inf:
@@ -307,7 +307,7 @@ class _Work:
     # what comes of it ------------------------------------------------------------------------
 
     def _improved(self, state: Course) -> tuple[Course, float, list[Attempt]]:
-        """With better controls, what others would save still, and what was tried."""
+        """Find better controls, what others would save still, and what was tried."""
         saved = improvable(state.solution)
         if self._alone or not saved > PASSING.change:
             return state, saved, []

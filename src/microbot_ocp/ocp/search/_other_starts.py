@@ -211,7 +211,7 @@ def _solved(coarse: _Coarse, starts: Iterable[dict[str, Guess]]) -> Iterator[Sol
 def _answers(
     coarse: _Coarse, most: int, here: Solution, guess: Given
 ) -> Iterator[tuple[Solution, bool]]:
-    """Of the guess on other meshes, of simulations, and of curves where many are wanted.
+    """Yield answers from the guess on other meshes, simulations, and curves if many are wanted.
 
     Each with whether it is the answer of a simulation. Kinds of starts take turns; the one that
     leads to an optimum more often comes more often.

@@ -294,7 +294,7 @@ class Task:
     def start(
         self, scaling: str = "", settings: SolverSettings | None = None, uneven: bool = False
     ) -> Start:
-        """From the guess, by the few iterations of a try or by other settings."""
+        """Start from the guess, by the few iterations of a try or by other settings."""
         scaled = replace(self.settings, scaling=scaling or self.settings.scaling)
         program = transcribed(self.problem, scaled, scheme=self.scheme, guess=self.guess)
         mesh = self.mesh

@@ -63,7 +63,7 @@ StepProgress = Callable[[Iteration | str], object]
 
 
 def quiet(_: Iteration | str) -> None:
-    """No progress is reported; solves run without callbacks."""
+    """Report no progress; solves run without callbacks."""
 
 
 @dataclass(eq=False)

@@ -89,7 +89,8 @@ def tightened(runner: Runner, outcome: SolverOutcome) -> tuple[SolverOutcome, Ga
             return tried, UNKNOWN, attempts
         gap_there = gap_at(program, tried)
         nearer = gap_there.total < gap.total or (gap_there.total <= wanted and not _keeps_all(best))
-        if nearer and _feasible(tried, best, settings):
+        allowed = max(settings.tolerance, best.attempt.infeasibility)
+        if nearer and tried.attempt.infeasibility <= allowed:
             best = replace(tried, attempt=replace(tried.attempt, status=Status.SOLVED))
             gap, attempts[-1] = gap_there, best.attempt
         wanted = wanted_gap(program, settings, best.attempt.cost)
@@ -105,10 +106,6 @@ def tightened(runner: Runner, outcome: SolverOutcome) -> tuple[SolverOutcome, Ga
 def _keeps_all(outcome: SolverOutcome) -> bool:
     """Return whether rows and bounds are kept to what passes."""
     return outcome.attempt.infeasibility <= Thresholds().feasibility
-
-
-def _feasible(tried: SolverOutcome, best: SolverOutcome, settings: SolverSettings) -> bool:
-    return tried.attempt.infeasibility <= max(settings.tolerance, best.attempt.infeasibility)
 
 
 def _further(

@@ -199,7 +199,7 @@ class _Look:
         return None if size == 1.0 else size
 
     def find_sizes(self) -> None:
-        """Sizes that are not known from those that are."""
+        """Derive sizes that are not known from those that are."""
         self._follow_dynamics()
         for limit in self.phase.point_constraints:
             if limit.defines and np.isnan(self.sizes[limit.defines]).any():

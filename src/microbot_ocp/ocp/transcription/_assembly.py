@@ -231,7 +231,7 @@ class _Piece:
         return ca.sum2(cost)
 
     def second_order(self, lam_f: ca.MX, lam_g: ca.MX, hessian: _Entries) -> None:
-        """The Hessian is added to that of the program."""
+        """Add the Hessian to that of the program."""
         lam = _gathered(lam_g, self.rows)
         (block,) = self.called(2, lam, ca.repmat(lam_f, 1, self.rows.shape[0]))
         row, column = _triplet(self.kernels[2], 0)

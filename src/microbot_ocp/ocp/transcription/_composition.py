@@ -106,7 +106,7 @@ Derivatives = Callable[[ca.Function], tuple[ca.Function, ...] | None]
 
 
 def automatic(function: ca.Function) -> None:
-    """No derivatives are given: they are found by automatic differentiation."""
+    """Give no derivatives: they are found by automatic differentiation."""
 
 
 def composed_derivatives(

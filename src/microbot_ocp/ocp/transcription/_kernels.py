@@ -265,7 +265,7 @@ def _interval(
 def _path_rows(
     physics: _Physics, scheme: Scheme, interval: Interval, step: IntervalStep, rows: _Rows
 ) -> None:
-    """Bounds of states, algebraic equations and path constraints at the points where they hold."""
+    """Add bounds of states, algebraic equations and path constraints where they hold."""
     phase = physics.phase
     inner = scheme.points if phase.interior_points is None else phase.interior_points
     inner = tuple(p for p in inner if p < 1.0)

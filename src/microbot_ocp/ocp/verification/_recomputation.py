@@ -92,7 +92,7 @@ class Recomputation:
         return parts_of(nodes, table[:-1], 0), table[-1]
 
     def _add_points(self) -> None:
-        """Costs and constraints at given times, one declaration and time after the other."""
+        """Add costs and constraints at given times, one declaration and time after the other."""
         layout = phase_layout(self.phase)
         declared = layout.phase
         rows = iter(layout.points)  # in the order of the declarations
@@ -114,7 +114,7 @@ class Recomputation:
                 self.costs = np.insert(self.costs, -1, np.concatenate(results))
 
     def _add_ends(self) -> None:
-        """Conditions and constraints at the ends, and the end cost."""
+        """Add conditions and constraints at the ends, and the end cost."""
         layout, expressions = phase_layout(self.phase), self.expressions
         declared = layout.phase
         last, duration = self._node([-1])
@@ -405,7 +405,7 @@ def _collocation(intervals: _Intervals) -> _Step:
 
 
 def _integrated(intervals: _Intervals) -> _Step:
-    """For a scheme without a formula here: what the dynamics really do."""
+    """Integrate, for a scheme without a formula here: what the dynamics really do."""
 
     def reach(share: float) -> tuple[FloatArray, FloatArray]:
         integrated = each_interval(intervals.phase, until=share, cost=True)

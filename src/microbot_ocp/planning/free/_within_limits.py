@@ -239,7 +239,7 @@ def _keeping(family: LimitFamily, motion: Motion, tolerance: float) -> Motion | 
 
 
 def largest_excess(family: LimitFamily, motion: Motion) -> float:
-    """Of any limit but those of rates, relative, between samples, too."""
+    """Return that of any limit but those of rates, relative, between samples, too."""
     state = motion.sample(dense_times(motion)[0])
     use = family.use(MotionSamples(*state, np.zeros_like(state.q)), family.of_order(0, 1, 2))
     return max((float(ratio.max()) for ratio in use.values()), default=0.0) - 1.0

@@ -502,7 +502,7 @@ def _solved(
     None where the time was over before the search began.
     """
     robot: Robot = family.robot
-    poses = path.motion.sample(_evenly(path.motion)).q
+    poses = path.motion.sample(np.linspace(0.0, path.motion.duration, AMONG_OBSTACLES.samples)).q
     pairs = facing(robot, scene.pairs(robot), poses)
     apart = clearances(robot, pairs, poses).min(axis=0)
     within = AMONG_OBSTACLES.near * reach_of(robot)
@@ -550,10 +550,6 @@ def _solved(
         progress(f"{more.sum()} more pairs come too near: solved again")
         near |= more
     return motion
-
-
-def _evenly(motion: Motion) -> FloatArray:
-    return np.linspace(0.0, motion.duration, AMONG_OBSTACLES.samples)
 
 
 def as_plain(clearance: Clearance) -> dict[str, Any]:

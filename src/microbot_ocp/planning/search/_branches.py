@@ -106,7 +106,9 @@ def ways_through(task: Task) -> list[Way]:
     if task.cycle and len(nodes[-1]) != len(nodes[0]):
         nodes[0] = nodes[-1]  # a line may have led to further branches of the first stop
     found_ways = [_realised(task, nodes, edges, picks) for picks in _picks(task, nodes, edges)]
-    ways = sorted((w for w in found_ways if w is not None), key=lambda way: _estimate(task, way))
+    ways = sorted(
+        (w for w in found_ways if w is not None), key=lambda way: _time(way, _speeds(task.robot))
+    )
     if not ways:
         raise InputError(
             "no branch of the arm leads through all stops: the tool lines end on other branches "
@@ -465,10 +467,6 @@ def _realised(
 def least_time(task: Task, way: Way) -> float:
     """Give time between the poses of a way by the velocity limits alone, s, dwells not included."""
     return _time(way, np.maximum(-task.robot.limits.qd_min, task.robot.limits.qd_max))
-
-
-def _estimate(task: Task, way: Way) -> float:
-    return _time(way, _speeds(task.robot))
 
 
 def _time(way: Way, speeds: FloatArray) -> float:

@@ -60,11 +60,11 @@ class Candidate(Protocol):
     def hoped(self) -> float: ...
 
     def coarse_duration(self, beaten: float) -> float:
-        """Of the best coarse answer; ways that cannot be faster than ``beaten`` are left out."""
+        """Give that of the best coarse answer; ways not faster than ``beaten`` are left out."""
         ...
 
     def motion(self) -> Motion:
-        """Refined."""
+        """Return the refined motion."""
         ...
 
 

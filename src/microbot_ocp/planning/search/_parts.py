@@ -56,7 +56,7 @@ class Part:
     carries: tuple[tuple[int, int], ...]
 
     def rests(self, count: int) -> list[tuple[int, range]]:
-        """At which stop the part lies, on which of ``count`` segments."""
+        """Tell at which stop the part lies, on which of ``count`` segments."""
         edges = [0, *sum(self.carries, ()), count]
         places = [self.carries[0][0], *(end for _, end in self.carries)]
         waits = [range(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True)]

@@ -584,7 +584,7 @@ class TimeOptimalSolver:
         }
 
     def _check_kinds(self, family: LimitFamily) -> None:
-        """Only the numbers of limits may change: their expressions are built in."""
+        """Let only the numbers of limits change: their expressions are built in."""
         declared = LimitFamily.of(self.robot)
         freed = np.flatnonzero(locked_joints(declared) & ~locked_joints(family))
         if freed.size:

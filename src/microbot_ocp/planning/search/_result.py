@@ -84,7 +84,7 @@ def motion_through(search: MotionSearch, state: SearchState | None = None) -> Mo
     solution = best.answer.solution
     if problem.is_free and solution.status is not Status.INTERRUPTED:
         motion = _within_limits(best, motion)
-        starts = sample(search, best.state)
+        starts = sample(best.state)
         if motion.solved and not settled(starts, search.settings):
             motion = _unsettled(motion)
     if not search.settings.switching_times or not motion.solved:

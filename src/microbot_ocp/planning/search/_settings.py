@@ -189,7 +189,7 @@ class TimeOptimalSettings:
 
 @contextmanager
 def sparing() -> Iterator[None]:
-    """Inside some of the time is kept for a motion within the limits."""
+    """Keep some of the time inside for a motion within the limits."""
     left = deadline.left()
     with deadline.within(
         max(left - min(SEARCH.spared * left, SEARCH.most_spared), SEARCH.least_time)

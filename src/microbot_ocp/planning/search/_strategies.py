@@ -164,7 +164,7 @@ def coarse(search: MotionSearch) -> Refiner:
     return replace(refiner, transcription=kernels)
 
 
-def sample(search: MotionSearch, state: SearchState) -> list[MotionAnswer]:
+def sample(state: SearchState) -> list[MotionAnswer]:
     """Return the starts that are compared: those on the finest mesh that any of them was solved
     on.
     """
@@ -184,7 +184,7 @@ def next_start(search: MotionSearch, state: SearchState) -> NextStep | None:
         return None
     if not search.problem.is_free or len(tried) < settings.starts:
         return _fresh(search, state)
-    compared = sample(search, state)
+    compared = sample(state)
     if settled(compared, settings):
         return None
     first, second = _start_meshes(search)
@@ -340,7 +340,7 @@ def best_of(search: MotionSearch, state: SearchState) -> MotionAnswer:
     return solved[0] if solved else _nearest(state)
 
 
-def promising(search: MotionSearch, state: SearchState) -> list[MotionAnswer]:
+def promising(state: SearchState) -> list[MotionAnswer]:
     """Return the coarse answers that the best motion may come from, the fastest first.
 
     One that was solved on a finer mesh, too, is among them where that led to a slower optimum.
@@ -386,7 +386,7 @@ def next_full_mesh(search: MotionSearch, state: SearchState) -> NextStep | None:
     A refined answer is faster than its coarse one by what the coarse mesh costs; the others may
     gain as much.
     """
-    answers = promising(search, state)
+    answers = promising(state)
     done = refined(state)
     if not answers or len(done) >= SEARCH.most_refined or (done and search.over):
         return None

@@ -294,7 +294,7 @@ class StopProblem:
         }
 
     def guesses_along(self, motion: Motion) -> dict[str, Guess]:
-        """Nothing is known that needs no search."""
+        """Raise: nothing is known that needs no search."""
         raise NotImplementedError
 
     def excess(self, solution: Solution) -> list[FloatArray]:
@@ -305,7 +305,7 @@ class StopProblem:
         return self._excess[solution]
 
     def slowed(self, solution: Solution) -> Motion | None:
-        """None: velocities at stops are given."""
+        """Return None: velocities at stops are given."""
         return None
 
     def motion(self, solution: Solution, provenance: dict[str, Any]) -> Motion:

@@ -65,7 +65,7 @@ class Conditions:
 
 
 def passing(robot: Robot, via: FloatArray) -> Conditions:
-    """At rest at both ends of via points [m,n], through the others at any velocity."""
+    """Return rest at both ends of via points [m,n], and any velocity at the others."""
     free, rest = np.full(via.shape[1], np.inf), np.zeros(via.shape[1])
     still = (rest, rest) if LimitFamily.of(robot).jerk_matters else None
     last = len(via) - 1

@@ -262,7 +262,7 @@ class Turning:
 
     @classmethod
     def between(cls, start: FloatArray, end: FloatArray, free: int | None) -> Turning:
-        """From one rotation [3,3] to another, or from the free axis of one to that of the other."""
+        """Return that from one rotation [3,3] to another, or from free axis to free axis."""
         if free is None:
             change = end @ start.T
             sine = 0.5 * np.array(

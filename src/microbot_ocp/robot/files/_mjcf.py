@@ -141,7 +141,7 @@ class _Model:
         self.joints[name] = UrdfJoint(name, "fixed", parent, child, frame)
 
     def _join(self, body: int) -> None:
-        """The joints of a body, one after another about their anchors, as MuJoCo has them."""
+        """Add the joints of a body, one after another about their anchors, as MuJoCo has them."""
         model, name = self.model, self.bodies[body]
         parent = self.bodies[model.body_parentid[body]]
         frame = _pose(model.body_pos[body], model.body_quat[body])

@@ -125,7 +125,7 @@ def _write_joint(
 
 
 def _write_moving(element: ElementTree.Element, robot: Robot, joint: int) -> None:
-    """Type, axis, limits, friction and extension of a moving joint."""
+    """Write type, axis, limits, friction and extension of a moving joint."""
     prismatic = robot.joint_types[joint] == "prismatic"
     q_min, q_max = (float(bound[joint]) for bound in robot.limits.bounds("q"))
     unlimited = math.isinf(q_min) and math.isinf(q_max)
