@@ -1,11 +1,12 @@
 """The fastest motion through via points or stops, with or without obstacles.
 
 Comes in: a task. Goes out: a motion with what was tried. Begin with :func:`time_optimal` in
-``_time_optimal.py``; ``_strategies.py`` is the table of what is tried and ``_search.py`` its loop.
+``_time_optimal.py``; ``_strategies.py`` is the table of what is tried and ``_search.py`` its loop,
+``_ranking.py`` says which answer is better and ``_split_marks.py`` where meshes are split.
 ``_problem.py`` and ``_through_stops.py`` are tasks as the search sees them, ``_among_obstacles.py``
 and ``_stops_among.py`` give it ways around obstacles, ``_result.py`` and ``_least_effort.py`` make
-the motion of its answer, ``_orders.py`` compares orders of stops, ``_prepared.py`` solves again
-with other numbers.
+the motion of its answer, ``_orders.py`` compares orders of stops, ``_stop_fronts.py`` slacks
+and torques, ``_prepared.py`` solves again with other numbers.
 """
 
 import lazy_loader

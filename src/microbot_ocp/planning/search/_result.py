@@ -16,16 +16,10 @@ from microbot_ocp.ocp.refinement import WORSE
 from microbot_ocp.planning.free import Slowed, in_arcs, judged, largest_excess
 from microbot_ocp.planning.search._least_effort import LeastEffort, least_effort
 from microbot_ocp.planning.search._problem import FreeProblem
+from microbot_ocp.planning.search._ranking import is_enough, rank, settled
 from microbot_ocp.planning.search._search import MotionAnswer, MotionSearch, SearchState, ledger_of
 from microbot_ocp.planning.search._settings import SEARCH, sparing
-from microbot_ocp.planning.search._strategies import (
-    STRATEGIES,
-    best_of,
-    is_enough,
-    rank,
-    sample,
-    settled,
-)
+from microbot_ocp.planning.search._strategies import STRATEGIES, best_of, sample
 from microbot_ocp.planning.task import (
     largest,
     provenance_of,

@@ -8,7 +8,6 @@ first of them first.
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -16,9 +15,8 @@ from typing import Any
 import numpy as np
 
 from microbot_ocp._base import deadline
-from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.status import Status
-from microbot_ocp.ocp import PhaseSolution, Solution, SolverSettings
+from microbot_ocp.ocp import Solution, SolverSettings
 from microbot_ocp.ocp.refinement import WORSE, Refiner
 from microbot_ocp.ocp.solution import StepProgress
 from microbot_ocp.planning.free import (
@@ -33,6 +31,7 @@ from microbot_ocp.planning.free import (
     with_motion,
 )
 from microbot_ocp.planning.search._problem import MotionProblem, TrialStart
+from microbot_ocp.planning.search._ranking import by_promise, is_enough, rank, settled
 from microbot_ocp.planning.search._search import (
     MotionAnswer,
     MotionSearch,
@@ -41,19 +40,21 @@ from microbot_ocp.planning.search._search import (
     SearchState,
 )
 from microbot_ocp.planning.search._settings import SEARCH, TimeOptimalSettings
+from microbot_ocp.planning.search._split_marks import (
+    friction_marks,
+    graded,
+    jerk_marks,
+    velocity_marks,
+)
 from microbot_ocp.planning.task import (
     GAP,
     LDL,
     ROUGH_TOLERANCE,
     dry_friction,
     has_windows,
-    jerk_switches,
-    reversals,
     rounded,
     with_windows,
 )
-
-TINY = 1e-12
 
 
 def search_of(
@@ -84,57 +85,6 @@ def search_of(
         enough=partial(is_enough, problem, settings) if problem.is_free else None,
     )
     return MotionSearch(problem, settings, refiner, progress, kernel_time)
-
-
-# what answers are worth -----------------------------------------------------------------------
-
-
-def is_enough(problem: MotionProblem, settings: TimeOptimalSettings, solution: Solution) -> bool:
-    """Return whether a motion on a large mesh is slowed down, by next to nothing, not refined."""
-    size = sum(phase.mesh.size - 1 for phase in solution.phases) * problem.family.robot.joint_count
-    if size < SEARCH.large or not solution.status.solved or settings.slack:
-        return False
-    if max(float(e.max()) for e in problem.excess(solution)) <= settings.limit_tolerance:
-        return False
-    slower = problem.slowed(solution)
-    return slower is not None and slower.duration <= (1.0 + SEARCH.enough) * solution.duration
-
-
-def rank(search: MotionSearch, solution: Solution) -> tuple[bool, float]:
-    """Return what keeps its limits first, then what is faster."""
-    valid = solution.status.solved and (
-        search.worst(solution) <= search.settings.limit_tolerance
-        or (search.problem.is_free and is_enough(search.problem, search.settings, solution))
-    )
-    return not valid, solution.duration
-
-
-def by_promise(answers: Sequence[MotionAnswer]) -> list[MotionAnswer]:
-    """Give the different optima among coarse answers, the fastest first; of the same the first."""
-    different = list[MotionAnswer]()
-    for coarse in answers:
-        if coarse.solved and not any(
-            abs(coarse.solution.duration - other.solution.duration)
-            <= SEARCH.same * other.solution.duration
-            for other in different
-        ):
-            different.append(coarse)
-    return sorted(different, key=lambda coarse: coarse.solution.duration)
-
-
-def settled(answers: Sequence[MotionAnswer], settings: TimeOptimalSettings) -> bool:
-    """Return whether another start would more likely than not lead to what has been seen before.
-
-    After w different outcomes of N starts it leads to a new one with the probability
-    w (w + 1) / (N (N - 1)) (Boender and Rinnooy Kan, Math. Programming 37, 1987, 59-80). What was
-    carried on from a coarser mesh is an outcome, but no start.
-    """
-    solved, count = sum(answer.solved for answer in answers), len(answers)
-    if solved == 0 or settings.starts == 1:  # of a single start nothing is asked
-        return solved > 0
-    different = len(by_promise(answers)) + (solved < count)
-    count = sum(answer.before is None for answer in answers)
-    return 2 * different * (different + 1) <= count * (count - 1)
 
 
 # coarse answers -------------------------------------------------------------------------------
@@ -412,7 +362,7 @@ def to_full_mesh(search: MotionSearch, step: NextStep) -> MotionAnswer:
     if not accelerations_jump(search.problem.family):
         solution = refiner.finer(before, [full_mesh(search)] * len(before.phases))
         if refiner.fitted is not None:
-            marks = partial(_reversals, search)
+            marks = partial(friction_marks, search)
             solution = refiner.sharpen(solution, marks, worth=SEARCH.worth)
         return _finer(subject, "full mesh", solution, refiner)
     meshes = [graded(phase, full_mesh(search)) for phase in before.phases]
@@ -577,18 +527,18 @@ def split_where_exceeded(search: MotionSearch, step: NextStep) -> MotionAnswer:
     refiner, best = _going_on(subject), subject.solution
     if not accelerations_jump(search.problem.family):
         best = refiner.refine(best)
-        marks = partial(_velocity_switches, search)
+        marks = partial(velocity_marks, search)
         if any(places.any() for places in marks(best)):
             best = refiner.refine(refiner.sharpen(best, marks))
         if "qddd" in search.problem.family:
-            best = refiner.refine(refiner.sharpen(best, partial(_jerk_switches, search)))
+            best = refiner.refine(refiner.sharpen(best, partial(jerk_marks, search)))
         return _finer(subject, "splitting", best, refiner)
     usual = refiner.settings
     if subject.strategy in COARSE:  # nothing leads on: what is tried yet is not tried for long
         limited = min(usual.max_iterations, SEARCH.smoother_iterations)
         usual = replace(usual, max_iterations=limited)
     refiner = replace(refiner, foresight=SEARCH.foresight, settings=usual)
-    marks = partial(_velocity_switches, search)
+    marks = partial(velocity_marks, search)
     if len(search.problem.names) <= SEARCH.many_phases:
         # a refined mesh is seldom refined again: to the last digits at once
         least = replace(usual, max_iterations=min(usual.max_iterations, SEARCH.most_exact))
@@ -611,62 +561,9 @@ def last_digits(search: MotionSearch, step: NextStep) -> MotionAnswer:
     return _finer(subject, "last digits", refiner.finished(subject.solution), refiner)
 
 
-# where meshes are split -----------------------------------------------------------------------
-
-
-def _velocity_switches(search: MotionSearch, solution: Solution) -> list[Any]:
-    """Return intervals in which a velocity goes through more than half of its limit at once.
-
-    The arm could reach it in far less time than the mesh lets it.
-    """
-    limit = np.maximum(*(np.abs(b) for b in search.problem.family.robot.limits.bounds("qd")))
-    limit = np.where(limit > 0, limit, np.inf)
-    return [
-        (np.abs(np.diff(phase["qd"], axis=0)) > 0.5 * limit).any(axis=1)
-        for phase in solution.phases
-    ]
-
-
-def _reversals(search: MotionSearch, solution: Solution) -> list[np.ndarray]:
-    """Give intervals inside which a joint with dry friction turns back, or a limit is exceeded."""
-    marked, dry = [], dry_friction(search.problem.family.robot) > 0.0
-    for phase, excess in zip(solution.phases, search.problem.excess(solution), strict=True):
-        turns = reversals(phase["qd"], dry)
-        steps = np.diff(phase.mesh)
-        # the window is as long as the longest of them
-        turns &= steps > 0.6 * steps[turns].max(initial=0.0)
-        marked.append(turns[:, None] | (excess > search.settings.limit_tolerance))
-    return marked
-
-
-def _jerk_switches(search: MotionSearch, solution: Solution) -> list[np.ndarray]:
-    member = search.problem.family["qddd"]
-    return [
-        jerk_switches(np.diff(phase["qdd"], axis=0) / np.diff(phase.t)[:, None], member)
-        for phase in solution.phases
-    ]
-
-
-def graded(phase: PhaseSolution, count: int) -> FloatArray:
-    """Give mesh [count+1] of a phase: evenly spread, and with it where its accelerations change."""
-    steps, change = np.diff(phase.mesh), np.abs(np.diff(phase["qdd"], axis=0))
-    change = (change / np.maximum(np.abs(phase["qdd"]).max(axis=0), TINY)).max(axis=1)
-    slope = np.pad(change / steps, 1)
-    # a change may be anywhere in the interval, or begin in the one beside it
-    weight = steps * np.maximum(slope[1:-1], 0.5 * np.maximum(slope[:-2], slope[2:]))
-    density = (1.0 - SEARCH.graded) * steps + SEARCH.graded * weight / max(weight.sum(), TINY)
-    reached = np.concatenate([[0.0], np.cumsum(density)])
-    mesh = np.interp(np.linspace(0.0, reached[-1], count + 1), reached, phase.mesh)
-    mesh[[0, -1]] = 0.0, 1.0
-    return mesh
-
-
 FROM_PATHS = (
     MotionStrategy(
-        "timed path",
-        next_timed_path,
-        from_timed_path,
-        "obstacles, which other starts run into",
+        "timed path", next_timed_path, from_timed_path, "obstacles, which other starts run into"
     ),
 )
 STRATEGIES = (

@@ -42,7 +42,6 @@ from microbot_ocp.planning.search._branches import (
     least_time,
     ways_through,
 )
-from microbot_ocp.planning.search._least_effort import effort_of, least_effort
 from microbot_ocp.planning.search._problem import TrialStart
 from microbot_ocp.planning.search._result import (
     Fastest,
@@ -55,7 +54,7 @@ from microbot_ocp.planning.search._result import (
 from microbot_ocp.planning.search._search import MotionSearch, SearchState
 from microbot_ocp.planning.search._settings import SEARCH, TimeOptimalSettings, sparing
 from microbot_ocp.planning.search._stop_motion import motion_of
-from microbot_ocp.planning.search._strategies import STRATEGIES, rank, search_of
+from microbot_ocp.planning.search._strategies import STRATEGIES, search_of
 from microbot_ocp.planning.task import (
     CELL_TIME_LIMIT,
     LDL,
@@ -63,7 +62,6 @@ from microbot_ocp.planning.task import (
     Task,
     TaskScale,
     with_locked_joints_held,
-    with_torques,
 )
 from microbot_ocp.robot import Robot, jacobian
 from microbot_ocp.trajectories import spline
@@ -482,73 +480,6 @@ def _remark(provenance: dict[str, Any]) -> str:
     if slow := [entry["at_least"] for entry in others if entry["status"] == LEFT_OUT]:
         parts.append(f"others need {min(slow):.3f} s or more at the highest joint velocities")
     return "; ".join(parts)
-
-
-# fronts -----------------------------------------------------------------------------------------
-
-Front = tuple[list[tuple[float, Motion]], str]  # effort and motion of each, why there are no more
-
-
-def effort_front(asked: StopSearch, slacks: Sequence[float]) -> Front:
-    """Return effort and motion of the fastest, and of those of least effort that are slower by
-    shares.
-
-    Each starts from the one before it.
-    """
-    best = fastest(asked.search, asked.state, slack=0.0)
-    first = best.answer.solution.duration
-    points = [(effort_of(asked.search, best.answer.solution), asked._motion(best))]
-    for slack in sorted(slacks) if best.answer.solved else ():
-        share = (1.0 + slack) * first / best.answer.solution.duration - 1.0
-        calmer = least_effort(asked.search, best.answer, share)
-        best = replace(best, answer=calmer.answer, calmer=calmer)
-        points.append((effort_of(asked.search, calmer.answer.solution), asked._motion(best)))
-    return points, ""
-
-
-def torque_front(asked: StopSearch, shares: Sequence[float]) -> Front:
-    """Return effort and motion of the fastest, and of the fastest with shares of the torques.
-
-    Each starts from the one before it. The text says why the last shares have no motion.
-    """
-    best = fastest(asked.search, asked.state, slack=0.0)
-    points, before = [(effort_of(asked.search, best.answer.solution), asked._motion(best))], 1.0
-    for share in sorted(shares, reverse=True) if best.answer.solved else ():
-        try:
-            weaker = with_torques(asked.stops.task, share)
-        except InputError as problem:
-            return points, f"With {100 * share:.3g} % of the torques {problem}."
-        settings, stops = asked.search.settings, asked.stops
-        search = StopSearch.of(
-            weaker, settings, asked.search.progress, ways=stops.ways, guides=stops.guides
-        )
-        best = _slower(search, best, float(np.sqrt(before / share)))
-        before, motion = share, search._motion(best)
-        if not motion.solved:
-            why = motion.advice or motion.status.sentence
-            return points, f"With {100 * share:.3g} % of the torques: {why}"
-        points.append((effort_of(search.search, best.answer.solution), motion))
-    return points, ""
-
-
-def _slower(asked: StopSearch, before: Fastest, factor: float) -> Fastest:
-    """Return the fastest motion, from another one slowed down; by a new search if that fails."""
-    search, solution = asked.search, before.answer.solution
-    refiner = replace(search.refiner, history=[])
-    meshes = [phase.mesh for phase in solution.phases]
-    guesses = asked.stops.stretched(solution, factor)
-    slower = refiner.solve(meshes, guesses, barrier=SEARCH.calmer_barrier)
-    slower = refiner.finished(refiner.refine(slower))
-    search.progress(f"slowed down: {slower.duration:.6f} s, {slower.status}")
-    if rank(search, slower)[0] is False:
-        answer = replace(
-            before.answer, solution=slower, refiner=refiner, solves=tuple(refiner.history)
-        )
-        return replace(before, search=search, answer=answer, calmer=None)
-    return fastest(search, slack=0.0)
-
-
-# -------------------------------------------------------------------------------------------------
 
 
 def fastest_through(

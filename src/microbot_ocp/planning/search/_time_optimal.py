@@ -208,8 +208,9 @@ def motions_of_front(
     By ``slacks`` of the duration those of least effort, else the fastest by ``shares`` of the
     torques.
     """
+    from microbot_ocp.planning.search._stop_fronts import effort_front, torque_front
     from microbot_ocp.planning.search._stops_among import motions_among
-    from microbot_ocp.planning.search._through_stops import StopSearch, effort_front, torque_front
+    from microbot_ocp.planning.search._through_stops import StopSearch
 
     def ask(search: StopSearch) -> tuple[list[tuple[float, Motion]], str]:
         return effort_front(search, slacks) if slacks else torque_front(search, shares)

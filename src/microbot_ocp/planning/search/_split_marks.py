@@ -1,0 +1,62 @@
+"""Where the meshes of free motions are split, and where a finer mesh is dense."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray
+from microbot_ocp.ocp import PhaseSolution, Solution
+from microbot_ocp.planning.search._search import MotionSearch
+from microbot_ocp.planning.search._settings import SEARCH
+from microbot_ocp.planning.task import dry_friction, jerk_switches, reversals
+
+TINY = 1e-12
+
+
+def velocity_marks(search: MotionSearch, solution: Solution) -> list[Any]:
+    """Return intervals in which a velocity goes through more than half of its limit at once.
+
+    The arm could reach it in far less time than the mesh lets it.
+    """
+    limit = np.maximum(*(np.abs(b) for b in search.problem.family.robot.limits.bounds("qd")))
+    limit = np.where(limit > 0, limit, np.inf)
+    return [
+        (np.abs(np.diff(phase["qd"], axis=0)) > 0.5 * limit).any(axis=1)
+        for phase in solution.phases
+    ]
+
+
+def friction_marks(search: MotionSearch, solution: Solution) -> list[np.ndarray]:
+    """Give intervals inside which a joint with dry friction turns back, or a limit is exceeded."""
+    marked, dry = [], dry_friction(search.problem.family.robot) > 0.0
+    for phase, excess in zip(solution.phases, search.problem.excess(solution), strict=True):
+        turns = reversals(phase["qd"], dry)
+        steps = np.diff(phase.mesh)
+        # the window is as long as the longest of them
+        turns &= steps > 0.6 * steps[turns].max(initial=0.0)
+        marked.append(turns[:, None] | (excess > search.settings.limit_tolerance))
+    return marked
+
+
+def jerk_marks(search: MotionSearch, solution: Solution) -> list[np.ndarray]:
+    member = search.problem.family["qddd"]
+    return [
+        jerk_switches(np.diff(phase["qdd"], axis=0) / np.diff(phase.t)[:, None], member)
+        for phase in solution.phases
+    ]
+
+
+def graded(phase: PhaseSolution, count: int) -> FloatArray:
+    """Give mesh [count+1] of a phase: evenly spread, and with it where its accelerations change."""
+    steps, change = np.diff(phase.mesh), np.abs(np.diff(phase["qdd"], axis=0))
+    change = (change / np.maximum(np.abs(phase["qdd"]).max(axis=0), TINY)).max(axis=1)
+    slope = np.pad(change / steps, 1)
+    # a change may be anywhere in the interval, or begin in the one beside it
+    weight = steps * np.maximum(slope[1:-1], 0.5 * np.maximum(slope[:-2], slope[2:]))
+    density = (1.0 - SEARCH.graded) * steps + SEARCH.graded * weight / max(weight.sum(), TINY)
+    reached = np.concatenate([[0.0], np.cumsum(density)])
+    mesh = np.interp(np.linspace(0.0, reached[-1], count + 1), reached, phase.mesh)
+    mesh[[0, -1]] = 0.0, 1.0
+    return mesh
