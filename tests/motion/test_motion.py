@@ -484,3 +484,22 @@ def test_short_intervals_far_from_zero_tell_how_the_acceleration_bends():
     middle = 0.5 * (t[1:] + t[:-1])
     found = motion.sample(middle.ravel()).qdd
     assert np.abs(found + 9e4 * np.sin(300 * middle)).max() < 1e-6 * 9e4
+
+
+def test_a_stretched_motion_is_that_of_the_stretched_polynomial():
+    robot = mo.load_robot("microbot")
+    shape = mo.quintic([[0.0, 0.1, 0.2], [0.5, -0.4, 0.9]], [0.0, 0.7])
+    marks = (Mark(0.7, "via 2"),)
+    fast = Motion.from_polynomial(robot, shape, label="quintic", marks=marks)
+    slow = fast.stretched(robot, 1.5)
+    expected = Motion.from_polynomial(robot, shape.stretched(1.5), label="quintic")
+    assert slow.duration == pytest.approx(1.05)
+    for there, here in zip(expected.sample(slow.t), slow.sample(slow.t), strict=True):
+        np.testing.assert_allclose(here, there, atol=1e-12)
+    np.testing.assert_allclose(
+        slow.tau, batch(mo.inverse_dynamics(robot), slow.q, slow.qd, slow.qdd)
+    )
+    assert [(mark.time, mark.name) for mark in slow.marks] == [(pytest.approx(1.05), "via 2")]
+    np.testing.assert_allclose(slow.breaks, [0.0, 1.05])
+    with pytest.raises(InputError, match=r"factor must be above 0, not 0\.0"):
+        fast.stretched(robot, 0.0)

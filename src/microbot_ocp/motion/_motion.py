@@ -247,9 +247,21 @@ class Motion:
         )
 
     def stretched(self, robot: Robot, factor: float) -> Motion:
-        """Return the same motion, slower by ``factor`` (above 0), with the torques of inverse
-        dynamics.
+        """Return the same motion, slower by ``factor``, with the torques of inverse dynamics.
+
+        Parameters
+        ----------
+        robot : Robot
+            The arm that moves.
+        factor : float
+            Above 0: of the times. Velocities are divided by it, accelerations by its square.
+
+        Raises
+        ------
+        InputError
+            A factor that is not above 0.
         """
+        factor = checks.number("factor", factor, above=0.0)
         state = State(self.q, self.qd / factor, self.qdd / factor**2)
         return replace(
             self,
