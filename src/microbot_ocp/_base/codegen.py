@@ -72,7 +72,7 @@ def compiler() -> str | None:
 
 @lru_cache(maxsize=1)
 def processor() -> str:
-    """Return identity of the processor: machine, model and instruction sets."""
+    """Return the identity of the processor: machine, model and instruction sets."""
     parts = [platform.system(), platform.machine(), platform.processor()]
     with contextlib.suppress(OSError, UnicodeDecodeError):
         lines = Path("/proc/cpuinfo").read_text("utf-8").split("\n\n")[0].splitlines()
@@ -82,7 +82,7 @@ def processor() -> str:
 
 
 def cache_folder() -> Path:
-    """Return folder that keeps the compiled functions."""
+    """Return the folder that keeps the compiled functions."""
     chosen = os.environ.get("MICROBOT_OCP_CACHE")
     if chosen:
         return Path(chosen)
@@ -262,7 +262,7 @@ def compile_recipe(
 
 @lru_cache(maxsize=1)
 def package() -> str:
-    """Return digest of the source of this package and the version of CasADi."""
+    """Return the digest of the source of this package and the version of CasADi."""
     digest = hashlib.sha256(ca.CasadiMeta.version().encode())
     for path in sorted(Path(__file__).parent.parent.rglob("*.py")):
         digest.update(path.read_bytes())

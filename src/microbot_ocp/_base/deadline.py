@@ -47,7 +47,7 @@ def until() -> float:
 
 
 def left() -> float:
-    """Return time that is left, s; infinite without a limit."""
+    """Return the time that is left, s; infinite without a limit."""
     return max(0.0, _until.get() - time.perf_counter())
 
 

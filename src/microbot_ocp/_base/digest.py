@@ -49,7 +49,7 @@ _WRITTEN = ("__module__", "__doc__", "__dict__", "__weakref__", "__firstlineno__
 
 
 def digest_of(**parts: Any) -> str:
-    """Return SHA-256 of what these parts hold, in hexadecimal digits.
+    """Return the SHA-256 of what these parts hold, in hexadecimal digits.
 
     Raises
     ------

@@ -149,13 +149,13 @@ def sync(path: Path) -> None:
 
 
 def digest(path: Path) -> str:
-    """Return SHA-256 of a file's content, in hexadecimal digits."""
+    """Return the SHA-256 of a file's content, in hexadecimal digits."""
     with opened(path) as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def digest_of_document(document: Mapping[str, Any], but: str) -> str:
-    """Return SHA-256 of all that a document of plain values says besides the key ``but``."""
+    """Return the SHA-256 of all that a document of plain values says besides the key ``but``."""
     rest = {key: value for key, value in document.items() if key != but}
     return hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()
 

@@ -395,7 +395,7 @@ def _limit_check(
 
 
 def _condition(robot: Robot, t: FloatArray, state: State) -> tuple[float, int]:
-    """Return largest condition number of the mass matrix and where: among some points, then
+    """Return the largest condition number of the mass matrix and where: among some points, then
     near it.
     """
     function, apart = mass_matrix_condition(robot), -(-t.size // SETTINGS.condition_points)
@@ -406,7 +406,7 @@ def _condition(robot: Robot, t: FloatArray, state: State) -> tuple[float, int]:
 
 
 def _stored_torque(robot: Robot, motion: Motion, allowed: float, start: float) -> Check:
-    """Return largest difference to inverse dynamics, relative."""
+    """Return the largest difference to inverse dynamics, relative."""
     again = torque_along(robot, State(motion.q, motion.qd, motion.qdd))
     ratio = np.abs(motion.tau - again) / torque_sizes(robot, motion)
     i, joint = np.unravel_index(int(ratio.argmax()), ratio.shape)

@@ -389,7 +389,7 @@ def _judged(
 
 
 def _linearised(robot: Robot, state: State) -> FloatArray:
-    """Return derivative [K,2n,2n] of velocity and acceleration by position and velocity."""
+    """Return the derivative [K,2n,2n] of velocity and acceleration by position and velocity."""
     tau, count = torque_along(robot, state), robot.joint_count
     slopes = np.zeros((len(tau), 2 * count, 2 * count))
     slopes[:, :count, count:] = np.eye(count)
@@ -416,7 +416,7 @@ def _slopes(
 
 
 def _accelerations(robot: Robot, q: FloatArray, qd: FloatArray, tau: FloatArray) -> FloatArray:
-    """Return forward dynamics [...,n]."""
+    """Return the forward dynamics [...,n]."""
     rows = [np.reshape(part, (-1, robot.joint_count)).T for part in (q, qd, tau)]
     return forward_dynamics(robot)(*rows).full().T.reshape(np.shape(q))
 

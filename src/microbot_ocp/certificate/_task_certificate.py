@@ -44,7 +44,7 @@ SEGMENT_TOLERANCES = SegmentTolerances()
 
 
 def certificate_of_task(task: Task, motion: Motion, tolerances: Tolerances) -> Certificate:
-    """Return certificate of a motion whose marks are when the stops of a task are reached."""
+    """Return the certificate of a motion whose marks are when the stops of a task are reached."""
     parts, problems = [], []
     history = motion.history(cycle=task.cycle)
     places = stretches(task, motion)
@@ -189,7 +189,7 @@ def _beyond(stop: Stop, offset: FloatArray) -> float:
 
 
 def angle_between(wanted: FloatArray, actual: FloatArray, free: int | None) -> float:
-    """Return angle between two rotations [3,3], or between two of their axes, rad."""
+    """Return the angle between two rotations [3,3], or between two of their axes, rad."""
     if free is not None:
         a, b = wanted[:, free], actual[:, free]
         return float(2 * np.arctan2(np.linalg.norm(a - b), np.linalg.norm(a + b)))

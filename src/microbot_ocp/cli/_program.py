@@ -211,7 +211,7 @@ class _Text(io.TextIOWrapper):
 
 
 def printable(text: str) -> str:
-    r"""Return text without control characters, but for ends of lines, tabulators and colours.
+    r"""Return the text without control characters, but for ends of lines, tabulators and colours.
 
     >>> printable("a\x1b[2Jb\x1b[31mc\a")
     'a[2Jb\x1b[31mc'

@@ -80,7 +80,7 @@ def reach(robot: Robot) -> float:
 
 @lru_cache(maxsize=64)
 def joint_scale(robot: Robot) -> FloatArray:
-    """Return unit of every joint [n]: a radian, or the reach for a prismatic joint."""
+    """Return the unit of every joint [n]: a radian, or the reach for a prismatic joint."""
     return np.where(revolute(robot), 1.0, reach(robot))
 
 
@@ -92,7 +92,7 @@ def revolute(robot: Robot) -> np.ndarray:
 
 @lru_cache(maxsize=16)
 def evenly_spread_step(dimensions: int) -> FloatArray:
-    """Return step of an additive recurrence that fills the unit cube evenly (modulo 1).
+    """Return the step of an additive recurrence that fills the unit cube evenly (modulo 1).
 
     The powers of the root of x^(d+1) = x + 1, the golden ratio's relatives.
     """
@@ -239,7 +239,7 @@ def scaled_jacobian(robot: Robot, q: FloatArray, width: int) -> FloatArray:
 
 @lru_cache(maxsize=64)
 def generic_rank(robot: Robot, width: int) -> int:
-    """Return rank of the task's Jacobian away from singularities."""
+    """Return the rank of the task's Jacobian away from singularities."""
     q = np.random.default_rng(0).uniform(-1.0, 1.0, (8, robot.joint_count))
     values = np.linalg.svd(scaled_jacobian(robot, q, width), compute_uv=False)
     return int((values > STEPS.rank_tolerance * values[:, :1]).sum(axis=1).max())

@@ -206,7 +206,7 @@ def _step(robot: Robot, ours: FloatArray, theirs: FloatArray) -> float:
 
 
 def _halfway(origin: FloatArray, target: FloatArray) -> FloatArray:
-    """Return target in the middle: of the line, and of the turn about its fixed axis."""
+    """Return the target in the middle: of the line, and of the turn about its fixed axis."""
     middle_point = (origin + target) / 2
     if origin.size == 3:
         return middle_point

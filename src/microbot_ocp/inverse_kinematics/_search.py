@@ -100,7 +100,7 @@ def quasi_random(count: int, dimensions: int, skip: int = 0) -> FloatArray:
 
 @lru_cache(maxsize=64)
 def middle(robot: Robot) -> FloatArray:
-    """Return middle of the joint limits [n]; where a side is open, the allowed value nearest to
+    """Return the middle of the joint limits [n]; where a side is open, the allowed value nearest to
     zero.
     """
     lower, upper = robot.limits.bounds("q")

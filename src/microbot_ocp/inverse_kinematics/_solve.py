@@ -322,7 +322,7 @@ FARTHEST = 1e6  # m; beyond, nothing is left of a reach in double precision
 
 
 def checked_target(position: ArrayLike, orientation: ArrayLike | None) -> FloatArray:
-    """Return row [3] or [12] of a checked position [3] and orientation [3,3]."""
+    """Return the row [3] or [12] of a checked position [3] and orientation [3,3]."""
     place = checks.array("position", position, (3,), "m")
     _check_near("position", place)
     if orientation is None:

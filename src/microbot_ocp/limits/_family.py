@@ -109,7 +109,7 @@ class Member:
         return f"{self.name} of {label}" if label else self.name
 
     def use(self, values: LimitValues) -> FloatArray:
-        """Return share [N,k] used; minus infinity where there is no limit."""
+        """Return the share [N,k] used; minus infinity where there is no limit."""
         return use_of(*values, from_middle=self.from_middle)
 
     def nearest_bound(self, values: LimitValues) -> FloatArray:
@@ -261,18 +261,18 @@ class LimitFamily:
     def use(
         self, samples: MotionSamples, keys: Iterable[str] | None = None
     ) -> dict[str, FloatArray]:
-        """Return share [N,k] used of the limits (of these keys only) along samples."""
+        """Return the share [N,k] used of the limits (of these keys only) along samples."""
         return {key: self[key].use(v) for key, v in self.values(samples, keys).items()}
 
     def excess(self, samples: MotionSamples) -> FloatArray:
-        """Return largest relative excess [N] over any limit; negative inside them."""
+        """Return the largest relative excess [N] over any limit; negative inside them."""
         uses = [use.max(axis=1) - 1.0 for use in self.use(samples).values()]
         return np.max([np.full(len(samples.q), -1.0), *uses], axis=0)
 
     def expressions(
         self, keys: Sequence[str], state: Sequence[Any], torques: ca.Function | None = None
     ) -> dict[str, tuple[Any, Any, Any]]:
-        """Return value, lower and upper bound of further limits as expressions.
+        """Return the value, lower and upper bound of further limits as expressions.
 
         Parameters
         ----------

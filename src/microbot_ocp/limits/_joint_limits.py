@@ -45,7 +45,7 @@ JOINT_QUANTITIES = {
 
 
 def quantity_name(key: str) -> str:
-    """Return name of a quantity by its key: "torque" of "tau", "tool speed" of "tool_speed"."""
+    """Return the name of a quantity by its key: "torque" of "tau", "tool speed" of "tool_speed"."""
     quantity = JOINT_QUANTITIES.get(key)
     return key.replace("_", " ") if quantity is None else quantity.name
 

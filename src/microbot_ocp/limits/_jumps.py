@@ -77,6 +77,6 @@ def jumps_between(
 
 
 def _beyond(states: MotionSamples, row: int, moving: FloatArray) -> FloatArray:
-    """Return acceleration [1,n] beyond an end of the motion: zero at rest, else that given."""
+    """Return the acceleration [1,n] beyond an end of the motion: zero at rest, else that given."""
     rests = np.abs(states.qd[row]).max() <= JUMP_TIME * np.abs(states.qdd[row]).max()
     return np.zeros_like(moving) if rests else moving

@@ -160,7 +160,7 @@ def largest_jump(family: LimitFamily, polynomial: Polynomial, keys: Iterable[str
 
 
 def samples_of(orders: Sequence[FloatArray], piece: np.ndarray, local: FloatArray) -> MotionSamples:
-    """Return state at ``local`` seconds [S] after the start of the pieces [S]."""
+    """Return the state at ``local`` seconds [S] after the start of the pieces [S]."""
     return MotionSamples(*(_horner(coefficients[piece], local) for coefficients in orders))
 
 

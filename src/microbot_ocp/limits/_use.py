@@ -17,7 +17,7 @@ ROUNDING = 1e-9
 def use_of(
     values: FloatArray, lower: FloatArray, upper: FloatArray, *, from_middle: bool = False
 ) -> FloatArray:
-    """Return share [..., k] of a limit that values [..., k] use; bounds are [k] or [..., k].
+    """Return the share [..., k] of a limit that values [..., k] use; bounds are [k] or [..., k].
 
     0 at rest, 1 at the limit, minus infinity where there is none. It is the value divided by the
     bound that it is nearer to or beyond. ``from_middle`` is for quantities whose bounds need not

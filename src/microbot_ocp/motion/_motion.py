@@ -232,7 +232,7 @@ class Motion:
         provenance: Mapping[str, Any] | None = None,
         remark: str = "",
     ) -> Motion:
-        """Return motion with the torques that inverse dynamics asks for at every sample."""
+        """Return the motion with the torques that inverse dynamics asks for at every sample."""
         return cls(
             t=np.asarray(t, dtype=float),
             q=state.q,
@@ -295,7 +295,7 @@ class Motion:
         return State(q, qd, qdd)
 
     def jerk(self, t: FloatArray) -> FloatArray:
-        """Return jerk [N,n] at times t [N], in motion: in a jump of the acceleration that
+        """Return the jerk [N,n] at times t [N], in motion: in a jump of the acceleration that
         before it.
         """
         t = checks.array("t", t, (None,), "s")

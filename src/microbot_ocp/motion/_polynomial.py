@@ -50,7 +50,7 @@ class PiecewisePolynomial:
         return float(self.breaks[-1] - self.breaks[0])
 
     def derivative(self) -> PiecewisePolynomial:
-        """Return first derivative with respect to time."""
+        """Return the first derivative with respect to time."""
         powers = np.arange(1, self.coefficients.shape[1])
         lowered = self.coefficients[:, 1:] * powers[None, :, None]
         if lowered.shape[1] == 0:

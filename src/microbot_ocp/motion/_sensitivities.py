@@ -155,7 +155,7 @@ class DurationLine:
         return Table(columns, rows)
 
     def plot(self, axes: GivenAxes | None = None) -> DrawnAxes:
-        """Return duration over the datum: :func:`microbot_ocp.plots.duration_line`."""
+        """Return the duration over the datum: :func:`microbot_ocp.plots.duration_line`."""
         return view_for(self, "plot")(self, axes)
 
 

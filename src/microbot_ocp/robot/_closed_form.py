@@ -132,7 +132,7 @@ class ClosedForm:
     gravity: tuple[Series, ...]
 
     def coriolis_text(self, i: int, j: int) -> str:
-        """Return entry ``C[i][j]`` (from 0) in words of ``qd1``, ``qd2`` and so on."""
+        """Return the entry ``C[i][j]`` (from 0) in words of ``qd1``, ``qd2`` and so on."""
         entry = enumerate(self.christoffel[i][j], start=1)
         return " + ".join(f"({series}) qd{k}" for k, series in entry if series.terms) or "0"
 
@@ -198,7 +198,7 @@ class ClosedForm:
 
 
 def closed_form(robot: Robot) -> ClosedForm:
-    """Return pose, mass matrix, Coriolis matrix and gravity torque of a robot in closed form.
+    """Return the pose, mass matrix, Coriolis matrix and gravity torque of a robot in closed form.
 
     Parameters
     ----------

@@ -147,7 +147,7 @@ def _mass_matrix(robot: Robot, q: ca.SX) -> ca.SX:
 
 
 def _parallel_axis(offset: ca.SX) -> ca.SX:
-    """Return inertia of a unit mass at ``offset``: |r|^2 I - r r'."""
+    """Return the inertia of a unit mass at ``offset``: |r|^2 I - r r'."""
     return ca.sparsify(ca.dot(offset, offset) * ca.SX.eye(3) - offset @ offset.T)
 
 
@@ -206,7 +206,7 @@ def coriolis_matrix(robot: Robot, *, compiled: bool = False) -> ca.Function:
 
 @function_maker
 def gravity_torque(robot: Robot, *, compiled: bool = False) -> ca.Function:
-    """Return torque that holds the arm still: ``(q[n]) -> tau[n]``, N m."""
+    """Return the torque that holds the arm still: ``(q[n]) -> tau[n]``, N m."""
     state, zero = symbols(robot, "q"), ca.SX(robot.joint_count, 1)
     tau = _newton_euler(robot, state["q"], zero, zero, friction=False)
     return robot_function("gravity_torque", state, {"tau": tau}, compiled)
@@ -214,7 +214,7 @@ def gravity_torque(robot: Robot, *, compiled: bool = False) -> ca.Function:
 
 @function_maker
 def bias_torque(robot: Robot, *, compiled: bool = False) -> ca.Function:
-    """Return torque at zero acceleration, ``C qd + g + friction``: ``(q[n], qd[n]) -> tau[n]``,
+    """Return the torque at zero acceleration, ``C qd + g + friction``: ``(q[n], qd[n]) -> tau[n]``,
     N m.
     """
     state = symbols(robot, "q", "qd")
@@ -244,7 +244,7 @@ def forward_dynamics(robot: Robot, *, compiled: bool = False) -> ca.Function:
 
 @function_maker
 def mass_matrix_condition(robot: Robot, *, compiled: bool = False) -> ca.Function:
-    """Return condition number of the mass matrix in the 1-norm: ``(q[n]) -> condition``, 1 to
+    """Return the condition number of the mass matrix in the 1-norm: ``(q[n]) -> condition``, 1 to
     infinity.
     """
     state = symbols(robot, "q")
@@ -274,7 +274,7 @@ def energy(robot: Robot, *, compiled: bool = False) -> ca.Function:
 
 @lru_cache(maxsize=64)
 def torque_and_rate(robot: Robot) -> ca.Function:
-    """Return torque and its exact time derivative along a motion.
+    """Return the torque and its exact time derivative along a motion.
 
     Returns
     -------

@@ -63,7 +63,7 @@ def joint_transform(robot: Robot, joint: int, q: ca.SX) -> tuple[ca.SX, ca.SX]:
 
 
 def constant_transform(transform: FloatArray) -> tuple[ca.SX, ca.SX]:
-    """Return rotation [3,3] and position [3] of a transform [4,4], such as that of the tool or
+    """Return the rotation [3,3] and position [3] of a transform [4,4], such as that of the tool or
     base.
     """
     clean = np.where(np.abs(transform) < 1e-15, 0.0, transform)
@@ -71,7 +71,7 @@ def constant_transform(transform: FloatArray) -> tuple[ca.SX, ca.SX]:
 
 
 def frames(robot: Robot, q: ca.SX) -> list[tuple[ca.SX, ca.SX]]:
-    """Return rotation and origin in the base frame of link frames 1 to n and of the tool."""
+    """Return the rotation and origin in the base frame of link frames 1 to n and of the tool."""
     rotation, origin = constant_transform(robot.base)
     placed = []
     for joint in range(robot.joint_count):
@@ -92,7 +92,7 @@ def _homogeneous(rotation: ca.SX, origin: ca.SX) -> ca.SX:
 def forward_kinematics(
     robot: Robot, frame: int | None = None, *, compiled: bool = False
 ) -> ca.Function:
-    """Return pose of a frame in the base frame.
+    """Return the pose of a frame in the base frame.
 
     Parameters
     ----------

@@ -230,7 +230,7 @@ class Robot:
         )
 
     def unit(self, quantity: str, joint: int) -> str:
-        """Return unit of a quantity of the joints, such as ``"tau"``, at joint index ``joint``,
+        """Return the unit of a quantity of the joints, such as ``"tau"``, at joint index ``joint``,
         from 0.
         """
         return getattr(JOINT_QUANTITIES[quantity], self.joint_types[joint])

@@ -15,7 +15,7 @@ def rest_pose(robot: Robot) -> FloatArray:
 
 
 def stretched_out(robot: Robot) -> float:
-    """Return distance of the tool from the base origin that is never exceeded, m."""
+    """Return the distance of the tool from the base origin that is never exceeded, m."""
     revolute = np.array(robot.joint_types) == "revolute"
     low, high = robot.limits.bounds("q")
     slides = np.maximum(np.abs(robot.d + low), np.abs(robot.d + high))

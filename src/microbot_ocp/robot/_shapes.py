@@ -139,7 +139,7 @@ class Capsule:
         return capsule_volume(self.radius, float(np.linalg.norm(self.end - self.start)))
 
     def distance(self, points: ArrayLike) -> FloatArray:
-        """Return distance [N] of points [N,3] from the surface, m; negative inside."""
+        """Return the distance [N] of points [N,3] from the surface, m; negative inside."""
         places, along = np.asarray(points, dtype=float) - self.start, self.end - self.start
         square = along @ along
         share = np.clip(places @ along / square, 0.0, 1.0) if square else np.zeros(len(places))
@@ -147,7 +147,7 @@ class Capsule:
 
 
 def capsule_volume(radius: float, length: float) -> float:
-    """Return volume of a capsule whose segment is so long, m^3."""
+    """Return the volume of a capsule whose segment is so long, m^3."""
     return np.pi * radius**2 * (length + 4 / 3 * radius)
 
 

@@ -52,26 +52,26 @@ class _Pair(NamedTuple):
         return ca.dot(self.angular, other.angular) + ca.dot(self.linear, other.linear)
 
     def on_screw(self, other: _Pair) -> _Pair:
-        """Return rate of a screw that is carried along by this one."""
+        """Return the rate of a screw that is carried along by this one."""
         linear = ca.cross(self.angular, other.linear) + ca.cross(self.linear, other.angular)
         return _Pair(ca.cross(self.angular, other.angular), linear)
 
     def on_wrench(self, other: _Pair) -> _Pair:
-        """Return rate of a wrench that is carried along by this one."""
+        """Return the rate of a wrench that is carried along by this one."""
         angular = ca.cross(self.angular, other.angular) + ca.cross(self.linear, other.linear)
         return _Pair(angular, ca.cross(self.angular, other.linear))
 
     def moments(self, first: ca.SX, second: ca.SX) -> ca.SX:
-        """Return sum of m x(r) r' of the velocities x(r) of this screw: [3,3]."""
+        """Return the sum of m x(r) r' of the velocities x(r) of this screw: [3,3]."""
         return self.linear @ first.T + ca.skew(self.angular) @ second
 
     def momentum(self, mass: ca.SX, first: ca.SX) -> ca.SX:
-        """Return sum of m x(r): [3]."""
+        """Return the sum of m x(r): [3]."""
         return mass * self.linear + ca.cross(self.angular, first)
 
 
 def _axial(matrix: ca.SX) -> ca.SX:
-    """Return sum of r x y, of the sum of y r'."""
+    """Return the sum of r x y, of the sum of y r'."""
     return ca.vertcat(
         matrix[2, 1] - matrix[1, 2], matrix[0, 2] - matrix[2, 0], matrix[1, 0] - matrix[0, 1]
     )
@@ -99,7 +99,7 @@ class _Moments:
         return _Moments(*(mine + vars(other)[name] for name, mine in vars(self).items()))
 
     def inertia(self, x: _Pair) -> _Pair:
-        """Return wrench that a screw of accelerations needs."""
+        """Return the wrench that a screw of accelerations needs."""
         turned = ca.trace(self.second) * x.angular - self.second @ x.angular
         return _Pair(ca.cross(self.first, x.linear) + turned, x.momentum(self.mass, self.first))
 

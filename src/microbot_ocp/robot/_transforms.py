@@ -13,7 +13,7 @@ from microbot_ocp._base.checks import FloatArray, InputError
 
 
 def rotation_of(angles: ArrayLike) -> FloatArray:
-    """Return rotation [3,3] from roll, pitch, yaw [3] about the base axes, rad."""
+    """Return the rotation [3,3] from roll, pitch, yaw [3] about the base axes, rad."""
     (cr, cp, cy), (sr, sp, sy) = np.cos(angles), np.sin(angles)
     return np.array(
         [
@@ -86,7 +86,7 @@ def rigid_transform(name: str, value: ArrayLike | None) -> FloatArray:
 
 
 def of_quaternion(quaternion: ArrayLike) -> FloatArray:
-    """Return rotation [3,3] of a quaternion w, x, y, z of any length but zero."""
+    """Return the rotation [3,3] of a quaternion w, x, y, z of any length but zero."""
     w, x, y, z = np.asarray(quaternion) / np.linalg.norm(quaternion)
     return np.array(
         [

@@ -98,7 +98,7 @@ class Clearance:
 
 
 def clearance(robot: Robot, motion: Motion, scene: Scene) -> Clearance:
-    """Return least distance of a motion from its surroundings, and whether it is proved.
+    """Return the least distance of a motion from its surroundings, and whether it is proved.
 
     Needs the extra ``cell`` (coal).
 
@@ -244,7 +244,7 @@ class _Largest:
             self.levels.append(np.maximum(last[:-half], last[half:]))
 
     def between(self, first: np.ndarray, last: np.ndarray) -> FloatArray:
-        """Return largest of the rows from ``first`` to before ``last``, each [S]."""
+        """Return the largest of the rows from ``first`` to before ``last``, each [S]."""
         size = np.maximum(last - first, 1)
         level = np.floor(np.log2(size)).astype(int)
         largest = np.empty((first.size, self.levels[0].shape[1]))

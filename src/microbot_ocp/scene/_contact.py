@@ -121,7 +121,7 @@ class ContactModel:
             transform.setTransform(turn, shift)
 
     def distance(self, index: int) -> float:
-        """Return distance of a pair where it stands, m; negative where it overlaps."""
+        """Return the distance of a pair where it stands, m; negative where it overlaps."""
         functor, arm, other = self._computed[index]
         self._result.clear()
         return functor(arm, other, self._request, self._result)
@@ -135,7 +135,7 @@ class ContactModel:
         return way / apart if apart > ACCURACY else np.zeros(3)
 
     def _points(self) -> tuple[FloatArray, FloatArray]:
-        """Return nearest points [3] of the pair that was asked for last."""
+        """Return the nearest points [3] of the pair that was asked for last."""
         result = self._result
         return np.array(result.getNearestPoint1()), np.array(result.getNearestPoint2())
 

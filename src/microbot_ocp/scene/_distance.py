@@ -28,7 +28,7 @@ def segment_to_body(
     rounding: ca.SX,
     contact: ca.SX,
 ) -> ca.SX:
-    """Return distance of a segment from a convex body.
+    """Return the distance of a segment from a convex body.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def _least(slope: PointFunction) -> ca.SX:
 
 
 def segment_to_plane(start_height: ca.SX, end_height: ca.SX, rounding: ca.SX) -> ca.SX:
-    """Return least height of a segment whose ends have these heights over a plane."""
+    """Return the least height of a segment whose ends have these heights over a plane."""
     rise = end_height - start_height
     t = ca.fmin(ca.fmax(0.5 - rise / (2.0 * rounding), 0.0), 1.0)
     return start_height + t * rise + rounding * ((t - 0.5) ** 2 - 0.25)
@@ -99,5 +99,5 @@ def from_segment(point: ca.SX, start: ca.SX, end: ca.SX) -> ca.SX:
 
 
 def length(vector: ca.SX) -> ca.SX:
-    """Return norm with a slope of zero at zero."""
+    """Return the norm with a slope of zero at zero."""
     return ca.sqrt(ca.fmax(ca.sumsqr(vector), TINY))

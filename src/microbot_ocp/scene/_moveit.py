@@ -127,7 +127,7 @@ def _obstacles(row: Any) -> Iterator[Obstacle]:
 
 
 def _pose(table: Any) -> FloatArray:
-    """Return transform [4,4] of a position and a quaternion x, y, z, w."""
+    """Return the transform [4,4] of a position and a quaternion x, y, z, w."""
     pose, entries = np.eye(4), []
     for key, letters in (("position", "xyz"), ("orientation", "xyzw")):
         value = _of(table, key)

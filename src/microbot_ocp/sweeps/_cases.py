@@ -362,7 +362,7 @@ class CaseSource:
         return values
 
     def _read(self, name: str, given: Any, place: int) -> tuple[FloatArray, list[Axis]]:
-        """Return first value [w] of a quantity and its axes, in SI units."""
+        """Return the first value [w] of a quantity and its axes, in SI units."""
         check_name(name)
         if isinstance(given, OneOf):
             choices = self._choices(name, given)

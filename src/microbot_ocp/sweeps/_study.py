@@ -263,7 +263,7 @@ class Plan:
 
 
 def outcome_columns(methods: Iterable[str], limits: Sequence[str]) -> list[tuple[str, str]]:
-    """Return name and type of the columns of what becomes of a case."""
+    """Return the name and type of the columns of what becomes of a case."""
     columns = [("status", "text"), ("reason", "text")]
     for method in methods:
         columns += [

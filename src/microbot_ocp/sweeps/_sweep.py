@@ -154,7 +154,7 @@ class Sweep:
         return arrays
 
     def savings(self, method: str) -> FloatArray:
-        """Return share [N] of its time that the best method saves; NaN where one of them is not
+        """Return the share [N] of its time that the best method saves; NaN where one of them is not
         solved.
         """
         names = [method, self.best]

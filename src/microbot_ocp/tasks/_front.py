@@ -85,7 +85,7 @@ class Front:
         return {"points": points, "ended": self.ended}
 
     def plot(self, axes: GivenAxes | None = None) -> DrawnAxes:
-        """Return effort and peak torque over the duration."""
+        """Return the effort and peak torque over the duration."""
         return view_for(self, "plot")(self, axes)
 
 

@@ -187,7 +187,7 @@ def read_task(path: str | Path) -> TaskFile:
 
 
 def parse_task(text: str, origin: str, folder: Path) -> TaskFile:
-    """Return task from the text of a file; ``origin`` names it, ``folder`` holds the robots it
+    """Return the task from the text of a file; ``origin`` names it, ``folder`` holds the robots it
     names.
     """
     with naming(f"{origin}: "):

@@ -37,7 +37,7 @@ def best_split(
     tolerance: float = 1e-4,
     time_limit: float = np.inf,
 ) -> Scaled:
-    """Return shortest duration of a shape over all splits of its time between its parts.
+    """Return the shortest duration of a shape over all splits of its time between its parts.
 
     :func:`shortest_duration` stretches all parts alike; here each part, such as the segment between
     two via points, has a duration of its own. The uses of the limits are linearised at all their

@@ -101,7 +101,7 @@ def shortest_duration(
     tolerance: float = 1e-8,
     time_limit: float = np.inf,
 ) -> Scaled:
-    """Return shortest duration at which a shape of motion keeps every limit.
+    """Return the shortest duration at which a shape of motion keeps every limit.
 
     When a motion is stretched in time by the factor l, velocities go with 1/l, accelerations with
     1/l^2, and the torque at each point of the path is ``g(q) + c / l^2`` with gravity g and c from

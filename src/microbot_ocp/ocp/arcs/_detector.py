@@ -236,7 +236,7 @@ def control_activities(phase: PhaseSolution, controls: Sequence[Variable]) -> li
 
 
 def _interval_values(phase: PhaseSolution, control: Variable) -> tuple[FloatArray, ...]:
-    """Return least, largest and mean value [N, size] of a control in every interval."""
+    """Return the least, largest and mean value [N, size] of a control in every interval."""
     if control.shape == "linear":
         nodes = phase.values[control.name]
         values = np.stack([nodes[:-1], nodes[1:]])

@@ -289,7 +289,7 @@ class Phase:
         return Symbol(symbol)
 
     def rate(self, control: ca.MX) -> ca.MX:
-        """Return time derivative of a linear control, as a symbol for path constraints."""
+        """Return the time derivative of a linear control, as a symbol for path constraints."""
         control = ca.vec(as_expression(control))
         for index, variable in enumerate(self.controls):
             if ca.is_equal(variable.symbol, control) and variable.shape == "auto":

@@ -59,7 +59,7 @@ def _raises(layout: PhaseLayout) -> bool:
 
 
 def cost_error(solution: Solution, freer: Solution) -> float:
-    """Return error of the cost, relative, from a solve with more freedom."""
+    """Return the error of the cost, relative, from a solve with more freedom."""
     raised = all(_raises(phase_layout(phase)) for phase in solution.phases)
     gained = abs(solution.cost - freer.cost) * (1.0 if raised else SETTINGS.halved)
     return gained / cost_size(solution.cost, solution.cost_scale)

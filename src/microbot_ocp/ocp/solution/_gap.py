@@ -53,7 +53,7 @@ def cost_size(cost: float, scale: float) -> float:
 def gap_of(
     bounds: Bounds, x: FloatArray, rows: FloatArray, slope: FloatArray, multipliers: FloatArray
 ) -> Gap:
-    """Return gap of a point of a scaled program.
+    """Return the gap of a point of a scaled program.
 
     Parameters
     ----------

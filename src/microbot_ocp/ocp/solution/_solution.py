@@ -471,7 +471,7 @@ def _guess_table(
     points: FloatArray,
     which: int | None = None,
 ) -> FloatArray:
-    """Return guess of a variable at fractions of the phase, at a point of the scheme where it
+    """Return the guess of a variable at fractions of the phase, at a point of the scheme where it
     has some.
     """
     label = f"guess of {variable.name!r} in phase {layout.phase.name!r}"

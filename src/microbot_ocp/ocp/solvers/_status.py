@@ -20,7 +20,7 @@ FEASIBLE = 1e-4  # largest violation, scaled, at which a solver's success is bel
 def status_of(
     name: str, stats: Mapping[str, Any], settings: SolverSettings, infeasibility: float
 ) -> Status:
-    """Return status from the statistics of a solver and the violation at its point."""
+    """Return the status from the statistics of a solver and the violation at its point."""
     message = str(stats.get("return_status", ""))
     limit = settings.options.get(name, {}).get("max_iter", settings.max_iterations)
     if "Time" in message:  # Maximum_WallTime_Exceeded, Maximum_CpuTime_Exceeded
@@ -56,7 +56,7 @@ def first_cause(problem: BaseException) -> str:
 
 
 def checked(program: Program, x: FloatArray) -> tuple[float, float]:
-    """Return cost and largest violation of a bound or row at x, independent of what the solver
+    """Return the cost and largest violation of a bound or row at x, independent of what the solver
     reports.
     """
     cost = float(program.functions["gradient"](x, program.parameters)[0])

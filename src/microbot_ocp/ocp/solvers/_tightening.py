@@ -51,7 +51,7 @@ FURTHER: tuple[tuple[float, dict[str, float]], ...] = (
 
 
 def gap_at(program: Program, outcome: SolverOutcome) -> Gap:
-    """Return gap of what a solver left; not a number where it is none."""
+    """Return the gap of what a solver left; not a number where it is none."""
     x, lam_g, lam_x = outcome.point.x, *outcome.point.multipliers
     if not all(np.isfinite(k).all() for k in (x, lam_g, lam_x)):
         return UNKNOWN
@@ -62,7 +62,7 @@ def gap_at(program: Program, outcome: SolverOutcome) -> Gap:
 
 
 def wanted_gap(program: Program, settings: SolverSettings, cost: float) -> float:
-    """Return gap that the settings allow, in the unit of the cost."""
+    """Return the gap that the settings allow, in the unit of the cost."""
     return settings.gap * cost_size(cost, program.cost_scale)
 
 

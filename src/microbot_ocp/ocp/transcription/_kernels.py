@@ -314,7 +314,7 @@ def _holds(
 
 
 def _end(physics: _Physics) -> PointKernel:
-    """Return cost, end constraints and continuous path constraints at the end, not
+    """Return the cost, end constraints and continuous path constraints at the end, not
     differentiated yet.
     """
     phase = physics.phase

@@ -288,11 +288,11 @@ class PhaseLayout:
         return np.vstack(places_of_data)
 
     def point_constants(self, group: PointGroup) -> FloatArray:
-        """Return second argument of the kernel of some points [..., M]."""
+        """Return the second argument of the kernel of some points [..., M]."""
         return np.vstack([self.mesh[group.nodes], self.data[self.point_places(group)]])
 
     def constants(self, intervals: IntArray) -> FloatArray:
-        """Return second argument of the kernels, for some intervals [..., M]."""
+        """Return the second argument of the kernels, for some intervals [..., M]."""
         fixed = self.parameters
         return np.vstack(
             [

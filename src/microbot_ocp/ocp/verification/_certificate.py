@@ -319,7 +319,7 @@ class OCPCertificate:
         return next(c for c in self.costates if c.phase == phase)
 
     def hamiltonian(self, phase: str) -> Hamiltonian:
-        """Return Hamiltonian of a phase by its name."""
+        """Return the Hamiltonian of a phase by its name."""
         return next(h for h in self.hamiltonians if h.phase == phase)
 
     @property

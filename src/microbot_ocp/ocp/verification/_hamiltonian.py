@@ -87,7 +87,7 @@ INSIDE = 1e-6  # relative distance of a duration from its bounds that makes it f
 
 
 def hamiltonian_of(phase: PhaseSolution, part: Derivatives, lam_x: FloatArray) -> Hamiltonian:
-    """Return Hamiltonian of a phase, and what it should be."""
+    """Return the Hamiltonian of a phase, and what it should be."""
     layout = part.layout
     steps = np.diff(layout.mesh)
     # With a longer interval the later points of it come later as well: half of the effect that a

@@ -118,7 +118,7 @@ def _limited(kind: str, item: Any, values: FloatArray, end: bool = False) -> Lim
 
 
 def limit_uses(dense: DensePhase) -> list[OCPLimitUse]:
-    """Return worst point of every component that has a limit."""
+    """Return the worst point of every component that has a limit."""
     uses = []
     for limited in dense.limited:
         for i in range(limited.lower.size):

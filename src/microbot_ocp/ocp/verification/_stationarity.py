@@ -137,7 +137,7 @@ def optimality_of(
     computed: bool,
     cost_scale: float,
 ) -> Optimality:
-    """Return largest residual of every condition, in the scaled program and in its own unit.
+    """Return the largest residual of every condition, in the scaled program and in its own unit.
 
     Labels are of the variables x, then of the rows, whose values are g.
     """

@@ -74,7 +74,7 @@ def arcs_of(
 def _prices(
     phases: Sequence[DensePhase], labels: Sequence[Label], multipliers: FloatArray
 ) -> dict[tuple[str, str, int], np.ndarray]:
-    """Return place, interval and multiplier [M, 3] of bounds and path constraints, in cost per
+    """Return the place, interval and multiplier [M, 3] of bounds and path constraints, in cost per
     unit.
     """
     entries: dict[tuple[str, str, int], list[tuple[float, int, float]]] = {}

@@ -345,7 +345,7 @@ def excess_between(family: LimitFamily, solution: Solution) -> list[FloatArray]:
 
 
 def excess_along(family: LimitFamily, shape: PiecewisePolynomial) -> FloatArray:
-    """Return largest relative excess of any limit at K places of every piece [N, K]."""
+    """Return the largest relative excess of any limit at K places of every piece [N, K]."""
     velocity = shape.derivative()
     acceleration = velocity.derivative()
     inside = np.linspace(0, 1, CHECKS_PER_INTERVAL + 1)

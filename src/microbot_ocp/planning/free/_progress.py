@@ -35,7 +35,7 @@ class MotionIteration(Iteration):
         return self.motion_of(self.phases)
 
     def torque(self) -> FloatArray:
-        """Return torque [M,n] at the mesh points, N m (N)."""
+        """Return the torque [M,n] at the mesh points, N m (N)."""
         return torque_along(self.robot, self.motion()[1])
 
 

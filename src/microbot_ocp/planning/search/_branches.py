@@ -349,7 +349,7 @@ def _why(robot: Robot, poses: IKPath) -> tuple[float, str]:
 
 
 def _apart(robot: Robot, q: FloatArray, other: FloatArray) -> float:
-    """Return largest difference of two poses, whole turns aside."""
+    """Return the largest difference of two poses, whole turns aside."""
     step = q - other
     revolute = np.array([kind == "revolute" for kind in robot.joint_types])
     step = np.where(revolute, (step + np.pi) % (2 * np.pi) - np.pi, step)

@@ -439,7 +439,7 @@ class TimeOptimalSolver:
         return with_drives_noted(family.robot, motion)
 
     def _slower(self, family: LimitFamily) -> float:
-        """Return share by which the typical durations differ from those under the robot's own
+        """Return the share by which the typical durations differ from those under the robot's own
         limits.
         """
         usual, asked = (

@@ -212,7 +212,7 @@ class FreeProblem:
         return guesses_along(self.names, shape, np.array([mark.time for mark in motion.marks]))
 
     def excess(self, solution: Solution) -> list[FloatArray]:
-        """Return largest relative excess of any limit along every interval, asked for again and
+        """Return the largest relative excess of any limit along every interval, asked for again and
         again.
         """
         if solution not in self._excess:

@@ -172,7 +172,7 @@ class MotionSearch:
         return passed / (passed + max(deadline.left(), 0.0))
 
     def worst(self, solution: Solution) -> float:
-        """Return largest relative excess of a limit between mesh points."""
+        """Return the largest relative excess of a limit between mesh points."""
         return max(float(e.max()) for e in self.problem.excess(solution))
 
     def run(

@@ -20,7 +20,7 @@ Front = tuple[list[tuple[float, Motion]], str]  # effort and motion of each, why
 
 
 def effort_front(asked: StopSearch, slacks: Sequence[float]) -> Front:
-    """Return effort and motion of the fastest, and of those of least effort that are slower by
+    """Return the effort and motion of the fastest, and of those of least effort that are slower by
     shares.
 
     Each starts from the one before it.
@@ -37,7 +37,7 @@ def effort_front(asked: StopSearch, slacks: Sequence[float]) -> Front:
 
 
 def torque_front(asked: StopSearch, shares: Sequence[float]) -> Front:
-    """Return effort and motion of the fastest, and of the fastest with shares of the torques.
+    """Return the effort and motion of the fastest, and of the fastest with shares of the torques.
 
     Each starts from the one before it. The text says why the last shares have no motion.
     """

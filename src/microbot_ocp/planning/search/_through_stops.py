@@ -296,7 +296,7 @@ class StopProblem:
         raise NotImplementedError
 
     def excess(self, solution: Solution) -> list[FloatArray]:
-        """Return largest relative excess of any limit along every interval of every phase."""
+        """Return the largest relative excess of any limit along every interval of every phase."""
         if solution not in self._excess:
             pairs = zip(self.task.families, phase_shapes(solution), strict=True)
             self._excess[solution] = [excess_along(family, shape) for family, shape in pairs]

@@ -203,7 +203,7 @@ def motions_of_front(
     slacks: Sequence[float] = (),
     shares: Sequence[float] = (),
 ) -> tuple[list[tuple[float, Motion]], str]:
-    """Return effort and motion of the fastest, and of calmer ones; why there are no more.
+    """Return the effort and motion of the fastest, and of calmer ones; why there are no more.
 
     By ``slacks`` of the duration those of least effort, else the fastest by ``shares`` of the
     torques.

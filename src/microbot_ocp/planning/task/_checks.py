@@ -95,7 +95,7 @@ def verdict(
     excess: Sequence[FloatArray],
     limit_tolerance: float,
 ) -> Outcome:
-    """Return status and advice of a motion, by the excess of its limits between mesh points.
+    """Return the status and advice of a motion, by the excess of its limits between mesh points.
 
     A solver that converged on the mesh points is not believed where limits are exceeded in between
     by more than was asked for.
@@ -190,7 +190,7 @@ def provenance_of(
 
 
 def reach_of(robot: Robot) -> float:
-    """Return sum of the lengths of a robot's rows and tool, m; 1 where all are zero, as of a
+    """Return the sum of the lengths of a robot's rows and tool, m; 1 where all are zero, as of a
     gantry.
     """
     rows = np.hypot(robot.a, robot.d)
@@ -198,7 +198,7 @@ def reach_of(robot: Robot) -> float:
 
 
 def _slides(robot: Robot) -> FloatArray:
-    """Return farthest place [n] of every prismatic joint, m; zero of the others."""
+    """Return the farthest place [n] of every prismatic joint, m; zero of the others."""
     low, high = robot.limits.bounds("q")
     prismatic = np.array([kind == "prismatic" for kind in robot.joint_types])
     return np.where(prismatic, np.maximum(np.abs(low), np.abs(high)), 0.0)

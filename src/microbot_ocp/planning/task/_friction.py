@@ -78,7 +78,7 @@ def kept_torques(
     torques: Callable[..., Any],
     held: Sequence[ca.MX] = (),
 ) -> tuple[dict[str, ca.MX], ca.MX]:
-    """Return torque and torque rate to be limited, by key, and the torque itself.
+    """Return the torque and torque rate to be limited, by key, and the torque itself.
 
     With friction within the window, limits L about a middle M are kept in the form
     ``M + (tau - M) / (1 - half / L)``, where ``tau`` is the mean of the two torques there and

@@ -160,7 +160,7 @@ def _stretch(family: LimitFamily, via: FloatArray, durations: FloatArray) -> flo
     slopes = (30 * s**2 * (1 - s) ** 2, 60 * s * (1 - s) * (1 - 2 * s), 60 * (1 - 6 * s * (1 - s)))
 
     def most(stretch: float) -> FloatArray:
-        """Return share [k] used of each limit."""
+        """Return the share [k] used of each limit."""
         spans = (stretch * durations)[:, None]
         moving = [slope * ways / spans**order for order, slope in enumerate(slopes, 1)]
         samples = (part.reshape(-1, via.shape[1]) for part in (q, *moving))

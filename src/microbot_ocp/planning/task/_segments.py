@@ -163,7 +163,7 @@ class Straight:
         return np.array(self.start) + shares[:, None] * np.subtract(self.end, self.start)
 
     def share(self, point: Any) -> Any:
-        """Return share of the length at which a point (an expression) is beside the line."""
+        """Return the share of the length at which a point (an expression) is beside the line."""
         along = ca.DM(np.subtract(self.end, self.start))
         return ca.dot(point - ca.DM(self.start), along) / self.length**2
 
@@ -219,7 +219,7 @@ class CircleArc:
         return np.array(self.center) + self.radius * around
 
     def share(self, point: Any) -> Any:
-        """Return share of the length at which a point (an expression) is beside the arc."""
+        """Return the share of the length at which a point (an expression) is beside the arc."""
         across, up = self._in_plane(point)
         # measured from the middle of the arc: the jump of atan2 is far from both ends
         middle = 0.5 * self.angle
@@ -288,7 +288,7 @@ class Turning:
         return cls(rows, tuple(axis.tolist()), angle if size > 1e-12 else 0.0, free)
 
     def rotation(self, share: Any) -> Any:
-        """Return rotation [3,3] at a share of the way, a number or an expression."""
+        """Return the rotation [3,3] at a share of the way, a number or an expression."""
         k = ca.DM(ca.skew(ca.DM(self.axis)))
         turn = self.angle * share
         change = ca.DM.eye(3) + ca.sin(turn) * k + (1.0 - ca.cos(turn)) * (k @ k)

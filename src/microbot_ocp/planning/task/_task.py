@@ -169,7 +169,7 @@ class Task:
         return tuple(map(LimitFamily.of, self.robots))
 
     def name_of(self, index: int) -> str:
-        """Return name of a segment, such as "tool line from stop 'pick' to stop 'place'"."""
+        """Return the name of a segment, such as "tool line from stop 'pick' to stop 'place'"."""
         return segment_name(self.segments[index], *self.stops[index : index + 2])
 
     def at_rest(self, index: int) -> bool:

@@ -129,7 +129,7 @@ def _described(name: str, tip: str | None) -> Robot:
 
 
 def robot_text(source: str | Path, tip: str | None = None) -> str:
-    """Return text of a robot's TOML file, to be changed into another robot.
+    """Return the text of a robot's TOML file, to be changed into another robot.
 
     Of a packaged robot and of a TOML file it is the file as it stands, with its comments and the
     sources of its figures; of another file, what :func:`microbot_ocp.save_robot` makes of it.
@@ -156,7 +156,7 @@ def robot_text(source: str | Path, tip: str | None = None) -> str:
 
 
 def _toml_file(name: str) -> tuple[str, str]:
-    """Return text of a packaged robot or of a TOML file, and what to call it in messages."""
+    """Return the text of a packaged robot or of a TOML file, and what to call it in messages."""
     if name in packaged_robots():
         text = (_packaged() / f"{name}.toml").read_text("utf-8")
         return text, f"{name}.toml"

@@ -13,7 +13,7 @@ SCHEMES = ("package://", "model://")
 
 
 def find_mesh(reference: str, folder: Path | None, remarks: Remarks) -> str:
-    """Return path of the file that a URDF names; the reference itself, with a remark, if there
+    """Return the path of the file that a URDF names; the reference itself, with a remark, if there
     is none.
     """
     reference = reference.strip()
@@ -29,7 +29,7 @@ def find_mesh(reference: str, folder: Path | None, remarks: Remarks) -> str:
 
 
 def package_folder(name: str, folder: Path | None) -> Path | None:
-    """Return folder of a ROS package: around ``folder``, or on ROS_PACKAGE_PATH."""
+    """Return the folder of a ROS package: around ``folder``, or on ROS_PACKAGE_PATH."""
     return next((path for path in _package(name, folder) if path.is_dir()), None)
 
 

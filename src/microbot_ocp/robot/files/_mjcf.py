@@ -113,7 +113,7 @@ class _Model:
         ]
 
     def _kind(self, enum: str, value: int) -> str:
-        """Return name of a constant of MuJoCo: HINGE of mjJNT_HINGE."""
+        """Return the name of a constant of MuJoCo: HINGE of mjJNT_HINGE."""
         return getattr(self.mujoco, enum)(value).name.partition("_")[2]
 
     def file(self) -> UrdfFile:
@@ -277,7 +277,7 @@ class _Model:
 
 
 def _pose(position: FloatArray, quaternion: FloatArray) -> FloatArray:
-    """Return transform [4,4] of a position and a quaternion, scalar first."""
+    """Return the transform [4,4] of a position and a quaternion, scalar first."""
     pose = np.eye(4)
     pose[:3, :3] = of_quaternion(quaternion)
     pose[:3, 3] = position

@@ -88,7 +88,7 @@ SHAPE = keys_of(Shape)
 
 
 def parse_robot(text: str, origin: str = "robot") -> Robot:
-    """Return robot from the text of a TOML file; ``origin`` names it in error messages."""
+    """Return the robot from the text of a TOML file; ``origin`` names it in error messages."""
     with naming(f"{origin}: "):
         return _robot(read_table(parsed(text), ROBOT), Path(origin).stem)
 
@@ -212,7 +212,7 @@ def _placement(name: str, table: Any) -> Any:
 
 
 def robot_to_toml(robot: Robot) -> str:
-    """Return text of the TOML file of a robot.
+    """Return the text of the TOML file of a robot.
 
     Every figure has the shortest digits that read back as the same number, angles in radians. What
     a robot does not hold, such as the sources of a packaged file, is not written.

@@ -290,7 +290,7 @@ def _range(limit: Element | None, kind: str, name: str, remarks: Remarks) -> tup
 def _shapes(
     link: Element, name: str, colors: Colors, folder: Path | None, remarks: Remarks
 ) -> list[Shape]:
-    """Return geometry of a link that can be read; what cannot is remarked and left out."""
+    """Return the geometry of a link that can be read; what cannot is remarked and left out."""
     shapes = []
     for role in ROLES:
         for element in link.findall(role):
@@ -329,7 +329,7 @@ def _shape(
 
 
 def _size(element: Element, label: str) -> list[float]:
-    """Return size of a shape, in the order of ``SIZES``."""
+    """Return the size of a shape, in the order of ``SIZES``."""
     if element.tag == "mesh":
         values = numbers_from(f"scale of the {label}", element.get("scale", "1 1 1"))
         return values * 3 if len(values) == 1 else values

@@ -140,7 +140,7 @@ def parse_urdf(
     folder: Path | None = None,
     about: SrdfFile | None = None,
 ) -> Robot:
-    """Return robot from the text of a URDF file.
+    """Return the robot from the text of a URDF file.
 
     ``origin`` names it in messages; its meshes are looked for from ``folder``; ``about`` is what an
     SRDF file says.
@@ -434,7 +434,7 @@ class _Tree:
         frames: dict[str, FloatArray],
         placed: list[FloatArray],
     ) -> list[Shape]:
-        """Return geometry of all links, in the base frame and the new link frames."""
+        """Return the geometry of all links, in the base frame and the new link frames."""
         shapes = []
         for name in self.order:
             number = carriers[name]
@@ -487,7 +487,7 @@ def _cleaned(matrix: FloatArray) -> FloatArray:
 
 
 def joint_motion(joint: UrdfJoint, position: float) -> FloatArray:
-    """Return transform [4,4] of a joint by ``position``, rad or m."""
+    """Return the transform [4,4] of a joint by ``position``, rad or m."""
     motion = np.eye(4)
     if joint.type == "prismatic":
         motion[:3, 3] = position * joint.axis

@@ -17,7 +17,7 @@ from microbot_ocp.robot.files._urdf_file import ACCELERATION, EXTENSION, RANGES
 
 
 def robot_to_urdf(robot: Robot) -> str:
-    """Return text of the URDF file of a robot: the same poses, dynamics and geometry.
+    """Return the text of the URDF file of a robot: the same poses, dynamics and geometry.
 
     The root link is ``base_link``, the last one ``tool``. Rotor inertia, gravity, and limits that
     URDF has no room for stand in elements ``<microbot_ocp>``: :func:`microbot_ocp.load_robot` reads

@@ -104,7 +104,7 @@ def arm_bodies(
 
 @lru_cache(maxsize=8)
 def _geometry(shapes: tuple[Shape, ...]) -> tuple[tuple[int, Faces], ...]:
-    """Return frame and faces of each shape of a robot's file, as many as a film can do with."""
+    """Return the frame and faces of each shape of a robot's file, as many as a film can do with."""
     solids, cell = drawn_geometry(shapes).solids, 0.0
     meshes = [solid.mesh for _, solid in solids if solid.mesh is not None]
     finest = 0.002 * sum(float(np.ptp(mesh.vertices, axis=0).max()) for mesh in meshes)

@@ -249,7 +249,7 @@ class Film:
         panels[-1].set_xlabel("t [s]", fontsize=8, color=theme["faint"], labelpad=1)
 
     def _quantity(self) -> str:
-        """Return torque where a limit of it is nearly met, or else velocity."""
+        """Return the torque where a limit of it is nearly met, or else velocity."""
         history = self.solid.history
         if not self.robot.has_dynamics or "tau" not in self.solid.curves:
             return "qd"

@@ -50,7 +50,7 @@ class Interval:
     dynamics: ca.Function
 
     def f(self, x: ca.MX, u: ca.MX, fraction: Fraction) -> tuple[ca.MX, ca.MX]:
-        """Return slope of the state and running cost at a fraction of the interval."""
+        """Return the slope of the state and running cost at a fraction of the interval."""
         time = self.start + fraction * self.length
         slope, cost = self.dynamics(x, u, self.rate, time, self.duration, self.constants)
         return slope, cost

@@ -68,7 +68,7 @@ class Collocation:
         return tuple(StageVariable(v, point) for point in self.points for v in inside)
 
     def step(self, phase: Phase, interval: Interval, values: Sequence[ca.MX]) -> IntervalStep:
-        """Return polynomial over the interval with one defect a point."""
+        """Return the polynomial over the interval with one defect a point."""
         points, slope_matrix, end_weights, cost_weights = _coefficients(self.kind, self.degree)
         states, local = len(phase.states), len(pointwise(phase))
         per_point = states + local
