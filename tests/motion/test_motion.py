@@ -503,3 +503,14 @@ def test_a_stretched_motion_is_that_of_the_stretched_polynomial():
     np.testing.assert_allclose(slow.breaks, [0.0, 1.05])
     with pytest.raises(InputError, match=r"factor must be above 0, not 0\.0"):
         fast.stretched(robot, 0.0)
+
+
+def test_a_stretched_motion_has_no_slopes_of_the_faster_one():
+    robot = mo.load_robot("microbot")
+    shape = mo.quintic([[0.0, 0.1, 0.2], [0.5, -0.4, 0.9]], [0.0, 0.7])
+    given = {"multipliers": {"rows": {}}, "method": "search"}
+    fast = Motion.from_polynomial(robot, shape, label="quintic", provenance=given)
+    slow = fast.stretched(robot, 2.0)
+    assert slow.provenance == {"method": "search"}
+    with pytest.raises(InputError, match="no multipliers"):
+        slow.sensitivities(robot)

@@ -249,6 +249,8 @@ class Motion:
     def stretched(self, robot: Robot, factor: float) -> Motion:
         """Return the same motion, slower by ``factor``, with the torques of inverse dynamics.
 
+        It has no sensitivities: those of the motion as it was are of other limits at work.
+
         Parameters
         ----------
         robot : Robot
@@ -270,6 +272,7 @@ class Motion:
             tau=torque_along(robot, state),
             breaks=None if self.breaks is None else factor * self.breaks,
             marks=tuple(Mark(factor * mark.time, mark.name) for mark in self.marks),
+            provenance={k: v for k, v in self.provenance.items() if k != "multipliers"},
         )
 
     def sample(self, t: ArrayLike) -> State:
@@ -295,9 +298,7 @@ class Motion:
         return State(q, qd, qdd)
 
     def jerk(self, t: FloatArray) -> FloatArray:
-        """Return the jerk [N,n] at times t [N], in motion: in a jump of the acceleration that
-        before it.
-        """
+        """Return the jerk [N,n] at times t [N], before it where the acceleration jumps."""
         t = checks.array("t", t, (None,), "s")
         i = self._pieces_at(t)
         i = i - jump_gaps(self.t)[i]
