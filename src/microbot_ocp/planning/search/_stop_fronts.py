@@ -27,12 +27,12 @@ def effort_front(asked: StopSearch, slacks: Sequence[float]) -> Front:
     """
     best = fastest(asked.search, asked.state, slack=0.0)
     first = best.answer.solution.duration
-    points = [(effort_of(asked.search, best.answer.solution), asked._motion(best))]
+    points = [(effort_of(asked.search, best.answer.solution), asked.motion_from(best))]
     for slack in sorted(slacks) if best.answer.solved else ():
         share = (1.0 + slack) * first / best.answer.solution.duration - 1.0
         calmer = least_effort(asked.search, best.answer, share)
         best = replace(best, answer=calmer.answer, calmer=calmer)
-        points.append((effort_of(asked.search, calmer.answer.solution), asked._motion(best)))
+        points.append((effort_of(asked.search, calmer.answer.solution), asked.motion_from(best)))
     return points, ""
 
 
@@ -42,7 +42,7 @@ def torque_front(asked: StopSearch, shares: Sequence[float]) -> Front:
     Each starts from the one before it. The text says why the last shares have no motion.
     """
     best = fastest(asked.search, asked.state, slack=0.0)
-    points, before = [(effort_of(asked.search, best.answer.solution), asked._motion(best))], 1.0
+    points, before = [(effort_of(asked.search, best.answer.solution), asked.motion_from(best))], 1.0
     for share in sorted(shares, reverse=True) if best.answer.solved else ():
         try:
             weaker = with_torques(asked.stops.task, share)
@@ -53,7 +53,7 @@ def torque_front(asked: StopSearch, shares: Sequence[float]) -> Front:
             weaker, settings, asked.search.progress, ways=stops.ways, guides=stops.guides
         )
         best = _slower(search, best, float(np.sqrt(before / share)))
-        before, motion = share, search._motion(best)
+        before, motion = share, search.motion_from(best)
         if not motion.solved:
             why = motion.advice or motion.status.sentence
             return points, f"With {100 * share:.3g} % of the torques: {why}"

@@ -384,7 +384,7 @@ class StopSearch:
                 slack = (self.duration - rested) / best.answer.solution.duration - 1.0
                 if slack > 0.0:
                     best = fastest(self.search, best.state, slack=min(slack, STOPS.slowest))
-            motion = self._motion(best, shortest)
+            motion = self.motion_from(best, shortest)
         late = motion.status is Status.TIME_LIMIT
         slow = self._at_rest() if late and self.duration is None else None
         if slow is None:
@@ -412,7 +412,11 @@ class StopSearch:
             shapes.append(PiecewisePolynomial(way.motion.t, pieces_of(way.motion)))
         return shapes, "a way that rests at every stop"
 
-    def _motion(self, best: Fastest, shortest: float = np.nan) -> Motion:
+    def motion_from(self, best: Fastest, shortest: float = np.nan) -> Motion:
+        """Return the answer as a motion through the stops; one that comes too late is infeasible.
+
+        ``shortest`` is what the fastest takes, s, where a duration is asked for.
+        """
         task, solution = self.stops.task, best.answer.solution
         motion = motion_of_answer(best)
         provenance = dict(motion.provenance)
