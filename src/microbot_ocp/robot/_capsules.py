@@ -12,7 +12,7 @@ solid between two planes is inside the hull of its surface there, so that no par
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from itertools import combinations
 
@@ -200,6 +200,25 @@ def _around(shapes: list[Shape], added_volume: float, most: int) -> list[Capsule
         divisions.append([_Part(part.triangles) for part in best])
     parts = min(divisions, key=link.added_volume)
     return [replace(part.capsule, excess=link.excess(part, parts)) for part in parts]
+
+
+@dataclass(frozen=True, eq=False)
+class LinkSurface(Capsule):
+    """A link by the triangles [T,3,3] of its surface; as a capsule, what its farthest points reach.
+
+    That is: ``start`` and ``end`` are as far from the origin of its frame as any point of it.
+    """
+
+    triangles: FloatArray = field(default_factory=lambda: np.zeros((0, 3, 3)))
+
+
+def link_surface(shapes: Sequence[Shape], name: str) -> LinkSurface:
+    """Return the surface of a link of which the shapes are given."""
+    triangles = np.concatenate([_triangles(shape) for shape in shapes])
+    points = triangles.reshape(-1, 3)
+    farthest = points[np.linalg.norm(points, axis=1).argmax()]
+    radius = float(np.linalg.norm(points - farthest, axis=1).max())
+    return LinkSurface(farthest, farthest, radius, name, triangles=triangles)
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,6 +13,7 @@ from microbot_ocp._base.fast_calls import fast_call
 from microbot_ocp._base.needed import needed
 from microbot_ocp._base.threads import cached_in_thread
 from microbot_ocp.robot import Capsule, Robot, link_poses
+from microbot_ocp.robot._capsules import LinkSurface
 from microbot_ocp.scene._obstacles import (
     MOST_FACES,
     Box,
@@ -24,7 +25,7 @@ from microbot_ocp.scene._obstacles import (
     has_many_faces,
 )
 from microbot_ocp.scene._pairs import ACCURACY as ACCURACY
-from microbot_ocp.scene._scene import Pair, Scene, with_arm_capsules
+from microbot_ocp.scene._scene import Pair, Scene, surface_pairs, with_arm_capsules
 
 
 class Nearest(NamedTuple):
@@ -87,6 +88,8 @@ class ContactModel:
         coal, unturned = self._coal, np.eye(3)
         if isinstance(thing, Sphere):
             return coal.Sphere(thing.radius), unturned, thing.center
+        if isinstance(thing, LinkSurface):
+            return _surface(coal, thing), unturned, np.zeros(3)
         if isinstance(thing, Capsule):
             along = thing.end - thing.start
             length, middle = float(np.linalg.norm(along)), (thing.start + thing.end) / 2
@@ -200,10 +203,31 @@ def contact_model(robot: Robot, scene: Scene) -> ContactModel:
 
 @cached_in_thread(maxsize=16)
 def _contact_model(robot: Robot, scene: Scene) -> ContactModel:
-    pairs = scene.pairs(robot)
+    pairs = (*scene.pairs(robot), *_seen_by_surface(robot, surface_pairs(scene, robot)))
     if not pairs:
         raise InputError("scene must have something that the arm may touch: it has no pair")
     return ContactModel(robot, pairs)
+
+
+def _seen_by_surface(robot: Robot, pairs: tuple[Pair, ...]) -> tuple[Pair, ...]:
+    """Return those of pairs of surfaces that may not touch: an SRDF file says which may.
+
+    Where there is none, those may that touch in the zero pose.
+    """
+    if not pairs or robot.disabled_pairs is not None:
+        return pairs
+    zero = ContactModel(robot, pairs).distances(np.zeros((1, robot.joint_count)))[0]
+    return tuple(pair for pair, apart in zip(pairs, zero, strict=True) if apart > ACCURACY)
+
+
+def _surface(coal: Any, link: LinkSurface) -> Any:
+    """Return coal's shape of a link's triangles."""
+    model = coal.BVHModelOBBRSS()
+    model.beginModel(len(link.triangles), 3 * len(link.triangles))
+    for triangle in link.triangles:
+        model.addTriangle(*triangle)
+    model.endModel()
+    return model
 
 
 def coal() -> Any:

@@ -14,6 +14,7 @@ from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.codegen import compiles
 from microbot_ocp.limits import ROUNDING, Limit
 from microbot_ocp.robot import Capsule, Robot, fit_capsules, link_capsules
+from microbot_ocp.robot._capsules import LinkSurface, link_surface
 from microbot_ocp.scene._obstacles import KINDS, Obstacle
 from microbot_ocp.scene._pairs import ACCURACY, Distances, Pair
 
@@ -38,8 +39,9 @@ class Scene:
         Distance that the arm keeps from everything, m.
     self_collision : bool
         Whether capsules of the arm keep that distance from each other, too: those of links that
-        are not neighbours, do not touch in the zero pose, and are not of the ``disabled_pairs`` of
-        a robot that was read with an SRDF file.
+        are not neighbours and not of the ``disabled_pairs`` of a robot that was read with an SRDF
+        file. Links of which fitted capsules overlap in the zero pose already are seen by their
+        collision geometry, and only by the proof that a motion keeps clear: not by the search.
     ignore : sequence of pairs of names
         Links and obstacles that may touch: ``[("hand", "part")]``.
 
@@ -197,16 +199,16 @@ def _pairs(scene: Scene, robot: Robot) -> tuple[Pair, ...]:
         Pair(frame, capsule, obstacle) for frame, capsule in moving for obstacle in scene.obstacles
     ]
     if scene.self_collision:
-        pairs += _own_pairs(robot)
+        pairs += _own_pairs(robot)[0]
     return tuple(
         pair for pair in pairs if frozenset((pair.capsule.name, pair.other.name)) not in ignored
     )
 
 
-def _own_pairs(robot: Robot) -> list[Pair]:
-    """Return capsules of links that are not neighbours, but those of pairs that are disabled.
+def _own_pairs(robot: Robot) -> tuple[list[Pair], list[Pair]]:
+    """Return pairs of capsules of links that are not neighbours and not disabled.
 
-    Nor those that touch in the zero pose.
+    First those that are apart in the zero pose, then those of links of which fitted ones overlap.
     """
     disabled = {frozenset(pair) for pair in robot.disabled_pairs or ()}
     pairs = [
@@ -216,10 +218,46 @@ def _own_pairs(robot: Robot) -> list[Pair]:
         if frame - other_frame >= 2 and frozenset((capsule.name, other.name)) not in disabled
     ]
     if not pairs:
-        return []
+        return [], []
     zero = clearances(robot, pairs, np.zeros((1, robot.joint_count)))[0]
     touching = {_fitted(pair) for pair, apart in zip(pairs, zero, strict=True) if apart <= 0.0}
-    return [pair for pair in pairs if _fitted(pair) not in touching]
+    return (
+        [pair for pair in pairs if _fitted(pair) not in touching],
+        [pair for pair in pairs if _fitted(pair) in touching],
+    )
+
+
+def surface_pairs(scene: Scene, robot: Robot) -> tuple[Pair, ...]:
+    """Return links that capsules cannot tell apart, as they overlap in the zero pose already.
+
+    They are seen by the triangles of their collision geometry, and only by the proof that a motion
+    keeps clear: no solver sees them.
+    """
+    if not scene.self_collision:
+        return ()
+    ignored = {frozenset(pair) for pair in scene.ignore}
+    links = {
+        ((pair.frame, pair.capsule.name), (pair.other_frame, pair.other.name)): None
+        for pair in _own_pairs(robot)[1]
+        if frozenset((pair.capsule.name, pair.other.name)) not in ignored
+    }
+    sides = [[_surface(robot, *link) for link in pair] for pair in links]
+    return tuple(
+        Pair(pair[0][0], arm, other, pair[1][0])
+        for pair, (arm, other) in zip(links, sides, strict=True)
+        if arm is not None and other is not None
+    )
+
+
+@lru_cache(maxsize=64)
+def _surface(robot: Robot, frame: int, link: str) -> LinkSurface | None:
+    """Return the surface of a link by its collision geometry, None where there is none."""
+    shapes = [
+        shape
+        for shape in robot.shapes
+        if (shape.frame, shape.link, shape.role) == (frame, link, "collision")
+    ]
+    return link_surface(shapes, link) if shapes else None
 
 
 def _fitted(pair: Pair) -> Any:
