@@ -1,4 +1,4 @@
-"""Links whose fitted capsules overlap in every pose, judged by their collision geometry."""
+"""Links whose fitted capsules overlap in the zero pose, judged by their collision geometry."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from microbot_ocp.robot import Shape
 
 pytest.importorskip("coal")
 
-PLATES = {1: [0.3, 0.2, 0.02], 3: [0.3, 0.2, 0.02]}  # flat ends: capsules stand out by 0.1 m
+PLATE = [0.3, 0.2, 0.02]  # m; flat ends: capsules stand out by 0.1 m
 
 
 def plates() -> mo.Robot:
@@ -21,8 +21,7 @@ def plates() -> mo.Robot:
     middle = np.eye(4)
     middle[0, 3] = 0.15
     shapes = tuple(
-        Shape(frame, middle, "box", size, "collision", f"plate {frame}")
-        for frame, size in PLATES.items()
+        Shape(frame, middle, "box", PLATE, "collision", f"plate {frame}") for frame in (1, 3)
     )
     robot = replace(bare, shapes=shapes)
     return robot.with_capsules(mo.fit_capsules(robot, most=1))
@@ -53,9 +52,10 @@ def test_links_of_overlapping_capsules_are_judged_by_their_surfaces() -> None:
 def test_an_srdf_file_and_ignore_decide_which_surfaces_may_touch() -> None:
     robot = plates()
     folded = turned(robot, 2.5)
+    both, far = ("plate 1", "plate 3"), [mo.Sphere([5, 5, 5], 0.1, "ball")]
     for disabled, scene in (
-        ((("plate 1", "plate 3"),), mo.Scene([mo.Sphere([5, 5, 5], 0.1, "ball")])),
-        (None, mo.Scene([mo.Sphere([5, 5, 5], 0.1, "ball")], ignore=[("plate 1", "plate 3")])),
-        (None, mo.Scene([mo.Sphere([5, 5, 5], 0.1, "ball")], self_collision=False)),
+        ((both,), mo.Scene(far)),
+        (None, mo.Scene(far, ignore=[both])),
+        (None, mo.Scene(far, self_collision=False)),
     ):
         assert mo.clearance(replace(robot, disabled_pairs=disabled), folded, scene).proved

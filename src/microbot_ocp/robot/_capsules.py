@@ -204,21 +204,27 @@ def _around(shapes: list[Shape], added_volume: float, most: int) -> list[Capsule
 
 @dataclass(frozen=True, eq=False)
 class LinkSurface(Capsule):
-    """A link by the triangles [T,3,3] of its surface; as a capsule, what its farthest points reach.
+    """A link by the triangles [T,3,3] of its surface.
 
-    That is: ``start`` and ``end`` are as far from the origin of its frame as any point of it.
+    As a capsule it is the sphere that holds it about its point farthest from the frame's origin, so
+    that no point of it moves farther than the ends of the axis when a joint turns.
     """
 
     triangles: FloatArray = field(default_factory=lambda: np.zeros((0, 3, 3)))
 
 
-def link_surface(shapes: Sequence[Shape], name: str) -> LinkSurface:
-    """Return the surface of a link of which the shapes are given."""
+@lru_cache(maxsize=64)
+def link_surface(robot: Robot, frame: int, link: str) -> LinkSurface | None:
+    """Return the surface of a link's collision geometry, in its frame; None where it has none."""
+    place = frame, link, "collision"
+    shapes = [shape for shape in robot.shapes if (shape.frame, shape.link, shape.role) == place]
+    if not shapes:
+        return None
     triangles = np.concatenate([_triangles(shape) for shape in shapes])
     points = triangles.reshape(-1, 3)
     farthest = points[np.linalg.norm(points, axis=1).argmax()]
     radius = float(np.linalg.norm(points - farthest, axis=1).max())
-    return LinkSurface(farthest, farthest, radius, name, triangles=triangles)
+    return LinkSurface(farthest, farthest, radius, link, triangles=triangles)
 
 
 @dataclass(frozen=True, eq=False)

@@ -89,7 +89,7 @@ class ContactModel:
         if isinstance(thing, Sphere):
             return coal.Sphere(thing.radius), unturned, thing.center
         if isinstance(thing, LinkSurface):
-            return _surface(coal, thing), unturned, np.zeros(3)
+            return _bounding_volumes(coal, thing), unturned, np.zeros(3)
         if isinstance(thing, Capsule):
             along = thing.end - thing.start
             length, middle = float(np.linalg.norm(along)), (thing.start + thing.end) / 2
@@ -210,9 +210,9 @@ def _contact_model(robot: Robot, scene: Scene) -> ContactModel:
 
 
 def _seen_by_surface(robot: Robot, pairs: tuple[Pair, ...]) -> tuple[Pair, ...]:
-    """Return those of pairs of surfaces that may not touch: an SRDF file says which may.
+    """Return those of pairs of surfaces that may not touch.
 
-    Where there is none, those may that touch in the zero pose.
+    Without an SRDF file, which says it, those may touch that do so in the zero pose.
     """
     if not pairs or robot.disabled_pairs is not None:
         return pairs
@@ -220,8 +220,8 @@ def _seen_by_surface(robot: Robot, pairs: tuple[Pair, ...]) -> tuple[Pair, ...]:
     return tuple(pair for pair, apart in zip(pairs, zero, strict=True) if apart > ACCURACY)
 
 
-def _surface(coal: Any, link: LinkSurface) -> Any:
-    """Return coal's shape of a link's triangles."""
+def _bounding_volumes(coal: Any, link: LinkSurface) -> Any:
+    """Return coal's tree of bounding volumes over a link's triangles."""
     model = coal.BVHModelOBBRSS()
     model.beginModel(len(link.triangles), 3 * len(link.triangles))
     for triangle in link.triangles:

@@ -14,7 +14,7 @@ from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.codegen import compiles
 from microbot_ocp.limits import ROUNDING, Limit
 from microbot_ocp.robot import Capsule, Robot, fit_capsules, link_capsules
-from microbot_ocp.robot._capsules import LinkSurface, link_surface
+from microbot_ocp.robot._capsules import link_surface
 from microbot_ocp.scene._obstacles import KINDS, Obstacle
 from microbot_ocp.scene._pairs import ACCURACY, Distances, Pair
 
@@ -40,8 +40,10 @@ class Scene:
     self_collision : bool
         Whether capsules of the arm keep that distance from each other, too: those of links that
         are not neighbours and not of the ``disabled_pairs`` of a robot that was read with an SRDF
-        file. Links of which fitted capsules overlap in the zero pose already are seen by their
-        collision geometry, and only by the proof that a motion keeps clear: not by the search.
+        file. Links whose capsules overlap in the zero pose already are judged by their collision
+        geometry, in paths around obstacles and in the proof of clearance; the optimisation does
+        not see them. Those without such geometry, or without an SRDF file and touching there by
+        it, may touch.
     ignore : sequence of pairs of names
         Links and obstacles that may touch: ``[("hand", "part")]``.
 
@@ -109,7 +111,7 @@ class Scene:
         InputError
             A name in ``ignore`` that neither the scene nor the robot has.
         """
-        return _pairs(self, with_arm_capsules(robot))
+        return _pairs(self, with_arm_capsules(robot))[0]
 
     def limit(
         self,
@@ -188,7 +190,8 @@ def _with_default_capsules(robot: Robot, shapes: tuple[Any, ...]) -> Robot:
 
 
 @lru_cache(maxsize=64)
-def _pairs(scene: Scene, robot: Robot) -> tuple[Pair, ...]:
+def _pairs(scene: Scene, robot: Robot) -> tuple[tuple[Pair, ...], tuple[Pair, ...]]:
+    """Return what may not touch: pairs that capsules tell apart, and those that overlap at zero."""
     links = {capsule.name for _, capsule in robot.capsules}
     names = links | set(scene.names)
     for name in sum(scene.ignore, ()):
@@ -198,17 +201,18 @@ def _pairs(scene: Scene, robot: Robot) -> tuple[Pair, ...]:
     pairs = [
         Pair(frame, capsule, obstacle) for frame, capsule in moving for obstacle in scene.obstacles
     ]
-    if scene.self_collision:
-        pairs += _own_pairs(robot)[0]
-    return tuple(
-        pair for pair in pairs if frozenset((pair.capsule.name, pair.other.name)) not in ignored
+    apart, overlapping = _own_pairs(robot) if scene.self_collision else ((), ())
+    told_apart, overlap = (
+        tuple(p for p in some if frozenset((p.capsule.name, p.other.name)) not in ignored)
+        for some in ((*pairs, *apart), overlapping)
     )
+    return told_apart, overlap
 
 
 def _own_pairs(robot: Robot) -> tuple[list[Pair], list[Pair]]:
     """Return pairs of capsules of links that are not neighbours and not disabled.
 
-    First those that are apart in the zero pose, then those of links of which fitted ones overlap.
+    First those of links that are apart in the zero pose, then those that overlap there.
     """
     disabled = {frozenset(pair) for pair in robot.disabled_pairs or ()}
     pairs = [
@@ -227,37 +231,23 @@ def _own_pairs(robot: Robot) -> tuple[list[Pair], list[Pair]]:
     )
 
 
-def surface_pairs(scene: Scene, robot: Robot) -> tuple[Pair, ...]:
-    """Return links that capsules cannot tell apart, as they overlap in the zero pose already.
-
-    They are seen by the triangles of their collision geometry, and only by the proof that a motion
-    keeps clear: no solver sees them.
-    """
-    if not scene.self_collision:
-        return ()
-    ignored = {frozenset(pair) for pair in scene.ignore}
-    links = {
-        ((pair.frame, pair.capsule.name), (pair.other_frame, pair.other.name)): None
-        for pair in _own_pairs(robot)[1]
-        if frozenset((pair.capsule.name, pair.other.name)) not in ignored
-    }
-    sides = [[_surface(robot, *link) for link in pair] for pair in links]
-    return tuple(
-        Pair(pair[0][0], arm, other, pair[1][0])
-        for pair, (arm, other) in zip(links, sides, strict=True)
-        if arm is not None and other is not None
-    )
-
-
 @lru_cache(maxsize=64)
-def _surface(robot: Robot, frame: int, link: str) -> LinkSurface | None:
-    """Return the surface of a link by its collision geometry, None where there is none."""
-    shapes = [
-        shape
-        for shape in robot.shapes
-        if (shape.frame, shape.link, shape.role) == (frame, link, "collision")
-    ]
-    return link_surface(shapes, link) if shapes else None
+def surface_pairs(scene: Scene, robot: Robot) -> tuple[Pair, ...]:
+    """Return links of whose capsules some overlap in the zero pose, by their collision geometry.
+
+    Links without such geometry are left out.
+    """
+    links = dict.fromkeys(
+        (pair.frame, pair.capsule.name, pair.other_frame, pair.other.name)
+        for pair in _pairs(scene, robot)[1]
+    )
+    pairs: list[Pair] = []
+    for frame, link, other_frame, other_link in links:
+        surface = link_surface(robot, frame, link)
+        other = link_surface(robot, other_frame, other_link)
+        if surface is not None and other is not None:
+            pairs.append(Pair(frame, surface, other, other_frame))
+    return tuple(pairs)
 
 
 def _fitted(pair: Pair) -> Any:

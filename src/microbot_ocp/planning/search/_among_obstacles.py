@@ -387,7 +387,9 @@ def check_apart(around: Surroundings, via: FloatArray) -> None:
 def touching(hit: Any, wanted: float) -> str:
     other, link = hit.pair.other.name, hit.pair.capsule.name
     if hit.distance <= 0.0:
-        sentence = f"in collision with {other!r} by {length_text(-hit.distance)} at link {link!r}"
+        sentence = (
+            f"in collision with {other!r} by {length_text(abs(hit.distance))} at link {link!r}"
+        )
         excess = sum(getattr(shape, "excess", 0.0) for shape in (hit.pair.capsule, hit.pair.other))
         if -hit.distance < excess:
             sentence += (
