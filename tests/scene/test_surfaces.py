@@ -59,3 +59,10 @@ def test_an_srdf_file_and_ignore_decide_which_surfaces_may_touch() -> None:
         (None, mo.Scene(far, self_collision=False)),
     ):
         assert mo.clearance(replace(robot, disabled_pairs=disabled), folded, scene).proved
+
+
+def test_an_equal_robot_without_geometry_does_not_lend_its_answer() -> None:
+    robot, far = plates(), mo.Scene([mo.Sphere([5, 5, 4], 0.1, "ball")])
+    folded = turned(robot, 2.5)
+    assert mo.clearance(replace(robot, shapes=()), folded, far).proved
+    assert not mo.clearance(robot, folded, far).proved

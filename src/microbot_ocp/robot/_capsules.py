@@ -214,13 +214,13 @@ class LinkSurface(Capsule):
 
 
 @lru_cache(maxsize=64)
-def link_surface(robot: Robot, frame: int, link: str) -> LinkSurface | None:
+def link_surface(shapes: tuple[Shape, ...], frame: int, link: str) -> LinkSurface | None:
     """Return the surface of a link's collision geometry, in its frame; None where it has none."""
     place = frame, link, "collision"
-    shapes = [shape for shape in robot.shapes if (shape.frame, shape.link, shape.role) == place]
-    if not shapes:
+    chosen = [shape for shape in shapes if (shape.frame, shape.link, shape.role) == place]
+    if not chosen:
         return None
-    triangles = np.concatenate([_triangles(shape) for shape in shapes])
+    triangles = np.concatenate([_triangles(shape) for shape in chosen])
     points = triangles.reshape(-1, 3)
     farthest = points[np.linalg.norm(points, axis=1).argmax()]
     radius = float(np.linalg.norm(points - farthest, axis=1).max())

@@ -198,11 +198,13 @@ def contact_model(robot: Robot, scene: Scene) -> ContactModel:
     InputError
         coal is not installed, or there is nothing that could touch.
     """
-    return _contact_model(with_arm_capsules(robot), scene)
+    arm = with_arm_capsules(robot)
+    return _contact_model(arm, scene, arm.shapes)
 
 
 @cached_in_thread(maxsize=16)
-def _contact_model(robot: Robot, scene: Scene) -> ContactModel:
+def _contact_model(robot: Robot, scene: Scene, _shapes: tuple[Any, ...]) -> ContactModel:
+    """Return the model; robots are equal whatever their shapes, which the cache must tell apart."""
     pairs = (*scene.pairs(robot), *_seen_by_surface(robot, surface_pairs(scene, robot)))
     if not pairs:
         raise InputError("scene must have something that the arm may touch: it has no pair")

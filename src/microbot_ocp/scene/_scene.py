@@ -231,7 +231,6 @@ def _own_pairs(robot: Robot) -> tuple[list[Pair], list[Pair]]:
     )
 
 
-@lru_cache(maxsize=64)
 def surface_pairs(scene: Scene, robot: Robot) -> tuple[Pair, ...]:
     """Return links of whose capsules some overlap in the zero pose, by their collision geometry.
 
@@ -243,8 +242,8 @@ def surface_pairs(scene: Scene, robot: Robot) -> tuple[Pair, ...]:
     )
     pairs: list[Pair] = []
     for frame, link, other_frame, other_link in links:
-        surface = link_surface(robot, frame, link)
-        other = link_surface(robot, other_frame, other_link)
+        surface = link_surface(robot.shapes, frame, link)
+        other = link_surface(robot.shapes, other_frame, other_link)
         if surface is not None and other is not None:
             pairs.append(Pair(frame, surface, other, other_frame))
     return tuple(pairs)
