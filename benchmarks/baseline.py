@@ -2,6 +2,8 @@
 
     python -m benchmarks baseline --out FILE [--only GROUP ...] [--count N] [--jobs 2]
     python -m benchmarks baseline --out FILE --against EARLIER
+    python -m benchmarks baseline --out FILE --without "less smoothing" --against EARLIER
+    python -m benchmarks baseline --out FILE --without far_barrier=0.1 --against EARLIER
     python -m benchmarks baseline --ledger FILE
 
 Groups: the demo's methods, the suite of published problems by ``solve`` without and with an
@@ -11,7 +13,9 @@ table of speeds. Every case is solved in a process of its own; a line of JSON ea
 bits). A run that was ended goes on where FILE ends. ``--against`` prints what changed and ends with
 1 where an answer got worse by more than 1e-4, a certificate was lost, or the processor time of a
 group grew by more than a tenth. ``--ledger`` prints how often each strategy was run in a file, how
-often the answer came from it, and the time that it took.
+often the answer came from it, and the time that it took. ``--without`` leaves a strategy of the
+tables out, or gives a number of the settings of the search for motions another value; only cases
+are solved in which the strategy was run in EARLIER (all of them for a number).
 """
 
 from __future__ import annotations
@@ -24,6 +28,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +40,7 @@ from benchmarks import arms, cell, scenes, switching_times, torture
 from benchmarks.suite import child
 from benchmarks.suite.table import PROBLEMS
 from microbot_ocp import ocp
+from microbot_ocp.planning.search import SEARCH, STRATEGIES
 
 WORSE = 1e-4  # relative growth of a cost or duration that is reported
 SLOWER = 0.1  # relative growth of a group's processor time that is reported
@@ -180,6 +186,25 @@ def names_of(group: str, count: int | None) -> list[str]:
     return [names[k * len(names) // count] for k in range(count)]
 
 
+def ablate(what: str) -> None:
+    """Leave a strategy out in this process, or give a setting of the search another value."""
+    name, is_setting, value = what.partition("=")
+    if is_setting:
+        object.__setattr__(SEARCH, name, type(getattr(SEARCH, name))(float(value)))
+    for strategy in STRATEGIES:
+        if strategy.name == name:
+            object.__setattr__(strategy, "next_step", lambda search, state: None)
+    for strategy in ocp.search.STRATEGIES:
+        if strategy.name == name:
+            object.__setattr__(strategy, "propose", lambda task, tried: ())
+
+
+def was_run(row: Row, strategy: str) -> bool:
+    """Return whether a strategy was run in a case; whether there is a ledger for a setting."""
+    entries = row.get("ledger") or ()
+    return bool(entries) if "=" in strategy else any(e["strategy"] == strategy for e in entries)
+
+
 def solved_here(group: str, name: str) -> Row:
     """Return the record of one case, solved in this process."""
     before = child._spent()
@@ -192,10 +217,11 @@ def solved_here(group: str, name: str) -> Row:
     return {"group": group, "name": name, **row, "seconds": child._spent() - before}
 
 
-def solved_apart(case: tuple[str, str]) -> Row:
+def solved_apart(case: tuple[str, str], without: str | None = None) -> Row:
     """Return the record of one case, solved in a process of its own."""
     group, name = case
     command = [sys.executable, "-m", "benchmarks", "baseline", "--case", group, name]
+    command += ["--without", without] if without else []
     ended = subprocess.run(command, capture_output=True, text=True, check=False)
     lines = ended.stdout.splitlines()
     if lines and lines[-1].startswith("{"):
@@ -277,6 +303,7 @@ def main(arguments: Sequence[str]) -> None:
     parser.add_argument("--names", nargs="+", help="these cases only")
     parser.add_argument("--jobs", type=int, default=2, help="processes at once")
     parser.add_argument("--against", type=Path, metavar="EARLIER")
+    parser.add_argument("--without", metavar="WHAT", help="a strategy, or setting=value")
     parser.add_argument("--case", nargs=2, help=argparse.SUPPRESS)
     parser.add_argument("--ledger", type=Path, metavar="FILE", help="print what FILE tells")
     options = parser.parse_args(arguments)
@@ -285,6 +312,8 @@ def main(arguments: Sequence[str]) -> None:
         return
     if options.case:
         resource.setrlimit(resource.RLIMIT_CPU, (LIMIT, LIMIT + 5))
+        if options.without:
+            ablate(options.without)
         print(json.dumps(solved_here(*options.case)))
         return
     options.out.parent.mkdir(parents=True, exist_ok=True)
@@ -292,9 +321,12 @@ def main(arguments: Sequence[str]) -> None:
     cases = [(group, name) for group in options.only for name in names_of(group, options.count)]
     if options.names:
         cases = [case for case in cases if case[1] in options.names]
+    if options.without:
+        earlier = read(options.against)
+        cases = [c for c in cases if c in earlier and was_run(earlier[c], options.without)]
     todo = [case for case in cases if case not in rows]
     with ThreadPoolExecutor(options.jobs) as pool, options.out.open("a", encoding="utf-8") as file:
-        for row in pool.map(solved_apart, todo):
+        for row in pool.map(partial(solved_apart, without=options.without), todo):
             rows[row["group"], row["name"]] = row
             file.write(json.dumps(row) + "\n")
             file.flush()

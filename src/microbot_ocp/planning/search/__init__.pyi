@@ -23,10 +23,14 @@ from ._prepared import (
     TimeOptimalSolver as TimeOptimalSolver,
 )
 from ._settings import (
+    SEARCH as SEARCH,
     TimeOptimalSettings as TimeOptimalSettings,
 )
 from ._stop_motion import (
     stretches as stretches,
+)
+from ._strategies import (
+    STRATEGIES as STRATEGIES,
 )
 from ._time_optimal import (
     fastest_motion as fastest_motion,
