@@ -10,6 +10,7 @@ import pytest
 import microbot_ocp as mo
 from helpers import any_robot
 from microbot_ocp.limits import LimitFamily, MotionSamples
+from planning.shared import slider
 
 BOX = {"mass": 0.1, "friction": 0.4, "payload": (0.5, 2.0)}
 
@@ -87,6 +88,36 @@ def test_one_motion_for_all_of_them(microbot):
             for plant in plants
         ]
         assert (np.max(uses) < 1.005) == holds
+
+
+def shortest(mass):
+    """The time of a rail's mass over 1.6 m by 4 N, s."""
+    return 2.0 * np.sqrt(1.6 * mass / 4.0)
+
+
+def test_boxes_are_arguments_as_well():
+    rail, via_q = slider(mass=2.0, tau_max=4.0), [[0.0], [1.6]]
+    box = {"payload": (0.5, 1.0), "uncertain": {"mass": 0.05}}
+    few = {"compiled": False, "starts": 1, "mesh": 40}
+    motion = mo.time_optimal(rail, via_q, **box, **few)
+    assert motion.duration == pytest.approx(shortest(2.0 * 1.05 + 1.0), rel=1e-3)
+    limits = mo.execution.robust_limits(rail, mass=0.05, payload=(0.5, 1.0))
+    for given in ({"limits": limits}, box):
+        kept = mo.time_optimal(rail, via_q, **given, reserve=0.19, **few)
+        assert kept.duration == pytest.approx(shortest(3.1) / 0.9, rel=1e-3)
+        assert mo.certify(rail, kept, limits.with_reserve(0.19)).ok
+    with pytest.raises(mo.InputError, match="uncertain must be one of mass, friction, not 'inert"):
+        mo.time_optimal(rail, via_q, uncertain={"inertia": 0.1})
+
+
+@pytest.mark.slow
+def test_what_the_arm_carries_between_stops_counts():
+    rail = slider(mass=2.0, tau_max=4.0)
+    stops = [mo.Stop(q=[0.0], payload=mo.Payload(1.0)), mo.Stop(q=[1.6])]
+    motion = mo.time_optimal(
+        rail, stops, uncertain={"mass": 0.05}, compiled=False, starts=1, mesh=40
+    )
+    assert motion.duration == pytest.approx(shortest(2.0 * 1.05 + 1.0), rel=1e-3)
 
 
 @pytest.mark.parametrize(

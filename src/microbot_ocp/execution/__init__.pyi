@@ -28,10 +28,8 @@ from ._reserve import (
     Trial as Trial,
     check_trials as check_trials,
     differing_plants as differing_plants,
-    smallest_reserve as smallest_reserve,
-)
-from ._robust import (
     robust_limits as robust_limits,
+    smallest_reserve as smallest_reserve,
 )
 from ._rows import (
     CommandRows as CommandRows,

@@ -16,10 +16,14 @@ from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
 from microbot_ocp._base.status import Status
 from microbot_ocp._base.table import Column, Table
-from microbot_ocp.execution._robust import checked_box
 from microbot_ocp.limits import LIMIT_TOLERANCE, JointLimits, LimitFamily, Limits
 from microbot_ocp.motion import Motion, PiecewisePolynomial, pieces_of
-from microbot_ocp.planning import time_optimal, tool_poses
+from microbot_ocp.planning import (
+    checked_box,
+    robust_limits as robust_limits,  # offered beside the arms of the same box
+    time_optimal,
+    tool_poses,
+)
 from microbot_ocp.planning.free import within_limits
 from microbot_ocp.robot import Robot
 from microbot_ocp.simulation import Controller, track

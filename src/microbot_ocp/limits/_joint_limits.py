@@ -13,6 +13,7 @@ from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.limits._limit import Limit
 
+TORQUES_OF_A_BOX = ("largest_torque", "least_torque")  # keys of limits for arms that may be off
 LimitArgument = ArrayLike | tuple[ArrayLike, ArrayLike]
 """A number, one a joint, or a pair (lower, upper) of such."""
 
@@ -231,9 +232,16 @@ class JointLimits:
             raise InputError(
                 f"reserve must be a share of the torque, at least 0 and below 1, not {reserve}"
             )
-        return replace(
-            self, tau_min=(1.0 - share) * self.tau_min, tau_max=(1.0 - share) * self.tau_max
-        )
+        left = 1.0 - share
+
+        def reserved(limit: Limit) -> Limit:
+            if limit.key not in TORQUES_OF_A_BOX:
+                return limit
+            sides = {side: limit.constant(side) for side in ("lower", "upper")}
+            return replace(limit, **{k: left * v for k, v in sides.items() if v is not None})
+
+        also = tuple(map(reserved, self.also))
+        return replace(self, tau_min=left * self.tau_min, tau_max=left * self.tau_max, also=also)
 
     def for_joints(self, count: int) -> JointLimits:
         """Return itself once all is checked, or arrays where values were replaced by numbers.

@@ -43,8 +43,10 @@ from .task import (
     Task as Task,
     check_limits as check_limits,
     check_via as check_via,
+    checked_box as checked_box,
     is_task as is_task,
     reach_of as reach_of,
+    robust_limits as robust_limits,
     task_of as task_of,
     with_changes as with_changes,
 )

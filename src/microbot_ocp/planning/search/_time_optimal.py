@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, cast
 
@@ -31,6 +31,7 @@ from microbot_ocp.planning.task import (
     check_limits,
     check_via,
     is_task,
+    robust_limits,
     task_of,
     too_near,
     with_changes,
@@ -39,6 +40,7 @@ from microbot_ocp.planning.task import (
 from microbot_ocp.robot import Robot
 from microbot_ocp.scene import Scene
 
+UNCERTAIN = ("mass", "friction")
 LEAST_WAY = 1e-6  # rad (m) between via points: shorter ones are near the tolerance of the solvers
 
 
@@ -48,6 +50,8 @@ def time_optimal(
     limits: Limits | JointLimits | None = None,
     *,
     reserve: ArrayLike = 0.0,
+    payload: tuple[float, float] = (0.0, 0.0),
+    uncertain: Mapping[str, float] | None = None,
     segments: Sequence[Segment] | None = None,
     cycle: bool = False,
     order: str = "given",
@@ -74,6 +78,12 @@ def time_optimal(
         Default the robot's own.
     reserve : float or array_like [n]
         Share of the torque limits that is kept back for feedback, of all joints or one a joint.
+    payload : (float, float)
+        Least and largest point mass at the tool, kg: torques are kept for every one between them.
+    uncertain : mapping, optional
+        Shares by which every "mass" and "friction" may be off: ``{"mass": 0.05}``. Torques are kept
+        for every such arm: certificates and other planners take what :func:`robust_limits
+        <microbot_ocp.execution.robust_limits>` gives.
     segments : sequence, optional
         What lies between two stops: a :class:`~microbot_ocp.Line`, :class:`~microbot_ocp.Circle` or
         :class:`~microbot_ocp.JointLine`, or None where the way is free.
@@ -119,9 +129,23 @@ def time_optimal(
     >>> motion = mo.time_optimal(mo.load_robot("microbot"), via_q, mesh=40, starts=1)
     >>> motion.solved, round(motion.duration, 2)
     (True, 1.92)
+
+    One motion for every arm with masses off by up to 5 %, with up to 0.2 kg at the tool:
+
+    >>> robot, box = mo.load_robot("microbot"), {"payload": (0.0, 0.2)}
+    >>> motion = mo.time_optimal(
+    ...     robot, via_q, **box, uncertain={"mass": 0.05}, mesh=40, starts=1
+    ... )
+    >>> limits = mo.execution.robust_limits(robot, mass=0.05, **box)
+    >>> round(motion.duration, 2), mo.certify(robot, motion, limits).ok
+    (2.12, True)
     """
     chosen = with_changes(settings or TimeOptimalSettings(), changes)
     limits = with_reserve(robot.limits, limits, reserve)
+    for name in uncertain or {}:
+        checks.one_of("uncertain", name, UNCERTAIN)
+    if any(payload) or uncertain:
+        limits = robust_limits(robot, limits, payload=payload, **(uncertain or {}))
     checks.one_of("order", order, ("given", "free"))
     if is_task(via_q) or segments is not None or cycle or order != "given" or duration is not None:
         from microbot_ocp.planning.search._orders import solve_stops

@@ -50,6 +50,10 @@ from ._friction import (
 from ._multipliers import (
     multipliers_of as multipliers_of,
 )
+from ._robust import (
+    checked_box as checked_box,
+    robust_limits as robust_limits,
+)
 from ._scale import (
     TYPICAL as TYPICAL,
     TaskScale as TaskScale,

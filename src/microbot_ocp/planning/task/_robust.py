@@ -22,7 +22,10 @@ from microbot_ocp.robot import Robot, inverse_dynamics
 
 @dataclass(frozen=True)
 class _Extreme:
-    """The largest (1) or least (-1) torque of any arm of a box, as an expression of the state."""
+    """The largest (1) or least (-1) torque of any arm of a box, as an expression of the state.
+
+    The middle is the torque of the state: that of what the arm carries by then, too.
+    """
 
     robot: Robot
     mass: float
@@ -34,9 +37,9 @@ class _Extreme:
         def torque(robot: Robot) -> Any:
             return inverse_dynamics(robot)(state.q, state.qd, state.qdd)
 
-        smooth = _without_friction(self.robot)
-        whole, moved = torque(self.robot), torque(smooth)
-        spread = self.friction * ca.fabs(whole - moved)
+        smooth, whole = _without_friction(self.robot), state.tau
+        moved = torque(smooth)
+        spread = self.friction * ca.fabs(torque(self.robot) - moved)
         if self.mass:
             own = (torque(_link_alone(smooth, link)) for link in range(len(smooth.links)))
             spread += self.mass * sum(map(ca.fabs, own))
