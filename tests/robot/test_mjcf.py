@@ -133,6 +133,13 @@ def test_damping_that_stands_for_a_controller_is_warned_of(tmp_path: Path) -> No
         mo.robot.load_mjcf(written(tmp_path, text))
 
 
+def test_gravity_that_is_switched_off_is_off_and_a_fluid_is_warned_of(tmp_path: Path) -> None:
+    text = ODD.replace("/><default>", ' density="1000"><flag gravity="disable"/></option><default>')
+    with pytest.warns(mo.robot.RobotFileWarning, match="air or water"):
+        robot = mo.load_robot(written(tmp_path, text))
+    assert np.array_equal(robot.gravity, np.zeros(3))
+
+
 @pytest.mark.parametrize(
     ("text", "says"),
     [
@@ -190,5 +197,7 @@ def test_robots_by_the_names_of_robot_descriptions() -> None:
     assert parse_task(named, "task.toml", Path()).robot == rod
     with pytest.raises(InputError, match="has no 'rot_description': did you mean 'rod_desc"):
         mo.load_robot("robot_descriptions:rot_description")
+    with pytest.raises(InputError, match=r"has no 'odd', it has 'odd_mj_description'$"):
+        mo.load_robot("robot_descriptions:odd")
     with pytest.raises(InputError, match="cannot fetch 'far_description': no route to the host"):
         mo.load_robot("robot_descriptions:far_description")

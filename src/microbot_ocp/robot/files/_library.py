@@ -115,7 +115,8 @@ def _described(name: str, tip: str | None) -> Robot:
     modules = {module.name for module in iter_modules(package.__path__)}
     names = sorted(module for module in modules if module.endswith("_description"))
     if name not in names:
-        raise InputError(f"robot_descriptions has no {shown(name)}{similar(name, names)}")
+        near = [other for other in names if name and other.startswith(name)]
+        raise InputError(f"robot_descriptions has no {shown(name)}{similar(name, near or names)}")
     try:
         files = import_module(f"robot_descriptions.{name}")
     except Exception as problem:  # it clones a repository: whatever may go wrong with a network

@@ -133,8 +133,12 @@ class _Model:
                 self._fix(self.bodies[model.site_bodyid[site]], name, frame)
         if np.any(model.body_gravcomp):
             self.remarks.add("compensation of gravity is left out: bodies have their weight")
+        if model.opt.density or model.opt.viscosity:
+            self.remarks.add("forces of the air or water around it are left out")
+        off = model.opt.disableflags & self.mujoco.mjtDisableBit.mjDSBL_GRAVITY
+        gravity = [0.0] * 3 if off else model.opt.gravity.tolist()
         name = bytes(model.names).split(b"\0")[0].decode() or "robot"
-        return UrdfFile(name, self.links, self.joints, model.opt.gravity.tolist(), "")
+        return UrdfFile(name, self.links, self.joints, gravity, "")
 
     def _fix(self, parent: str, child: str, frame: FloatArray) -> None:
         name = f"to {child}"

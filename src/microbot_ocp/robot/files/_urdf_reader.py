@@ -262,11 +262,9 @@ class _Tree:
         }
         return [joint for joint in way if joint.name in chosen]
 
-    def _tips(self, *more: str) -> str:
-        """Return links that can be the tip, those with the most joints on the way first, for
-        messages.
-        """
-        ends = [*more, *(name for name in self.links if not self.below[name])]
+    def _tips(self) -> str:
+        """Return ends of the file, those with the most joints on the way first, for messages."""
+        ends = [name for name in self.links if not self.below[name]]
         counts = {name: len(self._free(self._way(name))) for name in ends}
         longest = sorted(counts.items(), key=lambda pair: -pair[1])
         return _some([f"{name!r} ({count})" for name, count in longest if count])
@@ -282,9 +280,11 @@ class _Tree:
                 if self._is_gripper(last):
                     break
                 names = _some([repr(joint.name) for joint in arms])
+                here = len(self._free(self._way(last)))
+                before = f"{last!r} ({here}) for the arm without them, or " if here else ""
                 raise InputError(
                     f"the file branches at link {last!r} into joints {names}: choose an end by "
-                    f"tip, one of (with its number of joints) {self._tips(last)}"
+                    f"tip (with its number of joints): {before}{self._tips()}"
                 )
             last = arms[0].child
         ends = sorted(name for name in self._outward(last) if not self.below[name])
