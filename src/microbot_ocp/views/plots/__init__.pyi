@@ -1,8 +1,14 @@
 """Public names; loaded when they are first asked for."""
 
-from ._comparison import comparison as comparison, front as front
-from ._curve import Curve as Curve
-from ._curves import curves as curves
+from ._charts import (
+    duration_line as duration_line,
+    front as front,
+    prices as prices,
+    reserve as reserve,
+    sparsity as sparsity,
+)
+from ._comparison import comparison as comparison
+from ._curves import Curve as Curve, curves as curves
 from ._limits import limit_use as limit_use, saturation as saturation
 from ._motion import (
     cell as cell,
@@ -20,12 +26,6 @@ from ._page import (
 )
 from ._paths import arms as arms, paths as paths
 from ._phase_plane import phase_plane as phase_plane
-from ._prices import (
-    duration_line as duration_line,
-    prices as prices,
-    reserve as reserve,
-)
 from ._report import report as report, report_figure as report_figure
 from ._solution import solution as solution
-from ._sparsity import sparsity as sparsity
 from ._sweep import sweep as sweep

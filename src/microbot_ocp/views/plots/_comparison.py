@@ -1,4 +1,4 @@
-"""A comparison as curves: every method in one look; a front of time against effort."""
+"""A comparison as curves: every method in one look."""
 
 from __future__ import annotations
 
@@ -7,12 +7,11 @@ from dataclasses import replace
 
 from microbot_ocp._base.showing import GivenAxes
 from microbot_ocp.motion import Motion
-from microbot_ocp.tasks import Comparison, Entry, Front
+from microbot_ocp.tasks import Comparison, Entry
 from microbot_ocp.views import _scene as scene
-from microbot_ocp.views._style import STYLE, entry_styles, entry_title, failures
-from microbot_ocp.views.plots._curve import Curve
-from microbot_ocp.views.plots._curves import curves
-from microbot_ocp.views.plots._page import AxesGrid, axes_page, styled
+from microbot_ocp.views._style import entry_styles, entry_title, failures
+from microbot_ocp.views.plots._curves import Curve, curves
+from microbot_ocp.views.plots._page import AxesGrid
 
 
 def comparison(
@@ -94,35 +93,3 @@ def legend_title(entry: Entry, motion: Motion) -> str:
     if entry.certificate is not None and not entry.certificate.ok:
         return f"{title} (NOT CERTIFIED)"
     return title
-
-
-@styled()
-def front(front: Front, axes: GivenAxes | None = None) -> AxesGrid:
-    """Draw effort and peak torque of the motions of a front over their durations.
-
-    Parameters
-    ----------
-    front : Front
-        From :func:`microbot_ocp.tasks.time_effort_front`.
-    axes : array of Axes [2], optional
-        Default a new figure.
-
-    Returns
-    -------
-    AxesGrid [2]
-        Open circles are motions that are not certified.
-    """
-    size = (STYLE.page[0], 1.5 * STYLE.row)
-    page = axes_page(axes, 1, 2, size=size, title="time against effort and peak torque")
-    panels = page.axes.ravel().view(AxesGrid)
-    keys = ("duration", "effort", "peak_torque")
-    time, effort, peak = ([getattr(p, key) for p in front.points] for key in keys)
-    good = [point.motion.solved and point.certificate.ok for point in front.points]
-    columns = {"effort [s]": effort, "peak torque [share of its limit]": peak}
-    for panel, (label, values) in zip(panels, columns.items(), strict=True):
-        (line,) = panel.plot(time, values)
-        faces = [line.get_color() if certified else "none" for certified in good]
-        panel.scatter(time, values, facecolors=faces, edgecolors=line.get_color())
-        panel.locator_params(axis="x", nbins=5)
-        panel.set(xlabel="duration [s]", ylabel=label, ylim=(0.0, 1.08 * max(values)))
-    return panels

@@ -16,8 +16,7 @@ from microbot_ocp.robot import JointLimits, Limits, Robot
 from microbot_ocp.simulation import Simulation, Tracking
 from microbot_ocp.tasks import Cell
 from microbot_ocp.views._style import STYLE
-from microbot_ocp.views.plots._curve import Curve
-from microbot_ocp.views.plots._curves import PASSED, curves
+from microbot_ocp.views.plots._curves import PASSED, Curve, curves
 from microbot_ocp.views.plots._page import AxesGrid, halo
 
 AT_WORK = 0.99  # of a limit: it is drawn

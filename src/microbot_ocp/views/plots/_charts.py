@@ -1,0 +1,172 @@
+"""Results that are a row of small charts: fronts, what data of a motion are worth, sparsity."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from microbot_ocp._base.showing import GivenAxes
+from microbot_ocp.execution import Reserve
+from microbot_ocp.motion import DurationLine, Sensitivities
+from microbot_ocp.ocp import ParametricSolver
+from microbot_ocp.tasks import Front
+from microbot_ocp.views._style import STYLE
+from microbot_ocp.views.plots._page import AxesGrid, axes_page, styled
+
+
+def _row(axes: GivenAxes | None, count: int, height: float, title: str = "") -> AxesGrid:
+    """Return axes [count], of a height in inches where they are new ones."""
+    page = axes_page(axes, 1, count, size=(STYLE.page[0], height), title=title)
+    return page.axes.ravel().view(AxesGrid)
+
+
+@styled()
+def front(front: Front, axes: GivenAxes | None = None) -> AxesGrid:
+    """Draw effort and peak torque of the motions of a front over their durations.
+
+    Parameters
+    ----------
+    front : Front
+        From :func:`microbot_ocp.tasks.time_effort_front`.
+    axes : array of Axes [2], optional
+        Default a new figure.
+
+    Returns
+    -------
+    AxesGrid [2]
+        Open circles are motions that are not certified.
+    """
+    panels = _row(axes, 2, 1.5 * STYLE.row, "time against effort and peak torque")
+    keys = ("duration", "effort", "peak_torque")
+    time, effort, peak = ([getattr(p, key) for p in front.points] for key in keys)
+    good = [point.motion.solved and point.certificate.ok for point in front.points]
+    columns = {"effort [s]": effort, "peak torque [share of its limit]": peak}
+    for panel, (label, values) in zip(panels, columns.items(), strict=True):
+        (line,) = panel.plot(time, values)
+        faces = [line.get_color() if certified else "none" for certified in good]
+        panel.scatter(time, values, facecolors=faces, edgecolors=line.get_color())
+        panel.locator_params(axis="x", nbins=5)
+        panel.set(xlabel="duration [s]", ylabel=label, ylim=(0.0, 1.08 * max(values)))
+    return panels
+
+
+@styled()
+def prices(sensitivities: Sensitivities, axes: GivenAxes | None = None) -> AxesGrid:
+    """Draw what one percent of each limit saves, the most first.
+
+    Parameters
+    ----------
+    sensitivities : Sensitivities
+    axes : Axes, optional
+        Default a new figure.
+
+    Returns
+    -------
+    AxesGrid [1]
+    """
+    table = sensitivities.table()
+    names, saved = [row[0] for row in table.rows], [row[-1] for row in table.rows]
+    height = 0.8 * STYLE.row + 0.25 * len(names)
+    panels = _row(axes, 1, height, "what one percent of a limit saves")
+    # what barely binds is hollow: a step may end it
+    filled = [row[4] == "yes" for row in table.rows]
+    for bar, sure in zip(panels[0].barh(names, saved, edgecolor="C0"), filled, strict=True):
+        bar.set_fill(sure)
+    panels[0].invert_yaxis()
+    panels[0].set(xlabel="time saved [ms]")
+    return panels
+
+
+@styled()
+def duration_line(line: DurationLine, axes: GivenAxes | None = None) -> AxesGrid:
+    """Draw the shortest duration over one datum of a task, with its slopes.
+
+    Parameters
+    ----------
+    line : DurationLine
+        From :meth:`microbot_ocp.TimeOptimalSolver.along`.
+    axes : Axes, optional
+        Default a new figure.
+
+    Returns
+    -------
+    AxesGrid [1]
+        Slopes are short lines; values before which other limits bind have a hollow mark.
+    """
+    panels = _row(axes, 1, 1.5 * STYLE.row)
+    half = 0.3 * np.gradient(line.values) if line.values.size > 1 else np.zeros(1)
+    ends = np.stack([-half, half])
+    panels[0].plot(line.values + ends, line.duration + line.slope * ends, color="C0")
+    for changed, fill in ((False, "full"), (True, "none")):
+        at = line.changes == changed
+        panels[0].plot(line.values[at], line.duration[at], "o", color="C0", fillstyle=fill)
+    unit = f" [{line.unit}]" if line.unit else ""
+    panels[0].set(xlabel=f"{line.name}{unit}", ylabel="duration [s]")
+    return panels
+
+
+@styled()
+def reserve(reserve: Reserve, axes: GivenAxes | None = None) -> AxesGrid:
+    """Draw the error of the tool and the duration over the reserve of torque.
+
+    Parameters
+    ----------
+    reserve : Reserve
+        From :func:`microbot_ocp.smallest_reserve`.
+    axes : array of Axes [2], optional
+        Default a new figure.
+
+    Returns
+    -------
+    AxesGrid [2]
+        The bound is dashed, the least reserve that keeps it dotted.
+    """
+    panels = _row(axes, 2, 1.5 * STYLE.row, "what a reserve of torque does")
+    share = [100.0 * trial.reserve for trial in reserve.trials]
+    error, duration = (
+        np.array([getattr(trial, key) for trial in reserve.trials]) for key in ("error", "duration")
+    )
+    panels[0].semilogy(share, np.where(np.isfinite(error), 1e3 * error, np.nan), marker="o")
+    panels[0].axhline(1e3 * reserve.bound, linestyle="--", color="0.4")
+    panels[1].plot(share, duration, marker="o")
+    for panel, label in zip(panels, ("error of the tool [mm]", "duration [s]"), strict=True):
+        panel.set(xlabel="reserve [%]", ylabel=label)
+        if reserve.solved:
+            panel.axvline(100.0 * reserve.reserve, linestyle=":", color="0.4")
+    return panels
+
+
+@styled()
+def sparsity(solver: ParametricSolver, axes: GivenAxes | None = None) -> AxesGrid:
+    """Draw the nonzeros of the Jacobian of the rows and of the Hessian of the Lagrangian.
+
+    Parameters
+    ----------
+    solver : ParametricSolver
+    axes : array of Axes [2], optional
+        Default a new figure.
+
+    Returns
+    -------
+    AxesGrid [2]
+        Lines stand between phases.
+    """
+    program = solver.program
+    panels = _row(axes, 2, 0.5 * STYLE.page[0], solver.transcription.problem.name)
+    edges = [
+        np.cumsum([getattr(layout, count) for layout in program.layouts])[:-1]
+        for count in ("variable_count", "row_count")
+    ]
+    matrices = {"Jacobian": ("jacobian", edges[1], "row"), "Hessian": ("hessian", edges[0], "")}
+    for panel, (name, (key, borders, label)) in zip(panels, matrices.items(), strict=True):
+        pattern = program.functions[key].sparsity_out(1)
+        rows, columns = pattern.get_triplet()
+        panel.plot(columns, rows, ".", markersize=max(0.5, 200.0 / max(pattern.shape)))
+        for border in edges[0]:
+            panel.axvline(border - 0.5, color="0.6", linewidth=0.5)
+        for border in borders:
+            panel.axhline(border - 0.5, color="0.6", linewidth=0.5)
+        height, width = pattern.shape
+        title = f"{name}: {height} x {width}, {pattern.nnz()} nonzeros"
+        panel.set(xlim=(-1, width), ylim=(height, -1), title=title)
+        panel.set(xlabel="variable", ylabel=label or "variable")
+    return panels
