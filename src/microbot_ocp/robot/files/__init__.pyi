@@ -20,8 +20,6 @@ from ._toml import (
 from ._urdf_reader import (
     load_urdf as load_urdf,
     parse_urdf as parse_urdf,
-)
-from ._urdf_scene import (
     read_urdf_shapes as read_urdf_shapes,
 )
 from ._urdf_writer import (

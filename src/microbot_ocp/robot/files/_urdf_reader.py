@@ -179,6 +179,35 @@ def robot_of(file: UrdfFile, remarks: Remarks, tip: str | None, parallel_toleran
         return _Tree(file, remarks).robot(tip, parallel_tolerance)
 
 
+def read_urdf_shapes(path: str | Path) -> tuple[Shape, ...]:
+    """Give collision geometry of a URDF file without moving joints, in the frame of its root link.
+
+    Raises
+    ------
+    InputError
+        A file that cannot be read or is no URDF, a joint that moves, links without a way from the
+        root.
+    """
+    file, remarks = Path(path), Remarks()
+    data = urdf_content(file, "scene file")
+    with naming(f"{file.name}: "):
+        content = read_xml(data, remarks)
+        tree = _Tree(urdf_file(content, file.name, file.absolute().parent, remarks), remarks)
+        for joint in tree.joints.values():
+            if joint.moves:
+                raise InputError(
+                    f"joint {joint.name!r} moves, but what stands around an arm has no moving "
+                    "joints"
+                )
+    remarks.warn(file.name)
+    return tuple(
+        replace(shape, frame=0, pose=frame @ shape.pose)
+        for name, frame in tree.frames(set()).items()
+        for shape in tree.links[name].shapes
+        if shape.role == "collision"
+    )
+
+
 class _Tree:
     """Links and joints of a URDF, checked to be a tree."""
 
@@ -187,8 +216,6 @@ class _Tree:
         self.links, self.joints = file.links, file.joints
         self.above: dict[str, UrdfJoint] = {}  # link -> joint that carries it
         self.below: dict[str, list[UrdfJoint]] = {name: [] for name in self.links}
-        if not any(joint.moves for joint in self.joints.values()):
-            raise InputError("the file has no moving joint, so there is no arm to read")
         for joint in self.joints.values():
             for role, end in (("parent", joint.parent), ("child", joint.child)):
                 if end not in self.links:
@@ -202,20 +229,24 @@ class _Tree:
                 )
             self.above[joint.child] = joint
             self.below[joint.parent].append(joint)
-        roots = [name for name in self.links if name not in self.above]
-        if len(roots) != 1:
-            raise InputError(
-                f"there must be one root link, not {_some(list(map(repr, roots))) or 'none'}: the "
-                "file is not one chain"
-            )
-        self.root = roots[0]
-        self.order = list(self._outward(self.root))
+        self.roots = [name for name in self.links if name not in self.above]
+        self.order = list(self._outward(*self.roots))
         if len(self.order) != len(self.links):
             raise InputError("some links hang on each other in a ring: the file is not a chain")
 
-    def _outward(self, link: str) -> Iterator[str]:
-        """Yield the link and all links outward of it, each after the one that carries it."""
-        waiting = [link]
+    @property
+    def root(self) -> str:
+        """The link that all others hang on."""
+        if len(self.roots) != 1:
+            raise InputError(
+                "there must be one root link, not "
+                f"{_some(list(map(repr, self.roots)))}: the file is not one chain"
+            )
+        return self.roots[0]
+
+    def _outward(self, *links: str) -> Iterator[str]:
+        """Yield the links and all links outward of them, each after the one that carries it."""
+        waiting = list(links)
         while waiting:
             name = waiting.pop()
             yield name
@@ -315,6 +346,8 @@ class _Tree:
 
     def robot(self, tip: str | None, parallel_tolerance: float) -> Robot:
         """Return the chain from the root to ``tip``, or to the only end there is."""
+        if not any(joint.moves for joint in self.joints.values()):
+            raise InputError("the file has no moving joint, so there is no arm to read")
         tip = self._only_tip() if tip is None else self._checked_tip(tip)
         way = self._way(tip)
         moving = self._free(way)
@@ -324,7 +357,7 @@ class _Tree:
                 f"their number of joints: {self._tips()}"
             )
         self._remark_held(way, moving)
-        frames = self._frames({joint.name for joint in moving})
+        frames = self.frames({joint.name for joint in moving})
         axes = np.array([frames[j.child][:3, :3] @ j.axis for j in moving])
         points = np.array([frames[j.child][:3, 3] for j in moving])
         rows = dh_rows(points, axes, parallel_tolerance)
@@ -371,9 +404,9 @@ class _Tree:
                     f"{joint.name!r} at {self._leader(joint)[1]:g}",
                 )
 
-    def _frames(self, chain: set[str]) -> dict[str, FloatArray]:
+    def frames(self, chain: set[str]) -> dict[str, FloatArray]:
         """Return frames [4,4] of all links in the root's, chain at zero, other joints held."""
-        frames = {self.root: np.eye(4)}
+        frames = {name: np.eye(4) for name in self.roots}
         for name in self.order:
             for joint in self.below[name]:
                 frame = frames[name] @ joint.frame
