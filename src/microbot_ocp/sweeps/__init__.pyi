@@ -24,13 +24,11 @@ from ._study_file import (
     parse_study as parse_study,
     read_study as read_study,
 )
-from ._summary import (
-    CaseFailure as CaseFailure,
-    Quartiles as Quartiles,
-    SweepSummary as SweepSummary,
-)
 from ._sweep import (
     TIMES as TIMES,
+    CaseFailure as CaseFailure,
+    Quartiles as Quartiles,
     Sweep as Sweep,
+    SweepSummary as SweepSummary,
     load_sweep as load_sweep,
 )
