@@ -34,6 +34,11 @@ from ._members import (
     MEMBERS as MEMBERS,
     limits_from_table as limits_from_table,
     limits_to_table as limits_to_table,
+    power as power,
+    rms_torque as rms_torque,
+    tool_acceleration as tool_acceleration,
+    tool_speed as tool_speed,
+    total_power as total_power,
     with_further as with_further,
 )
 from ._peaks import (
@@ -41,19 +46,6 @@ from ._peaks import (
     jumps_of as jumps_of,
     largest_jump as largest_jump,
     largest_use as largest_use,
-)
-from ._power import (
-    power as power,
-    total_power as total_power,
-)
-from ._rms_torque import (
-    rms_torque as rms_torque,
-)
-from ._tool_acceleration import (
-    tool_acceleration as tool_acceleration,
-)
-from ._tool_speed import (
-    tool_speed as tool_speed,
 )
 from ._use import (
     AT_LIMIT as AT_LIMIT,

@@ -1,4 +1,4 @@
-"""Further limits by name: a line here makes a limit known to files and the command line."""
+"""Further limits: a line in :data:`MEMBERS` makes one known to files and the command line."""
 
 from __future__ import annotations
 
@@ -7,11 +7,112 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from microbot_ocp._base.checks import InputError, shown
-from microbot_ocp.limits._limit import Limit
-from microbot_ocp.limits._power import power, total_power
-from microbot_ocp.limits._rms_torque import rms_torque
-from microbot_ocp.limits._tool_acceleration import tool_acceleration
-from microbot_ocp.limits._tool_speed import tool_speed
+from microbot_ocp.limits._limit import Bound, Limit, above_zero
+
+
+def tool_speed(upper: Bound) -> Limit:
+    """Limit the speed of the tool's origin in the base frame.
+
+    Parameters
+    ----------
+    upper : float or callable
+        m/s, or an expression of the motion's state: a lower speed in a zone, for example.
+
+    Examples
+    --------
+    >>> import microbot_ocp as mo
+    >>> robot = mo.load_robot("microbot").with_limits(also=[mo.limits.tool_speed(upper=1.0)])
+    """
+    return Limit("tool speed", _speed, upper=above_zero("tool speed", upper, "m/s"), unit="m/s")
+
+
+def _speed(state):
+    linear = state.tool_velocity[:3]
+    return (linear.T @ linear) ** 0.5
+
+
+def tool_acceleration(upper: Bound) -> Limit:
+    """Limit the size of the acceleration of the tool's origin in the base frame.
+
+    Parameters
+    ----------
+    upper : float or callable
+        m/s^2, or an expression of the motion's state.
+
+    Examples
+    --------
+    >>> import microbot_ocp as mo
+    >>> robot = mo.load_robot("microbot").with_limits(also=[mo.limits.tool_acceleration(20.0)])
+    """
+    upper = above_zero("tool acceleration", upper, "m/s^2")
+    return Limit("tool acceleration", _acceleration, upper=upper, unit="m/s^2")
+
+
+def _acceleration(state):
+    linear = state.tool_acceleration[:3]
+    return (linear.T @ linear) ** 0.5
+
+
+def power(upper: Bound = None, lower: Bound = None) -> Limit:
+    """Limit the mechanical power ``tau qd`` of every joint.
+
+    Parameters
+    ----------
+    upper, lower : float, array_like [n] or callable, optional
+        W; a lower bound limits what a joint feeds back when it brakes.
+
+    Examples
+    --------
+    >>> import microbot_ocp as mo
+    >>> robot = mo.load_robot("microbot").with_limits(also=[mo.limits.power([300.0, 400.0, 150.0])])
+    """
+    return Limit("power", _power, lower=lower, upper=upper, unit="W")
+
+
+def total_power(upper: Bound = None, lower: Bound = None) -> Limit:
+    """Limit the sum of the mechanical powers of all joints.
+
+    Parameters
+    ----------
+    upper, lower : float or callable, optional
+        W; a lower bound limits what the arm feeds back when it brakes.
+    """
+    return Limit("total power", _total_power, lower=lower, upper=upper, unit="W")
+
+
+def _power(state):
+    return state.tau * state.qd
+
+
+def _total_power(state):
+    return state.tau.T @ state.qd
+
+
+def rms_torque(upper: Bound, dwell: float = 0.0) -> Limit:
+    """Limit the root mean square of every joint's torque over a motion and a rest after it.
+
+    An integral over the whole motion: :func:`microbot_ocp.time_optimal` through joint poses keeps
+    it and certificates judge it; every other planner refuses it.
+
+    Parameters
+    ----------
+    upper : float or array_like [n]
+        N m (N).
+    dwell : float
+        Rest at the end in each cycle, s; the arm is held against gravity.
+
+    Examples
+    --------
+    >>> import microbot_ocp as mo
+    >>> robot = mo.load_robot("microbot")
+    >>> robot = robot.with_limits(also=[mo.limits.rms_torque([150.0, 250.0, 120.0], dwell=1.0)])
+    """
+    return Limit("rms torque", _torque, upper=upper, unit="N m", rms=True, dwell=dwell)
+
+
+def _torque(state):
+    return state.tau
+
 
 MEMBERS: dict[str, Callable[..., Limit]] = {
     member.__name__: member
