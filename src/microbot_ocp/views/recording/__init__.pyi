@@ -14,10 +14,10 @@ from ._iterations import (
     IterationRecorder as IterationRecorder,
     phase_curves as phase_curves,
     record_iterations as record_iterations,
+    rounded as rounded,
 )
 from ._limits import signed_share as signed_share
 from ._loads import arcs as arcs
-from ._panels import rounded as rounded
 from ._recording import Recording as Recording
 from ._solution import SolutionRecording as SolutionRecording, of_solution as of_solution
 from ._sweep import of_sweep as of_sweep

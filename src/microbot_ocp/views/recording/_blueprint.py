@@ -1,8 +1,8 @@
-"""The layout of a recording: the arms and the text to the left, the curves to the right."""
+"""Parts of the layouts of recordings: views, the eye, what plays."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import rerun.blueprint as rrb
@@ -10,32 +10,7 @@ from rerun.components import Plane3D
 
 from microbot_ocp.robot import Robot
 from microbot_ocp.views._eye import Eye, grid_spacing, upward
-from microbot_ocp.views._scene import display_unit
-from microbot_ocp.views._style import STYLE
-from microbot_ocp.views.recording._limits import lane_order, lane_path
-from microbot_ocp.views.recording._writer import MARKS, SUMMARY, TIME, WORLD, plot_path
-
-if TYPE_CHECKING:
-    from microbot_ocp.views.recording._recording import Recording
-
-TOOL_CURVES = {
-    "tool speed [m/s]": ("speed",),
-    "force in the wrist [N]": ("force",),
-    "progress [%] over time; elapsed time [s] over progress": ("progress", "elapsed"),
-}
-
-
-def recording_blueprint(recording: Recording) -> rrb.Blueprint:
-    """Return the layout, ready to play on the recording's first timeline."""
-    text, space = text_view(), _arms_view(recording)
-    if recording.quantities:
-        below = rrb.Horizontal(text, marks_view("marks and switches"), column_shares=[1.6, 1.0])
-        left = rrb.Vertical(space, below, row_shares=[2.4, 1.0])
-        whole = rrb.Horizontal(left, _right(recording), column_shares=[1.15, 1.0])
-    else:
-        whole = rrb.Horizontal(space, text, column_shares=[1.4, 1.0])
-    last = float(max(recording.end.get(recording.timeline, [0.0])))
-    return playing(whole, recording.timeline, last)
+from microbot_ocp.views.recording._writer import MARKS, SUMMARY, TIME, WORLD
 
 
 def playing(whole: rrb.Container, timeline: str, last: float) -> rrb.Blueprint:
@@ -106,61 +81,6 @@ def behind_cursor(timeline: str, count: int | None = None) -> rrb.VisibleTimeRan
     bound = rrb.TimeRangeBoundary
     start = bound.infinite() if count is None else bound.cursor_relative(seq=-count)
     return rrb.VisibleTimeRange(timeline, start=start, end=bound.cursor_relative())
-
-
-def _arms_view(recording: Recording) -> rrb.Spatial3DView:
-    to_cursor = rrb.VisibleTimeRanges([behind_cursor(timeline) for timeline in recording.end])
-    overrides: dict[str, Any] = {
-        arm.path(leaf): to_cursor for arm in recording.arms for leaf in ("trail", "switches")
-    }
-    overrides |= {path: rrb.EntityBehavior(visible=False) for path in recording.hidden}
-    return space_view(recording.robot, recording.eye, overrides)
-
-
-def _right(recording: Recording) -> rrb.Container:
-    robot = recording.robot
-    rows = {
-        quantity: [_joint_view(recording, quantity, j) for j in range(robot.joint_count)]
-        for quantity in recording.quantities
-    }
-    tabs: list[rrb.Container]
-    if robot.joint_count > STYLE.side_by_side:
-        tabs = [rrb.Grid(*views, grid_columns=2, name=quantity) for quantity, views in rows.items()]
-    else:
-        every = [view for views in rows.values() for view in views]
-        tabs = [rrb.Grid(*every, grid_columns=robot.joint_count, name="joints")]
-    further = [plot_view(plot.title, origin=plot.path) for plot in recording.limit_plots]
-    if further:
-        tabs.append(rrb.Grid(*further, grid_columns=2, name="further limits"))
-    if recording.timeline == TIME:
-        tool = [
-            plot_view(name, contents=[f"{plot_path(quantity)}/**" for quantity in quantities])
-            for name, quantities in TOOL_CURVES.items()
-        ]
-        tabs.append(rrb.Vertical(*tool, name="tool and progress"))
-    curves = rrb.Tabs(*tabs, active_tab=0)
-    solid = next((arm for arm in recording.arms if arm.look.solid), None)
-    if solid is None or not recording.spells.get(solid.name):
-        return curves
-    met = sorted({spell.joint for spell in recording.spells[solid.name]}, key=lane_order)
-    lanes = rrb.StateTimelineView(
-        contents=[lane_path(robot, solid.name, joint) for joint in met],
-        name=f"limits met: {solid.title}" if solid.title else "limits met",
-    )
-    return rrb.Vertical(curves, lanes, row_shares=[1.0, 0.13 + 0.055 * len(met)])
-
-
-def _joint_view(recording: Recording, quantity: str, joint: int) -> rrb.TimeSeriesView:
-    robot, limits = recording.robot, recording.axis_limits[quantity, joint]
-    name, unit = robot.joint_names[joint], display_unit(robot, quantity, joint)
-    far = ""
-    if limits.far and robot.joint_count > STYLE.side_by_side:  # two columns have room for it
-        far = f", {limits.far.removesuffix(unit).strip()}"
-    return plot_view(
-        f"{name} {quantity} [{unit}]{far}",
-        origin=plot_path(quantity, name),
-        axis_y=rrb.ScalarAxis(range=labelled_range(*limits.axis)),
-    )
 
 
 def labelled_range(low: float, high: float) -> tuple[float, float]:

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import rerun.blueprint as rrb
@@ -16,13 +17,12 @@ from microbot_ocp._base.table import Table
 from microbot_ocp.robot import JointLimits, Robot
 from microbot_ocp.scene import has_coal
 from microbot_ocp.views._eye import Eye, find_eye
-from microbot_ocp.views._scene import QUANTITIES, AxisLimits, near_limits, reach
+from microbot_ocp.views._scene import QUANTITIES, AxisLimits, display_unit, near_limits, reach
 from microbot_ocp.views._solids import drawn_geometry
 from microbot_ocp.views._style import STYLE
 from microbot_ocp.views._surroundings import DrawnSurroundings
-from microbot_ocp.views.recording import _arm, _limits, _loads, _space
+from microbot_ocp.views.recording import _arm, _blueprint as layout, _limits, _loads, _space
 from microbot_ocp.views.recording._animated_arm import AnimatedArm
-from microbot_ocp.views.recording._blueprint import recording_blueprint
 from microbot_ocp.views.recording._writer import (
     APPLICATION,
     TIME,
@@ -31,6 +31,12 @@ from microbot_ocp.views.recording._writer import (
     file_writer,
     plot_path,
 )
+
+TOOL_CURVES = {
+    "tool speed [m/s]": ("speed",),
+    "force in the wrist [N]": ("force",),
+    "progress [%] over time; elapsed time [s] over progress": ("progress", "elapsed"),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,8 +141,72 @@ class Recording:
         return paths
 
     def blueprint(self) -> rrb.Blueprint:
-        """Return the layout."""
-        return recording_blueprint(self)
+        """Return the layout, ready to play on the recording's first timeline.
+
+        The arms and the text are to the left, the curves to the right.
+        """
+        text, space = layout.text_view(), self._arms_view()
+        if self.quantities:
+            marks = layout.marks_view("marks and switches")
+            below = rrb.Horizontal(text, marks, column_shares=[1.6, 1.0])
+            left = rrb.Vertical(space, below, row_shares=[2.4, 1.0])
+            whole = rrb.Horizontal(left, self._curves_view(), column_shares=[1.15, 1.0])
+        else:
+            whole = rrb.Horizontal(space, text, column_shares=[1.4, 1.0])
+        last = float(max(self.end.get(self.timeline, [0.0])))
+        return layout.playing(whole, self.timeline, last)
+
+    def _arms_view(self) -> rrb.Spatial3DView:
+        to_cursor = rrb.VisibleTimeRanges([layout.behind_cursor(name) for name in self.end])
+        overrides: dict[str, Any] = {
+            arm.path(leaf): to_cursor for arm in self.arms for leaf in ("trail", "switches")
+        }
+        overrides |= {path: rrb.EntityBehavior(visible=False) for path in self.hidden}
+        return layout.space_view(self.robot, self.eye, overrides)
+
+    def _curves_view(self) -> rrb.Container:
+        robot = self.robot
+        rows = {
+            quantity: [self._joint_view(quantity, j) for j in range(robot.joint_count)]
+            for quantity in self.quantities
+        }
+        tabs: list[rrb.Container]
+        if robot.joint_count > STYLE.side_by_side:
+            tabs = [rrb.Grid(*views, grid_columns=2, name=key) for key, views in rows.items()]
+        else:
+            every = [view for views in rows.values() for view in views]
+            tabs = [rrb.Grid(*every, grid_columns=robot.joint_count, name="joints")]
+        further = [layout.plot_view(plot.title, origin=plot.path) for plot in self.limit_plots]
+        if further:
+            tabs.append(rrb.Grid(*further, grid_columns=2, name="further limits"))
+        if self.timeline == TIME:
+            tool = [
+                layout.plot_view(name, contents=[f"{plot_path(quantity)}/**" for quantity in each])
+                for name, each in TOOL_CURVES.items()
+            ]
+            tabs.append(rrb.Vertical(*tool, name="tool and progress"))
+        curves = rrb.Tabs(*tabs, active_tab=0)
+        solid = next((arm for arm in self.arms if arm.look.solid), None)
+        if solid is None or not self.spells.get(solid.name):
+            return curves
+        met = sorted({spell.joint for spell in self.spells[solid.name]}, key=_limits.lane_order)
+        lanes = rrb.StateTimelineView(
+            contents=[_limits.lane_path(robot, solid.name, joint) for joint in met],
+            name=f"limits met: {solid.title}" if solid.title else "limits met",
+        )
+        return rrb.Vertical(curves, lanes, row_shares=[1.0, 0.13 + 0.055 * len(met)])
+
+    def _joint_view(self, quantity: str, joint: int) -> rrb.TimeSeriesView:
+        robot, limits = self.robot, self.axis_limits[quantity, joint]
+        name, unit = robot.joint_names[joint], display_unit(robot, quantity, joint)
+        far = ""
+        if limits.far and robot.joint_count > STYLE.side_by_side:  # two columns have room for it
+            far = f", {limits.far.removesuffix(unit).strip()}"
+        return layout.plot_view(
+            f"{name} {quantity} [{unit}]{far}",
+            origin=plot_path(quantity, name),
+            axis_y=rrb.ScalarAxis(range=layout.labelled_range(*limits.axis)),
+        )
 
     def write(self, writer: Writer) -> None:
         """Send everything but the layout."""
