@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from datetime import timedelta
 from multiprocessing import resource_tracker
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -28,8 +28,7 @@ from microbot_ocp._base.status import Status
 from microbot_ocp.robot import Robot
 from microbot_ocp.sweeps._cases import Cases
 from microbot_ocp.sweeps._extra import needed
-from microbot_ocp.sweeps._process import LIVES, Done, do_cases
-from microbot_ocp.sweeps._solve import ended, inputs
+from microbot_ocp.sweeps._process import LIVES, do_cases
 from microbot_ocp.sweeps._study import OwnMethod, Plan, Study
 from microbot_ocp.sweeps._sweep import Sweep, opened
 from microbot_ocp.tasks import Step
@@ -242,14 +241,13 @@ def _processors() -> int:
     return needed("dask.system").CPU_COUNT
 
 
-@dataclass(eq=False)
-class _SubmittedTask:
+class _Chunk(NamedTuple):
     """Cases that are asked of a worker together."""
 
-    chunk: int
+    number: int
     first: int
     rows: FloatArray
-    deaths: int = 0
+    deaths: int = 0  # how often every worker that dask tried ended
 
 
 class _Told:
@@ -282,14 +280,10 @@ class _Run:
     """One run of a study: chunks in flight, their answers, what to do where workers end."""
 
     def __init__(self, study: Study, plan: Plan, results: Sweep, client: Any, tell: _Told) -> None:
-        self.study, self.plan, self.results, self.client, self.tell = (
-            study, plan, results, client, tell,
-        )  # fmt: skip
+        self.study, self.results, self.client, self.tell = study, results, client, tell
         self._packed = needed("cloudpickle").dumps(plan)
         self._answers: queue.SimpleQueue[Any] = queue.SimpleQueue()
-        self._flying: dict[Any, _SubmittedTask] = {}
-        self._waiting: list[_SubmittedTask] = []  # cases that are asked for one by one
-        self._found: dict[int, dict[int, Done]] = {}  # of chunks that are done case by case
+        self._flying: dict[Any, _Chunk] = {}
         self._sent = 0
         self._last_worker = time.monotonic()
 
@@ -316,13 +310,10 @@ class _Run:
         """Keep workers busy; False where nothing is left to be sent."""
         room = SCHEDULING.ahead * max(1, self._threads()) - len(self._flying)
         for _ in range(room):
-            if self._waiting:
-                self._send(self._waiting.pop())
-                continue
             following = next(todo, None)
             if following is None:
                 return False
-            self._send(_SubmittedTask(*following))
+            self._send(_Chunk(*following))
         return True
 
     def _threads(self) -> int:
@@ -332,7 +323,7 @@ class _Run:
         info = source or self.client.scheduler_info(-1)
         return sum(worker["nthreads"] for worker in info["workers"].values())
 
-    def _send(self, task: _SubmittedTask) -> None:
+    def _send(self, chunk: _Chunk) -> None:
         self._sent += 1
         key = f"microbot_ocp-sweep-{self.study.digest[:12]}-{os.getpid()}-{self._sent}"
         future = self.client.submit(
@@ -340,60 +331,35 @@ class _Run:
             self.study.digest,
             self._packed,
             self.study.time_limit,
-            task.first,
-            task.rows,
+            chunk.first,
+            chunk.rows,
             key=key,
             pure=False,
         )
-        self._flying[future] = task
+        self._flying[future] = chunk
         future.add_done_callback(self._answers.put)
 
     def _take(self, future: Any) -> None:
-        task = self._flying.pop(future)
+        chunk = self._flying.pop(future)
         if future.status == "finished":
             done, notes = future.result()
             self.tell.notes |= dict.fromkeys(notes)
-            self._keep(task, done)
+            rows = self.results._write(chunk.number, done)
+            self.tell.done += len(rows)
+            self.tell.failures += sum(row["status"] != Status.SOLVED for row in rows)
             return
         if future.status != "error":
             raise SweepStopped(f"the scheduler ended; {self._how_to_continue()}")
         problem = future.exception()
-        if isinstance(problem, needed("distributed.scheduler").KilledWorker):
-            self._again(task)
+        # a case takes its own process down, not a worker: that was somebody else
+        killed = isinstance(problem, needed("distributed.scheduler").KilledWorker)
+        if killed and chunk.deaths + 1 < LIVES:
+            self._send(chunk._replace(deaths=chunk.deaths + 1))
             return
         sentence = shortened(f"{type(problem).__name__}: {problem}", 200)
         raise SweepStopped(
             f"a worker could not do its cases: {sentence}; {self._how_to_continue()}"
         )
-
-    def _again(self, task: _SubmittedTask) -> None:
-        """Find under which of these cases workers end again and again."""
-        if len(task.rows) > 1:
-            self._waiting += [
-                _SubmittedTask(task.chunk, task.first + k, task.rows[k : k + 1])
-                for k in range(len(task.rows))
-            ]
-            return
-        task.deaths += 1
-        if task.deaths < LIVES:
-            self._waiting.append(task)
-            return
-        reason = f"its worker ended {LIVES} times without an answer"
-        row = inputs(self.plan, task.first, task.rows[0])
-        self._keep(task, [(row | ended(self.plan, Status.KILLED_WORKER, reason), {})])
-
-    def _keep(self, task: _SubmittedTask, done: list[Done]) -> None:
-        size = int(self.results.about["chunk"])
-        whole = min(size, self.results.count - task.chunk * size)
-        if len(done) < whole:
-            answers = self._found.setdefault(task.chunk, {})
-            answers |= {row["case"]: (row, motions) for row, motions in done}
-            if len(answers) < whole:
-                return
-            done = [answers[case] for case in sorted(self._found.pop(task.chunk))]
-        rows = self.results._write(task.chunk, done)
-        self.tell.done += len(rows)
-        self.tell.failures += sum(row["status"] != Status.SOLVED for row in rows)
 
     def _check(self) -> None:
         """Raise where nobody is left to do the work."""
