@@ -121,6 +121,22 @@ def temporary_path(target: Path) -> Iterator[Path]:
         _open.discard(str(partial))
 
 
+@contextlib.contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Let one process in at a time, where the system can do that for a folder."""
+    handle = None
+    with contextlib.suppress(ImportError, OSError):
+        import fcntl
+
+        handle = os.open(folder, os.O_RDONLY)
+        fcntl.flock(handle, fcntl.LOCK_EX)
+    try:
+        yield
+    finally:
+        if handle is not None:
+            os.close(handle)
+
+
 def remove_leftovers(folder: Path) -> None:
     """Remove what writers of this machine left in a folder when they were killed."""
     with contextlib.suppress(OSError), os.scandir(folder) as entries:

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import contextlib
-import io
 import tempfile
 import time
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,6 +15,7 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.codegen import NotCompiled, compiler, interpreted, usable_folder
 from microbot_ocp._base.status import Status
+from microbot_ocp._base.writing import locked
 from microbot_ocp.certificate import Certificate, certify
 from microbot_ocp.limits import AT_LIMIT, limit_history
 from microbot_ocp.motion import Motion, PiecewisePolynomial
@@ -52,7 +52,9 @@ class CaseSolver:
         self.notes: list[str] = []
         self._tool = forward_kinematics(plan.robot)
         self._solvers: dict[Any, TimeOptimalSolver] = {}
-        with _one_process_at_a_time(), warnings.catch_warnings(record=True) as heard:
+        with contextlib.ExitStack() as stack, warnings.catch_warnings(record=True) as heard:
+            with contextlib.suppress(OSError):  # one process compiles, and others find its work
+                stack.enter_context(locked(usable_folder()))
             warnings.simplefilter("always", NotCompiled)
             for values, via in plan.ready:
                 robot = robot_with(plan.reference_robot, values)
@@ -229,18 +231,3 @@ def _as_bytes(motion: Motion) -> bytes:
         path = Path(folder) / "motion.npz"
         motion.save(path)
         return path.read_bytes()
-
-
-@contextlib.contextmanager
-def _one_process_at_a_time() -> Iterator[None]:
-    """Let one process of this user in at a time: it compiles, and the others find its work."""
-    try:
-        import fcntl
-
-        stream: io.BufferedWriter = (usable_folder() / "sweep.lock").open("wb")
-    except (ImportError, OSError):
-        yield
-        return
-    with stream:
-        fcntl.flock(stream, fcntl.LOCK_EX)
-        yield

@@ -6,18 +6,13 @@ import contextlib
 import json
 import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from microbot_ocp._base.checks import InputError, shortened, shown
 from microbot_ocp._base.reading import content_of
-from microbot_ocp._base.writing import NotWritten, digest, digest_of_document, sync
-
-try:
-    import fcntl
-except ImportError:  # Windows
-    fcntl = None
+from microbot_ocp._base.writing import NotWritten, digest, digest_of_document, locked, sync
 
 INDEX = "comparison.json"
 NAME = re.compile(r"\w[\w .+-]{0,99}", re.ASCII)  # of a method: it is the name of a file, too
@@ -57,7 +52,7 @@ def swap_in(staged: Path, target: Path, index: bool, motions: bool) -> list[Path
     document = json.loads((staged / INDEX).read_text("utf-8"))
     digests = {name: value for name, value in files_in(staged).items() if name != INDEX}
     new = [name for name in digests if motions or not name.startswith("motions/")]
-    with _locked(target):
+    with locked(target):
         old = _read(target / INDEX)
         same = old is not None and _of_the_run(old) == _of_the_run(document)
         earlier = _listed(old)
@@ -150,18 +145,3 @@ def _has(path: Path, value: str) -> bool:
     with contextlib.suppress(OSError):
         return digest(path) == value
     return False
-
-
-@contextlib.contextmanager
-def _locked(folder: Path) -> Iterator[None]:
-    """Let one writer in at a time, where the system can do that for a folder."""
-    handle = None
-    if fcntl is not None:
-        with contextlib.suppress(OSError):
-            handle = os.open(folder, os.O_RDONLY)
-            fcntl.flock(handle, fcntl.LOCK_EX)
-    try:
-        yield
-    finally:
-        if handle is not None:
-            os.close(handle)
