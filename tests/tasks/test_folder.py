@@ -107,7 +107,7 @@ def test_a_folder_that_cannot_be_written_keeps_what_it_has(runs, tmp_path, monke
     def full(path):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(writing, "_fsync", lambda path, flags: full(path))
+    monkeypatch.setattr(writing, "_fsync", full)
     with pytest.raises(NotWritten, match="no space left") as caught:
         runs[1].save(tmp_path, OUTPUTS)
     assert ".part" not in str(caught.value)

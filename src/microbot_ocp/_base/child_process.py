@@ -46,8 +46,6 @@ def can_fork() -> bool:
     of its cache of sparsities, IPOPT's of MUMPS) would stay locked in the copy for ever. Work is
     done in this process then, where solvers keep their own limits of time.
     """
-    if not hasattr(os, "fork"):
-        return False
     others = sys._current_frames()
     others.pop(threading.get_ident())
     return not any(_is_ours(frame) for frame in others.values())

@@ -23,8 +23,7 @@ def opened(path: str | Path, *, links: bool = True) -> BufferedReader:
     OSError
         With ``strerror`` set, also where it is something else than a file.
     """
-    flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
-    handle = os.open(path, flags if links else flags | getattr(os, "O_NOFOLLOW", 0))
+    handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | (0 if links else os.O_NOFOLLOW))
     stream = open(handle, "rb")  # noqa: SIM115
     try:
         mode = os.fstat(handle).st_mode

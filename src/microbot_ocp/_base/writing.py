@@ -8,6 +8,7 @@ removed by the next writer in that folder.
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import hashlib
 import json
 import os
@@ -125,9 +126,7 @@ def temporary_path(target: Path) -> Iterator[Path]:
 def locked(folder: Path) -> Iterator[None]:
     """Let one process in at a time, where the system can do that for a folder."""
     handle = None
-    with contextlib.suppress(ImportError, OSError):
-        import fcntl
-
+    with contextlib.suppress(OSError):
         handle = os.open(folder, os.O_RDONLY)
         fcntl.flock(handle, fcntl.LOCK_EX)
     try:
@@ -157,11 +156,9 @@ def abandon() -> None:
 
 def sync(path: Path) -> None:
     """Force a file, or the names in a folder, to the disk."""
-    if path.is_dir():
-        with contextlib.suppress(OSError):  # not every file system can do it for folders
-            _fsync(path, os.O_RDONLY)
-    else:
-        _fsync(path, os.O_RDWR if os.name == "nt" else os.O_RDONLY)
+    # not every file system can do it for folders
+    with contextlib.suppress(OSError) if path.is_dir() else contextlib.nullcontext():
+        _fsync(path)
 
 
 def digest(path: Path) -> str:
@@ -176,8 +173,8 @@ def digest_of_document(document: Mapping[str, Any], but: str) -> str:
     return hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()
 
 
-def _fsync(path: Path, flags: int) -> None:
-    handle = os.open(path, flags)
+def _fsync(path: Path) -> None:
+    handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)
     finally:
@@ -222,8 +219,6 @@ def _host() -> str:
 
 
 def _alive(pid: int) -> bool:
-    if os.name == "nt":  # where no signal can ask
-        return True
     try:
         os.kill(pid, 0)
     except ProcessLookupError:

@@ -213,15 +213,13 @@ def _own_cluster(distributed: Any) -> Any:
 
     A thread has the signal mask of the one that starts it, and so has a process.
     """
-    masked = hasattr(signal, "pthread_sigmask")
-    if masked:
-        # Where it starts it takes the mask away. It has nothing to say of semaphores that a process
-        # left which was ended.
-        silent = "ignore:resource_tracker"
-        sys.warnoptions.append(silent)
-        resource_tracker.ensure_running()
-        sys.warnoptions.remove(silent)
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if masked else set()
+    # Where it starts it takes the mask away. It has nothing to say of semaphores that a process
+    # left which was ended.
+    silent = "ignore:resource_tracker"
+    sys.warnoptions.append(silent)
+    resource_tracker.ensure_running()
+    sys.warnoptions.remove(silent)
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         return distributed.LocalCluster(
             n_workers=0,
@@ -232,8 +230,7 @@ def _own_cluster(distributed: Any) -> Any:
             silence_logs=50,  # critical; what goes wrong is said by the results
         )
     finally:
-        if masked:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _processors() -> int:
