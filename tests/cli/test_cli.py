@@ -171,7 +171,9 @@ def test_completion(call, monkeypatch, words, offered, kept_back):
         (["fk", "microbot", "--q", "1,2,3", "--q-deg", "1,2,3"], ["not both"]),
         (["fk", "microbot", "--q", "1,2,3", "--frame", "4"], ["--frame", "1 to 3", "4"]),
         (["fk", "microbot", "--q", "1,2,3", "--frame", "x"], ["--frame", "whole number", "'x'"]),
+        (["fk", "microbot", "--q", "1", "2", "3"], ["commas between: 3,-1,4.5"]),
         (["ik", "microbot"], ["--position"]),
+        (["ik", "microbot", "--position", "3", "-1", "4.5"], ["commas between: 3,-1,4.5"]),
         (["ik", "microbot", "--position", "1,2"], ["x, y, z", "1,2"]),
         (["ik", "microbot", "--position", "1,2,3", "--seed", ""], ["--seed", "not ''"]),
         (["ik", "microbot", "--position", "1,2,3", "--time-limit", "0"], ["above 0 s", "'0'"]),
@@ -204,6 +206,12 @@ def test_bad_input_is_one_line(refused, tmp_path, arguments, words):
     for word in words:
         assert word in line
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("option", [["--q", "0,90,0"], ["--position", "3,-1,4", "--rpy", "0,90,0"]])
+def test_angles_that_look_like_degrees_are_warned_of(call, option):
+    with pytest.warns(UserWarning, match=rf"{option[-2]} is '0,90,0' rad; that looks like degrees"):
+        call("fk" if len(option) == 2 else "ik", "microbot", *option)
 
 
 def test_a_limit_given_in_both_units(refused):

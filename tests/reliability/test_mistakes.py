@@ -20,7 +20,7 @@ from microbot_ocp import InputError, ocp
 
 VIA = np.radians([[0, 0, 0], [20, 60, -30], [-60, 30, 80]])
 DEGREES = [[0, 0, 0], [20, 60, -30], [-60, 30, 80]]
-SAYS_DEGREES = "looks like degrees: np.radians"
+SAYS_DEGREES = "looks like degrees: use np.radians"
 
 
 @cache
@@ -106,7 +106,21 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
         lambda: mo.time_optimal(mo.Robot.from_dh([0, 0], [0, 1], [0, 0]), [[0, 0], [1, 1]]),
         "without any bound on its velocity",
     ),
-    "a misspelt robot": (lambda: mo.load_robot("microbt"), "must be one of.*microbot"),
+    "a misspelt robot": (lambda: mo.load_robot("microbt"), "did you mean 'microbot'"),
+    "a robot in capitals": (lambda: mo.load_robot("UR5e"), "did you mean 'ur5e'"),
+    "a start in degrees": (
+        lambda: mo.simulate(arm(), None, [0, 90, 0], t=[0.0, 1.0]),
+        "q0 of shoulder is 90 rad.*" + SAYS_DEGREES,
+    ),
+    "one time for times": (
+        lambda: mo.simulate(arm(), None, [0, 1, 0], t=1.0),
+        "at least two strictly increasing times, s, not 1.0",
+    ),
+    "a pose for a position": (lambda: mo.solve_ik(arm(), np.eye(4)), r"give pose\[:3, 3\]"),
+    "angles for a rotation": (
+        lambda: mo.solve_ik(arm("ur5e"), [0.4, 0.2, 0.3], [180, 0, 0]),
+        r"rotation_of\(rpy\) makes one",
+    ),
     "no such file": (lambda: mo.load_robot("mine.toml"), "mine.toml.*cannot be read"),
     "a misspelt scheme": (lambda: ocp.solve(cart(), scheme="radua"), "one of shooting, radau"),  # type: ignore[arg-type]
     "a generator of via points": (lambda: mo.time_optimal(arm(), (q for q in VIA)), "make a list"),  # type: ignore[arg-type]
@@ -164,6 +178,7 @@ DOUBTFUL: dict[str, tuple[Callable[[], Any], str]] = {
     ),
     "a payload in grams": (lambda: lifted(3000), "more than what the arm weighs.*looks like grams"),
     "limits in degrees": (lambda: arm().with_limits(q_min=-170, q_max=170), SAYS_DEGREES),
+    "speeds in degrees": (lambda: arm().with_limits(qd_max=180), "rad/s; that " + SAYS_DEGREES),
 }
 
 

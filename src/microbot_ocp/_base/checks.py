@@ -211,8 +211,10 @@ def times(
     name: str, value: ArrayLike, count: int | None = None, *, from_zero: bool = False
 ) -> FloatArray:
     """Return at least two strictly increasing times, s."""
-    t = array(name, value, (count,), "s")
     wanted = f"{name} must be at least two strictly increasing times{' from 0' * from_zero}, s"
+    if np.ndim(numbers(name, value)) == 0:
+        raise InputError(f"{wanted}, not {shown(value)}")
+    t = array(name, value, (count,), "s")
     if t.size < 2 or (from_zero and t[0] != 0.0):
         raise InputError(f"{wanted}, not {shown(t.tolist())}")
     stuck = np.flatnonzero(np.diff(t) <= 0)
@@ -254,14 +256,14 @@ def degrees_hint(angles: ArrayLike, beyond: float = 2 * np.pi) -> str:
     """Return words for angles given in rad that look like degrees: whole numbers beyond a turn.
 
     >>> degrees_hint([0.0, 90.0]), degrees_hint([0.0, 1.5])
-    ('; that looks like degrees: np.radians makes rad of them', '')
+    ('; that looks like degrees: use np.radians, a key in _deg or an option in -deg', '')
     """
     values = np.asarray(angles, dtype=float)
     values = np.abs(values[np.isfinite(values)])
     largest = values.max(initial=0.0)
     if not beyond < largest <= MOST_DEGREES or np.any(values % 1.0):
         return ""
-    return "; that looks like degrees: np.radians makes rad of them"
+    return "; that looks like degrees: use np.radians, a key in _deg or an option in -deg"
 
 
 class UnknownName(InputError, KeyError):
@@ -280,19 +282,29 @@ def by_name(what: str, entries: Mapping[str, Any], name: object, hint: str = "")
 def similar(name: object, names: Iterable[str]) -> str:
     """Return what to say of a name that is none of these: which it may be, or which there are."""
     there = list(names)
-    close = difflib.get_close_matches(str(name), there, 1)
+    asked = did_you_mean(name, there, ":")
     if len(there) > MOST_NAMES:
-        return f": did you mean {close[0]!r}?" if close else ""
+        return asked
     listed = ", ".join(map(repr, there)) or "nothing"
-    return f": did you mean {close[0]!r}? It has {listed}" if close else f", it has {listed}"
+    return f"{asked} It has {listed}" if asked else f", it has {listed}"
+
+
+def did_you_mean(name: object, names: Iterable[str], mark: str = ";") -> str:
+    """Return the question for the name nearest to one, in letters of either case, if any is near.
+
+    >>> did_you_mean("UR5E", ["panda", "ur5e"])
+    "; did you mean 'ur5e'?"
+    """
+    there = {other.lower(): other for other in names}
+    close = difflib.get_close_matches(str(name).lower(), there, 1)
+    return f"{mark} did you mean {there[close[0]]!r}?" if close else ""
 
 
 def one_of(name: str, value: str, allowed: Iterable[str]) -> str:
     """Return ``value`` if it is one of ``allowed``."""
     names = list(allowed)
     if not isinstance(value, str) or value not in names:
-        close = difflib.get_close_matches(str(value), names, 1)
-        asked = f"; did you mean {close[0]!r}?" if close else ""
+        asked = did_you_mean(value, names)
         raise InputError(f"{name} must be one of {', '.join(names)}, not {shown(value)}{asked}")
     return value
 

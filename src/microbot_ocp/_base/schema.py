@@ -5,7 +5,6 @@ Begin with :func:`read_table`. Robots, tasks, cells, studies and scenes declare 
 
 from __future__ import annotations
 
-import difflib
 import re
 import tomllib
 from collections.abc import Callable, Collection, Iterable, Mapping
@@ -47,8 +46,9 @@ def table_from(path: str | Path, kind: str) -> dict[str, Any]:
     ------
     InputError
     """
+    text = text_of(path, f"{kind} file")
     with checks.naming(f"{Path(path).name or path}: "):
-        return parsed(text_of(path, f"{kind} file"))
+        return parsed(text)
 
 
 def check_schema(data: Mapping[str, Any], schema: int) -> None:
@@ -187,6 +187,4 @@ def _check_names(name: str, value: Any, allowed: Collection[str]) -> None:
 def suggestion(word: str, allowed: Iterable[str]) -> str:
     """Return the nearest of the allowed words, and all of them."""
     names = list(allowed)
-    close = difflib.get_close_matches(word, names, n=1, cutoff=0.6)
-    asked = f"; did you mean {close[0]!r}?" if close else ";"
-    return f"{asked} allowed: {', '.join(names)}"
+    return f"{checks.did_you_mean(word, names) or ';'} allowed: {', '.join(names)}"

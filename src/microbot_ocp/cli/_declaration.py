@@ -144,6 +144,9 @@ class Numbers(Kind):
         rows = [_floats(option, text, self.labels or robot.joint_names) for text in texts]
         values = checks.array(option, rows if self.rows else rows[0], (None,) * (1 + self.rows))
         if not option.endswith("-deg"):
+            hint = checks.degrees_hint(values) if self.degrees and not self.rows else ""
+            if hint and "rad/" not in self.text:
+                checks.warn_user(f"{option} is {word!r} rad{hint}")
             return values
         return values * (np.pi / 180.0 if self.labels else joint_scale(robot))
 
@@ -238,18 +241,19 @@ FILE = Kind(of=Path, metavar="FILE", positional=True)
 SOURCE = Kind(
     metavar="ROBOT",
     name="robot",
-    text="Packaged robot, or the path of a .toml or .urdf file.",
+    text="Packaged robot, robot_descriptions:NAME, or a .toml, .urdf, .xacro or MuJoCo .xml file.",
     default=REQUIRED,
     choices=packaged_robots,
     positional=True,
 )
-TIP = Kind(metavar="LINK", name="tip", text="Last link of a URDF file's chain.")
+TIP = Kind(metavar="LINK", name="tip", text="Last link of the chain in a URDF or MuJoCo file.")
 OTHER_ROBOT = Kind(
     metavar="ROBOT", text="Robot of the motion, where the file names none.", choices=packaged_robots
 )
 PROFILE = Kind(
     metavar="PROFILE",
-    text="Profile of the controller, as hold@250 with its rate in Hz, or the path of a .toml file.",
+    text="Profile of the controller: panda, fr3, ur_servoj, hold@250 or ros2_jtc_cubic@500 (or "
+    "_linear, _quintic) with the rate in Hz, or a .toml file.",
     choices=packaged_profiles,
 )
 ARM = RobotFile()

@@ -141,7 +141,7 @@ def _top(
 ) -> None:
     """Time-optimal and textbook motions of serial manipulators, compared under the same limits.
 
-    ROBOT is a name from `microbot-ocp robots` or the path of a .toml or .urdf file.
+    ROBOT is a name from `microbot-ocp robots` or a .toml, .urdf, .xacro or MuJoCo .xml file.
     Every command takes --json. Exit codes: 0 done, 1 not solved, 2 bad input.
     """
     if context.invoked_subcommand is None:
@@ -227,6 +227,8 @@ def _refuse(problem: Exception) -> int:
         sentence = str(problem)
     elif isinstance(problem, typer.TyperException):
         sentence = _lowered(problem.format_message())
+        if re.search(r"argument\(s\)|: -[\d.]", sentence):  # numbers that the shell took apart
+            sentence += "; numbers go with commas between: 3,-1,4.5, points in quotes: '0,0 1,1'"
     elif isinstance(problem, OSError):
         reason = _lowered(problem.strerror or str(problem))
         sentence = f"{problem.filename}: {reason}" if problem.filename else _no_folder() + reason

@@ -323,6 +323,10 @@ FARTHEST = 1e6  # m; beyond, nothing is left of a reach in double precision
 
 def checked_target(position: ArrayLike, orientation: ArrayLike | None) -> FloatArray:
     """Return the row [3] or [12] of a checked position [3] and orientation [3,3]."""
+    if np.shape(position) == (4, 4):
+        raise InputError("position must have shape [3], not [4, 4]: give pose[:3, 3], pose[:3, :3]")
+    if orientation is not None and np.shape(orientation) == (3,):
+        raise InputError("orientation must be a matrix [3, 3]: mo.robot.rotation_of(rpy) makes one")
     place = checks.array("position", position, (3,), "m")
     _check_near("position", place)
     if orientation is None:

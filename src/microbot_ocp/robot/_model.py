@@ -33,7 +33,8 @@ if TYPE_CHECKING:
     from microbot_ocp.robot._motion_state import MotionState
 
 JointType = Literal["revolute", "prismatic"]
-LOOSE = 10 * np.pi  # rad: files have limits such as 10 rad where there is none to speak of
+# rad, where there is no limit to speak of (files have 10 rad); rad/s, ten turns a second
+LOOSE = {"q_min": 10 * np.pi, "q_max": 10 * np.pi, "qd_max": 20 * np.pi}
 
 
 @dataclass(frozen=True, eq=False)
@@ -539,12 +540,12 @@ def _joint_limits(limits: Any, count: int) -> JointLimits:
 
 
 def _warn_of_degrees(limits: JointLimits, joint_types: Sequence[str], keys: Iterable[str]) -> None:
-    """Warn of limits of positions that look like degrees."""
+    """Warn of limits of positions or velocities that look like degrees."""
     turning = [kind == "revolute" for kind in joint_types]
-    for key in {"q_min", "q_max"}.intersection(keys):
+    for key in LOOSE.keys() & keys:
         angles = getattr(limits, key)[turning]
-        if hint := checks.degrees_hint(angles, LOOSE):
-            warn_user(f"{key} is {angles.tolist()} rad{hint}")
+        if hint := checks.degrees_hint(angles, LOOSE[key]):
+            warn_user(f"{key} is {angles.tolist()} rad{'/s' * key.startswith('qd')}{hint}")
 
 
 def _warn_of_units(name: str, table: Mapping[str, FloatArray]) -> None:

@@ -45,7 +45,7 @@ def checked_start(
         j = int(outside[0])
         raise InputError(
             f"q0 of {robot.joint_names[j]} is {q[j]:g} {robot.unit('q', j)}, outside its limits "
-            f"[{low[j]:g}, {high[j]:g}] {robot.unit('q', j)}"
+            f"[{low[j]:g}, {high[j]:g}] {robot.unit('q', j)}{checks.degrees_hint(q[j])}"
         )
     turns = np.abs(qd) * duration / (2.0 * np.pi) * (np.array(robot.joint_types) == "revolute")
     if turns.max() > MOST_TURNS:

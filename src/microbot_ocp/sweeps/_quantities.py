@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import difflib
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.status import Status
 from microbot_ocp.inverse_kinematics import solve_ik
@@ -62,10 +62,9 @@ def check_name(name: str) -> None:
         return
     allowed = ["start_q", "start_q_deg", "start_position", "goal_q", "goal_q_deg", "goal_position"]
     allowed += ["via1_q", "via1_q_deg", "via1_position", "payload", *DYNAMICS, *KEYS["limits"]]
-    near = difflib.get_close_matches(name, allowed, 1)
-    hint = f"did you mean {near[0]!r}? " if near else ""
+    hint = checks.did_you_mean(name, allowed) or ";"
     raise InputError(
-        f"{name} is no quantity that may vary; {hint}allowed: start_, goal_, via1_, via2_... with "
+        f"{name} is no quantity that may vary{hint} allowed: start_, goal_, via1_, via2_... with "
         "q, q_deg or position; payload, " + ", ".join(DYNAMICS) + ", and limits such as qd_max"
     )
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, replace
 from functools import lru_cache
@@ -66,8 +65,7 @@ def with_changes(settings: Settings, changes: Mapping[str, Any]) -> Settings:
     names = [f.name for f in fields(settings)]  # type: ignore[arg-type]
     for name in changes:
         if name not in names:
-            close = difflib.get_close_matches(name, names, n=1)
-            hint = f"; did you mean {close[0]!r}?" if close else ""
+            hint = checks.did_you_mean(name, names)
             raise TypeError(f"there is no setting {name!r}{hint} (settings: {', '.join(names)})")
     return replace(settings, **changes)  # type: ignore[type-var]
 

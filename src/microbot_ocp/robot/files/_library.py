@@ -7,7 +7,7 @@ from importlib.resources.abc import Traversable
 from pathlib import Path
 from pkgutil import iter_modules
 
-from microbot_ocp._base.checks import InputError, shown, similar
+from microbot_ocp._base.checks import InputError, did_you_mean, shown, similar
 from microbot_ocp._base.needed import needed
 from microbot_ocp._base.reading import text_of
 from microbot_ocp._base.writing import write_whole
@@ -165,6 +165,6 @@ def _toml_file(name: str) -> tuple[str, str]:
     if path.suffix != ".toml":
         raise InputError(
             f"robot must be one of {', '.join(packaged_robots())}, or the path of a .toml, .urdf, "
-            f".xacro or .xml file, not {name!r}"
+            f".xacro or .xml file, not {name!r}{did_you_mean(name, packaged_robots())}"
         )
     return text_of(path, "robot file"), path.name
