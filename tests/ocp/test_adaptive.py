@@ -14,10 +14,8 @@ from microbot_ocp.ocp.mesh import state_errors
 from microbot_ocp.ocp.search import solve
 from microbot_ocp.ocp.solution import Status
 from microbot_ocp.ocp.solvers import SolverSettings
-from microbot_ocp.ocp.transcription import Mesh
-from microbot_ocp.ocp.transcription.schemes import SCHEMES, Collocation
+from microbot_ocp.ocp.transcription.schemes import SCHEMES
 from microbot_ocp.ocp.verification import judge, verify
-from ocp.test_mesh import pendulum as swing
 from ocp.textbook import (
     bryson_denham,
     double_integrator,
@@ -78,7 +76,6 @@ def test_points_gather_at_the_ramp_of_a_continuous_control():
     assert offsets == sorted(offsets, reverse=True)
     mesh = refined["move"].mesh
     assert np.count_nonzero(np.abs(mesh - 0.5) < 0.05) > 3
-    assert mesh.size < 20
     assert refined.cost == pytest.approx(2.0, abs=2e-6)
 
 
@@ -86,7 +83,9 @@ def test_every_phase_has_its_own_mesh():
     refined = solved_to(through_half_way(("x", "v")), mesh=[4, 7], switches=1e-4)
     assert refined.status is Status.SOLVED
     assert refined.duration == pytest.approx(0.5 + np.sqrt(1.5), abs=1e-5)
-    assert refined.history[-1].intervals[0] == 4
+    first, second = refined.history[-1].intervals
+    assert (first, second) == tuple(phase.mesh.size - 1 for phase in refined.phases)
+    assert second > first
 
 
 def test_a_certificate_follows_a_refinement():
@@ -130,8 +129,7 @@ def test_a_finer_mesh_that_is_not_accepted_ends_the_refinement_and_is_shown(monk
 @pytest.mark.parametrize("solves", [1, 2, 3])
 def test_an_interruption_returns_the_last_accepted_solution(monkeypatch, solves):
     """The solver's own answer to Ctrl-C, in the first solve or a later one."""
-    from microbot_ocp.ocp.refinement import _context
-    from microbot_ocp.ocp.solvers import solve_on
+    from microbot_ocp.ocp.solvers import _chain, solve_on
 
     calls = []
 
@@ -142,7 +140,7 @@ def test_an_interruption_returns_the_last_accepted_solution(monkeypatch, solves)
             return made
         return replace(made, status=Status.INTERRUPTED)
 
-    monkeypatch.setattr(_context, "solve_on", interrupted)
+    monkeypatch.setattr(_chain, "solve_on", interrupted)
     refined = solved_to(oscillator(), 1e-9, mesh=10)
     assert refined.status is Status.INTERRUPTED
     assert not refined.status.solved
@@ -190,13 +188,12 @@ def under_a_path_constraint():
     return problem
 
 
-@pytest.mark.parametrize("degrees", [None, (3, 8)])
 @pytest.mark.parametrize(
     "made", [lambda: bryson_denham(TOP, "polynomial"), under_a_path_constraint]
 )
-def test_a_limit_exceeded_between_mesh_points_is_refined(made, degrees):
-    loose = solved_to(made(), scheme="radau", degrees=degrees, limits=1.0)
-    refined = solved_to(made(), scheme="radau", degrees=degrees)
+def test_a_limit_exceeded_between_mesh_points_is_refined(made):
+    loose = solved_to(made(), scheme="radau", limits=1.0, cost=np.inf)
+    refined = solved_to(made(), scheme="radau")
     assert loose.status.solved
     assert refined.status.solved
     assert loose.history[-1].limit_excess > 5e-5
@@ -233,50 +230,11 @@ def test_a_constraint_that_jumps_with_its_control_is_not_called_kept():
     assert verify(problem, refined).worst_limit.relative > 1e-5
 
 
-# raising the degree -------------------------------------------------------------------------------
-
-
-def test_a_smooth_solution_needs_fewer_variables_where_the_degree_is_raised():
-    smooth = oscillator("polynomial")
-    exact = solve(smooth, [Mesh(30, 9)], settings=FINE, scheme="radau").cost
-    divided = solved_to(smooth, 1e-8, 6, Collocation("radau", 4), settings=FINE)
-    raised = solved_to(smooth, 1e-8, 6, Collocation("radau", 4), settings=FINE, degrees=(3, 9))
-    assert divided.status.solved
-    assert raised.status.solved
-    assert raised.history[-1].degrees[1] > 5
-    assert raised.history[-1].variables < 0.7 * divided.history[-1].variables
-    for refined in (divided, raised):
-        assert refined.cost == pytest.approx(exact, rel=1e-7)
-    certificate = verify(smooth, raised)
-    assert certificate.ok, certificate.verdict
-
-
-def test_intervals_with_a_switch_are_not_raised():
-    refined = solved_to(pendulum(), 1e-8, 11, "radau", degrees=(3, 8), switches=1e-5)
-    assert refined.status.solved
-    assert refined.history[-1].switch_offset <= 1e-5
-
-
-@pytest.mark.parametrize("degrees", [None, (3, 8)])
-def test_algebraic_variables_and_parameters_are_refined_as_well(degrees):
-    refined = solved_to(swing(), 1e-9, 4, "gauss", settings=FINE, degrees=degrees)
-    assert refined.status.solved
-    exact = solve(swing(), [Mesh(12, 8)], settings=FINE, scheme="gauss").cost
-    assert refined.cost == pytest.approx(exact, rel=1e-7)
-
-
-def test_degrees_ask_for_collocation(no_solver):
-    with pytest.raises(InputError, match="needs collocation"):
-        solved_to(oscillator(), scheme="shooting", degrees=(3, 8))
-    with pytest.raises(InputError, match="least <= most"):
-        solved_to(oscillator(), scheme="radau", degrees=(5, 3))
-
-
 def test_the_history_is_printed_as_a_table():
-    refined = solved_to(oscillator(), 1e-4, 8, "radau", degrees=(2, 6))
+    refined = solved_to(oscillator(), 1e-4, 8, "radau")
     lines = str(refined.history).splitlines()
     assert len(lines) == len(refined.history) + 1
-    assert "intervals  degree  variables  state error" in lines[0]
+    assert "intervals  variables  state error" in lines[0]
 
 
 def test_the_history_is_plain_values_and_progress_is_told():
@@ -320,18 +278,7 @@ def test_a_control_that_follows_its_dynamics_but_is_too_coarse_is_refined():
     assert abs(refined.cost / exact - 1) < 1e-5
     errors = [(step.cost_error, step.cost / exact - 1) for step in refined.history]
     for estimated, true in errors[1:]:
-        assert estimated == pytest.approx(true, rel=0.2)
-
-
-def test_polynomial_controls_are_raised_in_degree_to_know_the_error_of_the_cost():
-    problem = smooth_effort()
-    problem.phases[0].controls[0] = replace(problem.phases[0].controls[0], shape="polynomial")
-    refined = solved_to(problem, 1e-4, 2, Collocation("radau", 2), cost=1e-9)
-    assert refined.status is Status.SOLVED
-    assert refined.cost == pytest.approx(1 / np.tanh(1.0), rel=1e-8)
-    step = refined.history[-1]
-    assert step.cost_error <= 1e-9
-    assert json.loads(json.dumps(step.as_dict()))["cost_error"] == step.cost_error
+        assert 0.9 * true < estimated < 4 * true
 
 
 @pytest.mark.thorough
@@ -359,7 +306,7 @@ def test_the_running_cost_is_part_of_the_error_of_an_interval():
 def test_a_finer_mesh_that_costs_more_says_why():
     refined = solved_to(under_a_path_constraint(), scheme="radau")
     costs = [step.cost for step in refined.history if step.accepted]
-    rises = [b > a + 1e-6 * abs(a) for a, b in itertools.pairwise(costs)]
+    rises = [b > a + 1e-5 * abs(a) for a, b in itertools.pairwise(costs)]
     assert any(rises)
     assert refined.advice.count("The cost rises from") == sum(rises)
 
@@ -377,5 +324,4 @@ def test_constant_controls_are_as_accurate_as_the_free_ones_that_they_replace():
     phase.running_cost(x**2 + y**2)
     refined = solve(mixing, accuracy=1e-6)
     assert refined.solved, refined.advice
-    assert abs(refined.cost / 0.989124 - 1) < 1e-5
-    assert refined.history[-1].cost_error > abs(refined.history[-1].cost / 0.989124 - 1) / 2
+    assert abs(refined.cost / 0.989124 - 1) < 1e-6

@@ -1,4 +1,4 @@
-"""Meshes whose degree differs from interval to interval."""
+"""Uneven meshes, one a phase."""
 
 import casadi as ca
 import numpy as np
@@ -8,24 +8,15 @@ from microbot_ocp import InputError
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.search import solve
 from microbot_ocp.ocp.solution import pack, unpack
-from microbot_ocp.ocp.solvers import (
-    ParametricSolver,
-    SolverSettings,
-    load_solution,
-    save_solution,
-)
-from microbot_ocp.ocp.transcription import (
-    Mesh,
-    Transcription,
-    assemble,
-    mesh_of,
-)
+from microbot_ocp.ocp.solvers import SolverSettings, load_solution, save_solution
+from microbot_ocp.ocp.transcription import Transcription, assemble, mesh_of
 from microbot_ocp.ocp.transcription.schemes import Collocation
 from microbot_ocp.ocp.verification import each_interval, mesh_states, verify
 from ocp.test_transcription import guesses
-from ocp.textbook import bryson_denham, everything, regulator
+from ocp.textbook import everything, regulator
 
-MIXED = [Mesh([0.0, 0.2, 0.35, 0.7, 1.0], [2, 4, 2, 3]), Mesh(3, [1, 1, 5])]
+GAUSS = Collocation("legendre", 8)
+UNEVEN = [[0.0, 0.2, 0.35, 0.7, 1.0], 3]
 EXACT = SolverSettings("ipopt", tolerance=1e-10)
 
 
@@ -49,7 +40,7 @@ def pendulum():
 def program(request):
     problem = everything()
     transcription = Transcription(problem, scheme=request.param, duration_scale=0.7)
-    return assemble(transcription.layouts(MIXED))
+    return assemble(transcription.layouts(UNEVEN))
 
 
 def test_derivatives_are_those_of_the_expressions(program):
@@ -81,7 +72,7 @@ def test_every_row_and_variable_has_its_place_and_name(program):
     defects = [
         k for k in program.row_labels if (k.kind, k.phase, k.name) == ("defect", "first", "y")
     ]
-    assert [k.interval for k in defects] == [0, 0, 1, 1, 1, 1, 2, 2, 3, 3, 3]
+    assert [k.interval for k in defects] == [0, 0, 0, 1, 1, 1, 2, 2, 2, 3, 3, 3]
 
 
 def test_a_guess_comes_back_as_it_was_given(program):
@@ -92,24 +83,14 @@ def test_a_guess_comes_back_as_it_was_given(program):
             np.testing.assert_allclose(phase[name], value, rtol=1e-14)
 
 
-@pytest.mark.parametrize("solver", ["ipopt", "fatrop"])
-def test_equal_degrees_one_by_one_are_the_scheme_with_that_degree(solver):
-    settings = SolverSettings(solver, tolerance=1e-9)
-    whole = solve(bryson_denham(1 / 9), 12, None, settings, scheme=Collocation("radau", 4))
-    single = solve(bryson_denham(1 / 9), [Mesh(12, 4)], None, settings, scheme="radau")
-    assert single.cost == pytest.approx(whole.cost, rel=1e-12)
-    assert single.attempts[-1].iterations == whole.attempts[-1].iterations
-    np.testing.assert_allclose(single.variables, whole.variables, atol=1e-10)
-
-
 @pytest.fixture(scope="module")
 def swing():
-    mesh = Mesh([0.0, 0.1, 0.4, 0.5, 1.0], [5, 6, 4, 8])
-    return solve(pendulum(), [mesh], settings=EXACT, scheme="gauss")
+    mesh = [0.0, 0.1, 0.4, 0.5, 1.0]
+    return solve(pendulum(), [mesh], settings=EXACT, scheme=GAUSS)
 
 
 @pytest.mark.slow
-def test_a_solution_with_mixed_degrees_passes_the_certificate(swing):
+def test_a_solution_on_an_uneven_mesh_passes_the_certificate(swing):
     assert swing.status.solved
     assert swing.cost == pytest.approx(
         solve(pendulum(), 30, settings=EXACT, scheme="gauss").cost, rel=1e-9
@@ -118,12 +99,12 @@ def test_a_solution_with_mixed_degrees_passes_the_certificate(swing):
     assert certificate.ok, certificate.verdict
     assert certificate.hamiltonians[0].drift < 1e-6
     costates = certificate.costates[0]
-    assert costates.point_t.size == 23
+    assert costates.point_t.size == 32
     assert np.all(np.diff(costates.point_t) > 0)
     # the control minimises u^2 + costate * u
     u = swing["swing"]["u"]
-    assert u.shape == (23, 1)
-    np.testing.assert_allclose(u, -costates.point_values["w"] / 2, atol=1e-7)
+    assert u.shape == (4, 8, 1)
+    np.testing.assert_allclose(u.reshape(32, 1), -costates.point_values["w"] / 2, atol=1e-7)
 
 
 def test_it_is_integrated_again_interval_by_interval(swing):
@@ -143,14 +124,14 @@ def test_it_is_sampled_between_the_points(swing):
     )
 
 
-def test_it_is_saved_with_its_degrees_and_starts_another_mesh(swing, tmp_path):
-    transcription = Transcription(pendulum(), scheme="gauss")
+def test_it_is_saved_and_starts_another_mesh(swing, tmp_path):
+    transcription = Transcription(pendulum(), scheme=GAUSS)
     path = save_solution(swing, tmp_path / "swing.npz")
     loaded = load_solution(path, transcription)
-    np.testing.assert_array_equal(loaded["swing"].degrees, [5, 6, 4, 8])
-    again = solve(transcription, [loaded["swing"].layout.chosen], loaded, EXACT)
+    np.testing.assert_array_equal(loaded["swing"].mesh, swing["swing"].mesh)
+    again = solve(transcription, [loaded["swing"].mesh], loaded, EXACT)
     assert again.attempts[-1].iterations <= 1
-    other = Mesh([0.0, 0.3, 0.5, 0.6, 1.0], [6, 4, 4, 7])
+    other = [0.0, 0.3, 0.5, 0.6, 1.0]
     moved = solve(transcription, [other], loaded, EXACT)
     assert moved.attempts[-1].iterations <= 4
     assert moved.cost == pytest.approx(swing.cost, rel=1e-8)
@@ -158,40 +139,16 @@ def test_it_is_saved_with_its_degrees_and_starts_another_mesh(swing, tmp_path):
     assert solve(transcription, [other], bare, EXACT).cost == pytest.approx(swing.cost, rel=1e-8)
 
 
-def test_numbers_change_on_a_mesh_with_mixed_degrees(swing):
-    solver = ParametricSolver(
-        Transcription(pendulum(), scheme="gauss"), [Mesh(4, [5, 6, 4, 8])], EXACT
-    )
-    heavy = solver.solve(
-        parameters={"swing": {"gravity": 2.0}}, bounds={"swing": {"u": (-9.0, 9.0)}}
-    )
-    assert heavy.status.solved
-    assert heavy.cost > 1.5 * swing.cost
-
-
 # bad meshes ---------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("degrees", [[3], [3, 3, 3], [2.5, 3.0], "fine", [[3, 3]]])
-def test_degrees_of_the_wrong_kind_are_refused(degrees):
-    with pytest.raises(InputError, match="degrees must be"):
-        Mesh(2, degrees)
 
 
 @pytest.mark.parametrize("degree", [0, 10])
 def test_a_degree_that_there_is_not_is_refused(degree, no_solver):
     with pytest.raises(InputError, match=f"degree must be 1 to 9, not {degree}"):
-        solve(regulator(), [Mesh(2, [3, degree])], scheme="radau")
+        solve(regulator(), 2, scheme=Collocation("radau", degree))
 
 
-@pytest.mark.parametrize("scheme", ["shooting", "trapezoidal", "hermite_simpson"])
-def test_schemes_without_a_degree_say_so(scheme, no_solver):
-    with pytest.raises(InputError, match="needs collocation"):
-        solve(regulator(), [Mesh(2, 3)], scheme=scheme)
-
-
-def test_a_mesh_is_taken_as_it_is_and_says_what_it_holds():
-    mesh = Mesh(2, [3, 4])
-    assert mesh_of(mesh) is mesh
-    assert repr(mesh) == "Mesh([0.0, 0.5, 1.0], degrees=[3, 4])"
-    assert mesh_of(4).intervals == 4
+def test_a_mesh_is_fractions_or_a_number_of_intervals():
+    assert mesh_of(4).tolist() == [0.0, 0.25, 0.5, 0.75, 1.0]
+    with pytest.raises(InputError, match="increasing fractions from 0 to 1"):
+        mesh_of([0.0, 0.6, 0.5, 1.0])

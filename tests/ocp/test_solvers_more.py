@@ -84,7 +84,7 @@ def test_multipliers_on_a_finer_mesh_are_near_those_found_there():
     start = starting_point(program, transcription.problem, coarse)
     layout = program.layouts[0]
     for column in (0, 1):  # the costates of x and v; that of x jumps at two mesh points
-        rows = layout.groups[0].rows[2:-2, column]
+        rows = layout.stage_rows[2:-2, column]
         near = np.abs(start.row_multipliers[rows] - fine.row_multipliers[rows]) < 0.3
         assert near.sum() >= near.size - 4
     assert start.variable_multipliers.sum() == pytest.approx(

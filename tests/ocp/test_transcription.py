@@ -156,7 +156,7 @@ def test_gaps_between_stages_are_those_of_a_runge_kutta_step():
     h = 3.0 * np.diff(layout.mesh)
     for k in range(3):
         arrived = runge_kutta(van_der_pol_slope, x[k], h[k], u[k, 0], u[k + 1, 0])
-        row = layout.groups[0].rows[k, 0]
+        row = layout.stage_rows[k, 0]
         np.testing.assert_allclose(g[row : row + 2], (x[k + 1] - arrived) / [2.0, 0.5], atol=1e-13)
         np.testing.assert_allclose(g[row + 2 : row + 4], 0.0, atol=1e-15)
 

@@ -391,7 +391,7 @@ def test_where_optima_are_near_the_best_of_several_is_kept_and_it_is_said():
     how = None, SolverSettings(), "radau", np.inf, None, None
     task, journal = _solve.Task(newton, 20, *how), _solve.Journal()
     (start,) = _solve._moved(task, [])
-    first = start.solved()
+    first = start.context.solve(start.mesh, start.guess)
     solution, _ = _solve._finished(task, journal, _solve.STRATEGIES[0], first, start)
     assert solution.cost == pytest.approx(1.49926395, rel=1e-3)  # 1.50668 from the guess
     assert len(solution.rivals) > 1
@@ -400,13 +400,10 @@ def test_where_optima_are_near_the_best_of_several_is_kept_and_it_is_said():
 
 
 def test_a_solver_that_is_ended_leaves_its_last_iterate(monkeypatch):
-    inner = _run._called
-
-    def and_goes_on(solver, arguments):
-        inner(solver, arguments)
+    def and_goes_on(result, solver):
         time.sleep(60.0)
 
-    monkeypatch.setattr(_run, "_called", and_goes_on)
+    monkeypatch.setattr(_run, "_plain", and_goes_on)
     monkeypatch.setattr(
         _run, "SETTINGS", _run.RunSettings(large=0)
     )  # every solve in a process of its own

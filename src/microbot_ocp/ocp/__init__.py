@@ -9,8 +9,7 @@ declare                               :class:`OptimalControlProblem`, whose :cla
 transcribe                            :class:`Transcription` with one of the :data:`SCHEMES`:
                                       :class:`Shooting`, :class:`IntegratorShooting`,
                                       :class:`Collocation`, :class:`Trapezoidal`,
-                                      :class:`HermiteSimpson`; a :class:`Mesh` chooses the degree
-                                      of collocation interval by interval
+                                      :class:`HermiteSimpson`
 solve                                 :func:`solve` with :class:`SolverSettings` from a
                                       :class:`Guess` a phase or from an earlier :class:`Solution`;
                                       :class:`Iteration` is what a progress function gets

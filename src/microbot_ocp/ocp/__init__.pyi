@@ -50,7 +50,6 @@ from .transcription import (
     Guess as Guess,
     HermiteSimpson as HermiteSimpson,
     IntegratorShooting as IntegratorShooting,
-    Mesh as Mesh,
     Scheme as Scheme,
     Shooting as Shooting,
     Transcription as Transcription,

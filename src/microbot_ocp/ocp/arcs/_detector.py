@@ -21,7 +21,7 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp.problem import Expressions, PathConstraint, Phase, Variable
 from microbot_ocp.ocp.solution import PhaseSolution
 from microbot_ocp.ocp.transcription.schemes import Collocation
-from microbot_ocp.ocp.verification import phase_layout, point_values, runs
+from microbot_ocp.ocp.verification import point_values, runs
 
 Sample = Callable[[FloatArray], dict[str, FloatArray]]  # of the times since the start of a phase
 Signature = tuple[int, ...]  # sides of all control components, then of all limits
@@ -241,17 +241,11 @@ def _interval_values(phase: PhaseSolution, control: Variable) -> tuple[FloatArra
         nodes = phase.values[control.name]
         values = np.stack([nodes[:-1], nodes[1:]])
         return values.min(axis=0), values.max(axis=0), values.mean(axis=0)
-    layout = phase_layout(phase)
-    least, largest, mean = (np.zeros((layout.intervals, control.size)) for _ in range(3))
-    for group in layout.groups:
-        values, rows = point_values(phase, group, control), group.intervals
-        least[rows], largest[rows] = values.min(axis=1), values.max(axis=1)
-        scheme = group.kind.scheme
-        if control.shape == "polynomial" and isinstance(scheme, Collocation):
-            mean[rows] = np.einsum("j,kji->ki", scheme.weights, values)
-        else:
-            mean[rows] = values[:, 0]
-    return least, largest, mean
+    values, scheme = point_values(phase, control), phase.laid_out.kind.scheme
+    mean = values[:, 0]
+    if control.shape == "polynomial" and isinstance(scheme, Collocation):
+        mean = np.einsum("j,kji->ki", scheme.weights, values)
+    return values.min(axis=1), values.max(axis=1), mean
 
 
 def _scaled(mean: FloatArray, low: float, high: float) -> FloatArray | None:
@@ -301,9 +295,8 @@ def mixed_limits(phase: PhaseSolution, declared: Phase) -> list[Activity]:
     if not chosen:
         return []
     steps = np.diff(phase.mesh)
-    kinds = phase_layout(phase).kinds
-    scheme = kinds[0].scheme
-    if len(kinds) > 1 or not isinstance(scheme, Collocation):
+    scheme = phase.laid_out.kind.scheme
+    if not isinstance(scheme, Collocation):
         scheme = Collocation("gauss", 3)
     points = np.array(scheme.points)
     # just before the end of an interval its own polynomial counts
@@ -334,7 +327,7 @@ def mixed_limits(phase: PhaseSolution, declared: Phase) -> list[Activity]:
 def find_switches(phase: PhaseSolution) -> tuple[Switch, ...]:
     """Find jumps of controls between their bounds."""
     switches = []
-    for control in phase_layout(phase).phase.controls:
+    for control in phase.laid_out.phase.controls:
         for activity in control_activities(phase, [control]):
             switches += _switches_of(activity, phase.mesh, control.shape == "linear")
     return tuple(switches)
@@ -373,7 +366,7 @@ def _crossing(before: int, means: FloatArray, steps: FloatArray) -> float:
 
 def plan_of(phase: PhaseSolution) -> ArcPlan:
     """Read the arcs of a phase, be they ever so short."""
-    declared = phase_layout(phase).phase
+    declared = phase.laid_out.phase
     columns = control_activities(phase, jumping(declared))
     columns += _state_limits(phase, declared)
     columns += mixed_limits(phase, declared)

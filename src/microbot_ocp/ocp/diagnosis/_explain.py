@@ -149,7 +149,7 @@ def explain(
     Parameters
     ----------
     problem : OptimalControlProblem or Transcription
-    mesh : int, Mesh, or one int, Mesh or array of fractions [N+1] a phase
+    mesh : int or array of fractions [N+1], or one a phase
         A coarse one does.
     guess : guesses or Solution, optional
         Where the search starts: the solution of the solve that failed, for example. By default

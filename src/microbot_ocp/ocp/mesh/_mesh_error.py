@@ -12,7 +12,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp.solution import PhaseSolution, Solution, cost_size
@@ -20,7 +19,6 @@ from microbot_ocp.ocp.verification import (
     Recomputation,
     each_interval,
     interval_errors,
-    phase_layout,
 )
 
 
@@ -52,20 +50,18 @@ def state_errors(solution: Solution) -> list[FloatArray]:
     errors = []
     size = cost_size(solution.cost, solution.cost_scale)
     for phase in solution.phases:
-        running = bool(phase_layout(phase).phase.running_costs)
+        running = bool(phase.laid_out.phase.running_costs)
         costs = Recomputation(phase).costs if running else np.zeros(phase.mesh.size)
         errors.append(interval_errors(phase, each_interval(phase, cost=running), costs, size))
     return errors
 
 
 def divide_phase(phase: PhaseSolution, errors: FloatArray, accuracy: float) -> FloatArray:
-    """Divide the mesh of a phase by errors of its intervals, each of the order of its scheme."""
-    layout = phase_layout(phase)
-    orders = np.array([kind.scheme.order for kind in layout.kinds])[layout.kind_of]
-    return divide(phase.mesh, errors, accuracy, orders)
+    """Divide the mesh of a phase by errors of its intervals, of the order of its scheme."""
+    return divide(phase.mesh, errors, accuracy, phase.laid_out.kind.scheme.order)
 
 
-def divide(mesh: FloatArray, errors: FloatArray, accuracy: float, order: ArrayLike) -> FloatArray:
+def divide(mesh: FloatArray, errors: FloatArray, accuracy: float, order: int) -> FloatArray:
     """Divide the intervals above the accuracy into the number of pieces that the order predicts.
 
     A local error e that goes with the power ``order + 1`` of the step comes below the goal with
@@ -74,7 +70,7 @@ def divide(mesh: FloatArray, errors: FloatArray, accuracy: float, order: ArrayLi
     """
     if errors.max() <= accuracy:
         return mesh.copy()
-    wanted = np.ceil((errors / (DIVISION.safety * accuracy)) ** (1.0 / (np.asarray(order) + 1)))
+    wanted = np.ceil((errors / (DIVISION.safety * accuracy)) ** (1.0 / (order + 1)))
     pieces = np.clip(wanted, 1, DIVISION.most_pieces).astype(int)
     parts = [
         np.linspace(a, b, n, endpoint=False)

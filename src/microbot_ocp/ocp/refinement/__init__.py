@@ -2,8 +2,7 @@
 
 Comes in: a converged solution and its transcription. Goes out: the solution that passes, with the
 history of its meshes. Begin with :func:`judged`; ``_accuracy.py`` has what an accuracy asks for and
-the next mesh, ``_cost_error.py`` estimates the error of the cost, ``_degrees.py`` raises degrees,
-``_refiner.py`` solves from mesh to mesh for motions.
+the next mesh, ``_refiner.py`` solves from mesh to mesh for motions.
 """
 
 import lazy_loader

@@ -1,16 +1,8 @@
 """Public names; loaded when they are first asked for."""
 
 from ._accuracy import (
+    PASSING as PASSING,
     Accuracy as Accuracy,
-)
-from ._context import (
-    SolveContext as SolveContext,
-)
-from ._degrees import (
-    Degrees as Degrees,
-    decay_rates as decay_rates,
-    degrees_on as degrees_on,
-    refine_hp as refine_hp,
 )
 from ._history import (
     History as History,
@@ -21,7 +13,7 @@ from ._improvement import (
     improved as improved,
 )
 from ._judged import (
-    PASSING as PASSING,
+    COST as COST,
     judged as judged,
 )
 from ._refiner import (

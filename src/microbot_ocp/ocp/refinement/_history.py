@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
+from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.status import Status
 from microbot_ocp._base.table import Column, Table
 from microbot_ocp.ocp.arcs import Switch, find_switches
 from microbot_ocp.ocp.solution import Solution
-from microbot_ocp.ocp.transcription import Mesh
-from microbot_ocp.ocp.transcription.schemes import Collocation
 from microbot_ocp.ocp.verification import (
     Judgement,
     OCPLimitUse,
-    phase_layout,
     relative_excess,
     worst_along,
 )
@@ -24,7 +24,6 @@ from microbot_ocp.ocp.verification import (
 COLUMNS = (
     Column("round"),
     Column("intervals"),
-    Column("degree"),
     Column("variables"),
     Column("state error", show=".1e"),
     Column("switch offset", show=".1e"),
@@ -43,8 +42,7 @@ class RefinementStep:
 
     Attributes
     ----------
-    meshes : of every phase
-    degrees : least and most degree of collocation, None for other schemes
+    meshes : of every phase, fractions [N+1]
     variables : of the program
     state_error : largest relative state error of any interval; infinite where it was not accepted
     switch_offset : largest distance of a switch from the mesh, as a fraction of its phase
@@ -52,15 +50,14 @@ class RefinementStep:
         points, relative to half the range of its limits, or to the limit where there is only one;
         infinite where it was not accepted
     worst_limit : where that is; None where all limits are kept
-    cost_error : relative, found by a solve with finer controls or a higher degree once all else is
-        good enough; infinite where it was not looked for
+    cost_error : relative, seen from what the cost changed by from mesh to mesh; infinite on the
+        first
     switches : of every phase
     cost, duration, status, accepted, iterations : of the solve
     wall_time : of solve and error estimate, s
     """
 
-    meshes: tuple[Mesh, ...]
-    degrees: tuple[int, int] | None
+    meshes: tuple[FloatArray, ...]
     variables: int
     state_error: float
     switch_offset: float
@@ -85,13 +82,13 @@ class RefinementStep:
     @property
     def intervals(self) -> tuple[int, ...]:
         """Number of intervals of every phase."""
-        return tuple(mesh.intervals for mesh in self.meshes)
+        return tuple(mesh.size - 1 for mesh in self.meshes)
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
         return {
             **vars(self),
-            "meshes": [mesh.as_dict() for mesh in self.meshes],
+            "meshes": [mesh.tolist() for mesh in self.meshes],
             "intervals": list(self.intervals),
             "worst_limit": None if self.worst_limit is None else vars(self.worst_limit),
             "switches": [[vars(switch) for switch in phase] for phase in self.switches],
@@ -107,6 +104,18 @@ class History(tuple[RefinementStep, ...]):
         """Return one row a mesh."""
         return Table(COLUMNS, [(number, *_cells(step)) for number, step in enumerate(self)])
 
+    def rises(self, least: float) -> Iterator[str]:
+        """Yield why a finer mesh costs more than a coarser one by a share; nothing where none
+        does.
+        """
+        for (one, coarse), (other, fine) in pairwise(enumerate(self)):
+            if fine.accepted and fine.cost - coarse.cost > least * abs(coarse.cost):
+                yield (
+                    f"The cost rises from {coarse.cost:.8g} on mesh {one} to {fine.cost:.8g} on "
+                    f"mesh {other}: mesh {one} has a state error of {coarse.state_error:.1e} and "
+                    f"exceeds limits by {coarse.limit_excess:.1e} between its points."
+                )
+
     def __str__(self) -> str:
         return str(self.table())
 
@@ -115,10 +124,8 @@ class History(tuple[RefinementStep, ...]):
 
 
 def _cells(step: RefinementStep) -> tuple[Any, ...]:
-    low, high = step.degrees or ("", "")
     return (
         " + ".join(map(str, step.intervals)),
-        f"{low}" if low == high else f"{low} to {high}",
         step.variables,
         step.state_error,
         step.switch_offset,
@@ -133,22 +140,15 @@ def _cells(step: RefinementStep) -> tuple[Any, ...]:
 
 def step_of(solution: Solution, judgement: Judgement | None, wall_time: float) -> RefinementStep:
     """Return what a mesh led to, as its judgement says; without one it was not accepted."""
-    layouts = [phase_layout(phase) for phase in solution.phases]
+    layouts = [phase.laid_out for phase in solution.phases]
     switches = tuple(find_switches(phase) for phase in solution.phases)
-    used = [
-        kind.scheme.degree
-        for layout in layouts
-        for kind in layout.kinds
-        if isinstance(kind.scheme, Collocation)
-    ]
     errors, excess, worst = [np.inf], [np.inf], None
     if judgement is not None:
         errors = [float(each.max()) for each in judgement.state_errors]
         excess = [float(relative_excess(dense).max()) for dense in judgement.dense]
         worst = worst_along(judgement.limits)
     return RefinementStep(
-        meshes=tuple(layout.chosen for layout in layouts),
-        degrees=(min(used), max(used)) if used else None,
+        meshes=tuple(phase.mesh for phase in solution.phases),
         variables=sum(layout.variable_count for layout in layouts),
         state_error=max(errors),
         switch_offset=max((s.offset for each in switches for s in each), default=0.0),

@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from microbot_ocp.ocp import verification
-from microbot_ocp.ocp.refinement._context import SolveContext
 from microbot_ocp.ocp.solution import Attempt, Solution, cost_size
+from microbot_ocp.ocp.solvers import SolveContext
 from microbot_ocp.ocp.starts import guess_from
 from microbot_ocp.ocp.transcription import Guess
 

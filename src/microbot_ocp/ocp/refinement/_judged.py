@@ -1,8 +1,8 @@
 """A converged solution, taken on until it passes: one loop, whatever is asked for.
 
-What passes is told by the judgement that a certificate is made of. Where nothing else is asked for
-meshes are made finer until it passes and the cost does not change any more; with an accuracy until
-that is met, too. From a saddle the solve goes on below it.
+What passes is told by the judgement that a certificate is made of; an accuracy may ask for more.
+Meshes are made finer until that is met and the cost does not change any more. From a saddle the
+solve goes on below it.
 """
 
 from __future__ import annotations
@@ -21,52 +21,38 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.outcome import Ledger
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.diagnosis import BESIDE, falls_for_ever
-from microbot_ocp.ocp.mesh import Refinement, Round, divide, divide_phase, refined
-from microbot_ocp.ocp.refinement._accuracy import Accuracy
-from microbot_ocp.ocp.refinement._context import SolveContext
-from microbot_ocp.ocp.refinement._cost_error import cost_error, with_more_freedom
+from microbot_ocp.ocp.mesh import Refinement, Round, refined
+from microbot_ocp.ocp.refinement._accuracy import PASSING, Accuracy
 from microbot_ocp.ocp.refinement._history import History, RefinementStep, step_of
 from microbot_ocp.ocp.refinement._improvement import improvable, improved
 from microbot_ocp.ocp.solution import Attempt, Solution, StepProgress, cost_size, entry
-from microbot_ocp.ocp.transcription import Mesh, mesh_of
-from microbot_ocp.ocp.verification import (
-    Failure,
-    Judgement,
-    Thresholds,
-    judge,
-    relative_excess,
-)
+from microbot_ocp.ocp.solvers import SolveContext
+from microbot_ocp.ocp.verification import Judgement, Thresholds, judge
 
 CONVERGED = (Status.SOLVED, Status.GAP_LEFT)
 FINAL = (*CONVERGED, Status.INTERRUPTED, Status.TOO_COARSE)  # no other strategy would change it
 
 
 @dataclass(frozen=True)
-class Passing:
-    """When a solution is good enough where no accuracy is asked for.
+class CostSettings:
+    """When the cost of a solution counts as settled where no accuracy is asked for.
 
     Attributes
     ----------
-    change : relative change of the cost from mesh to mesh, seen to the end, that is aimed at
-    settled : times this change, at which the cost still counts as settled
+    settled : times the change that is aimed at, at which it still is where meshes end
     unmet : share of the cost: where no solve saves it what is more is missed, less is said
-    rounds : most solves
-    most_intervals : of all phases together
     """
 
-    change: float = 1e-4
     settled: float = 5.0
     unmet: float = 1e-2
-    rounds: int = 14
-    most_intervals: int = 1000
 
     @property
     def most_left(self) -> float:
         """Change of the cost at which it still counts as settled."""
-        return self.settled * self.change
+        return self.settled * PASSING.cost
 
 
-PASSING = Passing()
+COST = CostSettings()
 
 
 @dataclass(frozen=True)
@@ -97,22 +83,19 @@ class Seen:
 
     Attributes
     ----------
-    judgement, step, left : of all that is asked, of the mesh, of the cost
-    freer : solution with finer controls or a higher degree, where the cost is all that is missing
+    judgement, step, left : of what passes, of the mesh, of the cost
     at : when it was known, by ``time.perf_counter``
     """
 
     judgement: Judgement
     step: RefinementStep
     left: Left
-    freer: Solution | None = None
     at: float = field(default_factory=time.perf_counter)
 
     @property
-    def settled(self) -> bool:
-        """Whether the mesh is fine enough and the cost does not change any more."""
-        coarse = any(k.status is Status.TOO_COARSE for k in self.judgement.failures)
-        return self.left.estimate <= PASSING.change and not coarse
+    def coarse(self) -> bool:
+        """Whether it does not pass for want of a finer mesh."""
+        return any(k.status is Status.TOO_COARSE for k in self.judgement.failures)
 
 
 class Beside(NamedTuple):
@@ -124,7 +107,7 @@ class Beside(NamedTuple):
 
 Course = Refinement[Solution, Seen]
 Rounds = tuple[Round[Solution, Seen], ...]
-Next = Beside | Solution | Sequence[Mesh | FloatArray]
+Next = Beside | Sequence[FloatArray]
 
 
 def judged(
@@ -132,18 +115,18 @@ def judged(
     context: SolveContext,
     *,
     finer: bool,
-    accuracy: Accuracy | None = None,
+    goal: Accuracy = PASSING,
     freer_cost: float = np.inf,
 ) -> tuple[Solution, bool]:
     """Return the solution with the status that its judgement gives it, and whether that is final.
 
-    With ``finer`` on meshes so fine that it passes and its cost does not change any more; with an
-    accuracy until that is met. It is final where no other strategy would do better. An accuracy of
-    the cost is also of its distance to ``freer_cost``, of a solution with more freedom.
+    With ``finer`` on meshes so fine that it passes and meets the goal. It is final where no other
+    strategy would do better. An error of the cost is also its distance to ``freer_cost``, of a
+    solution with more freedom.
     """
     if solution.status not in CONVERGED:
         return _alone(solution), solution.status is Status.INTERRUPTED
-    return _Work(context, finer, accuracy, freer_cost).run(solution)
+    return _Work(context, finer, goal, freer_cost).run(solution)
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,7 +135,7 @@ class _Work:
 
     context: SolveContext
     finer: bool
-    accuracy: Accuracy | None
+    goal: Accuracy
     freer_cost: float
 
     @property
@@ -184,15 +167,13 @@ class _Work:
     # the parts of a round --------------------------------------------------------------------
 
     def _solved(self, best: Solution, proposal: Next) -> Solution:
-        if isinstance(proposal, Solution):
-            return proposal
         if isinstance(proposal, Beside):
             return self._below(best, proposal).with_rivals_of(best)
         answer = _by("on a finer mesh", self._solve(proposal, best))
         rows = answer.rows if answer.status is Status.GAP_LEFT else best.rows
         return replace(answer, rows=rows).with_rivals_of(best)
 
-    def _solve(self, meshes: Sequence[Mesh | FloatArray], start: Solution) -> Solution:
+    def _solve(self, meshes: Sequence[FloatArray], start: Solution) -> Solution:
         solver = self.context.settings.solver if self._alone else "ipopt"
         return self.context.solve(meshes, start, solver=solver)
 
@@ -215,91 +196,46 @@ class _Work:
         attempts = tuple(a for answer in answers for a in answer.attempts)
         return _by("from beside a saddle", replace(lowest, attempts=attempts))
 
-    def _accepts(self, before: Solution, after: Solution) -> bool:
-        """Return whether a solve converged; to an accuracy no gap takes the place of what has
-        none.
-        """
-        worse = after.status is Status.GAP_LEFT and before.solved and self.accuracy is not None
-        return after.status in CONVERGED and not worse
+    def _accepts(self, _: Solution, after: Solution) -> bool:
+        return after.status in CONVERGED
 
     def _measured(self, began: float, rounds: Rounds, solution: Solution) -> Seen:
         judgement = judge(self.context.transcription, solution)
-        before = rounds[-1].measure if rounds else None
-        step = step_of(solution, judgement, time.perf_counter() - (before.at if before else began))
-        if before is None or self._at_saddle(before):
-            seen = Seen(judgement, step, Left())
-        else:
+        before, left = rounds[-1].measure if rounds else None, Left()
+        if before is not None and not self._at_saddle(before):
             costs = solution.cost, rounds[-1].solution.cost
             size = max(cost_size(cost, solution.cost_scale) for cost in costs)
             left = before.left.entered(abs(costs[0] - costs[1]) / size)
-            seen = Seen(judgement, step, left)
-        if self.accuracy is None or self.context.over:
-            return seen
-        return self._with_cost_error(solution, seen, self.accuracy)
-
-    def _with_cost_error(self, solution: Solution, seen: Seen, accuracy: Accuracy) -> Seen:
-        """Add the error of the cost, where all else is good enough, by a solve more."""
-        if not accuracy.met(seen.step):
-            return seen
-        if accuracy.cost == np.inf:
-            return replace(seen, step=replace(seen.step, cost_error=0.0))
-        freer = self._solved(solution, with_more_freedom(solution))
-        error = cost_error(solution, freer) if freer.status in CONVERGED else np.inf
-        missed = solution.cost - self.freer_cost
-        error = max(error, missed / cost_size(solution.cost, solution.cost_scale))
-        step = replace(seen.step, cost_error=error)
-        return replace(seen, step=step, at=time.perf_counter(), freer=freer)
+        dearer = solution.cost - self.freer_cost
+        error = max(left.estimate, dearer / cost_size(solution.cost, solution.cost_scale))
+        spent = time.perf_counter() - (before.at if before else began)
+        step = step_of(solution, judgement, spent)
+        return Seen(judgement, replace(step, cost_error=error), left)
 
     def _split(self, rounds: Rounds) -> Next:
-        solution, seen = rounds[-1].solution, rounds[-1].measure
+        solution, seen, goal = rounds[-1].solution, rounds[-1].measure, self.goal
         if self._at_saddle(seen):
             return _beside(solution, seen.judgement)
-        if self.accuracy is None:
-            whole = seen.left.estimate > PASSING.change
-            meshes = _divided(solution, seen.judgement, whole=whole)
-            if _intervals(meshes) <= PASSING.most_intervals:
-                return meshes
-            return _divided(solution, seen.judgement, whole=False)
-        if seen.freer is not None:
-            return seen.freer
-        return [
-            self.accuracy.finer(*phase)
-            for phase in zip(
-                solution.phases,
-                seen.judgement.state_errors,
-                [relative_excess(dense) for dense in seen.judgement.dense],
-                seen.step.switches,
-                strict=True,
-            )
-        ]
+        whole = seen.step.cost_error > goal.cost
+        meshes = goal.finer(solution, seen.judgement, seen.step, whole=whole)
+        if _intervals(meshes) > goal.most_intervals:
+            meshes = goal.finer(solution, seen.judgement, seen.step, whole=False)
+        return meshes
 
     def _ended(self, rounds: Rounds, proposal: Next) -> Status | None:
-        seen, goal = rounds[-1].measure, self.accuracy
+        seen, goal = rounds[-1].measure, self.goal
         saddle = self._at_saddle(seen)
-        if not saddle:
-            if goal is None and (not self.finer or seen.settled):
-                return Status.SOLVED
-            if goal is not None and goal.met(seen.step) and seen.step.cost_error <= goal.cost:
-                return Status.SOLVED
+        if not saddle and (not self.finer or (goal.met(seen.step) and not seen.coarse)):
+            return Status.SOLVED
         if self.context.over:
             return Status.TIME_LIMIT
-        if len(rounds) > (PASSING if goal is None else goal).rounds:
+        if len(rounds) > goal.rounds:
             return Status.ROUND_LIMIT
-        if saddle:
-            return None
-        if goal is not None:
-            if seen.freer is not None and seen.freer.status not in CONVERGED:
-                stopped = seen.freer.status is Status.INTERRUPTED
-                return Status.INTERRUPTED if stopped else Status.NOT_ACCEPTED
-            if goal.stalled([each.measure.step for each in rounds]):
-                return Status.NO_PROGRESS
         if isinstance(proposal, Beside):
             return None
-        if isinstance(proposal, Solution):
-            proposal = [phase.mesh for phase in proposal.phases]
-        count, most = _intervals(proposal), (PASSING if goal is None else goal).most_intervals
-        same = goal is None and count <= sum(seen.step.intervals)
-        return Status.SIZE_LIMIT if same or count > most else None
+        phases = rounds[-1].solution.phases
+        same = all(np.array_equal(mesh, p.mesh) for mesh, p in zip(proposal, phases, strict=True))
+        return Status.SIZE_LIMIT if same or _intervals(proposal) > goal.most_intervals else None
 
     def _at_saddle(self, seen: Seen) -> bool:
         return seen.judgement.status is Status.SADDLE and not self._alone
@@ -309,7 +245,7 @@ class _Work:
     def _improved(self, state: Course) -> tuple[Course, float, list[Attempt]]:
         """Find better controls, what others would save still, and what was tried."""
         saved = improvable(state.solution)
-        if self._alone or not saved > PASSING.change:
+        if self._alone or not saved > PASSING.cost:
             return state, saved, []
         began, before = time.perf_counter(), state.measure
         better, tried = improved(state.solution, self.context)
@@ -317,7 +253,8 @@ class _Work:
             return state, saved, tried
         seen = self._measured(began, state.rounds, better)
         better = replace(better, attempts=tuple(tried), rows=state.solution.rows)
-        last = Round(better, replace(seen, left=before.left))
+        step = replace(seen.step, cost_error=before.step.cost_error)
+        last = Round(better, replace(seen, step=step, left=before.left))
         return replace(state, rounds=(*state.rounds, last)), improvable(better), []
 
     def _recorded(self, state: Course) -> Solution:
@@ -349,7 +286,7 @@ class _Work:
 
     def _report(self, state: Course) -> None:
         progress = self.context.progress
-        if self.accuracy is not None and progress is not None and state.ended is None:
+        if self.goal is not PASSING and progress is not None and state.ended is None:
             cast("StepProgress", progress)(str(state.measure.step))
 
     def _judged(self, solution: Solution, state: Course, saved: float) -> tuple[Solution, bool]:
@@ -358,47 +295,30 @@ class _Work:
 
         That is so, too, where only the mesh or the kind of control is missing.
         """
-        seen, goal = state.measure, self.accuracy
-        status, missing = seen.judgement.status, list(seen.judgement.failures)
-        settled = goal is not None or not self.finer or seen.left.estimate <= PASSING.most_left
-        if not settled:
-            change = (
-                f"by {seen.left.change:.1g} of itself" if seen.left.change < np.inf else "unknown"
-            )
-            sentence = f"what the cost changes from mesh to mesh: {change}"
-            missing.append(Failure(Status.NO_PROGRESS, sentence))
-        if goal is not None:
-            missing = [*goal.missing(seen.step), *missing]
-            status = _of_accuracy(status, state.ended, missing)
-            rises = goal.rises(solution.history)
-            solution = solution.remarked(*rises)
-        if not missing and saved > PASSING.most_left:
+        goal, status = self.goal, state.measure.judgement.status
+        failures = state.measure.judgement.failures
+        missing = list(goal.missing(state.measure.step)) if self.finer else []
+        if goal is PASSING and state.measure.left.estimate <= COST.most_left:
+            missing = []
+        rises = [] if goal is PASSING else list(History(solution.history).rises(goal.cost))
+        solution = solution.remarked(*rises)
+        if not missing and not failures and saved > COST.most_left:
             lost = (
                 f"Other controls would save {saved:.1g} of the cost, but no solve from there does: "
                 "the optimum may be approached by controls that jump to and fro ever faster."
             )
-            if saved <= PASSING.unmet:
+            if saved <= COST.unmet:
                 return solution.remarked(lost), True
             return solution.ended(Status.NO_PROGRESS, lost), True
-        if (status is solution.status and settled) or (not missing and status.solved):
+        if not missing and (status is solution.status or not failures):
             return solution, True
-        if goal is None and self.finer and status in (Status.SOLVED, Status.TOO_COARSE):
-            status = Status.TIME_LIMIT if self.context.over else Status.NO_PROGRESS
-        parts = [failure.sentence for failure in missing[: None if goal is not None else 1]]
-        remarks = [f"Missing: {'; '.join(parts)}."] if parts else []
-        if goal is not None:
-            remarks += rises
-        final = status in FINAL or (goal is not None and not seen.judgement.failures)
-        return solution.ended(status, *remarks), final
-
-
-def _of_accuracy(judged: Status, ended: Status | None, missing: Sequence[Failure]) -> Status:
-    """Return the status of what was refined to an accuracy."""
-    if ended is not Status.SOLVED:
-        return ended or Status.INTERRUPTED
-    return (
-        Status.NO_PROGRESS if missing and judged in (Status.SOLVED, Status.TOO_COARSE) else judged
-    )
+        if self.finer and status in (Status.SOLVED, Status.TOO_COARSE):
+            ended = state.ended or Status.SOLVED
+            status = Status.NO_PROGRESS if ended is Status.SOLVED else ended
+        parts = [*missing, *failures[:1]]
+        remarks = [f"Missing: {'; '.join(part.sentence for part in parts)}."]
+        final = status in FINAL or (goal is not PASSING and not failures)
+        return solution.ended(status, *remarks, *rises), final
 
 
 def _endless(solution: Solution) -> bool:
@@ -420,8 +340,8 @@ def _by(way: str, solution: Solution) -> Solution:
     return replace(solution, attempts=tuple(replace(a, way=way) for a in solution.attempts))
 
 
-def _intervals(meshes: Sequence[Mesh | FloatArray]) -> int:
-    return sum(mesh_of(mesh).intervals for mesh in meshes)
+def _intervals(meshes: Sequence[FloatArray]) -> int:
+    return sum(mesh.size - 1 for mesh in meshes)
 
 
 def _beside(solution: Solution, judgement: Judgement) -> Beside:
@@ -435,23 +355,3 @@ def _beside(solution: Solution, judgement: Judgement) -> Beside:
         replace(solution, variables=at, variable_multipliers=None) for at in (x + step, x - step)
     )
     return Beside(*starts)
-
-
-def _divided(solution: Solution, judgement: Judgement, *, whole: bool) -> list[FloatArray]:
-    """Return intervals divided as their errors ask for; with ``whole`` every one in two, if that
-    will do.
-
-    Where limits are exceeded in between they are divided further: where a control jumps a state
-    leaves its limit by the step times the jump, whatever the order of the scheme.
-    """
-    pairs = list(zip(solution.phases, judgement.errors, judgement.excess, strict=True))
-    divided = []
-    for phase, errors, _ in pairs:
-        divided.append(divide_phase(phase, errors, 1.0))
-        whole &= int(np.histogram(divided[-1][:-1], phase.mesh)[0].max()) <= 2
-    if whole:
-        divided = [np.union1d(p.mesh, (p.mesh[:-1] + p.mesh[1:]) / 2) for p, *_ in pairs]
-    return [
-        np.union1d(mesh, divide(phase.mesh, excess, 1.0, 0))
-        for mesh, (phase, _, excess) in zip(divided, pairs, strict=True)
-    ]

@@ -25,9 +25,8 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.diagnosis import NotFinite, finite_start
 from microbot_ocp.ocp.problem import OptimalControlProblem
-from microbot_ocp.ocp.refinement import SolveContext
 from microbot_ocp.ocp.solution import RIVALS, Attempt, Solution, StartingPoint, cost_size
-from microbot_ocp.ocp.solvers import Solvers, run_chain, with_cost_scale
+from microbot_ocp.ocp.solvers import SolveContext, Solvers, run_chain, with_cost_scale
 from microbot_ocp.ocp.starts import Ranges, Rollouts, default_guess, starting_point
 from microbot_ocp.ocp.transcription import (
     Collocation,
@@ -37,7 +36,6 @@ from microbot_ocp.ocp.transcription import (
     assemble,
     guess_table,
 )
-from microbot_ocp.ocp.verification import phase_layout
 
 
 @dataclass(frozen=True)
@@ -330,7 +328,7 @@ def _ranges(solution: Solution) -> Ranges:
     return {
         phase.name: {
             control.name: (table.min(axis=0), table.max(axis=0))
-            for control in phase_layout(phase).phase.controls
+            for control in phase.laid_out.phase.controls
             for table in [phase.values[control.name].reshape(-1, control.size)]
         }
         for phase in solution.phases

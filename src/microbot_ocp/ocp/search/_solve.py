@@ -22,7 +22,7 @@ from microbot_ocp._base.outcome import Ledger, LedgerRow
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.diagnosis import POOR, NotFinite
 from microbot_ocp.ocp.problem import OptimalControlProblem, with_shapes
-from microbot_ocp.ocp.refinement import PASSING, Accuracy, SolveContext, improvable, judged
+from microbot_ocp.ocp.refinement import COST, Accuracy, improvable, judged
 from microbot_ocp.ocp.search._other_starts import (
     cheaper_elsewhere,
     cheapest_of_starts,
@@ -36,17 +36,17 @@ from microbot_ocp.ocp.solution import (
     cost_size,
     entry,
 )
-from microbot_ocp.ocp.solvers import SolverSettings, transcribed
+from microbot_ocp.ocp.solvers import SolveContext, SolverSettings, transcribed
 from microbot_ocp.ocp.starts import Rollouts, default_guess, guess_from
 from microbot_ocp.ocp.transcription import Guess, Meshes, Transcription
 from microbot_ocp.ocp.transcription.schemes import Scheme
-from microbot_ocp.ocp.verification import phase_layout
 
 Given = Mapping[str, Guess] | Solution | str | None
 
 CONVERGED = (Status.SOLVED, Status.GAP_LEFT)
 ENDED = (*CONVERGED, Status.INTERRUPTED)
-UNSETTLED = (Status.NO_PROGRESS, Status.NOT_ACCEPTED)  # other shapes of controls may help
+# other shapes of controls may help
+UNSETTLED = (Status.NO_PROGRESS, Status.NOT_ACCEPTED, Status.ROUND_LIMIT, Status.SIZE_LIMIT)
 
 GIVEN = "as given"
 OWN_SCALES = "with the scales of the first answer"
@@ -102,7 +102,7 @@ def solve(
     ----------
     problem : OptimalControlProblem or Transcription
         A transcription keeps its kernels from solve to solve; it is solved in one way only.
-    mesh : int, Mesh, or one int, Mesh or array of fractions [N+1] a phase
+    mesh : int or array of fractions [N+1], or one a phase
         Default: 50 intervals, shared by the phases where there are more than two, and finer until
         :func:`~microbot_ocp.ocp.verify` passes the answer and the cost changes by less than 1e-4 of
         itself; what does not settle is not solved. On a mesh that is given, an answer whose states,
@@ -144,8 +144,7 @@ def solve(
     ------
     InputError
         The declaration, mesh or guess is not complete or not finite, or the dynamics, constraints
-        or costs are not finite at the guess; an accuracy that is no positive number, degrees for a
-        scheme that has none.
+        or costs are not finite at the guess; an accuracy that is no positive number.
 
     Examples
     --------
@@ -183,7 +182,7 @@ def solve(
         tried: list[Attempt] = []
         try:
             for start in strategy.propose(task, tried):
-                solution = start.solved()
+                solution = start.context.solve(start.mesh, start.guess, uneven=start.uneven)
                 tried += named(strategy.name, solution.attempts)
                 last = solution, start
                 if solution.status in ENDED:
@@ -244,9 +243,6 @@ class Start(NamedTuple):
     guess: Given
     uneven: bool = False  # whether the guess is moved off what is symmetric
 
-    def solved(self) -> Solution:
-        return self.context.solve(self.mesh, self.guess, uneven=self.uneven)
-
 
 @dataclass(frozen=True, eq=False)
 class Task:
@@ -297,19 +293,17 @@ class Task:
         """Start from the guess, by the few iterations of a try or by other settings."""
         scaled = replace(self.settings, scaling=scaling or self.settings.scaling)
         program = transcribed(self.problem, scaled, scheme=self.scheme, guess=self.guess)
-        mesh = self.mesh
-        if self.accuracy is not None:
-            mesh = self.accuracy.first_mesh(program, mesh)
         context = SolveContext(program, settings or self.few, self.until, self.progress)
-        return Start(context, mesh, self.guess, uneven)
+        return Start(context, self.mesh, self.guess, uneven)
 
     def judged(
         self, solution: Solution, context: SolveContext, freer_cost: float = np.inf
     ) -> tuple[Solution, bool]:
         """Return the solution on its way to one that passes, and whether that is final."""
-        finer, goal = self.given is None or self.accuracy is not None, self.accuracy
         how = replace(context, settings=self.short)
-        return judged(solution, how, finer=finer, accuracy=goal, freer_cost=freer_cost)
+        if self.accuracy is None:
+            return judged(solution, how, finer=self.given is None)
+        return judged(solution, how, finer=True, goal=self.accuracy, freer_cost=freer_cost)
 
 
 @dataclass(frozen=True, eq=False)
@@ -396,9 +390,9 @@ def _in_own_scales(
     ]
     if max(ratios) < np.log(POOR):
         return solution, start
-    answer = again.solved()
+    answer = again.context.solve(again.mesh, again.guess)
     tried = named(OWN_SCALES, answer.attempts)
-    most = solution.cost + PASSING.unmet * cost_size(answer.cost, solution.cost_scale)
+    most = solution.cost + COST.unmet * cost_size(answer.cost, solution.cost_scale)
     better = answer.status in CONVERGED and answer.cost <= most
     journal.enter(OWN_SCALES, began, solution, answer if better else None, tried)
     return (answer.with_rivals_of(solution), again) if better else (solution, start)
@@ -409,13 +403,13 @@ def _swings(problem: OptimalControlProblem | Transcription, solution: Solution) 
 
     Not where others are known to be better, which is not looked for where controls are constant.
     """
-    if isinstance(problem, Transcription) or improvable(solution) > PASSING.most_left:
+    if isinstance(problem, Transcription) or improvable(solution) > COST.most_left:
         return False
     asked = {(p.name, c.name) for p in problem.phases for c in p.controls if c.shape != "auto"}
     return any(
         control.shape == "polynomial" and (phase.name, control.name) not in asked
         for phase in solution.phases
-        for control in phase_layout(phase).phase.controls
+        for control in phase.laid_out.phase.controls
     )
 
 
@@ -432,7 +426,7 @@ def _with_constant_controls(task: Task, before: Solution) -> tuple[Solution, boo
     restated = replace(task, problem=problem, guess=guess_from(problem, before), given=None)
     settings = task.settings if task.alone else replace(task.settings, solver="ipopt")
     start = restated.start(settings=settings)
-    answer = start.solved()
+    answer = start.context.solve(start.mesh, start.guess)
     answer, final = restated.judged(answer, start.context, freer_cost=before.cost)
     tried = named(CONSTANT, answer.attempts)
     solved = answer if answer.status.solved else None

@@ -19,7 +19,6 @@ from microbot_ocp.ocp.problem import Variable, node_variables
 from microbot_ocp.ocp.solution._gap import UNKNOWN, Gap
 from microbot_ocp.ocp.transcription import (
     Guess,
-    IntArray,
     PhaseLayout,
     Program,
     assemble,
@@ -82,12 +81,10 @@ class PhaseSolution:
     mesh : array [N+1], fractions of the phase
     values : mapping from the name of a state or control to [N+1, size] (states and linear
         controls), [N, size] (constant controls) or [N, points, size] (polynomial controls and
-        algebraic variables), in the units of the declaration; where the degree differs from
-        interval to interval [sum of the points, size], one after the other. A matrix stands here
-        column by column, and as [..., rows, columns] in ``phase[name]``
+        algebraic variables), in the units of the declaration. A matrix stands here column by
+        column, and as [..., rows, columns] in ``phase[name]``
     layout : where the values stand in the program
     stages : its scaled stages, in turn
-    degrees : of the intervals [N], where they were chosen one by one
     parameters : its free parameters [size] by name; ``values`` has them at every mesh point
     """
 
@@ -97,7 +94,6 @@ class PhaseSolution:
     values: Mapping[str, FloatArray]
     layout: PhaseLayout | None = None
     stages: FloatArray | None = None
-    degrees: IntArray | None = None
     parameters: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def __repr__(self) -> str:
@@ -120,21 +116,28 @@ class PhaseSolution:
             return table
         return table.reshape(*table.shape[:-1], columns, -1).swapaxes(-1, -2)
 
+    @property
+    def laid_out(self) -> PhaseLayout:
+        """Where it stands in its program; an InputError where no solve made it."""
+        if self.layout is None or self.stages is None:
+            raise InputError(
+                f"phase {self.name!r} was not made by a solve: it has mesh values only"
+            )
+        return self.layout
+
     def sample(self, t: ArrayLike) -> dict[str, FloatArray]:
         """Return every state, control and algebraic variable [M, size] at times t [M] since the
         start.
 
         Between the mesh points it is the scheme's own interpolation.
         """
-        if self.layout is None or self.stages is None:
-            raise InputError(
-                f"phase {self.name!r} was not made by a solve: it has mesh values only"
-            )
+        layout = self.laid_out
+        assert self.stages is not None
         times = checks.array("t", np.atleast_1d(np.asarray(t, dtype=float)), (None,), "s")
         share = np.clip(times / self.duration, self.mesh[0], self.mesh[-1])
         k = np.clip(np.searchsorted(self.mesh, share, side="right") - 1, 0, self.mesh.size - 2)
         step = np.diff(self.mesh)[k]
-        return self.layout.interpolated(self.stages, k, (share - self.mesh[k]) / step)
+        return layout.interpolated(self.stages, k, (share - self.mesh[k]) / step)
 
 
 @dataclass(frozen=True, eq=False)
@@ -384,16 +387,13 @@ def _phase_values(layout: PhaseLayout, x: FloatArray) -> PhaseSolution:
     values: dict[str, FloatArray] = {}
     for variable, columns in _columns(node_variables(layout.phase)):
         values[variable.name] = nodes[:, columns]
-    inside: dict[str, list[tuple[np.ndarray, FloatArray]]] = {}
-    for group in layout.groups:
-        controls = (x[group.variables] * group.kind.scale)[:, layout.node_size :]
-        columns_of: dict[str, list[FloatArray]] = {}
-        for variable, columns in _columns([k.source for k in group.kind.inner]):
-            if variable.shape in ("constant", *INSIDE):
-                columns_of.setdefault(variable.name, []).append(controls[:, columns])
-        for name, parts in columns_of.items():
-            inside.setdefault(name, []).append((group.intervals, np.stack(parts, axis=1)))
-    values.update({name: _in_turn(parts) for name, parts in inside.items()})
+    inside: dict[str, list[FloatArray]] = {}
+    controls = (x[layout.stage_variables] * layout.kind.scale)[:, layout.node_size :]
+    for variable, columns in _columns([k.source for k in layout.kind.inner]):
+        if variable.shape in ("constant", *INSIDE):
+            inside.setdefault(variable.name, []).append(controls[:, columns])
+    for name, parts in inside.items():
+        values[name] = np.stack(parts, axis=1) if len(parts) > 1 else parts[0]
     return PhaseSolution(
         layout.phase.name,
         float(nodes[0, -1]),
@@ -401,19 +401,8 @@ def _phase_values(layout: PhaseLayout, x: FloatArray) -> PhaseSolution:
         values,
         layout,
         stages,
-        layout.degrees,
         {v.name: values[v.name][0] for v in layout.phase.free_parameters},
     )
-
-
-def _in_turn(parts: Sequence[tuple[np.ndarray, FloatArray]]) -> FloatArray:
-    """Return values of groups of intervals, each [M, points, size], by interval."""
-    if len(parts) == 1:
-        table = parts[0][1]
-        return table[:, 0] if table.shape[1] == 1 else table
-    owners = [np.repeat(intervals, table.shape[1]) for intervals, table in parts]
-    flat = np.concatenate([table.reshape(-1, table.shape[2]) for _, table in parts])
-    return flat[np.argsort(np.concatenate(owners), kind="stable")]
 
 
 def _columns(variables: Sequence[Variable]) -> list[tuple[Variable, slice]]:
@@ -444,21 +433,20 @@ def pack(program: Program, guesses: Mapping[str, Guess]) -> FloatArray:
         table = [_guess_table(layout, guess, v, layout.mesh) for v in node_variables(phase)]
         table.append(np.full((layout.intervals + 1, 1), duration))
         x[layout.nodes] = np.hstack(table) / layout.node_scale
-        for group in layout.groups:
-            points = group.kind.scheme.points
-            w = [
-                _guess_table(
-                    layout,
-                    guess,
-                    k.source,
-                    layout.mesh[:-1] + k.fraction * steps,
-                    points.index(k.fraction) if k.source.shape in INSIDE else None,
-                )[group.intervals]
-                for k in group.kind.inner
-            ]
-            if w:
-                places = group.variables[:, layout.node_size :]
-                x[places] = np.hstack(w) / group.kind.scale[layout.node_size :]
+        points = layout.kind.scheme.points
+        w = [
+            _guess_table(
+                layout,
+                guess,
+                k.source,
+                layout.mesh[:-1] + k.fraction * steps,
+                points.index(k.fraction) if k.source.shape in INSIDE else None,
+            )
+            for k in layout.kind.inner
+        ]
+        if w:
+            places = layout.stage_variables[:, layout.node_size :]
+            x[places] = np.hstack(w) / layout.kind.scale[layout.node_size :]
     fill_values(program.layouts, x)
     fill_transitions(program.layouts, x)
     return x

@@ -4,6 +4,7 @@ from ._acceptance import (
     accepted as accepted,
 )
 from ._chain import (
+    SolveContext as SolveContext,
     run_chain as run_chain,
     solve_on as solve_on,
     transcribed as transcribed,

@@ -77,7 +77,7 @@ class ParametricSolver:
     Parameters
     ----------
     transcription : Transcription or OptimalControlProblem
-    mesh : int, Mesh, or one int, Mesh or array of fractions [N+1] a phase
+    mesh : int or array of fractions [N+1], or one a phase
     settings : SolverSettings, optional
 
     Examples

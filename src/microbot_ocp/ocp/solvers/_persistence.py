@@ -24,7 +24,13 @@ from microbot_ocp.ocp.problem import OptimalControlProblem, with_phases
 from microbot_ocp.ocp.solution import UNKNOWN, Attempt, Gap, PhaseSolution, Solution, StartingPoint
 from microbot_ocp.ocp.solvers import SolverSettings, run_chain
 from microbot_ocp.ocp.starts import problem_data, with_problem_data
-from microbot_ocp.ocp.transcription import Mesh, PhaseLayout, Transcription, assemble, bounds_of
+from microbot_ocp.ocp.transcription import (
+    PhaseLayout,
+    Transcription,
+    assemble,
+    bounds_of,
+    mesh_of,
+)
 from microbot_ocp.ocp.transcription.schemes import (
     Collocation,
     HermiteSimpson,
@@ -62,8 +68,6 @@ def save_solution(solution: Solution, path: str | Path) -> Path:
     arrays, phases = _arrays_of(solution), []
     for index, phase in enumerate(solution.phases):
         arrays[f"phase{index}.mesh"] = phase.mesh
-        if phase.degrees is not None:
-            arrays[f"phase{index}.degrees"] = phase.degrees
         if phase.stages is not None:
             arrays[f"phase{index}.stages"] = phase.stages
         for place, value in enumerate(phase.values.values()):
@@ -78,7 +82,7 @@ def save_solution(solution: Solution, path: str | Path) -> Path:
             declared = phase.layout.phase
             described["units"] = {v.name: v.unit for v in declared.variables}
             described["numbers"] = problem_data(phase.layout)
-            scheme = phase.layout.scheme
+            scheme = phase.layout.kind.scheme
             described["scheme"] = [type(scheme).__name__, dict(vars(scheme))]
         phases.append(described)
     metadata = {
@@ -188,10 +192,7 @@ def _restored(
     arrays: dict[str, FloatArray],
     problem: OptimalControlProblem | Transcription | None,
 ) -> Solution:
-    meshes = [
-        Mesh(arrays[f"phase{i}.mesh"], arrays.get(f"phase{i}.degrees"))
-        for i in range(len(metadata["phases"]))
-    ]
+    meshes = [mesh_of(arrays[f"phase{i}.mesh"]) for i in range(len(metadata["phases"]))]
     layouts: tuple[PhaseLayout | None, ...] = (None,) * len(meshes)
     if problem is not None:
         transcription = _as_solved(metadata, problem)
@@ -200,13 +201,12 @@ def _restored(
         PhaseSolution(
             name=described["name"],
             duration=float(described["duration"]),
-            mesh=meshes[i].fractions,
+            mesh=meshes[i],
             values={
                 name: arrays[f"phase{i}.value{k}"] for k, name in enumerate(described["values"])
             },
             layout=layouts[i],
             stages=arrays.get(f"phase{i}.stages"),
-            degrees=meshes[i].degrees,
             parameters={k: np.array(v, float) for k, v in described.get("free", {}).items()},
         )
         for i, described in enumerate(metadata["phases"])
@@ -254,9 +254,7 @@ def _check_numbers(solution: Solution) -> None:
             shape = (bounds.row_lower if name in _OF_ROWS else bounds.variable_lower).shape
             checks.array(name, values, shape, finite=solution.status.solved)
     for phase in solution.phases:
-        rows = {phase.mesh.size - 1, phase.mesh.size}
-        if phase.degrees is not None:
-            rows.add(int(phase.degrees.sum()))
+        rows = (phase.mesh.size - 1, phase.mesh.size)
         for name, values in phase.values.items():
             if values.ndim not in (2, 3) or values.shape[0] not in rows:
                 raise InputError(
@@ -297,7 +295,7 @@ def _as_solved(
 def _layouts(
     metadata: dict[str, Any],
     arrays: dict[str, FloatArray],
-    meshes: list[Mesh],
+    meshes: list[FloatArray],
     transcription: Transcription,
 ) -> tuple[PhaseLayout, ...]:
     names = [described["name"] for described in metadata["phases"]]

@@ -219,7 +219,7 @@ def _answered(
         if watch is not None:
             watch.asked = interrupted
         try:
-            return _called(solver, arguments), interrupted()
+            return _plain(solver(**arguments), solver), interrupted()
         except (KeyboardInterrupt, RuntimeError) as problem:
             asked = interrupted() or (watch is not None and watch.stopped)
             if isinstance(problem, KeyboardInterrupt) and not asked:
@@ -228,8 +228,7 @@ def _answered(
             return _Answer(broken="" if asked else first_cause(problem)), interrupted()
 
 
-def _called(solver: ca.Function, arguments: Mapping[str, Any]) -> _Answer:
-    result = solver(**arguments)
+def _plain(result: Mapping[str, Any], solver: ca.Function) -> _Answer:
     values = {key: np.array(result[key]).ravel() for key in ("x", "lam_g", "lam_x")}
     plain = {k: v for k, v in stats_of(solver).items() if isinstance(v, bool | int | float | str)}
     return _Answer(values, plain)
@@ -248,7 +247,7 @@ def _answered_by_child(
         if watch is not None:
             watch.progress = lambda iteration: send((iteration.x, iteration.cost))
         try:
-            return _called(solver, arguments)
+            return _plain(solver(**arguments), solver)
         except (KeyboardInterrupt, RuntimeError) as problem:
             return _Answer(broken=first_cause(problem))
 

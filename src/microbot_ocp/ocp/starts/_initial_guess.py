@@ -49,7 +49,7 @@ def starting_point(
 
 def _alike(a: PhaseLayout, b: PhaseLayout) -> bool:
     """Return whether two layouts differ in their meshes and degrees only."""
-    return type(a.scheme) is type(b.scheme) and _content(a) == _content(b)
+    return type(a.kind.scheme) is type(b.kind.scheme) and _content(a) == _content(b)
 
 
 def _content(layout: PhaseLayout) -> set[tuple[str, str, int, float]]:
@@ -62,9 +62,8 @@ def _content(layout: PhaseLayout) -> set[tuple[str, str, int, float]]:
 
 
 def _same_mesh(a: PhaseLayout, b: PhaseLayout) -> bool:
-    schemes = [[k.groups[i].kind.scheme for i in k.kind_of] for k in (a, b)]
-    sizes = [(k.variable_count, k.row_count) for k in (a, b)]
-    return np.array_equal(a.mesh, b.mesh) and sizes[0] == sizes[1] and schemes[0] == schemes[1]
+    contents = [(k.kind.scheme, k.variable_count, k.row_count) for k in (a, b)]
+    return np.array_equal(a.mesh, b.mesh) and contents[0] == contents[1]
 
 
 # guesses ------------------------------------------------------------------------------------------
@@ -221,11 +220,7 @@ def _values(piece: PhaseSolution, name: str, t: FloatArray) -> FloatArray:
     if table.ndim == 2 and table.shape[0] == piece.mesh.size:
         return np.column_stack([np.interp(share, piece.mesh, column) for column in table.T])
     k = np.searchsorted(piece.mesh, share, side="right") - 1
-    if piece.degrees is not None and table.shape[0] == piece.degrees.sum():
-        first = np.cumsum(piece.degrees) - piece.degrees
-        flat = np.add.reduceat(table, first) / piece.degrees[:, None]
-    else:
-        flat = table if table.ndim == 2 else table.mean(axis=1)  # of the points of every interval
+    flat = table if table.ndim == 2 else table.mean(axis=1)  # of the points of every interval
     return flat[np.clip(k, 0, flat.shape[0] - 1)]
 
 
@@ -239,14 +234,16 @@ def _moved_multipliers(
     new_rows = np.zeros(program.row_lower.size)
     new_variables = np.zeros(program.variable_lower.size)
     for before, after in zip(old, program.layouts, strict=True):
-        ends = zip(before.rows[len(before.groups) :], after.rows[len(after.groups) :], strict=True)
-        for old_block, new_block in ends:
+        for old_block, new_block in zip(before.rows[1:], after.rows[1:], strict=True):
             new_rows[new_block.places] = rows[old_block.places]
-        for blocks, values, new in (
-            (_row_blocks, rows, new_rows),
-            (_inner_blocks, variables, new_variables),
+        for blocks, first, values, new in (
+            ("rows", 0, rows, new_rows),
+            ("variables", before.node_size, variables, new_variables),
         ):
-            _move(_series(before, blocks(before)), _series(after, blocks(after)), values, new)
+            old_series, new_series = (
+                _series(layout, getattr(layout, blocks)[0], first) for layout in (before, after)
+            )
+            _move(old_series, new_series, values, new)
         _move_nodes(before, after, variables, new_variables)
     return new_rows, new_variables
 
@@ -257,35 +254,24 @@ Key = tuple[str, str, int, float]
 Series = Mapping[Key, FloatArray]
 
 
-def _row_blocks(layout: PhaseLayout) -> list[Block]:
-    return [Block(g.kind.rows, g.intervals, g.rows) for g in layout.groups]
-
-
-def _inner_blocks(layout: PhaseLayout) -> list[Block]:
-    nz = layout.node_size
-    return [Block(g.kind.variables[nz:], g.intervals, g.variables[:, nz:]) for g in layout.groups]
-
-
-def _series(layout: PhaseLayout, blocks: Sequence[Block]) -> Series:
-    """Return everything that has the same name and stands at the same kind of point."""
+def _series(layout: PhaseLayout, block: Block, first: int) -> Series:
+    """Return everything from an entry on that has the same name and stands at the same kind of
+    point.
+    """
     gathered: dict[Key, list[FloatArray]] = {}
-    for group, block in zip(layout.groups, blocks, strict=True):
-        start, h = layout.mesh[block.intervals], np.diff(layout.mesh)[block.intervals]
-        scheme = group.kind.scheme
-        shares = (
-            dict(zip(scheme.points, scheme.weights, strict=True))
-            if isinstance(scheme, Collocation)
-            else {}
-        )
-        for entry, places in zip(block.entries, block.places.T, strict=True):
-            # at points of collocation all belongs together, whatever the degree
-            point = np.inf if entry.fraction in shares else entry.fraction
-            share = 1.0 if entry.kind == "step" else shares.get(entry.fraction, 1.0)
-            weight = np.full(h.size, share)
-            if entry.kind not in ("step", "defect"):  # those are values of the costate
-                weight = weight * h
-            part = np.vstack([start + entry.fraction * h, places, weight])
-            gathered.setdefault((entry.kind, entry.name, entry.component, point), []).append(part)
+    start, h, scheme = layout.mesh[:-1], np.diff(layout.mesh), layout.kind.scheme
+    shares: dict[float, float] = {}
+    if isinstance(scheme, Collocation):
+        shares = dict(zip(scheme.points, scheme.weights.tolist(), strict=True))
+    for entry, places in zip(block.entries[first:], block.places.T[first:], strict=True):
+        # at points of collocation all belongs together
+        point = np.inf if entry.fraction in shares else entry.fraction
+        share = 1.0 if entry.kind == "step" else shares.get(entry.fraction, 1.0)
+        weight = np.full(h.size, share)
+        if entry.kind not in ("step", "defect"):  # those are values of the costate
+            weight = weight * h
+        part = np.vstack([start + entry.fraction * h, places, weight])
+        gathered.setdefault((entry.kind, entry.name, entry.component, point), []).append(part)
     tables = {key: np.hstack(parts) for key, parts in gathered.items()}
     return {key: table[:, np.argsort(table[0], kind="stable")] for key, table in tables.items()}
 

@@ -35,7 +35,7 @@ from microbot_ocp.ocp.problem import (
     node_variables,
 )
 from microbot_ocp.ocp.switching._settings import CUTTER
-from microbot_ocp.ocp.transcription import Guess, Mesh
+from microbot_ocp.ocp.transcription import Guess
 
 Key = tuple[str, int]  # name and component of a limit
 
@@ -70,7 +70,7 @@ class CutProblem:
     problem: OptimalControlProblem
     groups: tuple[tuple[Phase, ...], ...]
     guesses: Mapping[str, Guess]
-    meshes: tuple[Mesh, ...]
+    meshes: tuple[int, ...]
 
 
 def is_cuttable(declared: Phase) -> bool:
@@ -106,7 +106,7 @@ def cut(problem: OptimalControlProblem, plans: Sequence[ArcPlan]) -> CutProblem:
         guesses |= {phase.name: guess for phase, guess in pieces}
         whole.phases += groups[-1]
     whole.links = list(_links(problem, groups))
-    meshes = tuple(Mesh(arc.intervals) for plan in plans for arc in plan.arcs)
+    meshes = tuple(arc.intervals for plan in plans for arc in plan.arcs)
     return CutProblem(whole, tuple(groups), guesses, meshes)
 
 

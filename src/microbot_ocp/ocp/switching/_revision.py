@@ -29,7 +29,7 @@ from microbot_ocp.ocp.solution import PhaseSolution, Solution
 from microbot_ocp.ocp.switching._settings import CUTTER, SWITCHING
 from microbot_ocp.ocp.transcription import row_labels, variable_labels
 from microbot_ocp.ocp.transcription.schemes import Collocation
-from microbot_ocp.ocp.verification import phase_layout, runs
+from microbot_ocp.ocp.verification import runs
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +91,7 @@ def _is_gone(plan: ArcPlan, piece: PhaseSolution) -> bool:
 
 def _held_at_limits(plan: ArcPlan, arc: PlannedArc, piece: PhaseSolution) -> list[PlannedArc]:
     """Divide a free arc where what nothing held is at a limit all along some intervals."""
-    phase = copy.copy(phase_layout(piece).phase)
+    phase = copy.copy(piece.laid_out.phase)
     for kind, strict in (("controls", True), ("constraints", False)):  # with the declared limits
         pairs = zip(getattr(phase, kind), getattr(plan.declared, kind), strict=strict)
         setattr(phase, kind, [replace(k, lower=d.lower, upper=d.upper) for k, d in pairs])
@@ -191,7 +191,7 @@ def wrong_signs(solved: ArcSolution) -> dict[str, list[WrongSign]]:
 
 def _multipliers(solution: Solution) -> dict[tuple[str, str, str, int], list[float]]:
     """Gather multipliers by phase, kind, name and component."""
-    layouts = [phase_layout(phase) for phase in solution.phases]
+    layouts = [phase.laid_out for phase in solution.phases]
     labels = [*variable_labels(layouts), *row_labels(layouts)]
     values = [*np.asarray(solution.variable_multipliers), *np.asarray(solution.row_multipliers)]
     gathered: dict[tuple[str, str, str, int], list[float]] = {}

@@ -33,7 +33,7 @@ from microbot_ocp.ocp.solution import PhaseSolution, Solution, cost_size
 from microbot_ocp.ocp.solvers import SolverSettings, solve_on
 from microbot_ocp.ocp.starts import guess_from, scaled
 from microbot_ocp.ocp.switching._settings import CUTTER, HIGH_ORDER, SINGULAR
-from microbot_ocp.ocp.transcription import Guess, Mesh, Transcription
+from microbot_ocp.ocp.transcription import Guess, MeshLike, Transcription
 from microbot_ocp.ocp.verification import costates_of, differentiate
 
 SETTINGS = SolverSettings("ipopt", tolerance=1e-12, gap=np.inf, max_iterations=60)
@@ -401,7 +401,9 @@ class _FirstOrderConditions:
     def solved(self, accuracy: float) -> SingularArcs:
         problem, guesses = self._problem(), self._guesses()
         transcription = Transcription(scaled(problem, guesses), scheme=HIGH_ORDER)
-        meshes = [Mesh(max(arc.intervals, SINGULAR.least_intervals)) for arc in self.plan.arcs]
+        meshes: list[MeshLike] = [
+            max(arc.intervals, SINGULAR.least_intervals) for arc in self.plan.arcs
+        ]
         start: dict[str, Guess] = guesses
         for _ in range(SINGULAR.rounds):
             if deadline.over():
@@ -414,7 +416,7 @@ class _FirstOrderConditions:
             if error <= accuracy:
                 return self._accepted(solution, error)
             meshes = [
-                Mesh(divide(phase.mesh, error, accuracy, HIGH_ORDER.order))
+                divide(phase.mesh, error, accuracy, HIGH_ORDER.order)
                 for phase, error in zip(solution.phases, errors, strict=True)
             ]
             start = guess_from(problem, solution)

@@ -14,7 +14,6 @@ from ._layout import (
     Bounds as Bounds,
     PhaseLayout as PhaseLayout,
     PointGroup as PointGroup,
-    StageGroup as StageGroup,
     StageKind as StageKind,
     bounds_of as bounds_of,
     fill_transitions as fill_transitions,
@@ -25,7 +24,6 @@ from ._layout import (
 )
 from ._mesh import (
     IntArray as IntArray,
-    Mesh as Mesh,
     Meshes as Meshes,
     MeshLike as MeshLike,
     mesh_of as mesh_of,

@@ -268,21 +268,17 @@ def _pieces(layout: PhaseLayout, x: ca.MX, constants: ca.MX) -> list[_Piece]:
                 constants=ca.vertcat(ca.MX(ca.DM(layout.mesh[group.nodes]).T), data),
             )
         )
-    for group in layout.groups:
-        kernels, count, following = group.kind.kernels, group.intervals.size, group.intervals + 1
-        steps = ca.MX(ca.DM(grid[:, group.intervals]))
-        pieces.append(
-            _Piece(
-                kernels=(kernels.stage, kernels.stage_jacobian, kernels.stage_hessian),
-                variables=group.variables,
-                rows=group.rows,
-                arrivals=nodes[following],
-                v=_gathered(x, group.variables),
-                arrived=_gathered(x, nodes[following]),
-                constants=ca.vertcat(steps, ca.repmat(fixed, 1, count)),
-            )
-        )
-    return pieces
+    kernels = layout.kind.kernels
+    stages = _Piece(
+        kernels=(kernels.stage, kernels.stage_jacobian, kernels.stage_hessian),
+        variables=layout.stage_variables,
+        rows=layout.stage_rows,
+        arrivals=nodes[1:],
+        v=_gathered(x, layout.stage_variables),
+        arrived=_gathered(x, nodes[1:]),
+        constants=ca.vertcat(ca.MX(ca.DM(grid)), ca.repmat(fixed, 1, layout.intervals)),
+    )
+    return [*pieces, stages]
 
 
 def _gathered(x: ca.MX, places: np.ndarray) -> ca.MX:

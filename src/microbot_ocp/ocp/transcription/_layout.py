@@ -3,9 +3,8 @@
 For each phase the variables are (z_0, w_0, z_1, w_1, ..., z_N, transition) and the rows
 ``[z_1 - next(z_0, w_0), constraints_0, start conditions, z_2 - next(z_1, w_1), constraints_1, ...,
 link to the next phase, end constraints, end conditions]``: the block order that fatrop wants, and a
-banded matrix for everyone else. What is demanded at a mesh point stands with its stage. Intervals
-may differ in their degree, and so in the size of w and in their rows: those that are alike make a
-group, evaluated at once.
+banded matrix for everyone else. What is demanded at a mesh point stands with its stage. The stages
+of a phase are alike, and evaluated at once.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ from microbot_ocp.ocp.transcription._kernels import (
     joined,
     stage_variables,
 )
-from microbot_ocp.ocp.transcription._mesh import IntArray, Mesh
+from microbot_ocp.ocp.transcription._mesh import IntArray
 from microbot_ocp.ocp.transcription._table import (
     DURATION,
     Block,
@@ -100,24 +99,6 @@ def _kind(variable: Variable) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class StageGroup:
-    """The stages of one kind in a phase.
-
-    Attributes
-    ----------
-    kind : StageKind
-    intervals : which intervals [M]
-    variables : indices [M, components of (z, w)] in the program
-    rows : indices [M, ...] in the program: the step first
-    """
-
-    kind: StageKind
-    intervals: IntArray
-    variables: IntArray
-    rows: IntArray
-
-
-@dataclass(frozen=True, eq=False)
 class PointGroup:
     """Mesh points at which the same is demanded or costs.
 
@@ -144,10 +125,9 @@ class PhaseLayout:
     ----------
     phase : Phase
     mesh : fractions [N+1] from 0 to 1
-    degrees : of the intervals [N], where they were chosen one by one
-    scheme : of all intervals without a degree of their own
-    groups : stages of the same kind together
-    kind_of : index [N] of the group of every interval
+    kind : of its stages
+    stage_variables : indices [N, components of (z, w)] in the program
+    stage_rows : indices [N, ...] in the program: the step first
     nodes : indices [N+1, node size] of every z in the program
     transition : extra variables at the last mesh point, for the link to the next phase
     initial, final : rows of conditions at the ends
@@ -161,10 +141,9 @@ class PhaseLayout:
 
     phase: Phase
     mesh: FloatArray
-    degrees: IntArray | None
-    scheme: Scheme
-    groups: tuple[StageGroup, ...]
-    kind_of: IntArray
+    kind: StageKind
+    stage_variables: IntArray
+    stage_rows: IntArray
     nodes: IntArray
     transition: Block
     initial: Block
@@ -181,24 +160,14 @@ class PhaseLayout:
         return self.mesh.size - 1
 
     @property
-    def kinds(self) -> tuple[StageKind, ...]:
-        """Kinds of the stages, one a group."""
-        return tuple(group.kind for group in self.groups)
-
-    @property
     def node_size(self) -> int:
         """Components of z."""
-        return self.groups[0].kind.node_size
+        return self.kind.node_size
 
     @property
     def node_scale(self) -> FloatArray:
         """Scales of z."""
-        return self.groups[0].kind.scale[: self.node_size]
-
-    @property
-    def chosen(self) -> Mesh:
-        """The mesh, to be laid out again."""
-        return Mesh(self.mesh, self.degrees)
+        return self.kind.scale[: self.node_size]
 
     @property
     def stages(self) -> slice:
@@ -208,16 +177,16 @@ class PhaseLayout:
     @property
     def variables(self) -> tuple[Block, ...]:
         """All variables of the phase."""
-        stages = [Block(g.kind.variables, g.intervals, g.variables) for g in self.groups]
-        last = Block(self.groups[0].kind.node, np.array([self.intervals]), self.nodes[-1:])
-        return (*stages, last, self.transition)
+        stages = Block(self.kind.variables, np.arange(self.intervals), self.stage_variables)
+        last = Block(self.kind.node, np.array([self.intervals]), self.nodes[-1:])
+        return (stages, last, self.transition)
 
     @property
     def rows(self) -> tuple[Block, ...]:
         """All rows of the phase."""
-        stages = [Block(g.kind.rows, g.intervals, g.rows) for g in self.groups]
+        stages = Block(self.kind.rows, np.arange(self.intervals), self.stage_rows)
         points = (group.block for group in self.points)
-        return (*stages, self.initial, self.link, *points, self.final)
+        return (stages, self.initial, self.link, *points, self.final)
 
     @property
     def end(self) -> Block:
@@ -240,22 +209,21 @@ class PhaseLayout:
 
         The last stage is the last mesh point with the transition to the next phase.
         """
-        nz = self.node_size
-        controls = np.array([len(kind.variables) - nz for kind in self.kinds])[self.kind_of]
-        rows = np.array([len(kind.rows) - nz for kind in self.kinds])[self.kind_of]
-        rows = np.append(rows, len(self.final.entries))
+        nz, n = self.node_size, self.intervals
+        controls = np.full(n, len(self.kind.variables) - nz)
+        rows = np.append(np.full(n, len(self.kind.rows) - nz), len(self.final.entries))
         rows[0] += len(self.initial.entries)
         for group in self.points:
             rows[group.nodes] += len(group.block.entries)
         return (
-            np.full(self.intervals + 1, nz),
+            np.full(n + 1, nz),
             np.append(controls, len(self.transition.entries)),
             rows,
         )
 
     def node_columns(self, block: Block) -> list[int]:
         """Return components of z that the rows of a block, such as the start conditions, are of."""
-        node = [(entry.source, entry.component) for entry in self.groups[0].kind.node]
+        node = [(entry.source, entry.component) for entry in self.kind.node]
         return [node.index((entry.source, entry.component)) for entry in block.entries]
 
     def place_of(self, label: Label) -> float:
@@ -302,11 +270,9 @@ class PhaseLayout:
             ]
         )
 
-    def table(self, stages: FloatArray, group: StageGroup) -> FloatArray:
-        """Return scaled (z, w) of the stages of a group [M, ...] from those of all stages, in
-        turn.
-        """
-        return stages[group.variables - self.stages.start]
+    def table(self, stages: FloatArray) -> FloatArray:
+        """Return scaled (z, w) of every stage [N, ...] from those of all stages, in turn."""
+        return stages[self.stage_variables - self.stages.start]
 
     def interpolated(
         self, stages: FloatArray, intervals: IntArray, share: FloatArray
@@ -317,16 +283,9 @@ class PhaseLayout:
         polynomial controls are kept within their bounds: :func:`within_bounds`.
         """
         variables = interpolated_variables(self.phase)
-        table = np.zeros((sum(v.size for v in variables), intervals.size))
-        for index, group in enumerate(self.groups):
-            chosen_points = np.flatnonzero(self.kind_of[intervals] == index)
-            if chosen_points.size:
-                chosen = np.searchsorted(group.intervals, intervals[chosen_points])
-                v = _within_bounds(self.phase, group.kind, self.table(stages, group)[chosen]).T
-                parts_of_group = group.kind.kernels.dense(
-                    v, self.constants(intervals[chosen_points]), share[None, chosen_points]
-                )
-                table[:, chosen_points] = np.vstack([part.full() for part in parts_of_group])
+        v = _within_bounds(self.phase, self.kind, self.table(stages)[intervals]).T
+        dense = self.kind.kernels.dense(v, self.constants(intervals), share[None])
+        table = np.vstack([part.full() for part in dense])
         edges = np.cumsum([v.size for v in variables])[:-1]
         parts = np.split(table.T, edges, axis=1)
         return {v.name: part for v, part in zip(variables, parts, strict=True)}
@@ -348,10 +307,8 @@ def _within_bounds(phase: Phase, kind: StageKind, table: FloatArray) -> FloatArr
 
 def lay_out(
     phase: Phase,
-    mesh: Mesh,
-    scheme: Scheme,
-    kinds: Sequence[StageKind],
-    kind_of: IntArray,
+    mesh: FloatArray,
+    kind: StageKind,
     *,
     following: Sequence[TableEntry] = (),
     linked: Sequence[str] = (),
@@ -362,28 +319,27 @@ def lay_out(
 
     Parameters
     ----------
-    phase, mesh, scheme
-    kinds : of its stages
-    kind_of : index [N] of the kind of every interval
+    phase : Phase
+    mesh : fractions [N+1]
+    kind : of its stages
     following : entries of the z of the next phase
     linked : names of what is continuous to the next phase
     variable_offset, row_offset : where the phase begins in the program
     """
-    node = kinds[0].node
+    node, intervals = kind.node, mesh.size - 1
     initial, final = (conditions_of(phase, which, node) for which in ("initial", "final"))
-    widths = np.array([len(kind.variables) for kind in kinds])[kind_of]
-    corners = variable_offset + np.concatenate([[0], np.cumsum(widths)])
-    heights = np.array([len(kind.rows) for kind in kinds])[kind_of]
+    corners = variable_offset + len(kind.variables) * np.arange(intervals + 1)
+    heights = np.full(intervals, len(kind.rows))
     heights[0] += len(initial)  # the start conditions follow the rows of the first stage
-    kernels = kinds[0].kernels.points
-    where = [np.searchsorted(mesh.fractions, kernel.fractions) for kernel in kernels]
-    extra = np.zeros(mesh.intervals + 1, dtype=int)
+    kernels = kind.kernels.points
+    where = [np.searchsorted(mesh, kernel.fractions) for kernel in kernels]
+    extra = np.zeros(intervals + 1, dtype=int)
     for kernel, nodes in zip(kernels, where, strict=True):
         extra[nodes] += len(kernel.rows)
     heights += extra[:-1]
     first = row_offset + np.concatenate([[0], np.cumsum(heights)])
 
-    def block(entries: Sequence[TableEntry], begin: int, interval: int = mesh.intervals) -> Block:
+    def block(entries: Sequence[TableEntry], begin: int, interval: int = intervals) -> Block:
         places = np.arange(begin, begin + len(entries))[None, :]
         return Block(tuple(entries), np.array([interval]), places)
 
@@ -410,19 +366,10 @@ def lay_out(
     after = corners[-1] + len(node) + len(jumping)
     return PhaseLayout(
         phase=phase,
-        mesh=mesh.fractions,
-        degrees=mesh.degrees,
-        scheme=scheme,
-        groups=tuple(
-            StageGroup(
-                kind=kind,
-                intervals=(of_kind := np.flatnonzero(kind_of == index)),
-                variables=corners[of_kind][:, None] + np.arange(len(kind.variables)),
-                rows=first[of_kind][:, None] + np.arange(len(kind.rows)),
-            )
-            for index, kind in enumerate(kinds)
-        ),
-        kind_of=kind_of,
+        mesh=mesh,
+        kind=kind,
+        stage_variables=corners[:-1, None] + np.arange(len(kind.variables)),
+        stage_rows=first[:-1, None] + np.arange(len(kind.rows)),
         nodes=corners[:, None] + np.arange(len(node)),
         transition=transition,
         initial=block(initial, begin, 0),
@@ -452,7 +399,7 @@ def fill_values(layouts: Sequence[PhaseLayout], x: FloatArray) -> None:
             z = x[layout.nodes[group.nodes]].T
             missed = group.kernel.point(z, layout.point_constants(group))[0].full()[:, 0]
             for other in layouts:
-                node = [entry.name for entry in other.groups[0].kind.node]
+                node = [entry.name for entry in other.kind.node]
                 if values[0].name in node:
                     first = node.index(values[0].name)
                     x[other.nodes[:, first : first + len(values)]] += missed
@@ -498,7 +445,7 @@ def bounds_of(layouts: Sequence[PhaseLayout]) -> Bounds:
                     side[block.places] = limits
         low, high = layout.phase.duration_bounds
         # at the other nodes it would say the same again
-        node = layout.groups[0].kind.node
+        node = layout.kind.node
         repeated = [entry.kind == "parameter" for entry in node[:-1]] + [low == high]
         again = layout.nodes[1:, np.flatnonzero(repeated)]
         variables[0, again], variables[1, again] = -np.inf, np.inf

@@ -1,7 +1,6 @@
 """A problem laid out on meshes: direct transcription in stages.
 
-The kernels of an interval are built once for each scheme and serve every mesh; a mesh may choose
-the degree of collocation interval by interval.
+The kernels of an interval are built once and serve every mesh.
 """
 
 from __future__ import annotations
@@ -28,9 +27,9 @@ from microbot_ocp.ocp.problem import (
 )
 from microbot_ocp.ocp.transcription._composition import Composition, Derivatives, automatic
 from microbot_ocp.ocp.transcription._kernels import with_derivatives
-from microbot_ocp.ocp.transcription._layout import PhaseLayout, StageKind, lay_out, stage_kind
-from microbot_ocp.ocp.transcription._mesh import Mesh, Meshes, mesh_of, with_points
-from microbot_ocp.ocp.transcription.schemes import SCHEMES, Collocation, Scheme, with_degree
+from microbot_ocp.ocp.transcription._layout import PhaseLayout, lay_out, stage_kind
+from microbot_ocp.ocp.transcription._mesh import Meshes, mesh_of, with_points
+from microbot_ocp.ocp.transcription.schemes import SCHEMES, Collocation, Scheme
 
 MakeKernels = Callable[[], Sequence[ca.Function]]
 GuessValue = ArrayLike | Callable[[FloatArray], ArrayLike]
@@ -115,8 +114,11 @@ class Transcription:
         self._prepare = prepare
         self._derivatives = derivatives
         self._known: dict[str, Sequence[ca.Function]] = {}
-        self._kinds: dict[tuple[int, int | None], StageKind] = {}
-        self.kernels = [self._kind(index, None).kernels for index in range(len(problem.phases))]
+        self._kinds = [
+            stage_kind(phase, scheme, phase.duration_scale or self.duration_scale, self._derive)
+            for phase in problem.phases
+        ]
+        self.kernels = [kind.kernels for kind in self._kinds]
 
     @property
     def compiled(self) -> bool:
@@ -142,21 +144,6 @@ class Transcription:
             self._known[key] = make() if self._prepare is None else self._prepare(key, make)
         return self._known[key]
 
-    def _kind(self, index: int, degree: int | None) -> StageKind:
-        if (index, degree) not in self._kinds:
-            phase = self.problem.phases[index]
-            scheme = self.scheme if degree is None else with_degree(self.scheme, degree)
-            scale = phase.duration_scale or self.duration_scale
-            self._kinds[index, degree] = stage_kind(phase, scheme, scale, self._derive)
-        return self._kinds[index, degree]
-
-    def _kinds_on(self, index: int, mesh: Mesh) -> tuple[tuple[StageKind, ...], np.ndarray]:
-        """Return kinds of stages that a phase has on a mesh, and which one every interval is."""
-        if mesh.degrees is None:
-            return (self._kind(index, None),), np.zeros(mesh.intervals, dtype=int)
-        degrees, which = np.unique(mesh.degrees, return_inverse=True)
-        return tuple(self._kind(index, int(degree)) for degree in degrees), which
-
     def layouts(self, meshes: Meshes) -> tuple[PhaseLayout, ...]:
         """Lay the problem out on a mesh for each phase."""
         phases = self.problem.phases
@@ -168,7 +155,6 @@ class Transcription:
             with_points(mesh_of(phase_mesh), phase.point_fractions)
             for phase_mesh, phase in zip(chosen, phases, strict=True)
         ]
-        kinds = [self._kinds_on(index, mesh) for index, mesh in enumerate(given)]
         links = {link.before: link.names for link in self.problem.links}
         layouts: list[PhaseLayout] = []
         variable_offset, row_offset = 0, 0
@@ -176,9 +162,8 @@ class Transcription:
             layout = lay_out(
                 phase,
                 mesh,
-                self.scheme,
-                *kinds[index],
-                following=kinds[index + 1][0][0].node if index + 1 < len(phases) else (),
+                self._kinds[index],
+                following=self._kinds[index + 1].node if index + 1 < len(phases) else (),
                 linked=(*links.get(phase.name, ()), *_carried(*phases[index : index + 2])),
                 variable_offset=variable_offset,
                 row_offset=row_offset,

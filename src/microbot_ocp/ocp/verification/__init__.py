@@ -1,9 +1,9 @@
 """Certificate of a solution: cost, dynamics, limits and optimality, evaluated independently.
 
 Comes in: the declared problem and a solution. Goes out: an :class:`OCPCertificate`. Begin with
-:func:`verify` in ``_certification.py``; ``_recomputation.py`` evaluates the declared expressions
+:func:`judge` in ``_judgement.py``; ``_recomputation.py`` evaluates the declared expressions
 again, ``_reintegration.py`` integrates the dynamics again, ``_limits.py`` looks between the mesh
-points, ``_stationarity.py`` forms the conditions of Karush, Kuhn and Tucker anew.
+points, ``_conditions.py`` forms the conditions of Karush, Kuhn and Tucker anew.
 """
 
 import lazy_loader

@@ -13,8 +13,9 @@ from ._certificate import (
     ResimulationCheck as ResimulationCheck,
     Thresholds as Thresholds,
 )
-from ._certification import (
-    verify as verify,
+from ._conditions import (
+    differentiate as differentiate,
+    lagrangian_gradient as lagrangian_gradient,
 )
 from ._declared import (
     as_declared as as_declared,
@@ -27,11 +28,14 @@ from ._judgement import (
     Failure as Failure,
     Judgement as Judgement,
     judge as judge,
+    verify as verify,
 )
 from ._limits import (
+    SideRun as SideRun,
     dense_phase as dense_phase,
     limit_uses as limit_uses,
     relative_excess as relative_excess,
+    runs as runs,
     worst_along as worst_along,
 )
 from ._recomputation import (
@@ -42,16 +46,7 @@ from ._reintegration import (
     each_interval as each_interval,
     interval_errors as interval_errors,
     mesh_states as mesh_states,
-    phase_layout as phase_layout,
     point_values as point_values,
     state_weights as state_weights,
     transitions as transitions,
-)
-from ._stationarity import (
-    differentiate as differentiate,
-    lagrangian_gradient as lagrangian_gradient,
-)
-from ._switching import (
-    SideRun as SideRun,
-    runs as runs,
 )

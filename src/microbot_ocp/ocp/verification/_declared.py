@@ -19,7 +19,6 @@ from microbot_ocp.ocp.transcription import (
     fill_transitions,
     stage_kind,
 )
-from microbot_ocp.ocp.verification._reintegration import phase_layout
 
 
 def as_declared(
@@ -45,7 +44,7 @@ def as_declared(
         )
     restated = []
     for declared, phase in zip(stated.phases, solution.phases, strict=True):
-        given = phase_layout(phase)
+        given = phase.laid_out
         layout = _laid_out(with_problem_data(declared, problem_data(given)), given)
         same = [[block.entries for block in (*k.rows, *k.variables)] for k in (layout, given)]
         if same[0] != same[1]:
@@ -64,20 +63,17 @@ def _laid_out(phase: Phase, given: PhaseLayout) -> PhaseLayout:
         # differentiated here, not by the builder
         return [function for function in functions for _ in range(3)]
 
-    groups, scale = [], float(given.node_scale[-1])
-    for group in given.groups:
-        scheme = group.kind.scheme
-        groups.append(replace(group, kind=stage_kind(phase, scheme, scale, derive)))
+    kind = stage_kind(phase, given.kind.scheme, float(given.node_scale[-1]), derive)
     points = tuple(
         PointGroup(kernel, replace(point.block, entries=kernel.rows))
-        for point, kernel in zip(given.points, groups[0].kind.kernels.points, strict=True)
+        for point, kernel in zip(given.points, kind.kernels.points, strict=True)
     )
-    return replace(given, phase=phase, groups=tuple(groups), points=points)
+    return replace(given, phase=phase, kind=kind, points=points)
 
 
 def scaled_variables(phases: Sequence[PhaseSolution]) -> FloatArray:
     """Return variables of the program, from the stages and the last mesh values of every phase."""
-    layouts = [phase_layout(phase) for phase in phases]
+    layouts = [phase.laid_out for phase in phases]
     x = np.zeros(sum(layout.variable_count for layout in layouts))
     for layout, phase in zip(layouts, phases, strict=True):
         assert phase.stages is not None

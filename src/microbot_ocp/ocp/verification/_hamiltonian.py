@@ -35,12 +35,11 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp.solution import PhaseSolution, Solution
-from microbot_ocp.ocp.transcription import PhaseLayout, StageGroup
+from microbot_ocp.ocp.transcription import PhaseLayout
 from microbot_ocp.ocp.transcription.schemes import Collocation
 from microbot_ocp.ocp.verification._certificate import Costates, Hamiltonian
+from microbot_ocp.ocp.verification._conditions import Derivatives
 from microbot_ocp.ocp.verification._recomputation import Recomputation, parts_of
-from microbot_ocp.ocp.verification._reintegration import phase_layout
-from microbot_ocp.ocp.verification._stationarity import Derivatives
 
 
 def costates_of(phase: PhaseSolution, part: Derivatives, lam_g: FloatArray) -> Costates:
@@ -51,18 +50,10 @@ def costates_of(phase: PhaseSolution, part: Derivatives, lam_g: FloatArray) -> C
     scale = layout.node_scale[:size]
     after = part.by_stage[layout.nodes[:-1, :size] - layout.stages.start] / scale
     values = np.vstack([after[:1], -part.step[:, :size] / scale])
-    point_t, point_values = np.zeros(0), np.zeros((0, size))
-    for group in layout.groups:
-        scheme = group.kind.scheme
-        if isinstance(scheme, Collocation):
-            at_points = _at_points(layout, group, scheme, lam_g)
-            t = phase.t[group.intervals, None] + np.outer(
-                np.diff(phase.t)[group.intervals], scheme.points
-            )
-            point_t = np.concatenate([point_t, t.ravel()])
-            point_values = np.vstack([point_values, at_points.reshape(-1, size)])
-    in_turn = np.argsort(point_t, kind="stable")
-    point_t, point_values = point_t[in_turn], point_values[in_turn]
+    point_t, point_values, scheme = np.zeros(0), np.zeros((0, size)), layout.kind.scheme
+    if isinstance(scheme, Collocation):
+        point_t = (phase.t[:-1, None] + np.outer(np.diff(phase.t), scheme.points)).ravel()
+        point_values = _at_points(layout, scheme, lam_g).reshape(-1, size)
     return Costates(
         phase=phase.name,
         t=phase.t,
@@ -73,12 +64,10 @@ def costates_of(phase: PhaseSolution, part: Derivatives, lam_g: FloatArray) -> C
     )
 
 
-def _at_points(
-    layout: PhaseLayout, group: StageGroup, scheme: Collocation, lam_g: FloatArray
-) -> FloatArray:
-    """Return costates [M, degree, n] at the collocation points of the intervals of a group."""
+def _at_points(layout: PhaseLayout, scheme: Collocation, lam_g: FloatArray) -> FloatArray:
+    """Return costates [N, degree, n] at the collocation points."""
     size = sum(s.size for s in layout.phase.states)
-    defects = group.rows[:, layout.node_size :][:, : scheme.degree * size]
+    defects = layout.stage_rows[:, layout.node_size :][:, : scheme.degree * size]
     mu = lam_g[defects].reshape(-1, scheme.degree, size)
     return -mu / (layout.node_scale[:size] * scheme.weights[:, None])
 
@@ -138,7 +127,7 @@ def better_controls(solution: Solution) -> tuple[float, dict[str, dict[str, Floa
     phase.
 
     Bounded polynomial controls are looked at one by one, at the points of collocation of phases
-    whose intervals are of one degree and which have no algebraic variables.
+    that have no algebraic variables.
     """
     gain, controls = 0.0, {}
     for phase in solution.phases:
@@ -149,28 +138,26 @@ def better_controls(solution: Solution) -> tuple[float, dict[str, dict[str, Floa
 
 
 def _of_phase(phase: PhaseSolution, multipliers: FloatArray) -> tuple[float, dict[str, FloatArray]]:
-    layout = phase_layout(phase)
-    declared, group = layout.phase, layout.groups[0]
-    scheme = group.kind.scheme
+    layout = phase.laid_out
+    declared, scheme = layout.phase, layout.kind.scheme
     looked_at = [
         control
         for control in declared.controls
         if control.shape == "polynomial" and np.isfinite([control.lower, control.upper]).any()
     ]
-    none = len(layout.groups) > 1 or bool(declared.algebraics) or not looked_at
-    if none or not isinstance(scheme, Collocation):
+    if declared.algebraics or not looked_at or not isinstance(scheme, Collocation):
         return 0.0, {}
     count = scheme.degree
-    intervals = np.repeat(group.intervals, count)
-    share = np.tile(scheme.points, group.intervals.size)
+    intervals = np.repeat(np.arange(layout.intervals), count)
+    share = np.tile(scheme.points, layout.intervals)
     at = Recomputation(phase)
     sampled = at.interpolated(intervals, share)
     for control in looked_at:  # as they stand, not as they are limited in between
         sampled[control.name] = phase.values[control.name].reshape(-1, control.size)
     steps = np.diff(phase.mesh)[intervals]
     t = (phase.mesh[intervals] + share * steps) * phase.duration
-    costates = _at_points(layout, group, scheme, multipliers).reshape(t.size, -1)
-    weights = steps * phase.duration * np.tile(scheme.weights, group.intervals.size)
+    costates = _at_points(layout, scheme, multipliers).reshape(t.size, -1)
+    weights = steps * phase.duration * np.tile(scheme.weights, layout.intervals)
 
     def hamiltonian(values: dict[str, FloatArray]) -> FloatArray:
         columns = {k: v.T for k, v in values.items()}

@@ -26,7 +26,7 @@ from microbot_ocp.ocp.problem import (
     node_variables,
 )
 from microbot_ocp.ocp.solution import PhaseSolution
-from microbot_ocp.ocp.transcription import IntArray, StageGroup, row_labels
+from microbot_ocp.ocp.transcription import IntArray, row_labels
 from microbot_ocp.ocp.transcription.schemes import (
     Collocation,
     HermiteSimpson,
@@ -35,7 +35,7 @@ from microbot_ocp.ocp.transcription.schemes import (
     within_bounds,
 )
 from microbot_ocp.ocp.verification._certificate import CostCheck
-from microbot_ocp.ocp.verification._reintegration import Integrated, each_interval, phase_layout
+from microbot_ocp.ocp.verification._reintegration import Integrated, each_interval
 
 TINY = 1e-12  # size of a cost that is zero
 Values = Mapping[str, FloatArray]  # tables [size, M] of variables, or rates, by name
@@ -51,38 +51,31 @@ class Recomputation:
     """
 
     def __init__(self, phase: PhaseSolution) -> None:
-        layout = phase_layout(phase)
+        layout = phase.laid_out
         self.phase = phase
         self.expressions = _Declared(layout.phase)
-        self.groups = [_Intervals(phase, group, self.expressions) for group in layout.groups]
-        self.rows: dict[int, float] = {}
-        self.costs = np.zeros(layout.intervals)
-        for block in self.groups:
-            self.costs[block.group.intervals] = block.step.running
-            rows = block.rows(self._node(block.group.intervals + 1))
-            self.rows |= zip(
-                block.group.rows.T.ravel().tolist(), rows.ravel().tolist(), strict=True
-            )
+        self.intervals = _Intervals(phase, self.expressions)
+        self.costs = self.intervals.step.running
+        rows = self.intervals.rows(self._node(np.arange(1, layout.intervals + 1)))
+        places = layout.stage_rows.T.ravel().tolist()
+        self.rows: dict[int, float] = dict(zip(places, rows.ravel().tolist(), strict=True))
         self._add_ends()
         self._add_points()
 
     def interpolated(self, intervals: IntArray, share: FloatArray) -> dict[str, FloatArray]:
         """Return all variables [M, size] in some intervals [M], at fractions [M] of them."""
-        declared = phase_layout(self.phase).phase
+        declared = self.phase.laid_out.phase
         tables = {v.name: np.zeros((share.size, v.size)) for v in declared.variables}
-        for block in self.groups:
-            column = np.full(self.phase.mesh.size - 1, -1)
-            column[block.group.intervals] = np.arange(block.group.intervals.size)
-            for part in np.unique(share).tolist():
-                chosen = np.flatnonzero((share == part) & (column[intervals] >= 0))
-                values = block.values(block.step.state(part), part, declared.controls)
-                for name, table in values.items():
-                    tables[name][chosen] = table.T[column[intervals[chosen]]]
+        for part in np.unique(share).tolist():
+            chosen = np.flatnonzero(share == part)
+            x = self.intervals.step.state(part)
+            for name, table in self.intervals.values(x, part, declared.controls).items():
+                tables[name][chosen] = table.T[intervals[chosen]]
         return tables
 
     def _node(self, k: Sequence[int] | np.ndarray) -> tuple[dict[str, FloatArray], FloatArray]:
         """Return values [size, M] at some mesh points, and the durations [M] that stand there."""
-        layout, stages = phase_layout(self.phase), self.phase.stages
+        layout, stages = self.phase.laid_out, self.phase.stages
         assert stages is not None
         nodes = node_variables(layout.phase)
         last = np.concatenate([*(self.phase.values[v.name][-1] for v in nodes), [0.0]])
@@ -93,7 +86,7 @@ class Recomputation:
 
     def _add_points(self) -> None:
         """Add costs and constraints at given times, one declaration and time after the other."""
-        layout = phase_layout(self.phase)
+        layout = self.phase.laid_out
         declared = layout.phase
         rows = iter(layout.points)  # in the order of the declarations
         for item in (*declared.point_constraints, *declared.point_costs):
@@ -115,7 +108,7 @@ class Recomputation:
 
     def _add_ends(self) -> None:
         """Add conditions and constraints at the ends, and the end cost."""
-        layout, expressions = phase_layout(self.phase), self.expressions
+        layout, expressions = self.phase.laid_out, self.expressions
         declared = layout.phase
         last, duration = self._node([-1])
         # what has no value there does not appear in these expressions
@@ -132,7 +125,7 @@ class Recomputation:
 
 def scaled_rows(problem: OptimalControlProblem, phases: Sequence[Recomputation]) -> FloatArray:
     """Return values of all rows of the program, divided by their scales."""
-    layouts = [phase_layout(recomputed.phase) for recomputed in phases]
+    layouts = [recomputed.phase.laid_out for recomputed in phases]
     scale = np.array([label.scale for label in row_labels(layouts)])
     values = np.zeros(scale.size)
     for recomputed in phases:
@@ -157,7 +150,7 @@ def missed_conditions(phases: Sequence[Recomputation], tolerance: float) -> list
     missed = []
     ends = ("initial", 0, "start"), ("final", -1, "end")
     for phase in (recomputed.phase for recomputed in phases):
-        for variable, (side, k, place) in product(node_variables(phase_layout(phase).phase), ends):
+        for variable, (side, k, place) in product(node_variables(phase.laid_out.phase), ends):
             condition = getattr(variable, side)
             if condition is not None:
                 value = phase.values[variable.name][k]
@@ -222,24 +215,24 @@ class _Declared(Expressions):
 
 
 class _Intervals:
-    """The stages of one kind in the units of the declaration, a column for each."""
+    """The stages of a phase in the units of the declaration, a column for each."""
 
-    def __init__(self, phase: PhaseSolution, group: StageGroup, expressions: _Declared) -> None:
-        layout = phase_layout(phase)
+    def __init__(self, phase: PhaseSolution, expressions: _Declared) -> None:
+        layout = phase.laid_out
         assert phase.stages is not None
-        self.phase, self.group, self.expressions = phase, group, expressions
+        self.phase, self.kind, self.expressions = phase, layout.kind, expressions
         self.states = layout.phase.states
-        table = (layout.table(phase.stages, group) * group.kind.scale).T
+        table = (layout.table(phase.stages) * self.kind.scale).T
         nodes = node_variables(layout.phase)
         self.node = parts_of(nodes, table[: layout.node_size - 1], 0)
         self.duration = table[layout.node_size - 1]
-        self.start = layout.mesh[group.intervals] * self.duration
-        self.length = np.diff(layout.mesh)[group.intervals] * self.duration
+        self.start = layout.mesh[:-1] * self.duration
+        self.length = np.diff(layout.mesh) * self.duration
         self.constant: dict[str, FloatArray] = {}
         self.arrival: dict[str, FloatArray] = {}
         self.inside: dict[str, dict[float, FloatArray]] = {}
         row = layout.node_size
-        for value in group.kind.inner:
+        for value in self.kind.inner:
             variable, part = value.source, table[row : row + value.source.size]
             row += variable.size
             if variable.shape == "constant":
@@ -253,7 +246,7 @@ class _Intervals:
             name: (end - self.node[name]) / self.length for name, end in self.arrival.items()
         }
         self.x = np.vstack([self.node[s.name] for s in self.states])
-        self.step = _FORMULAS.get(type(group.kind.scheme), _integrated)(self)
+        self.step = _FORMULAS.get(type(self.kind.scheme), _integrated)(self)
 
     def states_inside(self) -> dict[float, FloatArray]:
         """Return states [n, M] at the fractions at which they are variables."""
@@ -299,7 +292,7 @@ class _Intervals:
         defects = {f: parts_of(self.states, value, 0) for f, value in self.step.defects.items()}
         places: dict[float, tuple[Values, Mapping[tuple[str, int] | None, FloatArray]]] = {}
         rows = []
-        for entry in self.group.kind.rows:
+        for entry in self.kind.rows:
             name, i, share = entry.name, entry.component, entry.fraction
             if entry.kind == "step" and entry.source is None:
                 rows.append(duration - self.duration)
@@ -341,7 +334,7 @@ class _Step:
 
 
 def _runge_kutta(intervals: _Intervals) -> _Step:
-    scheme = intervals.group.kind.scheme
+    scheme = intervals.kind.scheme
     assert isinstance(scheme, Shooting)
 
     def reach(share: float) -> tuple[FloatArray, FloatArray]:
@@ -409,8 +402,7 @@ def _integrated(intervals: _Intervals) -> _Step:
 
     def reach(share: float) -> tuple[FloatArray, FloatArray]:
         integrated = each_interval(intervals.phase, until=share, cost=True)
-        k = intervals.group.intervals
-        return integrated.states[k].T, integrated.costs[k]
+        return integrated.states.T, integrated.costs
 
     return _Step(*reach(1.0), lambda share: reach(share)[0] if share else intervals.x, {})
 

@@ -14,13 +14,13 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.growth import carry, transition_matrices
 from microbot_ocp._base.quiet import quiet
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.problem import Phase, Variable
 from microbot_ocp.ocp.solution import PhaseSolution
-from microbot_ocp.ocp.transcription import PhaseLayout, StageGroup, StageKind
+from microbot_ocp.ocp.transcription import PhaseLayout, StageKind
 from microbot_ocp.ocp.transcription.schemes import lagrange, within_bounds
 from microbot_ocp.ocp.verification._certificate import ResimulationCheck
 
@@ -44,16 +44,9 @@ class Reintegration:
 REINTEGRATION = Reintegration()
 
 
-def phase_layout(phase: PhaseSolution) -> PhaseLayout:
-    """Return where a phase stands in its program."""
-    if phase.layout is None or phase.stages is None:
-        raise InputError(f"phase {phase.name!r} was not made by a solve: it has mesh values only")
-    return phase.layout
-
-
 def mesh_states(phase: PhaseSolution) -> FloatArray:
     """Return all states [N+1, n] at the mesh points."""
-    states = phase_layout(phase).phase.states
+    states = phase.laid_out.phase.states
     return np.hstack([phase.values[state.name] for state in states])
 
 
@@ -63,7 +56,7 @@ def state_weights(phase: PhaseSolution) -> FloatArray:
     The largest magnitude along the phase, but no less than a hundredth of the declared scale: a
     state that stays at zero has no relative error.
     """
-    scale = np.concatenate([state.scale for state in phase_layout(phase).phase.states])
+    scale = np.concatenate([state.scale for state in phase.laid_out.phase.states])
     return np.maximum(np.abs(mesh_states(phase)).max(axis=0), REINTEGRATION.smallest_weight * scale)
 
 
@@ -86,28 +79,22 @@ class Integrated:
 def each_interval(phase: PhaseSolution, *, until: float = 1.0, cost: bool = False) -> Integrated:
     """Integrate every interval from its own mesh state, up to a fraction of it.
 
-    All intervals of one degree are one call of one mapped integrator. The running cost is
-    integrated where ``cost`` asks for it.
+    All intervals are one call of one mapped integrator. The running cost is integrated where
+    ``cost`` asks for it.
     """
-    start = mesh_states(phase)[:-1]
-    layout, ends, costs = phase_layout(phase), np.full_like(start, np.nan), np.zeros(len(start))
-    for group in layout.groups:
-        intervals, failure = group.intervals, ""
-        data = _interval_data(phase, group, until)
-        for method in _methods(layout.phase):
-            try:
-                with quiet():  # of a failure CasADi prints all inputs; the message is enough
-                    run = _integrator(layout, group.kind, method, cost)
-                    states, summed = run.map(intervals.size)(start[intervals].T, data.T)
-            except RuntimeError as problem:
-                failure = _why(problem)
-                continue
-            ends[intervals] = states.full().T
-            costs[intervals] = summed.full().ravel() if cost else 0.0
-            break
-        else:
-            return Integrated(np.full_like(start, np.nan), np.full(len(start), np.nan), failure)
-    return Integrated(ends, costs)
+    start, layout, failure = mesh_states(phase)[:-1], phase.laid_out, ""
+    data = _interval_data(phase, until)
+    for method in _methods(layout.phase):
+        try:
+            with quiet():  # of a failure CasADi prints all inputs; the message is enough
+                run = _integrator(layout, method, cost).map(layout.intervals)
+                states, summed = run(start.T, data.T)
+        except RuntimeError as problem:
+            failure = _why(problem)
+            continue
+        costs = summed.full().ravel() if cost else np.zeros(len(start))
+        return Integrated(states.full().T, costs)
+    return Integrated(np.full_like(start, np.nan), np.full(len(start), np.nan), failure)
 
 
 def interval_errors(
@@ -126,18 +113,11 @@ def transitions(phase: PhaseSolution) -> FloatArray:
 
     Of the dynamics linearised in the middle of each interval.
     """
-    layout, weights = phase_layout(phase), state_weights(phase)
+    layout, weights = phase.laid_out, state_weights(phase)
     states = mesh_states(phase)
     middles = 0.5 * (states[:-1] + states[1:])
-    slopes = np.zeros((layout.intervals, weights.size, weights.size))
-    for group in layout.groups:
-        intervals = group.intervals
-        linear = _linearised(layout, group.kind).map(intervals.size)(
-            middles[intervals].T, _interval_data(phase, group).T
-        )
-        slopes[intervals] = (
-            linear.full().T.reshape(intervals.size, weights.size, -1).transpose(0, 2, 1)
-        )
+    linear = _linearised(layout).map(layout.intervals)(middles.T, _interval_data(phase).T)
+    slopes = linear.full().T.reshape(layout.intervals, weights.size, -1).transpose(0, 2, 1)
     slopes = np.nan_to_num(slopes) * (weights[None, None, :] / weights[None, :, None])
     return transition_matrices(slopes, np.ones(layout.intervals))
 
@@ -161,37 +141,32 @@ def points_of(kind: StageKind, variable: Variable) -> list[float]:
     return [k.fraction for k in kind.inner if k.source.name == variable.name]
 
 
-def point_values(phase: PhaseSolution, group: StageGroup, variable: Variable) -> FloatArray:
-    """Return values [M, points, size] of a polynomial control or algebraic variable in a group."""
-    layout = phase_layout(phase)
-    counts = np.array([len(points_of(kind, variable)) for kind in layout.kinds])[layout.kind_of]
-    first = np.cumsum(counts) - counts
-    places = first[group.intervals, None] + np.arange(len(points_of(group.kind, variable)))
-    return phase.values[variable.name].reshape(-1, variable.size)[places]
+def point_values(phase: PhaseSolution, variable: Variable) -> FloatArray:
+    """Return values [N, points, size] of a polynomial control or algebraic variable."""
+    return phase.values[variable.name].reshape(phase.mesh.size - 1, -1, variable.size)
 
 
-def _interval_data(phase: PhaseSolution, group: StageGroup, until: float = 1.0) -> FloatArray:
-    """Return what the integrator needs to know of every interval of a group [M, ...], in its
-    order.
-    """
-    declared, k = phase_layout(phase).phase, group.intervals
+def _interval_data(phase: PhaseSolution, until: float = 1.0) -> FloatArray:
+    """Return what the integrator needs to know of every interval [N, ...], in its order."""
+    layout = phase.laid_out
+    declared, n = layout.phase, layout.intervals
     linear = [phase.values[v.name] for v in _of_shape(declared, "linear")]
     polynomial = [
-        within_bounds(point_values(phase, group, v), points_of(group.kind, v), v.lower, v.upper)
+        within_bounds(point_values(phase, v), points_of(layout.kind, v), v.lower, v.upper)
         for v in _of_shape(declared, "polynomial")
     ]
-    algebraic = [point_values(phase, group, v)[:, 0] for v in declared.algebraics]  # first guess
+    algebraic = [point_values(phase, v)[:, 0] for v in declared.algebraics]  # first guess
     columns = [
-        phase.t[k, None],
-        np.diff(phase.t)[k, None],
-        np.full((k.size, 1), phase.duration),
-        np.full((k.size, 1), until),
-        *(np.tile(p.value, (k.size, 1)) for p in declared.parameters),
-        *(phase.values[v.name][k] for v in _of_shape(declared, "constant")),
-        *(values[k] for values in linear),
-        *(values[k + 1] for values in linear),
-        *(values.reshape(k.size, -1) for values in polynomial),
-        *(phase.values[v.name][k] for v in declared.free_parameters),
+        phase.t[:-1, None],
+        np.diff(phase.t)[:, None],
+        np.full((n, 1), phase.duration),
+        np.full((n, 1), until),
+        *(np.tile(p.value, (n, 1)) for p in declared.parameters),
+        *(phase.values[v.name] for v in _of_shape(declared, "constant")),
+        *(values[:-1] for values in linear),
+        *(values[1:] for values in linear),
+        *(values.reshape(n, -1) for values in polynomial),
+        *(phase.values[v.name][:-1] for v in declared.free_parameters),
         *algebraic,
     ]
     return np.hstack(columns)
@@ -210,7 +185,7 @@ class _Equation(NamedTuple):
     scale: ca.DM
 
 
-def _equation(layout: PhaseLayout, kind: StageKind, cost: bool) -> _Equation:
+def _equation(layout: PhaseLayout, cost: bool) -> _Equation:
     phase = layout.phase
     constant, linear = _of_shape(phase, "constant"), _of_shape(phase, "linear")
     polynomial = _of_shape(phase, "polynomial")
@@ -233,7 +208,7 @@ def _equation(layout: PhaseLayout, kind: StageKind, cost: bool) -> _Equation:
             (variable.rate, (end - begin) / length),
         ]
     for variable in polynomial:
-        points = points_of(kind, variable)
+        points = points_of(layout.kind, variable)
         values = ca.reshape(part(variable.size * len(points)), variable.size, len(points))
         values_of.append((variable.symbol, values @ ca.vertcat(*lagrange(points, s))))
     values_of += [(v.symbol, part(v.size)) for v in phase.free_parameters]
@@ -266,11 +241,11 @@ def _equation(layout: PhaseLayout, kind: StageKind, cost: bool) -> _Equation:
     return _Equation(dae, parts, ca.vertcat(*guesses, ca.MX(0, 1)), scale)
 
 
-def _integrator(layout: PhaseLayout, kind: StageKind, method: str, cost: bool) -> ca.Function:
+def _integrator(layout: PhaseLayout, method: str, cost: bool) -> ca.Function:
     """Return ``(x at the start, data of the interval) -> x at the end, integral of the running
     cost``.
     """
-    dae, parts, guesses, scale = _equation(layout, kind, cost)
+    dae, parts, guesses, scale = _equation(layout, cost)
     options: dict[str, Any] = {
         "abstol": REINTEGRATION.tolerance,
         "reltol": REINTEGRATION.tolerance,
@@ -289,11 +264,11 @@ def _integrator(layout: PhaseLayout, kind: StageKind, method: str, cost: bool) -
     return _of_flat_data(first, parts, [result["xf"] * scale, result["qf"]])
 
 
-def _linearised(layout: PhaseLayout, kind: StageKind) -> ca.Function:
+def _linearised(layout: PhaseLayout) -> ca.Function:
     """Return ``(x half-way, data of the interval) -> slopes [n,n]`` of what the integrator
     integrates.
     """
-    dae, parts, guesses, scale = _equation(layout, kind, cost=False)
+    dae, parts, guesses, scale = _equation(layout, cost=False)
     slopes = ca.jacobian(dae["ode"], dae["x"])
     if "z" in dae:
         inner = ca.solve(ca.jacobian(dae["alg"], dae["z"]), ca.jacobian(dae["alg"], dae["x"]))
@@ -316,7 +291,7 @@ def _of_flat_data(first: ca.MX, parts: list[ca.MX], results: list[ca.MX]) -> ca.
 
 def resimulate(phase: PhaseSolution, intervals: Integrated) -> ResimulationCheck:
     """Judge the intervals of a phase, which are integrated already."""
-    states = phase_layout(phase).phase.states
+    states = phase.laid_out.phase.states
     wanted, weights = mesh_states(phase)[1:], state_weights(phase)
     defects = np.nan_to_num((intervals.states - wanted) / weights, nan=np.inf)
     k, column = np.unravel_index(int(np.abs(defects).argmax()), defects.shape)

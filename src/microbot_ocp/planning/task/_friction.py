@@ -175,7 +175,7 @@ def with_windows(
     given = list(meshes) if isinstance(meshes, Sized) else [meshes] * len(names)
     values = {}
     for name, phase_mesh in zip(names, given, strict=True):
-        mesh = mesh_of(phase_mesh).fractions
+        mesh = mesh_of(phase_mesh)
         if isinstance(start, Solution) and np.array_equal(start[name].mesh, mesh):
             values[name] = {WINDOW: _window_of(start[name])}
             continue

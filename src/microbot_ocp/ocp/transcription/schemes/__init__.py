@@ -1,8 +1,5 @@
 """Ways to step over an interval, one file each; a problem changes its scheme by one argument."""
 
-from dataclasses import replace
-
-from microbot_ocp._base.checks import InputError
 from microbot_ocp.ocp.transcription.schemes._base import (
     Interval as Interval,
     IntervalStep as IntervalStep,
@@ -28,17 +25,3 @@ SCHEMES: dict[str, Scheme] = {
     "trapezoidal": Trapezoidal(),
     "hermite_simpson": HermiteSimpson(),
 }
-
-
-def with_degree(scheme: Scheme, degree: int) -> Scheme:
-    """Return the scheme with another degree.
-
-    Raises
-    ------
-    InputError
-        The scheme has no degree, or not this one.
-    """
-    if isinstance(scheme, Collocation):
-        return replace(scheme, degree=degree)
-    name = type(scheme).__name__
-    raise InputError(f"a mesh with degrees needs collocation ('radau' or 'gauss'), not {name}")

@@ -1,0 +1,299 @@
+"""Conditions of Karush, Kuhn and Tucker, of the first and second order.
+
+The Lagrangian of the scaled program is ``f + lam_g' g + lam_x' x``: multipliers are positive at
+upper bounds and negative at lower ones. Its derivatives are those of the plain kernels.
+
+At a minimum it curves upwards along every direction that keeps what acts: the matrix of the KKT
+conditions, with multiplier over distance for every inequality, has one negative eigenvalue a row
+and no more. Its rows are eliminated here, each weighing so much that the matrix that is left has
+none (Nocedal and Wright, *Numerical Optimization*, 2nd ed., theorems 16.3 and 17.5); factors L D L'
+tell. A guess that is symmetric leads to a point that is stationary only: a saddle, from which the
+cost falls to either side.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray
+from microbot_ocp.ocp.problem import node_variables
+from microbot_ocp.ocp.solution import PhaseSolution, Solution, cost_size, gap_of
+from microbot_ocp.ocp.transcription import Bounds, Label, PhaseLayout, assemble
+from microbot_ocp.ocp.verification._certificate import Curvature, Optimality, Residual
+
+
+@dataclass(frozen=True, eq=False)
+class Derivatives:
+    """Derivatives of the discrete Lagrangian of one phase, stage by stage, scaled.
+
+    Attributes
+    ----------
+    layout : PhaseLayout
+    by_stage : of the variables of the stages in turn, without the row that a stage arrives at
+    by_start, by_length : with respect to start and length of the interval, as fractions [N]
+    by_point : [N+1, node size], of costs and constraints at mesh points
+    end_cost : of the end costs alone [node size]
+    step : multipliers of the steps [N, node size]
+    """
+
+    layout: PhaseLayout
+    by_stage: FloatArray
+    by_start: FloatArray
+    by_length: FloatArray
+    by_point: FloatArray
+    end_cost: FloatArray
+    step: FloatArray
+
+
+def differentiate(phase: PhaseSolution, lam_g: FloatArray) -> Derivatives:
+    """Return derivatives of the discrete Lagrangian of a phase with the multipliers of all rows."""
+    layout = phase.laid_out
+    assert phase.stages is not None
+    intervals, of_stages = np.arange(layout.intervals), lam_g[layout.stage_rows]
+    table = layout.table(phase.stages)
+    run = _gradient(layout.kind.kernels.stage).map(intervals.size)
+    slope, slope_of_grid = run(table.T, layout.constants(intervals), of_stages.T)
+    by_grid = slope_of_grid.full()
+    last = [phase.values[v.name][-1] for v in node_variables(layout.phase)]
+    z = np.vstack(
+        [
+            phase.stages[layout.nodes[:-1] - layout.stages.start],
+            np.append(np.concatenate(last), phase.duration) / layout.node_scale,
+        ]
+    )
+    by_point, end_cost = np.zeros_like(z), np.zeros(layout.node_size)
+    for group in layout.points:
+        run = _gradient(group.kernel.point).map(group.nodes.size)
+        constants, lam = layout.point_constants(group), lam_g[group.block.places].T
+        by_point[group.nodes] += run(z[group.nodes].T, constants, lam)[0].full().T
+        end_cost = run(z[group.nodes].T, constants, 0 * lam)[0].full()[:, -1]  # the end comes last
+    return Derivatives(
+        layout=layout,
+        by_stage=slope.full().T.ravel(),
+        by_start=by_grid[0],
+        by_length=by_grid[1],
+        by_point=by_point,
+        end_cost=end_cost,
+        step=of_stages[:, : layout.node_size],
+    )
+
+
+def _symbols(function: ca.Function) -> list[Any]:
+    kind = ca.SX if function.is_a("SXFunction") else ca.MX
+    return [kind.sym(f"i{k}", function.size1_in(k)) for k in range(function.n_in())]
+
+
+def _gradient(function: ca.Function) -> ca.Function:
+    """Return slopes of the Lagrangian of a stage, or of points, with respect to its inputs."""
+    v, c = _symbols(function)
+    *parts, cost = function(v, c)
+    signed = ca.vertcat(-parts[0], *parts[1:]) if len(parts) > 1 else parts[0]
+    lam = type(v).sym("lam", signed.shape[0])
+    lagrangian = cost + ca.dot(lam, signed)
+    slopes = [ca.densify(ca.gradient(lagrangian, w)) for w in (v, c)]
+    return ca.Function("gradient", [v, c, lam], slopes)
+
+
+def lagrangian_gradient(parts: Sequence[Derivatives], lam_g: FloatArray) -> FloatArray:
+    """Return ``grad f + J' lam_g`` of the scaled program."""
+    gradient = np.zeros(sum(part.layout.variable_count for part in parts))
+    for part in parts:
+        layout = part.layout
+        gradient[layout.stages] += part.by_stage
+        gradient[layout.nodes[1:]] += part.step
+        gradient[layout.nodes] += part.by_point
+        for block, node in ((layout.initial, layout.nodes[0]), (layout.final, layout.nodes[-1])):
+            gradient[node[layout.node_columns(block)]] += lam_g[block.places[0]]
+        lam_link = lam_g[layout.link.places[0]]
+        gradient[layout.targets] += lam_link
+        gradient[layout.sources] -= layout.factors * lam_link
+    return gradient
+
+
+def bound_multipliers(
+    bounds: Bounds, solution: Solution, gradient: FloatArray
+) -> tuple[FloatArray, bool]:
+    """Return multipliers of the bounds, and whether they had to be computed from the gradient."""
+    given = solution.variable_multipliers
+    if given is not None and np.size(given) == gradient.size:
+        return np.asarray(given, dtype=float), False
+    bounded = np.isfinite(bounds.variable_lower) | np.isfinite(bounds.variable_upper)
+    return np.where(bounded, -gradient, 0.0), True
+
+
+def optimality_of(
+    labels: Sequence[Label],
+    bounds: Bounds,
+    x: FloatArray,
+    g: FloatArray,
+    gradient: FloatArray,
+    lam_g: FloatArray,
+    lam_x: FloatArray,
+    computed: bool,
+    cost_scale: float,
+) -> Optimality:
+    """Return the largest residual of every condition, in the scaled program and in its own unit.
+
+    Labels are of the variables x, then of the rows, whose values are g.
+    """
+    scale = np.array([label.scale for label in labels])
+    value, lam = np.concatenate([x, g]), np.concatenate([lam_x, lam_g])
+    low = np.concatenate([bounds.variable_lower, bounds.row_lower])
+    high = np.concatenate([bounds.variable_upper, bounds.row_upper])
+    size = max(100.0 * cost_scale, float(np.mean(np.abs(lam)))) / 100.0
+    excess = np.maximum(np.maximum(low - value, value - high), 0.0)
+    with np.errstate(invalid="ignore"):
+        distance = np.where(lam > 0, high - value, value - low)
+        acts = np.isfinite(distance) & (low < high)
+        slack = np.where(acts, np.abs(lam) * np.maximum(distance, 0.0), 0.0)
+    # a multiplier may push towards a bound that exists only
+    wrong = np.where(np.where(lam > 0, np.isinf(high), np.isinf(low)), np.abs(lam), 0.0)
+
+    def worst(sizes: FloatArray, factor: FloatArray, unit: str, divisor: float) -> Residual:
+        sizes = np.nan_to_num(sizes, nan=np.inf)
+        i = int(np.argmax(sizes))
+        unit_of_row = labels[i].unit or "1"
+        return Residual(
+            float(sizes[i] / divisor),
+            float(sizes[i] * factor[i]),
+            unit.format(unit_of_row),
+            str(labels[i]),
+        )
+
+    residual = np.abs(gradient + lam_x)
+    return Optimality(
+        stationarity=worst(residual, 1 / scale[: x.size], "cost per {}", size),
+        feasibility=worst(excess, scale, "{}", 1.0),
+        complementarity=worst(slack, np.ones(scale.size), "cost", size),
+        sign=worst(wrong, 1 / scale, "cost per {}", size),
+        computed_bounds=computed,
+        gap=gap_of(bounds, x, g, gradient + lam_x, lam),
+    )
+
+
+DIGITS = float(np.sqrt(np.finfo(float).eps))  # half of them: what stands for zero in the matrix
+
+
+def curvature_of(
+    solution: Solution,
+    bounds: Bounds,
+    x: FloatArray,
+    g: FloatArray,
+    lam: FloatArray,
+    gap: float,
+    size: float,
+) -> Curvature:
+    """Return the least curvature at a point, where it is negative by more than thresholds let pass.
+
+    Parameters
+    ----------
+    solution : Solution
+    bounds : Bounds
+    x, g : scaled variables and rows
+    lam : multipliers of the variables, then of the rows
+    gap : what a move by the scales of the variables may save, relative to the cost
+    size : sum of the sizes of the parts of the cost
+    """
+    unit = cost_size(size, solution.cost_scale) / solution.cost_scale
+    least = 2 * gap * unit
+    matrix = _Matrix(solution, bounds, x, g, lam, least)
+    if matrix.positive(least):
+        return Curvature(0.0, None)
+    high = least
+    while not matrix.positive(high):
+        high *= 2
+        if not high < 1 / DIGITS:
+            return Curvature(0.0, None)
+    value, direction = matrix.least(high)
+    if not value < -least:
+        return Curvature(0.0, None)
+    return Curvature(value / unit, direction)
+
+
+class _Matrix:
+    """Second derivatives of the Lagrangian, of a scaled cost, with the weights of its rows."""
+
+    def __init__(
+        self,
+        solution: Solution,
+        bounds: Bounds,
+        x: FloatArray,
+        g: FloatArray,
+        lam: FloatArray,
+        least: float,
+    ) -> None:
+        layouts = [phase.laid_out for phase in solution.phases]
+        program, scale = assemble(layouts), solution.cost_scale
+        p = program.parameters
+        self.free = np.flatnonzero(bounds.variable_lower < bounds.variable_upper)
+        free = self.free.tolist()
+        lam_x, lam_g = lam[: x.size] / scale, lam[x.size :] / scale
+        hessian = program.functions["hessian"](x, p, 1 / scale, lam_g)[1][free, free]
+        rows = program.functions["jacobian"](x, p)[1][:, free]
+        most = max(1.0, float(ca.norm_inf(hessian.nz[:]))) / DIGITS
+        bends = _stiffness(lam_x, x, bounds.variable_lower, bounds.variable_upper, most)
+        keeps = _stiffness(lam_g, g, bounds.row_lower, bounds.row_upper, most)
+        self.parts = hessian, bends[self.free], rows, keeps
+        self.matrix = hessian + ca.diag(ca.DM(bends[self.free]))
+        self.matrix += rows.T @ ca.diag(ca.DM(keeps)) @ rows
+        # of the shortest intervals rounding tells more than the derivatives
+        self.mass = np.maximum(_mass(layouts, x.size)[self.free], DIGITS**2 * most / least)
+        self.size = x.size
+        self.solver = ca.Linsol("curvature", "ldl", self.matrix.sparsity())
+        self.solver.sfact(self.matrix)
+
+    def positive(self, shift: float) -> bool:
+        """Give whether no direction curves downwards by more, per mean square of what it moves."""
+        moved = self.matrix + ca.diag(ca.DM(shift * self.mass))
+        self.solver.nfact(moved)
+        return self.solver.neig(moved) == 0
+
+    def least(self, shift: float) -> tuple[float, FloatArray]:
+        """Return the least curvature, between ``-shift`` and half of it, and its direction.
+
+        Powers of the inverse come down to it; what they change in the digits that count for zero is
+        none of it.
+        """
+        moved = self.matrix + ca.diag(ca.DM(shift * self.mass))
+        self.solver.nfact(moved)
+        d = np.cos(np.arange(self.free.size) ** 1.5)  # uneven, and always the same
+        values: list[float] = []
+        while len(values) < 2 or values[-2] - values[-1] > DIGITS * abs(values[-1]):
+            d = np.array(self.solver.solve(moved, ca.DM(self.mass * d))).ravel()
+            d /= np.sqrt(np.sum(self.mass * d**2))
+            values.append(self._along(d))
+        whole = np.zeros(self.size)
+        whole[self.free] = d
+        return values[-1], whole
+
+    def _along(self, d: FloatArray) -> float:
+        """Return the curvature along a direction, without the rounding of the sum of all parts."""
+        hessian, bends, rows, keeps = self.parts
+        moved = np.array(ca.mtimes(rows, ca.DM(d))).ravel()
+        curvature = float(ca.mtimes([ca.DM(d).T, hessian, ca.DM(d)]))
+        return curvature + float(np.sum(bends * d**2) + np.sum(keeps * moved**2))
+
+
+def _stiffness(
+    lam: FloatArray, value: FloatArray, low: FloatArray, high: FloatArray, most: float
+) -> FloatArray:
+    """Give multiplier over distance: nothing of a limit that does not act, most of an equation."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        distance = np.maximum(np.where(lam > 0, high - value, value - low), 0.0)
+        stiffness = np.where(lam == 0, 0.0, np.abs(lam) / distance)
+    return np.clip(np.where(low == high, np.inf, np.nan_to_num(stiffness)), 0.0, most)
+
+
+def _mass(layouts: Sequence[PhaseLayout], size: int) -> FloatArray:
+    """Return what share of its phase every variable stands for."""
+    mass = np.zeros(size)
+    for layout in layouts:
+        steps = np.diff(layout.mesh)
+        mass[layout.nodes] = np.append(steps, steps[-1])[:, None]
+        mass[layout.stage_variables] = steps[:, None]
+    return np.where(mass > 0, mass, 1.0)
