@@ -7,7 +7,7 @@ import sys
 import casadi as ca
 import pytest
 
-import microbot_ocp.planning.search._time_optimal
+import microbot_ocp.planning.search._through_stops
 import microbot_ocp.planning.timing._path_timing  # noqa: F401
 
 
@@ -20,7 +20,7 @@ def no_solver(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(ca, "nlpsol", refuse)
     for module, name in (
-        ("search._time_optimal", "search_of"),
+        ("search._through_stops", "search_of"),
         ("timing._path_timing", "_PathSearch"),
     ):
         monkeypatch.setattr(sys.modules[f"microbot_ocp.planning.{module}"], name, refuse)

@@ -15,7 +15,7 @@ from microbot_ocp.limits import LimitFamily
 from microbot_ocp.ocp.solution import quiet
 from microbot_ocp.planning import TimeOptimalSettings
 from microbot_ocp.planning.free import known_ways
-from microbot_ocp.planning.search._problem import FreeProblem
+from microbot_ocp.planning.search._problem import MotionProblem
 from microbot_ocp.planning.search._result import fastest
 from microbot_ocp.planning.search._strategies import search_of
 from planning.shared import arm, pendulum, slider
@@ -118,7 +118,7 @@ def test_without_a_search_cubics_stay_within_position_limits_that_a_spline_leave
 def test_an_iterate_whose_velocity_jumps_at_a_via_point_is_not_slowed_down():
     robot, via = arm(), np.array([[0.0, 0.3], [1.0, -0.5], [0.5, 0.8]])
     settings = TimeOptimalSettings(mesh=20, starts=1, compiled=False)
-    search = FreeProblem(LimitFamily.of(robot), via, settings)
+    search = MotionProblem.through(LimitFamily.of(robot), via, settings)
     solution = fastest(search_of(search, settings, quiet)).answer.solution
     assert search.slowed(solution) is not None
     first, second = solution.phases

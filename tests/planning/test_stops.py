@@ -8,10 +8,8 @@ import pytest
 
 import microbot_ocp as mo
 from microbot_ocp._base import deadline
-from microbot_ocp.ocp.solution import quiet
 from microbot_ocp.planning import least_duration, task_of
-from microbot_ocp.planning.search._stop_motion import motion_of
-from microbot_ocp.planning.search._through_stops import StopSearch
+from microbot_ocp.planning.search._through_stops import problem_of
 from microbot_ocp.planning.task._segments import CircleArc, Straight, curve_limits
 from planning.shared import arm, pendulum, slider
 
@@ -470,10 +468,10 @@ def test_without_time_for_a_search_segments_go_from_rest_to_rest(rail):
     stops = [Stop(q=[0.0]), Stop(q=[0.5], dwell=0.3, payload=2.0), Stop(q=[1.5])]
     task = task_of(rail, stops, None)
     settings = mo.planning.TimeOptimalSettings(compiled=False)
-    search = StopSearch.of(task, settings, quiet)
     with deadline.within(60.0):
-        shapes, made_from = search._at_rest()
-    assert "rests at every stop" in made_from
-    motion = motion_of(task, shapes, {})
+        known = problem_of(task, settings).fallback
+    assert known is not None
+    assert "rests at every stop" in known.made_from
+    motion = known.motion
     assert motion.duration == pytest.approx(2 * np.sqrt(0.5 / 2.0) + 0.3 + 2.0, rel=1e-3)
     assert mo.certify(rail, motion, via_q=stops).ok

@@ -20,7 +20,7 @@ from .search import (
     ProvedPath as ProvedPath,
     TimeOptimalSettings as TimeOptimalSettings,
     TimeOptimalSolver as TimeOptimalSolver,
-    fastest_motion as fastest_motion,
+    fastest_through as fastest_through,
     in_order as in_order,
     least_duration as least_duration,
     legs_between as legs_between,
@@ -34,6 +34,7 @@ from .search import (
     tool_poses as tool_poses,
 )
 from .task import (
+    TIME_LIMIT as TIME_LIMIT,
     Circle as Circle,
     JointLine as JointLine,
     Line as Line,

@@ -18,11 +18,13 @@ from microbot_ocp.limits import LimitFamily
 from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial
 from microbot_ocp.ocp.solution import StepProgress
 from microbot_ocp.planning import (
+    TIME_LIMIT,
     PathTimingSettings,
+    Task,
     TimeOptimalSettings,
     best_timing,
     check_path,
-    fastest_motion,
+    fastest_through,
     straight_through,
 )
 from microbot_ocp.robot import Robot
@@ -240,8 +242,8 @@ METHODS: dict[str, Method] = {
     "cubic_path": Method("cubic's path, best timing", _cubic_path),
     "time_optimal": Method(
         "time-optimal, free",
-        fastest_motion,
-        lambda task: (task.family, task.via_q, task.free_settings, task.tell),
+        partial(fastest_through, usual=TIME_LIMIT),
+        lambda task: (Task.through(task.family, task.via_q), task.free_settings, task.tell),
     ),
 }
 

@@ -32,8 +32,10 @@ from ._stop_motion import (
 from ._strategies import (
     STRATEGIES as STRATEGIES,
 )
+from ._through_stops import (
+    fastest_through as fastest_through,
+)
 from ._time_optimal import (
-    fastest_motion as fastest_motion,
     motions_of_front as motions_of_front,
     time_optimal as time_optimal,
 )

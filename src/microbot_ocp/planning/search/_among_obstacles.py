@@ -42,8 +42,8 @@ from microbot_ocp.planning.free import (
     polynomial,
 )
 from microbot_ocp.planning.path import LATER, PathTiming, check_path, time_path
-from microbot_ocp.planning.search._problem import FreeProblem
-from microbot_ocp.planning.search._result import NONE_WITHIN, motion_through, returned
+from microbot_ocp.planning.search._problem import MotionProblem
+from microbot_ocp.planning.search._result import NONE_WITHIN, fastest, motion_from, returned
 from microbot_ocp.planning.search._settings import TimeOptimalSettings, sparing
 from microbot_ocp.planning.search._strategies import FROM_PATHS, best_of, search_of
 from microbot_ocp.planning.task import TaskScale, length_text, reach_of
@@ -535,7 +535,7 @@ def _solved(
         bounded = LimitFamily.of(robot.with_limits(also=also))
         try:
             with deadline.given_up():
-                problem = FreeProblem(bounded, via, settings, timed_path=start)
+                problem = MotionProblem.through(bounded, via, settings, timed_path=start)
                 search = search_of(problem, settings, progress)
         except deadline.Over:
             return motion
@@ -543,7 +543,7 @@ def _solved(
         answer = best_of(search, state)
         more = missed(polynomial(answer.solution)) if answer.solved else np.zeros(len(pairs), bool)
         if not more.any():
-            motion = motion_through(search, state)
+            motion = motion_from(fastest(search, state))
             if not motion.solved:
                 return motion
             more = missed(PiecewisePolynomial(motion.t, pieces_of(motion)))

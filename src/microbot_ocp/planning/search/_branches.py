@@ -83,6 +83,12 @@ class Way:
         return "branches " + "-".join(map(str, self.branches))
 
 
+def straight_way(via: FloatArray) -> Way:
+    """Return the way through joint poses [m,n], straight from each to the next."""
+    paths = (a + EASED[:, None] * (b - a) for a, b in itertools.pairwise(via))
+    return Way(via, tuple(paths), (1,) * len(via))
+
+
 def ways_through(task: Task) -> list[Way]:
     """Return ways through every branch of every stop, the most promising first.
 

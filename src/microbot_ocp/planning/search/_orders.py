@@ -21,13 +21,10 @@ from microbot_ocp.limits import JointLimits, Limits
 from microbot_ocp.motion import Motion
 from microbot_ocp.ocp.solution import StepProgress
 from microbot_ocp.planning.search._branches import Way, least_duration, ways_through
+from microbot_ocp.planning.search._result import LEFT_OUT
 from microbot_ocp.planning.search._settings import SEARCH, TimeOptimalSettings
-from microbot_ocp.planning.search._through_stops import (
-    LEFT_OUT,
-    StopSearch,
-    fastest_through,
-    segment_timings,
-)
+from microbot_ocp.planning.search._through_stops import StopSearch, fastest_through
+from microbot_ocp.planning.search._way_guesses import segment_timings
 from microbot_ocp.planning.task import CELL_TIME_LIMIT, Segment, Stop, Task, task_of
 
 MOST_ORDERED = 7  # stops of which every order is looked at

@@ -42,7 +42,7 @@ from microbot_ocp.planning.free import (
     via_times,
     within_limits,
 )
-from microbot_ocp.planning.search._problem import FreeProblem, as_motion
+from microbot_ocp.planning.search._problem import MotionProblem, as_motion
 from microbot_ocp.planning.search._result import fastest
 from microbot_ocp.planning.search._settings import SEARCH, TimeOptimalSettings
 from microbot_ocp.planning.search._strategies import search_of
@@ -468,7 +468,7 @@ class TimeOptimalSolver:
 
     def _under_own_limits(self) -> _Prepared:
         family = LimitFamily.of(self.robot)
-        problem = FreeProblem(family, self.via_q, self._settings, self._kernels)
+        problem = MotionProblem.through(family, self.via_q, self._settings, given=self._kernels)
         search = search_of(problem, self._settings, quiet)
         # as near the optimum as every later solve: to the barrier parameter that it starts with
         settings = replace(search.refiner.settings, gap=np.inf)

@@ -1,17 +1,19 @@
-"""A task as the search sees it: its program, its initial guesses, and its motions.
+"""A task as the search sees it: its program, and what its solutions are as motions.
 
-There are two: via points, which are passed at any velocity, and stops with what lies between them.
+Via points are stops that are passed at any velocity. Of a task of nothing else more is known: its
+motions may be slowed down until they keep all limits.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any
 
 import numpy as np
 
+from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.codegen import compiles
 from microbot_ocp.limits import LimitFamily
@@ -21,6 +23,7 @@ from microbot_ocp.ocp.transcription import Guess, Transcription
 from microbot_ocp.planning.free import (
     InitialGuess,
     Slowed,
+    excess_along,
     excess_between,
     guesses_along,
     initial_guesses,
@@ -31,12 +34,12 @@ from microbot_ocp.planning.free import (
     via_times,
     within_limits,
 )
+from microbot_ocp.planning.search._branches import Way, straight_way
 from microbot_ocp.planning.search._settings import SEARCH, TimeOptimalSettings
-from microbot_ocp.planning.task import TaskScale, with_locked_joints_held
+from microbot_ocp.planning.search._stop_motion import motion_of
+from microbot_ocp.planning.search._way_guesses import Guide, guess_along
+from microbot_ocp.planning.task import Conditions, Task, TaskScale, with_locked_joints_held
 from microbot_ocp.robot import Robot
-
-if TYPE_CHECKING:
-    from microbot_ocp.planning.search._search import MotionSearch, SearchState
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,176 +51,201 @@ class TrialStart:
     guess : InitialGuess
     solver : str or tuple of str
     most_iterations : int, optional
-    origin : what the guess was made of
+    way : Way, optional
+        Whose poses at the stops it has.
     options : of the solvers, in the place of the usual ones
     """
 
     guess: InitialGuess
     solver: str | tuple[str, ...]
     most_iterations: int | None = None
-    origin: Any = None
+    way: Way | None = None
     options: Mapping[str, Any] | None = None
 
 
-class MotionProblem(Protocol):
-    """What the search needs to know of a task.
+@dataclass(frozen=True, eq=False)
+class MotionProblem:
+    """Stops, what lies between them, and the ways through them.
 
     Attributes
     ----------
-    family : LimitFamily
-        Of the whole task.
-    via : array [m,n], rad (m)
+    task : Task
+    ways : tuple of Way
     settings : TimeOptimalSettings
-    names : of the phases, one from each stop to the next
-    scale : TaskScale
-    is_free : nothing but via points is given, no velocity there and no timed path: starts go on
-        until they agree, and a motion that exceeds limits may be slowed down until it keeps them
-    timed_path : around obstacles, that the search starts from: it is not far to the answer
+    given : kernels, where they are there already
+    way : the fastest motion that needs no search, where it was looked for
+    timed_path : among obstacles, that the search starts from: it is not far to the answer
+    guides : ways around obstacles; starts are these alone then
+    beaten : s, dwells not included: another order of the stops takes so long
+    briefly : whether only what is needed to compare orders is tried
     """
 
-    @property
-    def family(self) -> LimitFamily: ...
-    @property
-    def settings(self) -> TimeOptimalSettings: ...
-    @property
-    def via(self) -> FloatArray: ...
-    @property
-    def names(self) -> list[str]: ...
-    @property
-    def scale(self) -> TaskScale: ...
-    @property
-    def is_free(self) -> bool: ...
-    @property
-    def timed_path(self) -> InitialGuess | None: ...
-    @property
-    def fallback(self) -> Slowed | None:
-        """The fastest motion that needs no search."""
-        ...
-
-    def kernels(self, *, budgeted: bool = False) -> Transcription:
-        """Return the program; ``budgeted`` that of the least effort in a time that is given."""
-        ...
-
-    def next_start(self, search: MotionSearch, state: SearchState) -> TrialStart | None:
-        """Return the next initial guess; None where there are no more."""
-        ...
-
-    def guesses(self, solution: Solution) -> dict[str, Guess]:
-        """Return a guess for every phase from a solution on another mesh."""
-        ...
-
-    def guesses_along(self, motion: Motion) -> dict[str, Guess]:
-        """Return a guess for every phase from a motion whose marks are the via points."""
-        ...
-
-    def excess(self, solution: Solution) -> list[FloatArray]:
-        """Give largest relative excess of any limit along every interval [N, K] of every phase."""
-        ...
-
-    def slowed(self, solution: Solution) -> Motion | None:
-        """Return a solution slowed down until it keeps the limits; None where it is none."""
-        ...
-
-    def motion(self, solution: Solution, provenance: dict[str, Any]) -> Motion:
-        """Return a solution as a motion."""
-        ...
-
-
-@dataclass(frozen=True, eq=False)
-class FreeProblem:
-    """Via points [m,n] that are passed at any velocity, from rest to rest."""
-
-    family: LimitFamily
-    via: FloatArray
+    task: Task
+    ways: tuple[Way, ...]
     settings: TimeOptimalSettings
-    given: Transcription | None = None  # kernels
-    way: Slowed | None = None  # that needs no search
+    given: Transcription | None = None
+    way: Slowed | None = None
     timed_path: InitialGuess | None = None
-    _drawn: list[InitialGuess] = field(default_factory=list)
+    guides: tuple[Guide, ...] = ()
+    beaten: float = np.inf
+    briefly: bool = False
     _excess: dict[Solution, list[FloatArray]] = field(default_factory=dict)
     _slowed: dict[Solution, Motion | None] = field(default_factory=dict)
 
-    @property
-    def names(self) -> list[str]:
-        """Of the phases."""
-        return phase_names(len(self.via) - 1)
+    @classmethod
+    def through(
+        cls, family: LimitFamily, via: FloatArray, settings: TimeOptimalSettings, **more: Any
+    ) -> MotionProblem:
+        """Return the problem of via points [m,n] that are checked, passed at any velocity."""
+        return cls(Task.through(family, via), (straight_way(via),), settings, **more)
 
     @property
+    def family(self) -> LimitFamily:
+        """Limits that hold everywhere."""
+        return self.task.family
+
+    @property
+    def via(self) -> FloatArray:
+        """Poses [m,n] at the stops on the first way, rad (m)."""
+        return self.ways[0].via
+
+    @cached_property
+    def names(self) -> list[str]:
+        """Of the phases, one from each stop to the next."""
+        return phase_names(len(self.task.segments))
+
+    @cached_property
     def scale(self) -> TaskScale:
         """Typical sizes of the task."""
         return TaskScale.of(self.family, self.via)
 
     @property
+    def rested(self) -> float:
+        """All dwells together, s."""
+        return float(self.task.dwells.sum())
+
+    @property
     def is_free(self) -> bool:
-        """Not where it starts from a timed path, which is also there if limits are exceeded."""
-        return self.timed_path is None
+        """Whether a motion may be slowed down where it exceeds limits, and starts go on until they
+        agree.
+
+        Not where it starts from a path around obstacles, which is also there if limits are
+        exceeded.
+        """
+        return self.task.is_plain and self.timed_path is None and not self.guides
 
     @property
     def fast(self) -> bool:
         """Whether functions are compiled."""
         return compiles(self.settings.compiled)
 
-    @property
-    def fallback(self) -> Slowed | None:
-        """The fastest way that needs no search, where motions may be slowed down."""
-        return self.way if not self.is_free or self.way is not None else self._fallback
-
-    @cached_property
-    def _fallback(self) -> Slowed | None:
-        return known_ways(self.family, self.via, self.settings.limit_tolerance, self.fast)
-
     def kernels(self, *, budgeted: bool = False) -> Transcription:
-        """Return the program, built once."""
+        """Return the program with the limits and payloads of every segment, built once.
+
+        ``budgeted`` that of the least effort in a time that is given.
+        """
         if self.given is not None and not budgeted:
             return self.given
-        held: Robot = with_locked_joints_held(self.family).robot
-        compiled = self.settings.compiled
+        conditions = None
+        if not self.task.is_plain:
+            held = tuple(with_locked_joints_held(f).robot for f in self.task.families)
+            asked = self.task.conditions
+            conditions = Conditions(held, asked.ends, asked.closed)
+        base: Robot = with_locked_joints_held(self.family).robot
         via = np.ascontiguousarray(self.via)
-        return transcription(held, via.tobytes(), len(via), compiled, budgeted=budgeted)
+        options: dict[str, Any] = {"budgeted": budgeted, "conditions": conditions}
+        return transcription(base, via.tobytes(), len(via), self.settings.compiled, **options)
 
-    def next_start(self, search: MotionSearch, state: SearchState) -> TrialStart | None:
-        """Return the guess after those that were tried, with its solver."""
-        tried = [answer for answer in state.of("start") if answer.before is None]
-        given, index = self.settings, len(tried)
-        if index == max(given.starts, given.tries):
-            return None
+    # initial guesses --------------------------------------------------------------------------
+
+    def drawn(self, index: int) -> InitialGuess | None:
+        """Return the initial guess of a number, of those drawn at random; None after the last."""
         while len(self._drawn) <= index:
-            self._drawn.append(next(self._drawing))
-        both: str | tuple[str, ...] = ("fatrop", "ipopt")
-        if index >= given.starts:  # what one misses the other may find
-            both = "ipopt" if index % 3 == 2 else "fatrop"
-        solver = both if given.solver == "auto" else given.solver
-        solved = [answer for answer in tried if answer.solved]
-        if not solved:
-            return TrialStart(self._drawn[index], solver)
-        # what takes so much longer than another start is given up
-        allowed = [SEARCH.patience * a.solution.attempts[-1].iterations for a in solved]
-        most = max(SEARCH.least_iterations, *(allowed if index > 1 else ()), 0)
-        return TrialStart(
-            self._drawn[index], solver if isinstance(solver, str) else solver[0], most
-        )
+            guess = next(self._drawing, None)
+            if guess is None:
+                return None
+            self._drawn.append(guess)
+        return self._drawn[index]
+
+    @cached_property
+    def _drawn(self) -> list[InitialGuess]:
+        return []
 
     @cached_property
     def _drawing(self) -> Iterator[InitialGuess]:
         most, seed = max(self.settings.starts, self.settings.tries), self.settings.seed
         return initial_guesses(self.family, self.via, self.names, most, seed)
 
-    def guesses(self, solution: Solution) -> dict[str, Guess]:
-        """Return a guess for every phase from a solution."""
-        return guesses_along(self.names, polynomial(solution), via_times(solution))
+    def guesses(self, solution: Solution, slower: float = 1.0) -> dict[str, Guess]:
+        """Return a guess for every phase from a solution, slowed down evenly by a factor."""
+        shapes = zip(self.names, phase_shapes(solution), strict=True)
+        return self.with_closed(
+            {name: guess_along(shape.stretched(slower)) for name, shape in shapes}
+        )
 
     def guesses_along(self, motion: Motion) -> dict[str, Guess]:
         """Return a guess for every phase from a motion whose marks are the via points."""
         shape = PiecewisePolynomial(motion.t, pieces_of(motion))
         return guesses_along(self.names, shape, np.array([mark.time for mark in motion.marks]))
 
+    def with_closed(self, guesses: Mapping[str, Guess]) -> dict[str, Guess]:
+        """Return guesses of a cycle, the first with the values that the last returns to."""
+        first, start = self.names[0], np.zeros(1)
+        added = {}
+        for key in self.task.conditions.closed:
+            value = guesses[first].values[key]
+            given = np.asarray(value(start) if callable(value) else value, dtype=float)
+            given = np.broadcast_to(given.ravel(), (self.task.robot.joint_count,))
+            added[f"{key} at the start of {first!r}"] = given.copy()
+        guess = guesses[first]
+        return {**guesses, first: Guess(guess.duration, {**guess.values, **added})}
+
+    # solutions --------------------------------------------------------------------------------
+
     def excess(self, solution: Solution) -> list[FloatArray]:
-        """Return the largest relative excess of any limit along every interval, asked for again and
-        again.
+        """Return the largest relative excess of any limit along every interval [N, K] of every
+        phase, asked for again and again.
         """
         if solution not in self._excess:
-            self._excess[solution] = excess_between(self.family, solution)
+            families = self.task.families
+            if families.count(families[0]) == len(families):  # in one call
+                excess = excess_between(families[0], solution)
+            else:
+                pairs = zip(families, phase_shapes(solution), strict=True)
+                excess = [excess_along(family, shape) for family, shape in pairs]
+            self._excess[solution] = excess
         return self._excess[solution]
+
+    def motion(self, solution: Solution, provenance: dict[str, Any]) -> Motion:
+        """Return a solution as a motion with the stops marked."""
+        return motion_of(self.task, phase_shapes(solution), provenance)
+
+    # motions that need no solver ----------------------------------------------------------------
+
+    @cached_property
+    def fallback(self) -> Slowed | None:
+        """The fastest motion that is known without a search."""
+        if self.way is not None or self.timed_path is not None:
+            return self.way
+        if self.is_free:
+            return known_ways(self.family, self.via, self.settings.limit_tolerance, self.fast)
+        return self._at_rest()
+
+    def _at_rest(self) -> Slowed | None:
+        """Return what rests at every stop, where stops and segments allow it."""
+        task, tolerance = self.task, self.settings.limit_tolerance
+        moves = any(stop.velocity not in (None, "any", "rest") for stop in task.stops)
+        if moves or task.around is not None or any(kind is not None for kind in task.segments):
+            return None
+        shapes = []
+        for k, family in enumerate(task.families):
+            way = None
+            if not deadline.over():
+                way = known_ways(family, self.via[k : k + 2], tolerance, self.fast)
+            if way is None:
+                return None
+            shapes.append(PiecewisePolynomial(way.motion.t, pieces_of(way.motion)))
+        return Slowed(motion_of(task, shapes, {}), "a way that rests at every stop")
 
     def slowed(self, solution: Solution) -> Motion | None:
         """Return a solution slowed down until it keeps the limits; None where it is none."""
@@ -244,9 +272,10 @@ class FreeProblem:
             return None  # where a solve was stopped
         return within_limits(self.family, shape, times, self.settings.limit_tolerance, self.fast)
 
-    def motion(self, solution: Solution, provenance: dict[str, Any]) -> Motion:
-        """Return a solution as a motion with the via points marked."""
-        return as_motion(self.family.robot, solution, provenance)
+
+def phase_shapes(solution: Solution) -> list[PiecewisePolynomial]:
+    """Return the polynomial of every phase, from time 0 each."""
+    return [polynomial(replace(solution, phases=(phase,))) for phase in solution.phases]
 
 
 def as_motion(robot: Robot, solution: Solution, provenance: dict[str, Any]) -> Motion:

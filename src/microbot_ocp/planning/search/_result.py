@@ -8,17 +8,22 @@ from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from microbot_ocp._base import deadline
+from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.outcome import Advice, Outcome
 from microbot_ocp._base.status import Status
 from microbot_ocp.motion import Motion
+from microbot_ocp.ocp import Solution
 from microbot_ocp.ocp.refinement import WORSE
 from microbot_ocp.planning.free import Slowed, in_arcs, judged, largest_excess
 from microbot_ocp.planning.search._least_effort import LeastEffort, least_effort
-from microbot_ocp.planning.search._problem import FreeProblem
+from microbot_ocp.planning.search._problem import MotionProblem
 from microbot_ocp.planning.search._ranking import is_enough, rank, settled
 from microbot_ocp.planning.search._search import MotionAnswer, MotionSearch, SearchState, ledger_of
-from microbot_ocp.planning.search._settings import SEARCH, sparing
+from microbot_ocp.planning.search._settings import SEARCH, STOPS, sparing
+from microbot_ocp.planning.search._starts import least_of_slower
 from microbot_ocp.planning.search._strategies import STRATEGIES, best_of, sample
 from microbot_ocp.planning.task import (
     largest,
@@ -28,6 +33,7 @@ from microbot_ocp.planning.task import (
     with_locked_joints_held,
 )
 
+LEFT_OUT = "left out"  # status of a way that was not tried
 NONE_WITHIN = "The search found no motion within the limits."
 
 
@@ -39,13 +45,21 @@ def returned(made_from: str) -> Advice:
 
 @dataclass(frozen=True, eq=False)
 class Fastest:
-    """The end of a search: its state, the best answer, and what less effort came to."""
+    """The end of a search: its state, the best answer, and what less effort came to.
+
+    Attributes
+    ----------
+    duration : s, in which the motion of least effort was wanted
+    shortest : s, what the fastest takes, with its dwells
+    """
 
     search: MotionSearch
     state: SearchState
     answer: MotionAnswer
     calmer: LeastEffort | None
     wall_time: float
+    duration: float | None = None
+    shortest: float = np.nan
 
     @property
     def smoothing_cost(self) -> float:
@@ -53,44 +67,52 @@ class Fastest:
         solution = self.answer.solution
         return 0.0 if self.calmer else max(0.0, solution.cost - solution.duration)
 
+    @property
+    def late(self) -> bool:
+        """Whether the fastest motion takes longer than the time that was given."""
+        return self.duration is not None and self.duration < self.shortest * (1 - SEARCH.same)
+
 
 def fastest(
-    search: MotionSearch, state: SearchState | None = None, slack: float | None = None
+    search: MotionSearch,
+    state: SearchState | None = None,
+    slack: float | None = None,
+    duration: float | None = None,
 ) -> Fastest:
-    """Run the whole table, and look for less effort where some slack is given."""
-    begin = time.perf_counter()
-    state = search.run(STRATEGIES, state)
-    answer, calmer = best_of(search, state), None
-    slack = search.settings.slack if slack is None else slack
-    if slack and rank(search, answer.solution)[0] is False and not search.over:
-        calmer = least_effort(search, answer, slack)
-        state, answer = state.and_(calmer.answer), calmer.answer
-    return Fastest(search, state, answer, calmer, time.perf_counter() - begin)
-
-
-def motion_through(search: MotionSearch, state: SearchState | None = None) -> Motion:
-    """Return the fastest motion through via points, or what is known at least."""
+    """Run the whole table, and look for less effort where some slack or a duration, s, is given."""
     begin, problem = time.perf_counter(), search.problem
-    assert isinstance(problem, FreeProblem)
-    with sparing() if problem.is_free else nullcontext():
-        best = fastest(search, state)
-        motion = motion_of_answer(best)
-    solution = best.answer.solution
-    if problem.is_free and solution.status is not Status.INTERRUPTED:
+    with sparing() if problem.timed_path is None else nullcontext():
+        state = search.run(STRATEGIES, state)
+        answer, calmer = best_of(search, state), None
+        shortest = answer.solution.duration + problem.rested
+        slack = search.settings.slack if slack is None else slack
+        if duration is not None:
+            slack = (duration - shortest) / answer.solution.duration if answer.solved else 0.0
+            slack = min(slack, STOPS.slowest)
+        if slack > 0.0 and rank(search, answer.solution)[0] is False and not search.over:
+            calmer = least_effort(search, answer, slack)
+            state, answer = state.and_(calmer.answer), calmer.answer
+    spent = time.perf_counter() - begin
+    return Fastest(search, state, answer, calmer, spent, duration, shortest)
+
+
+def motion_from(best: Fastest) -> Motion:
+    """Return the fastest motion of a task, or what is known at least."""
+    search, begin, solution = best.search, time.perf_counter(), best.answer.solution
+    problem, motion = search.problem, motion_of_answer(best)
+    if solution.status is not Status.INTERRUPTED and best.duration is None:
         motion = _within_limits(best, motion)
-        starts = sample(best.state)
-        if motion.solved and not settled(starts, search.settings):
-            motion = _unsettled(motion)
+    if problem.is_free and motion.solved and not settled(sample(best.state), search.settings):
+        motion = _unsettled(motion)
     if not search.settings.switching_times or not motion.solved:
         return motion
     held: Any = with_locked_joints_held(problem.family).robot
-    guesses = problem.guesses(solution)
-    exact = in_arcs(problem.family, held, motion, guesses, search.progress)
-    spent = time.perf_counter() - begin + search.kernel_time
+    exact = in_arcs(problem.family, held, motion, problem.guesses(solution), search.progress)
+    spent = motion.provenance["wall_time"] + time.perf_counter() - begin
     return replace(exact, provenance={**exact.provenance, "wall_time": spent})
 
 
-def motion_of_answer(best: Fastest, **more: Any) -> Motion:
+def motion_of_answer(best: Fastest) -> Motion:
     """Return the best answer as a motion, with the whole search in its provenance."""
     search, state, solution = best.search, best.state, best.answer.solution
     problem, excess = search.problem, search.problem.excess(solution)
@@ -104,11 +126,24 @@ def motion_of_answer(best: Fastest, **more: Any) -> Motion:
     relaxed = next((a.relaxed for a in state.answers if a.relaxed is not None), None)
     if relaxed is not None and not (solution.status.solved or deadline.over()):
         outcome, least = judged(relaxed, problem.family, outcome)
+    if outcome.solved and best.late:
+        advice = (
+            f"The task cannot be done in {best.duration:g} s: the fastest motion that was "
+            f"found takes {best.shortest:.6g} s."
+        )
+        outcome = Outcome.of(Status.INFEASIBLE, advice)
     outcome = replace(outcome, ledger=ledger_of(state, best.answer))
-    starts = starts_of(state)
+    starts = starts_of(state, problem.rested)
     optima = sorted({round(s["duration"], 3) for s in starts if s["status"] == "solved"})
+    method, through = "free time-optimal motion, multiple shooting on the inverse dynamics", {}
+    remark = _remark(len(problem.via), len(starts), optima)
+    if not problem.task.is_plain:
+        method = "time-optimal motion through stops"
+        through["branches"] = branches_of(problem, state, solution)
+        through["segments"] = [type(k).__name__ if k else "free" for k in problem.task.segments]
+        remark = remark_of_branches(through["branches"])
     provenance = provenance_of(
-        "free time-optimal motion, multiple shooting on the inverse dynamics",
+        method,
         problem.family,
         solution,
         largest(excess),
@@ -121,10 +156,10 @@ def motion_of_answer(best: Fastest, **more: Any) -> Motion:
         kernel_time=search.kernel_time,
         **({"least_effort": best.calmer.as_dict()} if best.calmer else {}),
         **least,
-        **more,
+        **through,
     )
-    remark = _remark(len(problem.via), len(starts), optima) + further_remarks(best)
-    return replace(problem.motion(solution, provenance), remark=remark, outcome=outcome)
+    motion = problem.motion(solution, provenance)
+    return replace(motion, remark=remark + _further_remarks(best), outcome=outcome)
 
 
 def starts_of(state: SearchState, rested: float = 0.0) -> list[dict[str, Any]]:
@@ -140,7 +175,7 @@ def starts_of(state: SearchState, rested: float = 0.0) -> list[dict[str, Any]]:
     ]
 
 
-def further_remarks(best: Fastest) -> str:
+def _further_remarks(best: Fastest) -> str:
     """Return what less effort saves, and what the smoothing costs where it is much."""
     solution, remark = best.answer.solution, best.calmer.remark if best.calmer else ""
     share = best.smoothing_cost / solution.duration
@@ -156,19 +191,21 @@ def _within_limits(best: Fastest, motion: Motion) -> Motion:
     """
     search, solution = best.search, best.answer.solution
     problem = search.problem
-    assert isinstance(problem, FreeProblem)
     fast_enough = motion.solved and not is_enough(problem, search.settings, solution)
     # not even time may be left to slow it down
     if not fast_enough and (problem.way is None or not deadline.over()):
         problem.slowed(solution)
     slower = [problem.way] if problem.way else []
-    slower += [Slowed(slowed, _name(a.solution is solution)) for a, slowed in _slowed(search, best)]
+    for answer in (*best.state.answers, best.answer):
+        slowed = problem.slowed_before(answer.solution)
+        if slowed is not None:
+            slower.append(Slowed(slowed, _name(answer.solution is solution)))
     if not fast_enough and not slower and problem.fallback:
         slower = [problem.fallback]
     if not slower:
         return motion
-    fallback, made_from = min(slower, key=lambda slowed: slowed.motion.duration)
-    more = fallback.duration / solution.duration - 1.0
+    known = min(slower, key=lambda slowed: slowed.motion.duration)
+    more = known.motion.duration / (solution.duration + problem.rested) - 1.0
     if fast_enough and (best.calmer or more >= -WORSE):
         return motion
     outcome = motion.outcome
@@ -180,25 +217,15 @@ def _within_limits(best: Fastest, motion: Motion) -> Motion:
         outcome = Outcome.of(Status.FAILED, NONE_WITHIN)
     outcome = replace(outcome, ledger=motion.outcome.ledger)
     if not outcome.solved:
-        outcome = outcome.and_(returned(made_from))
-    remark = f"{motion.remark}; slowed down by {100 * more:.2g} % where it exceeded limits"
-    return replace(fallback, provenance=motion.provenance, remark=remark).ended(
-        outcome,
-        made_from=made_from,
-        excess=largest_excess(problem.family, fallback),
+        outcome = outcome.and_(returned(known.made_from))
+    how = f"returned is {known.made_from}"
+    if solution.status.solved and more > 0.0:
+        how = f"slowed down by {100 * more:.2g} % where it exceeded limits"
+    remark = f"{motion.remark}; {how}"
+    provenance, excess = motion.provenance, largest_excess(problem.family, known.motion)
+    return replace(known.motion, provenance=provenance, remark=remark).ended(
+        outcome, made_from=known.made_from, excess=excess
     )
-
-
-def _slowed(search: MotionSearch, best: Fastest) -> list[tuple[MotionAnswer, Motion]]:
-    """Return answers that were slowed down so far, and the motions."""
-    problem = search.problem
-    assert isinstance(problem, FreeProblem)
-    rows = []
-    for answer in (*best.state.answers, best.answer):
-        motion = problem.slowed_before(answer.solution)
-        if motion is not None:
-            rows.append((answer, motion))
-    return rows
 
 
 def _name(is_answer: bool) -> str:
@@ -219,7 +246,68 @@ def _unsettled(motion: Motion) -> Motion:
 def _remark(via_count: int, start_count: int, optima: Sequence[float]) -> str:
     durations = ", ".join(f"{duration:.3f}" for duration in optima)
     passed = {2: "", 3: "via point passed at any velocity; "}
+    if not optima:
+        return f"none of {start_count} starts led to a motion"
     return (
         f"{passed.get(via_count, 'via points passed at any velocity; ')}{start_count} starts ended "
         f"at {durations} s on the coarse mesh, the best was refined"
     )
+
+
+def branches_of(
+    problem: MotionProblem, state: SearchState, solution: Solution
+) -> list[dict[str, Any]]:
+    """Return what every way through the branches took on the coarse mesh, the one taken first."""
+    via = _poses(solution)
+    best: dict[str, dict[str, Any]] = {}
+    for answer in state.of("start"):
+        way, coarse = answer.way, answer.solution
+        assert way is not None
+        entry = {
+            "branches": list(way.branches),
+            "q": way.via.tolist(),
+            "duration": coarse.duration + problem.rested if answer.solved else None,
+            "status": str(coarse.status),
+            "taken": False,
+            "apart": float(np.abs(_poses(coarse) - via).max()),
+        }
+        before = best.get(way.name)
+        longest = np.inf
+        if before is None or (before["duration"] or longest) > (entry["duration"] or longest):
+            best[way.name] = entry
+    rows = sorted(best.values(), key=lambda e: e.pop("apart"))
+    rows[0]["taken"] = True
+    rows = [rows[0], *sorted(rows[1:], key=lambda e: e["duration"] or np.inf)]
+    for way in problem.ways:
+        least = least_of_slower(problem, state, way)
+        if way.name not in best and least is not None:
+            entry = {"branches": list(way.branches), "q": way.via.tolist(), "duration": None}
+            rows.append(
+                entry | {"status": LEFT_OUT, "taken": False, "at_least": least + problem.rested}
+            )
+    return rows
+
+
+def remark_of_branches(branches: Sequence[dict[str, Any]]) -> str:
+    """Say what other ways of reaching the stops would take; both on the same coarse mesh."""
+    taken, *others = branches
+    if not others:
+        return "the arm reaches the stops in one way only"
+    parts = [f"the best of {len(branches)} ways in which the arm reaches the stops"]
+    tried = [entry["duration"] for entry in others if entry["status"] != LEFT_OUT]
+    solved = [duration for duration in tried if duration is not None]
+    if solved and taken["duration"] is not None:
+        longer = 100.0 * (min(solved) / taken["duration"] - 1.0)
+        near = "the next one is about as fast"
+        parts.append(near if longer < 0.05 else f"the next one takes {longer:.1f} % longer")
+    if len(tried) > len(solved):
+        parts.append(f"{len(tried) - len(solved)} led to no motion")
+    if slow := [entry["at_least"] for entry in others if entry["status"] == LEFT_OUT]:
+        parts.append(f"others need {min(slow):.3f} s or more at the highest joint velocities")
+    return "; ".join(parts)
+
+
+def _poses(solution: Solution) -> FloatArray:
+    """Return joint poses [m,n] at the stops."""
+    ends = [phase["q"][-1] for phase in solution.phases]
+    return np.array([solution.phases[0]["q"][0], *ends])

@@ -20,6 +20,7 @@ from microbot_ocp._base.status import Status
 from microbot_ocp.ocp import Explanation, Solution
 from microbot_ocp.ocp.refinement import Refiner
 from microbot_ocp.ocp.solution import StepProgress, quiet, unpack
+from microbot_ocp.planning.search._branches import Way
 from microbot_ocp.planning.search._problem import MotionProblem, TrialStart
 from microbot_ocp.planning.search._settings import TimeOptimalSettings
 
@@ -38,7 +39,7 @@ class MotionAnswer:
     before : the answer that it was made of
     solves : records of all solves that it took
     seconds : wall time that it took
-    origin : what the initial guess was made of
+    way : through the stops, that the initial guess goes along
     relaxed : what limits have to give, where that was asked
     """
 
@@ -50,7 +51,7 @@ class MotionAnswer:
     before: MotionAnswer | None = None
     solves: tuple[dict[str, Any], ...] = ()
     seconds: float = 0.0
-    origin: Any = None
+    way: Way | None = None
     relaxed: Explanation | None = None
 
     @property

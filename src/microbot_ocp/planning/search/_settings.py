@@ -123,6 +123,35 @@ SEARCH = SearchSettings()
 
 
 @dataclass(frozen=True)
+class StopSearchSettings:
+    """Settings of the search through stops.
+
+    Attributes
+    ----------
+    slowest : times the shortest duration: no longer time is given for less effort
+    most_iterations : of a start on the coarse mesh
+    bows : further guesses from the best way
+    spare : a way is left out whose poses are so many times the best duration apart at the
+        highest velocities, where the arm has joints or tolerances to spare: its poses might
+        move. Without, it is never better
+    slowed : times the duration of a first guess, until it keeps its limits
+    most_slowed : times that it is slowed down
+    timed : intervals of the timing of a first guess
+    """
+
+    slowest: float = 20.0
+    most_iterations: int = 300
+    bows: int = 2
+    spare: float = 1.25
+    slowed: float = 1.3
+    most_slowed: int = 20
+    timed: int = 100
+
+
+STOPS = StopSearchSettings()
+
+
+@dataclass(frozen=True)
 class TimeOptimalSettings:
     """How hard to look.
 

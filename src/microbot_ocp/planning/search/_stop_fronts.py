@@ -11,7 +11,7 @@ from microbot_ocp._base.checks import InputError
 from microbot_ocp.motion import Motion
 from microbot_ocp.planning.search._least_effort import effort_of, least_effort
 from microbot_ocp.planning.search._ranking import rank
-from microbot_ocp.planning.search._result import Fastest, fastest
+from microbot_ocp.planning.search._result import Fastest, fastest, motion_of_answer
 from microbot_ocp.planning.search._settings import SEARCH
 from microbot_ocp.planning.search._through_stops import StopSearch
 from microbot_ocp.planning.task import with_torques
@@ -27,12 +27,12 @@ def effort_front(asked: StopSearch, slacks: Sequence[float]) -> Front:
     """
     best = fastest(asked.search, asked.state, slack=0.0)
     first = best.answer.solution.duration
-    points = [(effort_of(asked.search, best.answer.solution), asked.motion_from(best))]
+    points = [(effort_of(asked.search, best.answer.solution), motion_of_answer(best))]
     for slack in sorted(slacks) if best.answer.solved else ():
         share = (1.0 + slack) * first / best.answer.solution.duration - 1.0
         calmer = least_effort(asked.search, best.answer, share)
         best = replace(best, answer=calmer.answer, calmer=calmer)
-        points.append((effort_of(asked.search, calmer.answer.solution), asked.motion_from(best)))
+        points.append((effort_of(asked.search, calmer.answer.solution), motion_of_answer(best)))
     return points, ""
 
 
@@ -42,18 +42,18 @@ def torque_front(asked: StopSearch, shares: Sequence[float]) -> Front:
     Each starts from the one before it. The text says why the last shares have no motion.
     """
     best = fastest(asked.search, asked.state, slack=0.0)
-    points, before = [(effort_of(asked.search, best.answer.solution), asked.motion_from(best))], 1.0
+    points, before = [(effort_of(asked.search, best.answer.solution), motion_of_answer(best))], 1.0
     for share in sorted(shares, reverse=True) if best.answer.solved else ():
         try:
-            weaker = with_torques(asked.stops.task, share)
+            weaker = with_torques(asked.problem.task, share)
         except InputError as problem:
             return points, f"With {100 * share:.3g} % of the torques {problem}."
-        settings, stops = asked.search.settings, asked.stops
+        settings, problem = asked.search.settings, asked.problem
         search = StopSearch.of(
-            weaker, settings, asked.search.progress, ways=stops.ways, guides=stops.guides
+            weaker, settings, asked.search.progress, ways=problem.ways, guides=problem.guides
         )
         best = _slower(search, best, float(np.sqrt(before / share)))
-        before, motion = share, search.motion_from(best)
+        before, motion = share, motion_of_answer(best)
         if not motion.solved:
             why = motion.advice or motion.status.sentence
             return points, f"With {100 * share:.3g} % of the torques: {why}"
@@ -66,7 +66,7 @@ def _slower(asked: StopSearch, before: Fastest, factor: float) -> Fastest:
     search, solution = asked.search, before.answer.solution
     refiner = replace(search.refiner, history=[])
     meshes = [phase.mesh for phase in solution.phases]
-    guesses = asked.stops.stretched(solution, factor)
+    guesses = asked.problem.guesses(solution, factor)
     slower = refiner.solve(meshes, guesses, barrier=SEARCH.calmer_barrier)
     slower = refiner.finished(refiner.refine(slower))
     search.progress(f"slowed down: {slower.duration:.6f} s, {slower.status}")

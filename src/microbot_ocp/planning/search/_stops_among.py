@@ -46,7 +46,8 @@ from microbot_ocp.planning.search._parts import (
 )
 from microbot_ocp.planning.search._settings import TimeOptimalSettings
 from microbot_ocp.planning.search._stop_motion import motion_of
-from microbot_ocp.planning.search._through_stops import Guide, StopSearch, segment_timings
+from microbot_ocp.planning.search._through_stops import StopSearch
+from microbot_ocp.planning.search._way_guesses import Guide, segment_timings
 from microbot_ocp.planning.task import Stop, Task, TaskScale, reach_of, task_of
 from microbot_ocp.robot import Capsule, Robot
 from microbot_ocp.scene import (

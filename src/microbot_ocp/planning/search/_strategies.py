@@ -30,6 +30,7 @@ from microbot_ocp.planning.free import (
     transcription,
     with_motion,
 )
+from microbot_ocp.planning.search._branches import Way
 from microbot_ocp.planning.search._problem import MotionProblem, TrialStart
 from microbot_ocp.planning.search._ranking import by_promise, is_enough, rank, settled
 from microbot_ocp.planning.search._search import (
@@ -46,6 +47,7 @@ from microbot_ocp.planning.search._split_marks import (
     jerk_marks,
     velocity_marks,
 )
+from microbot_ocp.planning.search._starts import next_trial
 from microbot_ocp.planning.task import (
     GAP,
     LDL,
@@ -148,7 +150,7 @@ def next_start(search: MotionSearch, state: SearchState) -> NextStep | None:
 
 def _fresh(search: MotionSearch, state: SearchState) -> NextStep | None:
     """Return the next initial guess, on the mesh that answers are compared on."""
-    start = search.problem.next_start(search, state)
+    start = next_trial(search.problem, state)
     carried = any(answer.before is not None for answer in state.of("start"))
     if start is None:
         return None
@@ -164,12 +166,12 @@ def try_start(search: MotionSearch, step: NextStep) -> MotionAnswer:
     """Solve from an initial guess, or what it led to on a finer mesh."""
     refiner, start = coarse(search), step.start
     if start is None:
-        name, origin = step.answer.start, step.answer.origin
+        name, way = step.answer.start, step.answer.way
         refiner = replace(refiner, rough=SEARCH.explore_tolerance, once=True)
         meshes = [step.intervals] * len(search.problem.names)
         solution = refiner.finer(step.answer.solution, meshes)
     else:
-        name, origin = start.guess.name, start.origin
+        name, way = start.guess.name, start.way
         if start.most_iterations is not None:
             limited = replace(refiner.settings, max_iterations=start.most_iterations)
             refiner = replace(refiner, settings=limited)
@@ -186,7 +188,7 @@ def try_start(search: MotionSearch, step: NextStep) -> MotionAnswer:
         f"start {name}: {solution.duration:.4f} s on {step.intervals} intervals a phase, "
         f"{solution.status}"
     )
-    return _answer(search, "start", name, solution, refiner, origin)
+    return _answer(search, "start", name, solution, refiner, way)
 
 
 def _answer(
@@ -195,7 +197,7 @@ def _answer(
     start: str,
     solution: Solution,
     by: Refiner,
-    origin: Any = None,
+    way: Way | None = None,
 ) -> MotionAnswer:
     """Return a coarse answer, which the usual kernels refine."""
     solves = tuple(by.history)
@@ -206,7 +208,7 @@ def _answer(
         search.refiner,
         SMOOTHING,
         solves=solves,
-        origin=origin,
+        way=way,
     )
 
 
@@ -266,7 +268,7 @@ def from_relaxed(search: MotionSearch, step: NextStep) -> MotionAnswer:
     if relaxed.conclusive and relaxed.feasible:
         guesses = guesses_from(relaxed)
         solution = refiner.solve(meshes, guesses, tolerance=SEARCH.explore_tolerance)
-    answer = _answer(search, "relaxed problem", subject.start, solution, refiner, subject.origin)
+    answer = _answer(search, "relaxed problem", subject.start, solution, refiner, subject.way)
     return replace(answer, relaxed=relaxed)
 
 
@@ -399,7 +401,7 @@ def _finer(
     weight = subject.smoothing if smoothing is None else smoothing
     refiner, solves = replace(kernels or subject.refiner, history=[]), tuple(by.history[1:])
     return MotionAnswer(
-        strategy, subject.start, solution, refiner, weight, solves=solves, origin=subject.origin
+        strategy, subject.start, solution, refiner, weight, solves=solves, way=subject.way
     )
 
 

@@ -2,38 +2,30 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from microbot_ocp._base import checks, deadline
-from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp._base.codegen import compiles
-from microbot_ocp._base.outcome import Outcome
-from microbot_ocp._base.status import Status
-from microbot_ocp.limits import JointLimits, LimitFamily, Limits, with_reserve
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import InputError
+from microbot_ocp.limits import JointLimits, Limits, with_reserve
 from microbot_ocp.motion import Motion
 from microbot_ocp.ocp.solution import StepProgress, quiet
-from microbot_ocp.planning.free import Slowed, known_ways
-from microbot_ocp.planning.search._problem import FreeProblem
-from microbot_ocp.planning.search._result import motion_through, returned
-from microbot_ocp.planning.search._settings import TimeOptimalSettings, sparing
-from microbot_ocp.planning.search._strategies import search_of
+from microbot_ocp.planning.search._settings import TimeOptimalSettings
+from microbot_ocp.planning.search._through_stops import fastest_through
 from microbot_ocp.planning.task import (
     CELL_TIME_LIMIT,
     TIME_LIMIT,
     Segment,
     Stop,
+    Task,
     check_limits,
     check_via,
     is_task,
     robust_limits,
     task_of,
-    too_near,
     with_changes,
     with_drives_noted,
 )
@@ -41,7 +33,6 @@ from microbot_ocp.robot import Robot
 from microbot_ocp.scene import Scene
 
 UNCERTAIN = ("mass", "friction")
-LEAST_WAY = 1e-6  # rad (m) between via points: shorter ones are near the tolerance of the solvers
 
 
 def time_optimal(
@@ -170,48 +161,8 @@ def time_optimal(
         with chosen.within(CELL_TIME_LIMIT):
             motion = fastest_among(family, via, scene, chosen, progress or quiet)
             return with_drives_noted(robot, motion, limits)
-    return fastest_motion(family, via, chosen, progress or quiet)
-
-
-def fastest_motion(
-    family: LimitFamily, via: FloatArray, settings: TimeOptimalSettings, progress: StepProgress
-) -> Motion:
-    """Do as :func:`time_optimal`, of via points that are checked.
-
-    Raises
-    ------
-    InputError
-        Ways too short for a solver.
-    """
-    ways = np.abs(np.diff(via, axis=0)).max(axis=1)
-    if ways.min() < LEAST_WAY:
-        near = int(np.argmin(ways))
-        why = f"free motions are looked for from {LEAST_WAY:g} on"
-        raise too_near(near + 1, ways[near], why)
-    begin = time.perf_counter()
-    fast, way = compiles(settings.compiled), None
-    given = min(TIME_LIMIT if settings.time_limit is None else settings.time_limit, deadline.left())
-    with settings.within(TIME_LIMIT):
-        if given < TIME_LIMIT:  # later there may be no time for what needs no search
-            way = known_ways(family, via, settings.limit_tolerance, fast)
-        try:
-            with sparing(), deadline.given_up(way is not None):
-                search = search_of(FreeProblem(family, via, settings, way=way), settings, progress)
-        except deadline.Over:
-            assert way is not None
-            return _without_search(way, time.perf_counter() - begin)
-        return with_drives_noted(family.robot, motion_through(search))
-
-
-def _without_search(way: Slowed, wall: float) -> Motion:
-    """Return what needs no search, where there was no time to prepare one."""
-    provenance = {
-        "method": "free motion without a search",
-        "made_from": way.made_from,
-        "wall_time": wall,
-    }
-    outcome = Outcome.of(Status.TIME_LIMIT).and_(returned(way.made_from))
-    return replace(way.motion, provenance=provenance).ended(outcome)
+    task = Task.through(family, via)
+    return fastest_through(task, chosen, progress or quiet, usual=TIME_LIMIT)
 
 
 def motions_of_front(

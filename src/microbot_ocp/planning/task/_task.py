@@ -95,6 +95,20 @@ class Task:
     cycle: bool = False
     around: Any = None
 
+    @classmethod
+    def through(cls, family: LimitFamily, via: FloatArray) -> Task:
+        """Return the task of via points [m,n] that are checked, passed at any velocity."""
+        stops = tuple(Stop(q=point, name=f"via {k + 1}") for k, point in enumerate(via))
+        return cls(family, stops, (None,) * (len(stops) - 1))
+
+    @cached_property
+    def is_plain(self) -> bool:
+        """Whether nothing but joint poses is given, passed at any velocity, from rest to rest."""
+        given = self.cycle or self.around is not None or any(self.segments)
+        return not given and all(
+            s.q is not None and s == Stop(s.q, name=s.name) for s in self.stops
+        )
+
     @property
     def robot(self) -> Robot:
         """With an empty tool."""
