@@ -7,6 +7,8 @@ Picard's iteration, or by the simplified Newton iteration where friction makes t
 is missed at the end is put down to a torque: the constant one that would cause it, by the mass
 matrix. Where the mass matrix is all but singular torques do not determine the
 acceleration, so the motion's own is integrated there and inverse dynamics say what torque it takes.
+
+Theory: docs/theory/certificates.md, equations (2) and (3).
 """
 
 from __future__ import annotations

@@ -5,6 +5,8 @@ row [3] (position in the base frame, m) or [12] (position, then the columns of t
 
 Sources: damping by the squared error after Sugihara, "Solvability-unconcerned inverse kinematics by
 the Levenberg-Marquardt method", IEEE Transactions on Robotics 27(5), 2011.
+
+Theory: docs/theory/kinematics.md, equation (5).
 """
 
 from __future__ import annotations

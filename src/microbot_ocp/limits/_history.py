@@ -1,4 +1,7 @@
-"""How much of every limit a motion uses, moment by moment: which actuator saturates when."""
+"""How much of every limit a motion uses, moment by moment: which actuator saturates when.
+
+Theory: docs/theory/certificates.md, equation (1).
+"""
 
 from __future__ import annotations
 

@@ -10,6 +10,8 @@ its derivatives exist, is within 1 % of its full size beyond 0.027 rad/s (m/s). 
 diagonal of M. A rotor of inertia J that spins G times as fast as joint j about the axis a of a link
 with angular velocity omega has the angular momentum ``J G qd_j a`` more than at rest; its rate of
 change is a moment on the link, and ``J G (a . omega_dot + G qdd_j)`` is the torque at the joint.
+
+Theory: docs/theory/dynamics.md, equations (2) to (8).
 """
 
 from __future__ import annotations

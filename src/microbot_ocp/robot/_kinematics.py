@@ -2,6 +2,8 @@
 
 Sources: Craig, *Introduction to Robotics*, 3rd ed.: transforms (3.6), velocity propagation
 (5.45) to (5.48), Jacobian section 5.7.
+
+Theory: docs/theory/kinematics.md, equations (2) to (4).
 """
 
 from __future__ import annotations

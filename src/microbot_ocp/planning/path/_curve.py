@@ -8,6 +8,8 @@ an end is described by another parameter r instead,
 in which every path leaves like r^p and the arm at a finite r'. At the other end of the piece
 ds/dr = 1 and its slope is zero, so that r' and r'' are continuous there. Every other piece keeps
 r = s.
+
+Theory: docs/theory/path_timing.md, equation (4).
 """
 
 from __future__ import annotations

@@ -6,6 +6,8 @@ The least of these bounds along the path is the maximum-velocity curve of Bobrow
 Gibson, "Time-optimal control of robotic manipulators along specified paths", IJRR 4(3), 1985: above
 it no acceleration keeps every limit. The best profile lies below; at every moment it rides on one
 limit, and where it changes from one to the next the drive switches.
+
+Theory: docs/theory/path_timing.md, "The phase plane".
 """
 
 from __future__ import annotations

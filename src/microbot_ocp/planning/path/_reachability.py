@@ -12,6 +12,8 @@ every interval: riding a limit that changes along the path, that is slower to fi
 For a given x_{i+1} the limits at the end bound ``x_{i+1} - d b``, from above and below by piecewise
 linear functions, and those at the start then bound x_i. Its extremes are found by cutting planes
 inside one CasADi function mapped along the grid.
+
+Theory: docs/theory/path_timing.md, equations (2) and (3).
 """
 
 from __future__ import annotations

@@ -1,12 +1,13 @@
 """The fastest motion through via points or stops, with or without obstacles.
 
 Comes in: a task. Goes out: a motion with what was tried. Begin with :func:`time_optimal` in
-``_time_optimal.py``; ``_strategies.py`` is the table of what is tried and ``_search.py`` its loop,
-``_ranking.py`` says which answer is better and ``_split_marks.py`` where meshes are split.
-``_problem.py`` and ``_through_stops.py`` are tasks as the search sees them, ``_among_obstacles.py``
-and ``_stops_among.py`` give it ways around obstacles, ``_result.py`` and ``_least_effort.py`` make
-the motion of its answer, ``_orders.py`` compares orders of stops, ``_stop_fronts.py`` slacks
-and torques, ``_prepared.py`` solves again with other numbers.
+``_time_optimal.py`` and :func:`fastest_through` in ``_through_stops.py``; ``_strategies.py`` is the
+table of what is tried and ``_search.py`` its loop, ``_ranking.py`` says which answer is better and
+``_split_marks.py`` where meshes are split. ``_problem.py`` is a task as the search sees it,
+``_starts.py`` and ``_way_guesses.py`` say what it starts from, ``_branches.py`` has ways through
+stops. ``_among_obstacles.py`` and ``_stops_among.py`` give it ways around obstacles, ``_result.py``
+and ``_least_effort.py`` make the motion of its answer, ``_orders.py`` compares orders of stops,
+``_stop_fronts.py`` slacks and torques, ``_prepared.py`` solves again with other numbers.
 """
 
 import lazy_loader

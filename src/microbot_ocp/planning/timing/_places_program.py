@@ -4,7 +4,7 @@ At a given place of a path all that a limit may ask for is a function of s', s''
 coefficients are numbers: the pose, its derivatives, and those of the torque. So every mesh point
 and every interval is one call of a small kernel, which evaluates no dynamics, and whose values and
 entries of Jacobian and Hessian go to known rows and columns: nothing is derived or compiled anew
-for another path. The equations are on docs/theory/path_timing.md, "One program on places".
+for another path. The equations are (5) to (10) of docs/theory/path_timing.md.
 """
 
 from __future__ import annotations
