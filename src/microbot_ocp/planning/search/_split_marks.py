@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
@@ -15,17 +13,23 @@ from microbot_ocp.planning.task import dry_friction, jerk_switches, reversals
 TINY = 1e-12
 
 
-def velocity_marks(search: MotionSearch, solution: Solution) -> list[Any]:
-    """Return intervals in which a velocity goes through more than half of its limit at once.
+def switch_marks(search: MotionSearch, solution: Solution) -> list[np.ndarray]:
+    """Return intervals in which a velocity goes through more than half of its limit at once, or a
+    limited jerk switches.
 
-    The arm could reach it in far less time than the mesh lets it.
+    The arm could reach the velocity in far less time than the mesh lets it.
     """
-    limit = np.maximum(*(np.abs(b) for b in search.problem.family.robot.limits.bounds("qd")))
+    family = search.problem.family
+    limit = np.maximum(*(np.abs(b) for b in family.robot.limits.bounds("qd")))
     limit = np.where(limit > 0, limit, np.inf)
-    return [
-        (np.abs(np.diff(phase["qd"], axis=0)) > 0.5 * limit).any(axis=1)
-        for phase in solution.phases
-    ]
+    marks = []
+    for phase in solution.phases:
+        rows = (np.abs(np.diff(phase["qd"], axis=0)) > 0.5 * limit).any(axis=1)
+        if "qddd" in family:
+            jerk = np.diff(phase["qdd"], axis=0) / np.diff(phase.t)[:, None]
+            rows |= jerk_switches(jerk, family["qddd"])
+        marks.append(rows)
+    return marks
 
 
 def friction_marks(search: MotionSearch, solution: Solution) -> list[np.ndarray]:
@@ -38,14 +42,6 @@ def friction_marks(search: MotionSearch, solution: Solution) -> list[np.ndarray]
         turns &= steps > 0.6 * steps[turns].max(initial=0.0)
         marked.append(turns[:, None] | (excess > search.settings.limit_tolerance))
     return marked
-
-
-def jerk_marks(search: MotionSearch, solution: Solution) -> list[np.ndarray]:
-    member = search.problem.family["qddd"]
-    return [
-        jerk_switches(np.diff(phase["qdd"], axis=0) / np.diff(phase.t)[:, None], member)
-        for phase in solution.phases
-    ]
 
 
 def graded(phase: PhaseSolution, count: int) -> FloatArray:

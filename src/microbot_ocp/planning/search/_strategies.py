@@ -44,8 +44,7 @@ from microbot_ocp.planning.search._settings import SEARCH, TimeOptimalSettings
 from microbot_ocp.planning.search._split_marks import (
     friction_marks,
     graded,
-    jerk_marks,
-    velocity_marks,
+    switch_marks,
 )
 from microbot_ocp.planning.search._starts import next_trial
 from microbot_ocp.planning.task import (
@@ -526,25 +525,17 @@ def next_splitting(search: MotionSearch, state: SearchState) -> NextStep | None:
 def split_where_exceeded(search: MotionSearch, step: NextStep) -> MotionAnswer:
     """Split intervals until limits hold between mesh points, and where something switches."""
     subject = step.answer
-    refiner, best = _going_on(subject), subject.solution
-    if not accelerations_jump(search.problem.family):
-        best = refiner.refine(best)
-        marks = partial(velocity_marks, search)
-        if any(places.any() for places in marks(best)):
-            best = refiner.refine(refiner.sharpen(best, marks))
-        if "qddd" in search.problem.family:
-            best = refiner.refine(refiner.sharpen(best, partial(jerk_marks, search)))
-        return _finer(subject, "splitting", best, refiner)
+    refiner, best, marks = _going_on(subject), subject.solution, partial(switch_marks, search)
     usual = refiner.settings
-    if subject.strategy in COARSE:  # nothing leads on: what is tried yet is not tried for long
-        limited = min(usual.max_iterations, SEARCH.smoother_iterations)
-        usual = replace(usual, max_iterations=limited)
-    refiner = replace(refiner, foresight=SEARCH.foresight, settings=usual)
-    marks = partial(velocity_marks, search)
-    if len(search.problem.names) <= SEARCH.many_phases:
-        # a refined mesh is seldom refined again: to the last digits at once
-        least = replace(usual, max_iterations=min(usual.max_iterations, SEARCH.most_exact))
-        best = replace(refiner, settings=least, rough=None, once=True).refine(best, marks)
+    if accelerations_jump(search.problem.family):
+        refiner = replace(refiner, foresight=SEARCH.foresight)
+        if subject.strategy in COARSE:  # nothing leads on: what is tried yet is not tried for long
+            limited = min(usual.max_iterations, SEARCH.smoother_iterations)
+            refiner = replace(refiner, settings=replace(usual, max_iterations=limited))
+        if len(search.problem.names) <= SEARCH.many_phases:
+            # a refined mesh is seldom refined again: to the last digits at once
+            least = replace(usual, max_iterations=min(usual.max_iterations, SEARCH.most_exact))
+            best = replace(refiner, settings=least, rough=None, once=True).refine(best, marks)
     return _finer(subject, "splitting", refiner.refine(best, marks), refiner)
 
 
