@@ -5,6 +5,7 @@ from ._acceptance import (
 )
 from ._chain import (
     SolveContext as SolveContext,
+    program_on as program_on,
     run_chain as run_chain,
     solve_on as solve_on,
     transcribed as transcribed,

@@ -46,13 +46,7 @@ def solve_on(
     With ``warm_only`` it ends where the warm start from a solution does not converge. With
     ``uneven`` a guess that is no solution is moved off what is symmetric.
     """
-    start = time.perf_counter()
-    program = assemble(transcription.layouts(mesh))
-    begin = starting_point(program, transcription.problem, guess)
-    uneven = uneven and not isinstance(guess, Solution)
-    begin = replace(begin, x=finite_start(program, begin.x, uneven=uneven))
-    program = with_cost_scale(program, begin.x, settings)
-    build_time = time.perf_counter() - start
+    program, begin, build_time = program_on(transcription, mesh, guess, settings, uneven)
     return run_chain(
         program,
         settings,
@@ -62,6 +56,22 @@ def solve_on(
         until=until,
         warm_only=warm_only,
     )
+
+
+def program_on(
+    transcription: Transcription,
+    mesh: Meshes,
+    guess: Mapping[str, Guess] | Solution | str | None,
+    settings: SolverSettings,
+    uneven: bool = False,
+) -> tuple[Program, StartingPoint, float]:
+    """Return the program on a mesh, where it starts from a guess, and the time it took, s."""
+    start = time.perf_counter()
+    program = assemble(transcription.layouts(mesh))
+    begin = starting_point(program, transcription.problem, guess)
+    uneven = uneven and not isinstance(guess, Solution)
+    begin = replace(begin, x=finite_start(program, begin.x, uneven=uneven))
+    return with_cost_scale(program, begin.x, settings), begin, time.perf_counter() - start
 
 
 @dataclass(frozen=True, eq=False)
