@@ -23,6 +23,7 @@ BENCHMARKS = (
     "path_timing",
     "free_time_optimal",
     "arms",
+    "closed_loop",
     "drake",
     "units",
     "cops_arm",

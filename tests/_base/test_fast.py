@@ -259,3 +259,18 @@ def test_a_deferred_call_without_a_compiler():
         expected = mo.fast_call(FUNCTIONS["one vector"])(rows, rows, rows)
         np.testing.assert_allclose(call(rows, rows, rows), expected, rtol=1e-12)
         assert call(rows[:0], rows[:0], rows[:0]).shape == (0, 3)
+
+
+def test_a_repetition_whose_calls_are_kept_ends_where_it_says_or_at_its_most(monkeypatch):
+    x, a = ca.SX.sym("x", 2), ca.SX.sym("a")
+    step = [a * x, x[0] < 7, ca.sin(x)]  # goes on from 1, 2, 4
+    function = ca.Function("doubled", [x, a], [ca.densify(part) for part in step])
+    as_it_is = deferred_call.__wrapped__(function, 5)([1.0, 3.0], [2.0])
+    monkeypatch.setattr(fast_calls, "WORTH_COMPILING", -1.0)
+    for most, left in ((5, 4), (3, 3), (1, 1)):
+        states, going, kept = deferred_call.__wrapped__(function, most)([1.0, 3.0], [2.0])
+        assert states[:, 0].tolist() == [2.0, 4.0, 8.0, 16.0][:left]
+        assert going[:, 0].tolist() == [1.0, 1.0, 1.0, 0.0][:left]
+        np.testing.assert_array_equal(kept, as_it_is[2][:left])
+    with pytest.raises(mo.InputError, match="from one state, not from a batch"):
+        deferred_call.__wrapped__(function, 5)(np.ones((2, 2)), [2.0])

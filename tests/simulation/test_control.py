@@ -62,7 +62,7 @@ def test_error_dynamics_in_closed_form(robot, kp, kind):
     np.testing.assert_allclose(run.rms, np.sqrt(mean), atol=1e-6)
 
 
-@pytest.mark.parametrize("integrator", ["cvodes", "idas", "collocation", "rk"])
+@pytest.mark.parametrize("integrator", ["dop853", "cvodes", "idas", "collocation", "rk"])
 def test_underdamped_errors_by_every_integrator(robot, integrator):
     kp, kv = 50.0, 4.0
     run = mo.track(robot, report_motion, mo.ComputedTorque(kp, kv), q0=[-0.5, -0.9, 0.1],
@@ -267,6 +267,7 @@ BAD_INPUTS = [
     (lambda: track(lambda t: [t, t], LAW), "motion must return 3 expressions"),
     (lambda: track([1.0, 2.0], LAW), "motion must be a Motion or a Piecewise"),  # type: ignore[arg-type]
     (lambda: track(report_motion, LAW, sample_rate=0.0), "sample_rate must be above 0 Hz"),
+    (lambda: track(report_motion, LAW, sample_rate=100.0, integrator="dop853"), "one of cvodes"),
     (lambda: track(report_motion, LAW, noise=SensorNoise(1e-3)), "noise needs a sample_rate"),
     (lambda: track(report_motion, LAW, step=0.0), "step must be above 0 s"),
     (lambda: track(report_motion, LAW, saturation=-5.0), "tau_max of joint 1 must be at least 0"),
@@ -279,3 +280,16 @@ BAD_INPUTS = [
 def test_bad_inputs(call, message):
     with pytest.raises(mo.InputError, match=message):
         call()
+
+
+@pytest.mark.parametrize("kind", ["formula", "polynomial with jumps"])
+def test_errors_are_as_small_as_the_tolerance(robot, kind):
+    motion = references(robot)[kind]
+    start = np.radians([-45.0, 20.0, -10.0])
+    begin = np.full(3, -np.pi / 4 if kind == "formula" else 0.0)
+    for tolerance in (1e-6, 1e-9, 1e-12):
+        run = mo.track(robot, motion, mo.ComputedTorque(100.0), q0=begin - start, duration=2.0,
+                       tolerance=tolerance)  # fmt: skip
+        wanted = critically_damped(start, np.full(3, 100.0), run.t)
+        worst = np.abs(run.error - wanted).max()
+        assert worst < 5 * tolerance + 1e-12

@@ -148,7 +148,7 @@ def test_energy_is_kept(name):
 def test_jumping_torque_of_a_motion_costs_no_digits(robot):
     shape = mo.lspb(np.radians([[0, 0, 0], [-8, 45, 30]]), [0.0, 2.0], 0.5)
     motion = mo.Motion.from_polynomial(robot, shape, label="lspb")
-    for integrator in ("cvodes", "rk"):
+    for integrator in ("dop853", "cvodes", "rk"):
         run = mo.simulate(robot, motion, integrator=integrator, tolerance=1e-12)
         np.testing.assert_allclose(run.q, motion.q, atol=1e-8)
     # The stored torques count, whoever is driven by them.
@@ -166,7 +166,7 @@ def test_an_arm_that_waits_is_not_stepped_over(arm):
     go = mo.quintic([start, start + 0.4], [0.0, 2.0]).coefficients
     shape = mo.motion.PiecewisePolynomial([0.0, 2.0, 4.0], np.concatenate([wait, go]))
     motion = mo.Motion.from_polynomial(arm, shape, label="wait, then go")
-    for integrator in ("cvodes", "idas", "rk"):
+    for integrator in ("dop853", "cvodes", "idas", "rk"):
         run = mo.simulate(arm, motion, integrator=integrator)
         assert run.solved, run.advice
         np.testing.assert_allclose(run.q, motion.q, atol=1e-5)
@@ -236,7 +236,7 @@ BAD_INPUTS = [
     (lambda: mo.simulate(SLIDER, [[1.0]], [0.0], t=[0, 1]), r"tau must have shape \[2, 1\]"),
     (lambda: mo.simulate(SLIDER, lambda t: [t, t], [0.0], t=[0, 1]), r"1 expressions, not shape"),
     (lambda: mo.simulate(SLIDER, lambda t: "t", [0.0], t=[0, 1]), r"tau must return 1 CasADi"),
-    (lambda: mo.simulate(SLIDER, None, [0.0], t=[0, 1], integrator="euler"), "one of cvodes"),  # type: ignore[arg-type]
+    (lambda: mo.simulate(SLIDER, None, [0.0], t=[0, 1], integrator="euler"), "one of dop853"),  # type: ignore[arg-type]
     (lambda: mo.simulate(SLIDER, None, [0.0], t=[0, 1], tolerance=0.0), "tolerance must be above"),
     (lambda: mo.simulate(SLIDER, None, [0.0], t=[0, 1], max_steps=0), "max_steps must be a whole"),
 ]  # fmt: skip

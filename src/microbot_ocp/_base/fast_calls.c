@@ -16,7 +16,7 @@ static PyObject *input_error;
 static int memory;
 
 static int evaluate(const double **arg, double **res, casadi_int *iw, double *w) {
-#if @MOST@
+#if @MOST@ && !@KEPT@
   static double state[@STATE@];
   int k;
   memcpy(state, arg[0], sizeof state);
@@ -103,6 +103,9 @@ static PyObject *call(PyObject *module, PyObject *const *given, Py_ssize_t count
   PyArrayObject *in[@N_IN@] = {0}, *out[@N_OUT@] = {0};
   npy_intp step[@N_IN@], rows = -1, row, size;
   PyObject *answer = NULL;
+#if @KEPT@
+  const double *last = NULL;
+#endif
   int i;
   if (count != @N_IN@)
     return PyErr_Format(input_error, "@NAME@ takes @N_IN@ arrays, not %zd", count);
@@ -128,6 +131,13 @@ static PyObject *call(PyObject *module, PyObject *const *given, Py_ssize_t count
       goto done;
     }
   }
+#if @KEPT@
+  if (rows >= 0) {
+    PyErr_SetString(input_error, "@NAME@ is repeated from one state, not from a batch");
+    goto done;
+  }
+  rows = @MOST@;
+#endif
   for (i = 0; i < @N_OUT@; ++i) {
     npy_intp shape[3] = {rows, out_columns[i], out_rows[i]};
     int matrix = out_columns[i] != 1, batch = rows >= 0;
@@ -146,6 +156,9 @@ static PyObject *call(PyObject *module, PyObject *const *given, Py_ssize_t count
 #endif
   for (; row < (rows < 0 ? 1 : rows); ++row) {
     for (i = 0; i < @N_IN@; ++i) arg[i] = (double *)PyArray_DATA(in[i]) + row * step[i];
+#if @KEPT@
+    if (last) arg[0] = last;
+#endif
     for (i = 0; i < @N_OUT@; ++i) {
       size = out_rows[i] * out_columns[i];
       res[i] = (double *)PyArray_DATA(out[i]) + row * size;
@@ -154,8 +167,18 @@ static PyObject *call(PyObject *module, PyObject *const *given, Py_ssize_t count
       PyErr_SetString(PyExc_RuntimeError, "@NAME@ could not be evaluated");
       goto done;
     }
+#if @KEPT@
+    last = res[0];
+    if (!(res[1][0] > 0) && ++row) break;
+#endif
   }
   for (i = 0; i < @N_OUT@; ++i) {
+#if @KEPT@
+    PyObject *calls = PySequence_GetSlice((PyObject *)out[i], 0, row);
+    Py_DECREF(out[i]);
+    out[i] = (PyArrayObject *)calls;
+    if (!calls) goto done;
+#endif
     if (out_columns[i] != 1) {  /* CasADi writes column by column */
       PyObject *turned = PyArray_SwapAxes(out[i], (rows >= 0), 1 + (rows >= 0));
       Py_DECREF(out[i]);

@@ -85,7 +85,7 @@ def fast_call(function: ca.Function) -> FastCall:
 
 
 @lru_cache(maxsize=128)
-def deferred_call(function: ca.Function) -> FastCall:
+def deferred_call(function: ca.Function, kept: int = 0) -> FastCall:
     """Return a CasADi function as a numpy function of many states, compiled when that pays.
 
     Compiled code that is in the cache is used at once. Else the function runs as it is until that
@@ -95,12 +95,16 @@ def deferred_call(function: ca.Function) -> FastCall:
     Parameters
     ----------
     function : casadi.Function
-        As of :func:`fast_call`; its outputs are vectors, too.
+        As of :func:`fast_call`; its outputs are vectors, too. If ``kept`` as of :func:`fast_loop`.
+    kept : int
+        If above zero the function is repeated from one state as often, at most, and what each call
+        returns is kept.
 
     Returns
     -------
     callable
-        Takes a batch [N,n] an input, returns a batch [N,m], several outputs as a tuple.
+        Takes a batch [N,n] an input, returns a batch [N,m], several outputs as a tuple; if
+        ``kept`` takes arrays [n].
 
     Raises
     ------
@@ -115,20 +119,26 @@ def deferred_call(function: ca.Function) -> FastCall:
     (5, 3)
     """
     _check_vectors(function)
-    fast = _extension(function, 0, make=False)
+    fast = _extension(function, kept, make=False, kept=bool(kept))
     inner = (function, *function.find_functions())
     in_python = any(part.class_name() == "CallbackInternal" for part in inner)
     spent = -np.inf if in_python else 0.0  # of Python there is no C code
+    single = _stand_in(function)
 
     def call(*given: Any) -> Any:
         nonlocal fast, spent
         if fast is None and spent > WORTH_COMPILING and compiles() and not deadline.over():
-            fast = fast_call(function)
+            fast = _extension(function, kept, kept=True) if kept else fast_call(function)
         if fast is not None:
             return fast(*given)
         begin = time.perf_counter()
-        answers = function.call([np.transpose(array) for array in given])
-        results = tuple(np.array(answer).T[: len(given[0])] for answer in answers)
+        if kept:
+            results = _kept(single, kept, given)
+        elif np.ndim(given[0]) == 1:
+            results = _as_tuple(single(*given))
+        else:
+            answers = function.call([np.transpose(array) for array in given])
+            results = tuple(np.array(answer).T[: len(given[0])] for answer in answers)
         spent += time.perf_counter() - begin
         return results[0] if len(results) == 1 else results
 
@@ -186,7 +196,9 @@ def _check_vectors(function: ca.Function) -> None:
         raise InputError(f"every output of {function.name()} must be dense")
 
 
-def _extension(function: ca.Function, most: int, *, make: bool = True) -> FastCall | None:
+def _extension(
+    function: ca.Function, most: int, *, make: bool = True, kept: bool = False
+) -> FastCall | None:
     """Return the compiled module's function; None where it cannot be built, or is not to be and
     is not.
     """
@@ -194,15 +206,17 @@ def _extension(function: ca.Function, most: int, *, make: bool = True) -> FastCa
     cc = compiler() if compiles() else None
     if cc is not None and (Path(headers[0]) / "Python.h").exists():
         try:
-            return _load(function.name(), _build(function, most, cc, headers, make))
+            return _load(function.name(), _build(function, most, cc, headers, make, kept))
         except (OSError, subprocess.SubprocessError, RuntimeError, ImportError):
             pass  # the caller does the same, only slower
     return None
 
 
-def _build(function: ca.Function, most: int, cc: str, headers: list[str], make: bool) -> Path:
+def _build(
+    function: ca.Function, most: int, cc: str, headers: list[str], make: bool, kept: bool
+) -> Path:
     return build_library(
-        c_source([function]) + _glue(function, most),
+        c_source([function]) + _glue(function, most, kept),
         f"fast_{function.name()}",
         cc,
         "-O2",
@@ -213,9 +227,9 @@ def _build(function: ca.Function, most: int, cc: str, headers: list[str], make: 
     )
 
 
-def _glue(function: ca.Function, most: int) -> str:
+def _glue(function: ca.Function, most: int, kept: bool) -> str:
     inputs, outputs = range(function.n_in()), range(function.n_out())
-    wide = _wide(function)
+    wide = "" if kept else _wide(function)
     values = {
         "IN_SIZE": ", ".join(str(function.size1_in(i)) for i in inputs),
         "IN_NAME": ", ".join(f'"{function.name_in(i)}"' for i in inputs),
@@ -229,6 +243,7 @@ def _glue(function: ca.Function, most: int) -> str:
         "N_OUT": function.n_out(),
         "NAME": function.name(),
         "MOST": most,
+        "KEPT": int(kept),
         "STATE": function.size1_in(0),
         "IN_TOTAL": sum(function.size1_in(i) for i in inputs),
         "OUT_TOTAL": sum(function.numel_out(i) for i in outputs),
@@ -457,6 +472,14 @@ def _repeated(single: FastCall, most: int) -> FastCall:
         return answers if counts else tuple(answer[0] for answer in answers)
 
     return call
+
+
+def _kept(single: FastCall, most: int, given: tuple[Any, ...]) -> tuple[FloatArray, ...]:
+    """Return what each call of a repetition returns [K,m], without an extension module."""
+    calls = [single(*given)]
+    while len(calls) < most and calls[-1][1][0] > 0:
+        calls.append(single(calls[-1][0], *given[1:]))
+    return tuple(map(np.array, zip(*calls, strict=True)))
 
 
 def _as_tuple(answer: Any) -> tuple[FloatArray, ...]:

@@ -66,8 +66,9 @@ class PiecewisePolynomial:
         piece = np.clip(np.searchsorted(self.breaks, times, side=side) - 1, 0, self.breaks.size - 2)
         local = (times - self.breaks[piece])[:, None]
         value = np.zeros((times.size, self.coefficients.shape[2]))
-        for power in reversed(range(self.coefficients.shape[1])):
-            value = value * local + self.coefficients[piece, power]
+        for of_power in np.ascontiguousarray(self.coefficients.swapaxes(0, 1))[::-1]:
+            value *= local
+            value += of_power.take(piece, axis=0)
         return value
 
     def stretched(self, factor: float) -> PiecewisePolynomial:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from typing import Any
+from functools import lru_cache
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -12,25 +12,29 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import InputError
+from microbot_ocp._base.fast_calls import deferred_call
 from microbot_ocp._base.relations import reason_of
 from microbot_ocp.limits import AT_LIMIT, use_of
 from microbot_ocp.motion import SAMPLE_STEP, Motion, PiecewisePolynomial, State
 from microbot_ocp.robot import Robot, forward_dynamics
 from microbot_ocp.simulation._controllers import (
+    GAINS,
     Controller,
     Reference,
     Saturation,
     SensorNoise,
+    gains_of,
     saturate,
     torque_limits,
+    with_gains,
 )
 from microbot_ocp.simulation._inputs import (
     Integrator,
     checked_settings,
     checked_start,
 )
-from microbot_ocp.simulation._integration import ForcedEquation, integrate
-from microbot_ocp.simulation._outcome import result_fields
+from microbot_ocp.simulation._integration import INTEGRATORS, ForcedEquation, integrate
+from microbot_ocp.simulation._outcome import CLOSED_LOOP, result_fields
 from microbot_ocp.simulation._result import Tracking
 from microbot_ocp.simulation._sampled import SampledLoop, Samples
 from microbot_ocp.simulation._signals import Formula, disturbance_function, reference_signal
@@ -92,8 +96,8 @@ def track(
     disturbance : array_like [n] or callable, optional
         Torques on the joints in addition to those of the drives, N m (N): constants, or a
         function of the CasADi time.
-    integrator : "cvodes", "idas", "collocation" or "rk"
-        See :func:`simulate`; default "cvodes", under sampled control "rk".
+    integrator : "dop853", "cvodes", "idas", "collocation" or "rk"
+        See :func:`simulate`; default "dop853". Under sampled control "rk", "dop853" not being one.
     tolerance, max_steps
         See :func:`simulate`; under sampled control a fixed step may take 100 steps a sample in any
         case.
@@ -122,7 +126,7 @@ def track(
     arm = robot if plant is None else plant
     count = robot.joint_count
     checks.joints("plant", arm.joint_count, robot)
-    chosen = ("cvodes" if sample_rate is None else "rk") if integrator is None else integrator
+    chosen = ("dop853" if sample_rate is None else "rk") if integrator is None else integrator
     settings = checked_settings(chosen, tolerance, max_steps)
     begin, end, signal = reference_signal(motion, duration, robot)
     first = signal.values(np.array([begin]))[0]
@@ -131,24 +135,13 @@ def track(
     )
     step = checks.number("step", step, "s", above=0.0)
     lower, upper = torque_limits(saturation, arm)
-    load = disturbance_function(disturbance, count)
-    dynamics = forward_dynamics(arm)
-
-    def torque(w: ca.SX, q: ca.SX, qd: ca.SX) -> ca.SX:
-        reference = Reference(w[:count], w[count : 2 * count], w[2 * count :])
-        try:
-            tau = controller.torque(robot, reference, q, qd)
-        except RuntimeError as problem:  # CasADi's, of the user's law
-            raise InputError(f"controller has no torques: {reason_of(problem)}") from problem
-        if tau.shape != (count, 1):
-            raise InputError(f"controller must return {count} torques, not shape {tau.shape}")
-        return saturate(tau, lower, upper)
-
-    def rate(t: ca.SX, x: ca.SX, w: ca.SX) -> ca.SX:
-        q, qd = x[:count], x[count:]
-        return ca.vertcat(qd, dynamics(q, qd, torque(w, q, qd) + load(t)))
-
-    forced = ForcedEquation(rate, 2 * count, signal)
+    load = None if disturbance is None else disturbance_function(disturbance, count)
+    known = type(controller) in GAINS
+    gains = gains_of(controller, count) if known else np.zeros(0)
+    law = type(controller) if known else _law_text(controller, robot)
+    cuts = tuple(lower.tolist()), tuple(upper.tolist())
+    loop = ClosedLoop(arm, robot, law, cuts, load.serialize() if load else "")
+    forced = ForcedEquation(loop, 2 * count, signal, gains)
     if sample_rate is None:
         for name, given in (("noise", noise is not None), ("delay", delay)):
             if given:
@@ -156,24 +149,27 @@ def track(
         grid = np.linspace(begin, end, checks.step_count(end - begin, step) + 1)
         with deadline.within(time_limit):
             run = integrate(forced, start, grid, settings)
-        law = _law(torque, count)
-        columns = (signal.values(grid).T, run.states[:, :count].T, run.states[:, count:].T)
-        tau = np.array(law.map(grid.size)(*columns)).T
+        wanted = signal.values(grid)
+        q, qd = np.split(run.states, 2, axis=1)
+        tau = deferred_call(_law(loop))(wanted, q, qd, gains)
     else:
+        checks.one_of("integrator under sampled control", chosen, INTEGRATORS[1:])
         sample_rate = checks.number("sample_rate", sample_rate, "Hz", above=0.0)
         samples = Samples.of(begin, end, sample_rate, step)
         errors = (SensorNoise() if noise is None else noise).draw(samples.t.size, count)
         if not 0 <= delay <= MOST_DELAY:
             raise InputError(f"delay must be 0 to {MOST_DELAY} samples, not {delay}")
-        loop = SampledLoop(arm, _law(torque, count), load, signal, errors, delay)
+        sampled = SampledLoop(arm, _law(loop), gains, load, signal, errors, delay)
         with deadline.within(time_limit):
-            grid, run, tau = loop.run(samples, start, settings)
-    fields = result_fields(arm, grid, run, tau, load, settings, started)
-    at_limit: Any = (use_of(tau, lower, upper) >= AT_LIMIT).any(axis=1)
+            grid, run, tau = sampled.run(samples, start, settings)
+        wanted = signal.values(grid)
+    fields = result_fields(arm, grid, run, tau, load, settings, started, CLOSED_LOOP)
+    cut = np.isfinite(lower) | np.isfinite(upper)
+    at_limit: Any = (use_of(tau[:, cut], lower[cut], upper[cut]) >= AT_LIMIT).any(axis=1)
     span = np.diff(grid)
     return Tracking(
         **fields,
-        reference=State(*np.split(signal.values(grid), 3, axis=1)),
+        reference=State(*np.split(wanted, 3, axis=1)),
         label=controller.label,
         sample_rate=sample_rate,
         saturated_fraction=float((span * at_limit[:-1]).sum() / span.sum()),
@@ -181,7 +177,55 @@ def track(
     )
 
 
-def _law(torque: Callable[[ca.SX, ca.SX, ca.SX], ca.SX], count: int) -> ca.Function:
-    """The controller as a function of reference [3n], position [n] and velocity [n]."""
+class ClosedLoop(NamedTuple):
+    """An arm under a controller: ``x' = rate(t, x, w, gains)`` along the reference w.
+
+    Equal loops are one function, built and compiled once: gains are data. A controller from outside
+    is its law, serialised.
+    """
+
+    arm: Robot
+    model: Robot
+    law: type | str
+    cuts: tuple[tuple[float, ...], tuple[float, ...]]
+    disturbance: str
+
+    def torque(self, w: ca.SX, q: ca.SX, qd: ca.SX, gains: ca.SX) -> ca.SX:
+        """Give the torque [n] within the limits of the drives."""
+        if isinstance(self.law, str):
+            tau = ca.Function.deserialize(self.law)(w, q, qd)
+        else:
+            controller = with_gains(self.law, gains, self.arm.joint_count)
+            tau = controller.torque(self.model, Reference(*ca.vertsplit(w, q.numel())), q, qd)
+        return saturate(tau, *map(np.array, self.cuts))
+
+    def __call__(self, t: ca.SX, x: ca.SX, w: ca.SX, gains: ca.SX) -> ca.SX:
+        """Give the derivative of the state."""
+        q, qd = ca.vertsplit(x, self.arm.joint_count)
+        tau = self.torque(w, q, qd, gains)
+        if self.disturbance:
+            tau += ca.Function.deserialize(self.disturbance)(t)
+        return ca.vertcat(qd, forward_dynamics(self.arm)(q, qd, tau))
+
+
+@lru_cache(maxsize=64)
+def _law(loop: ClosedLoop) -> ca.Function:
+    """Return the controller as a function of reference [3n], position, velocity and gains."""
+    count = loop.arm.joint_count
+    size = 0 if isinstance(loop.law, str) else len(GAINS[loop.law]) * count
+    sizes = {"w": 3 * count, "q": count, "qd": count, "gains": size}
+    symbols = [ca.SX.sym(name, entries) for name, entries in sizes.items()]
+    return ca.Function("law", symbols, [ca.densify(loop.torque(*symbols))])
+
+
+def _law_text(controller: Controller, model: Robot) -> str:
+    """Return a controller from outside as a serialised function."""
+    count = model.joint_count
     w, q, qd = ca.SX.sym("w", 3 * count), ca.SX.sym("q", count), ca.SX.sym("qd", count)
-    return ca.Function("law", [w, q, qd], [ca.densify(torque(w, q, qd))])
+    try:
+        tau = controller.torque(model, Reference(*ca.vertsplit(w, count)), q, qd)
+    except RuntimeError as problem:  # CasADi's, of the user's law
+        raise InputError(f"controller has no torques: {reason_of(problem)}") from problem
+    if tau.shape != (count, 1):
+        raise InputError(f"controller must return {count} torques, not shape {tau.shape}")
+    return ca.Function("law", [w, q, qd], [ca.densify(tau)]).serialize()

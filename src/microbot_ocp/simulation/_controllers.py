@@ -160,6 +160,28 @@ class SensorNoise:
         return normal * np.concatenate(spread)
 
 
+# Controllers whose gains are data of a loop, so that other gains are the same function
+GAINS: dict[type, tuple[str, ...]] = {
+    ComputedTorque: ("kp", "kv"),
+    PDGravity: ("kp", "kv"),
+    Feedforward: (),
+}
+
+
+def gains_of(controller: Controller, joints: int) -> FloatArray:
+    """Return all gains of a controller that ``GAINS`` names, one after the other."""
+    names = GAINS[type(controller)]
+    return np.concatenate([[], *(widened(k, getattr(controller, k), joints) for k in names)])
+
+
+def with_gains(kind: type, gains: ca.SX, joints: int) -> Controller:
+    """Return a controller whose gains are expressions."""
+    controller = object.__new__(kind)
+    for name, values in zip(GAINS[kind], ca.vertsplit(gains, joints), strict=False):
+        object.__setattr__(controller, name, values)
+    return controller
+
+
 def saturate(tau: ca.SX, lower: FloatArray, upper: FloatArray) -> ca.SX:
     """Torque SX [n] cut to its limits [n]; infinite ones leave no trace in the expression."""
     for bound, cut in ((lower, ca.fmax), (upper, ca.fmin)):
@@ -202,6 +224,8 @@ def _vector(name: str, value: ArrayLike, unit: str, **bound: float) -> FloatArra
     return vector
 
 
-def _per_joint(name: str, value: ArrayLike | None, model: Robot) -> ca.DM:
+def _per_joint(name: str, value: ArrayLike | None, model: Robot) -> ca.DM | ca.SX:
     assert value is not None  # set by the constructor
+    if isinstance(value, ca.SX):
+        return value
     return ca.DM(widened(name, value, model.joint_count))

@@ -9,10 +9,11 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.fast_calls import deferred_call
 from microbot_ocp.robot import Robot, mass_matrix_condition
 from microbot_ocp.simulation._integration import INTEGRATORS, IntegratorSettings
 
-Integrator = Literal["cvodes", "idas", "collocation", "rk"]
+Integrator = Literal["dop853", "cvodes", "idas", "collocation", "rk"]
 
 MOST_TURNS = 2000  # some seconds of work
 SINGULAR = 1e12  # condition number of the mass matrix from which on torques determine nothing
@@ -54,7 +55,7 @@ def checked_start(
             f"qd0 of {robot.joint_names[j]} is {qd[j]:g} rad/s, {turns[j]:.3g} turns in "
             f"{duration:g} s: at most {MOST_TURNS} are simulated"
         )
-    condition = float(mass_matrix_condition(robot)(q))
+    condition = float(deferred_call(mass_matrix_condition(robot))(q)[0])
     if not condition < SINGULAR:
         raise InputError(
             f"mass matrix is singular at q0 = {q.tolist()} (condition number {condition:.2g}): no "

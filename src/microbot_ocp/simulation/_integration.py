@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, NamedTuple, TypeVar
 
 import casadi as ca
@@ -18,11 +19,21 @@ from numpy.typing import ArrayLike
 from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.child_process import Died, OutOfTime, Send, can_fork, in_child
+from microbot_ocp._base.fast_calls import FastCall, deferred_call
 from microbot_ocp._base.status import Status
+from microbot_ocp.simulation._dormand_prince import (
+    NOT_FINITE,
+    NOT_FINITE_AT_START,
+    OVER,
+    SHRUNK,
+    TOO_MANY_STEPS,
+    integrated,
+    step_function,
+)
 
 Values = Callable[[FloatArray], FloatArray]  # times [N] to values [N,m]
 
-INTEGRATORS = ("cvodes", "idas", "collocation", "rk")
+INTEGRATORS = ("dop853", "cvodes", "idas", "collocation", "rk")
 
 
 @dataclass(frozen=True)
@@ -50,15 +61,18 @@ class Integration:
 
 
 INTEGRATION = Integration()
+# Chebyshev nodes, none at the ends, as a signal has two values at a break; series from values there
+NODES = -np.cos((2 * np.arange(INTEGRATION.degree + 1) + 1) * np.pi / (2 * INTEGRATION.degree + 2))
+FIT = np.linalg.inv(np.polynomial.chebyshev.chebvander(NODES, INTEGRATION.degree))
+STEPS = 64  # in one call of compiled code, between which the time limit is looked at
 
-NOT_FINITE = "the accelerations are not finite"
 # What parts of the integrators' return codes mean, the first that is in one.
 FAILURES = {
-    "TOO_MUCH_WORK": "it needed more steps than allowed",
+    "TOO_MUCH_WORK": TOO_MANY_STEPS,
     "TOO_MUCH_ACC": "the accuracy asked for is beyond the machine's",
-    "ERR_FAIL": "its step shrank to nothing",
-    "CONV_FAIL": "its step shrank to nothing",
-    "FIRST_R": "the accelerations are not finite at the start",
+    "ERR_FAIL": SHRUNK,
+    "CONV_FAIL": SHRUNK,
+    "FIRST_R": NOT_FINITE_AT_START,
     "RHSFUNC": NOT_FINITE,
     "RES_": NOT_FINITE,
 }
@@ -83,11 +97,13 @@ class Signal(NamedTuple):
     pieces: Pieces | None = None
 
 
-Rate = Callable[[ca.SX, ca.SX, ca.SX], ca.SX]
+Rate = Callable[[ca.SX, ca.SX, ca.SX, ca.SX], ca.SX]
 
 
 class ForcedEquation(NamedTuple):
-    """A differential equation ``x' = rate(t, x, w(t))`` forced by a signal w.
+    """A differential equation ``x' = rate(t, x, w(t), parameters)`` forced by a signal w.
+
+    Equal rates are the same function, which is built once.
 
     CVODES is a multistep method that is not started anew where its input changes: a jump of the
     torque costs it digits or ends it. So the independent variable is not the time but s, which
@@ -100,6 +116,23 @@ class ForcedEquation(NamedTuple):
     rate: Rate
     states: int
     signal: Signal
+    parameters: FloatArray
+
+    def steps(self) -> FastCall:
+        """Give steps of the method of Dormand and Prince, which :meth:`inputs` go into."""
+        formula, pieces = self.signal.formula, self.signal.pieces
+        kind = formula.serialize() if formula else pieces.coefficients.shape[1:] if pieces else ""
+        return _steps(self.rate, self.states, self.parameters.size, kind)
+
+    def inputs(self, start: float, end: float) -> tuple[FloatArray, FloatArray]:
+        """Edges [K+1] of the pieces and what goes into a step in each [K,m]."""
+        pieces = self.signal.pieces
+        edges = np.array([start, end]) if pieces is None else pieces.edges
+        series = (
+            np.zeros((1, 0)) if pieces is None else pieces.coefficients.reshape(edges.size - 1, -1)
+        )
+        known = np.broadcast_to(self.parameters, (edges.size - 1, self.parameters.size))
+        return edges, np.column_stack([edges[:-1], np.diff(edges), known, series])
 
     def equation(self, start: float, end: float) -> tuple[dict[str, ca.SX], FloatArray, FloatArray]:
         """CasADi's dictionary of the equation in s, the edges [K+1] and the inputs [p,K]."""
@@ -122,8 +155,22 @@ class ForcedEquation(NamedTuple):
             w = self.signal.formula(t)
         else:
             w = _series(2 * place - 1, u[3:], pieces.coefficients.shape[1:])
-        ode = speed * self.rate(t, x, w)
+        ode = speed * self.rate(t, x, w, ca.SX(ca.DM(self.parameters)))
         return {"t": s, "x": x, "u": u, "ode": ode}, edges, inputs.T
+
+
+@lru_cache(maxsize=64)
+def _steps(rate: Rate, states: int, known: int, kind: str | tuple[int, int]) -> FastCall:
+    """Return :meth:`ForcedEquation.steps` for a formula or for series of a shape."""
+    size = 0 if isinstance(kind, str) else kind[0] * kind[1]
+    t, x, u = ca.SX.sym("t"), ca.SX.sym("x", states), ca.SX.sym("u", 2 + known + size)
+    if isinstance(kind, str):
+        w = ca.Function.deserialize(kind)(t)
+    else:
+        w = _series(2 * (t - u[0]) / u[1] - 1, u[2 + known :], kind)
+    names = ["t", "x", "u"], ["rate"]
+    function = ca.Function("rate", [t, x, u], [rate(t, x, w, u[2 : 2 + known])], *names)
+    return deferred_call(step_function(function), STEPS)
 
 
 class IntegratorSettings(NamedTuple):
@@ -168,12 +215,9 @@ def fit_pieces(values: Values, breaks: FloatArray, tolerance: ArrayLike) -> Piec
     -------
     Pieces
     """
-    angle = (2 * np.arange(INTEGRATION.degree + 1) + 1) * np.pi / (2 * (INTEGRATION.degree + 1))
-    nodes = -np.cos(angle)  # none at the ends: at a break the signal has two values
-    fit = np.linalg.inv(np.polynomial.chebyshev.chebvander(nodes, INTEGRATION.degree))
     probes = -np.cos((np.arange(INTEGRATION.degree) + 1) * np.pi / (INTEGRATION.degree + 1))
     probe = np.polynomial.chebyshev.chebvander(probes, INTEGRATION.degree)
-    both = np.concatenate([nodes, probes])
+    both = np.concatenate([NODES, probes])
     todo = [(float(breaks[0]), float(breaks[-1]))]
     edges: list[float] = []
     coefficients: list[FloatArray] = []
@@ -182,7 +226,7 @@ def fit_pieces(values: Values, breaks: FloatArray, tolerance: ArrayLike) -> Piec
         middle, half = spans.mean(axis=1), 0.5 * np.diff(spans, axis=1)[:, 0]
         t = middle[:, None] + half[:, None] * both
         own = values(t.ravel()).reshape(*t.shape, -1)
-        series = fit @ own[:, : INTEGRATION.degree + 1]
+        series = FIT @ own[:, : INTEGRATION.degree + 1]
         error = np.abs(probe @ series - own[:, INTEGRATION.degree + 1 :]).max(axis=1)
         fits = (error <= tolerance).all(axis=1)
         todo = []
@@ -229,7 +273,32 @@ def formula_signal(expression: ca.SX, t: ca.SX) -> Signal:
 def integrate(
     forced: ForcedEquation, start: FloatArray, grid: FloatArray, settings: IntegratorSettings
 ) -> IntegrationRun:
-    """States [N, states] at the times of the grid, in one integrator call."""
+    """Return states [N, states] at the times of the grid."""
+    if settings.integrator != "dop853":
+        return _by_plugin(forced, start, grid, settings)
+    pieces = forced.inputs(float(grid[0]), float(grid[-1]))
+    # Series of a piece are seen by the nodes of one step, a formula need not be
+    longest = np.inf if forced.signal.pieces else INTEGRATION.longest_step * (grid[-1] - grid[0])
+    states, message = integrated(
+        forced.steps(), pieces, start, grid, settings.tolerance, settings.max_steps, longest
+    )
+    if not message:
+        return IntegrationRun(Status.SOLVED, states)
+    if message is OVER:
+        return missing(Status.TIME_LIMIT, OVER)._replace(states=states)
+    # A fixed step does not stop where this one does, so it shows where that is.
+    settings = settings._replace(integrator="rk")
+    return _by_plugin(forced, start, grid, settings, _failed(message, states))
+
+
+def _by_plugin(
+    forced: ForcedEquation,
+    start: FloatArray,
+    grid: FloatArray,
+    settings: IntegratorSettings,
+    failed: IntegrationRun | None = None,
+) -> IntegrationRun:
+    """Return what an integrator of CasADi's finds in one call; of what ``failed``, the trace."""
     equation, edges, inputs = forced.equation(float(grid[0]), float(grid[-1]))
     s = _stretched(grid, edges)
     stops = np.union1d(s[1:], np.arange(1.0, edges.size))
@@ -252,7 +321,7 @@ def integrate(
         return np.vstack([start, np.vstack(found)[wanted]])
 
     arrived: list[FloatArray] = []
-    run = in_time(
+    run = failed or in_time(
         lambda send: settled(lambda steps: states(steps, send), settings, max(stops.size, 32)),
         missing,
         arrived.append,
@@ -264,9 +333,8 @@ def integrate(
         return run._replace(states=np.vstack([start, known[wanted]]))
     if not run.states.size:
         run = run._replace(states=np.full((grid.size, forced.states), np.nan))
-    if run.status.solved or settings.integrator == "rk":
+    if run.status.solved or (settings.integrator == "rk" and not failed):
         return run
-    # A fixed step does not stop where the other integrator does, so it shows where that is.
     settings = settings._replace(integrator="rk")
     return run._replace(trace=(grid, states(INTEGRATION.probes)))
 
@@ -293,7 +361,7 @@ def in_time(
     try:
         return in_child(work, deadline.until(), taken)
     except OutOfTime:
-        return otherwise(Status.TIME_LIMIT, "stopped at the time limit")
+        return otherwise(Status.TIME_LIMIT, OVER)
     except Died:
         return otherwise(Status.INTEGRATION_FAILED, "the process of the integrator ended")
 

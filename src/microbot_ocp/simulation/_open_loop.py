@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -19,7 +20,7 @@ from microbot_ocp.simulation._inputs import (
     checked_times,
 )
 from microbot_ocp.simulation._integration import ForcedEquation, integrate
-from microbot_ocp.simulation._outcome import result_fields
+from microbot_ocp.simulation._outcome import OPEN_LOOP, result_fields
 from microbot_ocp.simulation._result import Simulation
 from microbot_ocp.simulation._signals import Formula, torque_signal
 
@@ -31,7 +32,7 @@ def simulate(
     qd0: ArrayLike | None = None,
     t: ArrayLike | None = None,
     *,
-    integrator: Integrator = "cvodes",
+    integrator: Integrator = "dop853",
     tolerance: float = 1e-10,
     max_steps: int = 20_000,
     time_limit: float = np.inf,
@@ -55,10 +56,10 @@ def simulate(
     t : array_like [N]
         Strictly increasing times of the result, s, the first being that of the start; default those
         of the motion.
-    integrator : "cvodes", "idas", "collocation" or "rk"
-        Adams' method with error control; backward differences with error control; Radau collocation
-        of degree 3 or the classical Runge-Kutta method with a fixed step, halved until two
-        solutions agree within the tolerance.
+    integrator : "dop853", "cvodes", "idas", "collocation" or "rk"
+        With error control: the Runge-Kutta method of Dormand and Prince of order 8, Adams' method,
+        backward differences. Radau collocation of degree 3 or the classical Runge-Kutta method with
+        a fixed step, halved until two solutions agree within the tolerance.
     tolerance : float
         Absolute and relative tolerance.
     max_steps : int
@@ -100,12 +101,20 @@ def simulate(
     start = checked_start(robot, q0, qd0, float(grid[-1] - grid[0]))
     signal = torque_signal(tau, grid, count)
 
-    def rate(_: ca.SX, x: ca.SX, w: ca.SX) -> ca.SX:
-        return ca.vertcat(x[count:], forward_dynamics(robot)(x[:count], x[count:], w))
-
-    forced = ForcedEquation(rate, 2 * count, signal)
+    forced = ForcedEquation(OpenLoop(robot), 2 * count, signal, np.zeros(0))
     with deadline.within(time_limit):
         run = integrate(forced, start, grid, settings)
     return Simulation(
-        **result_fields(robot, grid, run, signal.values(grid), None, settings, started)
+        **result_fields(robot, grid, run, signal.values(grid), None, settings, started, OPEN_LOOP)
     )
+
+
+class OpenLoop(NamedTuple):
+    """An arm under torques w: ``x' = rate(t, x, w, none)``."""
+
+    arm: Robot
+
+    def __call__(self, t: ca.SX, x: ca.SX, w: ca.SX, parameters: ca.SX) -> ca.SX:
+        """Give the derivative of the state."""
+        q, qd = ca.vertsplit(x, self.arm.joint_count)
+        return ca.vertcat(qd, forward_dynamics(self.arm)(q, qd, w))

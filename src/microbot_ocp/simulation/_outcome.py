@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import time
+from functools import lru_cache
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.fast_calls import deferred_call
 from microbot_ocp._base.status import Status
 from microbot_ocp.robot import Robot, forward_dynamics, mass_matrix_condition
 from microbot_ocp.simulation._inputs import ARMATURE, SINGULAR
@@ -28,6 +30,7 @@ def result_fields(
     disturbance: ca.Function | None,
     settings: IntegratorSettings,
     started: float,
+    unbounded_hint: str,
 ) -> dict[str, Any]:
     """Fields of :class:`Simulation` from a run, with its accelerations and the conditioning."""
     count = robot.joint_count
@@ -37,10 +40,11 @@ def result_fields(
     if not (stopped or np.isfinite(states).all()):
         states = np.full_like(states, np.nan)
     q, qd = states[:, :count], states[:, count:]
-    outer = 0.0 if disturbance is None else np.array(disturbance.map(grid.size)(grid[None, :])).T
-    qdd = np.array(forward_dynamics(robot).map(grid.size)(q.T, qd.T, (tau + outer).T)).T
-    conditioning = mass_matrix_condition(robot).map(times.size)
-    condition = np.array(conditioning(trace[:, :count].T)).ravel()
+    outer = 0.0 if disturbance is None else np.array(disturbance(grid[None, :])).T
+    qdd, condition = deferred_call(_accelerations(robot))(q, qd, tau + outer)
+    if run.trace is not None:
+        condition = deferred_call(mass_matrix_condition(robot))(trace[:, :count])
+    condition = condition.ravel()
     condition[~np.isfinite(trace).all(axis=1)] = 0.0
     worst = int(condition.argmax())
     status, message = run.status, run.message
@@ -55,7 +59,7 @@ def result_fields(
         message = f"mass matrix singular at {times[worst]:.4g} s: no torque determines the motion"
     hint = "ask for a coarser tolerance, or for more steps by max_steps" if message else ""
     if unbounded:
-        hint = OPEN_LOOP if disturbance is None else CLOSED_LOOP
+        hint = unbounded_hint
     elif condition[worst] > NEAR_SINGULAR:
         hint = (
             f"mass matrix near singular at {times[worst]:.4g} s (condition number "
@@ -77,6 +81,15 @@ def result_fields(
         "advice": message if stopped else "; ".join(filter(None, (message, hint))),
         "wall_time": time.perf_counter() - started,
     }
+
+
+@lru_cache(maxsize=64)
+def _accelerations(robot: Robot) -> ca.Function:
+    """Return accelerations and the condition number, which share the mass matrix."""
+    dynamics, conditioning = forward_dynamics(robot), mass_matrix_condition(robot)
+    state = [ca.SX.sym(name, robot.joint_count) for name in ("q", "qd", "tau")]
+    both = ca.cse([dynamics(*state), conditioning(state[0])])
+    return ca.Function("accelerations", state, both)
 
 
 def _unbounded(times: FloatArray, trace: FloatArray) -> float | None:

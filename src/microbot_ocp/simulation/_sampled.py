@@ -47,8 +47,9 @@ class SampledLoop(NamedTuple):
     """A sampled controller and the arm between its samples."""
 
     arm: Robot
-    law: ca.Function  # reference, measured position and velocity to torque
-    disturbance: ca.Function  # time to disturbance
+    law: ca.Function  # reference, measured position and velocity, gains to torque
+    gains: FloatArray
+    disturbance: ca.Function | None  # time to disturbance
     signal: Signal
     errors: FloatArray  # of the measurements [K, 2n]
     delay: int = 0  # samples between a measurement and its torque
@@ -63,7 +64,7 @@ class SampledLoop(NamedTuple):
         """
         count, inner = self.arm.joint_count, samples.within.size
         first = self.signal.values(samples.t[:1])[0]
-        waiting = np.array(self.law(first, start[:count], start[count:])).ravel()
+        waiting = np.array(self.law(first, start[:count], start[count:], self.gains)).ravel()
         begin = np.concatenate([start, np.tile(waiting, self.delay)])
         given = (samples.t[None, :], self.signal.values(samples.t).T, self.errors.T)
         held: list[FloatArray] = []
@@ -100,7 +101,7 @@ class SampledLoop(NamedTuple):
         """
         count, inner = self.arm.joint_count, samples.within.size
         t, x, u = ca.SX.sym("t"), ca.SX.sym("x", 2 * count), ca.SX.sym("u", count + 1)
-        tau = u[:count] + self.disturbance(u[count] + t)
+        tau = u[:count] + (self.disturbance(u[count] + t) if self.disturbance else 0.0)
         qdd = forward_dynamics(self.arm)(x[:count], x[count:], tau)
         equation = {"t": t, "x": x, "u": u, "ode": ca.vertcat(x[count:], qdd)}
         name, options = chosen
@@ -109,7 +110,8 @@ class SampledLoop(NamedTuple):
         now = state[: 2 * count]
         wanted, error = ca.MX.sym("wanted", 3 * count), ca.MX.sym("error", 2 * count)
         seen = now + error
-        torques = ca.vertcat(state[2 * count :, 0], self.law(wanted, seen[:count], seen[count:]))
+        law = self.law(wanted, seen[:count], seen[count:], self.gains)
+        torques = ca.vertcat(state[2 * count :, 0], law)
         held = torques[:count]
         after = drift(x0=now, u=ca.repmat(ca.vertcat(held, moment), 1, inner))["xf"]
         outputs = [ca.vertcat(after[:, -1], torques[count:, 0]), ca.vec(after), held]

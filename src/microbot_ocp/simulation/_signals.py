@@ -20,7 +20,16 @@ from microbot_ocp.motion import (
     nearest_samples,
 )
 from microbot_ocp.robot import Robot
-from microbot_ocp.simulation._integration import INTEGRATION, Signal, Values, fitted, formula_signal
+from microbot_ocp.simulation._integration import (
+    FIT,
+    INTEGRATION,
+    NODES,
+    Pieces,
+    Signal,
+    Values,
+    fitted,
+    formula_signal,
+)
 
 Formula = Callable[[Any], Any]  # of the CasADi time, to n expressions
 
@@ -88,10 +97,30 @@ def reference_signal(
     duration = checks.number("duration", duration, "s", above=0.0, at_most=longest * (1 + 1e-9))
     checks.number("duration", duration, "s", at_most=checks.LONGEST)
     end = begin + min(duration, longest)
+    if isinstance(motion, PiecewisePolynomial) and end == motion.breaks[-1]:
+        pieces = series_of(motion)
+        if pieces is not None:
+            return begin, end, Signal(values, None, pieces)
     edges = np.append(breaks[breaks < end * (1 - 1e-12)], end)
     inside = edges[:-1, None] + np.diff(edges)[:, None] * np.arange(8) / 8.0
     scale = np.abs(values(inside.ravel())).reshape(-1, 3, count).max(axis=(0, 2))
     return begin, end, fitted(values, edges, np.repeat(fit * scale, count))
+
+
+def series_of(motion: PiecewisePolynomial) -> Pieces | None:
+    """Return position, velocity and acceleration [3n] as series; None where the degree is above."""
+    powers = motion.coefficients.shape[1]
+    if powers > INTEGRATION.degree + 1:
+        return None
+    of_share = FIT @ ((1 + NODES[:, None]) / 2) ** np.arange(powers)  # that has gone by
+    length = np.diff(motion.breaks)[:, None, None]
+    scaled = motion.coefficients * length ** np.arange(powers)[:, None]
+    count = np.arange(powers)[:, None]
+    series = []
+    for order in range(3):
+        series.append(of_share @ scaled / length**order)
+        scaled = np.concatenate([(scaled * count)[:, 1:], np.zeros_like(scaled[:, :1])], axis=1)
+    return Pieces(motion.breaks, np.concatenate(series, axis=2))
 
 
 def disturbance_function(given: ArrayLike | Formula | None, count: int) -> ca.Function:
