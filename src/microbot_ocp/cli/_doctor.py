@@ -22,7 +22,6 @@ EXTRAS = {  # and what they are for
     "descriptions": "robots by the names of robot_descriptions",
     "cell": "obstacles, orders of many stops",
     "export": ".mat, .parquet, .mp4",
-    "fit": "models fitted to measurements",
     "notebook": "Jupyter",
     "studio": "a page with sliders",
     "scale": "studies on all processors",

@@ -4,8 +4,8 @@ A solver ends in the valley that its start lies in. Simulations with controls th
 change once, are other starts. They are compared on a coarse mesh, on which a solve takes a few
 hundredths of a second, with what the answer itself becomes there, or with its own cost where it
 becomes nothing there; the mesh is so fine that the answer costs about the same on it. Where the
-first few agree that is all. Where they end in different optima, more are tried, at random:
-simulations, and smooth curves, which where motion is chaotic lead to an optimum far more often.
+first few agree that is all. Where they end in different optima, more are tried: smooth curves at
+random, which where motion is chaotic lead to an optimum far more often.
 That ends when the cheapest was met as often as the first few. The cheapest are solved on the mesh
 of the answer, for a coarse one does not tell which is the least.
 """
@@ -17,7 +17,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import chain, cycle, islice
+from itertools import cycle, islice
 
 import numpy as np
 
@@ -52,7 +52,7 @@ class StartComparison:
     worth : share of the cost: less is not looked for
     near : share of the cost: optima as near on a coarse mesh may change places on a fine one
     finalists : of these that are solved on the mesh of the answer
-    random : starts more where there are different optima
+    random : curves where there are different optima
     waves : half waves of a random curve, at most
     heights : standard deviations of them, in turn, times what a state ranges over
     push : share of the way from the usual controls to random ones on such a curve
@@ -225,12 +225,8 @@ def _answers(
         with contextlib.suppress(NotFinite):
             elsewhere = coarse.context.solve(intervals, guess)
             yield (coarse.solved(elsewhere) if elsewhere.status.solved else elsewhere), False
-    usual = default_guess(problem)
-    durations = {phase.name: phase.duration for phase in here.phases}
-    usual = {k: replace(g, duration=durations[k]) for k, g in usual.items()}
-    further = Rollouts(problem, usual, _ranges(here)).random(COMPARISON.random)
     curves = islice(_curves(problem, here, np.random.default_rng(0)), COMPARISON.random)
-    kinds = {True: chain(simulated, _solved(coarse, further)), False: _solved(coarse, curves)}
+    kinds = {True: simulated, False: _solved(coarse, curves)}
     solved, tried = dict.fromkeys(kinds, 0), dict.fromkeys(kinds, 0)
     while kinds:
         kind = max(kinds, key=lambda k: (solved[k] + 1) / (tried[k] + 1) ** 2)

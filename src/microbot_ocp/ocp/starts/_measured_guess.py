@@ -2,8 +2,9 @@
 
 A step of Newton's method on the cost of every measurement gives the states that it sees; between
 the measurements they go straight. Free parameters are those with which the dynamics, integrated
-along these states, come nearest to their differences: no trajectory is simulated, so poor
-parameters do no harm. Source: Varah, *SIAM J. Sci. Stat. Comput.* 3 (1982), 28-46.
+along these states, come nearest to their differences, by one step of Gauss and Newton: most
+dynamics are linear in them, and no trajectory is simulated, so poor parameters do no harm. Source:
+Varah, *SIAM J. Sci. Stat. Comput.* 3 (1982), 28-46.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from functools import partial
 import casadi as ca
 import numpy as np
 
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp.problem import Expressions, OptimalControlProblem, Phase, Variable
 from microbot_ocp.ocp.transcription import Guess, GuessValue, sampled
 
@@ -116,39 +117,19 @@ def _fitted(
     values = [(guesses[p.name].values.get(v.name), v) for p, v in pairs]
     start = np.concatenate([sampled(value, v, np.zeros(1))[0] for value, v in values])
     edges = np.cumsum([v.size for v in unknown])[:-1]
+    start = np.where(start == 0, np.clip(1.0, lower, upper), start)
     x = ca.MX.sym("free", start.size)
     parts = ca.vertsplit(x, [0, *edges.tolist(), start.size])
     free = dict(zip([v.name for v in unknown], parts, strict=True))
     rows = [row for p in phases for row in _misfits(p, guesses[p.name], measured[p.name], free)]
     residuals = ca.vertcat(*rows, ca.MX(0, 1))
-    if any(p.algebraics for p in phases) or np.any(lower >= upper):
-        return {}
-    if residuals.shape[0] < start.size:
+    if any(p.algebraics for p in phases) or residuals.shape[0] < start.size:
         return {}
     run = ca.Function("misfits", [x], [residuals, ca.densify(ca.jacobian(residuals, x))])
-    try:
-        from scipy.optimize import least_squares
-    except ImportError:
-        raise InputError(
-            "guesses of fits to data need scipy: pip install 'microbot_ocp[fit]', or give guess="
-        ) from None
-    fits = []
-    for begin in (start, np.where(start == 0, np.clip(1.0, lower, upper), start)):
-        try:
-            fit = least_squares(
-                lambda k: run(k)[0].full().ravel(),
-                begin,
-                jac=lambda k: run(k)[1].full(),  # type: ignore[arg-type]
-                bounds=(lower, upper),
-                x_scale="jac",
-                max_nfev=50,
-            )
-            fits.append(fit)
-        except ValueError:  # not finite at the start
-            continue
-    if not fits:
+    misfit, slopes = (out.full() for out in run(start))
+    if not (np.isfinite(misfit).all() and np.isfinite(slopes).all()):
         return {}
-    best = min(fits, key=lambda fit: fit.cost).x
+    best = np.clip(start - np.linalg.lstsq(slopes, misfit[:, 0])[0], lower, upper)
     return dict(zip(free, np.split(best, edges), strict=True))
 
 

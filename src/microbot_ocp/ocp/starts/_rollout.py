@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 
 import casadi as ca
 import numpy as np
@@ -22,7 +22,7 @@ class RolloutSettings:
     ----------
     levels : of the range of all controls that are tried, as shares of it
     steps : the same in both halves of every phase
-    middle : the point at which controls change, and as many are integrated at once
+    middle : the point at which controls change: as many are integrated at once
     tolerance : of the integrator, relative
     small : the same, absolute
     explodes : times the size of the usual guess: what grows so is no start, nor gives scales
@@ -43,7 +43,6 @@ POINTS = 2 * SETTINGS.middle + 1  # of every phase
 GRID = np.linspace(0.0, 1.0, POINTS)
 Range = tuple[FloatArray, FloatArray]
 Ranges = Mapping[str, Mapping[str, Range]]
-Share = float | np.random.Generator  # of the range of a control; at random
 
 
 def rollouts(
@@ -53,9 +52,8 @@ def rollouts(
 
     Controls without bounds are zero; the others are at one share of their ranges. The first guess
     is the one in which states stay nearest to their bounds and come nearest to the conditions at
-    their ends. A state that leaves the finite numbers keeps its last value, and so does one that
-    leaves its bounds in the guess. What grows out of all proportion is left out; where everything
-    does the guess is ``ordinary``.
+    their ends. A state keeps its bounds in the guess. What leaves the finite numbers or
+    grows out of all proportion is left out; where everything does the guess is ``ordinary``.
 
     Parameters
     ----------
@@ -145,21 +143,8 @@ class Rollouts:
         ]
         return sorted((pair for pair in tried if np.isfinite(pair[1])), key=lambda pair: pair[1])
 
-    def random(self, count: int) -> Iterator[dict[str, Guess]]:
-        """Guesses with controls at random, near a bound more often, that change once at a random
-        time; always the same."""
-        draw = np.random.default_rng(0)
-        for _ in range(count):
-            change = int(draw.integers(SETTINGS.middle // 5, POINTS - SETTINGS.middle // 5))
-            guess, miss = self._simulated({}, (draw, draw), change)
-            if np.isfinite(miss):
-                yield guess
-
     def _simulated(
-        self,
-        durations: Mapping[str, float],
-        shares: tuple[Share, Share],
-        change: int = SETTINGS.middle,
+        self, durations: Mapping[str, float], shares: tuple[float, float]
     ) -> tuple[dict[str, Guess], float]:
         """Return guesses, and how far they are from bounds and conditions, relative to their
         sizes.
@@ -177,14 +162,14 @@ class Rollouts:
                 for s in phase.states
             }
             controls = {
-                name: (_constant(*phase_guess, shares[0]), _constant(*phase_guess, shares[1]))
-                for name, phase_guess in self.ranges[phase.name].items()
+                name: (_constant(*bounds, shares[0]), _constant(*bounds, shares[1]))
+                for name, bounds in self.ranges[phase.name].items()
             }
-            table = self.integrators[phase.name].table(start, controls, duration, change)
+            table = self.integrators[phase.name].table(start, controls, duration)
             values: dict[str, GuessValue] = dict(phase_guess.values)
             for name, (before, after) in controls.items():
                 same = np.array_equal(before, after)
-                values[name] = before if same else partial(_step, before, after, GRID[change])
+                values[name] = before if same else partial(_step, before, after)
             edges = np.cumsum([s.size for s in phase.states])[:-1]
             for state, part in zip(phase.states, np.split(table, edges, axis=1), strict=True):
                 clipped = np.clip(part, state.lower, state.upper)
@@ -213,16 +198,14 @@ def _range(control: Variable, ranges: Mapping[str, Range]) -> Range:
     )
 
 
-def _constant(low: FloatArray, high: FloatArray, share: Share) -> FloatArray:
-    drawn = isinstance(share, np.random.Generator)
-    part = np.sin(np.pi / 2 * share.random(low.size)) ** 2 if drawn else share
+def _constant(low: FloatArray, high: FloatArray, share: float) -> FloatArray:
     both = np.isfinite(low) & np.isfinite(high)
     with np.errstate(invalid="ignore"):
-        return np.where(both, low + part * (high - low), np.clip(0.0, low, high))
+        return np.where(both, low + share * (high - low), np.clip(0.0, low, high))
 
 
-def _step(before: FloatArray, after: FloatArray, change: float, s: FloatArray) -> FloatArray:
-    return np.where(np.asarray(s)[:, None] < change, before, after)
+def _step(before: FloatArray, after: FloatArray, s: FloatArray) -> FloatArray:
+    return np.where(np.asarray(s)[:, None] < 0.5, before, after)
 
 
 def _at_start(guess: Guess, variable: Variable) -> FloatArray:
@@ -252,67 +235,34 @@ class _Integrators:
         slopes, equations = ca.graph_substitute([slopes, equations], symbols, values)
         held = ca.vertcat(*(c.symbol for c in phase.controls), ca.MX(0, 1))
         given = ca.vertcat(begin, duration, held)
-        self.dae = {"x": states, "t": share, "p": given, "ode": duration * slopes}
+        dae = {"x": states, "t": share, "p": given, "ode": duration * slopes}
         if phase.algebraics:
-            self.dae |= {"z": algebraic, "alg": equations}
+            dae |= {"z": algebraic, "alg": equations}
         self.z = np.concatenate([*(_at_start(guess, a) for a in phase.algebraics), np.zeros(0)])
-        self.half = self._made(GRID[1 : SETTINGS.middle + 1])
-
-    @cached_property
-    def step(self) -> ca.Function:
-        """From one point of the grid to the next."""
-        return self._made(GRID[1:2])
-
-    def _made(self, until: FloatArray) -> ca.Function:
         options = {"abstol": SETTINGS.small, "reltol": SETTINGS.tolerance, "max_num_steps": 500}
         options |= {"show_eval_warnings": False, "disable_internal_warnings": True}
-        kind = "idas" if self.phase.algebraics else "cvodes"
-        return ca.integrator("rollout", kind, self.dae, 0.0, until, options)
+        kind, until = "idas" if phase.algebraics else "cvodes", GRID[1 : SETTINGS.middle + 1]
+        self.half = ca.integrator("rollout", kind, dae, 0.0, until, options)
 
     def table(
         self,
         start: Mapping[str, FloatArray],
         controls: Mapping[str, tuple[FloatArray, FloatArray]],
         duration: float,
-        change: int,
     ) -> FloatArray:
-        """Return states [POINTS, n]; from where the integrator stops they keep their values."""
+        """Return states [POINTS, n]; no numbers from where the integrator stops."""
         x, z = np.concatenate([start[s.name] for s in self.phase.states]), self.z
-        table = np.tile(x, (POINTS, 1))
-        first = 0
-        while first < POINTS - 1:
-            held = [c[int(first >= change)] for c in controls.values()]
+        table = np.full((POINTS, x.size), np.nan)
+        table[0] = x
+        for half in range(2):
+            first, held = half * SETTINGS.middle, [pair[half] for pair in controls.values()]
             given = np.concatenate([[GRID[first], duration], *held])
-            count = min(SETTINGS.middle, (change if first < change else POINTS - 1) - first)
+            if not np.isfinite(table[first]).all():
+                break
             try:
-                result = self.half(x0=x, z0=z, p=given)
-                xs, zs = np.array(result["xf"]).T[:count], np.array(result["zf"]).T[:count]
-            except RuntimeError:
-                xs = np.full((count, x.size), np.nan)
-            if not np.isfinite(xs).all():
-                return self._as_far_as_it_goes(table, x, z, first, count, given)
-            table[first + 1 : first + 1 + count] = xs
-            x, z, first = xs[-1], zs[-1], first + count
-        return table
-
-    def _as_far_as_it_goes(
-        self,
-        table: FloatArray,
-        x: FloatArray,
-        z: FloatArray,
-        first: int,
-        count: int,
-        given: FloatArray,
-    ) -> FloatArray:
-        """Return the table, filled in pieces until the integrator stops."""
-        for k in range(first, first + count):
-            given[0] = GRID[k]
-            try:
-                result = self.step(x0=x, z0=z, p=given)
+                result = self.half(x0=table[first], z0=z, p=given)
             except RuntimeError:
                 break
-            x, z = np.array(result["xf"]).ravel(), np.array(result["zf"]).ravel()
-            if not np.isfinite(x).all():
-                break
-            table[k + 1 :] = x
+            table[first + 1 : first + 1 + SETTINGS.middle] = np.array(result["xf"]).T
+            z = np.array(result["zf"]).T[-1]
         return table
