@@ -120,7 +120,7 @@ def _done(digest: str, plan: bytes, time_limit: float, case: int, numbers: Float
     from microbot_ocp.sweeps._solve import ended, inputs
 
     whole: Plan = pickle.loads(plan)
-    return inputs(whole, case, numbers) | ended(whole, status, reason), {}
+    return inputs(whole.study, case, numbers) | ended(whole.study, status, reason), {}
 
 
 def _process(digest: str, plan: bytes) -> CaseProcess:

@@ -22,7 +22,7 @@ from microbot_ocp.motion import Motion, PiecewisePolynomial
 from microbot_ocp.planning import TimeOptimalSolver, straight_path, time_path
 from microbot_ocp.robot import Robot, forward_kinematics
 from microbot_ocp.sweeps._quantities import DYNAMICS, CaseTask, NoTask, robot_with, task_of
-from microbot_ocp.sweeps._study import AXES, BY_SOLVER, Plan, Study
+from microbot_ocp.sweeps._study import AXES, BY_SOLVER, Plan, Study, versions
 from microbot_ocp.tasks import compare
 from microbot_ocp.trajectories import best_durations, cubic, first_splits
 
@@ -48,16 +48,16 @@ class CaseSolver:
     """All cases of a plan in one process: what they share is made here, once."""
 
     def __init__(self, plan: Plan) -> None:
-        self.plan = plan
+        self.study = plan.study
         self.notes: list[str] = []
-        self._tool = forward_kinematics(plan.robot)
+        self._tool = forward_kinematics(plan.study.robot)
         self._solvers: dict[Any, TimeOptimalSolver] = {}
         with contextlib.ExitStack() as stack, warnings.catch_warnings(record=True) as heard:
             with contextlib.suppress(OSError):  # one process compiles, and others find its work
                 stack.enter_context(locked(usable_folder()))
             warnings.simplefilter("always", NotCompiled)
             for values, via in plan.ready:
-                robot = robot_with(plan.reference_robot, values)
+                robot = robot_with(self.study.reference_robot, values)
                 self._solvers[_key(values)] = self._made(robot, via, compiled=True)
         notes = [str(warning.message) for warning in heard]
         if plan.ready and compiler() is None:
@@ -68,15 +68,15 @@ class CaseSolver:
     def row(self, case: int, numbers: FloatArray) -> tuple[Row, dict[str, bytes]]:
         """Give the row of a case, and its motions as the bytes of ``.npz`` files, if asked for."""
         begin = time.perf_counter()
-        row = inputs(self.plan, case, numbers)
+        row = inputs(self.study, case, numbers)
         motions: dict[str, bytes] = {}
-        values = self.plan.values(numbers)
+        values = self.study.source.values(numbers)
         with interpreted():
             try:
-                task = task_of(self.plan.robot, self.plan.poses, values)
+                task = task_of(self.study.robot, self.study.source.poses, values)
             except (InputError, NoTask) as problem:
                 status = problem.status if isinstance(problem, NoTask) else Status.NOT_POSSIBLE
-                row |= ended(self.plan, status, str(problem))
+                row |= ended(self.study, status, str(problem))
             else:
                 row |= self._places(task)
                 row |= self._methods(task, values, motions)
@@ -88,7 +88,7 @@ class CaseSolver:
         row: Row = {}
         moving = task.robot.with_payload(task.payload) if task.payload else task.robot
         first: CaseOutcome | None = None
-        for name in self.plan.methods:
+        for name in self.study.methods:
             started = time.perf_counter()
             try:
                 outcome = self._outcome(name, task, moving, values)
@@ -100,14 +100,14 @@ class CaseSolver:
             row |= self._entry(name, moving, outcome, time.perf_counter() - started)
             if not outcome.status.solved and first is None:
                 first = outcome
-            if self.plan.motions and outcome.motion is not None:
+            if self.study.motions and outcome.motion is not None:
                 motions[name] = _as_bytes(outcome.motion)
         row["status"] = str(first.status if first else Status.SOLVED)
         row["reason"] = " ".join(first.reason.split()) if first else ""
         return row
 
     def _outcome(self, name: str, task: CaseTask, moving: Robot, values: Row) -> CaseOutcome:
-        method = self.plan.methods[name]
+        method = self.study.methods[name]  # type: ignore[call-overload]
         if method is not None:
             motion = method(moving, task.via_q)
             if not isinstance(motion, Motion):
@@ -116,7 +116,7 @@ class CaseSolver:
         quick = self._quick(name, task, moving, values)
         if quick is not None and (quick.kept or quick.status is Status.NOT_POSSIBLE):
             return quick
-        settings = {k: self.plan.settings[k] for k in ("mesh", "starts", "seed", "grid")}
+        settings = {k: self.study.settings[k] for k in ("mesh", "starts", "seed", "grid")}
         entry = compare(moving, task.via_q, [name], **settings).entries[0]
         reason = "" if entry.status.solved else entry.note
         thorough = CaseOutcome(entry.status, reason, entry.motion, entry.certificate)
@@ -124,15 +124,15 @@ class CaseSolver:
 
     def _quick(self, name: str, task: CaseTask, moving: Robot, values: Row) -> CaseOutcome | None:
         """Return by what is prepared; None where nothing is."""
-        if name == BY_SOLVER and self.plan.prepares:
+        if name == BY_SOLVER and self.study.prepares:
             solver = self._solvers.get(_key(values))
             if solver is None:  # masses, friction or gravity of its own
-                robot = task.robot.with_limits(self.plan.reference_robot.limits)
+                robot = task.robot.with_limits(self.study.reference_robot.limits)
                 solver = self._made(robot, task.via_q, compiled=False)
-            search = self.plan.settings["starts"] > 1
+            search = self.study.settings["starts"] > 1
             motion = solver(task.robot.limits, task.payload, via_q=task.via_q, search=search)
             return _judged(moving, task, motion)
-        if name in BY_TIMING and self.plan.settings["prepared"]:
+        if name in BY_TIMING and self.study.settings["prepared"]:
             return self._timed(name, moving, task.via_q)
         return None
 
@@ -145,7 +145,7 @@ class CaseSolver:
                 return cubic(via, np.cumsum([0.0, *durations]))
 
             path = path_of(best_durations(robot, path_of, first_splits(via)))
-        timing = time_path(robot, path, grid=self.plan.settings["grid"], compiled=False)
+        timing = time_path(robot, path, grid=self.study.settings["grid"], compiled=False)
         if not timing.solved:
             return CaseOutcome(timing.status, f"path blocked beyond s = {timing.blocked_at:.3g}")
         motion = timing.motion()
@@ -158,7 +158,7 @@ class CaseSolver:
         }
         if outcome.motion is None:
             return row
-        shares = limit_shares(self.plan, robot, outcome.motion)
+        shares = limit_shares(self.study, robot, outcome.motion)
         row[f"{name}_duration"] = float(outcome.motion.duration)
         row[f"{name}_certified"] = bool(outcome.certificate and outcome.certificate.ok)
         row |= {f"{name}_at_{key}": share for key, share in shares.items()}
@@ -175,7 +175,7 @@ class CaseSolver:
         return row
 
     def _made(self, robot: Robot, via: FloatArray, *, compiled: bool) -> TimeOptimalSolver:
-        settings = {k: self.plan.settings[k] for k in ("mesh", "starts", "seed")}
+        settings = {k: self.study.settings[k] for k in ("mesh", "starts", "seed")}
         return TimeOptimalSolver(robot, via, compiled=compiled, **settings)
 
 
@@ -190,27 +190,27 @@ def _key(values: Mapping[str, FloatArray]) -> tuple[tuple[str, bytes], ...]:
     return tuple((name, arrays[name].tobytes()) for name in DYNAMICS if name in arrays)
 
 
-def limit_shares(plan: Plan, robot: Robot, motion: Motion) -> dict[str, float]:
+def limit_shares(study: Study, robot: Robot, motion: Motion) -> dict[str, float]:
     """Return share of the time in which each limit of the joints, or further one, is used up."""
     history = limit_history(robot, motion)
     weight = np.gradient(history.t)
     return {
         name: float(weight[history.use[key][:, k] >= AT_LIMIT].sum() / weight.sum())
-        for key, k, name in plan.limit_columns
+        for key, k, name in study.limit_columns
         if key in history.use
     }
 
 
-def inputs(plan: Plan, case: int, numbers: FloatArray) -> Row:
+def inputs(study: Study, case: int, numbers: FloatArray) -> Row:
     """Return what is known of a case before it is done."""
-    row: Row = {"case": case, "seed": plan.settings["seed"], "version": plan.version}
-    return row | dict(zip(plan.columns, map(float, numbers), strict=True))
+    row: Row = {"case": case, "seed": study.settings["seed"], "version": versions()}
+    return row | dict(zip(study.source.columns, map(float, numbers), strict=True))
 
 
-def ended(plan: Plan, status: Status, reason: str) -> Row:
+def ended(study: Study, status: Status, reason: str) -> Row:
     """Return the rest of a row of which no method came to an end."""
     row: Row = {"status": str(status), "reason": " ".join(reason.split())}
-    return row | {f"{name}_status": str(status) for name in plan.methods}
+    return row | {f"{name}_status": str(status) for name in study.methods}
 
 
 def repeat_case(study: Study, case: int) -> tuple[Row, dict[str, bytes]]:

@@ -5,13 +5,12 @@ from __future__ import annotations
 import contextlib
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from functools import cached_property
 from importlib.metadata import version
 from typing import Any
 
 import casadi as ca
-import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
@@ -186,29 +185,18 @@ class Study:
         )
 
     def plan(self) -> Plan:
-        """Return what a worker has to know."""
-        several = self.source.robots() if self._prepares else None
+        """Return what a worker has to know: all but the cases, for which one stands."""
+        several = self.source.robots() if self.prepares else None
         ready = []
         for values in several or []:
             via = self._holdable(robot_with(self.reference_robot, values))
             if via is not None:
                 ready.append((values, via))
-        return Plan(
-            robot=self.robot,
-            widths=self.source.width,
-            columns=self.source.columns,
-            poses=self.source.poses,
-            methods=dict(self.methods),  # type: ignore[call-overload]
-            settings=self.settings,
-            limit_columns=self.limit_columns,
-            motions=self.motions,
-            reference_robot=self.reference_robot,
-            prepares=self._prepares,
-            ready=tuple(ready),
-        )
+        return Plan(replace(self, cases=Cases.grid(**self.source.reference())), tuple(ready))
 
     @property
-    def _prepares(self) -> bool:
+    def prepares(self) -> bool:
+        """Whether free motions come from prepared solvers."""
         method = self.methods.get(BY_SOLVER, True)  # type: ignore[union-attr]
         return bool(self.settings["prepared"]) and method is None and self.robot.has_dynamics
 
@@ -230,36 +218,17 @@ class Plan:
 
     Attributes
     ----------
-    widths : mapping from the name of a quantity to the count of its numbers
-    columns, poses, limit_columns
-        As of :class:`Study` and its source.
-    reference_robot : Robot
-        With every kind of limit that some case has.
-    prepares : bool
-        Whether free motions come from prepared solvers.
+    study : Study
+        Of one case, which has every kind of limit that some case has.
     ready : tuple of (values, via points)
         What solvers are prepared for, one each: masses, friction and gravity, where these are few.
     version : str
         Of the software that made it.
     """
 
-    robot: Robot
-    widths: Mapping[str, int]
-    columns: tuple[str, ...]
-    poses: tuple[str, ...]
-    methods: Mapping[str, OwnMethod | None]
-    settings: Mapping[str, Any]
-    limit_columns: tuple[tuple[str, int, str], ...]
-    motions: bool
-    reference_robot: Robot
-    prepares: bool
+    study: Study
     ready: tuple[tuple[Mapping[str, FloatArray], FloatArray], ...]
     version: str = field(default_factory=lambda: versions())
-
-    def values(self, numbers: FloatArray) -> dict[str, FloatArray]:
-        """Return values of the quantities by name, from the numbers [c] of a case."""
-        parts = np.split(numbers, np.cumsum(list(self.widths.values()))[:-1])
-        return dict(zip(self.widths, parts, strict=True))
 
 
 def outcome_columns(methods: Iterable[str], limits: Sequence[str]) -> list[tuple[str, str]]:
