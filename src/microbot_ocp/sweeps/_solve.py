@@ -8,7 +8,7 @@ import time
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -16,32 +16,18 @@ from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.codegen import NotCompiled, compiler, interpreted, usable_folder
 from microbot_ocp._base.status import Status
 from microbot_ocp._base.writing import locked
-from microbot_ocp.certificate import Certificate, certify
+from microbot_ocp.certificate import certify
 from microbot_ocp.limits import AT_LIMIT, limit_history
 from microbot_ocp.motion import Motion, PiecewisePolynomial
 from microbot_ocp.planning import TimeOptimalSolver, straight_path, time_path
 from microbot_ocp.robot import Robot, forward_kinematics
 from microbot_ocp.sweeps._quantities import DYNAMICS, CaseTask, NoTask, robot_with, task_of
 from microbot_ocp.sweeps._study import AXES, BY_SOLVER, Plan, Study, versions
-from microbot_ocp.tasks import compare
+from microbot_ocp.tasks import Entry, compare
 from microbot_ocp.trajectories import best_durations, cubic, first_splits
 
 BY_TIMING = ("cubic_path", "straight_path")
 Row = dict[str, Any]
-
-
-class CaseOutcome(NamedTuple):
-    """What became of one method."""
-
-    status: Status
-    reason: str = ""
-    motion: Motion | None = None
-    certificate: Certificate | None = None
-
-    @property
-    def kept(self) -> bool:
-        """Whether it is solved and its certificate passed."""
-        return self.status.solved and self.certificate is not None and self.certificate.ok
 
 
 class CaseSolver:
@@ -87,42 +73,40 @@ class CaseSolver:
     def _methods(self, task: CaseTask, values: Row, motions: dict[str, bytes]) -> Row:
         row: Row = {}
         moving = task.robot.with_payload(task.payload) if task.payload else task.robot
-        first: CaseOutcome | None = None
+        first: Entry | None = None
         for name in self.study.methods:
             started = time.perf_counter()
             try:
-                outcome = self._outcome(name, task, moving, values)
+                entry = self._entry(name, task, moving, values)
             except Exception as problem:  # of a method of the user's own, too
                 is_input = isinstance(problem, InputError)
                 status = Status.NOT_POSSIBLE if is_input else Status.FAILED
                 reason = str(problem) if is_input else f"{type(problem).__name__}: {problem}"
-                outcome = CaseOutcome(status, reason)
-            row |= self._entry(name, moving, outcome, time.perf_counter() - started)
-            if not outcome.status.solved and first is None:
-                first = outcome
-            if self.study.motions and outcome.motion is not None:
-                motions[name] = _as_bytes(outcome.motion)
+                entry = Entry(name, "", status=status, note=reason)
+            row |= self._columns(entry, moving, time.perf_counter() - started)
+            if not entry.status.solved and first is None:
+                first = entry
+            if self.study.motions and entry.motion is not None:
+                motions[name] = _as_bytes(entry.motion)
         row["status"] = str(first.status if first else Status.SOLVED)
-        row["reason"] = " ".join(first.reason.split()) if first else ""
+        row["reason"] = " ".join(first.note.split()) if first else ""
         return row
 
-    def _outcome(self, name: str, task: CaseTask, moving: Robot, values: Row) -> CaseOutcome:
+    def _entry(self, name: str, task: CaseTask, moving: Robot, values: Row) -> Entry:
         method = self.study.methods[name]  # type: ignore[call-overload]
         if method is not None:
             motion = method(moving, task.via_q)
             if not isinstance(motion, Motion):
                 raise ValueError(f"method {name} returned {type(motion).__name__}, no motion")
-            return _judged(moving, task, motion)
+            return _judged(name, moving, task, motion)
         quick = self._quick(name, task, moving, values)
-        if quick is not None and (quick.kept or quick.status is Status.NOT_POSSIBLE):
+        if quick is not None and (_is_kept(quick) or quick.status is Status.NOT_POSSIBLE):
             return quick
         settings = {k: self.study.settings[k] for k in ("mesh", "starts", "seed", "grid")}
-        entry = compare(moving, task.via_q, [name], **settings).entries[0]
-        reason = "" if entry.status.solved else entry.note
-        thorough = CaseOutcome(entry.status, reason, entry.motion, entry.certificate)
-        return quick if quick is not None and not thorough.kept else thorough
+        thorough = compare(moving, task.via_q, [name], **settings).entries[0]
+        return quick if quick is not None and not _is_kept(thorough) else thorough
 
-    def _quick(self, name: str, task: CaseTask, moving: Robot, values: Row) -> CaseOutcome | None:
+    def _quick(self, name: str, task: CaseTask, moving: Robot, values: Row) -> Entry | None:
         """Return by what is prepared; None where nothing is."""
         if name == BY_SOLVER and self.study.prepares:
             solver = self._solvers.get(_key(values))
@@ -131,12 +115,13 @@ class CaseSolver:
                 solver = self._made(robot, task.via_q, compiled=False)
             search = self.study.settings["starts"] > 1
             motion = solver(task.robot.limits, task.payload, via_q=task.via_q, search=search)
-            return _judged(moving, task, motion)
+            return _judged(name, moving, task, motion)
         if name in BY_TIMING and self.study.settings["prepared"]:
-            return self._timed(name, moving, task.via_q)
+            return self._timed(name, moving, task)
         return None
 
-    def _timed(self, name: str, robot: Robot, via: FloatArray) -> CaseOutcome:
+    def _timed(self, name: str, robot: Robot, task: CaseTask) -> Entry:
+        via = task.via_q
         if name == "straight_path":
             path = straight_path(via)
         else:
@@ -147,20 +132,18 @@ class CaseSolver:
             path = path_of(best_durations(robot, path_of, first_splits(via)))
         timing = time_path(robot, path, grid=self.study.settings["grid"], compiled=False)
         if not timing.solved:
-            return CaseOutcome(timing.status, f"path blocked beyond s = {timing.blocked_at:.3g}")
-        motion = timing.motion()
-        return CaseOutcome(timing.status, "", motion, certify(robot, motion, via_q=via))
+            reason = f"path blocked beyond s = {timing.blocked_at:.3g}"
+            return Entry(name, "", status=timing.status, note=reason)
+        return _judged(name, robot, task, timing.motion())
 
-    def _entry(self, name: str, robot: Robot, outcome: CaseOutcome, spent: float) -> Row:
-        row: Row = {
-            f"{name}_status": str(outcome.status),
-            f"{name}_solve_time": spent,
-        }
-        if outcome.motion is None:
+    def _columns(self, entry: Entry, robot: Robot, spent: float) -> Row:
+        name = entry.name
+        row: Row = {f"{name}_status": str(entry.status), f"{name}_solve_time": spent}
+        if entry.motion is None:
             return row
-        shares = limit_shares(self.study, robot, outcome.motion)
-        row[f"{name}_duration"] = float(outcome.motion.duration)
-        row[f"{name}_certified"] = bool(outcome.certificate and outcome.certificate.ok)
+        shares = limit_shares(self.study, robot, entry.motion)
+        row[f"{name}_duration"] = float(entry.motion.duration)
+        row[f"{name}_certified"] = bool(entry.certificate and entry.certificate.ok)
         row |= {f"{name}_at_{key}": share for key, share in shares.items()}
         if shares and max(shares.values()) > 0.0:
             row[f"{name}_limit"] = max(shares, key=shares.__getitem__)
@@ -179,9 +162,14 @@ class CaseSolver:
         return TimeOptimalSolver(robot, via, compiled=compiled, **settings)
 
 
-def _judged(robot: Robot, task: CaseTask, motion: Motion) -> CaseOutcome:
-    reason = "" if motion.solved else motion.advice
-    return CaseOutcome(motion.status, reason, motion, certify(robot, motion, via_q=task.via_q))
+def _judged(name: str, robot: Robot, task: CaseTask, motion: Motion) -> Entry:
+    certificate = certify(robot, motion, via_q=task.via_q)
+    return Entry(name, "", motion, certificate, motion.status, motion.advice)
+
+
+def _is_kept(entry: Entry) -> bool:
+    """Return whether it is solved and its certificate passed."""
+    return entry.status.solved and entry.certificate is not None and entry.certificate.ok
 
 
 def _key(values: Mapping[str, FloatArray]) -> tuple[tuple[str, bytes], ...]:
