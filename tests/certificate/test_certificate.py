@@ -294,14 +294,14 @@ def test_via_points(robot):
     marks = [Mark(t, name) for t, name in zip(VIA_T, ("start", "shelf", "goal"), strict=True)]
     motion = report_cubic(robot, marks=marks)
     certificate = certify(robot, motion, via_q=VIA_Q)
-    assert [via.name for via in certificate.via_checks] == ["start", "shelf", "goal"]
+    assert [via.where for via in certificate.via_checks] == ["start", "shelf", "goal"]
     assert [via.time for via in certificate.via_checks] == pytest.approx(VIA_T, abs=1e-3)
-    assert max(via.distance for via in certificate.via_checks) < 1e-9
+    assert max(via.value for via in certificate.via_checks) < 1e-9
     assert certificate.ok
     off = VIA_Q + np.array([[0, 0, 0], [0, 0, 0], [0, 0, 0.05]])
     missed = certify(robot, motion, via_q=off)
     assert not missed.ok
-    assert missed.via_checks[2].distance == pytest.approx(0.05, rel=1e-3)
+    assert missed.via_checks[2].value == pytest.approx(0.05, rel=1e-3)
     assert "goal is missed by 0.05 rad" in missed.verdict
 
 

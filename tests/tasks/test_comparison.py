@@ -106,7 +106,7 @@ def test_every_motion_is_certified(comparison, name):
     assert certificate.ok, certificate.verdict
     assert certificate.worst_violation < 5e-3
     for check in certificate.via_checks:
-        assert check.distance < 1e-3 or name.startswith("lspb")
+        assert check.value < 1e-3 or name.startswith("lspb")
 
 
 def test_effort_and_work_are_integrals_of_the_motion(comparison):

@@ -27,6 +27,8 @@ class Check:
         How much, and how much would pass, in ``unit``; NaN where it is not of numbers.
     unit : str
         Empty for a ratio.
+    kind : str
+        "via" or "segment", of those that a task asks for.
     """
 
     what: str
@@ -37,6 +39,10 @@ class Check:
     value: float = np.nan
     allowed: float = np.nan
     unit: str = ""
+    kind: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.where}: {self.what} {self.value:.3g} of {self.allowed:.3g} {self.unit}"
 
 
 def problems_of(checks: Iterable[Check]) -> list[str]:

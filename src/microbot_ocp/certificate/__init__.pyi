@@ -4,8 +4,6 @@ from ._certificate import (
     Certificate as Certificate,
     Check as Check,
     LimitCheck as LimitCheck,
-    SegmentCheck as SegmentCheck,
-    ViaCheck as ViaCheck,
 )
 from ._certification import (
     Tolerances as Tolerances,

@@ -68,69 +68,6 @@ class LimitCheck:
         )
 
 
-@dataclass(frozen=True)
-class ViaCheck:
-    """How near a motion comes to a via point.
-
-    Attributes
-    ----------
-    name : str
-    time : float
-        When it is nearest, s.
-    distance : float
-        Euclidean distance in joint space then, rad (m for prismatic joints).
-    """
-
-    name: str
-    time: float
-    distance: float
-
-
-@dataclass(frozen=True)
-class SegmentCheck:
-    """How near a motion stays to a tool line, a circle or a joint line.
-
-    Attributes
-    ----------
-    name : str
-        "tool line from stop 'a' to stop 'b'".
-    distance, tolerance : float
-        Largest distance and what is allowed, m (rad for a joint line).
-    angle, orientation_tolerance : float
-        Largest angle to the orientation along the way and what is allowed, rad; NaN where the
-        orientation is free.
-    """
-
-    name: str
-    distance: float
-    tolerance: float
-    angle: float = np.nan
-    orientation_tolerance: float = np.nan
-
-    @property
-    def kept(self) -> bool:
-        """Whether the motion stays within the tolerances, as closely as limits are kept."""
-        slack = 1.0 + 1e-3
-        near = self.distance <= slack * self.tolerance
-        return near and not self.angle > slack * self.orientation_tolerance
-
-    @property
-    def unit(self) -> str:
-        """Of the distance."""
-        return "rad" if self.name.startswith("joint") else "m"
-
-    def as_check(self) -> Check:
-        """Return as one of the checks of a certificate."""
-        where = self.name, np.nan, self.distance, self.tolerance, self.unit
-        return Check("segment", self.kept, f"{self} is left", *where)
-
-    def __str__(self) -> str:
-        sentence = f"{self.name}: distance {self.distance:.3g} of {self.tolerance:.3g} {self.unit}"
-        if np.isfinite(self.angle):
-            sentence += f", angle {self.angle:.3g} of {self.orientation_tolerance:.3g} rad"
-        return sentence
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ResimulationFigures:
     """What a certificate has of a motion that was simulated again; see there."""
@@ -208,10 +145,6 @@ class Certificate(ResimulationFigures):
         How far the torque half-way between two samples lies outside those of the two (by more than
         they differ), divided by the largest torque of the motion, and when, s. It is large where
         the samples of position, velocity and acceleration deny each other.
-    via_checks : tuple of ViaCheck
-        One for every via point given; for a stop by how much it is missed beyond its tolerances.
-    segment_checks : tuple of SegmentCheck
-        One for every tool line, circle and joint line.
     clearance : Clearance or None
         From a scene, where one was given.
     unjudged : tuple of str
@@ -237,8 +170,6 @@ class Certificate(ResimulationFigures):
     stored_torque_time: float = np.nan
     between_samples_error: float = np.nan
     between_samples_time: float = np.nan
-    via_checks: tuple[ViaCheck, ...] = ()
-    segment_checks: tuple[SegmentCheck, ...] = ()
     clearance: Clearance | None = None
     unjudged: tuple[str, ...] = ()
     wall_time: float = np.nan
@@ -255,6 +186,16 @@ class Certificate(ResimulationFigures):
         """In short: "ok" or "REFUSED", and which limits were not judged."""
         left = not_judged(self.unjudged)
         return ("ok" if self.ok else "REFUSED") + (f", {left}" if left else "")
+
+    @property
+    def via_checks(self) -> tuple[Check, ...]:
+        """How near the motion comes to every via point, and what it misses of every stop."""
+        return tuple(check for check in self.checks if check.kind == "via")
+
+    @property
+    def segment_checks(self) -> tuple[Check, ...]:
+        """How far the motion is from every tool line, circle and joint line."""
+        return tuple(check for check in self.checks if check.kind == "segment")
 
     @property
     def worst_violation(self) -> float:

@@ -24,7 +24,6 @@ from microbot_ocp.certificate._certificate import (
     Certificate,
     LimitCheck,
     ResimulationFigures,
-    ViaCheck,
 )
 from microbot_ocp.certificate._resimulation import (
     RESIMULATION,
@@ -260,15 +259,14 @@ def certificate_of(
     t, ratio = dense_times(motion)
     limit_checks, saturated = limit_checks_of(family, history or motion.history())
     limit_checks += tuple(_mean_check(family, member, motion) for member in family.means)
-    vias = () if via is None else _check_vias(motion, via, t)
+    vias = [] if via is None else _check_vias(motion, via, t, tolerances.via)
     figures: dict[str, Any] = {}
     passed = [_limit_kept(check, tolerances.limit) for check in limit_checks]
-    vias_passed = [_via_passed(check, tolerances.via) for check in vias]
     if robot.has_dynamics and simulated:
         again = resimulate(robot, motion, tolerances.torque, start)
         stored = _stored_torque(robot, motion, tolerances.torque, start)
         strays = _between_samples(motion, partial(torque_along, robot), "torque", start)
-        passed += [_agrees(again, tolerances), *vias_passed, stored, strays]
+        passed += [_agrees(again, tolerances), *vias, stored, strays]
         state = motion.sample(t)
         condition, at = _condition(robot, t, state)
         figures = {
@@ -284,7 +282,7 @@ def certificate_of(
         otherwise = _summary(limit_checks, again)
     else:
         strays = _between_samples(motion, lambda state: state.qdd, "acceleration", start)
-        passed += [*vias_passed, strays]
+        passed += [*vias, strays]
         but = "; not simulated"
         if not robot.has_dynamics:
             but = (
@@ -303,7 +301,6 @@ def certificate_of(
         saturated_fraction=saturated,
         between_samples_error=strays.value,
         between_samples_time=strays.time,
-        via_checks=vias,
         unjudged=() if robot.has_dynamics else family.unjudged,
         checks=tuple(passed),
         wall_time=time.perf_counter() - started,
@@ -447,7 +444,8 @@ def _between_samples(
     return Check(name, not stray > allowed, problem, time=moment, value=stray, allowed=allowed)
 
 
-def _check_vias(motion: Motion, via: FloatArray, t: FloatArray) -> tuple[ViaCheck, ...]:
+def _check_vias(motion: Motion, via: FloatArray, t: FloatArray, tolerance: float) -> list[Check]:
+    """Return the distance in joint space, rad (m), to each via point where it is least."""
     q = motion.sample(t).q
     names = [f"via point {k + 1}" for k in range(via.shape[0])]
     if len(motion.marks) == via.shape[0]:
@@ -463,10 +461,12 @@ def _check_vias(motion: Motion, via: FloatArray, t: FloatArray) -> tuple[ViaChec
         apart = np.sqrt(((q - via[:, None]) ** 2).sum(axis=2))
         best = apart.argmin(axis=1)
         moment, distance, reach = around[each, best], apart[each, best], reach / 8
-    return tuple(
-        ViaCheck(name, float(time), float(least))
-        for name, time, least in zip(names, moment, distance, strict=True)
-    )
+    checks = []
+    for name, at, least in zip(names, moment.tolist(), distance.tolist(), strict=True):
+        problem = f"{name} is missed by {least:.3g} rad (nearest at {at:.4g} s)"
+        where = name, at, least, tolerance, "rad", "via"
+        checks.append(Check("via point", not least > tolerance, problem, *where))
+    return checks
 
 
 def _agrees(again: Resimulation, tolerances: Tolerances) -> Check:
@@ -496,12 +496,6 @@ def _limit_kept(check: LimitCheck, tolerance: float) -> Check:
     passed = not check.violation > tolerance
     where = check.joint, check.time, check.value, check.limit, check.unit
     return Check(check.name, passed, check.excess, *where)
-
-
-def _via_passed(via: ViaCheck, tolerance: float) -> Check:
-    problem = f"{via.name} is missed by {via.distance:.3g} rad (nearest at {via.time:.4g} s)"
-    passed = not via.distance > tolerance
-    return Check("via point", passed, problem, via.name, via.time, via.distance, tolerance, "rad")
 
 
 def _tightest(limit_checks: tuple[LimitCheck, ...], unjudged: Sequence[str] = ()) -> str:

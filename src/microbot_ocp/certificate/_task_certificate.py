@@ -16,7 +16,7 @@ import numpy as np
 from microbot_ocp._base.check import Check, problems_of
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.status import Status
-from microbot_ocp.certificate._certificate import Certificate, LimitCheck, SegmentCheck, ViaCheck
+from microbot_ocp.certificate._certificate import Certificate, LimitCheck
 from microbot_ocp.certificate._certification import Tolerances, certificate_of, summary
 from microbot_ocp.limits import LimitFamily
 from microbot_ocp.motion import JUMP_GAP, Motion, State, jump_gaps, torque_along
@@ -55,10 +55,9 @@ def certificate_of_task(task: Task, motion: Motion, tolerances: Tolerances) -> C
         if not certificate.ok:
             sentence = certificate.verdict.removeprefix("Failed: ").rstrip(".")
             problems.append(f"between {start:.4g} s and {end:.4g} s: {sentence}")
-    vias, at_stops = _check_stops(task, motion)
     segments = _check_segments(task, motion)
-    checks = [*_steps(motion, [start for start, *_ in places[1:]]), *at_stops]
-    checks += [check.as_check() for check in segments]
+    steps = _steps(motion, [start for start, *_ in places[1:]])
+    checks = [*steps, *_check_stops(task, motion), *segments]
     problems += problems_of(checks)
     whole = _merged(motion, parts)
     sentence = "; ".join(problems or [summary(whole), *map(str, segments)])
@@ -66,8 +65,6 @@ def certificate_of_task(task: Task, motion: Motion, tolerances: Tolerances) -> C
         whole,
         ok=not problems,
         verdict=f"{'Failed' if problems else 'Passed'}: {sentence}.",
-        via_checks=vias,
-        segment_checks=segments,
         checks=(*whole.checks, *checks),
     )
 
@@ -129,8 +126,8 @@ def _steps(motion: Motion, times: Sequence[float]) -> list[Check]:
 # stops --------------------------------------------------------------------------------------------
 
 
-def _check_stops(task: Task, motion: Motion) -> tuple[tuple[ViaCheck, ...], list[Check]]:
-    vias, checks = [], []
+def _check_stops(task: Task, motion: Motion) -> list[Check]:
+    checks = []
     still = SEGMENT_TOLERANCES.still
     for k, (stop, mark) in enumerate(zip(task.stops, motion.marks, strict=True)):
         state = motion.sample([mark.time])
@@ -145,11 +142,10 @@ def _check_stops(task: Task, motion: Motion) -> tuple[tuple[ViaCheck, ...], list
             off = np.abs(state.qdd[0] - stop.acceleration).max()
             allowed = SEGMENT_TOLERANCES.still * max(1.0, np.abs(stop.acceleration).max())
             misses["acceleration", "rad/s^2"] = float(off - allowed)
-        vias.append(ViaCheck(stop.name, mark.time, max(0.0, *misses.values())))
         for (what, unit), miss in misses.items():
             problem = f"stop {stop.name!r} is missed in its {what} by {miss:.3g} {unit}"
-            passed = not miss > 0.0
-            checks.append(Check(what, passed, problem, stop.name, mark.time, miss, 0.0, unit))
+            where = stop.name, mark.time, miss, 0.0, unit, "via"
+            checks.append(Check(what, not miss > 0.0, problem, *where))
     if task.cycle:
         first, last = motion.sample([0.0]), motion.sample([motion.duration])
         for what, a, b in (("position", first.q, last.q), ("velocity", first.qd, last.qd)):
@@ -157,7 +153,7 @@ def _check_stops(task: Task, motion: Motion) -> tuple[tuple[ViaCheck, ...], list
             problem = f"the cycle ends {off:.3g} off in its {what}"
             end = motion.duration
             checks.append(Check(f"{what} of the cycle", off <= still, problem, "", end, off, still))
-    return tuple(vias), checks
+    return checks
 
 
 def _velocity(robot: Robot, q: FloatArray, qd: FloatArray) -> FloatArray:
@@ -200,8 +196,8 @@ def angle_between(wanted: FloatArray, actual: FloatArray, free: int | None) -> f
 # segments -----------------------------------------------------------------------------------------
 
 
-def _check_segments(task: Task, motion: Motion) -> tuple[SegmentCheck, ...]:
-    checks = []
+def _check_segments(task: Task, motion: Motion) -> list[Check]:
+    checks: list[Check] = []
     t, samples = motion.dense_samples()
     for k, kind in enumerate(task.segments):
         start = motion.marks[k].time + float(task.dwells[k])
@@ -211,13 +207,20 @@ def _check_segments(task: Task, motion: Motion) -> tuple[SegmentCheck, ...]:
             ends = [np.array(task.stops[i].q) for i in (k, k + 1)]
             shares = np.linspace(0.0, 1.0, SEGMENT_TOLERANCES.points)[:, None]
             distance = _to_polyline(q, ends[0] + shares * (ends[1] - ends[0]))[0].max()
-            checks.append(SegmentCheck(task.name_of(k), float(distance), kind.tolerance))
+            checks.append(_near(task.name_of(k), "distance", distance, kind.tolerance, "rad"))
         elif isinstance(kind, Line | Circle):
-            checks.append(_check_curve(task, k, kind, q))
-    return tuple(checks)
+            checks += _check_curve(task, k, kind, q)
+    return checks
 
 
-def _check_curve(task: Task, k: int, kind: Line | Circle, q: FloatArray) -> SegmentCheck:
+def _near(segment: str, what: str, value: float, tolerance: float, unit: str) -> Check:
+    """Return whether a motion stays within a tolerance, as closely as limits are kept."""
+    where = segment, np.nan, float(value), tolerance, unit, "segment"
+    check = Check(what, not value > (1.0 + 1e-3) * tolerance, "", *where)
+    return replace(check, problem=f"{check} is left")
+
+
+def _check_curve(task: Task, k: int, kind: Line | Circle, q: FloatArray) -> list[Check]:
     oriented = task.curves[k]
     assert oriented is not None
     curve, turning = oriented
@@ -226,15 +229,14 @@ def _check_curve(task: Task, k: int, kind: Line | Circle, q: FloatArray) -> Segm
         poses[:, :3, 3], curve.points(np.linspace(0.0, 1.0, SEGMENT_TOLERANCES.points))
     )
     name = task.name_of(k)
+    near = _near(name, "distance", distance.max(), kind.tolerance, "m")
     if turning is None:
-        return SegmentCheck(name, float(distance.max()), kind.tolerance)
+        return [near]
     angles = [
         angle_between(np.array(ca.DM(turning.rotation(s))), pose[:3, :3], turning.free)
         for s, pose in zip(share, poses, strict=True)
     ]
-    return SegmentCheck(
-        name, float(distance.max()), kind.tolerance, max(angles), kind.orientation_tolerance
-    )
+    return [near, _near(name, "angle", max(angles), kind.orientation_tolerance, "rad")]
 
 
 def _to_polyline(points: FloatArray, line: FloatArray) -> tuple[FloatArray, FloatArray]:
