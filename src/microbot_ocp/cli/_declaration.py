@@ -27,7 +27,7 @@ from microbot_ocp._base import checks
 from microbot_ocp._base.checks import InputError, naming
 from microbot_ocp.cli._report import Answer, Report
 from microbot_ocp.execution import packaged_profiles
-from microbot_ocp.limits import JOINT_QUANTITIES, MEMBER_KEYS, MEMBERS, JointLimits, with_further
+from microbot_ocp.limits import JOINT_QUANTITIES, MEMBER_KEYS, MEMBERS, JointLimits, changes_by_name
 from microbot_ocp.robot import Robot, joint_scale, load_robot, packaged_robots, per_joint
 
 Words = Mapping[str, Any]  # what was given, by the names of the options
@@ -190,21 +190,17 @@ class LimitOptions(Kind):
     def value(self, words: Words, robot: Any) -> JointLimits:
         """Return the robot's limits with those that were given in their place."""
         changes: dict[str, Any] = {}
-        further: dict[str, Any] = {}
         for limit in self.limits():
             values = limit.value(words, robot)
             if values is None:
                 continue
-            value = values if len(values) > 1 else values[0]
-            if limit.name in MEMBER_KEYS:
-                further[limit.name] = value
-                continue
-            option, _ = _chosen(limit.name, words)
-            scale = joint_scale(robot) if option.endswith("-deg") else 1.0
-            changes[limit.name] = per_joint(robot, option, value) * scale
+            changes[limit.name] = value = values if len(values) > 1 else values[0]
+            if limit.name not in MEMBER_KEYS:
+                option, _ = _chosen(limit.name, words)
+                scale = joint_scale(robot) if option.endswith("-deg") else 1.0
+                changes[limit.name] = per_joint(robot, option, value) * scale
         with naming("limits: "):
-            changed = robot.with_limits(**changes)
-            return changed.with_limits(also=with_further(changed.limits.also, further)).limits
+            return robot.with_limits(**changes_by_name(robot.limits.also, changes)).limits
 
 
 def _option(name: str) -> str:

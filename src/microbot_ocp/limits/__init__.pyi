@@ -32,6 +32,7 @@ from ._limit import (
 from ._members import (
     MEMBER_KEYS as MEMBER_KEYS,
     MEMBERS as MEMBERS,
+    changes_by_name as changes_by_name,
     limits_from_table as limits_from_table,
     limits_to_table as limits_to_table,
     power as power,
@@ -39,7 +40,6 @@ from ._members import (
     tool_acceleration as tool_acceleration,
     tool_speed as tool_speed,
     total_power as total_power,
-    with_further as with_further,
 )
 from ._peaks import (
     Peak as Peak,

@@ -136,11 +136,16 @@ def limits_from_table(table: Mapping[str, Any]) -> tuple[Limit, ...]:
     return tuple(MEMBERS[name](**sides) for name, sides in bounds.items())
 
 
-def with_further(limits: Iterable[Limit], table: Mapping[str, Any]) -> tuple[Limit, ...]:
-    """Return limits with those of a table added, or in the place of those of the same name."""
-    given = limits_from_table(table)
-    names = {limit.key for limit in given}
-    return (*(limit for limit in limits if limit.key not in names), *given)
+def changes_by_name(limits: Iterable[Limit], named: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what ``robot.with_limits`` takes of limits of joints and further ones.
+
+    Those of :data:`MEMBER_KEYS` are added to ``limits``, or stand in the place of the same names.
+    """
+    changes = {key: value for key, value in named.items() if key not in MEMBER_KEYS}
+    if further := limits_from_table({k: v for k, v in named.items() if k in MEMBER_KEYS}):
+        names = {limit.key for limit in further}
+        changes["also"] = (*(limit for limit in limits if limit.key not in names), *further)
+    return changes
 
 
 def limits_to_table(limits: Iterable[Limit]) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.status import Status
 from microbot_ocp.inverse_kinematics import solve_ik
-from microbot_ocp.limits import MEMBER_KEYS, with_further
+from microbot_ocp.limits import changes_by_name
 from microbot_ocp.robot import Robot, joint_scale
 from microbot_ocp.tasks import KEYS
 
@@ -135,19 +135,14 @@ def robot_with(robot: Robot, values: Values) -> Robot:
     changed = robot if links == list(robot.links) else robot.with_links(links)
     if "gravity" in values:
         changed = changed.with_gravity(values["gravity"])
-    changes = {
-        name: np.broadcast_to(values[name], count)
-        for name in LIMITS
-        if name in values and name not in MEMBER_KEYS
-    }
-    further = {
+    limits = {
         name: value.tolist() if value.size > 1 else value.item()
         for name, value in values.items()
-        if name in MEMBER_KEYS
+        if name in LIMITS
     }
-    if further:
-        changed = changed.with_limits(also=with_further(changed.limits.also, further))
-    return changed.with_limits(**changes) if changes else changed  # type: ignore[arg-type]
+    return (
+        changed.with_limits(**changes_by_name(changed.limits.also, limits)) if limits else changed
+    )
 
 
 def task_of(robot: Robot, poses: tuple[str, ...], values: Values) -> CaseTask:

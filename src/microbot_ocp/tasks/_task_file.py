@@ -32,7 +32,7 @@ from microbot_ocp._base.schema import (
     parsed,
     read_table,
 )
-from microbot_ocp.limits import JOINT_QUANTITIES, MEMBER_KEYS, with_further
+from microbot_ocp.limits import JOINT_QUANTITIES, MEMBER_KEYS, changes_by_name
 from microbot_ocp.planning import PathTimingSettings, TimeOptimalSettings
 from microbot_ocp.robot import JointLimits, Robot, joint_scale, per_joint
 from microbot_ocp.robot.files import is_robot_name, load_robot, packaged_robots
@@ -267,11 +267,8 @@ def limits_from(robot: Robot, table: Mapping[str, Any]) -> JointLimits:
         return values * joint_scale(robot) if in_degrees else values
 
     changes = read_table(table, LIMITS, "in table [limits]", "limits.{}", of_joints)
-    further = {name: changes.pop(name) for name in MEMBER_KEYS if name in changes}
-    if further:
-        changes["also"] = with_further(robot.limits.also, further)
     with naming("limits."):
-        return robot.with_limits(**changes).limits
+        return robot.with_limits(**changes_by_name(robot.limits.also, changes)).limits
 
 
 def settings_from(table: Mapping[str, Any]) -> dict[str, Any]:
