@@ -44,7 +44,7 @@ def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         (["study.toml", "--out", "a", "--workers", "99999"], "workers must be at most"),
         (["study.toml", "--out", "a", "--workers", "2", "--scheduler", "tcp://x:1"], "not both"),
         (["study.toml", "--case", "64"], "case must be from 0 to 63"),
-        (["--summary", "nothing"], "holds no sweep"),
+        (["--summary", "nothing"], "not a saved sweep"),
     ],
 )
 def test_bad_commands_are_refused(

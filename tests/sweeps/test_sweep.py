@@ -190,7 +190,7 @@ def test_a_broken_file_is_done_again(disturbed: Disturbed, client: Any, tmp_path
     assert said[0] == f"{COUNT - 2} of {COUNT} cases, starting, 3 without a solution"
     about = folder / "study.json"
     about.write_text(about.read_text().replace(f'"count": {COUNT}', f'"count": {COUNT + 1}'))
-    with pytest.raises(mo.InputError, match="was changed after it was written"):
+    with pytest.raises(mo.InputError, match="was changed after it was saved"):
         mo.load_sweep(folder)
 
 

@@ -1,7 +1,7 @@
-"""Archives of arrays: numpy's ``.npz`` with a JSON object ``metadata``, of motions and solutions.
+"""Archives of arrays, of motions and solutions: numpy's ``.npz`` with a JSON object ``metadata``.
 
-The reader distrusts what it reads: every member is a plain array of numbers, whose size in memory
-is known before it is read.
+Comparisons and sweeps are JSON documents. The readers distrust what they read: every member of an
+archive is a plain array of numbers, whose size in memory is known before it is read.
 """
 
 from __future__ import annotations
@@ -17,8 +17,10 @@ from typing import Any
 
 import numpy as np
 
+from microbot_ocp._base.argument_types import fits
 from microbot_ocp._base.checks import InputError, shortened, shown
-from microbot_ocp._base.writing import write_whole
+from microbot_ocp._base.reading import content_of
+from microbot_ocp._base.writing import digest_of_document, write_whole
 
 MOST_BYTES = 2_000_000_000  # of all arrays of a file together
 MOST_MEMBERS = 10_000
@@ -95,11 +97,36 @@ def read_archive(
 
 def no_archive(path: str | Path, what: str, problem: Exception) -> InputError:
     """Return the refusal of a file that does not hold what it should."""
-    sentence = repr(problem) if isinstance(problem, KeyError) else str(problem)
+    said = getattr(problem, "strerror", None) or str(problem)  # of a file, without its name
+    sentence = repr(problem) if isinstance(problem, KeyError) else said
     reason = " ".join(sentence.split()) or type(problem).__name__
     return InputError(
         f"{shortened(str(path), 130)} is not a saved {what}: {shortened(reason, 120)}"
     )
+
+
+def read_document(
+    path: str | Path, what: str, kinds: Mapping[str, Any], seal: str = DIGEST
+) -> dict[str, Any]:
+    """Return a JSON document whose keys have values of these types.
+
+    Under ``seal`` it has the digest of all that it says besides.
+
+    Raises
+    ------
+    InputError
+        No such file, something else, damaged, or changed after it was saved.
+    """
+    try:
+        document = json.loads(content_of(path))
+        for key, kind in kinds.items():
+            if not fits(document[key], kind):
+                raise ValueError(f"its {key} is {shown(document[key])}")
+        if document.get(seal) not in (None, digest_of_document(document, seal)):
+            raise ValueError("it was changed after it was saved")
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as problem:
+        raise no_archive(path, what, problem) from None
+    return document
 
 
 def arrays_in(path: Path, wanted: Collection[str] | None = None) -> dict[str, np.ndarray]:

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from microbot_ocp._base import checks
-from microbot_ocp._base.argument_types import fits
+from microbot_ocp._base.archive import no_archive, read_document
 from microbot_ocp._base.checks import FloatArray, InputError, shortened
-from microbot_ocp._base.reading import content_of, opened as opened_file
+from microbot_ocp._base.reading import opened as opened_file
 from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
 from microbot_ocp._base.status import Status
 from microbot_ocp._base.writing import (
@@ -358,15 +358,9 @@ def load_sweep(folder: str | Path) -> Sweep:
         A folder that holds no sweep, or a damaged one.
     """
     path = Path(folder) / ABOUT
-    try:
-        about = json.loads(content_of(path))
-    except (OSError, ValueError, RecursionError) as problem:
-        reason = getattr(problem, "strerror", None) or "it is not JSON"
-        raise InputError(f"{str(folder)!r} holds no sweep: {ABOUT}: {reason}") from None
+    about = read_document(path, "sweep", _ABOUT, SEAL)
     if not _is_about(about):
-        raise InputError(f"{str(folder)!r} holds no sweep: {ABOUT} is not whole")
-    if about.get(SEAL, "") not in ("", digest_of_document(about, SEAL)):
-        raise InputError(f"{str(folder)!r}: {ABOUT} was changed after it was written")
+        raise no_archive(path, "sweep", ValueError("it is not whole"))
     return Sweep(Path(folder), about)
 
 
@@ -380,17 +374,14 @@ _ABOUT: dict[str, Any] = {
 }
 
 
-def _is_about(about: Any) -> bool:
+def _is_about(about: Mapping[str, Any]) -> bool:
     """Return whether a document says of a sweep what its readers ask for."""
-    if not isinstance(about, dict) or about.get("schema") not in (1, SCHEMA):
-        return False
-    if not all(fits(about.get(key), kind) for key, kind in _ABOUT.items()):
-        return False
     columns, methods = set(map(tuple, about["columns"])), about["methods"]
     # folders of schema 1 may have been thinned by hand
     outcomes = outcome_columns if about["schema"] == SCHEMA else lambda *_: [("status", "text")]
     return (
-        bool(methods)
+        about.get("schema") in (1, SCHEMA)
+        and bool(methods)
         and all(0 < about[key] < 10**12 for key in ("count", "chunk"))
         and all(len(column) == 2 and column[1] in TYPES for column in columns)
         and {("case", "int"), *outcomes(methods, about["limits"])} <= columns

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from microbot_ocp._base.checks import InputError, shortened, shown
+from microbot_ocp._base.checks import InputError, shown
 from microbot_ocp._base.reading import content_of
 from microbot_ocp._base.writing import NotWritten, digest, digest_of_document, locked, sync
 
@@ -83,19 +83,6 @@ def _move(staged: Path, place: Path) -> None:
         os.replace(staged, place)
     except OSError as problem:
         raise NotWritten(place, problem.strerror or str(problem)) from None
-
-
-def check_unchanged(origin: str, document: Mapping[str, Any]) -> None:
-    """Refuse a ``comparison.json`` that was changed; those of earlier versions have no digest.
-
-    Raises
-    ------
-    InputError
-    """
-    if "digest" in document and document["digest"] != digest_of_document(document, "digest"):
-        raise InputError(
-            f"{shortened(origin, 150)} was changed after it was saved: save the comparison again"
-        )
 
 
 def check_run(folder: Path, document: Mapping[str, Any]) -> None:

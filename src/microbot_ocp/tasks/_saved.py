@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -10,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from microbot_ocp._base import checks
+from microbot_ocp._base.archive import read_document
 from microbot_ocp._base.checks import FloatArray, InputError, shortened, shown
-from microbot_ocp._base.reading import content_of
 from microbot_ocp._base.schema import check_schema
 from microbot_ocp._base.status import Status
 from microbot_ocp.certificate import certify
@@ -19,10 +18,16 @@ from microbot_ocp.motion import Motion
 from microbot_ocp.planning import check_limits, check_via
 from microbot_ocp.robot import Limits, Robot, load_robot, packaged_robots
 from microbot_ocp.tasks._comparison import Comparison, Entry
-from microbot_ocp.tasks._folder import INDEX, NAME, check_run, check_unchanged
+from microbot_ocp.tasks._folder import INDEX, NAME, check_run
 from microbot_ocp.tasks._task_file import JOINT_KEYS
 
 SCHEMA = 1
+KINDS = {
+    **dict.fromkeys(("robot", "reference"), str),
+    "via_q": list,
+    "entries": list[dict],
+    "limits": dict[str, list],
+}
 
 
 def load_comparison(folder: str | Path, robot: Robot | str | None = None) -> Comparison:
@@ -44,32 +49,20 @@ def load_comparison(folder: str | Path, robot: Robot | str | None = None) -> Com
     """
     folder = Path(folder)
     origin = str(folder / INDEX)
-    try:
-        saved = json.loads(content_of(origin))
+    saved = read_document(origin, "comparison", KINDS)
+    with checks.naming(f"{shortened(origin, 150)}: "):
         check_schema(saved, SCHEMA)
-        via_q = saved["via_q"]
-        name, reference = str(saved["robot"]), str(saved["reference"])
-        rows = [(str(row["name"]), dict(row)) for row in saved["entries"]]
-        bounds = {str(key): list(values) for key, values in saved["limits"].items()}
-    except OSError as problem:
-        raise InputError(f"{shortened(origin, 150)} cannot be read: {problem.strerror}") from None
-    except InputError as problem:
-        raise InputError(f"{shortened(origin, 150)}: {problem}") from None
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as problem:
-        raise InputError(
-            f"{shortened(origin, 100)} is not a saved comparison: {shortened(str(problem), 100)}"
-        ) from None
-    check_unchanged(origin, saved)
-    names = [key for key, _ in rows]
+    names = [str(row.get("name")) for row in saved["entries"]]
     if not all(map(NAME.fullmatch, names)) or len(set(names)) < len(names):
         raise InputError(f"entries of {origin} must have different names, not {shown(names)}")
-    arm = named_robot(origin, name, robot)
-    arm = arm.with_limits(_stored_limits(origin, bounds))
-    via = checks.array(f"via_q of {origin}", via_q, (None, arm.joint_count))
+    arm = named_robot(origin, saved["robot"], robot)
+    arm = arm.with_limits(_stored_limits(origin, saved["limits"]))
+    via = checks.array(f"via_q of {origin}", saved["via_q"], (None, arm.joint_count))
     check_via(check_limits(arm, None), via)
-    entries = tuple(_entry(arm, via, folder, key, row) for key, row in rows)
+    rows = zip(names, saved["entries"], strict=True)
+    entries = tuple(_entry(arm, via, folder, name, row) for name, row in rows)
     check_run(folder, saved)  # after reading: what is read is then known to be of this run
-    return Comparison(arm, via, arm.limits, entries, reference)
+    return Comparison(arm, via, arm.limits, entries, saved["reference"])
 
 
 def named_robot(origin: str, named: str | None, given: Robot | str | None) -> Robot:
