@@ -70,7 +70,7 @@ class Simulation:
         return Motion(self.t - self.t[0], self.q, self.qd, self.qdd, self.tau, label)
 
     def plot(self, robot: Robot, axes: GivenAxes | None = None, **options: Any) -> DrawnAxes:
-        """Position, velocity and torque over time: :func:`microbot_ocp.plots.simulation`."""
+        """Position, velocity and torque over time: :func:`microbot_ocp.plots.motion`."""
         return view_for(self, "plot")(robot, self, axes, **options)
 
 

@@ -13,7 +13,7 @@ VIEWS = {  # public name of the class: kind of view = face or module of this fol
     "motion.DurationLine": "plot=plots:duration_line",
     "motion.Sensitivities": "plot=plots:prices",
     "execution.Reserve": "plot=plots:reserve",
-    "simulation.Simulation": "plot=plots:simulation",
+    "simulation.Simulation": "plot=plots:motion",
     "simulation.Tracking": "plot=plots:tracking rerun=recording:of_tracking",
     "ocp.solution.Solution": "table=tables._results:solution plot=plots:solution",
     "ocp.solvers.ParametricSolver": "plot=plots:sparsity",

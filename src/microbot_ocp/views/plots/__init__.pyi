@@ -13,7 +13,6 @@ from ._limits import limit_use as limit_use, saturation as saturation
 from ._motion import (
     cell as cell,
     motion as motion,
-    simulation as simulation,
     tracking as tracking,
 )
 from ._page import (

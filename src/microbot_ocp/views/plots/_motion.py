@@ -116,21 +116,6 @@ def cell(cell: Cell) -> AxesGrid:
     return page
 
 
-def simulation(
-    robot: Robot,
-    simulation: Simulation,
-    axes: GivenAxes | None = None,
-    *,
-    quantities: Sequence[str] = ("q", "qd", "tau"),
-    joints: Sequence[int] | None = None,
-) -> AxesGrid:
-    """Draw what a simulated arm did, with the limits of the robot.
-
-    Parameters and result as :func:`motion`.
-    """
-    return motion(robot, simulation, axes, quantities=quantities, joints=joints)
-
-
 def tracking(
     robot: Robot,
     trackings: Tracking | Sequence[Tracking] | Mapping[str, Tracking],
