@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -16,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError, shown
-from microbot_ocp._base.reading import content_of, opened
+from microbot_ocp._base.reading import opened
 from microbot_ocp.robot import Robot
 from microbot_ocp.sweeps._extra import needed
 from microbot_ocp.sweeps._quantities import (
@@ -425,34 +423,16 @@ class CaseSource:
 
 def _read(path: Path) -> Mapping[str, Any]:
     """Return columns of a CSV or Parquet file."""
-    if path.suffix not in (".parquet", ".csv"):
+    readers = {".parquet": ("pyarrow.parquet", "read_table"), ".csv": ("pyarrow.csv", "read_csv")}
+    if path.suffix not in readers:
         raise InputError(f"table {str(path)!r} must end in .csv or .parquet")
+    module, read = readers[path.suffix]
     try:
-        if path.suffix == ".parquet":
-            opened(path).close()  # refuses a pipe, on which pyarrow would wait
-            read = needed("pyarrow.parquet").read_table(path)
-            return {name: read[name].to_numpy() for name in read.column_names}
-        text = io.StringIO(content_of(path).decode("utf-8-sig"), newline="")
-        lines = [line for line in csv.reader(text) if any(field.strip() for field in line)]
+        opened(path).close()  # refuses a pipe, on which pyarrow would wait
+        table = getattr(needed(module), read)(path)
+        return {name.strip(): table[name].to_numpy() for name in table.column_names}
     except InputError:  # no pyarrow
         raise
-    except (OSError, ValueError, csv.Error) as problem:  # pyarrow's are among the ValueErrors
+    except (OSError, ValueError, KeyError) as problem:  # pyarrow's are among the ValueErrors
         reason = getattr(problem, "strerror", None) or problem
         raise InputError(f"table {str(path)!r} cannot be read: {reason}") from None
-    names = [name.strip() for name in lines[0]] if lines else []
-    if len(set(names)) < len(names):
-        raise InputError(f"table {str(path)!r} must have different columns, not {shown(names)}")
-    columns: dict[str, list[float]] = {name: [] for name in names}
-    for number, line in enumerate(lines[1:], 2):
-        if len(line) != len(names):
-            raise InputError(
-                f"{path.name}, line {number}: {len(line)} fields for {len(names)} columns"
-            )
-        for name, text in zip(names, line, strict=True):
-            try:
-                columns[name].append(float(text))
-            except ValueError:
-                raise InputError(
-                    f"{path.name}, line {number}: {name} must be a number, not {shown(text)}"
-                ) from None
-    return columns
