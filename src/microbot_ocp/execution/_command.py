@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -84,9 +85,9 @@ def commanded(
 
     The motion is sampled at the rate of the profile, to a whole number of steps. Where what the
     controller makes of the rows exceeds a limit, of the robot or of the profile, the motion is
-    slowed down evenly, until it does not any more. Where polynomials between rows make too much of
-    accelerations that jump, the rows are those of the cubic B-spline of the samples, if that is
-    sooner and at most 1e-3 rad (m) off.
+    slowed down evenly, until it does not any more. Where accelerations or torques that jump cost
+    more than some steps so, they are rounded off: by the cubic B-spline of samples some steps
+    apart, at most 1e-3 rad (m) off. Of these the soonest is returned.
 
     Parameters
     ----------
@@ -139,18 +140,20 @@ def commanded(
 
 
 def _accepted(
-    family: LimitFamily, motion: Motion, profile: Profile, *, held: bool = False
+    family: LimitFamily, motion: Motion, profile: Profile, window: int = 0
 ) -> tuple[Motion, Motion]:
     """The motion slowed down until its execution keeps all limits, and that execution.
 
-    With ``held`` it is first made what a controller that holds its samples makes of it.
+    With a ``window`` it is first made what a controller makes of it that holds its samples so many
+    steps.
     """
     steps = max(1, int(np.ceil(motion.duration / profile.step - ROUNDING)))
     most = SLOWING.most_evenly * steps + 1.0
     while True:
         slowed = motion.stretched(family.robot, steps * profile.step / motion.duration)
-        if held:
-            slowed = executed(family.robot, slowed, replace(profile, interpolation="hold"))
+        if window:
+            rounding = replace(profile, interpolation="hold", rate=1.0 / (window * profile.step))
+            slowed = executed(family.robot, slowed, rounding)
         curve = executed(family.robot, slowed, profile)
         factor = _factor(family, curve, most / steps)
         if factor == 1.0:
@@ -159,29 +162,43 @@ def _accepted(
 
 
 def _soonest(family: LimitFamily, motion: Motion, profile: Profile) -> tuple[Motion, Motion]:
-    """The motion slowed down as it is, or smoothed, whichever takes less time.
+    """The motion slowed down as it is, or rounded off, whichever takes less time.
 
-    Where an acceleration jumps between two rows, a polynomial through them makes too much of it.
-    The cubic B-spline of the samples jumps nowhere and has its knots at rows, so that the cubics or
-    quintics through its rows are itself. It takes two steps more, and is ``qdd step^2 / 6`` off.
+    Where an acceleration jumps, polynomials between two rows make too much of it, and differences
+    of rows see a jerk and a torque rate that only much slower motions leave within bounds. The
+    cubic B-spline of samples some steps apart jumps nowhere, and its knots are at rows. It takes
+    two of these steps more, and is ``qdd step^2 / 6`` off.
     """
-    plain = problem = None
+    best = problem = None
     try:
-        plain = _accepted(family, motion, profile)
+        best = _accepted(family, motion, profile)
     except InputError as error:
         problem = error
-    if plain and plain[0].duration <= motion.duration + 3.0 * profile.step:
-        return plain
-    if profile.interpolation in ("cubic", "quintic"):
+    if best and best[0].duration <= motion.duration + 3.0 * profile.step:
+        return best
+    before = np.inf
+    for window in _windows(motion, profile):
         with suppress(InputError):
-            smooth = _accepted(family, motion, profile, held=True)
-            near = np.abs(smooth[0].qdd).max() * profile.step**2 / 6.0 <= NEAR
-            if near and (plain is None or smooth[0].duration < plain[0].duration):
-                return smooth
-    if plain is None:
+            smooth = _accepted(family, motion, profile, window)
+            if smooth[0].duration > before:
+                break
+            before = smooth[0].duration
+            if best is None or before < best[0].duration:
+                best = smooth
+    if best is None:
         assert problem is not None
         raise problem
-    return plain
+    return best
+
+
+def _windows(motion: Motion, profile: Profile) -> Iterator[int]:
+    """Steps between samples of a spline that is near enough, the most first."""
+    most = max(float(np.abs(motion.qdd).max()), ROUNDING)
+    seconds = min(np.sqrt(6.0 * NEAR / most), 0.5 * motion.duration)
+    window = int(seconds / profile.step)
+    while window:
+        yield window
+        window //= 2
 
 
 def _factor(family: LimitFamily, curve: Motion, most: float) -> float:
