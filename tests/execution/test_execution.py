@@ -55,6 +55,24 @@ def test_libfranka_leaves_what_is_exported_as_it_is(panda, profile, seed):
     assert abs(jerk.time - command.rows.t[middle]) < 0.004
 
 
+def test_torques_that_jump_are_rounded_off_rather_than_slowed_down(panda):
+    """A cubic, whose acceleration jumps at its ends, planned without torque rates."""
+    share = np.random.default_rng(1).uniform(0.2, 0.8, (2, panda.joint_count))
+    q = panda.limits.q_min + (panda.limits.q_max - panda.limits.q_min) * share
+    fastest = mo.shortest_duration(panda.with_limits(taud_max=np.inf), mo.cubic(q, [0.0, 1.0]))
+    motion = mo.Motion.from_polynomial(panda, fastest.polynomial, label="cubic")
+    command = mo.execution.commanded(panda, motion, "panda")
+    assert command.accepted
+    assert command.cost < 0.1 * motion.duration  # 3 times its duration, evenly
+    rows = command.rows.q
+    np.testing.assert_allclose(franka.panda(rows), rows, rtol=0, atol=1e-12)
+    way = np.linspace(0.0, motion.duration, 20_001)
+    planned = motion.sample(way).q
+    away = [np.abs(planned - row).max(axis=1).min() for row in rows[::20]]
+    assert max(away) < 1e-3
+    np.testing.assert_allclose(rows[[0, -1]], q, atol=1e-9)
+
+
 def test_held_commands_have_their_differences_as_derivatives(panda):
     motion = shape(panda, "panda", 3)
     rows = CommandRows(np.linspace(0.0, 0.199, 200), motion.resample(1000.0).q[:200])
