@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import matplotlib
 import numpy as np
+from matplotlib import style
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import Collection
@@ -51,16 +51,6 @@ SETTINGS: dict[Any, Any] = {
     "pdf.fonttype": 42,  # text stays text
     "text.parse_math": False,  # names may hold a dollar sign
 }
-_LOOKS = (
-    "axes", "axes3d", "boxplot", "figure", "font", "grid", "hatch", "image", "legend", "lines",
-    "mathtext", "patch", "path", "pdf", "savefig", "text", "xaxis", "xtick", "yaxis", "ytick",
-)  # fmt: skip
-# matplotlib's own defaults, whatever style the user has set, with our changes.
-_STYLE: dict[Any, Any] = {
-    **{key: v for key, v in matplotlib.rcParamsDefault.items() if key.split(".")[0] in _LOOKS},
-    **SETTINGS,
-}
-
 COLORED = {
     Text: ("color",),
     Line2D: ("color", "markeredgecolor", "markerfacecolor"),
@@ -80,8 +70,7 @@ def styled(changes: Mapping[str, Any] | None = None) -> Any:
 
     ``changes`` are settings of matplotlib's.
     """
-    settings: Any = {**_STYLE, **(changes if changes is not None else {})}
-    return matplotlib.rc_context(settings)
+    return style.context(["default", {**SETTINGS, **(changes if changes is not None else {})}])
 
 
 class _Shown:
