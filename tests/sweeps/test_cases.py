@@ -159,7 +159,11 @@ def test_a_study_file_is_read() -> None:
         ('kind = "random"', 'kind = "sobol"', "cases.kind must be one of random, grid, table"),
         ("count = 8", "", "cases.count is missing"),
         ("count = 8", "count = 0", "cases.count must be at least 1, not 0"),
-        ('kind = "random"', 'kind = "grid"', "cases.count is not for cases of the kind 'grid'"),
+        (
+            'kind = "random"',
+            'kind = "grid"',
+            "key 'count' in table .cases. is not for the kind 'grid'",
+        ),
         ("from = [-90", "form = [-90", "unknown key 'form' of quantities.goal_q_deg"),
         ("start_q =", "seed = 3\nstart_q =", "seed is no quantity that may vary"),
         ("mesh = 20", "mesh = 2", "settings.mesh must be at least 4"),

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import microbot_ocp as mo
-from microbot_ocp._base.schema import keys_of
+from microbot_ocp._base.schema import Key, keys_of
 from microbot_ocp.robot.files import _toml
 from microbot_ocp.scene import _scene_file, with_arm_capsules
 from microbot_ocp.scene._obstacles import KINDS
@@ -55,15 +55,20 @@ def test_the_example_of_the_document():
     assert result["time_optimal"].motion.duration == pytest.approx(1.923, abs=0.01)
 
 
+def of_kinds(schemas):
+    return [{"kind": Key(choices=schemas)}, *schemas.values()]
+
+
 @pytest.mark.parametrize(
     ("page", "schemas"),
     [
         ("task_file.md", [_task_file.TASK, _task_file.VIA, _task_file.LIMITS, _task_file.SETTINGS]),
-        ("task_file.md", [_task_file.CELL, _cell_file.STOP, _cell_file.CAPSULE, _cell_file.FRONT]),
+        ("task_file.md", [_task_file.CELL, _cell_file.STOP, _cell_file.CAPSULE]),
+        ("task_file.md", of_kinds(_cell_file.FRONT)),
         ("task_file.md", [_cell_file.PAYLOAD, keys_of(mo.Circle), keys_of(mo.JointLine)]),
         ("how-to/robot_from_toml.md", [_toml.ROBOT, _toml.JOINT, _toml.PLACEMENT]),
         ("how-to/robot_from_toml.md", [_toml.ROTOR, _toml.SHAPE]),
-        ("how-to/sweeps.md", [_study_file.STUDY, _study_file.CASES, _study_file.RANGE]),
+        ("how-to/sweeps.md", [_study_file.STUDY, *of_kinds(_study_file.CASES), _study_file.RANGE]),
         ("how-to/obstacles.md", [_scene_file.SCENE, *map(_scene_file._schema, KINDS)]),
     ],
 )
@@ -235,11 +240,14 @@ def test_a_file_and_python_state_the_same_stops(tmp_path):
             "mass in the payload of stop 'stop 3' is missing",
         ),
         ('[[segment]]\nafter = "pick"\nkind = "line"\n' * 2, "two segments begin at stop 'pick'"),
-        ('[[segment]]\nkind = "line"', "one of pick, place, but it is missing"),
+        ('[[segment]]\nkind = "line"', "is missing: it must be one of pick, place"),
         ('[[segment]]\nafter = "plce"\nkind = "line"', "one of pick, place, not 'plce'"),
         ('[[segment]]\nafter = "pick"\nkind = "curve"', "one of line, circle, joint line"),
         ('[front]\nkind = "time"', "kind of [front] must be one of effort, torque, not 'time'"),
-        ('[front]\nkind = "torque"\nslacks = [1]', "[front] of torque is asked by shares"),
+        (
+            '[front]\nkind = "torque"\nslacks = [1]',
+            "key 'slacks' of [front] is not for the kind 'torque'",
+        ),
         ('[[capsule]]\nlink = "fist"', "in capsule 1: start is missing"),
         (
             '[[capsule]]\nlink = "fist"\nstart = [0, 0, 0]\nend = [1, 0, 0]\nradius = 0.1',

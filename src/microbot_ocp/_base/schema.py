@@ -173,6 +173,21 @@ def read_table(
     return read
 
 
+def read_kind(
+    table: Mapping[str, Any], kinds: Mapping[str, Schema], where: str, named: str = ""
+) -> tuple[str, dict[str, Any]]:
+    """Return the ``kind`` of a table, and what it has under the keys of that kind.
+
+    Parameters and errors as :func:`read_table`; ``kinds`` are the schemas that there are.
+    """
+    kind = table.get("kind")
+    Key(choices=kinds).check((named or f"{{}} {where}").replace("{}", "kind"), kind)
+    rest = {key: value for key, value in table.items() if key != "kind"}
+    of_others = {key for keys in kinds.values() for key in keys}
+    elsewhere = dict.fromkeys(of_others, f"is not for the kind {kind!r}")
+    return str(kind), read_table(rest, kinds[str(kind)], where, named, elsewhere=elsewhere)
+
+
 def _check_names(name: str, value: Any, allowed: Collection[str]) -> None:
     choices = ", ".join(allowed)
     if not isinstance(value, list) or not all(isinstance(entry, str) for entry in value):

@@ -22,6 +22,7 @@ from microbot_ocp._base.schema import (
     TEXT,
     Key,
     keys_of,
+    read_kind,
     read_table,
     table_from,
 )
@@ -50,7 +51,7 @@ SCENE = {
 
 def _schema(kind: str) -> dict[str, Key]:
     """Return keys of an obstacle: those of its class, and where its frame is."""
-    keys = keys_of(KINDS[kind], kind=NEEDED, name=TEXT)
+    keys = keys_of(KINDS[kind], name=TEXT)
     if keys.pop("pose", None):
         keys |= dict.fromkeys(PLACED, ANY)
     if kind == "half_space":
@@ -116,10 +117,7 @@ def _scene(table: Mapping[str, Any], folder: Path) -> Scene:
 
 
 def _obstacle(table: Mapping[str, Any], folder: Path) -> Obstacle:
-    Key(choices=KINDS).check("kind", table.get("kind"))
-    kind = table["kind"]
-    row = read_table(table, _schema(kind), "of it", "{}")
-    del row["kind"]
+    kind, row = read_kind(table, {kind: _schema(kind) for kind in KINDS}, "of it", "{}")
     if "pose" in keys_of(KINDS[kind]):
         row["pose"] = _pose({key: row.pop(key) for key in PLACED if key in row})
     if kind == "mesh":

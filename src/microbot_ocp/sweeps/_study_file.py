@@ -16,11 +16,11 @@ from microbot_ocp._base.schema import (
     FLAG,
     NEEDED,
     TABLE,
-    TEXT,
     Key,
     check_schema,
     keys_of,
     parsed,
+    read_kind,
     read_table,
 )
 from microbot_ocp.sweeps._cases import Between, Cases, OneOf
@@ -29,7 +29,6 @@ from microbot_ocp.sweeps._study import CaseSettings, Study
 from microbot_ocp.tasks import COMMON, robot_from
 
 SCHEMA = 1
-OF_KIND = {"random": ("count", "seed"), "grid": (), "table": ("file",)}
 STUDY = {
     **COMMON,
     "methods": ANY,
@@ -39,7 +38,11 @@ STUDY = {
     "quantities": TABLE,
     "settings": TABLE,
 }
-CASES = {"kind": Key(choices=OF_KIND, needed=True), "count": ANY, "seed": ANY, "file": TEXT}
+CASES = {
+    "random": {"count": NEEDED, "seed": ANY},
+    "grid": {},
+    "table": {"file": Key(str, needed=True)},
+}
 RANGE = {"from": NEEDED, "to": NEEDED, "steps": ANY}
 
 
@@ -94,21 +97,11 @@ def _study(data: dict[str, Any], origin: str, folder: Path) -> Study:
 
 
 def _cases(table: Mapping[str, Any], quantities: dict[str, Any], folder: Path) -> Cases:
-    given = read_table(table, CASES, "in table [cases]", "cases.{}")
-    kind = given.pop("kind")
-    for key in given:
-        if key not in OF_KIND[kind]:
-            raise InputError(f"cases.{key} is not for cases of the kind {kind!r}")
-    if kind == "grid":
-        return Cases.grid(**quantities)
+    kind, given = read_kind(table, CASES, "in table [cases]", "cases.{}")
     if kind == "table":
-        if "file" not in given:
-            raise InputError("cases.file is missing: the path of a .csv or .parquet file")
         return Cases.table(folder / given["file"], **quantities)
-    if "count" not in given:
-        raise InputError("cases.count is missing: how many random draws")
     with naming("cases."):
-        return Cases.random(given["count"], seed=given.get("seed", 0), **quantities)
+        return getattr(Cases, kind)(**given, **quantities)
 
 
 def _quantity(name: str, given: Any) -> Any:

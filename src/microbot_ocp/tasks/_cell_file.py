@@ -23,6 +23,7 @@ from microbot_ocp._base.schema import (
     Key,
     check_schema,
     keys_of,
+    read_kind,
     read_table,
     table_from,
 )
@@ -76,7 +77,7 @@ FRONTS: dict[str, tuple[Callable[..., Front], str, Sequence[float]]] = {  # and 
     "effort": (time_effort_front, "slacks", SLACKS),
     "torque": (time_torque_front, "shares", SHARES),
 }
-FRONT = {"kind": Key(choices=FRONTS, needed=True), "slacks": ANY, "shares": ANY}
+FRONT = {kind: {key: ANY} for kind, (_, key, _) in FRONTS.items()}
 PAYLOAD = keys_of(Payload)
 KINDS: dict[str, Any] = {"line": Line, "circle": Circle, "joint line": JointLine}
 LARGEST_ANGLE = 2 * np.pi  # rad: beyond it degrees were meant
@@ -372,12 +373,8 @@ def _cell(data: Mapping[str, Any], origin: str, folder: Path) -> CellFile:
 
 def _front(table: Mapping[str, Any]) -> tuple[str, tuple[float, ...]]:
     """Return the kind of the table [front] and by what its motions are asked."""
-    given = read_table(table, FRONT, "of [front]")
-    kind = given.pop("kind")
+    kind, given = read_kind(table, FRONT, "of [front]")
     _, key, usual = FRONTS[kind]
-    for other in given:
-        if other != key:
-            raise InputError(f"[front] of {kind} is asked by {key}, not by {other}")
     values = checks.array(f"{key} of [front]", given.get(key, usual), (None,))
     return kind, tuple(values.tolist())
 
@@ -452,20 +449,14 @@ def _segments(
         return None
     begins = [stop.name for stop in stops][: len(stops) - (not cycle)]
     segments: list[Segment] = [None] * len(begins)
+    after = Key(choices=begins, needed=True)
+    kinds = {word: keys_of(kind, after=after) for word, kind in KINDS.items()}
     for row in rows:
-        after, word = row.get("after"), row.get("kind")
-        if after not in begins:
-            instead = f"not {checks.shown(after)}" if "after" in row else "but it is missing"
-            raise InputError(
-                "after of a segment must be the name of the stop where it begins, one of "
-                f"{', '.join(begins)}, {instead}"
-            )
-        where = f"in the segment after {after!r}"
-        Key(choices=KINDS).check(f"kind {where}", word)
-        given = read_table(row, keys_of(KINDS[str(word)], after=ANY, kind=ANY), where)
-        del given["after"], given["kind"]
-        if segments[begins.index(after)] is not None:
-            raise InputError(f"two segments begin at stop {after!r}")
+        where = f"in the segment after {checks.shown(row.get('after'))}"
+        word, given = read_kind(row, kinds, where)
+        stop = begins.index(given.pop("after"))
+        if segments[stop] is not None:
+            raise InputError(f"two segments begin at stop {begins[stop]!r}")
         with naming(f"{where}: "):
-            segments[begins.index(after)] = KINDS[str(word)](**given)
+            segments[stop] = KINDS[word](**given)
     return tuple(segments)
