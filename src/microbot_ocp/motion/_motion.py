@@ -233,18 +233,10 @@ class Motion:
         remark: str = "",
     ) -> Motion:
         """Return the motion with the torques that inverse dynamics asks for at every sample."""
-        return cls(
-            t=np.asarray(t, dtype=float),
-            q=state.q,
-            qd=state.qd,
-            qdd=state.qdd,
-            tau=torque_along(robot, state),
-            label=label,
-            breaks=None if breaks is None else np.asarray(breaks, dtype=float),
-            marks=tuple(marks),
-            provenance=dict(provenance or {}),
-            remark=remark,
-        )
+        times, tau = np.asarray(t, dtype=float), torque_along(robot, state)
+        ends = None if breaks is None else np.asarray(breaks, dtype=float)
+        about = tuple(marks), dict(provenance or {}), remark
+        return cls(times, *state, tau, label, ends, *about)
 
     def stretched(self, robot: Robot, factor: float) -> Motion:
         """Return the same motion, slower by ``factor``, with the torques of inverse dynamics.
@@ -346,17 +338,7 @@ class Motion:
             tau = torque_along(robot, state)
         else:
             tau = np.column_stack([np.interp(t, self.t, column) for column in self.tau.T])
-        return Motion(
-            t,
-            *state,
-            tau,
-            self.label,
-            None,
-            self.marks,
-            dict(self.provenance),
-            self.remark,
-            self.outcome,
-        )
+        return replace(self, t=t, **state._asdict(), tau=tau, breaks=None)
 
     def sensitivities(
         self, robot: Robot, mass: float = 0.0, center_of_mass: ArrayLike = (0.0, 0.0, 0.0)
