@@ -15,15 +15,15 @@ MOST_BYTES = 500_000_000  # that are taken into memory at once
 DEEPEST = 200  # elements or tables in each other; a robot file has about six
 
 
-def opened(path: str | Path, *, links: bool = True) -> BufferedReader:
-    """Return a plain file, open; ``links`` may lead to it.
+def opened(path: str | Path) -> BufferedReader:
+    """Return a plain file, open.
 
     Raises
     ------
     OSError
         With ``strerror`` set, also where it is something else than a file.
     """
-    handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | (0 if links else os.O_NOFOLLOW))
+    handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
     stream = open(handle, "rb")  # noqa: SIM115
     try:
         mode = os.fstat(handle).st_mode

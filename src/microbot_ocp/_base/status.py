@@ -125,11 +125,6 @@ class Status(StrEnum):
         member._value_, member.sentence = value, sentence
         return member
 
-    @classmethod
-    def _missing_(cls, value: object) -> Status | None:
-        """Return the status whose name is given, as some files hold it: "iteration_limit"."""
-        return cls.__members__.get(str(value).upper())
-
     @property
     def solved(self) -> bool:
         """Whether it ended well."""
