@@ -4,7 +4,7 @@
     python -m benchmarks baseline --out FILE --against EARLIER
     python -m benchmarks baseline --out FILE --without "less smoothing" --against EARLIER
     python -m benchmarks baseline --out FILE --without far_barrier=0.1 --against EARLIER
-    python -m benchmarks baseline --ledger FILE
+    python -m benchmarks baseline --ledger FILE [--markdown]
 
 Groups: the demo's methods, the suite of published problems by ``solve`` without and with an
 accuracy, random tasks by seed, scenes with obstacles, cells, switching times, and the arms of the
@@ -13,7 +13,8 @@ table of speeds. Every case is solved in a process of its own; a line of JSON ea
 bits). A run that was ended goes on where FILE ends. ``--against`` prints what changed and ends with
 1 where an answer got worse by more than 1e-4, a certificate was lost, or the processor time of a
 group grew by more than a tenth. ``--ledger`` prints how often each strategy was run in a file, how
-often the answer came from it, and the time that it took. ``--without`` leaves a strategy of the
+often the answer came from it, the time that it took, and the cases that needed it where these are
+few; with ``--markdown`` as it stands in the documentation. ``--without`` leaves a strategy of the
 tables out, or gives a number of the settings of the search for motions another value; only cases
 are solved in which the strategy was run in EARLIER (all of them for a number).
 """
@@ -47,6 +48,7 @@ SLOWER = 0.1  # relative growth of a group's processor time that is reported
 AIM = 1e-6  # accuracy of the group "refined"
 LIMIT = 600  # s of processor time of a case
 TASKS, SCENES = 300, 60
+FEW = 12  # cases that a strategy decided are named
 SEEDS = 3  # of each class of switching times and each arm
 
 Row = dict[str, Any]
@@ -278,15 +280,21 @@ def changes(now: Mapping[Any, Row], before: Mapping[Any, Row]) -> Iterator[tuple
 def ledger(path: Path) -> mo.Table:
     """Return what every strategy did in all cases of a file, the dearest first."""
     sums: dict[tuple[str, str], list[float]] = {}
-    for (group, _), row in read(path).items():
+    needed: dict[tuple[str, str], list[str]] = {}
+    for (group, name), row in read(path).items():
         for entry in row.get("ledger") or ():
-            own = sums.setdefault((group, entry["strategy"]), [0, 0, 0, 0, 0.0])
+            key = group, entry["strategy"]
+            own = sums.setdefault(key, [0, 0, 0, 0, 0.0])
             solves = entry["run"], entry["decided"], entry["iterations"], entry["seconds"]
             own[:] = [a + b for a, b in zip(own, (1, *solves), strict=True)]
+            needed.setdefault(key, []).extend([name] if entry["decided"] else [])
     heads = (mo.Column(head, left=True) for head in ("group", "strategy"))
     counts = (mo.Column(head) for head in ("cases", "run", "decided", "iterations"))
-    columns = [*heads, *counts, mo.Column("time", "s", ".1f")]
-    rows = sorted(((*key, *own) for key, own in sums.items()), key=lambda row: -row[-1])
+    columns = [*heads, *counts, mo.Column("time", "s", ".1f"), mo.Column("needed by", left=True)]
+    rows = [
+        (*key, *own, ", ".join(needed[key]) if len(needed[key]) <= FEW else "")
+        for key, own in sorted(sums.items(), key=lambda item: -item[1][-1])
+    ]
     return mo.Table(columns, rows)
 
 
@@ -306,9 +314,11 @@ def main(arguments: Sequence[str]) -> None:
     parser.add_argument("--without", metavar="WHAT", help="a strategy, or setting=value")
     parser.add_argument("--case", nargs=2, help=argparse.SUPPRESS)
     parser.add_argument("--ledger", type=Path, metavar="FILE", help="print what FILE tells")
+    parser.add_argument("--markdown", action="store_true", help="print it as markdown")
     options = parser.parse_args(arguments)
     if options.ledger:
-        print(ledger(options.ledger))
+        table = ledger(options.ledger)
+        print(table.markdown() if options.markdown else table)
         return
     if options.case:
         resource.setrlimit(resource.RLIMIT_CPU, (LIMIT, LIMIT + 5))

@@ -18,14 +18,13 @@ from typing import NamedTuple, cast
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp._base.outcome import Ledger
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.diagnosis import BESIDE, falls_for_ever
 from microbot_ocp.ocp.mesh import Refinement, Round, refined
 from microbot_ocp.ocp.refinement._accuracy import PASSING, Accuracy
 from microbot_ocp.ocp.refinement._history import History, RefinementStep, step_of
 from microbot_ocp.ocp.refinement._improvement import improvable, improved
-from microbot_ocp.ocp.solution import Attempt, Solution, StepProgress, cost_size, entry
+from microbot_ocp.ocp.solution import Journal, Solution, StepProgress, cost_size
 from microbot_ocp.ocp.solvers import SolveContext
 from microbot_ocp.ocp.verification import Judgement, Thresholds, judge
 
@@ -113,6 +112,7 @@ Next = Beside | Sequence[FloatArray]
 def judged(
     solution: Solution,
     context: SolveContext,
+    journal: Journal,
     *,
     finer: bool,
     goal: Accuracy = PASSING,
@@ -126,7 +126,7 @@ def judged(
     """
     if solution.status not in CONVERGED:
         return _alone(solution), solution.status is Status.INTERRUPTED
-    return _Work(context, finer, goal, freer_cost).run(solution)
+    return _Work(context, journal, finer, goal, freer_cost).run(solution)
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,6 +134,7 @@ class _Work:
     """How a solution is taken on: what is solved, split, measured, and when it ends."""
 
     context: SolveContext
+    journal: Journal
     finer: bool
     goal: Accuracy
     freer_cost: float
@@ -157,10 +158,10 @@ class _Work:
         if state.ended is None or Status.INTERRUPTED in (state.ended, last and last.status):
             return _interrupted(self._recorded(state)), True
         if last is not None and self._at_saddle(state.measure) and _endless(last):
-            return replace(last, attempts=self._recorded(state).attempts), True
-        state, saved, tried = self._improved(state)
+            self._recorded(state)
+            return last, True
+        state, saved = self._improved(state)
         solution = self._recorded(state)
-        solution = replace(solution, attempts=(*solution.attempts, *tried))
         # on a mesh that was given the mesh itself may cost more
         return self._judged(solution, state, saved if self.finer else 0.0)
 
@@ -242,47 +243,34 @@ class _Work:
 
     # what comes of it ------------------------------------------------------------------------
 
-    def _improved(self, state: Course) -> tuple[Course, float, list[Attempt]]:
-        """Find better controls, what others would save still, and what was tried."""
+    def _improved(self, state: Course) -> tuple[Course, float]:
+        """Find better controls, and what others would save still."""
         saved = improvable(state.solution)
         if self._alone or not saved > PASSING.cost:
-            return state, saved, []
+            return state, saved
         began, before = time.perf_counter(), state.measure
         better, tried = improved(state.solution, self.context)
         if better is state.solution:
-            return state, saved, tried
+            self.journal.attempts.extend(tried)
+            return state, saved
         seen = self._measured(began, state.rounds, better)
         better = replace(better, attempts=tuple(tried), rows=state.solution.rows)
         step = replace(seen.step, cost_error=before.step.cost_error)
         last = Round(better, replace(seen, step=step, left=before.left))
-        return replace(state, rounds=(*state.rounds, last)), improvable(better), []
+        return replace(state, rounds=(*state.rounds, last)), improvable(better)
 
     def _recorded(self, state: Course) -> Solution:
-        """Return the solution with all that was tried, its meshes and its part of the ledger."""
-        first, last = state.rounds[0].solution, state.refused
-        answers = [each.solution for each in state.rounds]
-        history = [each.measure.step for each in state.rounds]
-        rows = [
-            entry(
-                new.solution.attempts[-1].way,
-                old.solution,
-                new.solution,
-                new.solution.attempts,
-                new.measure.at - old.measure.at,
-            )
-            for old, new in pairwise(state.rounds)
-        ]
+        """Return the solution with its meshes; what was tried is entered in the journal."""
+        history, last = [each.measure.step for each in state.rounds], state.refused
+        for old, new in pairwise(state.rounds):
+            attempts, spent = new.solution.attempts, new.measure.at - old.measure.at
+            self.journal.enter(attempts[-1].way, old.solution, new.solution, attempts, spent)
         if last is not None:
             spent = sum(attempt.wall_time for attempt in last.attempts)
-            answers.append(last)
             history.append(step_of(last, None, spent))
-            rows.append(entry(last.attempts[-1].way, answers[-2], None, last.attempts, spent))
-        return replace(
-            state.solution,
-            attempts=tuple(a for each in answers for a in each.attempts),
-            history=History(history),
-            ledger=Ledger.of([*first.ledger, *rows]),
-        )
+            before = state.rounds[-1].solution
+            self.journal.enter(last.attempts[-1].way, before, None, last.attempts, spent)
+        return replace(state.solution, history=History(history))
 
     def _report(self, state: Course) -> None:
         progress = self.context.progress

@@ -11,14 +11,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple, cast
 
 import numpy as np
 
 from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import InputError
-from microbot_ocp._base.outcome import Ledger, LedgerRow
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.diagnosis import POOR, NotFinite
 from microbot_ocp.ocp.problem import OptimalControlProblem, with_shapes
@@ -30,11 +29,11 @@ from microbot_ocp.ocp.search._other_starts import (
 )
 from microbot_ocp.ocp.solution import (
     Attempt,
+    Journal,
     Progress,
     Solution,
     StepProgress,
     cost_size,
-    entry,
 )
 from microbot_ocp.ocp.solvers import SolveContext, SolverSettings, transcribed
 from microbot_ocp.ocp.starts import Rollouts, default_guess, guess_from
@@ -173,12 +172,10 @@ def solve(
     best: Solution | None = None
     unconverged: tuple[Solution, SolveContext] | None = None
     refused: InputError | None = None
-    attempts: list[Attempt] = []
-    ledger: list[LedgerRow] = []
     for strategy in STRATEGIES[: 1 if task.alone else None]:
         if (best or unconverged) and task.over:
             break
-        began, last = time.perf_counter(), None
+        mark, began, last = len(journal.rows), time.perf_counter(), None
         tried: list[Attempt] = []
         try:
             for start in strategy.propose(task, tried):
@@ -196,25 +193,23 @@ def solve(
             continue
         solution, start = last
         ended = solution if solution.status in ENDED else None
-        journal.enter(strategy.name or GIVEN, began, None, ended, tried)
+        spent = time.perf_counter() - began
+        journal.enter(strategy.name or GIVEN, None, ended, tried, spent)
         if ended is None:
             unconverged = unconverged or (solution, start.context)
             continue
         solution, final = _finished(task, journal, strategy, solution, start)
-        attempts += solution.attempts
-        if best is None or final:
-            best, ledger = solution, [*Ledger(ledger).discarded(), *solution.ledger]
-        else:
-            ledger += solution.ledger.discarded()
+        better = best is None or final
+        journal.discard(slice(mark) if better else slice(mark, None))
+        best = solution if better else best
         if final:
             break
     if best is None:
         if unconverged is None:
             raise cast("InputError", refused)
         solution, context = unconverged
-        best = task.judged(journal.closed(solution), context)[0]
-        attempts, ledger = list(best.attempts), list(best.ledger)
-    return _ended(task, replace(best, attempts=tuple(attempts), ledger=Ledger.of(ledger)))
+        best = task.judged(solution, context, journal)[0]
+    return _ended(task, journal.closed(best))
 
 
 def _ended(task: Task, best: Solution) -> Solution:
@@ -297,40 +292,18 @@ class Task:
         return Start(context, self.mesh, self.guess, uneven)
 
     def judged(
-        self, solution: Solution, context: SolveContext, freer_cost: float = np.inf
+        self,
+        solution: Solution,
+        context: SolveContext,
+        journal: Journal,
+        freer_cost: float = np.inf,
     ) -> tuple[Solution, bool]:
         """Return the solution on its way to one that passes, and whether that is final."""
         how = replace(context, settings=self.short)
         if self.accuracy is None:
-            return judged(solution, how, finer=self.given is None)
-        return judged(solution, how, finer=True, goal=self.accuracy, freer_cost=freer_cost)
-
-
-@dataclass(frozen=True, eq=False)
-class Journal:
-    """Attempts and rows of the ledger since the last answer."""
-
-    attempts: list[Attempt] = field(default_factory=list)
-    rows: list[LedgerRow] = field(default_factory=list)
-
-    def enter(
-        self,
-        strategy: str,
-        began: float,
-        before: Solution | None,
-        after: Solution | None,
-        attempts: Sequence[Attempt],
-    ) -> None:
-        """Enter what was tried by a strategy and what it led to, if to anything."""
-        self.attempts.extend(attempts)
-        self.rows.append(entry(strategy, before, after, attempts, time.perf_counter() - began))
-
-    def closed(self, solution: Solution) -> Solution:
-        """Return a solution with all that led to it; what follows leads to another."""
-        full = replace(solution, attempts=tuple(self.attempts), ledger=Ledger.of(self.rows))
-        self.attempts.clear()
-        self.rows.clear()
-        return full
+            return judged(solution, how, journal, finer=self.given is None)
+        goal = self.accuracy
+        return judged(solution, how, journal, finer=True, goal=goal, freer_cost=freer_cost)
 
 
 def named(strategy: str, attempts: Sequence[Attempt]) -> list[Attempt]:
@@ -354,16 +327,16 @@ def _finished(
     if not compared and solution.status in CONVERGED:
         began, before = time.perf_counter(), solution
         solution, tried = cheaper_elsewhere(solution, start.context, task.compared, task.guess)
-        journal.enter(OTHER_STARTS, began, before, solution if tried else None, tried)
+        spent = time.perf_counter() - began
+        journal.enter(OTHER_STARTS, before, solution if tried else None, tried, spent)
         if tried:  # another valley, of other sizes
             solution, start = _in_own_scales(task, journal, solution, start)
     first = f"The first try failed; this was found {strategy.name}." if strategy.name else ""
     if solution.status.solved:
         solution = solution.remarked(first, solution.several)
-    solution = journal.closed(solution)
-    solution, final = task.judged(solution, start.context)
+    solution, final = task.judged(solution, start.context, journal)
     if solution.status in UNSETTLED and _swings(task.problem, solution):
-        return _with_constant_controls(task, solution)
+        return _with_constant_controls(task, journal, solution)
     return solution, final
 
 
@@ -394,7 +367,8 @@ def _in_own_scales(
     tried = named(OWN_SCALES, answer.attempts)
     most = solution.cost + COST.unmet * cost_size(answer.cost, solution.cost_scale)
     better = answer.status in CONVERGED and answer.cost <= most
-    journal.enter(OWN_SCALES, began, solution, answer if better else None, tried)
+    spent = time.perf_counter() - began
+    journal.enter(OWN_SCALES, solution, answer if better else None, tried, spent)
     return (answer.with_rivals_of(solution), again) if better else (solution, start)
 
 
@@ -413,7 +387,9 @@ def _swings(problem: OptimalControlProblem | Transcription, solution: Solution) 
     )
 
 
-def _with_constant_controls(task: Task, before: Solution) -> tuple[Solution, bool]:
+def _with_constant_controls(
+    task: Task, journal: Journal, before: Solution
+) -> tuple[Solution, bool]:
     """Return the solution with controls that are constant over every interval, where that passes.
 
     On a singular arc a control that is free at every collocation point may go to and fro
@@ -427,17 +403,15 @@ def _with_constant_controls(task: Task, before: Solution) -> tuple[Solution, boo
     settings = task.settings if task.alone else replace(task.settings, solver="ipopt")
     start = restated.start(settings=settings)
     answer = start.context.solve(start.mesh, start.guess)
-    answer, final = restated.judged(answer, start.context, freer_cost=before.cost)
-    tried = named(CONSTANT, answer.attempts)
+    own = Journal(list(answer.attempts))
+    answer, final = restated.judged(answer, start.context, own, freer_cost=before.cost)
     solved = answer if answer.status.solved else None
-    row = entry(CONSTANT, before, solved, tried, time.perf_counter() - began)
-    ledger, attempts = Ledger.of([*before.ledger, row]), (*before.attempts, *tried)
+    tried, spent = named(CONSTANT, own.attempts), time.perf_counter() - began
+    journal.enter(CONSTANT, before, solved, tried, spent)
     if solved is None:
-        return replace(before, attempts=attempts, ledger=ledger), False
-    answer = replace(answer, attempts=attempts, ledger=ledger).remarked(
-        f"With other values at every point the cost does not settle: {CONSTANT}."
-    )
-    return answer.with_rivals_of(before), final
+        return before, False
+    remark = f"With other values at every point the cost does not settle: {CONSTANT}."
+    return answer.remarked(remark).with_rivals_of(before), final
 
 
 # strategies ---------------------------------------------------------------------------------------

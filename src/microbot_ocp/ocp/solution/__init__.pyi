@@ -17,11 +17,11 @@ from ._progress import (
 from ._solution import (
     RIVALS as RIVALS,
     Attempt as Attempt,
+    Journal as Journal,
     PhaseSolution as PhaseSolution,
     Solution as Solution,
     StartingPoint as StartingPoint,
     Status as Status,
-    entry as entry,
     pack as pack,
     unpack as unpack,
 )

@@ -356,24 +356,42 @@ class Solution:
         return float(sum(phase.duration for phase in self.phases))
 
 
-def entry(
-    strategy: str,
-    before: Solution | None,
-    after: Solution | None,
-    attempts: Sequence[Attempt],
-    seconds: float,
-) -> LedgerRow:
-    """Give a row of the ledger for a strategy that led from one solution to another, or to none."""
-    last = before if after is None else after
-    return LedgerRow(
-        strategy=strategy,
-        run=1,
-        decided=after is not None,
-        cost_before=None if before is None else before.cost,
-        cost_after=None if last is None else last.cost,
-        iterations=sum(max(attempt.iterations, 0) for attempt in attempts),
-        seconds=seconds,
-    )
+@dataclass(frozen=True, eq=False)
+class Journal:
+    """What a solve tried, and a row of the ledger for every strategy that was run."""
+
+    attempts: list[Attempt] = field(default_factory=list)
+    rows: list[LedgerRow] = field(default_factory=list)
+
+    def enter(
+        self,
+        strategy: str,
+        before: Solution | None,
+        after: Solution | None,
+        attempts: Sequence[Attempt],
+        seconds: float,
+    ) -> None:
+        """Enter what was tried by a strategy and what it led to, if to anything."""
+        last = before if after is None else after
+        row = LedgerRow(
+            strategy=strategy,
+            run=1,
+            decided=after is not None,
+            cost_before=None if before is None else before.cost,
+            cost_after=None if last is None else last.cost,
+            iterations=sum(max(attempt.iterations, 0) for attempt in attempts),
+            seconds=seconds,
+        )
+        self.attempts.extend(attempts)
+        self.rows.append(row)
+
+    def discard(self, part: slice) -> None:
+        """Note that some rows did not lead to the answer."""
+        self.rows[part] = Ledger(self.rows[part]).discarded()
+
+    def closed(self, solution: Solution) -> Solution:
+        """Return the answer with all that was tried for it."""
+        return replace(solution, attempts=tuple(self.attempts), ledger=Ledger.of(self.rows))
 
 
 def unpack(layouts: Sequence[PhaseLayout], x: FloatArray) -> tuple[PhaseSolution, ...]:
