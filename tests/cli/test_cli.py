@@ -619,7 +619,7 @@ def test_a_check_writes_its_report(call, tmp_path):
     assert "written: slow.html" in out
     page = (tmp_path / "slow.html").read_text("utf-8")
     assert "keeps every limit" in page
-    assert page.count("<img") == 1
+    assert page.count("<img") == 2
     assert "http" not in page
     assert call(*command, "--out", "slow.pdf")[0] == 2
 

@@ -294,7 +294,7 @@ def test_the_baseline_has_the_best_split_of_its_times(microbot):
     durations = [mo.shortest_duration(microbot, mo.cubic(VIA_Q, t)).duration for t in grid]
     assert result["cubic"].motion.duration < min(durations) * (1 + 1e-4)
     assert "segments of 1.37" in result["cubic"].note
-    assert "via velocities: Craig's heuristic" in result["cubic"].note
+    assert "via velocities by Craig's heuristic" in result["cubic"].note
     assert "blends of 0.60" in result["lspb"].note
 
 

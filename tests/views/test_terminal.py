@@ -6,6 +6,7 @@ import re
 from rich.console import Console
 from rich.progress import Progress
 
+from microbot_ocp.ocp.solution import Iteration
 from microbot_ocp.tasks import Step
 from microbot_ocp.views.live import TimeLeft, show_progress, spoken_progress
 
@@ -75,4 +76,7 @@ def test_long_work_speaks_now_and_then_where_there_is_no_terminal(monkeypatch):
     for second, text in ((110, "mesh 20: 1.793 s, solved"), (120, "search 2: no path")):
         clock[0] = float(second)
         progress(text)
-    assert lines == ["120 s: solve: search 2: no path; before: mesh 20: 1.793 s, solved"]
+    assert lines == ["120 s: solve: search 2: no path; so far: mesh 20: 1.793 s, solved"]
+    clock[0] = 160.0
+    progress(object.__new__(Iteration))
+    assert lines[1:] == ["160 s: solve: search 2: no path; so far: mesh 20: 1.793 s, solved"]

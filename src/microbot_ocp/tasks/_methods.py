@@ -181,8 +181,8 @@ def _scaled(
     of = f" of {scaled.joint}" if scaled.joint else ""
     where = f"{scaled.quantity.replace('_', ' ')}{of} at {scaled.time:.3f} s"
     if len(durations) > 1:
-        craig, given = "Craig's heuristic", "as given, slower as the motion is"
-        note += f"; via velocities: {craig if task.via_qd is None else given}"
+        craig, given = "by Craig's heuristic", "as given, scaled like the times"
+        note += f"; via velocities {craig if task.via_qd is None else given}"
     motion = Motion.from_polynomial(
         task.robot,
         scaled.polynomial,
@@ -196,7 +196,7 @@ def _scaled(
             "iterations": scaled.iterations,
             "wall_time": scaled.wall_time,
         },
-        remark=f"{note}; just meets the limit of {where}",
+        remark=f"{note}; held back by {where}",
     ).ended(Outcome.of(scaled.status))
     return motion, parts
 

@@ -9,7 +9,7 @@ import base64
 import io
 import tempfile
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import date
 from html import escape
 from importlib.metadata import version
@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from microbot_ocp._base.checks import InputError
+from microbot_ocp._base.showing import view_for
 from microbot_ocp._base.table import Table
 from microbot_ocp._base.writing import write_whole
 from microbot_ocp.certificate import Certificate
@@ -105,10 +106,11 @@ def cell_report(cell: Cell, path: str | Path) -> Path:
         else:
             cycles.append(usual.duration)
             saved = 100.0 * (1.0 - motion.duration / usual.duration)
+            told = f"{saved:.0f} % is saved" if saved >= 0.0 else f"{-saved:.0f} % is lost"
             sentences.append(
                 f"Moves from stop to stop, each with the fastest {usual.shape} of every joint from "
                 f"rest to rest, take {usual.duration:.3f} s{', obstacles aside' * bool(cell.scene)}"
-                f": {abs(saved):.0f} % {'is saved' if saved >= 0.0 else 'less'}."
+                f": {told}."
             )
     if cell.task.cycle:
         hourly = " instead of ".join(f"{3600.0 / duration:.0f}" for duration in cycles)
@@ -155,8 +157,12 @@ def certificate_report(
     verdict = "keeps every limit" if certificate.ok else "does not keep every limit"
     parts = [
         _words([f"The motion of the arm {robot.name}, {motion.duration:.3f} s long, {verdict}."]),
+        _section("The motion", _film(lambda to: motion.export(to, SETTINGS.rate, robot))),
         _section("What was checked", escape(certificate.verdict)),
-        _section("Limits", certificate._repr_html_()),
+        _section(
+            "Limits",
+            replace(view_for(certificate, "table")(certificate), title="", notes=())._repr_html_(),
+        ),
         _section("Curves and limits", _figure(motion.plot(robot), "Curves over time")),
     ]
     return _written(f"{robot.name}: check of {motion.label}", parts, path)

@@ -66,11 +66,10 @@ def show_progress(console: Console | None = None) -> Iterator[Callable[[Event], 
 
         def show(event: Event) -> None:
             step = event if isinstance(event, Step) else None
-            iterates = isinstance(step.iteration if step else event, Iteration)
             stage, text = _words(event)
             bar.update(
                 task,
-                description=text if iterates else f"{stage}: {text}",
+                description=text if _iterates(event) else f"{stage}: {text}",
                 completed=step and step.done,
                 total=step and step.total,
             )
@@ -100,7 +99,7 @@ class TimeLeft(ProgressColumn):
 def spoken_progress(say: Callable[[str], None], period: float = 30.0) -> Callable[[Event], None]:
     """Return a callable for any ``progress=`` that says now and then what is done.
 
-    Where that names no duration, the last one that was named follows.
+    Where that names no duration, the last one that was named follows; iterations stay unsaid.
 
     Parameters
     ----------
@@ -119,18 +118,24 @@ def spoken_progress(say: Callable[[str], None], period: float = 30.0) -> Callabl
     'T s: solve: the second mesh'
     """
     begin = last = time.monotonic()
-    before = ""
+    stage = text = known = ""
 
     def speak(event: Event) -> None:
-        nonlocal last, before
-        now, (stage, text) = time.monotonic(), _words(event)
-        if timed := DURATION.search(text):
-            before = f"; before: {text}"
+        nonlocal last, stage, text, known
+        if not (text and _iterates(event)):
+            stage, text = _words(event)
+            known = text if DURATION.search(text) else known
+        now = time.monotonic()
         if now - last >= period:
             last = now
-            say(f"{now - begin:.0f} s: {stage}: {text}{'' if timed else before}")
+            so_far = f"; so far: {known}" if known not in ("", text) else ""
+            say(f"{now - begin:.0f} s: {stage}: {text}{so_far}")
 
     return speak
+
+
+def _iterates(event: Event) -> bool:
+    return isinstance(event.iteration if isinstance(event, Step) else event, Iteration)
 
 
 def _words(event: Event) -> tuple[str, str]:
@@ -139,7 +144,7 @@ def _words(event: Event) -> tuple[str, str]:
 
 
 def _print_step(console: Console, event: Event) -> None:
-    if isinstance(event, Iteration) or (isinstance(event, Step) and event.iteration):
+    if _iterates(event):
         return
     stage, text = _words(event)
     console.print(f"{stage:8s}{text}", markup=False, soft_wrap=True)

@@ -77,7 +77,9 @@ def certificate(certificate: Certificate) -> Table:
         f"defects up to {certificate.defect:.1g} of the torque; over the whole time errors grow "
         f"up to {growth_said(certificate.amplification)}"
     )
-    return _table(certificate, columns, rows, [certificate.verdict, again])
+    return _table(
+        certificate, columns, rows, [certificate.verdict, *[again] * (certificate.segments > 0)]
+    )
 
 
 def solution(solution: Solution) -> Table:
