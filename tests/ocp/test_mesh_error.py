@@ -6,11 +6,12 @@ import pytest
 
 from microbot_ocp.ocp.mesh import divide, state_errors
 from microbot_ocp.ocp.problem import OptimalControlProblem
+from microbot_ocp.ocp.refinement import PASSING
 from microbot_ocp.ocp.search import solve
 from microbot_ocp.ocp.solvers import SolverSettings
 from microbot_ocp.ocp.transcription import Transcription
 from microbot_ocp.ocp.transcription.schemes import SCHEMES
-from microbot_ocp.ocp.verification import each_interval, mesh_states
+from microbot_ocp.ocp.verification import each_interval, judge, mesh_states
 from ocp.textbook import double_integrator, oscillator
 
 FINE = SolverSettings("ipopt", tolerance=1e-10)
@@ -52,6 +53,8 @@ def test_dynamics_that_break_down_are_a_status_and_an_infinite_error(capfd):
     phase.derivative(x, u + 1e-3 * ca.sqrt(x - 0.5))
     assert each_interval(solution["down"]).failure.startswith("the integrator failed: ")
     assert np.isinf(state_errors(solution)[0]).all()
+    (finer,) = PASSING.finer(solution, judge(problem, solution), solution.history[-1], whole=False)
+    assert finer.size == 13
     assert capfd.readouterr() == ("", "")
 
 

@@ -80,14 +80,15 @@ class Accuracy:
         Where limits are exceeded in between they are divided further: where a control jumps a state
         leaves its limit by the step times the jump, whatever the order of the scheme.
         """
-        errors = [
-            np.maximum(share, error / self.states)
-            for share, error in zip(judgement.errors, judgement.state_errors, strict=True)
-        ]
-        excess = [
-            np.maximum(share, relative_excess(dense).max(axis=1) / self.limits)
-            for share, dense in zip(judgement.excess, judgement.dense, strict=True)
-        ]
+        with np.errstate(invalid="ignore"):  # infinite, where it is not asked for
+            errors = [
+                np.fmax(share, error / self.states)
+                for share, error in zip(judgement.errors, judgement.state_errors, strict=True)
+            ]
+            excess = [
+                np.fmax(share, relative_excess(dense).max(axis=1) / self.limits)
+                for share, dense in zip(judgement.excess, judgement.dense, strict=True)
+            ]
         phases = solution.phases
         divided = [divide_phase(p, e, 1.0) for p, e in zip(phases, errors, strict=True)]
         most = max(
