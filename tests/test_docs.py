@@ -12,12 +12,13 @@ from importlib import import_module
 from importlib.util import find_spec
 from operator import attrgetter
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 
 import pytest
 import sockets
 
 import blocks
+import colab
 import formulas
 import links
 import make_import_diagram
@@ -292,6 +293,21 @@ def test_the_link_checker_itself(tmp_path: Path, text: str, loads: int, link: st
 )
 def test_the_check_of_addresses_itself(address: str, good: bool) -> None:
     assert links.malformed({address: {"page.html"}}) == ([] if good else [address])
+
+
+def test_notebooks_open_in_colab_where_the_repository_has_an_address(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    text = (DOCS / colab.PAGE).read_text("utf-8")
+    page = SimpleNamespace(file=SimpleNamespace(src_uri=colab.PAGE))
+    monkeypatch.delenv("MICROBOT_OCP_REPOSITORY", raising=False)
+    assert colab.on_page_markdown(text, page) == text
+    monkeypatch.setenv("MICROBOT_OCP_REPOSITORY", "somebody/arms")
+    linked = re.findall(
+        r"/github/somebody/arms/blob/main/(\S+?)\)", colab.on_page_markdown(text, page)
+    )
+    assert linked == [f"notebooks/{p.name}" for p in sorted((ROOT / "notebooks").glob("*.ipynb"))]
+    assert all((ROOT / path).is_file() for path in linked)
 
 
 def test_formulas_become_mathml() -> None:
