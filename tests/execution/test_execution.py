@@ -232,6 +232,21 @@ def test_what_moves_at_an_end_is_no_command(microbot):
         mo.execution.commanded(mo.load_robot("ur5e"), half, "hold@100")
 
 
+def test_a_motion_with_another_payload_is_refused(microbot, tmp_path):
+    """Its efforts and the check of its torques would be those of the empty arm."""
+    loaded = microbot.with_payload(1.0)
+    path = shape(loaded, "hold", 5).save(tmp_path / "a.npz")
+    motion = mo.Motion.load(path)
+    for played in (
+        lambda robot: mo.execution.commanded(robot, motion, "hold@250").certificate,
+        lambda robot: mo.check(robot, motion, "hold@250"),
+        lambda robot: mo.check(robot, path, "hold@250"),
+    ):
+        played(loaded)
+        with pytest.raises(mo.InputError, match=r"torques are not those of .* robot.with_payload"):
+            played(microbot)
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [

@@ -7,14 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
+from microbot_ocp._base import checks
 from microbot_ocp._base.check import Check, problems_of
-from microbot_ocp._base.checks import naming
-from microbot_ocp.certificate import Certificate, certify
+from microbot_ocp._base.checks import InputError, naming
+from microbot_ocp.certificate import Certificate, Tolerances, certify
 from microbot_ocp.execution._curve import executed, rows_of
 from microbot_ocp.execution._profile import Profile, load_profile
 from microbot_ocp.execution._rows import CommandRows, read_rows
 from microbot_ocp.limits import ROUNDING
-from microbot_ocp.motion import Motion
+from microbot_ocp.motion import Motion, State, torque_along
 from microbot_ocp.robot import Robot
 from microbot_ocp.scene import Scene
 
@@ -56,7 +57,8 @@ def check(
     Raises
     ------
     InputError
-        A file that cannot be read, other joints, a profile that does not fit.
+        A file that cannot be read, other joints, a profile that does not fit, a motion of an arm
+        with another payload.
 
     Examples
     --------
@@ -72,10 +74,28 @@ def check(
     is_file = isinstance(trajectory, str | Path)
     rows = read_rows(trajectory, robot) if is_file else trajectory
     if isinstance(rows, Motion):
+        with naming(f"{Path(trajectory).name}: " if is_file else ""):
+            refuse_other_arm(robot, rows)
         rows = rows_of(rows, chosen)
     with naming(f"{Path(trajectory).name}: " if is_file else ""):
         curve = executed(robot, rows, chosen)
     return judged(robot, rows, curve, chosen, scene, limit_tolerance, simulated=False)
+
+
+def refuse_other_arm(robot: Robot, motion: Motion) -> None:
+    """Refuse a motion whose torques are those of another arm, or of one that carries something."""
+    checks.joints("motion", motion.joint_count, robot)
+    if not robot.has_dynamics or not motion.tau.any():
+        return
+    off = np.abs(motion.tau - torque_along(robot, State(motion.q, motion.qd, motion.qdd)))
+    sample, joint = np.unravel_index(int(off.argmax()), off.shape)
+    if off[sample, joint] > Tolerances().torque * np.abs(motion.tau).max():
+        raise InputError(
+            f"motion's torques are not those of {robot.name!r}: that of {robot.joint_names[joint]} "
+            f"is off by {off[sample, joint]:.4g} {robot.unit('tau', int(joint))} at "
+            f"{motion.t[sample]:.4g} s. Give the arm with its load, robot.with_payload(...), "
+            "and a part of a motion by itself where that changes"
+        )
 
 
 def judged(

@@ -9,10 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.certificate import Certificate, Tolerances, limit_checks_of
-from microbot_ocp.execution._check import AT_REST, judged
+from microbot_ocp.execution._check import AT_REST, judged, refuse_other_arm
 from microbot_ocp.execution._curve import executed, rows_of
 from microbot_ocp.execution._profile import Profile, load_profile
 from microbot_ocp.execution._rows import CommandRows
@@ -110,7 +109,7 @@ def commanded(
     InputError
         A motion that moves at an end, or that slowing down does not help much: it leaves the
         position limits, or jumps where the profile allows no jump. Plan under
-        ``profile.limits_of(robot)`` then.
+        ``profile.limits_of(robot)`` then. A motion of an arm with another payload.
 
     Examples
     --------
@@ -124,7 +123,7 @@ def commanded(
     """
     chosen = load_profile(profile)
     family = LimitFamily.of(robot, chosen.limits_of(robot))
-    checks.joints("motion", motion.joint_count, robot)
+    refuse_other_arm(robot, motion)
     for end, row in (("begin", motion.qd[0]), ("end", motion.qd[-1])):
         if (speed := float(np.abs(row).max())) > AT_REST:
             raise InputError(

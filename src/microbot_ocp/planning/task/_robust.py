@@ -19,6 +19,8 @@ from microbot_ocp._base.checks import InputError
 from microbot_ocp.limits import JointLimits, Limit, Limits
 from microbot_ocp.robot import Robot, inverse_dynamics
 
+ROUNDED = 1e-3  # of the torque limits: sizes are by less than that too large, and have no kink
+
 
 @dataclass(frozen=True)
 class _Extreme:
@@ -31,23 +33,27 @@ class _Extreme:
     mass: float
     friction: float
     payload: tuple[float, float]
+    near: tuple[float, ...]
     sign: float
 
     def __call__(self, state: Any) -> Any:
         def torque(robot: Robot) -> Any:
             return inverse_dynamics(robot)(state.q, state.qd, state.qdd)
 
+        def size(value: Any) -> Any:
+            return ca.sqrt(value**2 + ca.DM(self.near) ** 2)
+
         smooth, whole = _without_friction(self.robot), state.tau
         moved = torque(smooth)
-        spread = self.friction * ca.fabs(torque(self.robot) - moved)
+        spread = self.friction * size(torque(self.robot) - moved)
         if self.mass:
             own = (torque(_link_alone(smooth, link)) for link in range(len(smooth.links)))
-            spread += self.mass * sum(map(ca.fabs, own))
+            spread += self.mass * sum(map(size, own))
         low, high = self.payload
         if high:
             a_kilogram = torque(smooth.with_payload(1.0)) - moved
             whole += 0.5 * (low + high) * a_kilogram
-            spread += 0.5 * (high - low) * ca.fabs(a_kilogram)
+            spread += 0.5 * (high - low) * size(a_kilogram)
         return whole + self.sign * spread
 
 
@@ -129,7 +135,10 @@ def robust_limits(
     own = robot.limits if limits is None else limits.for_joints(robot.joint_count)
     if not np.isfinite(own.bounds("tau")).any():
         raise InputError(f"robot {robot.name!r} has no limits of torques: give tau_max")
-    box = replace(robot, limits=Limits().for_joints(robot.joint_count)), mass, friction, loads
+    largest = np.maximum(-own.tau_min, own.tau_max)
+    near = ROUNDED * np.where(np.isfinite(largest), largest, 1.0)
+    bare = replace(robot, limits=Limits().for_joints(robot.joint_count))
+    box = bare, mass, friction, loads, tuple(near.tolist())
     also = (
         Limit("largest torque", _Extreme(*box, 1.0), upper=own.tau_max, unit="N m"),
         Limit("least torque", _Extreme(*box, -1.0), lower=own.tau_min, unit="N m"),
