@@ -32,6 +32,12 @@ TASK = ("robot", "seed", "mass", "friction", "payload", "gain", "bound", "few") 
 SUBSTEPS = 4  # of the simulation in a period of the controller
 
 
+def poses(robot: mo.Robot, seed: int) -> np.ndarray:
+    """Two poses [2,n] at random, rad."""
+    low, high = np.maximum(robot.limits.q_min, -1.2), np.minimum(robot.limits.q_max, 1.2)
+    return np.random.default_rng(seed).uniform(low, high, (2, robot.joint_count))
+
+
 def played(
     robot: mo.Robot, motion: mo.Motion, plant: mo.Robot, gain: float = GAIN
 ) -> tuple[float, float]:
@@ -82,9 +88,7 @@ def main(arguments: list[str] | None = None) -> None:
         _print(read(options.table))
         return
     robot = with_small_bodies(mo.load_robot(options.robot)).with_payload(options.payload)
-    draw = np.random.default_rng(options.seed)
-    low, high = np.maximum(robot.limits.q_min, -1.2), np.minimum(robot.limits.q_max, 1.2)
-    via_q = draw.uniform(low, high, (2, robot.joint_count))
+    via_q = poses(robot, options.seed)
     box: dict[str, Any] = {"mass": options.mass, "friction": options.friction}
     few = mo.execution.differing_plants(robot, **box, count=options.few, seed=options.seed)
     loop: Any = mo.ComputedTorque(kp=options.gain)

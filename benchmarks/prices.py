@@ -1,4 +1,8 @@
-"""What data of a task are worth: slopes against differences.
+"""What reserves, profiles and boxes of arms cost, and what data of a task are worth.
+
+``python -m benchmarks prices --out out/prices.jsonl --page docs/how-to/controllers.md`` plans one
+task of four arms as fast as they can, for controllers, with reserves, and for every arm of a box;
+MuJoCo plays the plans with reserves on arms with masses 5 % off. Table and figure go into the page.
 
 ``python -m benchmarks prices --check 50`` draws tasks of ``benchmarks/torture.py`` (free motions of
 at most six joints) and compares slopes by the multipliers of one prepared solve with central
@@ -11,19 +15,36 @@ differ by more than a hundredth at the last step: other limits bind there.
 from __future__ import annotations
 
 import argparse
+import json
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 import microbot_ocp as mo
+from benchmarks.mujoco_arms import with_small_bodies
+from benchmarks.plants import played, poses
+from benchmarks.scenes import read
 from benchmarks.torture import Task, task_of
 from microbot_ocp.limits import LimitFamily, MotionSamples
 
 KINDS = (0, 1, 2, 5, 6, 7, 8)  # seeds by their last digit: not timings, not many via points
 JOINTS, LOADED, TRIED, HALVINGS = 6, 0.02, 0.005, 5
 AGREE, WITHIN = 0.003, 0.01
+# by arm: profiles that fit, and what its maker lets it carry, kg (of the Microbot none is stated)
+ROS = ("ros2_jtc_linear@250", "ros2_jtc_cubic@250", "ros2_jtc_quintic@100")
+ARMS = {
+    "microbot": (("hold@500", *ROS), 1.0),
+    "puma560": (("hold@500", *ROS), 2.5),
+    "ur5e": (("ur_servoj", *ROS), 5.0),
+    "panda": (("panda", "fr3", *ROS), 3.0),
+}
+RESERVES = (0.01, 0.02, 0.05, 0.1, 0.2)
+BOX: dict[str, Any] = {"mass": 0.05}
+MARKS = "<!-- made by benchmarks prices -->\n", "<!-- end of what is made by prices -->\n"
 
 
 @dataclass(frozen=True)
@@ -164,14 +185,109 @@ def check(count: int, first: int) -> None:
     )
 
 
+def priced(name: str) -> Iterator[dict[str, Any]]:
+    """What one arm takes: a row for each way to plan, with what its motion is off by in MuJoCo."""
+    robot = with_small_bodies(mo.load_robot(name))
+    via_q, (profiles, load) = poses(robot, 0), ARMS[name]
+    plants = mo.execution.differing_plants(robot, **BOX, count=2)
+
+    def row(what: str, duration: float, motion: mo.Motion | None = None) -> dict[str, Any]:
+        error = None if motion is None else max(played(robot, motion, p)[0] for p in plants)
+        return {"robot": name, "what": what, "duration": duration, "error": error}
+
+    ideal = mo.time_optimal(robot, via_q)
+    yield row("ideal", ideal.duration, ideal)
+    for profile in profiles:
+        command = mo.execution.commanded(robot, ideal, profile)
+        yield row(profile, float(command.rows.t[-1]) if command.accepted else np.nan)
+    for reserve in RESERVES:
+        motion = mo.time_optimal(robot, via_q, reserve=reserve)
+        yield row(f"reserve {100 * reserve:g} %", motion.duration, motion)
+    boxes: dict[str, dict[str, Any]] = {
+        f"payload 0 to {load:g} kg": {"payload": (0.0, load)},
+        "masses ± 5 %": {"uncertain": BOX},
+    }
+    for what, box in boxes.items():
+        try:
+            motion = mo.time_optimal(robot, via_q, **box)
+        except mo.InputError:  # it cannot be held at a via point
+            yield row(what, np.nan)
+            continue
+        limits = mo.execution.robust_limits(robot, **box.get("uncertain", box))
+        certified = motion.solved and mo.certify(robot, motion, limits).ok
+        yield row(what, motion.duration if certified else np.nan)
+
+
+def report(rows: list[dict[str, Any]]) -> str:
+    """A table of durations in s and what they are longer, a column for each arm."""
+    arms = list(dict.fromkeys(row["robot"] for row in rows))
+    cells = {(row["robot"], row["what"].partition(" 0 to")[0]): row for row in rows}
+    lines = ["| | " + " | ".join(arms) + " |", "|---|" + len(arms) * "---|"]
+    for what in dict.fromkeys(what for _, what in cells):
+        texts = []
+        for arm in arms:
+            row, ideal = cells.get((arm, what)), cells[arm, "ideal"]["duration"]
+            text = "" if row is None else f"{row['duration']:.3f} s"
+            if row is not None and row["what"] != "ideal":
+                text += f" (+ {100 * (row['duration'] / ideal - 1):.1f} %)"
+            if row is not None and " 0 to" in row["what"]:
+                text = f"{row['what'].partition(' ')[2]}: {text}"
+            if row is not None and row["error"] is not None:
+                text += f", {1e3 * row['error']:.3g} mm"
+            texts.append(text.replace("nan s (+ nan %)", "not possible"))
+        lines.append(f"| {what} | " + " | ".join(texts) + " |")
+    return "\n".join(lines)
+
+
+def draw(rows: list[dict[str, Any]], path: Path) -> None:
+    """The tool's error over the reserve, and what the reserve costs."""
+    from matplotlib.figure import Figure
+
+    figure = Figure((9, 4), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    for arm in ARMS:
+        own = [row for row in rows if row["robot"] == arm and row["error"] is not None]
+        share = [float(row["what"].split()[1]) if row is not own[0] else 0.0 for row in own]
+        error = 1e3 * np.array([row["error"] for row in own])
+        slower = 100 * (np.array([row["duration"] for row in own]) / own[0]["duration"] - 1)
+        left.semilogy(share, error, "o-", label=arm)
+        right.plot(share, slower, "o-", label=arm)
+    left.set(title="masses 5 % off: the tool strays", ylabel="largest error of the tool [mm]")
+    right.set(title="what the reserve costs", ylabel="longer than the fastest [%]")
+    for panel in (left, right):
+        panel.set(xlabel="torque kept back for feedback [%]")
+        panel.grid(alpha=0.3)
+    left.legend()
+    figure.savefig(path, dpi=110)
+
+
 def main(arguments: list[str] | None = None) -> None:
-    """Check slopes."""
+    """Make the table of prices, or check slopes."""
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks prices",
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--check", type=int, default=50, metavar="COUNT", help="tasks")
+    parser.add_argument("--check", type=int, metavar="COUNT", help="tasks whose slopes to check")
     parser.add_argument("--first", type=int, default=-1, help="the seed before the first one")
+    parser.add_argument("--out", type=Path, default=Path("out/prices.jsonl"), help="file of rows")
+    parser.add_argument("--page", type=Path, help="Markdown to write the table into")
     options = parser.parse_args(arguments)
-    check(options.check, options.first)
+    if options.check is not None:
+        check(options.check, options.first)
+        return
+    rows = read(options.out)
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    for name in [name for name in ARMS if name not in {row["robot"] for row in rows}]:
+        own = list(priced(name))
+        with options.out.open("a") as file:
+            file.writelines(json.dumps(row) + "\n" for row in own)
+        rows += own
+        print(report(own), flush=True)
+    print(report(rows))
+    if options.page:
+        before, _, rest = options.page.read_text("utf-8").partition(MARKS[0])
+        after = rest.partition(MARKS[1])[2]
+        table = f"{before}{MARKS[0]}\n{report(rows)}\n\n{MARKS[1]}{after}"
+        options.page.write_text(table, "utf-8")
+        draw(rows, options.page.parents[1] / "images" / "reserve.png")
