@@ -72,6 +72,14 @@ def test_a_table_is_read(microbot: mo.Robot, tmp_path: Path, ending: str) -> Non
     assert task.robot.limits.qd_max.tolist() == [1, 1, 1]
 
 
+@pytest.mark.parametrize("several", [mo.OneOf([0, 1]), mo.Between(0, 1)])
+def test_beside_a_table_all_is_constant(microbot: mo.Robot, several: object) -> None:
+    columns = {f"goal_q_{k}": [0.0, 1.0] for k in (1, 2, 3)}
+    cases = mo.sweeps.Cases.table(columns, start_q=[0, 0, 0], payload=several)
+    with pytest.raises(mo.InputError, match="payload must be a constant beside a table, not"):
+        cases.of(microbot)
+
+
 def test_values_become_robots_and_poses(microbot: mo.Robot) -> None:
     cases = mo.sweeps.Cases.grid(
         start_position=[3, -1, 4.5], via1_q=[0.1, 0.2, 0.3], goal_position=[3, 1, 4.5],

@@ -215,7 +215,7 @@ class CaseSource:
         self.poses = pose_names(self.names)
         self._constant = np.concatenate(constants)
         if cases.kind == "table":
-            self._axes = [Axis(slice(0, place), values=self._table_values())]
+            self._axes = [self._rows_of_table()]
         self.count = int(cases.count or 0)
         if cases.kind != "random":
             self._sizes = tuple(len(axis.values) for axis in self._axes if axis.values is not None)
@@ -318,11 +318,12 @@ class CaseSource:
         return robots
 
     def _every(self) -> dict[str, Any]:
-        """Return quantities as given, those of a table's columns among them (as their first
-        values).
-        """
+        """Return quantities as given, and as values [N,w] to choose from those of a table."""
         given = dict(self.cases.quantities)
         columns = set(self.cases.columns)
+        for name, value in given.items() if columns else ():
+            if isinstance(value, Between | OneOf):
+                raise InputError(f"{name} must be a constant beside a table, not {shown(value)}")
         for name in self.cases.columns:
             stem = name.rsplit("_", 1)[0] if name.rsplit("_", 1)[-1].isdigit() else name
             check_name(stem)
@@ -338,26 +339,18 @@ class CaseSource:
                 raise InputError(
                     f"{self.cases.origin} has the column {name}, but {stem} needs {', '.join(most)}"
                 )
-            values = [float(self.cases.columns[c][0]) for c in fitting[-1]]
-            given[stem] = values if len(values) > 1 else values[0]
+            given[stem] = OneOf(np.column_stack([self.cases.columns[c] for c in fitting[-1]]))
         return given
 
-    def _table_values(self) -> FloatArray:
-        """Return values [N,c] of the columns of a table, constants beside them, in SI units."""
-        count = len(next(iter(self.cases.columns.values())))
-        values = np.tile(self._constant, (count, 1))
-        place = 0
-        for name in self._every():
-            width = self.width[plain_name(name)]
-            scale = scale_to_si(self._robot, name, width)
-            for k, column in enumerate(column_names(name, width)):
-                if column in self.cases.columns:
-                    values[:, place + k] = self.cases.columns[column] * scale[k]
-            place += width
+    def _rows_of_table(self) -> Axis:
+        """Return the rows of a table, constants beside its columns."""
+        values = np.tile(self._constant, (len(next(iter(self.cases.columns.values()))), 1))
+        for axis in self._axes:
+            values[:, axis.columns] = axis.values
         if np.isnan(values).any():
             row, column = np.argwhere(np.isnan(values))[0]
             raise InputError(f"{self.cases.origin} has no {self.columns[column]} in row {row + 1}")
-        return values
+        return Axis(slice(0, self._constant.size), values=values)
 
     def _read(self, name: str, given: Any, place: int) -> tuple[FloatArray, list[Axis]]:
         """Return the first value [w] of a quantity and its axes, in SI units."""
@@ -379,6 +372,8 @@ class CaseSource:
 
     def _choices(self, name: str, given: OneOf) -> FloatArray:
         """Return values [K,w] to choose from, in SI units."""
+        if self.cases.kind == "table":
+            return given.values * scale_to_si(self._robot, name, given.values.shape[1])
         if not isinstance(given.values, list | tuple | np.ndarray) or not len(given.values):
             raise InputError(f"{name} must have at least one of values, not {shown(given)}")
         allowed = widths(self._robot, name)
@@ -390,8 +385,6 @@ class CaseSource:
     def _range(self, name: str, given: Between) -> tuple[FloatArray, FloatArray]:
         """Return lower and upper ends [w] of a range, in SI units."""
         kind, steps = self.cases.kind, given.steps
-        if kind == "table":
-            raise InputError(f"{name} must be a constant beside a table, not a range")
         if kind == "grid" and (type(steps) is not int or steps < 2):
             raise InputError(f"{name} needs steps of at least 2 on a grid, not {shown(steps)}")
         if kind == "random" and steps is not None:
