@@ -23,7 +23,7 @@ import stat
 import subprocess
 import tempfile
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextvars import ContextVar, copy_context
 from functools import lru_cache
@@ -46,6 +46,7 @@ NATIVE = "-march=native"
 # one long block that a derivative is grows faster than its length. The Panda's second derivative of
 # a stage, 11,000 operations: 1.6 s with -O1, 0.4 s with -O0, which runs 3 times slower and still 5
 # times faster than CasADi's virtual machine; with torque rates, 30,000 operations: 7 s and 1 s.
+# Multiplications and additions are fused by -O2 alone: -O1 and -O0 have the same bits.
 SIZES = ((4_000, "-O2"), (30_000, "-O1"), (float("inf"), "-O0"))
 
 
@@ -229,7 +230,7 @@ def compile_functions(functions: Sequence[ca.Function]) -> tuple[ca.Function, ..
 
 
 def compile_recipe(
-    recipe: bytes | str, make: Callable[[], Sequence[ca.Function]]
+    recipe: bytes | str, make: Callable[[], Sequence[ca.Function]], often: int | None = None
 ) -> tuple[ca.Function, ...]:
     """Return the functions that a recipe makes, compiled; they are made only where they are not at
     hand.
@@ -240,10 +241,12 @@ def compile_recipe(
         What the functions follow from, besides the source of this package.
     make : callable
         Makes the functions; what takes the time where compiled code is in the cache already.
+    often : int, optional
+        Those after the first so many run seldom; large ones are compiled without optimisation.
     """
     if _interpreted.get():
         return tuple(make())
-    identity = repr((recipe, package(), compiler(), FLAGS, NATIVE, SIZES, processor()))
+    identity = repr((recipe, often, package(), compiler(), FLAGS, NATIVE, SIZES, processor()))
     name = f"recipe_{hashlib.sha256(identity.encode()).hexdigest()[:24]}.json"
     with contextlib.suppress(OSError, ValueError, TypeError, RuntimeError):
         note = usable_folder() / name
@@ -251,7 +254,7 @@ def compile_recipe(
         if libraries and all(_is_whole(note.with_name(library)) for library, _ in libraries):
             return tuple(ca.external(name, str(note.parent / lib)) for lib, name in libraries)
     given = tuple(make())
-    compiled = _compiled(given)
+    compiled = _compiled(given, often)
     if compiled is None:
         return given
     with contextlib.suppress(OSError):
@@ -269,7 +272,9 @@ def package() -> str:
     return digest.hexdigest()
 
 
-def _compiled(given: Sequence[ca.Function]) -> dict[ca.Function, Path] | None:
+def _compiled(
+    given: Sequence[ca.Function], often: int | None = None
+) -> dict[ca.Function, Path] | None:
     """Return every function compiled, with its library; where that fails a warning and None."""
     deadline.check()
     cc = compiler()
@@ -279,9 +284,10 @@ def _compiled(given: Sequence[ca.Function]) -> dict[ca.Function, Path] | None:
         problem = "the time limit was over"
     else:
         small = [f for f in given if _operations(f) <= SIZES[0][0]]
-        groups = [[f] for f in given if _operations(f) > SIZES[0][0]] + ([small] if small else [])
+        large = [[f] for f in given if _operations(f) > SIZES[0][0]]
+        seldom = set() if often is None else {f.name() for f in given[often:]}
         try:
-            library_of = dict(_libraries(groups, cc))
+            library_of = dict(_libraries(large + ([small] if small else []), cc, seldom))
             return {
                 _external(function.name(), library_of[function.name()]): library_of[function.name()]
                 for function in given
@@ -297,13 +303,17 @@ def _compiled(given: Sequence[ca.Function]) -> dict[ca.Function, Path] | None:
     return None
 
 
-def _libraries(groups: Sequence[Sequence[ca.Function]], cc: str) -> Iterator[tuple[str, Path]]:
+def _libraries(
+    groups: Sequence[Sequence[ca.Function]], cc: str, seldom: Collection[str]
+) -> Iterator[tuple[str, Path]]:
     """Yield name and library of every function of groups, which are compiled at the same time."""
     sources = [c_source(group) for group in groups]
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
         jobs = []
         for group, source in zip(groups, sources, strict=True):
             size = sum(map(_operations, group))
+            if size > SIZES[0][0] and group[0].name() in seldom:
+                size = SIZES[-1][0]
             option = next(option for limit, option in SIZES if size <= limit)
             run = copy_context().run  # for its time limit
             jobs.append(pool.submit(run, build_library, source, group[0].name(), cc, option))
