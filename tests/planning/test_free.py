@@ -12,7 +12,6 @@ import microbot_ocp as mo
 from microbot_ocp._base import deadline
 from microbot_ocp.motion import PiecewisePolynomial
 from microbot_ocp.ocp.refinement import _refiner as refinement
-from microbot_ocp.ocp.search import solve
 from microbot_ocp.ocp.solution import PhaseSolution, Solution
 from microbot_ocp.planning import TimeOptimalSettings, time_optimal
 from microbot_ocp.planning.free import polynomial, within_limits
@@ -332,10 +331,12 @@ def test_torque_limits_hold_with_friction(friction, allowed):
 
 
 def test_a_motion_that_was_not_solved_says_so(monkeypatch):
-    def stopped(problem, mesh, guess, settings, *_, **__):
-        return solve(problem, mesh, guess, replace(settings, max_iterations=2))
+    run_chain = refinement.run_chain
 
-    monkeypatch.setattr(refinement, "solve_on", stopped)
+    def stopped(program, settings, *given, **options):
+        return run_chain(program, replace(settings, max_iterations=2), *given, **options)
+
+    monkeypatch.setattr(refinement, "run_chain", stopped)
     motion = time_optimal(arm(), ARM_VIA, mesh=20, starts=2)
     assert not motion.solved
     assert motion.status == "iteration limit"
