@@ -13,6 +13,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from collections import Counter
 from dataclasses import replace
@@ -30,7 +31,7 @@ from microbot_ocp._base import codegen
 from microbot_ocp._base.child_process import in_child
 from microbot_ocp._base.codegen import compile_function
 from microbot_ocp.cli import main
-from microbot_ocp.sweeps import load_sweep, parse_study, repeat_case
+from microbot_ocp.sweeps import load_sweep, read_study, repeat_case
 from microbot_ocp.sweeps._sweep import opened
 from microbot_ocp.tasks import Cell
 
@@ -129,7 +130,10 @@ def write(name, path, version):
 
 @cache
 def cases():
-    study = parse_study(STUDY, "study.toml", Path())
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "study.toml"
+        file.write_text(STUDY)
+        study = read_study(file)
     return study, [repeat_case(study, case) for case in range(study.source.count)]
 
 

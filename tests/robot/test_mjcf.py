@@ -11,7 +11,7 @@ import pytest
 
 import microbot_ocp as mo
 from microbot_ocp import InputError
-from microbot_ocp.tasks import parse_task
+from microbot_ocp.tasks import read_task
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -187,14 +187,15 @@ def descriptions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("descriptions")
-def test_robots_by_the_names_of_robot_descriptions() -> None:
+def test_robots_by_the_names_of_robot_descriptions(tmp_path: Path) -> None:
     rod = mo.load_robot("robot_descriptions:rod_description")
     assert rod.tool[0, 3] == 0.25
     odd = mo.load_robot("robot_descriptions:odd_mj_description", tip="two")
     assert odd.joint_names == ("a", "b", "c")
     via = "[via]\nq = [[0.0], [1.0]]"
-    named = f'schema = 1\nrobot = "robot_descriptions:rod_description"\n{via}'
-    assert parse_task(named, "task.toml", Path()).robot == rod
+    file = tmp_path / "task.toml"
+    file.write_text(f'schema = 1\nrobot = "robot_descriptions:rod_description"\n{via}')
+    assert read_task(file).robot == rod
     with pytest.raises(InputError, match="has no 'rot_description': did you mean 'rod_desc"):
         mo.load_robot("robot_descriptions:rot_description")
     with pytest.raises(InputError, match=r"has no 'odd', it has 'odd_mj_description'$"):

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import tempfile
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import microbot_ocp as mo
-from microbot_ocp.sweeps import CaseSource, Study, parse_study, repeat_case, task_of
+from microbot_ocp.sweeps import CaseSource, Study, read_study, repeat_case, task_of
 
 ENDS = {"start_q": [0.0, 0.0, 0.0], "goal_q_deg": [90.0, 45.0, 45.0]}
 
@@ -146,7 +147,10 @@ mesh = 20
 
 
 def study_of(text: str) -> Study:
-    return parse_study(text, "some/study.toml", Path("some"))
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "study.toml"
+        file.write_text(text)
+        return read_study(file)
 
 
 def test_a_study_file_is_read() -> None:

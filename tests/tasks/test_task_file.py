@@ -1,6 +1,7 @@
 """Task files: the documented example, the units, and what an error tells."""
 
 import re
+import tempfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,7 +19,6 @@ from microbot_ocp.tasks import (
     _cell_file,
     _task_file,
     is_cell_file,
-    parse_task,
     read_cell,
     read_task,
 )
@@ -34,7 +34,10 @@ def example():
 
 
 def parse(text):
-    return parse_task(text, "task.toml", Path())
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "task.toml"
+        file.write_text(text, "utf-8")
+        return read_task(file)
 
 
 @pytest.mark.slow

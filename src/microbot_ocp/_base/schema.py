@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -39,8 +40,9 @@ def parsed(text: str) -> dict[str, Any]:
         raise InputError(f"it is not valid TOML: {problem}") from None
 
 
-def table_from(path: str | Path, kind: str) -> dict[str, Any]:
-    """Return what a file of this kind holds.
+@contextmanager
+def table_from(path: str | Path, kind: str) -> Iterator[dict[str, Any]]:
+    """Yield what a file of this kind holds; messages of what is done with it name the file.
 
     Raises
     ------
@@ -48,7 +50,7 @@ def table_from(path: str | Path, kind: str) -> dict[str, Any]:
     """
     text = text_of(path, f"{kind} file")
     with checks.naming(f"{Path(path).name or path}: "):
-        return parsed(text)
+        yield parsed(text)
 
 
 def check_schema(data: Mapping[str, Any], schema: int) -> None:

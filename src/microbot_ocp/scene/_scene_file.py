@@ -100,8 +100,8 @@ def load_scene(
             return Scene(_of_urdf(path))
         if path.suffix.lower() in (".yaml", ".yml"):
             return moveit_scene(path)
-        source = table_from(path, "scene")
-        folder, origin = path.parent, path.name
+        with table_from(path, "scene") as table:
+            return _scene(read_table(table, SCENE), path.parent)
     with naming(f"{origin}: "):
         return _scene(read_table(source, SCENE), Path(folder))
 

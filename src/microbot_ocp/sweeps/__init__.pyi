@@ -20,10 +20,7 @@ from ._solve import (
 from ._study import (
     Study as Study,
 )
-from ._study_file import (
-    parse_study as parse_study,
-    read_study as read_study,
-)
+from ._study_file import read_study as read_study
 from ._sweep import (
     TIMES as TIMES,
     CaseFailure as CaseFailure,

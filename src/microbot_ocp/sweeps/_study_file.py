@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 from microbot_ocp._base.checks import InputError, naming, shown
-from microbot_ocp._base.reading import text_of
 from microbot_ocp._base.schema import (
     ANY,
     FLAG,
@@ -19,9 +18,9 @@ from microbot_ocp._base.schema import (
     Key,
     check_schema,
     keys_of,
-    parsed,
     read_kind,
     read_table,
+    table_from,
 )
 from microbot_ocp.sweeps._cases import Between, Cases, OneOf
 from microbot_ocp.sweeps._quantities import check_name
@@ -64,20 +63,8 @@ def read_study(path: str | Path) -> Study:
         A file that cannot be read, a key that is unknown, missing or of the wrong kind.
     """
     source = Path(path)
-    return parse_study(text_of(path, "study file"), str(source), source.parent)
-
-
-def parse_study(text: str, origin: str, folder: Path) -> Study:
-    """Return study from the text of a file; ``origin`` names it, ``folder`` holds what it names.
-
-    Raises
-    ------
-    InputError
-        As :func:`read_study`.
-    """
-    name = Path(origin).name
-    with naming(f"{name}: "):
-        return _study(parsed(text), origin, folder)
+    with table_from(source, "study") as data:
+        return _study(data, str(source), source.parent)
 
 
 def _study(data: dict[str, Any], origin: str, folder: Path) -> Study:

@@ -32,7 +32,6 @@ from ._task_file import (
     COMMON as COMMON,
     KEYS as KEYS,
     TaskFile as TaskFile,
-    parse_task as parse_task,
     read_task as read_task,
     robot_from as robot_from,
 )

@@ -283,7 +283,8 @@ class Cell:
 
 def is_cell_file(path: str | Path) -> bool:
     """Return whether a task file has stops in the place of via points."""
-    return "stop" in table_from(path, "task")
+    with table_from(path, "task") as data:
+        return "stop" in data
 
 
 def read_cell(path: str | Path) -> CellFile:
@@ -324,8 +325,7 @@ def read_cell(path: str | Path) -> CellFile:
     (['home', 'place'], (Line(tolerance=0.001, orientation_tolerance=0.01),))
     """
     source = Path(path)
-    data = table_from(source, "task")
-    with naming(f"{source.name}: "):
+    with table_from(source, "task") as data:
         return _cell(data, source.name, source.parent)
 
 

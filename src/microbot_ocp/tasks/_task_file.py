@@ -18,7 +18,6 @@ import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError, naming, shown
-from microbot_ocp._base.reading import text_of
 from microbot_ocp._base.schema import (
     ANGLE,
     ANY,
@@ -29,8 +28,8 @@ from microbot_ocp._base.schema import (
     Key,
     check_schema,
     names_of,
-    parsed,
     read_table,
+    table_from,
 )
 from microbot_ocp.limits import JOINT_QUANTITIES, MEMBER_KEYS, changes_by_name
 from microbot_ocp.planning import PathTimingSettings, TimeOptimalSettings
@@ -183,15 +182,8 @@ def read_task(path: str | Path) -> TaskFile:
     ('microbot', (2, 3))
     """
     source = Path(path)
-    return parse_task(text_of(path, "task file"), source.name or str(source), source.parent)
-
-
-def parse_task(text: str, origin: str, folder: Path) -> TaskFile:
-    """Return the task from the text of a file; ``origin`` names it, ``folder`` holds the robots it
-    names.
-    """
-    with naming(f"{origin}: "):
-        return _task(parsed(text), origin, folder)
+    with table_from(source, "task") as data:
+        return _task(data, source.name, source.parent)
 
 
 def _task(data: dict[str, Any], origin: str, folder: Path) -> TaskFile:
