@@ -8,6 +8,10 @@ from ._history import (
     History as History,
     RefinementStep as RefinementStep,
 )
+from ._improvement import (
+    improvable as improvable,
+    improved as improved,
+)
 from ._judged import (
     COST as COST,
     judged as judged,

@@ -115,16 +115,18 @@ def judged(
     journal: Journal,
     *,
     finer: bool,
-    goal: Accuracy,
+    goal: Accuracy = PASSING,
+    freer_cost: float = np.inf,
 ) -> tuple[Solution, bool]:
     """Return the solution with the status that its judgement gives it, and whether that is final.
 
     With ``finer`` on meshes so fine that it passes and meets the goal. It is final where no other
-    strategy would do better.
+    strategy would do better. An error of the cost is also its distance to ``freer_cost``, of a
+    solution with more freedom.
     """
     if solution.status not in CONVERGED:
         return _alone(solution), solution.status is Status.INTERRUPTED
-    return _Work(context, journal, finer, goal).run(solution)
+    return _Work(context, journal, finer, goal, freer_cost).run(solution)
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,6 +137,7 @@ class _Work:
     journal: Journal
     finer: bool
     goal: Accuracy
+    freer_cost: float
 
     @property
     def _alone(self) -> bool:
@@ -204,9 +207,11 @@ class _Work:
             costs = solution.cost, rounds[-1].solution.cost
             size = max(cost_size(cost, solution.cost_scale) for cost in costs)
             left = before.left.entered(abs(costs[0] - costs[1]) / size)
+        dearer = solution.cost - self.freer_cost
+        error = max(left.estimate, dearer / cost_size(solution.cost, solution.cost_scale))
         spent = time.perf_counter() - (before.at if before else began)
         step = step_of(solution, judgement, spent)
-        return Seen(judgement, replace(step, cost_error=left.estimate), left)
+        return Seen(judgement, replace(step, cost_error=error), left)
 
     def _split(self, rounds: Rounds) -> Next:
         solution, seen, goal = rounds[-1].solution, rounds[-1].measure, self.goal

@@ -20,8 +20,8 @@ from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import InputError
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.diagnosis import POOR, NotFinite
-from microbot_ocp.ocp.problem import OptimalControlProblem
-from microbot_ocp.ocp.refinement import COST, PASSING, Accuracy, judged
+from microbot_ocp.ocp.problem import OptimalControlProblem, with_shapes
+from microbot_ocp.ocp.refinement import COST, Accuracy, improvable, judged
 from microbot_ocp.ocp.search._other_starts import (
     cheaper_elsewhere,
     cheapest_of_starts,
@@ -36,7 +36,7 @@ from microbot_ocp.ocp.solution import (
     cost_size,
 )
 from microbot_ocp.ocp.solvers import SolveContext, SolverSettings, transcribed
-from microbot_ocp.ocp.starts import Rollouts, default_guess
+from microbot_ocp.ocp.starts import Rollouts, default_guess, guess_from
 from microbot_ocp.ocp.transcription import Guess, Meshes, Transcription
 from microbot_ocp.ocp.transcription.schemes import Scheme
 
@@ -44,9 +44,12 @@ Given = Mapping[str, Guess] | Solution | str | None
 
 CONVERGED = (Status.SOLVED, Status.GAP_LEFT)
 ENDED = (*CONVERGED, Status.INTERRUPTED)
+# other shapes of controls may help
+UNSETTLED = (Status.NO_PROGRESS, Status.NOT_ACCEPTED, Status.ROUND_LIMIT, Status.SIZE_LIMIT)
 
 GIVEN = "as given"
 OWN_SCALES = "with the scales of the first answer"
+CONSTANT = "with controls that are constant over every interval"
 COARSER = "from a coarser mesh"
 OTHER_STARTS = "from other starts"
 NOT_ALL = "Not every strategy was tried for want of time."
@@ -289,12 +292,18 @@ class Task:
         return Start(context, self.mesh, self.guess, uneven)
 
     def judged(
-        self, solution: Solution, context: SolveContext, journal: Journal
+        self,
+        solution: Solution,
+        context: SolveContext,
+        journal: Journal,
+        freer_cost: float = np.inf,
     ) -> tuple[Solution, bool]:
         """Return the solution on its way to one that passes, and whether that is final."""
         how = replace(context, settings=self.short)
-        finer = self.given is None or self.accuracy is not None
-        return judged(solution, how, journal, finer=finer, goal=self.accuracy or PASSING)
+        if self.accuracy is None:
+            return judged(solution, how, journal, finer=self.given is None)
+        goal = self.accuracy
+        return judged(solution, how, journal, finer=True, goal=goal, freer_cost=freer_cost)
 
 
 def named(strategy: str, attempts: Sequence[Attempt]) -> list[Attempt]:
@@ -325,7 +334,10 @@ def _finished(
     first = f"The first try failed; this was found {strategy.name}." if strategy.name else ""
     if solution.status.solved:
         solution = solution.remarked(first, solution.several)
-    return task.judged(solution, start.context, journal)
+    solution, final = task.judged(solution, start.context, journal)
+    if solution.status in UNSETTLED and _swings(task.problem, solution):
+        return _with_constant_controls(task, journal, solution)
+    return solution, final
 
 
 def _in_own_scales(
@@ -358,6 +370,48 @@ def _in_own_scales(
     spent = time.perf_counter() - began
     journal.enter(OWN_SCALES, solution, answer if better else None, tried, spent)
     return (answer.with_rivals_of(solution), again) if better else (solution, start)
+
+
+def _swings(problem: OptimalControlProblem | Transcription, solution: Solution) -> bool:
+    """Return whether controls have a value at every collocation point that nobody asked for.
+
+    Not where others are known to be better, which is not looked for where controls are constant.
+    """
+    if isinstance(problem, Transcription) or improvable(solution) > COST.most_left:
+        return False
+    asked = {(p.name, c.name) for p in problem.phases for c in p.controls if c.shape != "auto"}
+    return any(
+        control.shape == "polynomial" and (phase.name, control.name) not in asked
+        for phase in solution.phases
+        for control in phase.laid_out.phase.controls
+    )
+
+
+def _with_constant_controls(
+    task: Task, journal: Journal, before: Solution
+) -> tuple[Solution, bool]:
+    """Return the solution with controls that are constant over every interval, where that passes.
+
+    On a singular arc a control that is free at every collocation point may go to and fro
+    between them, and owe a part of its cost to what the scheme does not see; where it jumps it
+    exceeds limits between them.
+    """
+    began = time.perf_counter()
+    assert isinstance(task.problem, OptimalControlProblem)
+    problem = with_shapes(task.problem, "constant")
+    restated = replace(task, problem=problem, guess=guess_from(problem, before), given=None)
+    settings = task.settings if task.alone else replace(task.settings, solver="ipopt")
+    start = restated.start(settings=settings)
+    answer = start.context.solve(start.mesh, start.guess)
+    own = Journal(list(answer.attempts))
+    answer, final = restated.judged(answer, start.context, own, freer_cost=before.cost)
+    solved = answer if answer.status.solved else None
+    tried, spent = named(CONSTANT, own.attempts), time.perf_counter() - began
+    journal.enter(CONSTANT, before, solved, tried, spent)
+    if solved is None:
+        return before, False
+    remark = f"With other values at every point the cost does not settle: {CONSTANT}."
+    return answer.remarked(remark).with_rivals_of(before), final
 
 
 # strategies ---------------------------------------------------------------------------------------
