@@ -2,8 +2,8 @@
 
 Comes in: a problem or transcription, a mesh, a guess and :class:`SolverSettings`. Goes out: a
 :class:`Solution`, converged or not. Begin with :func:`solve_on` in ``_chain.py``, which runs
-solvers in turn; ``_run.py`` runs one of them, ``_plugins.py`` has their options, ``_status.py`` and
-``_acceptance.py`` judge the point, ``_parametric.py`` solves with changed data,
+solvers in turn; ``_run.py`` runs one of them, ``_plugins.py`` has their options,
+``_acceptance.py`` judges the point, ``_parametric.py`` solves with changed data,
 ``_persistence.py`` saves and loads.
 """
 

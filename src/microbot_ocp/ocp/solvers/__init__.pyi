@@ -29,11 +29,9 @@ from ._plugins import (
 from ._run import (
     Solvers as Solvers,
     arguments_of as arguments_of,
+    status_of as status_of,
 )
 from ._settings import (
     SOLVERS as SOLVERS,
     SolverSettings as SolverSettings,
-)
-from ._status import (
-    status_of as status_of,
 )
