@@ -10,6 +10,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
@@ -220,12 +221,14 @@ class Film:
         name = {"tau": "torque", "qd": "velocity"}[quantity]
         heading = f"{name} within its limits (dashed)"
         self._text(0.70, 0.945, heading, "faint", fontsize=9.5)
+        behind = Rectangle((0.69, 0.0), 0.31, 1.0, color=theme["paper"], linewidth=0, zorder=-0.5)
+        self.figure.add_artist(behind)  # the floor ends beside the panels
         self.curves, self.cursors = [], []
         places = {"left": 0.70, "right": 0.98, "top": 0.905, "bottom": 0.115, "hspace": 0.16}
         count = min(self.robot.joint_count, 7)
         panels = self.figure.subplots(count, sharex=True, squeeze=False, gridspec_kw=places)[:, 0]
         for joint, panel in enumerate(panels):
-            panel.set_facecolor(theme["paper"])
+            panel.set_facecolor("none")
             panel.grid(False)
             panel.spines[:].set_visible(False)
             panel.axhline(0.0, color=theme["grid"], linewidth=0.8)
