@@ -24,6 +24,7 @@ from microbot_ocp.cli import (
     _report as report,
     main,
 )
+from microbot_ocp.views.live import spoken_progress
 
 ROOT = Path(__file__).resolve().parents[2]
 COMMANDS = [
@@ -61,6 +62,7 @@ def _quiet_folder(tmp_path, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     monkeypatch.delenv("NO_COLOR", raising=False)
     monkeypatch.delenv("FORCE_COLOR", raising=False)
+    monkeypatch.setattr(spoken_progress, "__defaults__", (np.inf,))  # however slow the machine is
 
 
 @pytest.fixture

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import microbot_ocp as mo
+from microbot_ocp._base import checks
 from microbot_ocp._base.checks import InputError, plain, shortened
 from microbot_ocp._base.reading import opened
 from microbot_ocp._base.writing import made_folder, write_whole
@@ -193,11 +194,7 @@ def _check_recording(path: Path) -> None:
 def _robot_of(motion: Motion, origin: str, named: str | None) -> Robot:
     """Load the robot of a motion; refuse one whose joints do not fit."""
     robot = named_robot(origin, motion.provenance.get("robot"), named)
-    if robot.joint_count != motion.joint_count:
-        raise InputError(
-            f"{origin} has {motion.joint_count} joints, but robot {robot.name!r} has "
-            f"{robot.joint_count}"
-        )
+    checks.joints(origin, motion.joint_count, robot)
     return robot
 
 

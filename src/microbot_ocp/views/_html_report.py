@@ -9,7 +9,7 @@ import base64
 import io
 import tempfile
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import date
 from html import escape
 from importlib.metadata import version
@@ -30,22 +30,8 @@ from microbot_ocp.trajectories import cubic, quintic, shortest_duration
 from microbot_ocp.views.plots import figure_of
 from microbot_ocp.views.tables import comparison_table
 
-
-@dataclass(frozen=True)
-class HtmlSettings:
-    """How pictures stand in the file.
-
-    Attributes
-    ----------
-    dots : of a figure, an inch
-    rate : of the film, frames a second: a size that can be sent by mail
-    """
-
-    dots: int = 110
-    rate: float = 12.0
-
-
-SETTINGS = HtmlSettings()
+DOTS = 110  # of a figure, an inch
+RATE = 12.0  # of a film, frames a second: a size that can be sent by mail
 STYLE = """
 :root { color-scheme: light dark }
 body { font: 16px/1.5 system-ui, sans-serif; max-width: 62em; margin: 2em auto; padding: 0 1em }
@@ -75,7 +61,7 @@ def comparison_report(comparison: Comparison, path: str | Path) -> Path:
                 f"The usual one ({usual}) takes {times[reference]:.3f} s under the same limits: "
                 f"{100 * saved:.0f} % is saved."
             )
-    film = _film(lambda to: comparison.export(to, SETTINGS.rate)) if times else ""
+    film = _film(lambda to: comparison.export(to, RATE)) if times else ""
     verdicts = [
         (entry.title, entry.certificate.verdict if entry.certificate else entry.note)
         for entry in comparison.entries
@@ -121,7 +107,7 @@ def cell_report(cell: Cell, path: str | Path) -> Path:
         for mark, dwell, load in zip(motion.marks, cell.task.dwells, [*carried, ""], strict=True)
     ]
     head = ["stop", "reached [s]", "rest [s]", "then carries [kg]"]
-    film = _film(lambda to: cell.export(to, SETTINGS.rate))
+    film = _film(lambda to: cell.export(to, RATE))
     parts = [
         _words(sentences),
         _section("The motion", film),
@@ -157,7 +143,7 @@ def certificate_report(
     verdict = "keeps every limit" if certificate.ok else "does not keep every limit"
     parts = [
         _words([f"The motion of the arm {robot.name}, {motion.duration:.3f} s long, {verdict}."]),
-        _section("The motion", _film(lambda to: motion.export(to, SETTINGS.rate, robot))),
+        _section("The motion", _film(lambda to: motion.export(to, RATE, robot))),
         _section("What was checked", escape(certificate.verdict)),
         _section(
             "Limits",
@@ -193,7 +179,7 @@ def _verdicts(verdicts: Sequence[tuple[str, str]]) -> str:
 
 def _figure(axes: Any, text: str) -> str:
     stream = io.BytesIO()
-    figure_of(axes).savefig(stream, format="png", dpi=SETTINGS.dots)
+    figure_of(axes).savefig(stream, format="png", dpi=DOTS)
     return _image("png", stream.getvalue(), text, "figure")
 
 

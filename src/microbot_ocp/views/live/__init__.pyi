@@ -15,7 +15,6 @@ from ._streams import (
     spawned as spawned,
 )
 from ._terminal import (
-    TimeLeft as TimeLeft,
     show_progress as show_progress,
     spoken_progress as spoken_progress,
 )

@@ -28,15 +28,13 @@ LOCAL_NAMES = (LOOPBACK, "localhost", "::1")
 
 
 @contextmanager
-def connected(address: str, every: int = 1) -> Iterator[IterationRecorder]:
+def connected(address: str) -> Iterator[IterationRecorder]:
     """Yield a progress function that streams to a viewer that is open already.
 
     Parameters
     ----------
     address : str
         "HOST:PORT" or "rerun+http://HOST:PORT/proxy" of this machine.
-    every : int
-        Of so many iterations one is drawn, and the last of every solve.
 
     Raises
     ------
@@ -51,7 +49,7 @@ def connected(address: str, every: int = 1) -> Iterator[IterationRecorder]:
         )
     stream = rr.RecordingStream(APPLICATION)
     stream.connect_grpc(_url(host, port))
-    recorder = IterationRecorder(Writer(stream), every)
+    recorder = IterationRecorder(Writer(stream))
     try:
         yield recorder
         recorder.finish()
@@ -61,25 +59,24 @@ def connected(address: str, every: int = 1) -> Iterator[IterationRecorder]:
 
 
 @contextmanager
-def spawned(every: int = 1) -> Iterator[IterationRecorder]:
+def spawned() -> Iterator[IterationRecorder]:
     """Yield a progress function that streams to a viewer started for it.
 
-    The viewer stays open; it needs a screen. ``every`` is that of :func:`connected`.
+    The viewer stays open; it needs a screen.
     """
     port = free_port()
     keep_open(start_viewer("--new", "--expect-data-soon", "--hide-welcome-screen", ports=(port,)))
-    with connected(f"{LOOPBACK}:{port}", every) as recorder:
+    with connected(f"{LOOPBACK}:{port}") as recorder:
         yield recorder
 
 
 @contextmanager
-def served(announce: Callable[[str], object], every: int = 1) -> Iterator[IterationRecorder]:
+def served(announce: Callable[[str], object]) -> Iterator[IterationRecorder]:
     """Yield a progress function that streams to a browser on this machine.
 
-    The server runs until the block ends. ``announce`` gets the address to open; ``every`` is as in
-    :func:`connected`.
+    The server runs until the block ends. ``announce`` gets the address to open.
     """
-    with server(announce) as address, connected(address, every) as recorder:
+    with server(announce) as address, connected(address) as recorder:
         yield recorder
 
 

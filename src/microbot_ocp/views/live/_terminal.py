@@ -10,16 +10,14 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from datetime import timedelta
 
 from rich.console import Console, RenderableType
 from rich.progress import (
     BarColumn,
     Progress,
-    ProgressColumn,
     SpinnerColumn,
-    Task,
     TimeElapsedColumn,
+    TimeRemainingColumn,
 )
 from rich.text import Text
 
@@ -60,7 +58,7 @@ def show_progress(console: Console | None = None) -> Iterator[Callable[[Event], 
     if not shown.is_terminal:
         yield lambda event: _print_step(shown, event)
         return
-    columns = (SpinnerColumn(), BarColumn(bar_width=30), TimeElapsedColumn(), TimeLeft())
+    columns = (SpinnerColumn(), BarColumn(bar_width=30), TimeElapsedColumn(), TimeRemainingColumn())
     with _BarAndText(*columns, console=shown, transient=True) as bar:
         task = bar.add_task("build", total=None)
 
@@ -75,25 +73,6 @@ def show_progress(console: Console | None = None) -> Iterator[Callable[[Event], 
             )
 
         yield show
-
-
-class TimeLeft(ProgressColumn):
-    """About how long it will take from here, by what the work done so far has taken."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.last = (0.0, 0.0)  # work done, and when it was
-
-    def render(self, task: Task) -> Text:
-        """Return nothing in the first second and tenth, or when the guess has run out."""
-        now, done = task.elapsed or 0.0, task.completed
-        if done != self.last[0]:
-            self.last = done, now
-        done, since = self.last
-        if not task.total or since < 1.0 or done < 0.1 * task.total:
-            return Text("")
-        left = since * (task.total / done - 1.0) - (now - since)
-        return Text(f"about {timedelta(seconds=round(left))} left" if left >= 1.0 else "")
 
 
 def spoken_progress(say: Callable[[str], None], period: float = 30.0) -> Callable[[Event], None]:
