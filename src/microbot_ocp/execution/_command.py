@@ -182,7 +182,8 @@ def _soonest(family: LimitFamily, motion: Motion, profile: Profile) -> tuple[Mot
             if smooth[0].duration > before:
                 break
             before = smooth[0].duration
-            if best is None or before < best[0].duration:
+            off = np.abs(smooth[0].qdd).max() * (window * profile.step) ** 2 / 6.0
+            if off <= NEAR and (best is None or before < best[0].duration):
                 best = smooth
     if best is None:
         assert problem is not None
@@ -191,10 +192,10 @@ def _soonest(family: LimitFamily, motion: Motion, profile: Profile) -> tuple[Mot
 
 
 def _windows(motion: Motion, profile: Profile) -> Iterator[int]:
-    """Steps between samples of a spline that is near enough, the most first."""
+    """Steps between samples of a spline that may be near enough, the most first."""
     most = max(float(np.abs(motion.qdd).max()), ROUNDING)
     seconds = min(np.sqrt(6.0 * NEAR / most), 0.5 * motion.duration)
-    window = int(seconds / profile.step)
+    window = int(np.ceil(seconds / profile.step))  # what is slowed down is nearer
     while window:
         yield window
         window //= 2
