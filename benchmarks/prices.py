@@ -19,6 +19,7 @@ import json
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +44,7 @@ ARMS = {
     "panda": (("panda", "fr3", *ROS), 3.0),
 }
 RESERVES = (0.01, 0.02, 0.05, 0.1, 0.2)
+LIMIT = 100.0  # s of wall time for a plan
 BOX: dict[str, Any] = {"mass": 0.05}
 MARKS = "<!-- made by benchmarks prices -->\n", "<!-- end of what is made by prices -->\n"
 
@@ -185,37 +187,43 @@ def check(count: int, first: int) -> None:
     )
 
 
-def priced(name: str) -> Iterator[dict[str, Any]]:
-    """What one arm takes: a row for each way to plan, with what its motion is off by in MuJoCo."""
+def ways(name: str) -> dict[str, Callable[[], dict[str, Any]]]:
+    """What one arm's motions take, by the way to plan: a function that makes a row of each."""
     robot = with_small_bodies(mo.load_robot(name))
     via_q, (profiles, load) = poses(robot, 0), ARMS[name]
-    plants = mo.execution.differing_plants(robot, **BOX, count=2)
 
-    def row(what: str, duration: float, motion: mo.Motion | None = None) -> dict[str, Any]:
-        error = None if motion is None else max(played(robot, motion, p)[0] for p in plants)
-        return {"robot": name, "what": what, "duration": duration, "error": error}
+    @cache
+    def planned(reserve: float = 0.0, **box: Any) -> mo.Motion:
+        settings: dict[str, Any] = {"reserve": reserve, "time_limit": LIMIT}
+        uncertain = {"uncertain": dict(BOX)} if box.pop("off", False) else {}
+        return mo.time_optimal(robot, via_q, **box, **uncertain, **settings)
 
-    ideal = mo.time_optimal(robot, via_q)
-    yield row("ideal", ideal.duration, ideal)
-    for profile in profiles:
-        command = mo.execution.commanded(robot, ideal, profile)
-        yield row(profile, float(command.rows.t[-1]) if command.accepted else np.nan)
-    for reserve in RESERVES:
-        motion = mo.time_optimal(robot, via_q, reserve=reserve)
-        yield row(f"reserve {100 * reserve:g} %", motion.duration, motion)
-    boxes: dict[str, dict[str, Any]] = {
-        f"payload 0 to {load:g} kg": {"payload": (0.0, load)},
-        "masses ± 5 %": {"uncertain": BOX},
-    }
-    for what, box in boxes.items():
+    def kept(reserve: float) -> dict[str, Any]:
+        motion = planned(reserve)
+        plants = mo.execution.differing_plants(robot, **BOX, count=2)
+        error = max(played(robot, motion, plant)[0] for plant in plants)
+        return {"duration": motion.duration, "error": error, "solved": motion.solved}
+
+    def commanded(profile: str) -> dict[str, Any]:
+        command = mo.execution.commanded(robot, planned(), profile)
+        return {"duration": float(command.rows.t[-1]) if command.accepted else np.nan}
+
+    def boxed(**box: Any) -> dict[str, Any]:
+        limits = mo.execution.robust_limits(robot, **(box if "payload" in box else BOX))
         try:
-            motion = mo.time_optimal(robot, via_q, **box)
+            motion = planned(**box)
         except mo.InputError:  # it cannot be held at a via point
-            yield row(what, np.nan)
-            continue
-        limits = mo.execution.robust_limits(robot, **box.get("uncertain", box))
-        certified = motion.solved and mo.certify(robot, motion, limits).ok
-        yield row(what, motion.duration if certified else np.nan)
+            return {"duration": np.nan}
+        certified = mo.certify(robot, motion, limits).ok
+        return {"duration": motion.duration if certified else np.nan, "solved": motion.solved}
+
+    return {
+        "ideal": partial(kept, 0.0),
+        **{profile: partial(commanded, profile) for profile in profiles},
+        **{f"reserve {100 * share:g} %": partial(kept, share) for share in RESERVES},
+        "masses ± 5 %": partial(boxed, off=True),
+        f"payload 0 to {load:g} kg": partial(boxed, payload=(0.0, load)),
+    }
 
 
 def report(rows: list[dict[str, Any]]) -> str:
@@ -227,12 +235,17 @@ def report(rows: list[dict[str, Any]]) -> str:
         texts = []
         for arm in arms:
             row, ideal = cells.get((arm, what)), cells[arm, "ideal"]["duration"]
-            text = "" if row is None else f"{row['duration']:.3f} s"
-            if row is not None and row["what"] != "ideal":
+            if row is None:
+                texts.append("")
+                continue
+            text = f"{row['duration']:.3f} s"
+            if row["what"] != "ideal":
                 text += f" (+ {100 * (row['duration'] / ideal - 1):.1f} %)"
-            if row is not None and " 0 to" in row["what"]:
+            if " 0 to" in row["what"]:
                 text = f"{row['what'].partition(' ')[2]}: {text}"
-            if row is not None and row["error"] is not None:
+            if not row.get("solved", True):
+                text += " *"
+            if row.get("error") is not None:
                 text += f", {1e3 * row['error']:.3g} mm"
             texts.append(text.replace("nan s (+ nan %)", "not possible"))
         lines.append(f"| {what} | " + " | ".join(texts) + " |")
@@ -246,7 +259,9 @@ def draw(rows: list[dict[str, Any]], path: Path) -> None:
     figure = Figure((9, 4), layout="constrained")
     left, right = figure.subplots(1, 2)
     for arm in ARMS:
-        own = [row for row in rows if row["robot"] == arm and row["error"] is not None]
+        own = [row for row in rows if row["robot"] == arm and row.get("error") is not None]
+        if not own:
+            continue
         share = [float(row["what"].split()[1]) if row is not own[0] else 0.0 for row in own]
         error = 1e3 * np.array([row["error"] for row in own])
         slower = 100 * (np.array([row["duration"] for row in own]) / own[0]["duration"] - 1)
@@ -271,6 +286,8 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--check", type=int, metavar="COUNT", help="tasks whose slopes to check")
     parser.add_argument("--first", type=int, default=-1, help="the seed before the first one")
     parser.add_argument("--out", type=Path, default=Path("out/prices.jsonl"), help="file of rows")
+    parser.add_argument("--robot", nargs="*", choices=ARMS, default=tuple(ARMS))
+    parser.add_argument("--table", action="store_true", help="of the rows there are, no others")
     parser.add_argument("--page", type=Path, help="Markdown to write the table into")
     options = parser.parse_args(arguments)
     if options.check is not None:
@@ -278,12 +295,13 @@ def main(arguments: list[str] | None = None) -> None:
         return
     rows = read(options.out)
     options.out.parent.mkdir(parents=True, exist_ok=True)
-    for name in [name for name in ARMS if name not in {row["robot"] for row in rows}]:
-        own = list(priced(name))
-        with options.out.open("a") as file:
-            file.writelines(json.dumps(row) + "\n" for row in own)
-        rows += own
-        print(report(own), flush=True)
+    done = {(row["robot"], row["what"]) for row in rows}
+    for name in () if options.table else options.robot:
+        for what, made in ways(name).items():
+            if (name, what) not in done:
+                rows.append({"robot": name, "what": what, **made()})
+                with options.out.open("a") as file:
+                    file.write(json.dumps(rows[-1]) + "\n")
     print(report(rows))
     if options.page:
         before, _, rest = options.page.read_text("utf-8").partition(MARKS[0])
