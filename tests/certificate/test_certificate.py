@@ -155,6 +155,13 @@ def test_unlimited_joints_are_not_a_number(robot):
     assert "tau" not in by_quantity(certificate)
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_further_limit_without_a_finite_bound_is_not_the_tightest(robot):
+    limits = mo.Limits(qd_max=3.0, also=[mo.limits.tool_speed(upper=np.inf)])
+    certificate = certify(robot, report_cubic(robot), limits)
+    assert "the tightest being velocity" in certificate.verdict
+
+
 def test_a_jump_of_the_torque_breaks_any_rate_limit(robot):
     certificate = certify(robot, report_cubic(robot), mo.Limits(taud_max=1e4))
     check = by_quantity(certificate)["taud"]

@@ -59,6 +59,11 @@ class LimitCheck:
         return f"{self.name} of {self.joint}" if self.joint else self.name
 
     @property
+    def largest_use(self) -> float:
+        """Largest share of the limit that is used; 0 where it has no finite bound."""
+        return float(np.nanmax(self.utilisation, initial=0.0))
+
+    @property
     def excess(self) -> str:
         """What is beyond the limit, where and by how much."""
         return (

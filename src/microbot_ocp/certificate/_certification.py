@@ -504,12 +504,12 @@ def _tightest(limit_checks: tuple[LimitCheck, ...], unjudged: Sequence[str] = ()
     but = f" but that of {' and '.join(unjudged)}" if unjudged else ""
     if not used:
         return f"there is no limit{but}"
-    tightest = max(used, key=lambda check: np.nanmax(check.utilisation))
+    tightest = max(used, key=lambda check: check.largest_use)
     worst = max(check.violation for check in limit_checks)
     verdict = "is kept" if worst <= SETTINGS.rounding else f"is kept to within {100 * worst:.2g} %"
     return (
         f"every limit{but} {verdict}, the tightest being {tightest.title} "
-        f"with {100 * np.nanmax(tightest.utilisation):.4g} % at "
+        f"with {100 * tightest.largest_use:.4g} % at "
         f"{tightest.time:.4g} s"
     )
 

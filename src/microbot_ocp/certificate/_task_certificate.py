@@ -303,6 +303,6 @@ def _merged_limits(parts: Sequence[tuple[float, Certificate]]) -> tuple[LimitChe
     for check in (check for _, certificate in parts for check in certificate.limit_checks):
         earlier = checks.setdefault(check.quantity, check)
         both = np.fmax(earlier.utilisation, check.utilisation)
-        higher: Any = np.nanmax(check.utilisation) > np.nanmax(earlier.utilisation)
+        higher = check.largest_use > earlier.largest_use
         checks[check.quantity] = replace(check if higher else earlier, utilisation=both)
     return tuple(checks.values())
