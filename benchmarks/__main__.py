@@ -24,6 +24,7 @@ BENCHMARKS = (
     "free_time_optimal",
     "arms",
     "closed_loop",
+    "phases",
     "drake",
     "units",
     "cops_arm",

@@ -350,7 +350,7 @@ def c_source(functions: Sequence[ca.Function]) -> str:
 
 
 def build_library(
-    source: str,
+    source: str | Callable[[], str],
     stem: str,
     cc: str,
     optimization: str,
@@ -358,17 +358,19 @@ def build_library(
     further: Sequence[str] = (),
     suffix: str = ".so",
     serves: str = "",
+    recipe: str = "",
     make: bool = True,
 ) -> Path:
     """Compile C text into a shared library, or find it in the cache.
 
     Parameters
     ----------
-    source, stem : C text, and the start of the library's name
+    source, stem : C text or what writes it, and the start of the library's name
     cc, optimization : compiler, and "-O0" to "-O3"
     further : more flags of the compiler
     suffix : end of the library's name
     serves : what else the library depends on, for the key of the cache
+    recipe : what the text follows from, for the key in its place
     make : whether it is compiled where it is not in the cache
 
     Raises
@@ -378,7 +380,7 @@ def build_library(
         and it is not there.
     """
     flags = (optimization, *FLAGS, *further)
-    identity = repr((source, cc, flags, NATIVE, processor(), serves))
+    identity = repr((recipe or source, cc, flags, NATIVE, processor(), serves))
     key = hashlib.sha256(identity.encode()).hexdigest()[:24]
     folder = usable_folder()
     library = folder / f"{stem}_{key}{suffix}"
@@ -389,7 +391,7 @@ def build_library(
     with temporary_path(folder / stem) as work:
         work.mkdir(mode=0o700)
         text, compiled = work / "function.c", work / "function.so"
-        text.write_text(source)
+        text.write_text(source if isinstance(source, str) else source())
         rest = [*flags, str(text), "-o", str(compiled), "-lm"]
         messages = work / "messages"
         # a compiler that does not know the flag gets a second try

@@ -32,6 +32,7 @@ from microbot_ocp._base.codegen import (
     compile_function,
     compiler,
     compiles,
+    package,
 )
 
 FastCall = Callable[..., Any]
@@ -215,14 +216,17 @@ def _extension(
 def _build(
     function: ca.Function, most: int, cc: str, headers: list[str], make: bool, kept: bool
 ) -> Path:
+    # To write the text takes ten times as long as this, of a function that may not be there
+    recipe = repr((function.serialize(), most, kept, GLUE.read_text("utf-8"), package()))
     return build_library(
-        c_source([function]) + _glue(function, most, kept),
+        lambda: c_source([function]) + _glue(function, most, kept),
         f"fast_{function.name()}",
         cc,
         "-O2",
         further=(*ROUNDED_ALIKE, *(f"-I{header}" for header in headers)),
         suffix=EXTENSION_SUFFIXES[0],
         serves=f"{sys.version} {np.__version__}",
+        recipe=recipe,
         make=make,
     )
 
