@@ -247,7 +247,7 @@ def test_pairs_that_are_missed_are_put_in_and_it_is_solved_again(around, monkeyp
     monkeypatch.setattr(among, "AMONG_OBSTACLES", few)
     lines = list[str]()
     motion = mo.time_optimal(ARM, ENDS, scene=POST, mesh=30, progress=lines.append)
-    assert any("more pairs come too near: solved again" in str(line) for line in lines)
+    assert any("links come too near: solved again" in str(line) for line in lines)
     assert motion.solved
     assert motion.provenance["clearance"]["proved"]
     assert motion.duration < 1.01 * around.duration

@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.needed import needed
 from microbot_ocp.robot._model import Robot
 from microbot_ocp.robot._shapes import ROLES, Capsule, Role, Shape, read_mesh
 from microbot_ocp.robot._transforms import dh_transform
@@ -36,6 +37,7 @@ class CapsuleFit:
     directions : in which points are searched for the outermost
     cuts : planes across each principal axis of a part, one of which may divide it
     halvings : of a link into cells, whose convex hulls are taken for it
+    convex : share of its hull's volume from which on a link counts as convex
     samples : points by which volumes are measured
     slender : share of the total length of all links: their radius where none is given
     finest_step : rad, last step of the search for the direction
@@ -45,6 +47,7 @@ class CapsuleFit:
     directions: int = 400
     cuts: int = 5
     halvings: int = 4
+    convex: float = 0.999
     samples: int = 8192
     slender: float = 1 / 30
     finest_step: float = 1e-3
@@ -203,28 +206,56 @@ def _around(shapes: list[Shape], added_volume: float, most: int) -> list[Capsule
 
 
 @dataclass(frozen=True, eq=False)
-class LinkSurface(Capsule):
-    """A link by the triangles [T,3,3] of its surface.
+class LinkHull(Capsule):
+    """A link, or a part of one, by the corners [V,3] of its convex hull.
 
-    As a capsule it is the sphere that holds it about its point farthest from the frame's origin, so
-    that no point of it moves farther than the ends of the axis when a joint turns.
+    ``parts`` hold it more closely together: hulls of what is on both sides of a plane. As a capsule
+    it is one that encloses it.
     """
 
-    triangles: FloatArray = field(default_factory=lambda: np.zeros((0, 3, 3)))
+    corners: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+    parts: tuple[LinkHull, ...] = ()
 
 
 @lru_cache(maxsize=64)
-def link_surface(shapes: tuple[Shape, ...], frame: int, link: str) -> LinkSurface | None:
-    """Return the surface of a link's collision geometry, in its frame; None where it has none."""
+def link_hull(shapes: tuple[Shape, ...], frame: int, link: str) -> LinkHull | None:
+    """Return the hull of a link's collision geometry, in its frame; None where it has no volume."""
     place = frame, link, "collision"
     chosen = [shape for shape in shapes if (shape.frame, shape.link, shape.role) == place]
     if not chosen:
         return None
-    triangles = np.concatenate([_triangles(shape) for shape in chosen])
+    return _hull(np.concatenate([_triangles(s) for s in chosen]), link, CAPSULE_FIT.halvings)[0]
+
+
+def _hull(triangles: FloatArray, link: str, halvings: int) -> tuple[LinkHull | None, float]:
+    """Return hull of triangles [T,3,3] with its parts, None of flat ones, and their volume, m^3."""
+    corners, volume = _corners(triangles)
+    if corners is None:
+        return None, 0.0
+    parts: tuple[LinkHull, ...] = ()
+    if halvings:
+        axes = _principal(corners)
+        cuts = [sides for axis in axes for sides in _Part(triangles).halved(axis, 1)]
+        sides = min(cuts, key=lambda cut: sum(_corners(side)[1] for side in cut), default=())
+        halves = [_hull(side, link, halvings - 1) for side in sides]
+        held = sum(half[1] for half in halves)
+        if all(half[0] for half in halves) and 0.0 < held < CAPSULE_FIT.convex * volume:
+            volume, parts = held, tuple(half[0] for half in halves if half[0])
+    c = _rough_capsule(corners)
+    return LinkHull(c.start, c.end, c.radius, link, corners=corners, parts=parts), volume
+
+
+def _corners(triangles: FloatArray) -> tuple[FloatArray | None, float]:
+    """Return corners [V,3] of the hull of triangles [T,3,3], None of flat ones, and its volume,
+    m^3.
+    """
+    spatial = needed("scipy.spatial", "hulls of links need", "cell")
     points = triangles.reshape(-1, 3)
-    farthest = points[np.linalg.norm(points, axis=1).argmax()]
-    radius = float(np.linalg.norm(points - farthest, axis=1).max())
-    return LinkSurface(farthest, farthest, radius, link, triangles=triangles)
+    try:
+        hull = spatial.ConvexHull(points)
+    except spatial.QhullError:
+        return None, 0.0
+    return points[hull.vertices], float(hull.volume)
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,9 @@ from ._contact import (
     Nearest as Nearest,
     contact_model as contact_model,
     facing as facing,
+    guiding_pairs as guiding_pairs,
     has_coal as has_coal,
+    room_along as room_along,
     rotation_to as rotation_to,
 )
 from ._detours import (

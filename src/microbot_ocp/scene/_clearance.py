@@ -19,6 +19,7 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.motion import Motion, pieces_of
 from microbot_ocp.robot import Capsule, Robot, dh_transform
+from microbot_ocp.robot._capsules import LinkHull
 from microbot_ocp.scene._contact import ACCURACY, ContactModel, contact_model
 from microbot_ocp.scene._scene import Pair, Scene, with_arm_capsules
 
@@ -66,6 +67,8 @@ class Clearance:
         How many were computed.
     wall_time : float
         s.
+    unwatched : tuple of str
+        Links that touch in the zero pose and therefore may: "forearm to base".
     """
 
     minimum: float
@@ -76,6 +79,7 @@ class Clearance:
     wanted: float
     distances: int
     wall_time: float
+    unwatched: tuple[str, ...] = ()
 
     @property
     def sentence(self) -> str:
@@ -84,7 +88,7 @@ class Clearance:
         if self.proved:
             return (
                 f"clearance is proved: nothing comes nearer than {1e3 * self.at_least:.4g} mm, "
-                f"the least found being {1e3 * self.minimum:.4g} mm ({where})"
+                f"the least found being {1e3 * self.minimum:.4g} mm ({where})" + self._but
             )
         if self.minimum <= self.wanted:
             how = "overlap by" if self.minimum < 0 else "are only apart by"
@@ -96,6 +100,12 @@ class Clearance:
             "but stretches are left open"
         )
 
+    @property
+    def _but(self) -> str:
+        """What the proof says nothing about."""
+        told = ", ".join(self.unwatched[:3]) + (", ..." if len(self.unwatched) > 3 else "")
+        return f"; not watched, as they touch in the zero pose: {told}" if told else ""
+
 
 def clearance(robot: Robot, motion: Motion, scene: Scene) -> Clearance:
     """Return the least distance of a motion from its surroundings, and whether it is proved.
@@ -105,7 +115,7 @@ def clearance(robot: Robot, motion: Motion, scene: Scene) -> Clearance:
     Parameters
     ----------
     robot : Robot
-        Its capsules are the arm; see :class:`Scene`.
+        What of it is the arm: see :class:`Scene`.
     motion : Motion
     scene : Scene
 
@@ -162,6 +172,7 @@ def clearance_along(
         wanted=least.wanted,
         distances=sum(search.count for search in searches),
         wall_time=time.perf_counter() - started,
+        unwatched=tuple(dict.fromkeys(sum((search.model.unwatched for search in searches), ()))),
     )
 
 
@@ -189,17 +200,10 @@ class _ClearanceSearch:
         pair = np.tile(np.arange(pairs), PROOF.first_intervals)
         while start.size:
             middle: FloatArray = 0.5 * (start + end)
-            apart = self._distances(middle, pair)
-            self.count += apart.size
-            nearest = int(apart.argmin())
-            if apart[nearest] < self.minimum:
-                self.minimum, self.time = float(apart[nearest]), float(middle[nearest])
-                self.pair = int(pair[nearest])
-            sure = apart - self._reach(start, end, pair) - ACCURACY
-            enough = self.wanted + PROOF.slack_ratio * max(
-                self.minimum - ACCURACY - self.wanted, 0.0
-            )
-            closed = (sure > self.wanted) & (sure >= enough)
+            reach = self._reach(start, end, pair) + ACCURACY
+            sure = self._distances(middle, pair) - reach
+            self.count += sure.size
+            closed = (sure > self.wanted) & (sure >= self._enough)
             if closed.any():
                 self.at_least = min(self.at_least, float(sure[closed].min()))
             left = ~closed
@@ -213,7 +217,14 @@ class _ClearanceSearch:
             start, end = np.concatenate([start, middle]), np.concatenate([middle, end])
             pair = np.tile(pair[left], 2)
 
+    @property
+    def _enough(self) -> float:
+        """Return what a pair has to be proved to keep, m."""
+        left = max(self.minimum - ACCURACY - self.wanted, 0.0)
+        return self.wanted + PROOF.slack_ratio * left
+
     def _distances(self, times: FloatArray, pair: np.ndarray) -> FloatArray:
+        """Return distances of pairs at times, m, of which none but the least need be exact."""
         different, which = np.unique(times, return_inverse=True)
         poses = self.model.poses(self.motion.sample(different).q)
         order = np.argsort(which, kind="stable")
@@ -222,7 +233,9 @@ class _ClearanceSearch:
             if which[item] != current:
                 current = int(which[item])
                 self.model.put(poses[current])
-            distances[item] = self.model.distance(int(pair[item]))
+            distances[item] = apart = self.model.distance(int(pair[item]), self.minimum)
+            if apart < self.minimum:
+                self.minimum, self.time, self.pair = apart, float(times[item]), int(pair[item])
         return distances
 
     def _reach(self, start: FloatArray, end: FloatArray, pair: np.ndarray) -> FloatArray:
@@ -280,7 +293,8 @@ def levers_of(robot: Robot, pairs: Sequence[Pair], farthest: FloatArray) -> Floa
     steps = np.linalg.norm(offsets, axis=1) + np.where(sliding, farthest, 0.0)
 
     def of(frame: int, capsule: Capsule) -> FloatArray:
-        lever_in_frame = max(float(np.linalg.norm(end)) for end in (capsule.start, capsule.end))
+        points = capsule.corners if isinstance(capsule, LinkHull) else (capsule.start, capsule.end)
+        lever_in_frame = max(float(np.linalg.norm(point)) for point in points)
         levers = np.zeros(robot.joint_count)
         for joint in range(frame):
             levers[joint] = (

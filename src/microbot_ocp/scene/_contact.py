@@ -13,7 +13,7 @@ from microbot_ocp._base.fast_calls import fast_call
 from microbot_ocp._base.needed import needed
 from microbot_ocp._base.threads import cached_in_thread
 from microbot_ocp.robot import Capsule, Robot, link_poses
-from microbot_ocp.robot._capsules import LinkSurface
+from microbot_ocp.robot._capsules import LinkHull, link_hull
 from microbot_ocp.scene._obstacles import (
     MOST_FACES,
     Box,
@@ -25,7 +25,7 @@ from microbot_ocp.scene._obstacles import (
     has_many_faces,
 )
 from microbot_ocp.scene._pairs import ACCURACY as ACCURACY
-from microbot_ocp.scene._scene import Pair, Scene, surface_pairs, with_arm_capsules
+from microbot_ocp.scene._scene import Pair, Scene, clearances, told_apart, with_arm_capsules
 
 
 class Nearest(NamedTuple):
@@ -49,21 +49,28 @@ class Nearest(NamedTuple):
 class ContactModel:
     """An arm and what it may touch, ready to be asked for distances in a pose, by one thread."""
 
-    def __init__(self, robot: Robot, pairs: Sequence[Pair]) -> None:
+    def __init__(self, robot: Robot, pairs: Sequence[Pair], unwatched: Sequence[Pair] = ()) -> None:
         self._coal = coal()
         self.robot, self.pairs = robot, tuple(pairs)
+        self.unwatched = tuple(dict.fromkeys(pair.label for pair in unwatched))
         self._poses = fast_call(link_poses(robot))
         self._placed: dict[tuple[int, int], int] = {}
         self._local: list[tuple[int, FloatArray, FloatArray]] = []  # frame, turn, shift
         self._transforms: list[Any] = []
-        self._computed: list[tuple[Any, Any, Any]] = []  # functor, and both transforms
+        self._sides: list[tuple[Any, Any]] = []  # transforms of the two of each pair
+        self._bounds: list[tuple[Any, ...] | None] = []  # by capsules around links
         self._shapes: dict[int, Any] = {}
+        self._functors: dict[tuple[int, int], Any] = {}
+        self._capsules: dict[int, Capsule] = {}  # around hulls
         for pair in self.pairs:
-            arm = self._place(pair.frame, pair.capsule)
-            other = self._place(pair.other_frame, pair.other)
-            shapes = self._shapes[id(pair.capsule)], self._shapes[id(pair.other)]
-            functor = self._coal.ComputeDistance(*shapes)
-            self._computed.append((functor, self._transforms[arm], self._transforms[other]))
+            sides = self._places(pair.frame, pair.capsule, pair.other_frame, pair.other)
+            self._sides.append(sides)
+            around = [self._around(thing) for thing in (pair.capsule, pair.other)]
+            if around == [pair.capsule, pair.other]:
+                self._bounds.append(None)
+                continue
+            sides = self._places(pair.frame, around[0], pair.other_frame, around[1])
+            self._bounds.append((self._functor(*around), *sides))
         moving = [k for k, (frame, _, _) in enumerate(self._local) if frame]
         local = np.tile(np.eye(4), (len(moving), 1, 1))
         for row, (_, turn, shift) in zip(local, (self._local[k] for k in moving), strict=True):
@@ -72,12 +79,23 @@ class ContactModel:
         self._moving = frames, local, [self._transforms[k] for k in moving]
         self._request, self._result = self._coal.DistanceRequest(), self._coal.DistanceResult()
 
+    def _around(self, thing: Obstacle) -> Obstacle:
+        """Return the capsule around a hull of a link; anything else itself."""
+        if not isinstance(thing, LinkHull):
+            return thing
+        capsule = Capsule(thing.start, thing.end, thing.radius)
+        return self._capsules.setdefault(id(thing), capsule)
+
+    def _places(self, frame: int, thing: Obstacle, other_frame: int, other: Obstacle) -> Any:
+        """Return the transforms of two things."""
+        sides = self._place(frame, thing), self._place(other_frame, other)
+        return tuple(self._transforms[side] for side in sides)
+
     def _place(self, frame: int, thing: Obstacle) -> int:
-        """Return index of the transform of a thing, with its shape made when it is first met."""
-        key = frame, id(thing)
+        """Return index of the transform of a thing; hulls of links stand in their frame itself."""
+        key = frame, 0 if isinstance(thing, LinkHull) else id(thing)
         if key not in self._placed:
-            shape, turn, shift = self._shape_of(thing)
-            self._shapes[id(thing)] = shape
+            self._shapes[id(thing)], turn, shift = self._shape_of(thing)
             self._placed[key] = len(self._transforms)
             self._local.append((frame, turn, shift))
             self._transforms.append(self._coal.Transform3s(turn, shift))
@@ -88,8 +106,8 @@ class ContactModel:
         coal, unturned = self._coal, np.eye(3)
         if isinstance(thing, Sphere):
             return coal.Sphere(thing.radius), unturned, thing.center
-        if isinstance(thing, LinkSurface):
-            return _bounding_volumes(coal, thing), unturned, np.zeros(3)
+        if isinstance(thing, LinkHull):
+            return self._hull_of(thing.corners), unturned, np.zeros(3)
         if isinstance(thing, Capsule):
             along = thing.end - thing.start
             length, middle = float(np.linalg.norm(along)), (thing.start + thing.end) / 2
@@ -104,10 +122,13 @@ class ContactModel:
         if isinstance(thing, Cylinder):
             return coal.Cylinder(thing.radius, thing.length), turn, shift
         assert isinstance(thing, ConvexMesh)
-        points = coal.StdVec_Vec3s()
-        for vertex in thing.vertices:
-            points.append(vertex)
-        return coal.Convex.convexHull(points, False, ""), turn, shift
+        return self._hull_of(thing.vertices), turn, shift
+
+    def _hull_of(self, corners: FloatArray) -> Any:
+        points = self._coal.StdVec_Vec3s()
+        for corner in corners:
+            points.append(corner)
+        return self._coal.Convex.convexHull(points, False, "")
 
     def poses(self, q: FloatArray) -> FloatArray:
         """Return poses [N,n+1,4,4] of the base and the links for q [N,n]."""
@@ -123,11 +144,54 @@ class ContactModel:
         ):
             transform.setTransform(turn, shift)
 
-    def distance(self, index: int) -> float:
-        """Return the distance of a pair where it stands, m; negative where it overlaps."""
-        functor, arm, other = self._computed[index]
+    def distance(self, index: int, enough: float = np.inf) -> float:
+        """Return the distance of a pair where it stands, m; negative where it overlaps.
+
+        Of one that is farther apart than is ``enough``, m, something between the two. Where parts
+        of links overlap, by how much one of them does.
+        """
+        pair, bound = self.pairs[index], self._bounds[index]
+        if bound is not None:
+            self._last = bound
+            self._result.clear()
+            least = bound[0](*bound[1:], self._request, self._result)
+            if least > enough:
+                return least
+        return self._least(pair.capsule, pair.other, *self._sides[index], enough)
+
+    def _functor(self, one: Obstacle, other: Obstacle) -> Any:
+        """Return coal's function of the distance of two things, made when it is first needed."""
+        functor = self._functors.get((id(one), id(other)))
+        if functor is None:
+            for thing in (one, other):
+                if id(thing) not in self._shapes:
+                    self._shapes[id(thing)] = self._shape_of(thing)[0]
+            functor = self._coal.ComputeDistance(self._shapes[id(one)], self._shapes[id(other)])
+            self._functors[id(one), id(other)] = functor
+        return functor
+
+    def _least(
+        self, one: Obstacle, other: Obstacle, at: Any, other_at: Any, enough: float
+    ) -> float:
+        """Return the distance of two things at their places, of links by their parts."""
+        functor = self._functor(one, other)
         self._result.clear()
-        return functor(arm, other, self._request, self._result)
+        least = functor(at, other_at, self._request, self._result)
+        self._last = functor, at, other_at
+        parts, others = (getattr(thing, "parts", ()) for thing in (one, other))
+        if least > enough or not (parts or others):
+            return least
+        first = bool(parts) and not (others and other.radius > one.radius)
+        pairs = [(part, other) for part in parts] if first else [(one, part) for part in others]
+        least, nearest = np.inf, self._last
+        for pair in pairs:
+            apart = self._least(*pair, at, other_at, min(enough, least))
+            if apart < least:
+                least, nearest = apart, self._last
+            if least <= 0.0:
+                break
+        self._last = nearest
+        return least
 
     def direction(self, index: int) -> FloatArray:
         """Return unit vector [3] from the other thing of a pair to the arm; zero at contact."""
@@ -139,7 +203,10 @@ class ContactModel:
 
     def _points(self) -> tuple[FloatArray, FloatArray]:
         """Return the nearest points [3] of the pair that was asked for last."""
+        functor, *sides = self._last
         result = self._result
+        result.clear()
+        functor(*sides, self._request, result)
         return np.array(result.getNearestPoint1()), np.array(result.getNearestPoint2())
 
     def distances(self, q: FloatArray) -> FloatArray:
@@ -152,10 +219,14 @@ class ContactModel:
 
     def nearest(self, q: FloatArray) -> Nearest:
         """Return the nearest of all pairs in a pose [n]."""
-        apart = self.distances(np.reshape(q, (1, -1)))[0]
-        index = int(apart.argmin())
-        self.distance(index)
-        return Nearest(self.pairs[index], float(apart[index]), *self._points())
+        self.put(self.poses(np.reshape(q, (1, -1)))[0])
+        least, index = np.inf, 0
+        for k in range(len(self.pairs)):
+            apart = self.distance(k, least)
+            if apart < least:
+                least, index = apart, k
+        apart = self.distance(index)
+        return Nearest(self.pairs[index], apart, *self._points())
 
 
 def facing(robot: Robot, pairs: Sequence[Pair], q: FloatArray) -> tuple[Pair, ...]:
@@ -203,33 +274,82 @@ def contact_model(robot: Robot, scene: Scene) -> ContactModel:
 
 
 @cached_in_thread(maxsize=16)
-def _contact_model(robot: Robot, scene: Scene, _shapes: tuple[Any, ...]) -> ContactModel:
+def _contact_model(robot: Robot, scene: Scene, shapes: tuple[Any, ...]) -> ContactModel:
     """Return the model; robots are equal whatever their shapes, which the cache must tell apart."""
-    pairs = (*scene.pairs(robot), *_seen_by_surface(robot, surface_pairs(scene, robot)))
+    apart, overlapping = (_by_hulls(pairs, shapes) for pairs in told_apart(scene, robot))
+    touching: tuple[Pair, ...] = ()
+    if overlapping:
+        zero = ContactModel(robot, overlapping).distances(np.zeros((1, robot.joint_count)))[0]
+        touching = tuple(
+            pair
+            for pair, least in zip(overlapping, zero.tolist(), strict=True)
+            if least <= ACCURACY and not (robot.disabled_pairs is not None and _of_hulls(pair))
+        )
+    pairs = (*apart, *(pair for pair in overlapping if pair not in touching))
     if not pairs:
         raise InputError("scene must have something that the arm may touch: it has no pair")
-    return ContactModel(robot, pairs)
+    return ContactModel(robot, pairs, touching)
 
 
-def _seen_by_surface(robot: Robot, pairs: tuple[Pair, ...]) -> tuple[Pair, ...]:
-    """Return those of pairs of surfaces that may not touch.
+def _by_hulls(pairs: Sequence[Pair], shapes: tuple[Any, ...]) -> tuple[Pair, ...]:
+    """Return pairs with the hulls of links in place of the capsules that were fitted around."""
 
-    Without an SRDF file, which says it, those may touch that do so in the zero pose.
+    def judged(frame: int, thing: Obstacle) -> Obstacle:
+        fitted = isinstance(thing, Capsule) and thing.excess > 0.0
+        return (fitted and link_hull(shapes, frame, thing.name)) or thing
+
+    found: dict[Any, Pair] = {}
+    for pair in pairs:
+        one, other = judged(pair.frame, pair.capsule), judged(pair.other_frame, pair.other)
+        key = pair.frame, id(one), pair.other_frame, id(other)
+        found.setdefault(key, Pair(pair.frame, one, other, pair.other_frame))  # type: ignore[arg-type]
+    return tuple(found.values())
+
+
+def _of_hulls(pair: Pair) -> bool:
+    return isinstance(pair.capsule, LinkHull) and isinstance(pair.other, LinkHull)
+
+
+def guiding_pairs(robot: Robot, scene: Scene) -> tuple[Pair, ...]:
+    """Return the pairs of capsules whose links may not touch: also those that overlap at zero."""
+    arm = with_arm_capsules(robot)
+    apart, overlapping = told_apart(scene, arm)
+    left_out = contact_model(arm, scene).unwatched if overlapping else ()
+    return (*apart, *(pair for pair in overlapping if pair.label not in left_out))
+
+
+def room_along(
+    robot: Robot, scene: Scene, pairs: Sequence[Pair], q: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return what is asked of pairs of capsules along poses q [N,n], each [k], m.
+
+    Returns
+    -------
+    room : array [k]
+        What they have beyond the clearance. Where capsules overlap, less what their links have in
+        the pose in which these are nearest.
+    most : array [k]
+        What the capsules have beyond the clearance in all of the poses.
+    apart : array [k]
+        How near the capsules come, or where they overlap the links.
     """
-    if not pairs or robot.disabled_pairs is not None:
-        return pairs
-    zero = ContactModel(robot, pairs).distances(np.zeros((1, robot.joint_count)))[0]
-    return tuple(pair for pair, apart in zip(pairs, zero, strict=True) if apart > ACCURACY)
-
-
-def _bounding_volumes(coal: Any, link: LinkSurface) -> Any:
-    """Return coal's tree of bounding volumes over a link's triangles."""
-    model = coal.BVHModelOBBRSS()
-    model.beginModel(len(link.triangles), 3 * len(link.triangles))
-    for triangle in link.triangles:
-        model.addTriangle(*triangle)
-    model.endModel()
-    return model
+    near = clearances(robot, pairs, q)
+    apart = near.min(axis=0)
+    most = apart - scene.clearance
+    room = most.copy()
+    model = contact_model(robot, scene)
+    index = {pair.label: k for k, pair in enumerate(model.pairs)}
+    for label in dict.fromkeys(pairs[k].label for k in np.flatnonzero(most <= 0.0)):
+        own = [k for k, pair in enumerate(pairs) if pair.label == label and most[k] <= 0.0]
+        overlapping = np.flatnonzero((near[:, own] <= scene.clearance).any(axis=1))
+        least, place = np.inf, 0
+        for k, poses in zip(overlapping.tolist(), model.poses(q[overlapping]), strict=True):
+            model.put(poses)
+            distance = model.distance(index[label], least)
+            least, place = min((least, place), (distance, k))
+        apart[own] = least
+        room[own] = near[place, own] - least
+    return room, most, apart
 
 
 def coal() -> Any:

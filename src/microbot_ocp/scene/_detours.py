@@ -128,7 +128,7 @@ class Surroundings:
         model.put(model.poses(q[None])[0])
         room = np.empty(pairs.size)
         for place, index in enumerate(pairs.tolist()):
-            room[place] = model.distance(index) - self.least
+            room[place] = model.distance(index, self.least) - self.least
             if room[place] <= 0.0:
                 return None
         return room

@@ -14,7 +14,6 @@ from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.codegen import compiles
 from microbot_ocp.limits import ROUNDING, Limit
 from microbot_ocp.robot import Capsule, Robot, fit_capsules, link_capsules
-from microbot_ocp.robot._capsules import link_surface
 from microbot_ocp.scene._obstacles import KINDS, Obstacle
 from microbot_ocp.scene._pairs import ACCURACY, Distances, Pair
 
@@ -28,6 +27,8 @@ class Scene:
     The arm is the capsules of the robot: those of :meth:`~microbot_ocp.Robot.with_capsules`; where
     there are none those that :func:`~microbot_ocp.fit_capsules` finds around its collision
     geometry; of robots without geometry those of :func:`~microbot_ocp.robot.link_capsules`.
+    Fitted capsules only guide the optimisation where the robot has the geometry that they are
+    around: whether a pose is free, and the proof of clearance, go by convex hulls of that.
 
     Parameters
     ----------
@@ -40,10 +41,8 @@ class Scene:
     self_collision : bool
         Whether capsules of the arm keep that distance from each other, too: those of links that
         are not neighbours and not of the ``disabled_pairs`` of a robot that was read with an SRDF
-        file. Links whose capsules overlap in the zero pose already are judged by their collision
-        geometry, in paths around obstacles and in the proof of clearance; the optimisation does
-        not see them. Those without such geometry, or without an SRDF file and touching there by
-        it, may touch.
+        file. Those that touch in the zero pose may do so, and a :class:`Clearance` names them; with
+        an SRDF file, which says what may touch, only those without collision geometry.
     ignore : sequence of pairs of names
         Links and obstacles that may touch: ``[("hand", "part")]``.
 
@@ -106,12 +105,14 @@ class Scene:
     def pairs(self, robot: Robot) -> tuple[Pair, ...]:
         """Return what may touch: capsules of the arm and obstacles, and capsules of each other.
 
+        Those of each other that overlap in the zero pose are left out.
+
         Raises
         ------
         InputError
             A name in ``ignore`` that neither the scene nor the robot has.
         """
-        return _pairs(self, with_arm_capsules(robot))[0]
+        return told_apart(self, with_arm_capsules(robot))[0]
 
     def limit(
         self,
@@ -137,7 +138,8 @@ class Scene:
             Share of the bound that a solver may leave open between its mesh points.
         room : array_like, optional
             What a known way has beyond the clearance at each pair, m. What a solver may leave open
-            and the rounding of the distance that it sees take at most half of that each.
+            and the rounding of the distance that it sees take at most half of that each. Negative
+            where capsules overlap though their links are apart: by how much they may.
         """
         chosen = self.pairs(robot) if pairs is None else tuple(pairs)
         rooms = [np.inf] * len(chosen) if room is None else [float(value) for value in room]
@@ -158,19 +160,21 @@ def _limit(
     tolerance: float,
     rooms: tuple[float, ...],
 ) -> Limit:
-    contact = np.array([pair.capsule.radius + scene.clearance for pair in pairs])
+    overlap = np.minimum(rooms, 0.0)
+    contact = overlap + [pair.capsule.radius + scene.clearance for pair in pairs]
     most = 0.5 * np.maximum(rooms, 0.0)  # each of the margin, and of the rounding
     # what may be left open is a share of the thickest capsule, of a thin finger as of an upper
     # arm: of micrometres where a finger swings past an edge meshes do not come to an end
-    thick = np.minimum(thickest + scene.clearance, most / max(2.0 * tolerance, ROUNDING))
-    thicker = np.maximum(thick - contact, 0.0)
+    share = np.where(overlap < 0.0, np.inf, most / max(2.0 * tolerance, ROUNDING))
+    thicker = np.maximum(np.minimum(thickest + scene.clearance, share) - contact, 0.0)
     contact = contact + thicker
+    margin = np.maximum(np.minimum(2.0 * tolerance * contact, most), 2.0 * ACCURACY)
     rows = zip(pairs, np.maximum(most, ACCURACY).tolist(), thicker.tolist(), strict=True)
     return Limit(
         LIMIT_NAME,
         Distances(tuple(replace(pair, accuracy=m, thicker=more) for pair, m, more in rows)),
         # half is what may be left open, half what a proof has to go by
-        lower=contact + np.maximum(np.minimum(2.0 * tolerance * contact, most), 2.0 * ACCURACY),
+        lower=contact + np.where(overlap < 0.0, 0.0, margin),
         unit="m",
         labels=tuple(pair.label for pair in pairs),
     )
@@ -190,7 +194,7 @@ def _with_default_capsules(robot: Robot, shapes: tuple[Any, ...]) -> Robot:
 
 
 @lru_cache(maxsize=64)
-def _pairs(scene: Scene, robot: Robot) -> tuple[tuple[Pair, ...], tuple[Pair, ...]]:
+def told_apart(scene: Scene, robot: Robot) -> tuple[tuple[Pair, ...], tuple[Pair, ...]]:
     """Return what may not touch: pairs that capsules tell apart, and those that overlap at zero."""
     links = {capsule.name for _, capsule in robot.capsules}
     names = links | set(scene.names)
@@ -202,11 +206,11 @@ def _pairs(scene: Scene, robot: Robot) -> tuple[tuple[Pair, ...], tuple[Pair, ..
         Pair(frame, capsule, obstacle) for frame, capsule in moving for obstacle in scene.obstacles
     ]
     apart, overlapping = _own_pairs(robot) if scene.self_collision else ((), ())
-    told_apart, overlap = (
+    separate, overlap = (
         tuple(p for p in some if frozenset((p.capsule.name, p.other.name)) not in ignored)
         for some in ((*pairs, *apart), overlapping)
     )
-    return told_apart, overlap
+    return separate, overlap
 
 
 def _own_pairs(robot: Robot) -> tuple[list[Pair], list[Pair]]:
@@ -229,24 +233,6 @@ def _own_pairs(robot: Robot) -> tuple[list[Pair], list[Pair]]:
         [pair for pair in pairs if _fitted(pair) not in touching],
         [pair for pair in pairs if _fitted(pair) in touching],
     )
-
-
-def surface_pairs(scene: Scene, robot: Robot) -> tuple[Pair, ...]:
-    """Return links of whose capsules some overlap in the zero pose, by their collision geometry.
-
-    Links without such geometry are left out.
-    """
-    links = dict.fromkeys(
-        (pair.frame, pair.capsule.name, pair.other_frame, pair.other.name)
-        for pair in _pairs(scene, robot)[1]
-    )
-    pairs: list[Pair] = []
-    for frame, link, other_frame, other_link in links:
-        surface = link_surface(robot.shapes, frame, link)
-        other = link_surface(robot.shapes, other_frame, other_link)
-        if surface is not None and other is not None:
-            pairs.append(Pair(frame, surface, other, other_frame))
-    return tuple(pairs)
 
 
 def _fitted(pair: Pair) -> Any:

@@ -4,8 +4,12 @@ Ways around the obstacles come from planners of joint paths; each, with a timing
 limit, is a motion that is proved to keep clear. The search for the fastest motion starts from one
 of them after another, timed by reachability, until one leads on. Only pairs that can come close are
 in the problem; where one that was left out comes too near it is put in, and the problem is solved
-again from the path. What is returned is never slower than the best of the timed paths, and it is
-one of them where the search found nothing or the time was over.
+again from the path. What is returned is the fastest of what the search made of its path and the
+others with their best timings; one of these where it found nothing or the time was over.
+
+Surfaces judge, capsules guide: where a link's geometry is known, paths and proofs go by that. The
+problem has capsules around it, which may overlap as far as they must on the path. Where links come
+too near on what was found, the least of their capsules' distances that this shows is asked for.
 """
 
 from __future__ import annotations
@@ -56,9 +60,10 @@ from microbot_ocp.scene import (
     Scene,
     Surroundings,
     clearance,
-    clearances,
     detour,
     facing,
+    guiding_pairs,
+    room_along,
     with_arm_capsules,
 )
 from microbot_ocp.trajectories import quintic, shortest_duration
@@ -306,7 +311,8 @@ def fastest_among(
             below = search.duration  # what a path must be able to beat
         if deadline.over() or below is not None:
             break
-    paths = list(timed_paths(around, legs, progress, below=below))
+    tried = () if below is None else [start.name for start in starts]
+    paths = list(timed_paths(around, legs, progress, below=below, tried=tried))
     more: dict[str, Any] = {
         "scene": list(scene.names),
         "paths": [{"start": p.name, "duration": p.motion.duration} for p in starts],
@@ -430,13 +436,17 @@ def starts_of(legs: Sequence[Leg]) -> Iterator[TimedPath]:
 
 
 def timed_paths(
-    around: Surroundings, legs: Sequence[Leg], progress: StepProgress, below: float | None = None
+    around: Surroundings,
+    legs: Sequence[Leg],
+    progress: StepProgress,
+    below: float | None = None,
+    tried: Sequence[str] = (),
 ) -> Iterator[ProvedPath]:
     """Yield different ways through via points with a timing that keeps all limits, the fastest
     first.
 
     In the order of what they take without limits of rates; with ``below``, s, only those that may
-    take less. At the time limit one alone.
+    take less, and none of the names that were ``tried``. At the time limit one alone.
     """
     durations: list[float] = []
     for choice in _by_bound(legs):
@@ -444,6 +454,8 @@ def timed_paths(
             return
         if below is not None and sum(leg.bound(choice) for leg in legs) >= below:
             return
+        if _name(legs, choice) in tried:
+            continue
         timed = _proved(around, legs, choice, (leg.motion(choice) for leg in legs))
         if timed is not None and differs(timed.motion.duration, durations):
             progress(f"path {timed.name}: {timed.motion.duration:.4f} s with its best timing")
@@ -475,7 +487,6 @@ def _joined(legs: Sequence[Leg], choice: int, timed: Iterable[Motion | None]) ->
         if motion is None:
             return None
         motions.append(motion)
-    names = [leg.ways[min(choice, len(leg.ways) - 1)].name for leg in legs]
     times = np.cumsum([0.0, *(m.duration for m in motions)])
     if len(motions) == 1:
         whole = motions[0]
@@ -488,7 +499,12 @@ def _joined(legs: Sequence[Leg], choice: int, timed: Iterable[Motion | None]) ->
         robot = legs[0].around.robot
         whole = Motion.from_polynomial(robot, shape, label="timed path", provenance=how)
     marks = tuple(Mark(float(t), f"via {i + 1}") for i, t in enumerate(times))
-    return TimedPath("path " + ", ".join(names), replace(whole, marks=marks))
+    return TimedPath(_name(legs, choice), replace(whole, marks=marks))
+
+
+def _name(legs: Sequence[Leg], choice: int) -> str:
+    ways = (leg.ways[min(choice, len(leg.ways) - 1)] for leg in legs)
+    return "path " + ", ".join(way.name for way in ways)
 
 
 def _solved(
@@ -505,24 +521,30 @@ def _solved(
     """
     robot: Robot = family.robot
     poses = path.motion.sample(np.linspace(0.0, path.motion.duration, AMONG_OBSTACLES.samples)).q
-    pairs = facing(robot, scene.pairs(robot), poses)
-    apart = clearances(robot, pairs, poses).min(axis=0)
+    pairs = facing(robot, guiding_pairs(robot, scene), poses)
+    room, most, apart = room_along(robot, scene, pairs, poses)
+    room = np.minimum(room, most)
     within = AMONG_OBSTACLES.near * reach_of(robot)
     near = apart < within
-    room = apart - scene.clearance
     shape = PiecewisePolynomial(path.motion.t, pieces_of(path.motion))
     guesses = guesses_along(phase_names(len(via) - 1), shape, path.via_times)
     start = InitialGuess(path.name, guesses)
     motion: Motion | None = None
 
-    def missed(shape: PiecewisePolynomial) -> np.ndarray:
-        """Return which pairs come near that are not in the problem, where one of them comes too
-        near.
+    def is_asked_more(shape: PiecewisePolynomial) -> bool:
+        """Ask more of the pairs whose links come too near, as far as the path has it; whether any.
+
+        Pairs that come near and are not in the problem are put in with them.
         """
+        nonlocal near, room
         times = np.linspace(0.0, shape.duration, AMONG_OBSTACLES.samples)
-        apart = clearances(robot, pairs, shape(times)).min(axis=0)
-        come = ~near & (apart < within)
-        return come & (come & (apart < scene.clearance)).any()
+        come, _, apart = room_along(robot, scene, pairs, shape(times))
+        touching = apart <= scene.clearance
+        before = near, room
+        if touching.any():
+            near = near | (apart < within)
+            room = np.where(touching, np.minimum(most, np.maximum(room, come)), room)
+        return bool((near != before[0]).any() or (near & (room > before[1])).any())
 
     for _ in range(AMONG_OBSTACLES.again + 1):
         limit = scene.limit(
@@ -541,16 +563,12 @@ def _solved(
             return motion
         state = search.run(FROM_PATHS)  # is known before anything is refined
         answer = best_of(search, state)
-        more = missed(polynomial(answer.solution)) if answer.solved else np.zeros(len(pairs), bool)
-        if not more.any():
+        if not (answer.solved and is_asked_more(polynomial(answer.solution))):
             motion = motion_from(fastest(search, state))
-            if not motion.solved:
+            shape = PiecewisePolynomial(motion.t, pieces_of(motion))
+            if not (motion.solved and is_asked_more(shape)):
                 return motion
-            more = missed(PiecewisePolynomial(motion.t, pieces_of(motion)))
-        if not more.any():
-            return motion
-        progress(f"{more.sum()} more pairs come too near: solved again")
-        near |= more
+        progress("links come too near: solved again with more asked of them")
     return motion
 
 

@@ -7,6 +7,7 @@ the distances of the arm with what it carries there.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -56,13 +57,15 @@ from microbot_ocp.scene import (
     Scene,
     Surroundings,
     clearance_along,
-    clearances,
     facing,
+    guiding_pairs,
+    room_along,
     with_arm_capsules,
 )
 from microbot_ocp.trajectories import quintic, shortest_duration
 
 MOST_GUESSES = 4  # ways that the search starts from
+Key = tuple[str, int]  # of a pair: its label, and which capsules of it
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,39 +74,56 @@ class Around:
 
     scenes: tuple[Scene, ...]
     tolerance: float  # of limits
-    near: set[str] = field(default_factory=set)
-    rooms: dict[str, float] = field(default_factory=dict)  # of pairs on known ways, m
+    near: set[Key] = field(default_factory=set)
+    rooms: dict[Key, float] = field(default_factory=dict)  # of pairs, m
+    most: dict[Key, float] = field(default_factory=dict)  # what known ways have of it, m
     poses: list[FloatArray] = field(default_factory=list)  # of known ways
 
     def limits(self, robot: Robot, index: int) -> tuple[Any, ...]:
         """Return the distances of the pairs that come near on a segment."""
         scene = self.scenes[index]
-        chosen = [pair for pair in _pairs(scene, robot) if pair.label in self.near]
-        rooms = [self.rooms.get(pair.label, np.inf) for pair in chosen]
+        chosen = {key: p for key, p in _pairs(scene, robot).items() if key in self.near}
+        rooms = [self.rooms.get(key, np.inf) for key in chosen]
         if not chosen:
             return ()
-        chosen = facing(robot, chosen, np.concatenate(self.poses))
-        return (scene.limit(robot, chosen, tolerance=self.tolerance, room=rooms),)
+        pairs = facing(robot, list(chosen.values()), np.concatenate(self.poses))
+        return (scene.limit(robot, pairs, tolerance=self.tolerance, room=rooms),)
 
     def add(self, robot: Robot, scene: Scene, q: FloatArray, distance: float) -> bool:
-        """Take in the pairs that are nearer than a distance, m, in some pose [N,n]; whether new."""
-        pairs = facing(robot, _pairs(scene, robot), q)
-        if not pairs:
+        """Take in the pairs that are nearer than a distance, m, in some pose [N,n], and what they
+        have beyond the clearance; whether more is asked of any.
+
+        Where links touch, of which known ways are free, more is asked, as far as those have it.
+        """
+        chosen = _pairs(scene, robot)
+        if not chosen:
             return False
         self.poses.append(q)
-        apart = clearances(robot, pairs, q).min(axis=0)
-        near = {p.label for p, least in zip(pairs, apart, strict=True) if least < distance}
-        for pair, least in zip(pairs, apart - scene.clearance, strict=True):
-            if least > 0.0:
-                self.rooms[pair.label] = min(least, self.rooms.get(pair.label, np.inf))
-        new = not near <= self.near
-        self.near.update(near)
+        pairs = facing(robot, list(chosen.values()), q)
+        held = scene.without_parts_of(robot)
+        rows = zip(chosen, *room_along(robot, held, pairs, q), strict=True)
+        new = False
+        for key, room, most, apart in rows:
+            before = self.rooms.get(key, np.inf)
+            if apart > scene.clearance:
+                self.rooms[key] = min(room, most, before)
+                self.most[key] = min(most, self.most.get(key, np.inf))
+            elif before < min(room, self.most.get(key, np.inf)):
+                self.rooms[key] = min(room, self.most.get(key, np.inf))
+                new = True
+            new = new or (apart < distance and key not in self.near)
+            if apart < distance:
+                self.near.add(key)
         return new
 
 
-def _pairs(scene: Scene, robot: Robot) -> tuple[Pair, ...]:
+def _pairs(scene: Scene, robot: Robot) -> dict[Key, Pair]:
     """Return what may touch where the arm carries what this robot has."""
-    return scene.without_parts_of(robot).pairs(robot)
+    pairs: dict[Key, Pair] = {}
+    for pair in guiding_pairs(robot, scene.without_parts_of(robot)):
+        number = next(k for k in itertools.count() if (pair.label, k) not in pairs)
+        pairs[pair.label, number] = pair
+    return pairs
 
 
 Plan = tuple[list[Any], Any, bool, str, float | None]
