@@ -170,19 +170,19 @@ class ContactModel:
             self._functors[id(one), id(other)] = functor
         return functor
 
-    def _least(
-        self, one: Obstacle, other: Obstacle, at: Any, other_at: Any, enough: float
-    ) -> float:
+    def _least(self, one: Capsule, other: Obstacle, at: Any, other_at: Any, enough: float) -> float:
         """Return the distance of two things at their places, of links by their parts."""
         functor = self._functor(one, other)
         self._result.clear()
         least = functor(at, other_at, self._request, self._result)
         self._last = functor, at, other_at
-        parts, others = (getattr(thing, "parts", ()) for thing in (one, other))
+        parts = one.parts if isinstance(one, LinkHull) else ()
+        others = other.parts if isinstance(other, LinkHull) else ()
         if least > enough or not (parts or others):
             return least
-        first = bool(parts) and not (others and other.radius > one.radius)
-        pairs = [(part, other) for part in parts] if first else [(one, part) for part in others]
+        pairs = [(part, other) for part in parts]
+        if isinstance(other, LinkHull) and others and (not parts or other.radius > one.radius):
+            pairs = [(one, part) for part in others]
         least, nearest = np.inf, self._last
         for pair in pairs:
             apart = self._least(*pair, at, other_at, min(enough, least))
@@ -338,15 +338,15 @@ def room_along(
     most = apart - scene.clearance
     room = most.copy()
     model = contact_model(robot, scene)
-    index = {pair.label: k for k, pair in enumerate(model.pairs)}
-    for label in dict.fromkeys(pairs[k].label for k in np.flatnonzero(most <= 0.0)):
+    for label in dict.fromkeys(pairs[k].label for k in np.flatnonzero(most <= 0.0).tolist()):
+        judged = [k for k, pair in enumerate(model.pairs) if pair.label == label]
         own = [k for k, pair in enumerate(pairs) if pair.label == label and most[k] <= 0.0]
         overlapping = np.flatnonzero((near[:, own] <= scene.clearance).any(axis=1))
         least, place = np.inf, 0
         for k, poses in zip(overlapping.tolist(), model.poses(q[overlapping]), strict=True):
             model.put(poses)
-            distance = model.distance(index[label], least)
-            least, place = min((least, place), (distance, k))
+            for index in judged:
+                least, place = min((least, place), (model.distance(index, least), k))
         apart[own] = least
         room[own] = near[place, own] - least
     return room, most, apart

@@ -89,6 +89,7 @@ class AmongObstacles:
 
 AMONG_OBSTACLES = AmongObstacles()
 NOTHING_FASTER = "the search found nothing faster"
+AT_CORNERS = "path around obstacles, at rest at its corners"
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,7 +241,7 @@ def _resting_at_corners(family: LimitFamily, way: Detour) -> Motion | None:
         return None
     breaks = np.cumsum([0.0, *(shape.duration for shape in scaled)])
     shape = PiecewisePolynomial(breaks, np.concatenate([s.coefficients for s in scaled]))
-    how = {"method": "path around obstacles, at rest at its corners"}
+    how = {"method": AT_CORNERS}
     motion = Motion.from_polynomial(robot, shape, label="timed path", provenance=how)
     return motion if _keeps_limits(family, motion) else None
 
@@ -360,9 +361,11 @@ def at_least(fallback: ProvedPath | None, motion: Motion | None, proof: Clearanc
     if motion is not None:
         outcome = replace(outcome, ledger=motion.outcome.ledger.discarded())
     made_from = "the best timing of a path around the obstacles"
+    if fallback.motion.provenance.get("method") == AT_CORNERS:
+        made_from = f"a {AT_CORNERS}"
+    remark = f"{made_from}: {outcome.text}"
     if not outcome.solved:
         outcome = outcome.and_(returned(made_from))
-    remark = f"{made_from}: {outcome.text}"
     return replace(fallback.motion, label="time-optimal", remark=remark).ended(
         outcome,
         made_from=made_from,
@@ -551,7 +554,7 @@ def _solved(
             robot,
             [p for p, is_near in zip(pairs, near, strict=True) if is_near],
             tolerance=settings.limit_tolerance,
-            room=room[near],
+            room=room[near].tolist(),
         )
         also = [*family.robot.limits.also, limit] if near.any() else family.robot.limits.also
         bounded = LimitFamily.of(robot.with_limits(also=also))
