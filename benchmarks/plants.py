@@ -29,6 +29,7 @@ from microbot_ocp.robot import COULOMB_SMOOTHING
 
 RATE, GAIN, BOUND = 500.0, 100.0, 0.02
 TASK = ("robot", "seed", "mass", "friction", "payload", "gain", "bound", "few")  # what a line is of
+END = "end of what is made by"
 SUBSTEPS = 4  # of the simulation in a period of the controller
 
 
@@ -69,6 +70,14 @@ def played(
     return float(np.linalg.norm(tool - aim, axis=1).max()), saturated / len(passed)
 
 
+def publish(page: Path, name: str, table: str) -> None:
+    """Write a table of a benchmark between its marks in a page."""
+    first, last = (f"<!-- {how} {name} -->\n" for how in ("made by benchmarks", END))
+    before, _, rest = page.read_text("utf-8").partition(first)
+    after = rest.partition(last)[2]
+    page.write_text(f"{before}{first}\n{table}\n\n{last}{after}", "utf-8")
+
+
 def main(arguments: list[str] | None = None) -> None:
     """One arm, a line for each plan."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks plants", description=__doc__)
@@ -83,9 +92,13 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--seed", type=int, default=0, help="of the task and of the arms")
     parser.add_argument("--out", type=Path, help="file of lines to go on with")
     parser.add_argument("--table", type=Path, help="print the table of such a file, and no more")
+    parser.add_argument("--page", type=Path, help="Markdown to write that table into")
     options = parser.parse_args(arguments)
     if options.table is not None:
-        _print(read(options.table))
+        table = _table(read(options.table))
+        print(table)
+        if options.page:
+            publish(options.page, "plants", table)
         return
     robot = with_small_bodies(mo.load_robot(options.robot)).with_payload(options.payload)
     via_q = poses(robot, options.seed)
@@ -109,13 +122,13 @@ def main(arguments: list[str] | None = None) -> None:
         if options.out:
             with options.out.open("a") as file:
                 file.write(json.dumps(row) + "\n")
-    _print(rows)
+    print(_table(rows))
 
 
-def _print(rows: list[dict[str, Any]]) -> None:
+def _table(rows: list[dict[str, Any]]) -> str:
     heads = ("arm, payload", "plan", "T, s", "arms played", "error, median and worst, mm")
     heads += ("above the bound", "at a limit, worst, % of the time", "above what is stated")
-    print("| " + " | ".join(heads) + " |\n|" + len(heads) * "---|")
+    lines = ["| " + " | ".join(heads) + " |", "|" + len(heads) * "---|"]
     for arm in dict.fromkeys(row["robot"] for row in rows):
         own = [row for row in rows if row["robot"] == arm]
         first = own[0]
@@ -132,4 +145,5 @@ def _print(rows: list[dict[str, Any]]) -> None:
                 f"{100 * at.max():.1f}",
                 f"{(at > first['stated']).sum()} above {100 * first['stated']:.1f} %",
             )
-            print("| " + " | ".join(cells) + " |")
+            lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines)

@@ -27,7 +27,7 @@ import numpy as np
 
 import microbot_ocp as mo
 from benchmarks.mujoco_arms import with_small_bodies
-from benchmarks.plants import played, poses
+from benchmarks.plants import played, poses, publish
 from benchmarks.scenes import read
 from benchmarks.torture import Task, task_of
 from microbot_ocp.limits import LimitFamily, MotionSamples
@@ -46,7 +46,6 @@ ARMS = {
 RESERVES = (0.01, 0.02, 0.05, 0.1, 0.2)
 LIMIT = 100.0  # s of wall time for a plan
 BOX: dict[str, Any] = {"mass": 0.05}
-MARKS = "<!-- made by benchmarks prices -->\n", "<!-- end of what is made by prices -->\n"
 
 
 @dataclass(frozen=True)
@@ -304,8 +303,5 @@ def main(arguments: list[str] | None = None) -> None:
                     file.write(json.dumps(rows[-1]) + "\n")
     print(report(rows))
     if options.page:
-        before, _, rest = options.page.read_text("utf-8").partition(MARKS[0])
-        after = rest.partition(MARKS[1])[2]
-        table = f"{before}{MARKS[0]}\n{report(rows)}\n\n{MARKS[1]}{after}"
-        options.page.write_text(table, "utf-8")
+        publish(options.page, "prices", report(rows))
         draw(rows, options.page.parents[1] / "images" / "reserve.png")
