@@ -179,11 +179,12 @@ def _soonest(family: LimitFamily, motion: Motion, profile: Profile) -> tuple[Mot
     for window in _windows(motion, profile):
         with suppress(InputError):
             smooth = _accepted(family, motion, profile, window)
+            if np.abs(smooth[0].qdd).max() * (window * profile.step) ** 2 > 6.0 * NEAR:
+                continue
             if smooth[0].duration > before:
                 break
             before = smooth[0].duration
-            off = np.abs(smooth[0].qdd).max() * (window * profile.step) ** 2 / 6.0
-            if off <= NEAR and (best is None or before < best[0].duration):
+            if best is None or before < best[0].duration:
                 best = smooth
     if best is None:
         assert problem is not None
