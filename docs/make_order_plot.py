@@ -1,6 +1,6 @@
 """Draw the error of every transcription against the step: ``docs/images/convergence_order.png``.
 
-The motion and the measure are those of ``tests/ocp/test_convergence_order.py``.
+The motion and the measure are those of ``tests/ocp/transcription/test_convergence_order.py``.
 
     python docs/make_order_plot.py
 """

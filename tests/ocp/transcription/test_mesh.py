@@ -12,8 +12,8 @@ from microbot_ocp.ocp.solvers import SolverSettings, load_solution, save_solutio
 from microbot_ocp.ocp.transcription import Transcription, assemble, mesh_of
 from microbot_ocp.ocp.transcription.schemes import Collocation
 from microbot_ocp.ocp.verification import each_interval, mesh_states, verify
-from ocp.test_transcription import guesses
 from ocp.textbook import everything, regulator
+from ocp.transcription.test_transcription import guesses
 
 GAUSS = Collocation("legendre", 8)
 UNEVEN = [[0.0, 0.2, 0.35, 0.7, 1.0], 3]

@@ -217,7 +217,7 @@ time.sleep(0.1)
 def test_a_real_signal_ends_a_solve_with_its_iterate(solver, how):
     if (solver, how) == ("fatrop", "alone"):
         pytest.skip("fatrop finishes first")
-    here = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+    here = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
     done = subprocess.run(
         [sys.executable, "-c", SCRIPT, solver, how],
         capture_output=True,
