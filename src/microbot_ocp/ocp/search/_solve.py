@@ -159,12 +159,7 @@ def solve(
     >>> str(solution.status), round(solution.cost, 4)
     ('solved', 2.0)
     """
-    settings, goal = settings or SolverSettings(), accuracy
-    if goal is not None:
-        if not isinstance(goal, Accuracy):
-            goal = Accuracy(checks.number("accuracy", goal, above=0.0))
-        tolerance = max(goal.states / 10, SEARCH.least_tolerance)
-        settings = replace(settings, tolerance=min(settings.tolerance, tolerance))
+    goal, settings = _asked(accuracy, settings or SolverSettings())
     seconds = min(checks.time_limit(time_limit), settings.time_limit)
     until = min(time.perf_counter() + seconds, deadline.until())
     how = mesh, guess, settings, scheme, until, cast("Progress | None", progress), goal
@@ -210,6 +205,18 @@ def solve(
         solution, context = unconverged
         best = task.judged(solution, context, journal)[0]
     return _ended(task, journal.closed(best))
+
+
+def _asked(
+    accuracy: float | Accuracy | None, settings: SolverSettings
+) -> tuple[Accuracy | None, SolverSettings]:
+    """Return the accuracy that is asked for, and settings with a tolerance that it needs."""
+    if accuracy is None:
+        return None, settings
+    if not isinstance(accuracy, Accuracy):
+        accuracy = Accuracy(checks.number("accuracy", accuracy, above=0.0))
+    tolerance = max(accuracy.states / 10, SEARCH.least_tolerance)
+    return accuracy, replace(settings, tolerance=min(settings.tolerance, tolerance))
 
 
 def _ended(task: Task, best: Solution) -> Solution:
