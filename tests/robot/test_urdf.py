@@ -264,8 +264,8 @@ def test_joints_off_the_way_to_the_tip_are_held_at_zero() -> None:
     text = chain(revolute(), revolute("1 0 0"), more=side)
     with pytest.raises(
         InputError,
-        match=r"branches at link 'l1' into joints 'j2', 'to side': choose an end by tip \(with its "
-        r"number of joints\): 'l1' \(1\) for the arm without them, or 'l2' \(2\), 'side' \(2\)$",
+        match=r"branches at link 'l1' into joints 'j2', 'to side': choose an end by tip \(joints\)"
+        r": 'l1' \(1\) without them, 'l2' \(2\), 'side' \(2\)$",
     ):
         parse_urdf(text, "arm.urdf")
     robot = quiet(text, tip="l2")

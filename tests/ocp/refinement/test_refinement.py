@@ -57,11 +57,12 @@ def pretend(monkeypatch):
     def prepare(answers, excess=lambda _: [np.zeros(4)], **options):
         calls = []
 
-        def fake(transcription, mesh, guesses, settings, until, progress, warm_only):
+        def program_on(transcription, mesh, guesses, settings):
             calls.append((mesh[0] if isinstance(mesh, list) else mesh, guesses, settings))
-            return answers[len(calls) - 1]
+            return None, None, 0.0
 
-        monkeypatch.setattr(refinement, "solve_on", fake)
+        monkeypatch.setattr(refinement, "program_on", program_on)
+        monkeypatch.setattr(refinement, "run_chain", lambda *_, **__: answers[len(calls) - 1])
         refiner = Refiner(None, lambda s: {"from": s.cost}, excess, 0.01, **options)
         return refiner, calls
 

@@ -427,19 +427,6 @@ def test_where_the_bounds_of_a_duration_say_little_a_simulation_tells_it():
     assert nearest.duration == pytest.approx(2e6, rel=0.6)
 
 
-def test_random_starts_are_the_same_every_time_and_change_at_different_times():
-    problem = double_integrator()
-    simulations = Rollouts(problem, default_guess(problem))
-    first, again = (list(simulations.random(5)) for _ in range(2))
-    share = np.linspace(0.0, 1.0, 101)
-    (name,) = first[0]
-    control = problem.phases[0].controls[0].name
-    tables = [[g[name].values[control](share) for g in found] for found in (first, again)]
-    assert all(np.array_equal(a, b) for a, b in zip(*tables, strict=True))
-    changes = {int(np.flatnonzero(np.diff(t[:, 0]))[0]) for t in tables[0]}
-    assert len(changes) > 2
-
-
 def test_a_process_that_loops_in_silence_is_ended_by_its_own_time() -> None:
     def loops(send):
         for _ in range(3):

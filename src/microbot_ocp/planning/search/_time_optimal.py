@@ -73,8 +73,8 @@ def time_optimal(
         Least and largest point mass at the tool, kg: torques are kept for every one between them.
     uncertain : mapping, optional
         Shares by which every "mass" and "friction" may be off: ``{"mass": 0.05}``. Torques are kept
-        for every such arm: certificates and other planners take what :func:`robust_limits
-        <microbot_ocp.execution.robust_limits>` gives.
+        for every such arm: certificates and other planners take what
+        ``mo.execution.robust_limits`` gives.
     segments : sequence, optional
         What lies between two stops: a :class:`~microbot_ocp.Line`, :class:`~microbot_ocp.Circle` or
         :class:`~microbot_ocp.JointLine`, or None where the way is free.

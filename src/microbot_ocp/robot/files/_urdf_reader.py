@@ -312,10 +312,10 @@ class _Tree:
                     break
                 names = _some([repr(joint.name) for joint in arms])
                 here = len(self._free(self._way(last)))
-                before = f"{last!r} ({here}) for the arm without them, or " if here else ""
+                before = f"{last!r} ({here}) without them, " if here else ""
                 raise InputError(
                     f"the file branches at link {last!r} into joints {names}: choose an end by "
-                    f"tip (with its number of joints): {before}{self._tips()}"
+                    f"tip (joints): {before}{self._tips()}"
                 )
             last = arms[0].child
         ends = sorted(name for name in self._outward(last) if not self.below[name])
