@@ -287,6 +287,18 @@ def test_a_full_disk_leaves_the_old_file(tmp_path, capsys, name):
     told(capsys, f"{name}: {times} writes to a full file system refused, the old file whole")
 
 
+def is_refused_for_a_kill(message):
+    """Whether a folder is refused for a run that was killed: before its index came, or after."""
+    no_index = "comparison.json is not a saved comparison: No such file"
+    return any(words in message for words in ("of another run", "missing", no_index))
+
+
+def test_a_comparison_without_its_index_is_refused(tmp_path):
+    with pytest.raises(mo.InputError) as refused:
+        mo.load_comparison(tmp_path)
+    assert is_refused_for_a_kill(str(refused.value))
+
+
 @pytest.mark.parametrize("name", KILLED)
 def test_a_kill_while_writing(tmp_path, capsys, name):
     path, found = tmp_path / name, Counter()
@@ -309,8 +321,7 @@ def test_a_kill_while_writing(tmp_path, capsys, name):
             found[str(read(name, path))] += 1
         except mo.InputError as problem:
             assert name == "comparison"
-            said = ("of another run", "missing", "comparison.json cannot be read: No such file")
-            assert any(words in str(problem) for words in said)  # noqa: PT017
+            assert is_refused_for_a_kill(str(problem))  # noqa: PT017
             found["refused"] += 1
         write(name, path, 0)
         assert read(name, path)
