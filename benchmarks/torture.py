@@ -46,7 +46,7 @@ REACH = 3.0  # rad (m): via points are at most as far from zero
 
 
 @dataclass(frozen=True, eq=False)
-class Task:
+class RandomTask:
     """One task: a free motion through via points, or the timing of a path."""
 
     kind: str
@@ -58,7 +58,7 @@ class Task:
         return f"{self.kind}: {self.robot.name}, {len(self.via)} via points"
 
 
-def packaged(random: np.random.Generator) -> Task:
+def packaged(random: np.random.Generator) -> RandomTask:
     """A packaged robot, some of its limits changed, two to five via points."""
     robot = mo.load_robot(str(random.choice(ARMS)))
     changed: dict[str, Any] = {}
@@ -69,33 +69,35 @@ def packaged(random: np.random.Generator) -> Task:
     if random.random() < 0.2:
         changed["qddd_max"] = random.uniform(50.0, 500.0)
     robot = robot.with_limits(**changed)
-    return Task("packaged arm", robot, via_points(random, robot, int(random.integers(2, 6))))
+    return RandomTask("packaged arm", robot, via_points(random, robot, int(random.integers(2, 6))))
 
 
-def chain(random: np.random.Generator) -> Task:
+def chain(random: np.random.Generator) -> RandomTask:
     """One to eight joints, prismatic ones among them, of 1 g to 1 t and 1 cm to 10 m."""
     robot = random_chain(random, int(random.integers(1, 9)), 10.0 ** random.uniform(-3, 3))
     strength = random.uniform(1.2, 5.0)
     robot = robot.with_limits(tau_max=strength * gravity_sizes(random, robot))
-    return Task("random chain", robot, via_points(random, robot, int(random.integers(2, 5))))
+    return RandomTask("random chain", robot, via_points(random, robot, int(random.integers(2, 5))))
 
 
-def tight(random: np.random.Generator) -> Task:
+def tight(random: np.random.Generator) -> RandomTask:
     """Torques of 0.6 times the largest against gravity: the arm has to swing."""
     name = str(random.choice(["microbot", "planar_3r", "chain"]))
     robot = random_chain(random, int(random.integers(2, 5))) if name == "chain" else None
     robot = robot or mo.load_robot(name)
     robot = robot.with_limits(tau_max=0.6 * gravity_sizes(random, robot))
-    return Task("tight torques", robot, via_points(random, robot, int(random.integers(2, 5))))
+    return RandomTask("tight torques", robot, via_points(random, robot, int(random.integers(2, 5))))
 
 
-def many(random: np.random.Generator) -> Task:
+def many(random: np.random.Generator) -> RandomTask:
     """Six to thirty via points."""
     robot = mo.load_robot(str(random.choice(["microbot", "planar_3r", "stanford"])))
-    return Task("many via points", robot, via_points(random, robot, int(random.integers(6, 31))))
+    return RandomTask(
+        "many via points", robot, via_points(random, robot, int(random.integers(6, 31)))
+    )
 
 
-def small(random: np.random.Generator) -> Task:
+def small(random: np.random.Generator) -> RandomTask:
     """Tiny ways, tiny velocities, a locked joint: sizes that no default expects."""
     robot = mo.load_robot(str(random.choice(["microbot", "planar_3r"])))
     via = via_points(random, robot, int(random.integers(2, 5)))
@@ -109,26 +111,26 @@ def small(random: np.random.Generator) -> Task:
         locked = np.array(robot.limits.qd_max, dtype=float)
         locked[joint] = 0.0
         robot = robot.with_limits(qd_max=locked)
-    return Task("odd sizes", robot, via)
+    return RandomTask("odd sizes", robot, via)
 
 
-def shipped(random: np.random.Generator) -> Task:
+def shipped(random: np.random.Generator) -> RandomTask:
     """A chain of two to eight joints of some URDF file, two to four via points."""
     robot = shipped_chain(random)
-    return Task("URDF arm", robot, via_points(random, robot, int(random.integers(2, 5))))
+    return RandomTask("URDF arm", robot, via_points(random, robot, int(random.integers(2, 5))))
 
 
-def timing(random: np.random.Generator) -> Task:
+def timing(random: np.random.Generator) -> RandomTask:
     """A cubic spline or straight lines through two to eight points, to be timed."""
     return timing_of(random, mo.load_robot(str(random.choice(ARMS))))
 
 
-def shipped_timing(random: np.random.Generator) -> Task:
+def shipped_timing(random: np.random.Generator) -> RandomTask:
     """The same of a chain from a URDF file."""
     return timing_of(random, shipped_chain(random))
 
 
-def timing_of(random: np.random.Generator, robot: mo.Robot) -> Task:
+def timing_of(random: np.random.Generator, robot: mo.Robot) -> RandomTask:
     """A cubic spline or straight lines through two to eight points, to be timed."""
     robot = robot.with_limits(taud_max=np.inf)
     via = via_points(random, robot, int(random.integers(2, 9)), everywhere=True)
@@ -138,10 +140,10 @@ def timing_of(random: np.random.Generator, robot: mo.Robot) -> Task:
     q = path(np.linspace(path.breaks[0], path.breaks[-1], 400))
     if ((q < robot.limits.q_min) | (q > robot.limits.q_max)).any():  # a spline that swings out
         path = mo.straight_path(via)
-    return Task("path timing", robot, via, path)
+    return RandomTask("path timing", robot, via, path)
 
 
-KINDS: tuple[Callable[[np.random.Generator], Task], ...] = (
+KINDS: tuple[Callable[[np.random.Generator], RandomTask], ...] = (
     packaged,
     chain,
     tight,
@@ -155,7 +157,7 @@ KINDS: tuple[Callable[[np.random.Generator], Task], ...] = (
 )
 
 
-def task_of(seed: int) -> Task:
+def task_of(seed: int) -> RandomTask:
     """The task of a seed."""
     return KINDS[seed % len(KINDS)](np.random.default_rng([seed, 20261121]))
 
@@ -252,7 +254,7 @@ def via_points(
 
 
 def solve(
-    task: Task, progress: Callable[[Any], None] | None = None, limit: float = np.inf
+    task: RandomTask, progress: Callable[[Any], None] | None = None, limit: float = np.inf
 ) -> dict[str, Any]:
     """What becomes of a task within a limit of wall time, s, as plain values."""
     more: dict[str, Any] = {"progress": progress, "time_limit": limit}
@@ -279,7 +281,7 @@ def solve(
     }
 
 
-def best_known(task: Task) -> float:
+def best_known(task: RandomTask) -> float:
     """A duration in s that somebody else reaches; infinite where nobody does."""
     robot, path = task.robot, task.path
     if path is not None:
@@ -353,7 +355,7 @@ def lawful(robot: mo.Robot, problem: Any) -> float:
     return trajectory.duration if excess <= KEPT else np.inf
 
 
-def judged(task: Task, found: dict[str, Any]) -> str:
+def judged(task: RandomTask, found: dict[str, Any]) -> str:
     """In one word: "certified", "failed" or, where nobody is known to do better, "open".
 
     "late" is what was certified, but not solved, when the time was over.

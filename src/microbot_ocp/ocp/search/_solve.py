@@ -163,7 +163,7 @@ def solve(
     seconds = min(checks.time_limit(time_limit), settings.time_limit)
     until = min(time.perf_counter() + seconds, deadline.until())
     how = mesh, guess, settings, scheme, until, cast("Progress | None", progress), goal
-    task, journal = Task(problem, *how), Journal()
+    task, journal = SolveTask(problem, *how), Journal()
     best: Solution | None = None
     unconverged: tuple[Solution, SolveContext] | None = None
     refused: InputError | None = None
@@ -219,7 +219,7 @@ def _asked(
     return accuracy, replace(settings, tolerance=min(settings.tolerance, tolerance))
 
 
-def _ended(task: Task, best: Solution) -> Solution:
+def _ended(task: SolveTask, best: Solution) -> Solution:
     """Return the answer, with what is to be said of the search."""
     if best.status not in ENDED and task.over:
         best = best.remarked(NOT_ALL)
@@ -247,7 +247,7 @@ class Start(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Task:
+class SolveTask:
     """What is to be solved."""
 
     problem: OptimalControlProblem | Transcription
@@ -322,7 +322,7 @@ def named(strategy: str, attempts: Sequence[Attempt]) -> list[Attempt]:
 
 
 def _finished(
-    task: Task, journal: Journal, strategy: Strategy, solution: Solution, start: Start
+    task: SolveTask, journal: Journal, strategy: Strategy, solution: Solution, start: Start
 ) -> tuple[Solution, bool]:
     """Return the cheapest that an answer leads to, on meshes on which it passes, and whether it is
     final.
@@ -348,7 +348,7 @@ def _finished(
 
 
 def _in_own_scales(
-    task: Task, journal: Journal, solution: Solution, start: Start
+    task: SolveTask, journal: Journal, solution: Solution, start: Start
 ) -> tuple[Solution, Start]:
     """Give the solution, solved again with scales of its own where these are far from the guessed.
 
@@ -395,7 +395,7 @@ def _swings(problem: OptimalControlProblem | Transcription, solution: Solution) 
 
 
 def _with_constant_controls(
-    task: Task, journal: Journal, before: Solution
+    task: SolveTask, journal: Journal, before: Solution
 ) -> tuple[Solution, bool]:
     """Return the solution with controls that are constant over every interval, where that passes.
 
@@ -436,20 +436,20 @@ class Strategy:
     """
 
     name: str
-    propose: Callable[[Task, list[Attempt]], Iterable[Start]]
+    propose: Callable[[SolveTask, list[Attempt]], Iterable[Start]]
     why: str
 
 
-def _moved(task: Task, _: list[Attempt]) -> Iterator[Start]:
+def _moved(task: SolveTask, _: list[Attempt]) -> Iterator[Start]:
     # where scales are wrong what is uneven is far from the guess
     yield task.start(uneven=not task.alone)
 
 
-def _as_it_is(task: Task, _: list[Attempt]) -> Iterator[Start]:
+def _as_it_is(task: SolveTask, _: list[Attempt]) -> Iterator[Start]:
     yield task.start()
 
 
-def _from_a_coarser_mesh(task: Task, tried: list[Attempt]) -> Iterator[Start]:
+def _from_a_coarser_mesh(task: SolveTask, tried: list[Attempt]) -> Iterator[Start]:
     coarser = round(SEARCH.coarser * default_mesh(task.problem))
     if isinstance(task.mesh, int) and task.mesh <= coarser:
         return
@@ -461,7 +461,7 @@ def _from_a_coarser_mesh(task: Task, tried: list[Attempt]) -> Iterator[Start]:
         yield start._replace(guess=coarse)
 
 
-def _simulated(task: Task, _: list[Attempt]) -> Iterator[Start]:
+def _simulated(task: SolveTask, _: list[Attempt]) -> Iterator[Start]:
     assert isinstance(task.problem, OptimalControlProblem)
     if task.guess is None:
         simulations = Rollouts(task.problem, default_guess(task.problem)).of_any_duration()
@@ -469,7 +469,7 @@ def _simulated(task: Task, _: list[Attempt]) -> Iterator[Start]:
             yield replace(task, guess=guess).start()
 
 
-def _from_many_starts(task: Task, tried: list[Attempt]) -> Iterator[Start]:
+def _from_many_starts(task: SolveTask, tried: list[Attempt]) -> Iterator[Start]:
     start = task.start()
     cheapest, attempts = cheapest_of_starts(start.context, SEARCH.compared)
     tried += attempts
@@ -477,13 +477,13 @@ def _from_many_starts(task: Task, tried: list[Attempt]) -> Iterator[Start]:
         yield start._replace(guess=cheapest)
 
 
-def _with_more_iterations(task: Task, _: list[Attempt]) -> Iterator[Start]:
+def _with_more_iterations(task: SolveTask, _: list[Attempt]) -> Iterator[Start]:
     most = task.settings.max_iterations
     if most > task.few.max_iterations:
         yield task.start(settings=replace(task.few, max_iterations=most))
 
 
-def _by_fatrop(task: Task, _: list[Attempt]) -> Iterator[Start]:
+def _by_fatrop(task: SolveTask, _: list[Attempt]) -> Iterator[Start]:
     yield task.start(settings=replace(task.few, solver="fatrop"))
 
 
