@@ -242,8 +242,12 @@ def test_a_motion_goes_around_and_is_certified(around: mo.Motion) -> None:
     assert 0.0 < around.provenance["first_certified"] < processor_time()
 
 
-def test_pairs_that_are_missed_are_put_in_and_it_is_solved_again(around, monkeypatch) -> None:
-    few = replace(among.AMONG_OBSTACLES, near=1e-3)  # no pair comes so near on the path
+@pytest.mark.parametrize("samples", [200, 2])  # with two only the proof sees that links touch
+def test_pairs_that_are_missed_are_put_in_and_it_is_solved_again(
+    around, monkeypatch, samples: int
+) -> None:
+    # no pair comes so near on the path
+    few = replace(among.AMONG_OBSTACLES, near=1e-3, samples=samples)
     monkeypatch.setattr(among, "AMONG_OBSTACLES", few)
     lines = list[str]()
     motion = mo.time_optimal(ARM, ENDS, scene=POST, mesh=30, progress=lines.append)

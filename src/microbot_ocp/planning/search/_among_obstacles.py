@@ -306,8 +306,7 @@ def fastest_among(
     for start in starts_of(legs):
         starts.append(start)
         progress(f"{start.name}: {start.motion.duration:.4f} s by reachability")
-        search = _solved(family, via, scene, settings, progress, start)
-        proof = clearance(robot, search, scene) if search is not None and search.solved else None
+        search, proof = _solved(family, via, scene, settings, progress, start)
         if search is not None and proof is not None and proof.proved:
             below = search.duration  # what a path must be able to beat
         if deadline.over() or below is not None:
@@ -517,8 +516,9 @@ def _solved(
     settings: TimeOptimalSettings,
     progress: StepProgress,
     path: TimedPath,
-) -> Motion | None:
-    """Return the fastest motion found from a timed path, with all pairs that matter in the problem.
+) -> tuple[Motion | None, Clearance | None]:
+    """Return the fastest motion found from a timed path, with all pairs that matter in the problem,
+    and where it is solved whether it is proved to keep clear.
 
     None where the time was over before the search began.
     """
@@ -533,14 +533,16 @@ def _solved(
     guesses = guesses_along(phase_names(len(via) - 1), shape, path.via_times)
     start = InitialGuess(path.name, guesses)
     motion: Motion | None = None
+    proof: Clearance | None = None
 
-    def is_asked_more(shape: PiecewisePolynomial) -> bool:
+    def is_asked_more(shape: PiecewisePolynomial, *nearest: float) -> bool:
         """Ask more of the pairs whose links come too near, as far as the path has it; whether any.
 
-        Pairs that come near and are not in the problem are put in with them.
+        Pairs that come near and are not in the problem are put in with them. A proof finds links
+        ``nearest`` to each other, s, between the samples.
         """
         nonlocal near, room
-        times = np.linspace(0.0, shape.duration, AMONG_OBSTACLES.samples)
+        times = np.append(np.linspace(0.0, shape.duration, AMONG_OBSTACLES.samples), nearest)
         come, _, apart = room_along(robot, scene, pairs, shape(times))
         touching = apart <= scene.clearance
         before = near, room
@@ -563,16 +565,17 @@ def _solved(
                 problem = MotionProblem.through(bounded, via, settings, timed_path=start)
                 search = search_of(problem, settings, progress)
         except deadline.Over:
-            return motion
+            return motion, proof
         state = search.run(FROM_PATHS)  # is known before anything is refined
         answer = best_of(search, state)
         if not (answer.solved and is_asked_more(polynomial(answer.solution))):
             motion = motion_from(fastest(search, state))
+            proof = clearance(robot, motion, scene) if motion.solved else None
             shape = PiecewisePolynomial(motion.t, pieces_of(motion))
-            if not (motion.solved and is_asked_more(shape)):
-                return motion
+            if proof is None or proof.proved or not is_asked_more(shape, proof.time):
+                return motion, proof
         progress("links come too near: solved again with more asked of them")
-    return motion
+    return motion, proof
 
 
 def as_plain(clearance: Clearance) -> dict[str, Any]:

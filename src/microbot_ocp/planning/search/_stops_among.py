@@ -316,8 +316,8 @@ class _Among:
             scenes = scenes_of(task, scene, poses_at_stops(task, solved[0]))
             around = replace(around, scenes=scenes)
             more = [
-                around.add(p.robot, p.scene, _between(motion, p), self._near)
-                for places, motion in zip(along, solved, strict=True)
+                around.add(p.robot, p.scene, _between(motion, p, proof.time), self._near)
+                for places, motion, proof in zip(along, solved, clearances, strict=True)
                 for p in places
             ]
             if not any(more) and around.scenes == (scene,) * len(around.scenes):
@@ -353,8 +353,12 @@ def _with(motion: Motion, **more: Any) -> Motion:
     return replace(motion, provenance={**motion.provenance, **more})
 
 
-def _between(motion: Motion, place: Place) -> FloatArray:
-    return motion.sample(np.linspace(place.start, place.end, AMONG_OBSTACLES.samples)).q
+def _between(motion: Motion, place: Place, nearest: float) -> FloatArray:
+    """Return poses [N,n] along a place, that at the time when a proof finds links nearest, s, if it
+    is there.
+    """
+    times = np.linspace(place.start, place.end, AMONG_OBSTACLES.samples)
+    return motion.sample(np.append(times, np.clip(nearest, place.start, place.end))).q
 
 
 def _joined(task: Task, way: Way, shapes: Sequence[PiecewisePolynomial]) -> Motion:
