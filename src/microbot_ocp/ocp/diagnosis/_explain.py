@@ -4,6 +4,8 @@ The dynamics are kept; every limit (bound, path constraint, end condition, durat
 one amount over the whole phase, and the sum of these amounts, scaled, is made as small as possible.
 That names one way out. Each limit that conflicts with it, by its multipliers, is then asked what it
 would have to give if it gave alone.
+
+Theory: docs/theory/certificates.md, equation (6).
 """
 
 from __future__ import annotations

@@ -5,6 +5,8 @@ integrator arrives at from the interval's own mesh state with the solution's own
 of order p makes local errors of order p + 1 in the step, which says into how many pieces an
 interval has to be divided (Betts, *Practical Methods for Optimal Control*, 2nd ed., section 4.7;
 the error there is a quadrature of the residual over the interval).
+
+Theory: docs/theory/transcription.md, equation (5).
 """
 
 from __future__ import annotations

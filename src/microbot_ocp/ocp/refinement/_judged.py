@@ -3,6 +3,8 @@
 What passes is told by the judgement that a certificate is made of; an accuracy may ask for more.
 Meshes are made finer until that is met and the cost does not change any more. From a saddle the
 solve goes on below it.
+
+Theory: docs/theory/transcription.md, "Refinement".
 """
 
 from __future__ import annotations

@@ -5,6 +5,8 @@ scales. So the rows of a table are tried in turn. What a solve is good for is to
 that a certificate is made of: meshes are made finer until it passes, from a saddle the solve goes
 down, and what is missing at last is the status. All is counted in iterations, starts and meshes;
 time is the limit only.
+
+Theory: docs/theory/transcription.md, "Solvers".
 """
 
 from __future__ import annotations

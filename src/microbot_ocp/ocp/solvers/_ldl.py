@@ -4,6 +4,8 @@ Stage by stage the matrices of an optimal-control program are small, and MUMPS s
 time on more than their numbers. ``_ldl.c`` says how this one works. AMD is that of the OSQP library
 which comes with CasADi; where it or a compiler is missing, and where IPOPT breaks down or finds
 a program infeasible with it, MUMPS solves.
+
+Theory: docs/theory/transcription.md, "Solvers".
 """
 
 from __future__ import annotations

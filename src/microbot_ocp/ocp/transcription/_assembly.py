@@ -1,4 +1,7 @@
-"""The nonlinear program in stages: kernels mapped over the mesh, nonzeros put in their places."""
+"""The nonlinear program in stages: kernels mapped over the mesh, nonzeros put in their places.
+
+Theory: docs/theory/transcription.md, equation (3).
+"""
 
 from __future__ import annotations
 

@@ -9,6 +9,8 @@ and no more. Its rows are eliminated here, each weighing so much that the matrix
 none (Nocedal and Wright, *Numerical Optimization*, 2nd ed., theorems 16.3 and 17.5); factors L D L'
 tell. A guess that is symmetric leads to a point that is stationary only: a saddle, from which the
 cost falls to either side.
+
+Theory: docs/theory/certificates.md, equation (4).
 """
 
 from __future__ import annotations

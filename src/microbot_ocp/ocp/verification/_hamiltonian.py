@@ -24,6 +24,8 @@ valleys in a control, a solution may stand in the higher one on some intervals, 
 of the first order met, and better ones are found by none of its steps. To first order, another
 control on a short interval changes the cost by the difference of the Hamiltonians (Bryson and Ho,
 *Applied Optimal Control*, section 2.3).
+
+Theory: docs/theory/certificates.md, equation (5) and "Hamiltonian".
 """
 
 from __future__ import annotations

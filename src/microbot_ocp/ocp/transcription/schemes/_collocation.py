@@ -3,6 +3,8 @@
 The state is a polynomial of the degree d over each interval, through the start and the d points; it
 fulfils the dynamics at the points. Source: Biegler, *Nonlinear Programming*, chapter 10. Order of
 the state at the mesh points: 2d - 1 (Radau), 2d (Gauss-Legendre).
+
+Theory: docs/theory/transcription.md, equation (4).
 """
 
 from __future__ import annotations
