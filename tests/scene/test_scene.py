@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -25,7 +26,7 @@ from microbot_ocp.planning import (
 )
 from microbot_ocp.planning.search import _among_obstacles as among
 from microbot_ocp.planning.search._among_obstacles import at_least
-from microbot_ocp.scene import Surroundings, contact_model
+from microbot_ocp.scene import Surroundings, contact_model, room_along
 
 ARM = mo.load_robot("planar_3r")
 ARM = ARM.with_capsules(mo.robot.link_capsules(ARM))
@@ -254,6 +255,23 @@ def test_pairs_that_are_missed_are_put_in_and_it_is_solved_again(
     assert any("links come too near: solved again" in str(line) for line in lines)
     assert motion.solved
     assert motion.provenance["clearance"]["proved"]
+    assert motion.duration < 1.01 * around.duration
+
+
+def test_more_may_be_asked_of_a_pair_than_the_path_has(around, monkeypatch) -> None:
+    """Capsules overlap on the path, and where links touch on what was found from it by less."""
+    given: list[Any] = []
+
+    def overlapping_on_the_path(*of: Any) -> Any:
+        room, most, apart = room_along(*of)
+        given.append(room)
+        return (room, np.full_like(most, -0.2) if len(given) == 1 else most, apart)
+
+    monkeypatch.setattr(among, "room_along", overlapping_on_the_path)
+    motion = mo.time_optimal(ARM, ENDS, scene=POST, mesh=30)
+    assert motion.solved
+    assert motion.provenance["clearance"]["proved"]
+    assert len(motion.provenance["paths"]) == 1  # no other path was needed
     assert motion.duration < 1.01 * around.duration
 
 

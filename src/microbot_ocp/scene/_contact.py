@@ -326,8 +326,8 @@ def room_along(
     Returns
     -------
     room : array [k]
-        What they have beyond the clearance. Where capsules overlap, less what their links have in
-        the pose in which these are nearest.
+        What they have beyond the clearance. Of capsules that overlap in the pose in which their
+        links are nearest, less what these have there.
     most : array [k]
         What the capsules have beyond the clearance in all of the poses.
     apart : array [k]
@@ -348,7 +348,8 @@ def room_along(
             for index in judged:
                 least, place = min((least, place), (model.distance(index, least), k))
         apart[own] = least
-        room[own] = near[place, own] - least
+        there = [k for k in own if near[place, k] <= scene.clearance]
+        room[there] = near[place, there] - least
     return room, most, apart
 
 

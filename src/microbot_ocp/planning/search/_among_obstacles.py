@@ -60,6 +60,7 @@ from microbot_ocp.scene import (
     Scene,
     Surroundings,
     clearance,
+    clearances,
     detour,
     facing,
     guiding_pairs,
@@ -525,8 +526,10 @@ def _solved(
     robot: Robot = family.robot
     poses = path.motion.sample(np.linspace(0.0, path.motion.duration, AMONG_OBSTACLES.samples)).q
     pairs = facing(robot, guiding_pairs(robot, scene), poses)
-    room, most, apart = room_along(robot, scene, pairs, poses)
-    room = np.minimum(room, most)
+    room, known, apart = room_along(robot, scene, pairs, poses)
+    room = np.minimum(room, known)
+    # the path may be left where more is asked, but not the via points
+    most = clearances(robot, pairs, via).min(axis=0) - scene.clearance
     within = AMONG_OBSTACLES.near * reach_of(robot)
     near = apart < within
     shape = PiecewisePolynomial(path.motion.t, pieces_of(path.motion))
@@ -536,7 +539,7 @@ def _solved(
     proof: Clearance | None = None
 
     def is_asked_more(shape: PiecewisePolynomial, *nearest: float) -> bool:
-        """Ask more of the pairs whose links come too near, as far as the path has it; whether any.
+        """Ask more of the pairs whose links come too near, as via points allow; whether of any.
 
         Pairs that come near and are not in the problem are put in with them. A proof finds links
         ``nearest`` to each other, s, between the samples.

@@ -57,6 +57,7 @@ from microbot_ocp.scene import (
     Scene,
     Surroundings,
     clearance_along,
+    clearances,
     facing,
     guiding_pairs,
     room_along,
@@ -76,7 +77,7 @@ class Around:
     tolerance: float  # of limits
     near: set[Key] = field(default_factory=set)
     rooms: dict[Key, float] = field(default_factory=dict)  # of pairs, m
-    most: dict[Key, float] = field(default_factory=dict)  # what known ways have of it, m
+    most: dict[Key, float] = field(default_factory=dict)  # what known ways have at stops, m
     poses: list[FloatArray] = field(default_factory=list)  # of known ways
 
     def limits(self, robot: Robot, index: int) -> tuple[Any, ...]:
@@ -93,7 +94,8 @@ class Around:
         """Take in the pairs that are nearer than a distance, m, in some pose [N,n], and what they
         have beyond the clearance; whether more is asked of any.
 
-        Where links touch, of which known ways are free, more is asked, as far as those have it.
+        Where links touch, of which known ways are free, more is asked, as far as those have it at
+        the stops.
         """
         chosen = _pairs(scene, robot)
         if not chosen:
@@ -101,13 +103,14 @@ class Around:
         self.poses.append(q)
         pairs = facing(robot, list(chosen.values()), q)
         held = scene.without_parts_of(robot)
-        rows = zip(chosen, *room_along(robot, held, pairs, q), strict=True)
+        at_stops = clearances(robot, pairs, q[[0, -1]]).min(axis=0) - scene.clearance
+        rows = zip(chosen, *room_along(robot, held, pairs, q), at_stops, strict=True)
         new = False
-        for key, room, most, apart in rows:
+        for key, room, along, apart, ends in rows:
             before = self.rooms.get(key, np.inf)
             if apart > scene.clearance:
-                self.rooms[key] = min(room, most, before)
-                self.most[key] = min(most, self.most.get(key, np.inf))
+                self.rooms[key] = min(room, along, before)
+                self.most[key] = min(ends, self.most.get(key, np.inf))
             elif before < min(room, self.most.get(key, np.inf)):
                 self.rooms[key] = min(room, self.most.get(key, np.inf))
                 new = True
@@ -358,7 +361,7 @@ def _between(motion: Motion, place: Place, nearest: float) -> FloatArray:
     is there.
     """
     times = np.linspace(place.start, place.end, AMONG_OBSTACLES.samples)
-    return motion.sample(np.append(times, np.clip(nearest, place.start, place.end))).q
+    return motion.sample(np.sort(np.append(times, np.clip(nearest, *times[[0, -1]])))).q
 
 
 def _joined(task: Task, way: Way, shapes: Sequence[PiecewisePolynomial]) -> Motion:
