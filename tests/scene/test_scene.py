@@ -265,13 +265,14 @@ def test_more_may_be_asked_of_a_pair_than_the_path_has(around, monkeypatch) -> N
     def overlapping_on_the_path(*of: Any) -> Any:
         room, most, apart = room_along(*of)
         given.append(room)
-        return (room, np.full_like(most, -0.2) if len(given) == 1 else most, apart)
+        return (room, np.full_like(most, -0.01) if len(given) == 1 else most, apart)
 
     monkeypatch.setattr(among, "room_along", overlapping_on_the_path)
-    motion = mo.time_optimal(ARM, ENDS, scene=POST, mesh=30)
+    lines = list[str]()
+    motion = mo.time_optimal(ARM, ENDS, scene=POST, mesh=30, progress=lines.append)
+    assert any("links come too near: solved again" in str(line) for line in lines)
     assert motion.solved
     assert motion.provenance["clearance"]["proved"]
-    assert len(motion.provenance["paths"]) == 1  # no other path was needed
     assert motion.duration < 1.01 * around.duration
 
 
