@@ -105,7 +105,10 @@ def test_no_rows(way: str) -> None:
     [
         ((np.zeros(3), np.zeros(3)), "takes 3 arrays, not 2"),
         ((np.zeros(3), np.zeros(4), np.zeros(3)), r"qd .* must have shape \[3\] or \[N, 3\]"),
-        ((np.zeros((2, 3)), np.zeros((3, 3)), np.zeros(3)), "qd .* the same N in every batch"),
+        (
+            (np.zeros((2, 3)), np.zeros((3, 3)), np.zeros(3)),
+            r"qd .* the same N in every batch, not \[3, 3\]",
+        ),
         ((np.zeros((2, 3, 1)), np.zeros(3), np.zeros(3)), "q .* must have shape"),
     ],
 )

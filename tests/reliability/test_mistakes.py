@@ -121,6 +121,20 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
         lambda: mo.solve_ik(arm("ur5e"), [0.4, 0.2, 0.3], [180, 0, 0]),
         r"rotation_of\(rpy\) makes one",
     ),
+    "a quaternion for a rotation": (
+        lambda: mo.solve_ik(arm("ur5e"), [0.4, 0.2, 0.3], [0, 0, 0, 1]),
+        r"orientation must be a matrix \[3, 3\]",
+    ),
+    "a quantity that a state has not": (
+        lambda: mo.time_optimal(
+            arm().with_limits(also=[mo.Limit("height", lambda s: s.position[2], upper=9)]), VIA
+        ),
+        "no 'position', it has q, qd, qdd, qddd, tau, taud, tool, ",
+    ),
+    "a time after the end": (
+        lambda: ocp.solve(cart(), mesh=10).phases[0].sample(99.0),
+        "t must be within the phase, 0 to .* s, not 99 s",
+    ),
     "no such file": (lambda: mo.load_robot("mine.toml"), "mine.toml.*cannot be read"),
     "a misspelt scheme": (lambda: ocp.solve(cart(), scheme="radua"), "one of shooting, radau"),  # type: ignore[arg-type]
     "a generator of via points": (lambda: mo.time_optimal(arm(), (q for q in VIA)), "make a list"),  # type: ignore[arg-type]

@@ -126,8 +126,13 @@ static PyObject *call(PyObject *module, PyObject *const *given, Py_ssize_t count
       step[i] = in_size[i];
       rows = PyArray_DIM(in[i], 0);
     } else {
-      PyErr_Format(input_error, "%s of @NAME@ must have shape [%zd] or [N, %zd], with the same N "
-                   "in every batch", in_name[i], in_size[i], in_size[i]);
+      PyObject *shape = PyObject_GetAttrString((PyObject *)in[i], "shape");
+      PyObject *list = shape ? PySequence_List(shape) : NULL;
+      if (list)
+        PyErr_Format(input_error, "%s of @NAME@ must have shape [%zd] or [N, %zd], with the same N "
+                     "in every batch, not %R", in_name[i], in_size[i], in_size[i], list);
+      Py_XDECREF(shape);
+      Py_XDECREF(list);
       goto done;
     }
   }

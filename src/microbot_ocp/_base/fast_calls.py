@@ -438,7 +438,7 @@ def _stand_in(function: ca.Function) -> FastCall:
             elif array.ndim > 1 or array.size != size:
                 raise InputError(
                     f"{label} of {name} must have shape [{size}] or [N, {size}], with the same N "
-                    "in every batch"
+                    f"in every batch, not {list(array.shape)}"
                 )
         lead = () if rows < 0 else (rows,)
         if rows < 0:

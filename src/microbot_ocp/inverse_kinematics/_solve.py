@@ -325,7 +325,7 @@ def checked_target(position: ArrayLike, orientation: ArrayLike | None) -> FloatA
     """Return the row [3] or [12] of a checked position [3] and orientation [3,3]."""
     if np.shape(position) == (4, 4):
         raise InputError("position must have shape [3], not [4, 4]: give pose[:3, 3], pose[:3, :3]")
-    if orientation is not None and np.shape(orientation) == (3,):
+    if orientation is not None and np.shape(orientation) in ((3,), (4,)):
         raise InputError("orientation must be a matrix [3, 3]: mo.robot.rotation_of(rpy) makes one")
     place = checks.array("position", position, (3,), "m")
     _check_near("position", place)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import casadi as ca
 
@@ -38,6 +38,12 @@ class MotionState:
         """``torques`` may replace :func:`torque_and_rate`: a function of the same arguments."""
         self.robot, self.q, self.qd, self.qdd, self.qddd = robot, q, qd, qdd, qddd
         self._torques = torques
+
+    def __getattr__(self, name: str) -> NoReturn:
+        raise AttributeError(
+            f"a motion's state has no {name!r}, it has q, qd, qdd, qddd, tau, taud, tool, "
+            "tool_velocity, tool_acceleration, link_poses"
+        )
 
     @cached_property
     def _torque_and_rate(self) -> Any:

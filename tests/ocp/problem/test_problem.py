@@ -88,6 +88,11 @@ def test_a_control_that_is_used_by_its_rate_only_is_used():
     [
         (lambda p: p.state("x", lower=2.0, upper=1.0, unit="m"), "lower 2 is above upper 1 m"),
         (lambda p: p.state("x", initial=(1.0, 0.0)), "bounds of 'initial x' are crossed"),
+        (
+            lambda p: p.state("x", upper=1.0, final=2.0),
+            "final x must be within its bounds, -inf to 1",
+        ),
+        (lambda p: p.state("x", 2, initial=[0.0] * 3), "initial x must have shape [2], not [3]"),
         (lambda p: p.state("x", 2, lower=[0.0, 1.0, 2.0]), "lower x must have shape [2], not [3]"),
         (lambda p: p.state("x", upper=np.nan), "upper x must be finite, but entry [0] is nan"),
         (lambda p: p.state("x", scale=0.0), "scale of 'x' must be finite and above 0, not 0.0"),

@@ -326,7 +326,7 @@ def test_a_straight_corner_is_passed_and_a_bent_one_is_cut(two_links):
             {"cycle": True},
             "stop 'a' picks 1 kg in every cycle, but no stop puts them down",
         ),
-        ([[0.0, 0.0], [1.0, 0.0]], {"segments": []}, "segments must be 1"),
+        ([[0.0, 0.0], [1.0, 0.0]], {"segments": []}, "segments must have 1 entries, one between"),
         (
             [Stop(position=[1.2, 0.5, 0.0], name="a"), Stop(position=[1.2, 0.5, 0.0], name="b")],
             {"segments": [mo.Circle(through=[1.0, 0.0, 0.0])]},

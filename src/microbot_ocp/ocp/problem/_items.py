@@ -150,12 +150,12 @@ def ordered(
     name: str, lower: ArrayLike, upper: ArrayLike, size: int, unit: str
 ) -> tuple[FloatArray, FloatArray]:
     """Return lower and upper bounds that are not crossed."""
-    low, high = fill(f"lower {name}", lower, size), fill(f"upper {name}", upper, size)
+    labels = (name, name) if lower is upper else (f"lower {name}", f"upper {name}")
+    low, high = fill(labels[0], lower, size), fill(labels[1], upper, size)
     if np.any(low > high):
         i = int(np.argmax(low > high))
-        raise InputError(
-            f"bounds of {name!r} are crossed: lower {low[i]:g} is above upper {high[i]:g} {unit}"
-        )
+        said = f"bounds of {name!r} are crossed: lower {low[i]:g} is above upper {high[i]:g} {unit}"
+        raise InputError(said.rstrip())
     return low, high
 
 
@@ -213,13 +213,24 @@ def variable_of(
     """
     name, symbol, unit = limit.name, limit.expression, limit.unit
     size = symbol.shape[0]
+    ends = [condition(f"initial {name}", initial, size, unit)]
+    ends.append(condition(f"final {name}", final, size, unit))
+    for where, end in zip(("initial", "final"), ends, strict=True):
+        if end is not None and np.any(outside := (end[0] > limit.upper) | (end[1] < limit.lower)):
+            i = int(np.argmax(outside))
+            value = end[0][i] if end[0][i] > limit.upper[i] else end[1][i]
+            raise InputError(
+                f"{where} {name} must be within its bounds, {limit.lower[i]:g} to "
+                f"{limit.upper[i]:g} {unit}".rstrip()
+                + f", not {value:g}"
+            )
     return Variable(
         name=name,
         symbol=symbol,
         lower=limit.lower,
         upper=limit.upper,
-        initial=condition(f"initial {name}", initial, size, unit),
-        final=condition(f"final {name}", final, size, unit),
+        initial=ends[0],
+        final=ends[1],
         scale=limit.scale,
         unit=unit,
         shape=shape,

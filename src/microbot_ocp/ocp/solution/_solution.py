@@ -130,10 +130,21 @@ class PhaseSolution:
         start.
 
         Between the mesh points it is the scheme's own interpolation.
+
+        Raises
+        ------
+        InputError
+            A time outside the phase or not finite.
         """
         layout = self.laid_out
         assert self.stages is not None
         times = checks.array("t", np.atleast_1d(np.asarray(t, dtype=float)), (None,), "s")
+        slack = 1e-9 * max(1.0, self.duration)
+        outside = times[(times < -slack) | (times > self.duration + slack)]
+        if outside.size:
+            raise InputError(
+                f"t must be within the phase, 0 to {self.duration:g} s, not {outside[0]:g} s"
+            )
         share = np.clip(times / self.duration, self.mesh[0], self.mesh[-1])
         k = np.clip(np.searchsorted(self.mesh, share, side="right") - 1, 0, self.mesh.size - 2)
         step = np.diff(self.mesh)[k]

@@ -368,7 +368,7 @@ def task_of(
     kinds = list(segments) if segments is not None else [None] * (len(given) - 1)
     if len(kinds) != len(given) - 1:
         raise InputError(
-            f"segments must be {len(given) - 1}, one between two stops"
+            f"segments must have {len(given) - 1} entries, one between two stops"
             + (" and one back to the first" if cycle else "")
             + f", not {len(kinds)}"
         )
