@@ -193,7 +193,8 @@ def solve(
         spent = time.perf_counter() - began
         journal.enter(strategy.name or GIVEN, None, ended, tried, spent)
         if ended is None:
-            unconverged = unconverged or (solution, start.context)
+            if unconverged is None or _keeps_more(solution, unconverged[0], settings.tolerance):
+                unconverged = solution, start.context
             continue
         solution, final = _finished(task, journal, strategy, solution, start)
         better = best is None or final
@@ -219,6 +220,12 @@ def _asked(
         accuracy = Accuracy(checks.number("accuracy", accuracy, above=0.0))
     tolerance = max(accuracy.states / 10, SEARCH.least_tolerance)
     return accuracy, replace(settings, tolerance=min(settings.tolerance, tolerance))
+
+
+def _keeps_more(solution: Solution, other: Solution, tolerance: float) -> bool:
+    """Return whether of two that did not converge this one alone is within the tolerance."""
+    left_open = [one.attempts[-1].infeasibility for one in (solution, other)]
+    return left_open[0] <= tolerance < left_open[1]
 
 
 def _ended(task: SolveTask, best: Solution) -> Solution:
