@@ -452,6 +452,7 @@ def test_a_process_that_waits_for_others_is_not_silent() -> None:
 def test_of_what_did_not_converge_what_keeps_the_limits_is_returned():
     """Tables with corners: no solver ends, the first is 26 % off and far from the dynamics."""
     climb = BY_NAME["climb"]
-    solution = solve(climb.build())
+    assert climb.guess is not None
+    solution = solve(climb.build(), guess=climb.guess())
     assert not solution.solved
     assert climb.error(solution.cost) < 1e-3
