@@ -30,7 +30,7 @@ LEFT_OUT = ("_deg_1", "_deg_2", "_deg_3", "_solve_time", "seed", "version")
 def draw(results: mo.sweeps.Sweep) -> None:
     """Every kind of picture, as small PNG files."""
     mpl.rcParams["savefig.dpi"] = 90
-    for kind in ("atlas", "limits", "quantities", "failures"):
+    for kind in ("atlas", "limits", "quantities"):
         figure = results.plot(kind=kind).flat[0].figure
         figure.savefig(IMAGES / f"microbot_study_{kind}.png")
 
