@@ -329,3 +329,14 @@ def test_a_jump_is_of_a_state_that_the_next_phase_has():
     problem.link(first, second, jumps={"x": 2.0 * x})
     assert problem.links[0].names == ()
     assert solve(problem, 2)["b"]["x"][-1] == pytest.approx(2.0)
+
+
+def test_a_problem_and_its_program_say_their_sizes():
+    problem = OptimalControlProblem("lines")
+    phase = problem.phase("move", 1.0)
+    table = phase.state("table", (2, 3), initial=0.0)
+    phase.derivative(table, ca.MX.ones(2, 3))
+    assert "states table [2,3]" in repr(problem)
+    said = repr(ParametricSolver(problem, mesh=4).program)
+    assert "variables" in said
+    assert len(said) < 200

@@ -601,6 +601,8 @@ class Phase:
 
 
 def _named(item: Variable | Parameter | PathConstraint) -> str:
-    """Return its name, with its size where it is a vector."""
+    """Return its name, with its size where it is a vector or a matrix."""
     size = (item.expression if isinstance(item, PathConstraint) else item.symbol).numel()
+    if isinstance(item, Variable) and item.columns > 1:
+        return f"{item.name} [{size // item.columns},{item.columns}]"
     return item.name if size == 1 else f"{item.name} [{size}]"

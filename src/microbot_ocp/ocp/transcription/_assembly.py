@@ -42,7 +42,7 @@ class MadeOnDemand(dict[str, ca.Function]):
         return function
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Program(Bounds):
     """A nonlinear program in stages, ready for a solver.
 
@@ -61,6 +61,11 @@ class Program(Bounds):
     functions: Mapping[str, ca.Function]
     parameters: FloatArray
     cost_scale: float = 1.0
+
+    def __repr__(self) -> str:
+        sizes = f"{self.nlp['x'].numel()} variables, {self.nlp['g'].numel()} rows"
+        functions = ", ".join(self.functions)
+        return f"<Program of {sizes}; functions {functions}>"
 
     @cached_property
     def row_labels(self) -> list[Label]:
