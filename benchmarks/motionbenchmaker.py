@@ -25,7 +25,6 @@ places along the motion, with none of our capsules.
 from __future__ import annotations
 
 import argparse
-import csv
 import json
 import re
 import statistics
@@ -95,17 +94,12 @@ def main(arguments: list[str]) -> None:
 
 
 def publish(rows: list[dict[str, Any]], page: Path) -> None:
-    """Write the tables into a page, the figure into its images and every duration beside it."""
+    """Write the tables into a page, and the figure into its images."""
     rows = sorted(rows, key=lambda row: (row["robot"], row["family"], row["number"]))
     before, _, rest = page.read_text("utf-8").partition(MARKS[0])
     after = rest.partition(MARKS[1])[2]
     page.write_text(f"{before}{MARKS[0]}\n{report(rows)}\n\n{MARKS[1]}{after}", "utf-8")
     draw(rows, page.parent / "images" / f"{page.stem}.png")
-    names = ("robot", "family", "number", "outcome", "duration", "chain", "clearance")
-    with page.with_suffix(".csv").open("w", newline="", encoding="utf-8") as file:
-        table = csv.DictWriter(file, names, extrasaction="ignore", lineterminator="\n")
-        table.writeheader()
-        table.writerows(rows)
 
 
 def _rows(cases: list[tuple[Any, ...]], jobs: int) -> Any:
