@@ -1,6 +1,7 @@
 """What controllers make of samples, against their published formulas."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -411,3 +412,62 @@ def test_an_obstacle_on_the_way_is_found(tmp_path):
         certificate = mo.check(robot, path, "ur_servoj", scene=scene)
         assert certificate.clearance is not None
         assert certificate.ok == clear
+
+
+@pytest.fixture(scope="module")
+def pick_and_place():
+    """A Microbot that picks 3 kg, passes a stop, and puts it down: stops and the motion."""
+    robot = mo.load_robot("microbot")
+    stops = [
+        mo.Stop(q=[0.0, 0.3, 0.2], name="home"),
+        mo.Stop(q=[0.4, 0.9, 0.6], payload=3.0, dwell=0.103, name="grip"),
+        mo.Stop(q=[0.6, 0.5, 0.6], name="above"),
+        mo.Stop(q=[1.0, 0.8, 0.3], payload=0.0, name="release"),
+        mo.Stop(q=[0.0, 0.3, 0.2], name="back"),
+    ]
+    return robot, stops, mo.time_optimal(robot, stops, mesh=20)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "profile", ["hold@500", "ros2_jtc_linear@500", "ros2_jtc_cubic@250", "ros2_jtc_quintic@100"]
+)
+def test_a_payload_that_changes_on_the_way(pick_and_place, tmp_path, profile):
+    robot, stops, motion = pick_and_place
+    command = mo.execution.commanded(robot, motion, profile, via_q=stops)
+    assert command.accepted, command.certificate.verdict
+    assert 0.0 <= command.cost < 0.15 * motion.duration
+    step, rows = command.profile.step, command.rows
+    np.testing.assert_allclose(np.diff(rows.t), step, rtol=1e-9)
+    for mark in [rows.marks[k] for k in (0, 1, 3, 4)]:  # grip and release are rows at rest
+        row = round(mark.time / step)
+        assert mark.time == pytest.approx(rows.t[row], abs=1e-12)
+        target = next(stop.q for stop in stops if stop.name == mark.name)
+        np.testing.assert_allclose(rows.q[row], target, atol=1e-6)
+        np.testing.assert_allclose(rows.qd[row], 0.0, atol=1e-9)
+    loaded, (_, grip, above, release, _) = robot.with_payload(3.0), rows.marks
+    carried = (rows.t > grip.time + 0.103 + step) & (rows.t < release.time - step)
+    for here, arm in ((carried, loaded), (rows.t > release.time, robot), (rows.t < 0.2, robot)):
+        want = arm.torques_along(rows.q[here], rows.qd[here], rows.qdd[here])["tau"]
+        np.testing.assert_allclose(rows.tau[here], want, atol=1e-9)
+    assert grip.time + 0.103 < above.time < release.time
+    for ending in ("json", "csv"):
+        path = motion.export(tmp_path / f"a.{ending}", profile=profile, robot=robot, via_q=stops)
+        read = mo.execution.read_rows(path, robot)
+        assert [mark.name for mark in read.marks] == [stop.name for stop in stops]
+        assert mo.check(robot, path, profile, via_q=stops).ok
+    heavier = [stops[0], replace(stops[1], payload=6.0), *stops[2:]]
+    certificate = mo.check(robot, path, profile, via_q=heavier)
+    torque = next(each for each in certificate.limit_checks if each.quantity == "tau")
+    assert not certificate.ok
+    assert torque.violation > 0.05
+    assert grip.time <= torque.time <= release.time + 3 * step
+    with pytest.raises(mo.InputError, match=r"torques are not those .* the stops, via_q"):
+        mo.check(robot, motion, profile)
+
+
+def test_a_trajectory_without_marks_is_no_motion_of_stops(microbot):
+    stops = [mo.Stop(q=[0.0, 0.0, 0.0], payload=1.0), mo.Stop(q=[0.1, 0.1, 0.1])]
+    rows = CommandRows(np.array([0.0, 0.5]), np.zeros((2, 3)))
+    with pytest.raises(mo.InputError, match=r"has 0 marks, but the task 2 stops"):
+        mo.check(microbot, rows, "ros2_jtc_linear@100", via_q=stops)

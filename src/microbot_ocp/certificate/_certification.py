@@ -159,7 +159,6 @@ def certify(
         Distance to a via point that still passes, rad (m).
     simulated : bool
         Whether the motion is simulated again; False judges limits, via points and clearance alone.
-        A motion through stops always is.
     time_limit : float
         Wall time, s, after which no further segments are simulated: the certificate is refused.
 
@@ -205,7 +204,7 @@ def certify(
         else:
             from microbot_ocp.certificate._task_certificate import certificate_of_task
 
-            certificate = certificate_of_task(task, motion, tolerances)
+            certificate = certificate_of_task(task, motion, tolerances, simulated=simulated)
         if scene is None:
             return certificate
         whole = [(0.0, motion.duration, robot, scene)]
@@ -514,10 +513,10 @@ def _tightest(limit_checks: tuple[LimitCheck, ...], unjudged: Sequence[str] = ()
     )
 
 
-def summary(certificate: Certificate) -> str:
+def summary(certificate: Certificate, *, simulated: bool) -> str:
     """Return what a certificate of several parts says when all of them passed."""
     limits = _tightest(certificate.limit_checks, certificate.unjudged)
-    return "; ".join([limits, *_agreement(certificate)])
+    return "; ".join([limits, *(_agreement(certificate) if simulated else ["not simulated"])])
 
 
 def _agreement(figures: ResimulationFigures) -> list[str]:

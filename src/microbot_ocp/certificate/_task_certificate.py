@@ -19,7 +19,14 @@ from microbot_ocp._base.status import Status
 from microbot_ocp.certificate._certificate import Certificate, LimitCheck
 from microbot_ocp.certificate._certification import Tolerances, certificate_of, summary
 from microbot_ocp.limits import LimitFamily
-from microbot_ocp.motion import JUMP_GAP, Motion, State, jump_gaps, torque_along
+from microbot_ocp.motion import (
+    JUMP_GAP,
+    Motion,
+    State,
+    jump_gaps,
+    nearest_samples,
+    torque_along,
+)
 from microbot_ocp.planning import Circle, JointLine, Line, Stop, Task, stretches, tool_poses
 from microbot_ocp.robot import Robot, forward_kinematics, jacobian
 
@@ -43,14 +50,18 @@ class SegmentTolerances:
 SEGMENT_TOLERANCES = SegmentTolerances()
 
 
-def certificate_of_task(task: Task, motion: Motion, tolerances: Tolerances) -> Certificate:
+def certificate_of_task(
+    task: Task, motion: Motion, tolerances: Tolerances, *, simulated: bool = True
+) -> Certificate:
     """Return the certificate of a motion whose marks are when the stops of a task are reached."""
     parts, problems = [], []
     history = motion.history(cycle=task.cycle)
     places = stretches(task, motion)
     for start, end, robot, _ in places:
         part, states = _part(motion, robot, start, end), history.between(start, end)
-        certificate = certificate_of(LimitFamily.of(robot), part, None, tolerances, states, start)
+        certificate = certificate_of(
+            LimitFamily.of(robot), part, None, tolerances, states, start, simulated=simulated
+        )
         parts.append((end - start, certificate))
         if not certificate.ok:
             sentence = certificate.verdict.removeprefix("Failed: ").rstrip(".")
@@ -60,7 +71,7 @@ def certificate_of_task(task: Task, motion: Motion, tolerances: Tolerances) -> C
     checks = [*steps, *_check_stops(task, motion), *segments]
     problems += problems_of(checks)
     whole = _merged(motion, parts)
-    sentence = "; ".join(problems or [summary(whole), *map(str, segments)])
+    sentence = "; ".join(problems or [summary(whole, simulated=simulated), *map(str, segments)])
     return replace(
         whole,
         ok=not problems,
@@ -77,7 +88,8 @@ def _part(motion: Motion, robot: Robot, start: float, end: float) -> Motion:
     nothing had been said of them.
     """
     t = motion.t
-    here = (t >= start - 1e-12) & (t <= end + 1e-12)
+    start, end = t[nearest_samples(t, np.array([start, end]))]
+    here = (t >= start) & (t <= end)
     last = np.flatnonzero(here)[-1]
     if t[last] < motion.duration and jump_gaps(t)[last - 1]:
         here[last] = False  # of the next one: the torque or the acceleration jumps there

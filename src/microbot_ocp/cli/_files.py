@@ -198,6 +198,12 @@ def _robot_of(motion: Motion, origin: str, named: str | None) -> Robot:
     return robot
 
 
+def stops_of(cell: Any) -> dict[str, Any]:
+    """Return what a task of stops asks for, as keywords of a check; nothing without one."""
+    keys = ("segments", "cycle", "scene")
+    return {"via_q": cell.stops, **{key: getattr(cell, key) for key in keys}} if cell else {}
+
+
 @command()
 def export(
     file: Annotated[Path, FILE],
@@ -220,7 +226,8 @@ def export(
     rate : HZ
         Samples or frames a second, Hz.
     task : FILE
-        Task of stops (.toml) whose obstacles, tool lines and parts a film shows.
+        Task of stops (.toml) whose obstacles, tool lines and parts a film shows, or whose payloads
+        the rows for a controller hold.
 
     Examples
     --------
@@ -242,11 +249,11 @@ def export(
     motion = Motion.load(file)
     name = robot or motion.provenance.get("robot")
     line = f"{motion.label}: {motion.duration:.3f} s"
-    if task is not None:
-        if not film:
-            films = " and ".join(FILM_FORMATS)
-            raise InputError(f"--task is for films, {films}, not {target.suffix}")
-        cell = read_cell(task).certified(motion)
+    if task is not None and not film and profile is None:
+        films = " and ".join(FILM_FORMATS)
+        raise InputError(f"--task is for films, {films}, or a profile, not {target.suffix} alone")
+    cell = None if task is None else read_cell(task).certified(motion)
+    if cell is not None and film:
         document = {"robot": cell.robot.name, "certified": cell.certificate.ok}
         save = partial(cell.export, **options)
     elif film:
@@ -258,6 +265,8 @@ def export(
     else:
         named = robot is not None or profile is not None or name in packaged_robots()
         arm = _robot_of(motion, str(file), robot) if named else None
+        if cell is not None:
+            arm, name, named = cell.robot, cell.robot.name, True
         sampled = motion if rate is None or profile else motion.resample(rate, arm)
         document = {"robot": name if named else None, "samples": sampled.t.size}
         save = partial(sampled.export, robot=arm)
@@ -265,7 +274,7 @@ def export(
             assert arm is not None
             if rate is not None:
                 raise InputError("give --rate or --profile, not both: a profile has a rate")
-            command = mo.execution.commanded(arm, motion, profile)
+            command = mo.execution.commanded(arm, motion, profile, **stops_of(cell))
             sampled = command.rows
             document |= {"samples": sampled.t.size, "profile": profile, "cost": command.cost}
             save = partial(command.export, robot=arm)

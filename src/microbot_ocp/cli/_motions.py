@@ -30,6 +30,7 @@ from microbot_ocp.cli._declaration import (
     Numbers,
     command,
 )
+from microbot_ocp.cli._files import stops_of
 from microbot_ocp.cli._report import Answer, Progress, has_display
 from microbot_ocp.execution import read_rows
 from microbot_ocp.motion import SAMPLE_STEP, Motion
@@ -284,9 +285,10 @@ def solve(
 @command(writes=(".html",))
 def check(
     file: Annotated[Path, FILE],
-    robot: Annotated[str, replace(OTHER_ROBOT, text="Robot whose trajectory it is.")],
     profile: Annotated[str, PROFILE],
+    robot: Annotated[str | None, replace(OTHER_ROBOT, text="Robot whose trajectory it is.")] = None,
     scene: Path | None = None,
+    task: Path | None = None,
 ) -> Answer:
     """Check anyone's trajectory as a controller plays it.
 
@@ -299,6 +301,8 @@ def check(
         Trajectory: .csv, .npz, or a JointTrajectory of ROS as .json or .yaml.
     scene : FILE
         Scene (.toml) whose obstacles it must keep clear of.
+    task : FILE
+        Task of stops (.toml) in the place of robot and scene, with what the tool holds on the way.
     out : FILE
         Write a report to this .html file, to send.
 
@@ -306,13 +310,19 @@ def check(
     --------
     $ microbot-ocp check best.csv --robot panda --profile panda
     """
-    arm = mo.load_robot(robot)
-    surroundings = None if scene is None else mo.load_scene(scene)
-    certificate = mo.check(arm, file, profile, scene=surroundings)
+    if (robot is None) == (task is None):
+        raise InputError("give --robot, or --task, which names the robot")
+    if task is not None and scene is not None:
+        raise InputError("give --scene or --task, not both: a task has a scene")
+    cell = None if task is None else read_cell(task)
+    stops = stops_of(cell)
+    surroundings = stops.pop("scene", None) if scene is None else mo.load_scene(scene)
+    arm = mo.load_robot(str(robot)) if cell is None else cell.robot.with_limits(cell.limits)
+    certificate = mo.check(arm, file, profile, scene=surroundings, **stops)
     document = {"robot": arm.name, "profile": profile, "certificate": certificate.as_dict()}
 
     def save(path: Path) -> object:
-        played = mo.executed(arm, read_rows(file, arm), profile)
+        played = mo.executed(arm, read_rows(file, arm), profile, **stops)
         return view_for(certificate, "html_report")(certificate, arm, played, path)
 
     blocks = tables.use_blocks(arm, certificate)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -11,11 +12,12 @@ from microbot_ocp._base import checks
 from microbot_ocp._base.check import Check, problems_of
 from microbot_ocp._base.checks import InputError, naming
 from microbot_ocp.certificate import Certificate, Tolerances, certify
-from microbot_ocp.execution._curve import executed, rows_of
+from microbot_ocp.execution._curve import executed, played_stops, played_task, rows_of
 from microbot_ocp.execution._profile import Profile, load_profile
 from microbot_ocp.execution._rows import CommandRows, read_rows
 from microbot_ocp.limits import ROUNDING
 from microbot_ocp.motion import Motion, State, torque_along
+from microbot_ocp.planning import Task, over_stretches, stretches
 from microbot_ocp.robot import Robot
 from microbot_ocp.scene import Scene
 
@@ -29,6 +31,7 @@ def check(
     *,
     scene: Scene | None = None,
     limit_tolerance: float = ROUNDING,
+    **stops: Any,
 ) -> Certificate:
     """Judge anyone's trajectory as a controller would play it.
 
@@ -48,6 +51,10 @@ def check(
         Obstacles to keep clear of, proved between the rows, too.
     limit_tolerance : float
         Relative violation of a limit that still passes.
+    **stops
+        ``via_q``, ``segments`` and ``cycle`` of a motion through stops, as of :func:`certify`:
+        every stretch is judged with what the tool holds. The marks of the trajectory say when the
+        stops are reached.
 
     Returns
     -------
@@ -75,26 +82,32 @@ def check(
     rows = read_rows(trajectory, robot) if is_file else trajectory
     if isinstance(rows, Motion):
         with naming(f"{Path(trajectory).name}: " if is_file else ""):
-            refuse_other_arm(robot, rows)
+            refuse_other_arm(robot, rows, played_task(robot, chosen, **stops))
         rows = rows_of(rows, chosen)
     with naming(f"{Path(trajectory).name}: " if is_file else ""):
-        curve = executed(robot, rows, chosen)
-    return judged(robot, rows, curve, chosen, scene, limit_tolerance, simulated=False)
+        curve = executed(robot, rows, chosen, **stops)
+    asked = played_stops(**stops)
+    return judged(robot, rows, curve, chosen, scene, limit_tolerance, simulated=False, **asked)
 
 
-def refuse_other_arm(robot: Robot, motion: Motion) -> None:
+def refuse_other_arm(robot: Robot, motion: Motion, task: Task | None = None) -> None:
     """Refuse a motion whose torques are those of another arm, or of one that carries something."""
     checks.joints("motion", motion.joint_count, robot)
     if not robot.has_dynamics or not motion.tau.any():
         return
-    off = np.abs(motion.tau - torque_along(robot, State(motion.q, motion.qd, motion.qdd)))
+    state = State(motion.q, motion.qd, motion.qdd)
+    if task is None:
+        tau = torque_along(robot, state)
+    else:
+        tau = over_stretches(stretches(task, motion), motion.t, state)
+    off = np.abs(motion.tau - tau)
     sample, joint = np.unravel_index(int(off.argmax()), off.shape)
     if off[sample, joint] > Tolerances().torque * np.abs(motion.tau).max():
         raise InputError(
             f"motion's torques are not those of {robot.name!r}: that of {robot.joint_names[joint]} "
             f"is off by {off[sample, joint]:.4g} {robot.unit('tau', int(joint))} at "
             f"{motion.t[sample]:.4g} s. Give the arm with its load, robot.with_payload(...), "
-            "and a part of a motion by itself where that changes"
+            "and where that changes the stops, via_q=... or --task"
         )
 
 
@@ -107,11 +120,18 @@ def judged(
     limit_tolerance: float = ROUNDING,
     *,
     simulated: bool,
+    **stops: Any,
 ) -> Certificate:
     """The certificate of the curve that a controller makes of rows."""
     limits = profile.limits_of(robot)
     certificate = certify(
-        robot, curve, limits, scene=scene, limit_tolerance=limit_tolerance, simulated=simulated
+        robot,
+        curve,
+        limits,
+        scene=scene,
+        limit_tolerance=limit_tolerance,
+        simulated=simulated,
+        **stops,
     )
     if not profile.rests or rows.qd is None:
         return certificate

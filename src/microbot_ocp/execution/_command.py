@@ -2,32 +2,42 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
+from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp.certificate import Certificate, Tolerances, limit_checks_of
+from microbot_ocp.certificate import Certificate, limit_checks_of
 from microbot_ocp.execution._check import AT_REST, judged, refuse_other_arm
-from microbot_ocp.execution._curve import executed, rows_of
+from microbot_ocp.execution._curve import (
+    NEAR,
+    executed,
+    played_stops,
+    played_task,
+    rows_of,
+)
 from microbot_ocp.execution._profile import Profile, load_profile
 from microbot_ocp.execution._rows import CommandRows
 from microbot_ocp.limits import ROUNDING, LimitFamily
 from microbot_ocp.motion import (
+    JUMP_GAP,
     Columns,
+    Mark,
     Motion,
     State,
     torque_along,
     write_columns,
 )
+from microbot_ocp.planning import Task, over_stretches, stretches
 from microbot_ocp.planning.free._within_limits import SLOWING
 from microbot_ocp.robot import Robot, gravity_torque
 from microbot_ocp.scene import Scene
-
-NEAR = Tolerances().via  # rad (m): no farther from its way, as certificates ask of via points
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +88,12 @@ class ControllerCommand:
 
 
 def commanded(
-    robot: Robot, motion: Motion, profile: str | Profile, *, scene: Scene | None = None
+    robot: Robot,
+    motion: Motion,
+    profile: str | Profile,
+    *,
+    scene: Scene | None = None,
+    **stops: Any,
 ) -> ControllerCommand:
     """Make rows of a motion that a controller accepts.
 
@@ -87,6 +102,9 @@ def commanded(
     slowed down evenly, until it does not any more. Where accelerations or torques that jump cost
     more than some steps so, they are rounded off: by the cubic B-spline of samples some steps
     apart, at most 1e-3 rad (m) off. Of these the soonest is returned.
+
+    Of a motion through stops this is done from rest to rest with what the tool holds there, so that
+    grip and release are at rows; the certificate is that of every stretch.
 
     Parameters
     ----------
@@ -97,6 +115,8 @@ def commanded(
         As of :func:`load_profile`.
     scene : Scene, optional
         Obstacles that the executed motion keeps clear of: proved, not mended.
+    **stops
+        ``via_q``, ``segments`` and ``cycle`` of a motion through stops, as of :func:`certify`.
 
     Returns
     -------
@@ -109,7 +129,8 @@ def commanded(
     InputError
         A motion that moves at an end, or that slowing down does not help much: it leaves the
         position limits, or jumps where the profile allows no jump. Plan under
-        ``profile.limits_of(robot)`` then. A motion of an arm with another payload.
+        ``profile.limits_of(robot)`` then. A motion of an arm with another payload, or of other
+        stops.
 
     Examples
     --------
@@ -122,45 +143,108 @@ def commanded(
     (True, True)
     """
     chosen = load_profile(profile)
-    family = LimitFamily.of(robot, chosen.limits_of(robot))
-    refuse_other_arm(robot, motion)
+    task = played_task(robot, chosen, **stops)
+    refuse_other_arm(robot, motion, task)
     for end, row in (("begin", motion.qd[0]), ("end", motion.qd[-1])):
         if (speed := float(np.abs(row).max())) > AT_REST:
             raise InputError(
                 f"motion must {end} at rest to be a controller's, not at {speed:.3g} rad/s"
             )
-    slowed, curve = _soonest(family, motion, chosen)
-    rows = rows_of(slowed, chosen)
-    state = State(rows.q, np.asarray(rows.qd), np.asarray(rows.qdd))
-    rows = replace(rows, tau=_efforts(robot, chosen, state))
-    certificate = judged(robot, rows, curve, chosen, scene, simulated=True)
+    efforts = partial(_efforts, profile=chosen)
+    if task is None:
+        families = (LimitFamily.of(robot, chosen.limits_of(robot)),)
+        rows = rows_of(_soonest(families, motion, chosen), chosen)
+        tau = efforts(robot, _state(rows))
+    else:
+        rows = _rows_through(task, motion, chosen)
+        tau = over_stretches(stretches(task, rows), rows.t, _state(rows), efforts)
+    rows = replace(rows, tau=tau)
+    curve, asked = executed(robot, rows, chosen, **stops), played_stops(**stops)
+    certificate = judged(robot, rows, curve, chosen, scene, simulated=True, **asked)
     cost = float(rows.t[-1]) - motion.duration
     return ControllerCommand(chosen, rows, curve, certificate, motion.duration, cost)
 
 
+def _state(rows: CommandRows) -> State:
+    return State(rows.q, np.asarray(rows.qd), np.asarray(rows.qdd))
+
+
+def _rows_through(task: Task, motion: Motion, profile: Profile) -> CommandRows:
+    """Rows of a motion through stops, slowed down from rest to rest.
+
+    Where commands are held their curve is at rest a step later, and it leaves a step before: there
+    is a row more on both sides of every rest.
+    """
+    step, pad = profile.step, int(profile.interpolation in ("hold", "linear"))
+    last = len(task.stops) - 1
+    rests = [k for k in range(last + 1) if k in (0, last) or task.at_rest(k)]
+    still = np.zeros_like(motion.q[:1])
+    pieces = [State(motion.q[:1], still, still)]
+    count, marks = 0, []  # rows after the first one
+
+    def hold(rows: int) -> None:
+        nonlocal count
+        if rows:
+            count += rows
+            zero = still.repeat(rows, axis=0)
+            pieces.append(State(pieces[-1].q[-1:].repeat(rows, axis=0), zero, zero))
+
+    def rest(k: int) -> None:
+        marks.append(Mark(count * step, task.stops[k].name))
+        hold(int(np.ceil(task.dwells[k] / step - ROUNDING)))
+
+    for k, after in pairwise(rests):
+        rest(k)
+        hold(pad)
+        part = _from_rest(task, motion, k, after)
+        slowed = _soonest(task.families[k:after], part, profile)
+        rows = rows_of(slowed, profile)
+        marks += [Mark(count * step + mark.time, mark.name) for mark in slowed.marks[1:-1]]
+        pieces.append(State(*(column[1:] for column in _state(rows))))
+        count += len(rows.q) - 1
+        hold(pad)
+    rest(last)
+    q, qd, qdd = (np.concatenate(column) for column in zip(*pieces, strict=True))
+    t = step * np.arange(count + 1.0, dtype=float)
+    return CommandRows(t, q, qd, qdd, label=motion.label, marks=tuple(marks))
+
+
+def _from_rest(task: Task, motion: Motion, first: int, last: int) -> Motion:
+    """A motion from one stop where it rests to the next, without acceleration at both."""
+    start = motion.marks[first].time + float(task.dwells[first])
+    end = motion.marks[last].time
+    here = (motion.t > start + 2 * JUMP_GAP) & (motion.t < end - 2 * JUMP_GAP)
+    t = np.concatenate([[start], motion.t[here], [end]])
+    q, qd, qdd = motion.sample(t)
+    qd[[0, -1]] = qdd[[0, -1]] = 0.0
+    marks = [Mark(mark.time - start, mark.name) for mark in motion.marks[first : last + 1]]
+    marks[0] = Mark(0.0, marks[0].name)
+    return Motion(t - start, q, qd, qdd, np.zeros_like(q), motion.label, marks=tuple(marks))
+
+
 def _accepted(
-    family: LimitFamily, motion: Motion, profile: Profile, window: int = 0
-) -> tuple[Motion, Motion]:
-    """The motion slowed down until its execution keeps all limits, and that execution.
+    families: Sequence[LimitFamily], motion: Motion, profile: Profile, window: int = 0
+) -> Motion:
+    """The motion slowed down until its execution keeps all limits, those of each segment there.
 
     With a ``window`` it is first made what a controller makes of it that holds its samples so many
     steps.
     """
     steps = max(1, int(np.ceil(motion.duration / profile.step - ROUNDING)))
-    most = SLOWING.most_evenly * steps + 1.0
+    most, robot = SLOWING.most_evenly * steps + 1.0, families[0].robot
     while True:
-        slowed = motion.stretched(family.robot, steps * profile.step / motion.duration)
+        slowed = motion.stretched(robot, steps * profile.step / motion.duration)
         if window:
             rounding = replace(profile, interpolation="hold", rate=1.0 / (window * profile.step))
-            slowed = executed(family.robot, slowed, rounding)
-        curve = executed(family.robot, slowed, profile)
-        factor = _factor(family, curve, most / steps)
+            slowed = executed(robot, slowed, rounding)
+        curve = executed(robot, slowed, profile)
+        factor = _factor(families, curve, most / steps)
         if factor == 1.0:
-            return slowed, curve
+            return slowed
         steps = max(steps + 1, int(np.ceil(steps * factor)))
 
 
-def _soonest(family: LimitFamily, motion: Motion, profile: Profile) -> tuple[Motion, Motion]:
+def _soonest(families: Sequence[LimitFamily], motion: Motion, profile: Profile) -> Motion:
     """The motion slowed down as it is, or rounded off, whichever takes less time.
 
     Where an acceleration jumps, polynomials between two rows make too much of it, and differences
@@ -170,21 +254,21 @@ def _soonest(family: LimitFamily, motion: Motion, profile: Profile) -> tuple[Mot
     """
     best = problem = None
     try:
-        best = _accepted(family, motion, profile)
+        best = _accepted(families, motion, profile)
     except InputError as error:
         problem = error
-    if best and best[0].duration <= motion.duration + 3.0 * profile.step:
+    if best and best.duration <= motion.duration + 3.0 * profile.step:
         return best
     before = np.inf
     for window in _windows(motion, profile):
         with suppress(InputError):
-            smooth = _accepted(family, motion, profile, window)
-            if np.abs(smooth[0].qdd).max() * (window * profile.step) ** 2 > 6.0 * NEAR:
+            smooth = _accepted(families, motion, profile, window)
+            if np.abs(smooth.qdd).max() * (window * profile.step) ** 2 > 6.0 * NEAR:
                 continue
-            if smooth[0].duration > before:
+            if smooth.duration > before:
                 break
-            before = smooth[0].duration
-            if best is None or before < best[0].duration:
+            before = smooth.duration
+            if best is None or before < best.duration:
                 best = smooth
     if best is None:
         assert problem is not None
@@ -202,7 +286,7 @@ def _windows(motion: Motion, profile: Profile) -> Iterator[int]:
         window //= 2
 
 
-def _factor(family: LimitFamily, curve: Motion, most: float) -> float:
+def _factor(families: Sequence[LimitFamily], curve: Motion, most: float) -> float:
     """By what a curve has to be slower to keep all limits: about that, or somewhat less.
 
     A limit of a derivative of some order is used by the power of it less; of a torque all but the
@@ -213,22 +297,29 @@ def _factor(family: LimitFamily, curve: Motion, most: float) -> float:
     InputError
         Slowing down does not help, or takes more than ``most``.
     """
-    limits, _ = limit_checks_of(family, curve.history())
+    history, times = curve.history(), [mark.time for mark in curve.marks[1:-1]]
+    if len(families) == 1:
+        limits, _ = limit_checks_of(families[0], history)
+    else:
+        inner = history.t[np.searchsorted(history.t, times)]  # not before a tool line begins
+        spans = pairwise([0.0, *inner, curve.duration])
+        parts = zip(families, spans, strict=True)
+        limits = [c for f, span in parts for c in limit_checks_of(f, history.between(*span))[0]]
     worst = max(limits, key=lambda check: check.violation, default=None)
     if worst is None or worst.violation <= ROUNDING:
         return 1.0
-    orders = {check.quantity: family[check.quantity].order for check in limits}
+    orders = {member.key: member.order for family in families for member in family}
     factor = max((1.0 + c.violation) ** (1.0 / max(orders[c.quantity], 1)) for c in limits)
     if orders[worst.quantity] and factor <= most:
         return factor
     raise InputError(
         f"motion cannot be slowed down for the controller: {worst.title} is {worst.value:.5g} "
         f"{worst.unit} at {worst.time:.4g} s; plan under the limits of the profile, "
-        "profile.limits_of(robot)"
+        "profile.limits_of(robot), and tool lines within less"
     )
 
 
-def _efforts(robot: Robot, profile: Profile, state: State) -> FloatArray:
+def _efforts(robot: Robot, state: State, profile: Profile) -> FloatArray:
     tau = torque_along(robot, state)
     if profile.gravity or not robot.has_dynamics:
         return tau
@@ -242,10 +333,11 @@ def exported(
     rate: float | None,
     robot: Robot | None,
     scene: Scene | None,
+    **stops: Any,
 ) -> Path:
     """Write a motion for a controller; see :meth:`microbot_ocp.Motion.export`."""
     if rate is not None:
         raise InputError("give rate or profile, not both: a profile has a rate")
     if robot is None:
         raise InputError("a profile needs the robot: give robot=...")
-    return commanded(robot, motion, profile, scene=scene).export(path, robot)
+    return commanded(robot, motion, profile, scene=scene, **stops).export(path, robot)

@@ -9,16 +9,21 @@ second one. It begins and ends at rest, a step before the first command counts a
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from dataclasses import fields, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp.certificate import Tolerances
 from microbot_ocp.execution._profile import Profile, load_profile
 from microbot_ocp.execution._rows import CommandRows
 from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial, State, quintic_between
+from microbot_ocp.planning import Stop, Task, motion_along, task_of
 from microbot_ocp.robot import Robot
+
+NEAR = Tolerances().via  # rad (m): no farther from its way, as certificates ask of via points
 
 
 class ExecutedCurve(NamedTuple):
@@ -28,7 +33,9 @@ class ExecutedCurve(NamedTuple):
     delay: float = 0.0
 
 
-def executed(robot: Robot, motion: Motion | CommandRows, profile: str | Profile) -> Motion:
+def executed(
+    robot: Robot, motion: Motion | CommandRows, profile: str | Profile, **stops: Any
+) -> Motion:
     """What a controller makes of the samples of a motion, as a motion.
 
     Parameters
@@ -39,6 +46,9 @@ def executed(robot: Robot, motion: Motion | CommandRows, profile: str | Profile)
         it is held.
     profile : str or Profile
         As of :func:`load_profile`.
+    **stops
+        ``via_q``, ``segments`` and ``cycle`` of a motion through stops, as of :func:`certify`:
+        torques are those with what the tool holds then.
 
     Returns
     -------
@@ -64,14 +74,48 @@ def executed(robot: Robot, motion: Motion | CommandRows, profile: str | Profile)
     chosen = load_profile(profile)
     checks.joints("motion", motion.q.shape[1], robot)
     rows = motion if isinstance(motion, CommandRows) else rows_of(motion, chosen)
-    curve = curve_of(rows, chosen)
-    return Motion.from_polynomial(
-        robot,
-        curve.polynomial,
-        label=f"{rows.label}, by {chosen.name}",
-        marks=[Mark(mark.time + curve.delay, mark.name) for mark in rows.marks],
-        provenance={"method": "what a controller makes of samples", "profile": chosen.name},
-    )
+    curve, delay = curve_of(rows, chosen)
+    marks = [Mark(mark.time + delay, mark.name) for mark in rows.marks]
+    about: Any = {
+        "label": f"{rows.label}, by {chosen.name}",
+        "provenance": {"method": "what a controller makes of samples", "profile": chosen.name},
+    }
+    task = played_task(robot, chosen, **stops)
+    if task is None:
+        return Motion.from_polynomial(robot, curve, marks=marks, **about)
+    return motion_along(task, curve, marks, **about)
+
+
+def played_stops(via_q: Any = None, segments: Any = None, cycle: bool = False) -> dict[str, Any]:
+    """Stops and segments as a controller keeps them, as keywords of :func:`certify`.
+
+    What is passed without a rest, and ways of the tool, are kept as nearly as certificates ask of
+    via points and of ways.
+    """
+    if via_q is None:
+        return {}
+    given = [stop if isinstance(stop, Stop) else Stop(q=stop) for stop in via_q]
+    last = len(given) - 1
+    for k, stop in enumerate(given):
+        ends = k in (0, last) and not cycle
+        rests = stop.velocity is None and (ends or stop.payload is not None)
+        if not (stop.dwell or stop.blend or rests or stop.velocity == "rest"):
+            given[k] = replace(stop, tolerance=np.add(stop.tolerance, NEAR))
+    return {"via_q": given, "segments": segments and list(map(_as_kept, segments)), "cycle": cycle}
+
+
+def _as_kept(segment: Any) -> Any:
+    sizes = [f.name for f in fields(segment) if "tolerance" in f.name] if segment else []
+    kept = {name: (1.0 + NEAR) * getattr(segment, name) for name in sizes}
+    return replace(segment, **kept) if kept else segment
+
+
+def played_task(robot: Robot, profile: Profile, **stops: Any) -> Task | None:
+    """The task of :func:`played_stops` under the limits of robot and profile."""
+    asked = played_stops(**stops)
+    if not asked:
+        return None
+    return task_of(robot, asked.pop("via_q"), profile.limits_of(robot), **asked)
 
 
 def rows_of(motion: Motion, profile: Profile) -> CommandRows:

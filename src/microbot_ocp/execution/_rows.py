@@ -127,7 +127,16 @@ def _of_table(text: str, robot: Robot) -> CommandRows:
         for key in keys
         if (key, 0) in order
     }
-    return CommandRows(values[:, 0], **given)
+    marks: list[Mark] = []
+    if heads[-1] == "mark":
+        texts = [row[-1] for row in csv.reader(lines[1:]) if row]
+        times = (values[:, 0] - values[0, 0]).tolist()
+        marks = [
+            _mark(text, time)
+            for time, several in zip(times, texts, strict=True)
+            for text in filter(None, several.split("; "))
+        ]
+    return CommandRows(values[:, 0], **given, marks=tuple(marks))
 
 
 def _numbers_of(lines: Sequence[str], first: int, width: int) -> FloatArray:
@@ -179,6 +188,12 @@ def _columns_of(
         if unit and unit != units[column]:
             raise InputError(f"column {heads[column]!r} must be in {units[column]}, not in {unit}")
     return order
+
+
+def _mark(text: str, time: float) -> Mark:
+    """A mark of a row: "grip" is at its time, "above @ 0.71" before it."""
+    name, _, at = text.rpartition(" @ ")
+    return Mark(float(at), name) if name and _is_number(at) else Mark(time, text)
 
 
 def _is_number(word: str) -> bool:
@@ -251,7 +266,9 @@ def _of_message(document: Any, robot: Robot) -> CommandRows:
         columns[key] = np.array(rows, dtype=float)[:, order]
     if "q" not in columns:
         raise InputError("its points have no positions")
-    return CommandRows(np.array(t), **columns)
+    given = document.get("marks", ()) if isinstance(document, dict) else ()
+    marks = [Mark(_seconds(mark, k) - t[0], str(mark.get("name"))) for k, mark in enumerate(given)]
+    return CommandRows(np.array(t), **columns, marks=tuple(marks))
 
 
 def _trajectories_in(document: Any, depth: int = 0) -> Iterator[Mapping[str, Any]]:

@@ -122,7 +122,8 @@ def _write_csv(path: Path, columns: Columns) -> None:
             marks = [""] * len(rows)
             for time, name in columns.marks:  # at the first row that is not before it
                 row = min(int(np.searchsorted(columns.t, time - 1e-9)), len(rows) - 1)
-                marks[row] = "; ".join(filter(None, [marks[row], name]))
+                text = name if abs(columns.t[row] - time) < 1e-9 else f"{name} @ {time!r}"
+                marks[row] = "; ".join(filter(None, [marks[row], text]))
             rows = [[*row, mark] for row, mark in zip(rows, marks, strict=True)]
         writer.writerow(heads)
         writer.writerows(rows)

@@ -398,6 +398,7 @@ class Motion:
         theme: str = "light",
         scene: Any = None,
         profile: Any = None,
+        **stops: Any,
     ) -> Path:
         """Write the motion for another program, or as a film: the ending of the path says which.
 
@@ -423,6 +424,9 @@ class Motion:
             until what it makes of them keeps every limit, as of
             :func:`microbot_ocp.execution.commanded`; with its quantities only, and with the marks.
             It needs ``robot``.
+        **stops
+            ``via_q``, ``segments`` and ``cycle`` of a motion through stops that a profile is given
+            for, as of :func:`microbot_ocp.certify`.
 
         Returns
         -------
@@ -449,7 +453,9 @@ class Motion:
         't [s],q waist [rad],q shoulder [r'
         """
         if profile is not None:
-            return view_for(self, "execution")(self, path, profile, rate, robot, scene)
+            return view_for(self, "execution")(self, path, profile, rate, robot, scene, **stops)
+        if stops:
+            raise InputError(f"{', '.join(stops)}: only a profile needs the stops")
         return export(self, path, rate, robot, theme, scene)
 
     def save(self, path: str | Path) -> Path:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import factorial
 from typing import NamedTuple
 
 import numpy as np
@@ -70,6 +71,15 @@ class PiecewisePolynomial:
             value *= local
             value += of_power.take(piece, axis=0)
         return value
+
+    def divided(self, times: FloatArray) -> PiecewisePolynomial:
+        """Return the same shape with further breaks, at times inside of it, s."""
+        breaks, each = np.union1d(self.breaks, times), self
+        terms = []
+        for power in range(self.coefficients.shape[1]):
+            terms.append(each(breaks[:-1]) / factorial(power))
+            each = each.derivative()
+        return _trusted(breaks, np.stack(terms, axis=1))
 
     def stretched(self, factor: float) -> PiecewisePolynomial:
         """Return the same shape, slower by ``factor`` (above 0)."""

@@ -27,6 +27,8 @@ from ._settings import (
     TimeOptimalSettings as TimeOptimalSettings,
 )
 from ._stop_motion import (
+    motion_along as motion_along,
+    over_stretches as over_stretches,
     stretches as stretches,
 )
 from ._strategies import (

@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from microbot_ocp._base.checks import InputError
-from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial, State, torque_along
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp.motion import (
+    JUMP_GAP,
+    Mark,
+    Motion,
+    PiecewisePolynomial,
+    State,
+    nearest_samples,
+    torque_along,
+)
 from microbot_ocp.planning.task import Task
 from microbot_ocp.robot import Robot
 
@@ -21,7 +30,6 @@ def motion_of(
     holds then.
     """
     breaks, pieces, marks = [np.zeros(1)], [], []
-    changes: list[tuple[float, int]] = []  # from when on which segment's payload is held
     now = 0.0
     for k, stop in enumerate(task.stops):
         marks.append(Mark(now, stop.name))
@@ -35,28 +43,36 @@ def motion_of(
             now += float(task.dwells[k])
             breaks.append(np.array([now]))
         if k < len(shapes):
-            changes.append((now, k))
             pieces.append(shapes[k].coefficients)
             breaks.append(now + shapes[k].breaks[1:])
             now = float(breaks[-1][-1])
     whole = PiecewisePolynomial(np.concatenate(breaks), np.concatenate(pieces))
-    later = changes if task.cycle and changes[0][0] > 0.0 else changes[1:]  # what was held before
-    jumps = [when for (when, k) in later if task.payloads[k] != task.payloads[k - 1]]
-    motion = Motion.from_polynomial(
-        task.robot,
-        whole,
-        label="time-optimal",
-        marks=marks,
-        provenance=provenance,
-        jumps_at=jumps,
-    )
+    return motion_along(task, whole, marks, label="time-optimal", provenance=provenance)
+
+
+def motion_along(
+    task: Task, curve: PiecewisePolynomial, marks: Sequence[Mark], **about: Any
+) -> Motion:
+    """Return a curve as a motion that reaches the stops at these marks; torques with what the tool
+    holds then, ``about`` as of :meth:`Motion.from_polynomial`.
+
+    Raises
+    ------
+    InputError
+        Not one mark a stop.
+    """
+    parts = _stretches(task, marks, float(curve.breaks[-1]), about["label"])
+    starts = np.array([part.start for part in parts[1:]])
+    near = curve.breaks[nearest_samples(curve.breaks, starts)]
+    whole = curve.divided(starts[np.abs(starts - near) > JUMP_GAP])
+    loads = [task.payloads[part.segment] for part in parts]
+    changes = [before != after for before, after in pairwise(loads)]
+    jumps = whole.breaks[nearest_samples(whole.breaks, starts[changes])].tolist()
+    motion = Motion.from_polynomial(task.robot, whole, marks=marks, jumps_at=jumps, **about)
     if not any(payload.mass for payload in task.payloads):
         return motion
-    tau = np.array(motion.tau)
-    for start, end, robot, _ in stretches(task, motion):
-        here = (motion.t >= start) & ((motion.t < end) | (end == motion.duration))
-        tau[here] = torque_along(robot, State(motion.q[here], motion.qd[here], motion.qdd[here]))
-    return replace(motion, tau=tau)
+    state = State(motion.q, motion.qd, motion.qdd)
+    return replace(motion, tau=over_stretches(parts, motion.t, state))
 
 
 class Stretch(NamedTuple):
@@ -70,26 +86,29 @@ class Stretch(NamedTuple):
     segment: int
 
 
-def stretches(task: Task, motion: Motion) -> list[Stretch]:
-    """Return every segment and dwell of a motion.
+def stretches(task: Task, motion: Any) -> list[Stretch]:
+    """Return every segment and dwell of a motion, or of the rows of one.
 
-    The marks of the motion say when its stops are reached.
+    The marks of the motion say when its stops are reached; what is before the first one and after
+    the last belongs to the first stretch and to the last.
 
     Raises
     ------
     InputError
         A motion that has not one mark a stop.
     """
-    if len(motion.marks) != len(task.stops):
+    return _stretches(task, motion.marks, float(motion.t[-1]), motion.label)
+
+
+def _stretches(task: Task, marks: Sequence[Mark], duration: float, label: str) -> list[Stretch]:
+    if len(marks) != len(task.stops):
         raise InputError(
-            f"motion {motion.label!r} has {len(motion.marks)} marks, but the task "
-            f"{len(task.stops)} stops: it is not a motion of this task"
+            f"motion {label!r} has {len(marks)} marks, but the task {len(task.stops)} stops: it is "
+            "not a motion of this task"
         )
+    loads = (task.payloads[-1 if task.cycle else 0], *task.payloads)
     parts: list[Stretch] = []
-    loads = (
-        (task.payloads[-1], *task.payloads) if task.cycle else (task.payloads[0], *task.payloads)
-    )
-    times = [mark.time for mark in motion.marks]
+    times = [mark.time for mark in marks]
     for k, arrives in enumerate(times):
         leaves = arrives + float(task.dwells[k])
         if leaves > arrives:
@@ -98,4 +117,22 @@ def stretches(task: Task, motion: Motion) -> list[Stretch]:
             parts.append(Stretch(arrives, leaves, rested, before))
         if k < len(task.segments):
             parts.append(Stretch(leaves, times[k + 1], task.robots[k], k))
+    parts[0] = parts[0]._replace(start=0.0)
+    parts[-1] = parts[-1]._replace(end=duration)
     return parts
+
+
+def over_stretches(
+    parts: Sequence[Stretch],
+    t: FloatArray,
+    state: State,
+    torque: Callable[[Robot, State], FloatArray] = torque_along,
+) -> FloatArray:
+    """Return torques [N,n] of states at times t [N], each of the robot that moves there."""
+    starts = [part.start for part in parts[1:]]
+    which = np.searchsorted(starts, t + 0.1 * JUMP_GAP, side="right")
+    tau = np.empty_like(state.q)
+    for k in np.unique(which):
+        here = which == k
+        tau[here] = torque(parts[k].robot, State(*(column[here] for column in state)))
+    return tau
