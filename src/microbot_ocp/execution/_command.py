@@ -170,7 +170,7 @@ def _state(rows: CommandRows) -> State:
 
 
 def _rows_through(task: Task, motion: Motion, profile: Profile) -> CommandRows:
-    """Rows of a motion through stops, slowed down from rest to rest.
+    """Return rows of a motion through stops, slowed down from rest to rest.
 
     Where commands are held their curve is at rest a step later, and it leaves a step before: there
     is a row more on both sides of every rest.
@@ -210,7 +210,7 @@ def _rows_through(task: Task, motion: Motion, profile: Profile) -> CommandRows:
 
 
 def _from_rest(task: Task, motion: Motion, first: int, last: int) -> Motion:
-    """A motion from one stop where it rests to the next, without acceleration at both."""
+    """Return the motion from one stop where it rests to the next, without acceleration at both."""
     start = motion.marks[first].time + float(task.dwells[first])
     end = motion.marks[last].time
     here = (motion.t > start + 2 * JUMP_GAP) & (motion.t < end - 2 * JUMP_GAP)
@@ -225,7 +225,8 @@ def _from_rest(task: Task, motion: Motion, first: int, last: int) -> Motion:
 def _accepted(
     families: Sequence[LimitFamily], motion: Motion, profile: Profile, window: int = 0
 ) -> Motion:
-    """The motion slowed down until its execution keeps all limits, those of each segment there.
+    """Return the motion slowed down until its execution keeps all limits, those of each segment
+    there.
 
     With a ``window`` it is first made what a controller makes of it that holds its samples so many
     steps.

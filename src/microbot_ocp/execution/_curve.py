@@ -87,7 +87,7 @@ def executed(
 
 
 def played_stops(via_q: Any = None, segments: Any = None, cycle: bool = False) -> dict[str, Any]:
-    """Stops and segments as a controller keeps them, as keywords of :func:`certify`.
+    """Return stops and segments as a controller keeps them, as keywords of :func:`certify`.
 
     What is passed without a rest, and ways of the tool, are kept as nearly as certificates ask of
     via points and of ways.
@@ -111,7 +111,7 @@ def _as_kept(segment: Any) -> Any:
 
 
 def played_task(robot: Robot, profile: Profile, **stops: Any) -> Task | None:
-    """The task of :func:`played_stops` under the limits of robot and profile."""
+    """Return the task of :func:`played_stops` under the limits of robot and profile."""
     asked = played_stops(**stops)
     if not asked:
         return None

@@ -191,7 +191,7 @@ def _columns_of(
 
 
 def _mark(text: str, time: float) -> Mark:
-    """A mark of a row: "grip" is at its time, "above @ 0.71" before it."""
+    """Return a mark of a row: "grip" is at its time, "above @ 0.71" before it."""
     name, _, at = text.rpartition(" @ ")
     return Mark(float(at), name) if name and _is_number(at) else Mark(time, text)
 
