@@ -20,12 +20,12 @@ from typing import Any
 import numpy as np
 
 import microbot_ocp as mo
-from benchmarks.torture import Task, gravity_sizes, random_chain, reach, via_points
+from benchmarks.torture import RandomTask, gravity_sizes, random_chain, reach, via_points
 
 COUNT = 30
 
 
-def task_of(seed: int) -> Task:
+def task_of(seed: int) -> RandomTask:
     """The task of a seed: an arm with a weak side in every joint, two or three via points."""
     random = np.random.default_rng([seed, 20261123])
     name = str(random.choice(["microbot", "microbot", "planar_3r", "chain"]))
@@ -35,7 +35,7 @@ def task_of(seed: int) -> Task:
     weak, strong = random.uniform(0.35, 0.7, sides.size), random.uniform(1.2, 1.7, sides.size)
     lower, upper = np.where(sides, [weak, strong], [strong, weak]) * size
     robot = robot.with_limits(tau_max=(-lower, upper))
-    return Task("one-sided torques", robot, poses_of_rest(random, robot))
+    return RandomTask("one-sided torques", robot, poses_of_rest(random, robot))
 
 
 def poses_of_rest(random: np.random.Generator, robot: mo.Robot) -> np.ndarray:
@@ -51,7 +51,7 @@ def poses_of_rest(random: np.random.Generator, robot: mo.Robot) -> np.ndarray:
     return via
 
 
-def _row(task: Task, solve: Callable[[], mo.Motion]) -> dict[str, Any]:
+def _row(task: RandomTask, solve: Callable[[], mo.Motion]) -> dict[str, Any]:
     begin = sum(os.times()[:4])
     motion = solve()
     spent = sum(os.times()[:4]) - begin

@@ -29,7 +29,7 @@ import microbot_ocp as mo
 from benchmarks.mujoco_arms import with_small_bodies
 from benchmarks.plants import played, poses, publish
 from benchmarks.scenes import read
-from benchmarks.torture import Task, task_of
+from benchmarks.torture import RandomTask, task_of
 from microbot_ocp.limits import LimitFamily, MotionSamples
 
 KINDS = (0, 1, 2, 5, 6, 7, 8)  # seeds by their last digit: not timings, not many via points
@@ -76,7 +76,7 @@ def duration_of(motion: mo.Motion) -> float:
     return float(sum(motion.provenance["phase_durations"]))
 
 
-def compared(task: Task, seed: int) -> Iterator[Compared | str]:
+def compared(task: RandomTask, seed: int) -> Iterator[Compared | str]:
     """Slopes of a task; text where there is none."""
     robot, draw = task.robot, np.random.default_rng([seed, 31])
     solver = mo.TimeOptimalSolver(robot, task.via, mesh=40, starts=2, rounds=0, tolerance=1e-8)
