@@ -277,14 +277,15 @@ def median(values: Iterable[float | None], text: str) -> str:
 
 
 def unsolved(rows: list[dict[str, Any]]) -> str:
-    """What became of problems that were tried and not solved and certified in time, a line each."""
-    lines = []
+    """Return which problems were tried and not solved and certified in time, by family and why."""
+    numbers: dict[tuple[str, str], list[str]] = {}
     for row in rows:
         in_time = row.get("processor", 0.0) <= IN_TIME
         if row["outcome"] == "refused" or (row["outcome"] == "solved" and in_time):
             continue
-        why = row["why"].split("\n")[0] or f"{row['processor']:.0f} s of processor time"
-        lines.append(f"- {row['robot']} {row['family']} {row['number']}, {row['outcome']}: {why}")
+        why = re.split(r" at \d|[.:]", row["why"])[0] or f"solved in more than {IN_TIME:g} s"
+        numbers.setdefault((f"{row['robot']} {row['family']}", why), []).append(str(row["number"]))
+    lines = [f"- {family} {', '.join(group)}: {why}" for (family, why), group in numbers.items()]
     return "\n".join(lines) or "All that were tried are solved and certified."
 
 
