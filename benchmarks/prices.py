@@ -239,14 +239,14 @@ def report(rows: list[dict[str, Any]]) -> str:
                 continue
             text = f"{row['duration']:.3f} s"
             if row["what"] != "ideal":
-                text += f" (+ {100 * (row['duration'] / ideal - 1):.1f} %)"
+                text += f" ({100 * (row['duration'] / ideal - 1):+.1f}%)"
             if " 0 to" in row["what"]:
                 text = f"{row['what'].partition(' ')[2]}: {text}"
             if not row.get("solved", True):
                 text += " *"
             if row.get("error") is not None:
                 text += f", {1e3 * row['error']:.3g} mm"
-            texts.append(text.replace("nan s (+ nan %)", "not possible"))
+            texts.append(text.replace("nan s (+nan%)", "not possible"))
         lines.append(f"| {what} | " + " | ".join(texts) + " |")
     return "\n".join(lines)
 
