@@ -303,9 +303,9 @@ def stages(rows: list[dict[str, Any]]) -> str:
 def table(rows: list[dict[str, Any]]) -> str:
     """Counts and medians by robot and family, as Markdown."""
     lines = [
-        "| robot | family | problems | refused, free by meshes | solved and certified | duration | "
-        "saved against the chain | against its path | processor time to the first | "
-        "to the last | meshes in contact |",
+        "| robot | family | problems | refused, free by meshes | solved and certified | duration, "
+        "s | saved against the chain, % | against its path, % | processor time to the first, s | "
+        "to the last, s | meshes in contact |",
         "|---" * 11 + "|",
     ]
     for robot, family in dict.fromkeys((row["robot"], row["family"]) for row in rows):
@@ -319,10 +319,10 @@ def table(rows: list[dict[str, Any]]) -> str:
         beyond = [100 * (1 - r["duration"] / r["path"]) for r in solved if r["path"]]
         lines.append(
             f"| {robot} | {family} | {len(group)} | {refused} | {len(solved)} of {len(tried)} | "
-            f"{median([r['duration'] for r in solved], '{:.3f} s')} | "
-            f"{median(saved, '{:.1f} %')} | {median(beyond, '{:.1f} %')} | "
-            f"{median([r['first'] for r in tried], '{:.1f} s')} | "
-            f"{median([r['processor'] for r in tried], '{:.1f} s')} | "
+            f"{median([r['duration'] for r in solved], '{:.3f}')} | "
+            f"{median(saved, '{:.1f}')} | {median(beyond, '{:.1f}')} | "
+            f"{median([r['first'] for r in tried], '{:.1f}')} | "
+            f"{median([r['processor'] for r in tried], '{:.1f}')} | "
             f"{sum(not r['free_by_meshes'] for r in solved)} |"
         )
     return "\n".join(lines)
