@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import microbot_ocp as mo
+from microbot_ocp.views import _studio
 
 VIA_Q = np.radians([[0, 0, 0], [-8, 45, 30], [-90, 90, 90]])
 OPTIONS = (
@@ -143,3 +144,12 @@ def test_what_it_refuses(monkeypatch):
     monkeypatch.setitem(sys.modules, "viser", None)
     with pytest.raises(mo.InputError, match=r"pip install 'microbot_ocp\[studio\]'"):
         mo.views.studio(robot)
+
+
+@pytest.mark.parametrize("name", ["ur5e", "puma560", "panda", "stanford"])
+def test_from_the_poses_that_it_begins_with_arms_can_be_dragged(name: str) -> None:
+    """In the middle of their ranges these are stretched out, or two axes of the wrist in line."""
+    robot = mo.load_robot(name)
+    jacobian = mo.jacobian(robot)
+    for q in _studio._bent_poses(robot):
+        assert np.linalg.svd(np.array(jacobian(q)), compute_uv=False).min() > 0.01

@@ -64,8 +64,8 @@ def studio(
     robot : Robot
         With masses and limits.
     via_q : array_like [m,n], optional
-        Via points, rad (prismatic: m); default those of the demo for its arm, for others three in
-        the middle of the joints' ranges.
+        Via points, rad (prismatic: m); default those of the demo for its arm, for others three near
+        the middle of the joints' ranges, with every joint bent.
     port : int
         Where the page is; a free one after it where it is taken.
     dark : bool
@@ -85,9 +85,7 @@ def studio(
     if via_q is None:
         with as_file(files("microbot_ocp.tasks") / "packaged" / "demo.toml") as path:
             demo = read_task(path)
-        low, high = _ranges(robot)
-        middle = [low + share * (high - low) for share in (0.4, 0.5, 0.6)]
-        via_q = demo.via_q if robot == demo.robot else middle
+        via_q = demo.via_q if robot == demo.robot else _bent_poses(robot)
     return Studio(robot, via_q, port, dark)
 
 
@@ -328,6 +326,17 @@ class Studio(InteractiveTask):
             f"## {motion.duration:.3f} s, {100 * self.saved:.0f} % saved\n"
             f"Cubic segments at their best split take {usual.duration:.3f} s.\n\n{self.message}"
         )
+
+
+def _bent_poses(robot: Robot) -> FloatArray:
+    """Return three poses [3,n] about the middle of the ranges.
+
+    By turns joints are an eighth of their range above and below it: in the middle itself many arms
+    are stretched out or have their wrist's axes in line, and cannot be dragged from there.
+    """
+    low, high = _ranges(robot)
+    bent = 0.125 * (-1.0) ** np.arange(robot.joint_count)
+    return np.array([low + (share + bent) * (high - low) for share in (0.45, 0.5, 0.55)])
 
 
 def _ranges(robot: Robot) -> tuple[FloatArray, FloatArray]:
