@@ -347,6 +347,7 @@ def draw(rows: list[dict[str, Any]], path: Path) -> None:
     most = max([r["chain"] for r in rows if r["chain"]], default=1.0)
     left.plot([0, most], [0, most], color="grey", linewidth=0.8)
     left.set(xlabel="usual chain [s]", ylabel="solved and certified [s]")
-    right.set(xlabel="processor time to the first certified motion [s]", ylabel="problems [%]")
+    first = "processor time to the first certified motion [s]"
+    right.set(xlabel=first, ylabel="problems [%]", xscale="log")
     left.legend()
     figure.savefig(path)
