@@ -9,6 +9,7 @@ import pytest
 import microbot_ocp as mo
 from execution import franka
 from microbot_ocp.execution import CommandRows
+from microbot_ocp.execution._curve import NEAR, played_stops
 
 MESSAGE = {
     "joint_names": ["elbow", "waist", "shoulder"],
@@ -471,3 +472,11 @@ def test_a_trajectory_without_marks_is_no_motion_of_stops(microbot):
     rows = CommandRows(np.array([0.0, 0.5]), np.zeros((2, 3)))
     with pytest.raises(mo.InputError, match=r"has 0 marks, but the task 2 stops"):
         mo.check(microbot, rows, "ros2_jtc_linear@100", via_q=stops)
+
+
+def test_a_pose_that_is_passed_is_kept_as_nearly_as_via_points() -> None:
+    """Of a UR5e between two tool lines the orientation was missed by 2e-4 rad, and refused."""
+    stops = [mo.Stop(position=[0.4, 0.1 * k, 0.3], orientation=np.eye(3)) for k in range(3)]
+    kept = played_stops(via_q=stops)["via_q"]
+    assert [stop.orientation_tolerance for stop in kept] == [0.0, NEAR, 0.0]
+    assert [float(stop.tolerance) for stop in kept] == [0.0, NEAR, 0.0]

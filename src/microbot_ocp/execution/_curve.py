@@ -100,7 +100,9 @@ def played_stops(via_q: Any = None, segments: Any = None, cycle: bool = False) -
         ends = k in (0, last) and not cycle
         rests = stop.velocity is None and (ends or stop.payload is not None)
         if not (stop.dwell or stop.blend or rests or stop.velocity == "rest"):
-            given[k] = replace(stop, tolerance=np.add(stop.tolerance, NEAR))
+            turn = stop.orientation_tolerance + (stop.orientation is not None) * NEAR
+            near = np.add(stop.tolerance, NEAR)
+            given[k] = replace(stop, tolerance=near, orientation_tolerance=turn)
     return {"via_q": given, "segments": segments and list(map(_as_kept, segments)), "cycle": cycle}
 
 
