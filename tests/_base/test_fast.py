@@ -268,12 +268,38 @@ def test_a_repetition_whose_calls_are_kept_ends_where_it_says_or_at_its_most(mon
     x, a = ca.SX.sym("x", 2), ca.SX.sym("a")
     step = [a * x, x[0] < 7, ca.sin(x)]  # goes on from 1, 2, 4
     function = ca.Function("doubled", [x, a], [ca.densify(part) for part in step])
-    as_it_is = deferred_call.__wrapped__(function, 5)([1.0, 3.0], [2.0])
+    as_it_is = deferred_call.__wrapped__(function, 5, True)([1.0, 3.0], [2.0])
     monkeypatch.setattr(fast_calls, "WORTH_COMPILING", -1.0)
     for most, left in ((5, 4), (3, 3), (1, 1)):
-        states, going, kept = deferred_call.__wrapped__(function, most)([1.0, 3.0], [2.0])
+        states, going, kept = deferred_call.__wrapped__(function, most, True)([1.0, 3.0], [2.0])
         assert states[:, 0].tolist() == [2.0, 4.0, 8.0, 16.0][:left]
         assert going[:, 0].tolist() == [1.0, 1.0, 1.0, 0.0][:left]
         np.testing.assert_array_equal(kept, as_it_is[2][:left])
     with pytest.raises(mo.InputError, match="from one state, not from a batch"):
-        deferred_call.__wrapped__(function, 5)(np.ones((2, 2)), [2.0])
+        deferred_call.__wrapped__(function, 5, True)(np.ones((2, 2)), [2.0])
+
+
+def test_a_chain_goes_along_the_rows_from_one_state(monkeypatch):
+    x, a, b = ca.SX.sym("x", 2), ca.SX.sym("a"), ca.SX.sym("b", 2)
+    function = ca.Function("chain", [x, a, b], [a * x + b, ca.sin(x)])
+    random = np.random.default_rng(0)
+    rows, one = random.normal(size=(5, 1)), random.normal(size=2)
+    expected = [np.array([1.0, 3.0])]
+    for row in rows:
+        expected.append(row * expected[-1] + one)
+    monkeypatch.setattr(fast_calls, "WORTH_COMPILING", -1.0)
+    for compiled in (False, True):
+        call = deferred_call(function, kept=True, compiled=compiled)
+        states, other = call([1.0, 3.0], rows, np.tile(one, (5, 1)))
+        np.testing.assert_allclose(states, expected[1:], rtol=1e-15)
+        np.testing.assert_allclose(other, np.sin(expected[:-1]), rtol=1e-15)
+    with pytest.raises(mo.InputError, match="from one state along the rows"):
+        call(np.ones((5, 2)), rows, np.tile(one, (5, 1)))
+
+
+def test_a_call_that_is_not_to_be_compiled_is_not(monkeypatch):
+    monkeypatch.setattr(fast_calls, "WORTH_COMPILING", -1.0)
+    monkeypatch.setattr(fast_calls, "_extension", None)
+    x = ca.SX.sym("x")
+    call = deferred_call(ca.Function("plain", [x], [2 * x]), compiled=False)
+    assert call(np.ones((2, 1))).tolist() == [[2.0], [2.0]]

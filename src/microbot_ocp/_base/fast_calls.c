@@ -137,11 +137,12 @@ static PyObject *call(PyObject *module, PyObject *const *given, Py_ssize_t count
     }
   }
 #if @KEPT@
-  if (rows >= 0) {
-    PyErr_SetString(input_error, "@NAME@ is repeated from one state, not from a batch");
+  if (@MOST@ ? rows >= 0 : rows < 0 || step[0]) {
+    PyErr_SetString(input_error, @MOST@ ? "@NAME@ is repeated from one state, not from a batch"
+                                        : "@NAME@ goes from one state along the rows of a batch");
     goto done;
   }
-  rows = @MOST@;
+  if (@MOST@) rows = @MOST@;
 #endif
   for (i = 0; i < @N_OUT@; ++i) {
     npy_intp shape[3] = {rows, out_columns[i], out_rows[i]};
@@ -174,11 +175,13 @@ static PyObject *call(PyObject *module, PyObject *const *given, Py_ssize_t count
     }
 #if @KEPT@
     last = res[0];
+#if @MOST@
     if (!(res[1][0] > 0) && ++row) break;
+#endif
 #endif
   }
   for (i = 0; i < @N_OUT@; ++i) {
-#if @KEPT@
+#if @KEPT@ && @MOST@
     PyObject *calls = PySequence_GetSlice((PyObject *)out[i], 0, row);
     Py_DECREF(out[i]);
     out[i] = (PyArrayObject *)calls;

@@ -38,6 +38,7 @@ from microbot_ocp._base.codegen import (
 FastCall = Callable[..., Any]
 
 WORTH_COMPILING = 0.1  # s of running as it is after which a function is compiled
+NESTED = {"base": 4}  # a chain of 1000 is made in 5 ms, with CasADi's 10 in 50 ms
 # No fused multiply-add: the same bits as of CasADi's virtual machine, so that nothing depends on
 # when a function is compiled. It would save 10 % of a call with 7 joints, nothing with 3
 ROUNDED_ALIKE = ("-ffp-contract=off",)
@@ -86,7 +87,9 @@ def fast_call(function: ca.Function) -> FastCall:
 
 
 @lru_cache(maxsize=128)
-def deferred_call(function: ca.Function, kept: int = 0) -> FastCall:
+def deferred_call(
+    function: ca.Function, most: int = 0, kept: bool = False, compiled: bool = True
+) -> FastCall:
     """Return a CasADi function as a numpy function of many states, compiled when that pays.
 
     Compiled code that is in the cache is used at once. Else the function runs as it is until that
@@ -96,16 +99,20 @@ def deferred_call(function: ca.Function, kept: int = 0) -> FastCall:
     Parameters
     ----------
     function : casadi.Function
-        As of :func:`fast_call`; its outputs are vectors, too. If ``kept`` as of :func:`fast_loop`.
-    kept : int
-        If above zero the function is repeated from one state as often, at most, and what each call
-        returns is kept.
+        As of :func:`fast_call`; its outputs are vectors, too. If ``most`` as of :func:`fast_loop`.
+    most : int
+        If above zero the function is repeated as often, at most.
+    kept : bool
+        It is repeated from one state, and what each call returns is kept; where ``most`` is zero
+        it goes along the rows of the other inputs, its first output the next state.
+    compiled : bool
+        Whether it is compiled at all.
 
     Returns
     -------
     callable
         Takes a batch [N,n] an input, returns a batch [N,m], several outputs as a tuple; if
-        ``kept`` takes arrays [n].
+        ``kept`` its first input, with ``most`` all of them, are arrays [n].
 
     Raises
     ------
@@ -120,26 +127,21 @@ def deferred_call(function: ca.Function, kept: int = 0) -> FastCall:
     (5, 3)
     """
     _check_vectors(function)
-    fast = _extension(function, kept, make=False, kept=bool(kept))
+    fast = _extension(function, most, make=False, kept=kept) if compiled else None
     inner = (function, *function.find_functions())
     in_python = any(part.class_name() == "CallbackInternal" for part in inner)
-    spent = -np.inf if in_python else 0.0  # of Python there is no C code
-    single = _stand_in(function)
+    spent = -np.inf if in_python or not compiled else 0.0  # of Python there is no C code
+    as_it_is = _as_it_is(function, most, kept)
 
     def call(*given: Any) -> Any:
         nonlocal fast, spent
         if fast is None and spent > WORTH_COMPILING and compiles() and not deadline.over():
-            fast = _extension(function, kept, kept=True) if kept else fast_call(function)
+            again = most or kept
+            fast = _extension(function, most, kept=kept) if again else fast_call(function)
         if fast is not None:
             return fast(*given)
         begin = time.perf_counter()
-        if kept:
-            results = _kept(single, kept, given)
-        elif np.ndim(given[0]) == 1:
-            results = _as_tuple(single(*given))
-        else:
-            answers = function.call([np.transpose(array) for array in given])
-            results = tuple(np.array(answer).T[: len(given[0])] for answer in answers)
+        results = as_it_is(*given)
         spent += time.perf_counter() - begin
         return results[0] if len(results) == 1 else results
 
@@ -478,12 +480,32 @@ def _repeated(single: FastCall, most: int) -> FastCall:
     return call
 
 
-def _kept(single: FastCall, most: int, given: tuple[Any, ...]) -> tuple[FloatArray, ...]:
-    """Return what each call of a repetition returns [K,m], without an extension module."""
-    calls = [single(*given)]
-    while len(calls) < most and calls[-1][1][0] > 0:
-        calls.append(single(calls[-1][0], *given[1:]))
-    return tuple(map(np.array, zip(*calls, strict=True)))
+def _as_it_is(
+    function: ca.Function, most: int, kept: bool
+) -> Callable[..., tuple[FloatArray, ...]]:
+    """Return what :func:`deferred_call` promises, as a tuple, without an extension module."""
+    single = _stand_in(function)
+
+    def of_rows(*given: Any) -> tuple[FloatArray, ...]:
+        if np.ndim(given[0]) == 1:
+            return _as_tuple(single(*given))
+        answers = function.call([np.transpose(array) for array in given])
+        return tuple(np.array(answer).T[: len(given[0])] for answer in answers)
+
+    def repeated(*given: Any) -> tuple[FloatArray, ...]:
+        calls = [single(*given)]
+        while len(calls) < most and calls[-1][1][0] > 0:
+            calls.append(single(calls[-1][0], *given[1:]))
+        return tuple(map(np.array, zip(*calls, strict=True)))
+
+    def along_rows(first: Any, *given: Any) -> tuple[FloatArray, ...]:
+        chain = function.mapaccum(len(given[0]), NESTED)
+        answers = _as_tuple(buffered_call(chain)(first, *(np.transpose(rows) for rows in given)))
+        return tuple(answer.T for answer in answers)
+
+    if kept:
+        return repeated if most else along_rows
+    return _repeated(single, most) if most else of_rows
 
 
 def _as_tuple(answer: Any) -> tuple[FloatArray, ...]:

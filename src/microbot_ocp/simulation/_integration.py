@@ -170,7 +170,7 @@ def _steps(rate: Rate, states: int, known: int, kind: str | tuple[int, int]) -> 
         w = _series(2 * (t - u[0]) / u[1] - 1, u[2 + known :], kind)
     names = ["t", "x", "u"], ["rate"]
     function = ca.Function("rate", [t, x, u], [rate(t, x, w, u[2 : 2 + known])], *names)
-    return deferred_call(step_function(function), STEPS)
+    return deferred_call(step_function(function), STEPS, kept=True)
 
 
 class IntegratorSettings(NamedTuple):

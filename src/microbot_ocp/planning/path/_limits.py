@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp._base.fast_calls import buffered_call
+from microbot_ocp._base.fast_calls import deferred_call
 from microbot_ocp.limits import ROUNDING, LimitFamily, LimitValues, MotionSamples
 from microbot_ocp.planning.path._curve import PathCurve
 from microbot_ocp.robot import COULOMB_SMOOTHING, Robot, inverse_dynamics
@@ -192,12 +192,11 @@ def torque_coefficients(robot: Robot, nodes: Nodes, fast: bool) -> tuple[FloatAr
     docs/theory/path_timing.md, "Along a path".
     """
     smooth = frictionless(robot)
-    tau = buffered_call(inverse_dynamics(smooth, compiled=fast).map(len(nodes.position)))
-    q, tangent, curvature = nodes.position.T, nodes.tangent.T, nodes.curvature.T
+    tau = deferred_call(inverse_dynamics(smooth), compiled=fast)
+    q, tangent, curvature = nodes.position, nodes.tangent, nodes.curvature
     zero = np.zeros_like(q)
-    at_rest = tau(q, zero, zero).T
-    per_u = tau(q, zero, tangent).T - at_rest
-    per_x = tau(q, tangent, curvature).T - at_rest
+    at_rest = tau(q, zero, zero)
+    per_u, per_x = tau(q, zero, tangent) - at_rest, tau(q, tangent, curvature) - at_rest
     coulomb = np.array([link.coulomb_friction for link in robot.links])
     return per_u, per_x, at_rest + coulomb * np.sign(nodes.tangent)
 

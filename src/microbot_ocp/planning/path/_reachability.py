@@ -9,9 +9,9 @@ forward, the largest x_{i+1} in it is taken. After Pham and Pham, "A new approac
 path parameterization based on reachability analysis", IEEE T-RO 34(3), 2018, where u is constant on
 every interval: riding a limit that changes along the path, that is slower to first order in d.
 
-For a given x_{i+1} the limits at the end bound ``x_{i+1} - d b``, from above and below by piecewise
-linear functions, and those at the start then bound x_i. Its extremes are found by cutting planes
-inside one CasADi function mapped along the grid.
+Both ends share ``w = x_i + d a = x_{i+1} - d b`` alone: a set of x_{i+1} leaves an interval of w,
+and that one of x_i. Of two unknowns one is always eliminated in closed form (Fourier and Motzkin).
+What limits at one end leave among themselves is found before, for all intervals at once.
 
 Theory: docs/theory/path_timing.md, equations (2) and (3).
 """
@@ -20,14 +20,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 
 from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp._base.codegen import maybe_compiled
-from microbot_ocp._base.fast_calls import FastCall, buffered_call
+from microbot_ocp._base.fast_calls import deferred_call
 from microbot_ocp.limits import LimitFamily, MotionSamples
 from microbot_ocp.planning.path._curve import PathCurve
 from microbot_ocp.planning.path._limits import (
@@ -47,8 +47,6 @@ class ReachabilitySettings:
 
     Attributes
     ----------
-    penalty : of leaving the feasible set, in the search for its best point
-    cuts : cutting planes of each linear program
     rounding : relative violation of a limit that is none
     friction_passes : linearisations of friction, which goes with the root of x, at most
     settled : relative change of a duration that ends the doubling of the grid
@@ -64,8 +62,6 @@ class ReachabilitySettings:
     short : of k t^2, below which a series replaces sinh and sin
     """
 
-    penalty: float = 1e6
-    cuts: int = 14
     rounding: float = 1e-9
     friction_passes: int = 6
     settled: float = 1e-4
@@ -85,7 +81,6 @@ class ReachabilitySettings:
 
 
 REACHABILITY = ReachabilitySettings()
-NESTED = {"base": 4}  # a chain of 1000 is made in 5 ms, with CasADi's 10 in 50 ms
 
 
 @dataclass(frozen=True, eq=False)
@@ -310,105 +305,42 @@ def path_grid(path: PathCurve, count: int) -> FloatArray:
     return np.append(np.concatenate(pieces), path.breaks[-1])
 
 
-@dataclass(frozen=True, eq=False)
-class _Ends:
-    """Limits at one end of every interval, ``low <= m u + c x <= high`` with m >= 0, each [N,W]."""
-
-    m: FloatArray
-    c: FloatArray
-    low: FloatArray
-    high: FloatArray
-    step: FloatArray  # [N,1]
-
-    @classmethod
-    def of(cls, rows: LimitRows, at: np.ndarray, other: np.ndarray, step: FloatArray) -> _Ends:
-        """Give limits at one end; where the inertia changes much, those at the other, too.
-
-        There the product of inertia and u, both linear, is far from linear between the ends, and
-        an inertia that vanishes at one of them would leave u free.
-        """
-        m, c, low, high = (
-            np.hstack([a[at], a[other]]) for a in (rows.per_u, rows.per_x, rows.lower, rows.upper)
-        )
-        here, there = np.hsplit(m, 2)
-        alike = np.abs(there - here) <= REACHABILITY.alike * np.maximum(np.abs(here), np.abs(there))
-        none = np.zeros_like(alike)
-        left_out = np.hstack([none, alike])
-        low, high = np.where(left_out, -np.inf, low), np.where(left_out, np.inf, high)
-        turned = m < 0
-        low, high = np.where(turned, -high, low), np.where(turned, -low, high)
-        return cls(np.abs(m), np.where(turned, -c, c), low, high, step[:, None])
-
-    def speeds(self) -> tuple[FloatArray, FloatArray]:
-        """Give the smallest and largest x [N] that leave a u within all limits."""
-        half = self.m.shape[1] // 2
-        least, most = _speeds(*(a[:, :half] for a in (self.m, self.c, self.low, self.high)))
-        which = np.flatnonzero(np.isfinite(self.high[:, half:]).any(axis=1))
-        if which.size:
-            speeds = _speeds(*(a[which] for a in (self.m, self.c, self.low, self.high)))
-            least[which] = np.maximum(least[which], speeds[0])
-            most[which] = np.minimum(most[which], speeds[1])
-        return least, most
-
-    @property
-    def flat(self) -> np.ndarray:
-        return self.m <= REACHABILITY.flat * (self.m + self.step * np.abs(self.c))
-
-    def lines(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Give the slope in x, and the largest and smallest u at x = 0 [N,R]."""
-        m = np.where(self.flat, 1.0, self.m)
-        slope = np.where(self.flat, 0.0, -self.c / m)
-        sides = ((FAR, self.high), (-FAR, self.low))
-        most, least = (np.where(self.flat, far, bound / m) for far, bound in sides)
-        return slope, np.clip(most, -FAR, FAR), np.clip(least, -FAR, FAR)
-
-    def moved(self, way: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Bound x by the same limits given ``w = x + way d u``: ratio of w, and intercepts.
-
-        With ``e = m - way d c``, ``e x`` lies between ``m w - way d high`` and ``m w - way d low``:
-        where the ratio m/e is positive x is at most ``ratio w + top``, with the w at most that the
-        others allow, and at least ``ratio w + bottom``, with the least w; where it is negative the
-        other way round.
-        """
-        moved = way * self.step
-        e = self.m - moved * self.c
-        # not so small that intercepts reach FAR: there they say that there is no limit
-        tiny = REACHABILITY.steep * (self.m + np.abs(moved * self.c))
-        none = tiny == 0.0
-        e = np.where(np.abs(e) <= tiny, np.where(none, 1.0, tiny), e)
-        one, other = -moved * self.low / e, -moved * self.high / e
-        top = np.where(none, FAR, np.maximum(one, other))
-        bottom = np.where(none, -FAR, np.minimum(one, other))
-        return np.where(none, 0.0, self.m / e), np.clip(top, -FAR, FAR), np.clip(bottom, -FAR, FAR)
+NO_LIMIT = np.array([0.0, np.inf, -np.inf, 0.0, FAR])  # in what :func:`_bounds_of_u` gives
 
 
-def _speeds(
-    m: FloatArray, c: FloatArray, low: FloatArray, high: FloatArray
+def _bounds_of_u(rows: LimitRows, step: float) -> FloatArray:
+    """Bound u at all nodes: slope in x, largest and smallest u at x = 0 [nodes,W].
+
+    Fourth and fifth come the least and the largest x of limits that do not feel u.
+    """
+    m, c = rows.per_u, rows.per_x
+    flat = np.abs(m) <= REACHABILITY.flat * (np.abs(m) + step * np.abs(c))
+    alone = flat & (c != 0.0)
+    sides = np.array([rows.lower, rows.upper]) / np.where(flat, np.where(alone, c, 1.0), m)
+    low, high = sides.min(axis=0), sides.max(axis=0)
+    bounds = np.array([-c / np.where(flat, 1.0, m), high, low, *np.zeros((2, *m.shape))])
+    bounds[4] = FAR
+    bounds[:3, flat] = NO_LIMIT[:3, None]
+    bounds[3:, alone] = low[alone], high[alone]
+    return bounds
+
+
+def _at_ends(
+    bounds: FloatArray, rows: LimitRows, at: np.ndarray, other: np.ndarray
 ) -> tuple[FloatArray, FloatArray]:
-    """Give the least and largest x with a u of at most (high - c x)/m, at least that of another."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        slope = m[:, None, :] * c[:, :, None] - m[:, :, None] * c[:, None, :]
-        bound = m[:, None, :] * high[:, :, None] - m[:, :, None] * low[:, None, :]
-        flat = m <= REACHABILITY.flat * (m + np.abs(c))
-        alone = [np.where(flat, values, np.inf) for values in (high, -low)]
-        slope = np.hstack([slope.reshape(len(m), -1), c, -c])
-        bound = np.hstack([bound.reshape(len(m), -1), *alone])
-        limit = np.nan_to_num(bound / slope, nan=np.inf, posinf=np.inf, neginf=-np.inf)
-    open_ = ~np.isfinite(bound) | (slope == 0)
-    most = np.where(open_ | (slope < 0), FAR, limit).min(axis=1, initial=FAR)
-    return np.where(open_ | (slope > 0), 0.0, limit).max(axis=1, initial=0.0), most
+    """Give bounds at one end of every interval [N,6W]: of u, as :class:`_Lines`; of x [N,2].
 
-
-def _reached_from(ends: _Ends, way: float) -> FloatArray:
-    """Give lines of the extremes of ``w = x + way d u`` in x [N,3R]: slope, top, bottom."""
-    slope, most, least = ends.lines()
-    step = way * ends.step
-    sides = (most, least) if way > 0 else (least, most)
-    top, bottom = (
-        np.where(np.abs(side) >= FAR, far, step * side)
-        for side, far in zip(sides, (FAR, -FAR), strict=True)
-    )
-    return np.hstack([1.0 + step * slope, top, bottom])
+    Where the inertia changes much those at the other end count, too: there the product of inertia
+    and u, both linear, is far from linear between the ends, and an inertia that vanishes at one of
+    them would leave u free.
+    """
+    here, there = rows.per_u[at], rows.per_u[other]
+    change = np.abs(there - here)
+    unlike = change > REACHABILITY.alike * np.maximum(np.abs(here), np.abs(there))
+    further = np.where(unlike, bounds[:, other], NO_LIMIT[:, None, None])
+    both = np.concatenate([bounds[:, at], further], axis=2)
+    least, most = both[3].max(axis=1, initial=0.0), both[4].min(axis=1, initial=FAR)
+    return both[:3].swapaxes(0, 1).reshape(len(at), -1), np.column_stack([least, most])
 
 
 def _passes(
@@ -421,21 +353,25 @@ def _passes(
 ) -> Reached:
     begins, finishes = (speed**2 for speed in ends)
     step = np.diff(s)
-    n, width = step.size, 2 * rows.per_u.shape[1]
-    left = _Ends.of(rows, rows.left, rows.right, step)
-    right = _Ends.of(rows, rows.right, rows.left, step)
-    (least, most), (before, over) = left.speeds(), right.speeds()
-    least = np.maximum(np.append(least, 0.0), np.append(0.0, before))
-    most = np.minimum(np.append(most, FAR), np.append(FAR, over))
-    most = np.minimum(most, speed_limit)
+    bounds = _bounds_of_u(rows, float(step.mean()))
+    left, x_range = _at_ends(bounds, rows, rows.left, rows.right)
+    right, y_range = _at_ends(bounds, rows, rows.right, rows.left)
+    size, steps = left.shape[1], step[:, None]
+    least, most = np.zeros(s.size), speed_limit.copy()
+    in_range = deferred_call(_range(size, False), size, compiled=fast)
+    for limits, widest, at in ((left, x_range, slice(-1)), (right, y_range, slice(1, None))):
+        widest[:, 1] = np.minimum(widest[:, 1], speed_limit[at])
+        low, high = in_range(widest, limits, steps)[0].T
+        least[at], most[at] = np.maximum(least[at], low), np.minimum(most[at], high)
+    widest = np.tile([-FAR, FAR], (step.size, 1))
+    w = deferred_call(_range(size, True), size, compiled=fast)(widest, right, steps)[0]
     end = np.array([least[-1], most[-1]])
     if not free[1]:
         end = np.array([max(end[0], finishes), min(max(end[1], 0.0), finishes)])
-    columns = np.hstack(
-        [_reached_from(right, -1.0), *left.moved(1.0), least[:-1, None], most[:-1, None]]
-    )
-    sets = _backward(width, n, fast)(end, columns[::-1].T)[:, ::-1]
-    low, high = np.append(sets[0], end[0]), np.append(sets[1], end[1])
+    bounds = np.column_stack([least[:-1], most[:-1], w])
+    backward = deferred_call(_backward(size), kept=True, compiled=fast)
+    sets = backward(end, *(table[::-1] for table in (left, right, steps, bounds)))
+    low, high = np.vstack([sets[::-1], end]).T
     if not free[0]:
         low[0], high[0] = max(low[0], begins), min(high[0], begins)
     blocked = np.flatnonzero(high < low)
@@ -443,52 +379,25 @@ def _passes(
     if blocked.size:
         unknown, at = np.full_like(s, np.nan), float(s[blocked[-1]])
         return Reached(s, np.zeros_like(s), nothing, nothing, unknown, False, at)
-    columns = np.hstack(
-        [_reached_from(left, 1.0), *right.moved(-1.0)[:2], low[1:, None], high[1:, None]]
-    ).T
-    forward = _forward(width, n, fast)
-    first = high[0]
+    intervals = left, right, steps, np.column_stack([low[1:], high[1:]])
+    first = max(high[0], 0.0)
     if free[0]:  # the largest x_0 may bar larger ones soon after, a small one loses time at once
-        tried, onward = [np.linspace(low[0], high[0], REACHABILITY.starts)], _onward(width, fast)
-        for column in columns.T[: REACHABILITY.starts_over]:
-            tried.append(onward(tried[-1][None], column).ravel())
-        v = np.sqrt(np.maximum(tried, 0.0))
-        spent = (step[: len(v) - 1, None] / np.maximum(v[1:] + v[:-1], REACHABILITY.tiny)).sum(
-            axis=0
-        )
-        first = tried[0][np.argmin(spent)]
-    x = np.maximum(np.append(first, forward(first, columns).ravel()), 0.0)
-    start, finish = _accelerations(x, step, left, right)
+        tried = [np.linspace(low[0], high[0], REACHABILITY.starts)]
+        onward = deferred_call(_forward(size), compiled=fast)
+        for interval in zip(
+            *(table[: REACHABILITY.starts_over] for table in intervals), strict=True
+        ):
+            tried.append(onward(tried[-1][:, None], *interval)[0][:, 0])
+        v = np.sqrt(tried)
+        spent = step[: len(v) - 1, None] / np.maximum(v[1:] + v[:-1], REACHABILITY.tiny)
+        first = tried[0][np.argmin(spent.sum(axis=0))]
+    after, u = deferred_call(_forward(size), kept=True, compiled=fast)([first], *intervals)
+    x, (start, finish) = np.append(first, after[:, 0]), u.T
     t = np.append(0.0, np.cumsum(_durations(x, step, start, finish)))
     stuck = np.flatnonzero(~np.isfinite(t))
     return Reached(
         s, x, start, finish, t, not stuck.size, float(s[stuck[0] - 1]) if stuck.size else np.nan
     )
-
-
-def _accelerations(
-    x: FloatArray, step: FloatArray, left: _Ends, right: _Ends
-) -> tuple[FloatArray, FloatArray]:
-    """Give u at both ends of the intervals: their mean where limits allow it, else at a limit."""
-    bounds = []
-    for ends, at in ((left, x[:-1, None]), (right, x[1:, None])):
-        slope, most, least = ends.lines()
-        slack = REACHABILITY.rounding * (1.0 + np.abs(slope * at))
-        bounds.append(
-            (
-                (least + slope * at - slack).max(axis=1, initial=-FAR),
-                (most + slope * at + slack).min(axis=1, initial=FAR),
-            )
-        )
-    (low, high), (end_low, end_high) = bounds
-    both = np.diff(x) / step
-    most, least = np.minimum(high, both - end_low), np.maximum(low, both - end_high)
-    start = np.maximum(np.minimum(0.5 * both, most), least)
-    end = both - start
-    # x must not dip below zero on the way
-    with np.errstate(divide="ignore", invalid="ignore"):
-        dip = (start < 0) & (end > 0) & (x[:-1] * (end - start) < start**2 * step)
-    return np.where(dip, 0.5 * both, start), np.where(dip, 0.5 * both, end)
 
 
 def _durations(x: FloatArray, step: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
@@ -507,117 +416,128 @@ def _durations(x: FloatArray, step: FloatArray, start: FloatArray, end: FloatArr
         return np.where(np.abs(k) * usual**2 < REACHABILITY.short, series, exact)
 
 
+class _Lines(NamedTuple):
+    """Bounds of one unknown, given another: slope, the largest and the smallest at zero [R]."""
+
+    slope: ca.SX
+    top: ca.SX
+    bottom: ca.SX
+
+    @classmethod
+    def of(cls, table: ca.SX) -> _Lines:
+        """Read what :func:`_both` has written."""
+        third = table.numel() // 3
+        return cls(*(table[k * third : (k + 1) * third] for k in range(3)))
+
+    def reached(self, way: ca.SX) -> _Lines:
+        """Bound ``w = x + way u`` given x, where these bound u."""
+        one, other = way * self.top, way * self.bottom
+        return _Lines(1.0 + way * self.slope, ca.fmax(one, other), ca.fmin(one, other))
+
+    def moved(self, way: ca.SX) -> _Lines:
+        """Bound x given ``w = x + way u``, where these bound u."""
+        ratio = 1.0 + way * self.slope
+        # not so steep that what is no limit becomes one
+        tiny = REACHABILITY.steep * (1.0 + ca.fabs(way * self.slope))
+        ratio = 1.0 / ca.if_else(ca.fabs(ratio) <= tiny, tiny, ratio)
+        one, other = -way * ratio * self.top, -way * ratio * self.bottom
+        return _Lines(ratio, ca.fmax(one, other), ca.fmin(one, other))
+
+    def between(self, low: ca.SX, high: ca.SX, least: Any, most: Any) -> tuple[ca.SX, ca.SX]:
+        """Give the least and the largest value allowed anywhere from low to high."""
+        one, other = self.slope * low, self.slope * high
+        return (
+            ca.mmax(ca.vertcat(least, ca.fmin(one, other) + self.bottom)),
+            ca.mmin(ca.vertcat(most, ca.fmax(one, other) + self.top)),
+        )
+
+    def narrowed(self, least: ca.SX, most: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Bring bounds of x nearer to those x that leave a u, by a step of Newton's method.
+
+        The room that x leaves to u is concave and piecewise linear: from outside, the zeros of its
+        tangents reach the bounds in at most a step for each of its 2 R lines.
+        """
+        bounds = []
+        for x, side in ((least, 1.0), (most, -1.0)):
+            above, rise = _lowest(x, self.slope, self.top)
+            below, fall = _lowest(x, -self.slope, -self.bottom)
+            room, opening = above + below, rise + fall
+            slack = REACHABILITY.rounding * (1.0 + ca.fabs(above) + ca.fabs(below))
+            missing = -room - opening * x
+            nearer = ca.if_else(missing > slack, side * FAR, x)  # there is no such x
+            nearer = ca.if_else(side * opening > 0.0, -room / opening, nearer)
+            bounds.append(ca.if_else(missing > 0.0, side * ca.fmax(side * x, side * nearer), x))
+        return bounds[0], bounds[1]
+
+
+def _lowest(x: ca.SX, slope: ca.SX, intercept: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Give intercept and slope of the lowest of lines at x."""
+    best, rise, lowest = ca.SX(FAR), ca.SX(0), ca.SX(FAR)
+    for s, b in zip(ca.vertsplit(slope), ca.vertsplit(intercept), strict=True):
+        value = s * x + b
+        best, rise = (ca.if_else(value < lowest, new, old) for new, old in ((b, best), (s, rise)))
+        lowest = ca.fmin(lowest, value)
+    return best, rise
+
+
+def _function(name: str, given: list[ca.SX], results: list[ca.SX]) -> ca.Function:
+    return ca.Function(f"reach_{name}_{given[1].numel() // 3}", given, ca.cse(results))
+
+
 @lru_cache(maxsize=32)
-def _backward(width: int, count: int, fast: bool) -> FastCall:
-    """Make the backward pass: sets of x_i from which the end can be reached.
+def _range(size: int, on_way: bool) -> ca.Function:
+    """Make a step towards the range of x that limits at one end leave, or of w at the other."""
+    x, table, step = ca.SX.sym("x", 2), ca.SX.sym("limits", size), ca.SX.sym("step")
+    lines = _Lines.of(table)
+    lines = lines.moved(-step) if on_way else lines
+    narrower = ca.vertcat(*lines.narrowed(x[0], x[1]))
+    going = ca.sum1(narrower != x) > 0
+    name = "way_range" if on_way else "range"
+    return _function(name, [x, table, step], [narrower, going])
+
+
+@lru_cache(maxsize=32)
+def _backward(size: int) -> ca.Function:
+    """Make a step of the backward pass: the set of x_i from which that of x_{i+1} can be reached.
 
     docs/theory/path_timing.md, "Reachability".
     """
-    target = ca.MX.sym("target", 2)
-    column = ca.MX.sym("column", 6 * width + 2)
-    lines, (v_low, v_high) = column[: 6 * width], ca.vertsplit(column[6 * width :])
-    after = lines[: 3 * width]
-    ratio, top, bottom = (lines[k * width : (k + 1) * width] for k in (3, 4, 5))
-    largest, room = _best(width, ca.vertcat(after, ratio, top, bottom, v_low, v_high), target)
-    mirrored = ca.vertcat(after, -ratio, -bottom, -top, -v_high, -v_low)
-    smallest, _ = _best(width, mirrored, target)
+    target, bounds, step = ca.SX.sym("target", 2), ca.SX.sym("bounds", 4), ca.SX.sym("step")
+    left, right = ca.SX.sym("left", size), ca.SX.sym("right", size)
+    y, x, w = ca.vertsplit(target), *ca.vertsplit(bounds, 2)
+    w = _Lines.of(right).reached(-step).between(y[0], y[1], w[0], w[1])
+    x = _Lines.of(left).moved(step).between(w[0], w[1], x[0], x[1])
+    empty = ca.SX(0)
+    for low, high in (y, w, x):
+        crossed = high < low - REACHABILITY.rounding * (1.0 + ca.fabs(low))
+        empty = ca.logic_or(empty, crossed)
     # an empty set is passed on as one with its ends crossed
-    crossed = target[1] < target[0] - REACHABILITY.rounding * (1.0 + ca.fabs(target[0]))
-    empty = ca.logic_or(crossed, room < -REACHABILITY.rounding * (1.0 + ca.fabs(largest)))
-    result = ca.vertcat(
-        ca.if_else(empty, 1.0, ca.fmax(-smallest, 0.0)), ca.if_else(empty, -1.0, largest)
-    )
-    step = ca.Function(f"reach_back_{width}", [target, column], [result])
-    return buffered_call(maybe_compiled(step, fast).mapaccum(count, NESTED))
+    result = ca.if_else(empty, ca.vertcat(1.0, -1.0), ca.vertcat(*x))
+    return _function("back", [target, left, right, step, bounds], [result])
 
 
 @lru_cache(maxsize=32)
-def _forward(width: int, count: int, fast: bool) -> FastCall:
-    """Make the forward pass: every x from the first one and the columns."""
-    return buffered_call(_step(width, fast).mapaccum(count, NESTED))
+def _forward(size: int) -> ca.Function:
+    """Make a step of the forward pass: the largest x_{i+1} that x_i allows, and u at both ends.
 
-
-@lru_cache(maxsize=32)
-def _onward(width: int, fast: bool) -> FastCall:
-    """Make one interval of the forward pass from all starts that are tried, and its column."""
-    return buffered_call(_step(width, fast).map("onward", "serial", REACHABILITY.starts, [1], []))
-
-
-def _step(width: int, fast: bool) -> ca.Function:
-    """Give the largest x_{i+1} in its set that x_i allows."""
-    x = ca.SX.sym("x")
-    column = ca.SX.sym("column", 5 * width + 2)
-    slope, high, low, ratio, top = (column[k * width : (k + 1) * width] for k in range(5))
-    largest = column[5 * width + 1]
-    if width:
-        w_high, w_low = ca.mmin(slope * x + high), ca.mmax(slope * x + low)
-        largest = ca.fmin(largest, ca.mmin(ratio * ca.if_else(ratio > 0, w_high, w_low) + top))
-    result = ca.fmax(largest, column[5 * width])
-    return maybe_compiled(ca.Function(f"reach_on_{width}", [x, column], [result]), fast)
-
-
-def _best(width: int, lines: ca.MX, target: ca.MX) -> tuple[ca.MX, ca.MX]:
-    """Give the largest v that some y in the target allows, and the room that is left to it.
-
-    The penalised upper envelope is concave and piecewise linear in y: its maximum is enclosed by
-    the tangents at two points and found in finitely many cuts.
+    Their mean where limits allow it, else at a limit.
     """
-    envelope, cut = _cutting_plane(width)
-    left = envelope(target[0], lines)
-    right = envelope(ca.fmax(target[1], target[0]), lines)
-    for _ in range(REACHABILITY.cuts):
-        left, right = cut(left, right, lines)
-    left_wins = left[1] > right[1]
-    return ca.if_else(left_wins, left[3], right[3]), ca.if_else(left_wins, left[4], right[4])
-
-
-@lru_cache(maxsize=32)
-def _cutting_plane(width: int) -> tuple[ca.Function, ca.Function]:
-    """Make the envelope at a point, a cut of the bracket; a point: y, value, slope, top, room."""
-    lines, y = ca.SX.sym("lines", 6 * width + 2), ca.SX.sym("y")
-    parts = [ca.vertsplit(lines[k * width : (k + 1) * width]) if width else [] for k in range(6)]
-
-    def extreme(sign: float, values: list[tuple[ca.SX, ca.SX]]) -> tuple[ca.SX, ca.SX]:
-        """Give the least (the largest, where sign is -1) of values with their slopes in y."""
-        best, slope = values[0]
-        for value, other in values[1:]:
-            slope = ca.if_else(sign * value < sign * best, other, slope)
-            best = ca.fmin(best, value) if sign > 0 else ca.fmax(best, value)
-        return best, slope
-
-    slope, w_top, w_bottom, ratio, top, bottom = parts
-    zero = ca.SX(0)
-    none = [(ca.SX(0), zero)]
-    high = extreme(1.0, [(k * y + h, k) for k, h in zip(slope, w_top, strict=True)] or none)
-    low = extreme(-1.0, [(k * y + h, k) for k, h in zip(slope, w_bottom, strict=True)] or none)
-    above, below = [(lines[6 * width + 1], zero)], [(lines[6 * width], zero)]
-    for k, most, least in zip(ratio, top, bottom, strict=True):
-        for (value, tangent), bound, side in (
-            ([ca.if_else(k > 0, p, q) for p, q in zip(high, low, strict=True)], most, above),
-            ([ca.if_else(k > 0, q, p) for p, q in zip(high, low, strict=True)], least, below),
-        ):
-            side.append((k * value + bound, k * tangent))
-    highest, slope_there = extreme(1.0, above)
-    lowest, slope_below = extreme(-1.0, below)
-    room = highest - lowest
-    penalty = ca.if_else(room < 0, REACHABILITY.penalty, 0.0)
-    point = ca.vertcat(
-        y,
-        highest + penalty * room,
-        slope_there + penalty * (slope_there - slope_below),
-        highest,
-        room,
-    )
-    envelope = ca.Function(f"reach_curve_{width}", [y, lines], [point])
-    left, right = ca.SX.sym("left", 5), ca.SX.sym("right", 5)
-    meeting = (right[1] - left[1] + left[2] * left[0] - right[2] * right[0]) / (left[2] - right[2])
-    inside = ca.logic_and(left[2] > 0, right[2] < 0)
-    tried = ca.if_else(inside, meeting, ca.if_else(left[2] > 0, right[0], left[0]))
-    middle = envelope(ca.fmin(ca.fmax(tried, left[0]), right[0]), lines)
-    rising = middle[2] > 0
-    cut = ca.Function(
-        f"reach_halve_{width}",
-        [left, right, lines],
-        [ca.if_else(rising, middle, left), ca.if_else(rising, right, middle)],
-    )
-    return envelope, cut
+    x, bounds, step = ca.SX.sym("x"), ca.SX.sym("bounds", 2), ca.SX.sym("step")
+    left, right = ca.SX.sym("left", size), ca.SX.sym("right", size)
+    here, there = _Lines.of(left), _Lines.of(right)
+    w = here.reached(step).between(x, x, -FAR, FAR)
+    y = ca.fmax(there.moved(-step).between(*w, -FAR, bounds[1])[1], ca.fmax(bounds[0], 0.0))
+    ranges = []
+    for lines, at in ((here, x), (there, y)):
+        slack = REACHABILITY.rounding * (1.0 + ca.fabs(lines.slope * at))
+        wider = _Lines(lines.slope, lines.top + slack, lines.bottom - slack)
+        ranges.append(wider.between(at, at, -FAR, FAR))
+    (low, high), (end_low, end_high) = ranges
+    both = (y - x) / step
+    most, least = ca.fmin(high, both - end_low), ca.fmax(low, both - end_high)
+    start = ca.fmax(ca.fmin(0.5 * both, most), least)
+    end = both - start
+    # x must not dip below zero on the way
+    dips = ca.logic_and(ca.logic_and(start < 0, end > 0), x * (end - start) < start**2 * step)
+    u = ca.if_else(dips, 0.5 * both, ca.vertcat(start, end))
+    return _function("on", [x, left, right, step, bounds], [y, u])
