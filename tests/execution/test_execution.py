@@ -9,7 +9,7 @@ import pytest
 import microbot_ocp as mo
 from execution import franka
 from microbot_ocp.execution import CommandRows
-from microbot_ocp.execution._curve import NEAR, played_stops
+from microbot_ocp.execution._curve import NEAR, played_task
 
 MESSAGE = {
     "joint_names": ["elbow", "waist", "shoulder"],
@@ -467,6 +467,38 @@ def test_a_payload_that_changes_on_the_way(pick_and_place, tmp_path, profile):
         mo.check(robot, motion, profile)
 
 
+@pytest.fixture(scope="module")
+def line():
+    """A Microbot on a tool line whose tube it uses up: stops, segments and the motion."""
+    robot = mo.load_robot("microbot")
+    stops = [mo.Stop(q=[0.3, 0.6, 0.5]), mo.Stop(q=[0.9, 0.9, 0.3])]
+    task = {"via_q": stops, "segments": [mo.Line(tolerance=2e-3)]}
+    return robot, task, mo.time_optimal(robot, stops, segments=task["segments"], mesh=20)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "profile", ["hold@100", "ros2_jtc_linear@50", "ros2_jtc_cubic@50", "ros2_jtc_quintic@50"]
+)
+def test_a_tool_line_that_the_plan_uses_up_is_kept(line, profile):
+    """What the controller rounds off left the tube by up to a quarter, and was refused."""
+    robot, task, motion = line
+    command = mo.execution.commanded(robot, motion, profile, **task)
+    assert command.accepted, command.certificate.verdict
+    assert command.cost < 0.25 * motion.duration
+    ends = [np.array(mo.forward_kinematics(robot)(stop.q))[:3, 3] for stop in task["via_q"]]
+    along = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
+    t = np.linspace(0.0, command.executed.duration, 3001)
+    poses = mo.forward_kinematics(robot).map(t.size)(command.executed.sample(t).q.T)
+    offset = np.array(poses).reshape(4, -1, 4)[:3, :, 3].T - ends[0]
+    across = np.linalg.norm(offset - np.outer(offset @ along, along), axis=1)
+    assert across.max() <= 2e-3
+    rows = command.rows
+    np.testing.assert_allclose(rows.q[[0, -1]], [stop.q for stop in task["via_q"]], atol=1e-9)
+    for derivative in (rows.qd, rows.qdd):
+        np.testing.assert_allclose(derivative[[0, -1]], 0.0, atol=1e-9)
+
+
 def test_a_trajectory_without_marks_is_no_motion_of_stops(microbot):
     stops = [mo.Stop(q=[0.0, 0.0, 0.0], payload=1.0), mo.Stop(q=[0.1, 0.1, 0.1])]
     rows = CommandRows(np.array([0.0, 0.5]), np.zeros((2, 3)))
@@ -477,6 +509,7 @@ def test_a_trajectory_without_marks_is_no_motion_of_stops(microbot):
 def test_a_pose_that_is_passed_is_kept_as_nearly_as_via_points() -> None:
     """Of a UR5e between two tool lines the orientation was missed by 2e-4 rad, and refused."""
     stops = [mo.Stop(position=[0.4, 0.1 * k, 0.3], orientation=np.eye(3)) for k in range(3)]
-    kept = played_stops(via_q=stops)["via_q"]
+    profile = mo.execution.load_profile("hold@500")
+    kept = played_task(mo.load_robot("ur5e"), profile, stops, None, False).stops
     assert [stop.orientation_tolerance for stop in kept] == [0.0, NEAR, 0.0]
     assert [float(stop.tolerance) for stop in kept] == [0.0, NEAR, 0.0]

@@ -8,6 +8,7 @@ from ._certificate import (
 from ._certification import (
     Tolerances as Tolerances,
     certificate_of as certificate_of,
+    certified as certified,
     certify as certify,
     limit_checks_of as limit_checks_of,
 )

@@ -48,7 +48,7 @@ from microbot_ocp.motion import (
     quadrature,
     torque_along,
 )
-from microbot_ocp.planning import Segment, Stop, is_task, places_along, task_of
+from microbot_ocp.planning import Segment, Stop, Task, is_task, places_along, task_of
 from microbot_ocp.robot import JointLimits, Limits, Robot, mass_matrix_condition
 from microbot_ocp.scene import Scene, clearance_along, has_coal, with_arm_capsules
 
@@ -190,26 +190,38 @@ def certify(
         torque=checks.number("torque_tolerance", torque_tolerance, above=0.0),
         via=checks.number("via_tolerance", via_tolerance, at_least=0.0),
     )
-    task = via = None
+    via = None
     if via_q is not None and (is_task(via_q) or segments is not None or cycle):
         arm = robot if scene is None else with_arm_capsules(robot)  # parts hang on capsules
         stops = list(cast("Sequence[Any]", via_q))
-        task = task_of(arm, stops, limits, segments=segments, cycle=cycle)
-    elif via_q is not None:
-        via = checks.array("via_q", cast("ArrayLike", via_q), (None, count), "rad")
+        subject = task_of(arm, stops, limits, segments=segments, cycle=cycle)
+    else:
+        if via_q is not None:
+            via = checks.array("via_q", cast("ArrayLike", via_q), (None, count), "rad")
+        subject = LimitFamily.of(robot, limits)
     with deadline.within(time_limit):
-        if task is None:
-            family = LimitFamily.of(robot, limits)
-            certificate = certificate_of(family, motion, via, tolerances, simulated=simulated)
-        else:
-            from microbot_ocp.certificate._task_certificate import certificate_of_task
+        return certified(subject, motion, scene, tolerances, via, simulated=simulated)
 
-            certificate = certificate_of_task(task, motion, tolerances, simulated=simulated)
-        if scene is None:
-            return certificate
-        whole = [(0.0, motion.duration, robot, scene)]
-        places = whole if task is None else places_along(task, motion, scene)
-        return with_clearance(certificate, places, motion)
+
+def certified(
+    subject: LimitFamily | Task,
+    motion: Motion,
+    scene: Scene | None,
+    tolerances: Tolerances,
+    via: FloatArray | None = None,
+    *,
+    simulated: bool = True,
+) -> Certificate:
+    """Do as :func:`certify`, under limits or through the stops of a task, of what is checked."""
+    places: Any = [(0.0, motion.duration, subject.robot, scene)]
+    if isinstance(subject, Task):
+        from microbot_ocp.certificate._task_certificate import certificate_of_task
+
+        certificate = certificate_of_task(subject, motion, tolerances, simulated=simulated)
+        places = scene and places_along(subject, motion, scene)
+    else:
+        certificate = certificate_of(subject, motion, via, tolerances, simulated=simulated)
+    return certificate if scene is None else with_clearance(certificate, places, motion)
 
 
 def with_clearance(

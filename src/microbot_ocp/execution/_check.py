@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,13 +12,13 @@ import numpy as np
 from microbot_ocp._base import checks
 from microbot_ocp._base.check import Check, problems_of
 from microbot_ocp._base.checks import InputError, naming
-from microbot_ocp.certificate import Certificate, Tolerances, certify
-from microbot_ocp.execution._curve import executed, played_stops, played_task, rows_of
+from microbot_ocp.certificate import Certificate, Tolerances, certified
+from microbot_ocp.execution._curve import played, played_task, rows_of
 from microbot_ocp.execution._profile import Profile, load_profile
 from microbot_ocp.execution._rows import CommandRows, read_rows
-from microbot_ocp.limits import ROUNDING
+from microbot_ocp.limits import ROUNDING, LimitFamily
 from microbot_ocp.motion import Motion, State, torque_along
-from microbot_ocp.planning import Task, over_stretches, stretches
+from microbot_ocp.planning import Segment, Task, over_stretches, stretches
 from microbot_ocp.robot import Robot
 from microbot_ocp.scene import Scene
 
@@ -31,7 +32,9 @@ def check(
     *,
     scene: Scene | None = None,
     limit_tolerance: float = ROUNDING,
-    **stops: Any,
+    via_q: Sequence[Any] | None = None,
+    segments: Sequence[Segment] | None = None,
+    cycle: bool = False,
 ) -> Certificate:
     """Judge anyone's trajectory as a controller would play it.
 
@@ -51,10 +54,9 @@ def check(
         Obstacles to keep clear of, proved between the rows, too.
     limit_tolerance : float
         Relative violation of a limit that still passes.
-    **stops
-        ``via_q``, ``segments`` and ``cycle`` of a motion through stops, as of :func:`certify`:
-        every stretch is judged with what the tool holds. The marks of the trajectory say when the
-        stops are reached.
+    via_q, segments, cycle
+        Of a motion through stops, as of :func:`certify`: every stretch is judged with what the tool
+        holds. The marks of the trajectory say when the stops are reached.
 
     Returns
     -------
@@ -80,14 +82,15 @@ def check(
     chosen.limits_of(robot)  # refuses another number of joints
     is_file = isinstance(trajectory, str | Path)
     rows = read_rows(trajectory, robot) if is_file else trajectory
-    if isinstance(rows, Motion):
-        with naming(f"{Path(trajectory).name}: " if is_file else ""):
-            refuse_other_arm(robot, rows, played_task(robot, chosen, **stops))
-        rows = rows_of(rows, chosen)
+    allowed = checks.number("limit_tolerance", limit_tolerance, at_least=0.0)
+    task = played_task(robot, chosen, via_q, segments, cycle, scene)
     with naming(f"{Path(trajectory).name}: " if is_file else ""):
-        curve = executed(robot, rows, chosen, **stops)
-    asked = played_stops(**stops)
-    return judged(robot, rows, curve, chosen, scene, limit_tolerance, simulated=False, **asked)
+        if isinstance(rows, Motion):
+            refuse_other_arm(robot, rows, task)
+            rows = rows_of(rows, chosen)
+        checks.joints("motion", rows.q.shape[1], robot)
+        curve = played(robot, rows, chosen, task)
+    return judged(robot, rows, curve, chosen, task, scene, allowed, simulated=False)
 
 
 def refuse_other_arm(robot: Robot, motion: Motion, task: Task | None = None) -> None:
@@ -116,23 +119,16 @@ def judged(
     rows: CommandRows,
     curve: Motion,
     profile: Profile,
+    task: Task | None,
     scene: Scene | None,
     limit_tolerance: float = ROUNDING,
     *,
     simulated: bool,
-    **stops: Any,
 ) -> Certificate:
     """The certificate of the curve that a controller makes of rows."""
-    limits = profile.limits_of(robot)
-    certificate = certify(
-        robot,
-        curve,
-        limits,
-        scene=scene,
-        limit_tolerance=limit_tolerance,
-        simulated=simulated,
-        **stops,
-    )
+    subject = task or LimitFamily.of(robot, profile.limits_of(robot))
+    tolerances = Tolerances(limit=limit_tolerance)
+    certificate = certified(subject, curve, scene, tolerances, simulated=simulated)
     if not profile.rests or rows.qd is None:
         return certificate
     rests = [

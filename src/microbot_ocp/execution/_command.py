@@ -17,14 +17,20 @@ from microbot_ocp.certificate import Certificate, limit_checks_of
 from microbot_ocp.execution._check import AT_REST, judged, refuse_other_arm
 from microbot_ocp.execution._curve import (
     NEAR,
-    executed,
-    played_stops,
+    played,
     played_task,
     rows_of,
+    spline_of,
 )
 from microbot_ocp.execution._profile import Profile, load_profile
 from microbot_ocp.execution._rows import CommandRows
-from microbot_ocp.limits import ROUNDING, LimitFamily
+from microbot_ocp.limits import (
+    ROUNDING,
+    LimitFamily,
+    LimitValues,
+    MotionSamples,
+    StateHistory,
+)
 from microbot_ocp.motion import (
     JUMP_GAP,
     Columns,
@@ -34,10 +40,12 @@ from microbot_ocp.motion import (
     torque_along,
     write_columns,
 )
-from microbot_ocp.planning import Task, over_stretches, stretches
+from microbot_ocp.planning import Segment, Task, over_stretches, stretches
 from microbot_ocp.planning.free._within_limits import SLOWING
 from microbot_ocp.robot import Robot, gravity_torque
 from microbot_ocp.scene import Scene
+
+Part = tuple[LimitFamily, StateHistory]
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +101,9 @@ def commanded(
     profile: str | Profile,
     *,
     scene: Scene | None = None,
-    **stops: Any,
+    via_q: Sequence[Any] | None = None,
+    segments: Sequence[Segment] | None = None,
+    cycle: bool = False,
 ) -> ControllerCommand:
     """Make rows of a motion that a controller accepts.
 
@@ -101,7 +111,8 @@ def commanded(
     controller makes of the rows exceeds a limit, of the robot or of the profile, the motion is
     slowed down evenly, until it does not any more. Where accelerations or torques that jump cost
     more than some steps so, they are rounded off: by the cubic B-spline of samples some steps
-    apart, at most 1e-3 rad (m) off. Of these the soonest is returned.
+    apart, at most 1e-3 rad (m) off. Of these the soonest is returned. Where their execution would
+    leave a tool line or a range of positions, rows are moved in.
 
     Of a motion through stops this is done from rest to rest with what the tool holds there, so that
     grip and release are at rows; the certificate is that of every stretch.
@@ -115,8 +126,8 @@ def commanded(
         As of :func:`load_profile`.
     scene : Scene, optional
         Obstacles that the executed motion keeps clear of: proved, not mended.
-    **stops
-        ``via_q``, ``segments`` and ``cycle`` of a motion through stops, as of :func:`certify`.
+    via_q, segments, cycle
+        Of a motion through stops, as of :func:`certify`.
 
     Returns
     -------
@@ -143,7 +154,7 @@ def commanded(
     (True, True)
     """
     chosen = load_profile(profile)
-    task = played_task(robot, chosen, **stops)
+    task = played_task(robot, chosen, via_q, segments, cycle, scene)
     refuse_other_arm(robot, motion, task)
     for end, row in (("begin", motion.qd[0]), ("end", motion.qd[-1])):
         if (speed := float(np.abs(row).max())) > AT_REST:
@@ -153,14 +164,14 @@ def commanded(
     efforts = partial(_efforts, profile=chosen)
     if task is None:
         families = (LimitFamily.of(robot, chosen.limits_of(robot)),)
-        rows = rows_of(_soonest(families, motion, chosen), chosen)
+        rows = _soonest(families, motion, chosen)
         tau = efforts(robot, _state(rows))
     else:
         rows = _rows_through(task, motion, chosen)
         tau = over_stretches(stretches(task, rows), rows.t, _state(rows), efforts)
     rows = replace(rows, tau=tau)
-    curve, asked = executed(robot, rows, chosen, **stops), played_stops(**stops)
-    certificate = judged(robot, rows, curve, chosen, scene, simulated=True, **asked)
+    curve = played(robot, rows, chosen, task)
+    certificate = judged(robot, rows, curve, chosen, task, scene, simulated=True)
     cost = float(rows.t[-1]) - motion.duration
     return ControllerCommand(chosen, rows, curve, certificate, motion.duration, cost)
 
@@ -197,9 +208,8 @@ def _rows_through(task: Task, motion: Motion, profile: Profile) -> CommandRows:
         rest(k)
         hold(pad)
         part = _from_rest(task, motion, k, after)
-        slowed = _soonest(task.families[k:after], part, profile)
-        rows = rows_of(slowed, profile)
-        marks += [Mark(count * step + mark.time, mark.name) for mark in slowed.marks[1:-1]]
+        rows = _soonest(task.families[k:after], part, profile)
+        marks += [Mark(count * step + mark.time, mark.name) for mark in rows.marks[1:-1]]
         pieces.append(State(*(column[1:] for column in _state(rows))))
         count += len(rows.q) - 1
         hold(pad)
@@ -224,9 +234,9 @@ def _from_rest(task: Task, motion: Motion, first: int, last: int) -> Motion:
 
 def _accepted(
     families: Sequence[LimitFamily], motion: Motion, profile: Profile, window: int = 0
-) -> Motion:
-    """Return the motion slowed down until its execution keeps all limits, those of each segment
-    there.
+) -> CommandRows:
+    """Return rows of the motion slowed down until its execution keeps all limits, those of each
+    segment there.
 
     With a ``window`` it is first made what a controller makes of it that holds its samples so many
     steps.
@@ -237,39 +247,74 @@ def _accepted(
         slowed = motion.stretched(robot, steps * profile.step / motion.duration)
         if window:
             rounding = replace(profile, interpolation="hold", rate=1.0 / (window * profile.step))
-            slowed = executed(robot, slowed, rounding)
-        curve = executed(robot, slowed, profile)
-        factor = _factor(families, curve, most / steps)
-        if factor == 1.0:
-            return slowed
+            slowed = played(robot, rows_of(slowed, rounding), rounding)
+        rows, parts = _drawn_in(families, rows_of(slowed, profile), profile)
+        off = np.abs(slowed.qdd).max() * (window * profile.step) ** 2 / 6.0
+        factor = max(_factor(parts, most / steps), np.sqrt(off / NEAR))
+        if factor <= 1.0:
+            return rows
         steps = max(steps + 1, int(np.ceil(steps * factor)))
 
 
-def _soonest(families: Sequence[LimitFamily], motion: Motion, profile: Profile) -> Motion:
-    """The motion slowed down as it is, or rounded off, whichever takes less time.
+def _drawn_in(
+    families: Sequence[LimitFamily], given: CommandRows, profile: Profile
+) -> tuple[CommandRows, list[Part]]:
+    """Return rows moved until their curve is within the limits of the place, and its parts.
+
+    They are moved by a cubic B-spline with a control point a row, each of these by the least change
+    of the joints that brings in what is farthest out beside it, again and again. A step by its
+    misses leaves 0 to 2/3 of them, so one of 3/2 as much at most half.
+    """
+    rows, worst, moves = given, np.inf, np.zeros_like(given.q)
+    while True:
+        curve, change, out = played(families[0].robot, rows, profile), np.zeros_like(moves), 0.0
+        parts = _parts(families, curve)
+        for family, history in parts:
+            q, late = history.samples.q, 0.5 * (curve.duration - given.t[-1])
+            excesses = (v.value - np.clip(v.value, v.lower, v.upper) for v in _of_place(family, q))
+            beyond = np.hstack([q[:, :0], *excesses])
+            out = max(out, float(np.abs(beyond).max(initial=0.0)))
+            outside = np.flatnonzero(beyond.any(axis=1))
+            row = np.rint((history.t[outside] - late) / profile.step).astype(int)
+            for k in set(row) & set(range(2, len(moves) - 2)):  # both ends stay at rest
+                here = outside[row == k]
+                most = beyond[here[np.abs(beyond[here]).argmax(axis=0)], range(beyond.shape[1])]
+                slopes = _slopes(family, q[here[0]])[most != 0.0]
+                change[k] -= 1.5 * np.linalg.lstsq(slopes, most[most != 0.0])[0]
+        if better := out < worst:
+            best, worst = (rows, parts), out
+        if not better or out <= ROUNDING * NEAR:
+            return best
+        moves += change
+        shift = spline_of(moves, profile.step).polynomial
+        orders = shift, (speed := shift.derivative()), speed.derivative()
+        added = (order(given.t + profile.step) for order in orders)
+        rows = replace(given, **State(*map(np.add, _state(given), added))._asdict())
+
+
+def _soonest(families: Sequence[LimitFamily], motion: Motion, profile: Profile) -> CommandRows:
+    """Rows of the motion slowed down as it is, or rounded off, whichever takes less time.
 
     Where an acceleration jumps, polynomials between two rows make too much of it, and differences
     of rows see a jerk and a torque rate that only much slower motions leave within bounds. The
     cubic B-spline of samples some steps apart jumps nowhere, and its knots are at rows. It takes
-    two of these steps more, and is ``qdd step^2 / 6`` off.
+    two of these steps more.
     """
     best = problem = None
     try:
         best = _accepted(families, motion, profile)
     except InputError as error:
         problem = error
-    if best and best.duration <= motion.duration + 3.0 * profile.step:
+    if best and best.t[-1] <= motion.duration + 3.0 * profile.step:
         return best
     before = np.inf
     for window in _windows(motion, profile):
         with suppress(InputError):
             smooth = _accepted(families, motion, profile, window)
-            if np.abs(smooth.qdd).max() * (window * profile.step) ** 2 > 6.0 * NEAR:
-                continue
-            if smooth.duration > before:
+            if smooth.t[-1] > before:
                 break
-            before = smooth.duration
-            if best is None or before < best.duration:
+            before = smooth.t[-1]
+            if best is None or before < best.t[-1]:
                 best = smooth
     if best is None:
         assert problem is not None
@@ -287,7 +332,7 @@ def _windows(motion: Motion, profile: Profile) -> Iterator[int]:
         window //= 2
 
 
-def _factor(families: Sequence[LimitFamily], curve: Motion, most: float) -> float:
+def _factor(parts: Sequence[Part], most: float) -> float:
     """By what a curve has to be slower to keep all limits: about that, or somewhat less.
 
     A limit of a derivative of some order is used by the power of it less; of a torque all but the
@@ -298,18 +343,11 @@ def _factor(families: Sequence[LimitFamily], curve: Motion, most: float) -> floa
     InputError
         Slowing down does not help, or takes more than ``most``.
     """
-    history, times = curve.history(), [mark.time for mark in curve.marks[1:-1]]
-    if len(families) == 1:
-        limits, _ = limit_checks_of(families[0], history)
-    else:
-        inner = history.t[np.searchsorted(history.t, times)]  # not before a tool line begins
-        spans = pairwise([0.0, *inner, curve.duration])
-        parts = zip(families, spans, strict=True)
-        limits = [c for f, span in parts for c in limit_checks_of(f, history.between(*span))[0]]
+    limits = [c for part in parts for c in limit_checks_of(*part)[0]]
     worst = max(limits, key=lambda check: check.violation, default=None)
     if worst is None or worst.violation <= ROUNDING:
         return 1.0
-    orders = {member.key: member.order for family in families for member in family}
+    orders = {member.key: member.order for family, _ in parts for member in family}
     factor = max((1.0 + c.violation) ** (1.0 / max(orders[c.quantity], 1)) for c in limits)
     if orders[worst.quantity] and factor <= most:
         return factor
@@ -318,6 +356,29 @@ def _factor(families: Sequence[LimitFamily], curve: Motion, most: float) -> floa
         f"{worst.unit} at {worst.time:.4g} s; plan under the limits of the profile, "
         "profile.limits_of(robot), and tool lines within less"
     )
+
+
+def _parts(families: Sequence[LimitFamily], curve: Motion) -> list[Part]:
+    """Return the limits of each segment with the part of a curve where they hold."""
+    history, times = curve.history(), [mark.time for mark in curve.marks[1:-1]]
+    if len(families) == 1:
+        return [(families[0], history)]
+    inner = history.t[np.searchsorted(history.t, times)]  # not before a tool line begins
+    spans = pairwise([0.0, *inner, curve.duration])
+    return [(f, history.between(*span)) for f, span in zip(families, spans, strict=True)]
+
+
+def _of_place(family: LimitFamily, q: FloatArray) -> list[LimitValues]:
+    still = np.zeros_like(q)
+    samples = MotionSamples(q, still, still, still)
+    return list(family.values(samples, family.of_order(0)).values())
+
+
+def _slopes(family: LimitFamily, q: FloatArray) -> FloatArray:
+    """Return how limits of the place change with the joints [k,n], by central differences."""
+    steps = np.cbrt(np.finfo(float).eps) * np.vstack([np.eye(q.size), -np.eye(q.size)])
+    sides = np.hstack([v.value for v in _of_place(family, q + steps)])
+    return (sides[: q.size] - sides[q.size :]).T / (2.0 * steps[0, 0])
 
 
 def _efforts(robot: Robot, state: State, profile: Profile) -> FloatArray:

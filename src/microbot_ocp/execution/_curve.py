@@ -8,8 +8,8 @@ second one. It begins and ends at rest, a step before the first command counts a
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import fields, replace
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,8 +20,9 @@ from microbot_ocp.certificate import Tolerances
 from microbot_ocp.execution._profile import Profile, load_profile
 from microbot_ocp.execution._rows import CommandRows
 from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial, State, quintic_between
-from microbot_ocp.planning import Stop, Task, motion_along, task_of
+from microbot_ocp.planning import Segment, Stop, Task, motion_along, task_of
 from microbot_ocp.robot import Robot
+from microbot_ocp.scene import Scene, with_arm_capsules
 
 NEAR = Tolerances().via  # rad (m): no farther from its way, as certificates ask of via points
 
@@ -34,7 +35,13 @@ class ExecutedCurve(NamedTuple):
 
 
 def executed(
-    robot: Robot, motion: Motion | CommandRows, profile: str | Profile, **stops: Any
+    robot: Robot,
+    motion: Motion | CommandRows,
+    profile: str | Profile,
+    *,
+    via_q: Sequence[Any] | None = None,
+    segments: Sequence[Segment] | None = None,
+    cycle: bool = False,
 ) -> Motion:
     """What a controller makes of the samples of a motion, as a motion.
 
@@ -46,9 +53,9 @@ def executed(
         it is held.
     profile : str or Profile
         As of :func:`load_profile`.
-    **stops
-        ``via_q``, ``segments`` and ``cycle`` of a motion through stops, as of :func:`certify`:
-        torques are those with what the tool holds then.
+    via_q, segments, cycle
+        Of a motion through stops, as of :func:`certify`: torques are those with what the tool holds
+        then.
 
     Returns
     -------
@@ -74,26 +81,36 @@ def executed(
     chosen = load_profile(profile)
     checks.joints("motion", motion.q.shape[1], robot)
     rows = motion if isinstance(motion, CommandRows) else rows_of(motion, chosen)
+    return played(robot, rows, chosen, played_task(robot, chosen, via_q, segments, cycle))
+
+
+def played(robot: Robot, rows: CommandRows, chosen: Profile, task: Task | None = None) -> Motion:
+    """Do as :func:`executed`, of rows through the stops of a task."""
     curve, delay = curve_of(rows, chosen)
     marks = [Mark(mark.time + delay, mark.name) for mark in rows.marks]
     about: Any = {
         "label": f"{rows.label}, by {chosen.name}",
         "provenance": {"method": "what a controller makes of samples", "profile": chosen.name},
     }
-    task = played_task(robot, chosen, **stops)
     if task is None:
         return Motion.from_polynomial(robot, curve, marks=marks, **about)
     return motion_along(task, curve, marks, **about)
 
 
-def played_stops(via_q: Any = None, segments: Any = None, cycle: bool = False) -> dict[str, Any]:
-    """Return stops and segments as a controller keeps them, as keywords of :func:`certify`.
+def played_task(
+    robot: Robot,
+    profile: Profile,
+    via_q: Sequence[Any] | None,
+    segments: Sequence[Segment] | None,
+    cycle: bool,
+    scene: Scene | None = None,
+) -> Task | None:
+    """Return the task of stops, as a controller keeps them, under the limits of robot and profile.
 
-    What is passed without a rest, and ways of the tool, are kept as nearly as certificates ask of
-    via points and of ways.
+    What is passed without a rest is kept as nearly as certificates ask of via points.
     """
     if via_q is None:
-        return {}
+        return None
     given = [stop if isinstance(stop, Stop) else Stop(q=stop) for stop in via_q]
     last = len(given) - 1
     for k, stop in enumerate(given):
@@ -103,21 +120,8 @@ def played_stops(via_q: Any = None, segments: Any = None, cycle: bool = False) -
             turn = stop.orientation_tolerance + (stop.orientation is not None) * NEAR
             near = np.add(stop.tolerance, NEAR)
             given[k] = replace(stop, tolerance=near, orientation_tolerance=turn)
-    return {"via_q": given, "segments": segments and list(map(_as_kept, segments)), "cycle": cycle}
-
-
-def _as_kept(segment: Any) -> Any:
-    sizes = [f.name for f in fields(segment) if "tolerance" in f.name] if segment else []
-    kept = {name: (1.0 + NEAR) * getattr(segment, name) for name in sizes}
-    return replace(segment, **kept) if kept else segment
-
-
-def played_task(robot: Robot, profile: Profile, **stops: Any) -> Task | None:
-    """Return the task of :func:`played_stops` under the limits of robot and profile."""
-    asked = played_stops(**stops)
-    if not asked:
-        return None
-    return task_of(robot, asked.pop("via_q"), profile.limits_of(robot), **asked)
+    arm = robot if scene is None else with_arm_capsules(robot)  # parts hang on capsules
+    return task_of(arm, given, profile.limits_of(robot), segments=segments, cycle=cycle)
 
 
 def rows_of(motion: Motion, profile: Profile) -> CommandRows:
@@ -151,17 +155,17 @@ def _held(rows: CommandRows, profile: Profile) -> ExecutedCurve:
             f"row {k + 1} is at {rows.t[k]:.6g} s, but profile {profile.name!r} plays it at "
             f"{k * step:.6g} s, a row a step of {step:g} s: resample it"
         )
-    return _spline(rows.q, step)
+    return spline_of(rows.q, step)
 
 
 def _linear(rows: CommandRows, profile: Profile) -> ExecutedCurve:
     step = profile.step
     count = checks.step_count(float(rows.t[-1]), step)
     t = np.minimum(np.arange(count + 1) * step, rows.t[-1])
-    return _spline(np.column_stack([np.interp(t, rows.t, column) for column in rows.q.T]), step)
+    return spline_of(np.column_stack([np.interp(t, rows.t, column) for column in rows.q.T]), step)
 
 
-def _spline(q: FloatArray, step: float) -> ExecutedCurve:
+def spline_of(q: FloatArray, step: float) -> ExecutedCurve:
     """The uniform cubic B-spline with commands [N,n] as its control points."""
     control = np.concatenate([q[:1], q[:1], q, q[-1:], q[-1:]])
     first, second, third = (np.diff(control, n=order, axis=0) for order in (1, 2, 3))

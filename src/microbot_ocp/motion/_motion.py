@@ -398,7 +398,9 @@ class Motion:
         theme: str = "light",
         scene: Any = None,
         profile: Any = None,
-        **stops: Any,
+        via_q: Any = None,
+        segments: Any = None,
+        cycle: bool = False,
     ) -> Path:
         """Write the motion for another program, or as a film: the ending of the path says which.
 
@@ -424,9 +426,9 @@ class Motion:
             until what it makes of them keeps every limit, as of
             :func:`microbot_ocp.execution.commanded`; with its quantities only, and with the marks.
             It needs ``robot``.
-        **stops
-            ``via_q``, ``segments`` and ``cycle`` of a motion through stops that a profile is given
-            for, as of :func:`microbot_ocp.certify`.
+        via_q, segments, cycle
+            Of a motion through stops that a profile is given for, as of
+            :func:`microbot_ocp.certify`.
 
         Returns
         -------
@@ -452,10 +454,13 @@ class Motion:
         >>> text[:33]
         't [s],q waist [rad],q shoulder [r'
         """
+        stops = {"via_q": via_q, "segments": segments, "cycle": cycle}
         if profile is not None:
             return view_for(self, "execution")(self, path, profile, rate, robot, scene, **stops)
-        if stops:
-            raise InputError(f"{', '.join(stops)}: only a profile needs the stops")
+        if given := [
+            key for key, value in stops.items() if value is not None and value is not False
+        ]:
+            raise InputError(f"{', '.join(given)}: only a profile needs the stops")
         return export(self, path, rate, robot, theme, scene)
 
     def save(self, path: str | Path) -> Path:
