@@ -59,6 +59,7 @@ from ._shapes import (
     read_mesh as read_mesh,
 )
 from ._torque_derivatives import (
+    has_torque_derivatives as has_torque_derivatives,
     torque_derivatives as torque_derivatives,
 )
 from ._transforms import (

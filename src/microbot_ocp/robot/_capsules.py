@@ -17,7 +17,7 @@ from functools import cached_property, lru_cache
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
@@ -188,8 +188,8 @@ def _around(shapes: list[Shape], added_volume: float, most: int) -> list[Capsule
         center, axis, radius = first.pose[:3, 3], first.pose[:3, 2], float(first.size[0])
         excess = radius if first.kind == "cylinder" else 0.0  # its caps
         return [Capsule(center - half * axis, center + half * axis, radius, excess=excess)]
-    link = _LinkFit(np.concatenate([_triangles(shape) for shape in shapes]))
-    divisions = [[_Part(link.triangles)]]
+    link = _LinkFit(_Surface.of(shapes))
+    divisions = [[_Part(link.surface)]]
     while len(divisions) < most and link.added_volume(divisions[-1]) > added_volume:
         parts = divisions[-1]
         trials = (
@@ -200,7 +200,7 @@ def _around(shapes: list[Shape], added_volume: float, most: int) -> list[Capsule
         best = min(trials, key=link.added_volume, default=None)
         if best is None:
             break
-        divisions.append([_Part(part.triangles) for part in best])
+        divisions.append([_Part(part.surface) for part in best])
     parts = min(divisions, key=link.added_volume)
     return [replace(part.capsule, excess=link.excess(part, parts)) for part in parts]
 
@@ -224,19 +224,19 @@ def link_hull(shapes: tuple[Shape, ...], frame: int, link: str) -> LinkHull | No
     chosen = [shape for shape in shapes if (shape.frame, shape.link, shape.role) == place]
     if not chosen:
         return None
-    return _hull(np.concatenate([_triangles(s) for s in chosen]), link, CAPSULE_FIT.halvings)[0]
+    return _hull(_Surface.of(chosen), link, CAPSULE_FIT.halvings)[0]
 
 
-def _hull(triangles: FloatArray, link: str, halvings: int) -> tuple[LinkHull | None, float]:
-    """Return hull of triangles [T,3,3] with its parts, None of flat ones, and their volume, m^3."""
-    corners, volume = _corners(triangles)
+def _hull(surface: _Surface, link: str, halvings: int) -> tuple[LinkHull | None, float]:
+    """Return hull of a surface with its parts, None of a flat one, and their volume, m^3."""
+    corners, volume = surface.hull
     if corners is None:
         return None, 0.0
     parts: tuple[LinkHull, ...] = ()
     if halvings:
         axes = _principal(corners)
-        cuts = [sides for axis in axes for sides in _Part(triangles).halved(axis, 1)]
-        sides = min(cuts, key=lambda cut: sum(_corners(side)[1] for side in cut), default=())
+        cuts = [sides for axis in axes for sides in surface.halved(axis, 1)]
+        sides = min(cuts, key=lambda cut: sum(side.hull[1] for side in cut), default=())
         halves = [_hull(side, link, halvings - 1) for side in sides]
         held = sum(half[1] for half in halves)
         if all(half[0] for half in halves) and 0.0 < held < CAPSULE_FIT.convex * volume:
@@ -245,66 +245,106 @@ def _hull(triangles: FloatArray, link: str, halvings: int) -> tuple[LinkHull | N
     return LinkHull(c.start, c.end, c.radius, link, corners=corners, parts=parts), volume
 
 
-def _corners(triangles: FloatArray) -> tuple[FloatArray | None, float]:
-    """Return corners [V,3] of the hull of triangles [T,3,3], None of flat ones, and its volume,
-    m^3.
-    """
-    spatial = needed("scipy.spatial", "hulls of links need", "cell")
-    points = triangles.reshape(-1, 3)
-    try:
-        hull = spatial.ConvexHull(points)
-    except spatial.QhullError:
-        return None, 0.0
-    return points[hull.vertices], float(hull.volume)
+@dataclass(frozen=True, eq=False)
+class _Surface:
+    """Triangles [T,3] with corners out of ``places`` [P,3], m, which others may share."""
+
+    places: FloatArray
+    triangles: NDArray[np.intp]
+
+    @classmethod
+    def of(cls, shapes: Sequence[Shape]) -> _Surface:
+        """Return the surface of shapes."""
+        points = np.concatenate([_triangles(shape) for shape in shapes]).reshape(-1, 3)
+        places, indices = np.unique(points, axis=0, return_inverse=True)
+        return cls(places, indices.reshape(-1, 3))
+
+    @property
+    def points(self) -> FloatArray:
+        """Corners [3 T,3] of the triangles, one after another."""
+        return self.places[self.triangles.ravel()]
+
+    @cached_property
+    def hull(self) -> tuple[FloatArray | None, float]:
+        """Corners [V,3] of the hull, None of a flat one, and its volume, m^3."""
+        spatial = needed("scipy.spatial", "hulls of links need", "cell")
+        used = np.zeros(len(self.places), dtype=bool)  # each place once: a hull takes its time
+        used[self.triangles] = True
+        points = self.places[used]
+        try:
+            hull = spatial.ConvexHull(points)
+        except spatial.QhullError:
+            return None, 0.0
+        return points[hull.vertices], float(hull.volume)
+
+    def halved(self, axis: FloatArray, count: int) -> Iterator[tuple[_Surface, _Surface]]:
+        """The triangles on both sides of planes across an axis, of each plane that cuts any."""
+        heights = (self.places @ axis)[self.triangles]
+        for plane in np.linspace(heights.min(), heights.max(), count + 2)[1:-1].tolist():
+            sides = self._cut(heights - plane)
+            if all(len(side.triangles) for side in sides):
+                yield sides
+
+    def _cut(self, heights: FloatArray) -> tuple[_Surface, _Surface]:
+        """Triangles below and above a plane over which corners are so high [T,3]; those that cross
+        it are cut.
+        """
+        below, above = (heights <= 0.0).all(axis=1), (heights >= 0.0).all(axis=1)
+        crossing = ~(below | above)
+        heights, rows = heights[crossing], np.arange(int(crossing.sum()))[:, None]
+        up = (heights > 0.0).sum(axis=1) == 1  # whether the corner that is alone is above
+        alone = np.where(up, heights.argmax(axis=1), heights.argmin(axis=1))
+        order = (alone[:, None] + np.arange(3)) % 3
+        (h0, h1, h2), corners = heights[rows, order].T[:, :, None], self.triangles[crossing]
+        i, j, k = corners[rows, order].T
+        a, b, c = (self.places[index] for index in (i, j, k))
+        p, q = a + h0 / (h0 - h1) * (b - a), a + h0 / (h0 - h2) * (c - a)
+        at_p = len(self.places) + np.arange(len(p))
+        at_q = at_p + len(p)
+        places = np.concatenate([self.places, p, q])
+        tips = np.column_stack([i, at_p, at_q])
+        feet = np.concatenate([np.column_stack([at_p, j, k]), np.column_stack([at_p, k, at_q])])
+        both = np.tile(up, 2)
+        lower = np.concatenate([self.triangles[below], tips[~up], feet[both]])
+        upper = np.concatenate([self.triangles[above & ~below], tips[up], feet[~both]])
+        return _Surface(places, lower), _Surface(places, upper)
 
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """What of a link is between planes: triangles [T,3,3] of its surface."""
+    """What of a link is between planes."""
 
-    triangles: FloatArray
+    surface: _Surface
     given: Capsule | None = None
-
-    @property
-    def points(self) -> FloatArray:
-        return self.triangles.reshape(-1, 3)
 
     @cached_property
     def capsule(self) -> Capsule:
-        return self.given or enclosing_capsule(self.points)
-
-    def halved(self, axis: FloatArray, count: int) -> Iterator[tuple[FloatArray, FloatArray]]:
-        """The triangles on both sides of planes across an axis, of each plane that cuts any."""
-        heights = self.points @ axis
-        for plane in np.linspace(heights.min(), heights.max(), count + 2)[1:-1].tolist():
-            sides = _cut(self.triangles, axis, plane)
-            if all(map(len, sides)):
-                yield sides
+        return self.given or enclosing_capsule(self.surface.points)
 
     @cached_property
     def halves(self) -> list[tuple[_Part, ...]]:
         """Its parts on both sides of several planes, each with a rough capsule."""
         return [
-            tuple(_Part(side, _rough_capsule(side.reshape(-1, 3))) for side in sides)
-            for axis in _principal(self.points)
-            for sides in self.halved(axis, CAPSULE_FIT.cuts)
+            tuple(_Part(side, _rough_capsule(side.points)) for side in sides)
+            for axis in _principal(self.surface.points)
+            for sides in self.surface.halved(axis, CAPSULE_FIT.cuts)
         ]
 
 
 class _LinkFit:
-    """A solid of which triangles [T,3,3] are the surface, by hulls of small cells of it."""
+    """A solid by hulls of small cells of it."""
 
-    def __init__(self, triangles: FloatArray) -> None:
-        self.triangles = triangles
-        cells = [_Part(triangles)]
+    def __init__(self, surface: _Surface) -> None:
+        self.surface = surface
+        cells = [surface]
         for _ in range(CAPSULE_FIT.halvings):
             cells = [
-                _Part(side)
+                side
                 for cell in cells
-                for side in next(cell.halved(_principal(cell.points)[-1], 1), (cell.triangles,))
+                for side in next(cell.halved(_principal(cell.points)[-1], 1), (cell,))
             ]
         self.supports = [(_directions() @ cell.points.T).max(axis=1) for cell in cells]
-        whole = enclosing_capsule(triangles.reshape(-1, 3))
+        whole = enclosing_capsule(surface.points)
         ends = np.array([whole.start, whole.end])
         low, high = ends.min(axis=0) - whole.radius, ends.max(axis=0) + whole.radius
         # an additive recurrence that fills a cube evenly (Roberts, 2018)
@@ -335,29 +375,6 @@ def _rough_capsule(points: FloatArray) -> Capsule:
     """The least capsule along principal axes around some of many points [N,3]."""
     some = points[:: max(1, len(points) // CAPSULE_FIT.directions)]
     return min((_along(some, u) for u in _principal(some)), key=lambda capsule: capsule.volume)
-
-
-def _cut(triangles: FloatArray, axis: FloatArray, plane: float) -> tuple[FloatArray, FloatArray]:
-    """Triangles [T,3,3] below and above a plane across an axis; those that cross it are cut."""
-    heights = triangles @ axis - plane
-    below, above = (heights <= 0.0).all(axis=1), (heights >= 0.0).all(axis=1)
-    crossing = ~(below | above)
-    heights, rows = heights[crossing], np.arange(int(crossing.sum()))[:, None]
-    up = (heights > 0.0).sum(axis=1) == 1  # whether the corner that is alone is above
-    alone = np.where(up, heights.argmax(axis=1), heights.argmin(axis=1))
-    order = (alone[:, None] + np.arange(3)) % 3
-    (h0, h1, h2), (a, b, c) = (
-        heights[rows, order].T[:, :, None],
-        triangles[crossing][rows, order].swapaxes(0, 1),
-    )
-    p, q = a + h0 / (h0 - h1) * (b - a), a + h0 / (h0 - h2) * (c - a)
-    tips = np.stack([a, p, q], axis=1)
-    feet = np.concatenate([np.stack([p, b, c], axis=1), np.stack([p, c, q], axis=1)])
-    both = np.tile(up, 2)
-    return (
-        np.concatenate([triangles[below], tips[~up], feet[both]]),
-        np.concatenate([triangles[above & ~below], tips[up], feet[~both]]),
-    )
 
 
 def _triangles(shape: Shape) -> FloatArray:

@@ -208,9 +208,12 @@ def torque_derivatives(
         values, Jacobian`` and ``second_derivatives(a..., weights) -> gradient, Hessian`` of the sum
         of all values, each times its weight.
     """
-    if robot.joint_count < FROM_JOINTS or robot.rotors:
-        return None
-    return _derivatives(robot, rates, payload)
+    return _derivatives(robot, rates, payload) if has_torque_derivatives(robot) else None
+
+
+def has_torque_derivatives(robot: Robot) -> bool:
+    """Return whether :func:`torque_derivatives` are smaller than automatic ones."""
+    return robot.joint_count >= FROM_JOINTS and not robot.rotors
 
 
 @lru_cache(maxsize=16)

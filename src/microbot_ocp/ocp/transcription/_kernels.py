@@ -123,10 +123,11 @@ def with_derivatives(
             given = (derivatives(calls.function) or () for calls in composition.calls)
             composition = composition if all(len(parts) > 2 for parts in given) else None
         if composition is None:
-            derived += _derivatives(function)
+            derived += _derivatives(_without_repeats(function))
             continue
         composed, *rest = composed_derivatives(composition, derivatives)
-        derived += [function if is_point else composed or function, *rest]
+        value = None if is_point else composed
+        derived += [value or _without_repeats(function), *rest]
     return derived
 
 
@@ -158,7 +159,7 @@ def build_kernels(
     first, *others = zip(derived[::3], derived[1::3], derived[2::3], strict=True)
     return Kernels(
         *first,
-        dense=_expanded(dense),
+        dense=_without_repeats(_expanded(dense)),
         stage_rows=tuple(rows.entries),
         points=tuple(
             replace(point, point=value, jacobian=jacobian, hessian=hessian)
@@ -396,14 +397,11 @@ def _as_stage(point: ca.Function) -> ca.Function:
 
 
 def _expanded(function: ca.Function) -> ca.Function:
-    """Return the function as one scalar graph without repeated work, where its calls have such
-    a graph.
-    """
+    """Return the function as one scalar graph, where its calls have such a graph."""
     try:
-        scalar = function.expand()
+        return function.expand()
     except RuntimeError:  # interpolants and compiled functions have none: stay with MX
         return function
-    return _without_repeats(scalar)
 
 
 def _without_repeats(function: ca.Function) -> ca.Function:

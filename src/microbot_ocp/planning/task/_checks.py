@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any, TypeVar
 
 import casadi as ca
@@ -33,6 +33,7 @@ from microbot_ocp.planning.task._scale import TaskScale
 from microbot_ocp.robot import (
     Robot,
     drive_advice,
+    has_torque_derivatives,
     inverse_dynamics,
     torque_and_rate,
     torque_derivatives,
@@ -478,11 +479,11 @@ def derivatives_for(*robots: Robot, compiled: bool = False) -> Callable[[ca.Func
         for robot in robots:
             for make, rates, payload in kinds if robot.has_dynamics else ():
                 if payload == held and make(robot).__hash__() == function.__hash__():
-                    derivatives = torque_derivatives(robot, rates=rates, payload=payload)
-                    if derivatives is None or not compiled:
-                        return derivatives
-                    parts = (*derivatives, function)
-                    return compile_recipe(f"parts of {function.serialize()}", lambda p=parts: p)
+                    derive = partial(torque_derivatives, robot, rates=rates, payload=payload)
+                    if not compiled or not has_torque_derivatives(robot):
+                        return derive()
+                    recipe = f"parts of {function.serialize()}"
+                    return compile_recipe(recipe, lambda d=derive: (*(d() or ()), function))
             derivatives_of_limit = LimitFamily.of(robot).derivatives(function, compiled)
             if derivatives_of_limit is not None:
                 return derivatives_of_limit
