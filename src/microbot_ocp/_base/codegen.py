@@ -346,7 +346,11 @@ def c_source(functions: Sequence[ca.Function]) -> str:
     generator = ca.CodeGenerator(f"{functions[0].name()}.c", {"with_header": False})
     for function in functions:
         generator.add(function)
-    return generator.dump()
+    # static, and without calls of the C library, so that a compiler puts them where they are used
+    text = generator.dump().replace("\ncasadi_real casadi_", "\nstatic casadi_real casadi_")
+    for name, sign in (("fmin", "<"), ("fmax", ">")):
+        text = text.replace(f"return {name}(x, y);", f"return x {sign} y || y != y ? x : y;")
+    return text
 
 
 def build_library(

@@ -19,7 +19,6 @@ from microbot_ocp.planning.path._limits import FAR, LimitRows
 from microbot_ocp.planning.path._reachability import (
     _at_ends,
     _backward,
-    _bounds_of_u,
     _range,
     path_grid,
 )
@@ -61,9 +60,10 @@ def random_interval(seed):
 
 
 def reachable_by_casadi(rows, step, target, top):
-    bounds, ends = _bounds_of_u(rows, step[0]), [np.array([0]), np.array([1])]
-    (left, x_range), (right, y_range) = (
-        _at_ends(bounds, rows, *pair) for pair in (ends, ends[::-1])
+    tables = (rows.per_u, rows.per_x, rows.lower, rows.upper)
+    one, other = np.hstack(tables)[:, None]
+    left, right, x_range, y_range = deferred_call(_at_ends(len(one[0]) // 4))(
+        one, other, step[None]
     )
     x_range[0, 1] = min(x_range[0, 1], top)
     y_range[0] = max(y_range[0, 0], target[0]), min(y_range[0, 1], target[1])

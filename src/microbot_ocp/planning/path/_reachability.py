@@ -305,44 +305,6 @@ def path_grid(path: PathCurve, count: int) -> FloatArray:
     return np.append(np.concatenate(pieces), path.breaks[-1])
 
 
-NO_LIMIT = np.array([0.0, np.inf, -np.inf, 0.0, FAR])  # in what :func:`_bounds_of_u` gives
-
-
-def _bounds_of_u(rows: LimitRows, step: float) -> FloatArray:
-    """Bound u at all nodes: slope in x, largest and smallest u at x = 0 [nodes,W].
-
-    Fourth and fifth come the least and the largest x of limits that do not feel u.
-    """
-    m, c = rows.per_u, rows.per_x
-    flat = np.abs(m) <= REACHABILITY.flat * (np.abs(m) + step * np.abs(c))
-    alone = flat & (c != 0.0)
-    sides = np.array([rows.lower, rows.upper]) / np.where(flat, np.where(alone, c, 1.0), m)
-    low, high = sides.min(axis=0), sides.max(axis=0)
-    bounds = np.array([-c / np.where(flat, 1.0, m), high, low, *np.zeros((2, *m.shape))])
-    bounds[4] = FAR
-    bounds[:3, flat] = NO_LIMIT[:3, None]
-    bounds[3:, alone] = low[alone], high[alone]
-    return bounds
-
-
-def _at_ends(
-    bounds: FloatArray, rows: LimitRows, at: np.ndarray, other: np.ndarray
-) -> tuple[FloatArray, FloatArray]:
-    """Give bounds at one end of every interval [N,6W]: of u, as :class:`_Lines`; of x [N,2].
-
-    Where the inertia changes much those at the other end count, too: there the product of inertia
-    and u, both linear, is far from linear between the ends, and an inertia that vanishes at one of
-    them would leave u free.
-    """
-    here, there = rows.per_u[at], rows.per_u[other]
-    change = np.abs(there - here)
-    unlike = change > REACHABILITY.alike * np.maximum(np.abs(here), np.abs(there))
-    further = np.where(unlike, bounds[:, other], NO_LIMIT[:, None, None])
-    both = np.concatenate([bounds[:, at], further], axis=2)
-    least, most = both[3].max(axis=1, initial=0.0), both[4].min(axis=1, initial=FAR)
-    return both[:3].swapaxes(0, 1).reshape(len(at), -1), np.column_stack([least, most])
-
-
 def _passes(
     s: FloatArray,
     rows: LimitRows,
@@ -353,10 +315,11 @@ def _passes(
 ) -> Reached:
     begins, finishes = (speed**2 for speed in ends)
     step = np.diff(s)
-    bounds = _bounds_of_u(rows, float(step.mean()))
-    left, x_range = _at_ends(bounds, rows, rows.left, rows.right)
-    right, y_range = _at_ends(bounds, rows, rows.right, rows.left)
-    size, steps = left.shape[1], step[:, None]
+    steps, width = step[:, None], rows.per_u.shape[1]
+    table = np.hstack([rows.per_u, rows.per_x, rows.lower, rows.upper])
+    at_ends = deferred_call(_at_ends(width), compiled=fast)
+    left, right, x_range, y_range = at_ends(table[rows.left], table[rows.right], steps)
+    size = 6 * width
     least, most = np.zeros(s.size), speed_limit.copy()
     in_range = deferred_call(_range(size, False), size, compiled=fast)
     for limits, widest, at in ((left, x_range, slice(-1)), (right, y_range, slice(1, None))):
@@ -425,7 +388,7 @@ class _Lines(NamedTuple):
 
     @classmethod
     def of(cls, table: ca.SX) -> _Lines:
-        """Read what :func:`_both` has written."""
+        """Read what :func:`_at_ends` has written."""
         third = table.numel() // 3
         return cls(*(table[k * third : (k + 1) * third] for k in range(3)))
 
@@ -482,6 +445,37 @@ def _lowest(x: ca.SX, slope: ca.SX, intercept: ca.SX) -> tuple[ca.SX, ca.SX]:
 
 def _function(name: str, given: list[ca.SX], results: list[ca.SX]) -> ca.Function:
     return ca.Function(f"reach_{name}_{given[1].numel() // 3}", given, ca.cse(results))
+
+
+@lru_cache(maxsize=32)
+def _at_ends(width: int) -> ca.Function:
+    """Make what bounds u at both ends of an interval, as :class:`_Lines`, and the range of x there
+    that limits leave which do not feel u.
+
+    Where the inertia changes much the limits of the other end count, too: there the product of
+    inertia and u, both linear, is far from linear between the ends, and an inertia that vanishes at
+    one of them would leave u free.
+    """
+    ends, step = [ca.SX.sym(name, 4 * width) for name in ("left", "right")], ca.SX.sym("step")
+    rows = [[end[k * width : (k + 1) * width] for k in range(4)] for end in ends]
+    sizes = [ca.fabs(row[0]) for row in rows]
+    unlike = ca.fabs(rows[1][0] - rows[0][0]) > REACHABILITY.alike * ca.fmax(*sizes)
+    counts = ca.vertcat(ca.SX.ones(width), unlike)
+    lines, ranges = [], []
+    for pair in (rows, rows[::-1]):
+        m, c, *bounds = map(ca.vertcat, *pair)
+        flat = ca.fabs(m) <= REACHABILITY.flat * (ca.fabs(m) + step * ca.fabs(c))
+        alone = ca.logic_and(ca.logic_and(counts, flat), c != 0.0)
+        felt = ca.logic_and(counts, ca.logic_not(flat))
+        one, other = (b / ca.if_else(felt, m, ca.if_else(alone, c, 1.0)) for b in bounds)
+        low, high = ca.fmin(one, other), ca.fmax(one, other)
+        slope = -c / ca.if_else(felt, m, 1.0)
+        parts = ((slope, 0.0), (high, ca.inf), (low, -ca.inf))
+        lines.append(ca.vertcat(*(ca.if_else(felt, part, none) for part, none in parts)))
+        least = ca.mmax(ca.vertcat(0.0, ca.if_else(alone, low, 0.0)))
+        most = ca.mmin(ca.vertcat(FAR, ca.if_else(alone, high, FAR)))
+        ranges.append(ca.vertcat(least, most))
+    return ca.Function(f"reach_ends_{width}", [*ends, step], ca.cse([*lines, *ranges]))
 
 
 @lru_cache(maxsize=32)
