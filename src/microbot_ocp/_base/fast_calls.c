@@ -73,7 +73,8 @@ static void evaluate_rows(const double *const *in, const npy_intp *step, double 
     for (k = 0; k < LANES; ++k) {
       if (row_of[k] >= 0 || next == rows) continue;
       for (i = n = 0; i < @N_IN@; n += in_size[i++])
-        for (j = 0; j < in_size[i]; ++j) given[(n + j) * LANES + k] = in[i][next * step[i] + j];
+        if (step[i] || next < LANES || (@MOST@ && !i)) /* else it stands there */
+          for (j = 0; j < in_size[i]; ++j) given[(n + j) * LANES + k] = in[i][next * step[i] + j];
       count[k] = 0;
       row_of[k] = next++;
     }

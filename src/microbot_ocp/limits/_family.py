@@ -170,7 +170,7 @@ class LimitFamily:
         InputError
             Limits of torques, other than those that it brings, for a robot without masses.
         """
-        if limits is None:
+        if limits is None or limits is robot.limits:
             return _family(robot)
         limited = robot.with_limits(limits)
         for key in () if robot.has_dynamics else OF_TORQUES:

@@ -64,7 +64,7 @@ class PiecewisePolynomial:
         if times.ndim != 1:
             raise InputError(f"t must have shape [any], not {list(times.shape)}")
         side = "left" if from_left else "right"
-        piece = np.clip(np.searchsorted(self.breaks, times, side=side) - 1, 0, self.breaks.size - 2)
+        piece = np.searchsorted(self.breaks[1:-1], times, side=side)
         local = (times - self.breaks[piece])[:, None]
         value = np.zeros((times.size, self.coefficients.shape[2]))
         for of_power in np.ascontiguousarray(self.coefficients.swapaxes(0, 1))[::-1]:

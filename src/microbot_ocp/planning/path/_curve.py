@@ -16,7 +16,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from math import comb
+from functools import cached_property
+from math import comb, perm, prod
 from typing import Any
 
 import numpy as np
@@ -152,15 +153,15 @@ def _bent_power(x: Any, powers: tuple[int, int], k: int, order: int) -> Any:
 
 def _falling(power: float, count: int) -> float:
     """Give the factor of a derivative of a power."""
-    return float(np.prod([power - k for k in range(count)]))
+    return float(prod(power - k for k in range(count)))
 
 
 def _power_sum(table: Any, s: Any, order: int) -> Any:
     """Differentiate the polynomial by Horner's rule."""
     degree = len(table) - 1
-    total = 0.0 * table[0]
-    for power in range(degree, order - 1, -1):
-        total = total * s + _falling(power, order) * table[power]
+    total = perm(degree, order) * table[degree]
+    for power in range(degree - 1, order - 1, -1):
+        total = total * s + perm(power, order) * table[power]
     return total
 
 
@@ -199,7 +200,7 @@ class PathCurve:
         end = vanishing_order(path, float(path.breaks[-1]), from_left=True)
         return cls(tuple(_bent_pieces(path, start, end, leaves_like)), start > 0, end > 0)
 
-    @property
+    @cached_property
     def breaks(self) -> FloatArray:
         """Parameters r at which pieces begin and end."""
         spans = np.array([b - a for a, b in (piece.limits for piece in self.pieces)])
@@ -211,6 +212,11 @@ class PathCurve:
         """Give position and derivatives [N,n]; at a break of the later piece, or the earlier."""
         return self._at(self._piece_of(r, from_left), r, highest)
 
+    def on_both_sides(self, r: FloatArray, breaks: IntArray) -> tuple[FloatArray, ...]:
+        """Do as :meth:`evaluate`, and once more from the left at breaks ``r[breaks]`` [K] [N+K]."""
+        index = np.append(self._piece_of(r, False), self._piece_of(r[breaks], True))
+        return self._at(index, np.append(r, r[breaks]), 2)
+
     def inside(
         self, r: FloatArray, i: IntArray, grid: FloatArray, *, highest: int = 2
     ) -> tuple[FloatArray, ...]:
@@ -218,8 +224,7 @@ class PathCurve:
         return self._at(self._piece_of(0.5 * (grid[1:] + grid[:-1]), False)[i], r, highest)
 
     def _piece_of(self, r: FloatArray, from_left: bool) -> IntArray:
-        side = "left" if from_left else "right"
-        return np.clip(np.searchsorted(self.breaks, r, side=side) - 1, 0, len(self.pieces) - 1)
+        return np.searchsorted(self.breaks[1:-1], r, side="left" if from_left else "right")
 
     def _at(self, index: IntArray, r: FloatArray, highest: int) -> tuple[FloatArray, ...]:
         """Do as :meth:`evaluate` at parameters [N] in pieces ``index`` [N]."""
@@ -258,7 +263,7 @@ class PathCurve:
     def _by_piece(self, r: FloatArray) -> Iterator[tuple[CurvePiece, Any, Any]]:
         """Give every piece with the places of its parameters and their values within it."""
         breaks = self.breaks
-        index = np.clip(np.searchsorted(breaks, r, side="right") - 1, 0, len(self.pieces) - 1)
+        index = self._piece_of(r, False)
         for i, piece in enumerate(self.pieces):
             here = index == i
             yield piece, here, r[here] - breaks[i] + piece.limits[0]
@@ -291,12 +296,12 @@ def _bent_pieces(
 
 def vanishing_order(path: PiecewisePolynomial, s: float, *, from_left: bool) -> int:
     """Tell how many derivatives of the path vanish on one side of s, up to its degree - 1."""
-    sizes = np.linspace(path.breaks[0], path.breaks[-1], 21)
+    places = np.append(np.linspace(path.breaks[0], path.breaks[-1], 21), s)
     curve = path
     for order in range(path.coefficients.shape[1] - 1):
         curve = curve.derivative()
-        size = float(np.abs(curve(sizes)).max())
-        if float(np.abs(curve(s, from_left=from_left)).max()) > CURVE.vanishing * max(size, 1e-300):
+        sizes = np.abs(curve(places, from_left=from_left)).max(axis=1)
+        if sizes[-1] > CURVE.vanishing * max(sizes.max(), 1e-300):
             return order
     return path.coefficients.shape[1] - 2
 

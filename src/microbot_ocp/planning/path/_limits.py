@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -63,10 +64,10 @@ def nodes_of(path: PathCurve, s: FloatArray) -> Nodes:
 
     The grid may begin and end inside of the path.
     """
-    inner = np.flatnonzero(np.isin(s[1:], path.breaks[1:-1])) + 1
+    inner = np.searchsorted(s, path.breaks[1:-1])
+    inner = inner[(inner > 0) & (inner < s.size)]
     # the left side of every inner break follows behind the regular nodes
-    sides = path.evaluate(s), path.evaluate(s[inner], from_left=True)
-    tables = [np.vstack(pair) for pair in zip(*sides, strict=True)]
+    tables = path.on_both_sides(s, inner)
     right = np.arange(1, s.size)
     right[inner - 1] = s.size + np.arange(inner.size)
     return Nodes(*tables, left=np.arange(s.size - 1), right=right)
@@ -139,9 +140,7 @@ def least_bound(bounds: Mapping[str, FloatArray], nodes: Nodes, count: int) -> F
     per_node = np.full(len(nodes.tangent), FAR)
     for bound in bounds.values():
         per_node = np.minimum(per_node, bound.min(axis=1))
-    result = per_node[:count].copy()
-    np.minimum.at(result, np.arange(1, count), per_node[nodes.right])
-    return result
+    return np.minimum(per_node[:count], np.append(FAR, per_node[nodes.right]))
 
 
 def _speed_limits(family: LimitFamily, nodes: Nodes) -> dict[str, FloatArray]:
@@ -179,6 +178,7 @@ def _torque(family: LimitFamily, nodes: Nodes, fast: bool) -> Coefficients:
     return Coefficients(per_u, per_x, at_rest, *bounds)
 
 
+@lru_cache(maxsize=64)
 def frictionless(robot: Robot) -> Robot:
     """Leave out the friction of a robot."""
     return robot.with_links(

@@ -5,13 +5,13 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.limits import LimitFamily
 from microbot_ocp.motion import PiecewisePolynomial
-from microbot_ocp.planning.path._curve import PathCurve, vanishing_order
+from microbot_ocp.planning.path._curve import CURVE, PathCurve, vanishing_order
 from microbot_ocp.planning.task import check_pace, check_positions, check_rest, locked_joints
 
 CORNER = 1e-6  # relative jump of the tangent that counts as a corner
@@ -52,18 +52,21 @@ def check_path(family: LimitFamily, path: PiecewisePolynomial) -> None:
             f"path moves joint {robot.joint_names[joint]!r}, which cannot move: a limit of its "
             "velocity, acceleration or jerk is 0"
         )
-    for before, after in itertools.pairwise(path.breaks):
-        s = np.linspace(before, after, 51)
-        what = [f"path at s = {at:g}" for at in s]
-        check_positions(family, what, path(s, from_left=True))
-    for at in [path.breaks[0], *stops(path, family), path.breaks[-1]]:
-        check_rest(family, f"path at s = {at:g}", path(at)[0])
+    s = np.linspace(path.breaks[:-1], path.breaks[1:], 51, axis=1).ravel()
+    check_positions(family, lambda i: f"path at s = {s[i]:g}", path(s, from_left=True))
+    rests = np.array([path.breaks[0], *stops(path, family), path.breaks[-1]])
+    check_rest(family, lambda i: f"path at s = {rests[i]:g}", path(rests))
 
 
 def corners(path: PiecewisePolynomial) -> FloatArray:
     """Find the breaks at which the tangent jumps, or vanishes while its direction jumps."""
-    turns = [s for s in path.breaks[1:-1] if _turns(path, float(s))]
-    return np.union1d(_jumps(path, path.derivative()), turns)
+    before, after, size = _at_breaks(path, path.derivative())
+    rests = np.maximum(np.abs(before), np.abs(after)).max(axis=1) <= CURVE.vanishing * size
+    turns = [
+        bool(rest) and _turns(path, float(s))
+        for s, rest in zip(path.breaks[1:-1], rests, strict=True)
+    ]
+    return path.breaks[1:-1][_jumps(before, after, size) | np.array(turns, dtype=bool)]
 
 
 def stops(path: PiecewisePolynomial, family: LimitFamily) -> FloatArray:
@@ -75,7 +78,8 @@ def stops(path: PiecewisePolynomial, family: LimitFamily) -> FloatArray:
     turns = corners(path)
     if not family.jerk_matters:
         return turns
-    return np.union1d(turns, _jumps(path, path.derivative().derivative()))
+    bends = _jumps(*_at_breaks(path, path.derivative().derivative()))
+    return np.union1d(turns, path.breaks[1:-1][bends])
 
 
 def segments(
@@ -108,9 +112,15 @@ def _turns(path: PiecewisePolynomial, s: float) -> bool:
     return bool(np.abs(directions[0] - directions[1]).max() > CORNER)
 
 
-def _jumps(path: PiecewisePolynomial, curve: PiecewisePolynomial) -> FloatArray:
-    """Find the breaks of the path at which a derivative of it jumps."""
-    inner = path.breaks[1:-1]
-    jump = np.abs(curve(inner) - curve(inner, from_left=True)).max(axis=1, initial=0.0)
-    size = np.abs(curve(np.linspace(path.breaks[0], path.breaks[-1], 101))).max()
-    return inner[jump > CORNER * size]
+def _at_breaks(
+    path: PiecewisePolynomial, curve: PiecewisePolynomial
+) -> tuple[FloatArray, FloatArray, float]:
+    """Give a derivative of the path before and after inner breaks [K-1,n], and its largest size."""
+    inner, places = path.breaks[1:-1], np.linspace(path.breaks[0], path.breaks[-1], 101)
+    size = float(np.abs(curve(places)).max())
+    return curve(inner, from_left=True), curve(inner), size
+
+
+def _jumps(before: FloatArray, after: FloatArray, size: float) -> NDArray[np.bool_]:
+    """Tell at which breaks a derivative of the path jumps."""
+    return np.abs(after - before).max(axis=1) > CORNER * size

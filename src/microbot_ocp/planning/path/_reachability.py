@@ -463,7 +463,7 @@ def _at_ends(width: int) -> ca.Function:
     counts = ca.vertcat(ca.SX.ones(width), unlike)
     lines, ranges = [], []
     for pair in (rows, rows[::-1]):
-        m, c, *bounds = map(ca.vertcat, *pair)
+        m, c, *bounds = (ca.vertcat(*both) for both in zip(*pair, strict=True))
         flat = ca.fabs(m) <= REACHABILITY.flat * (ca.fabs(m) + step * ca.fabs(c))
         alone = ca.logic_and(ca.logic_and(counts, flat), c != 0.0)
         felt = ca.logic_and(counts, ca.logic_not(flat))
@@ -475,7 +475,8 @@ def _at_ends(width: int) -> ca.Function:
         least = ca.mmax(ca.vertcat(0.0, ca.if_else(alone, low, 0.0)))
         most = ca.mmin(ca.vertcat(FAR, ca.if_else(alone, high, FAR)))
         ranges.append(ca.vertcat(least, most))
-    return ca.Function(f"reach_ends_{width}", [*ends, step], ca.cse([*lines, *ranges]))
+    results: Any = ca.cse([*lines, *ranges])
+    return ca.Function(f"reach_ends_{width}", [*ends, step], results)
 
 
 @lru_cache(maxsize=32)

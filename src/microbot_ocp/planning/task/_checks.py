@@ -276,7 +276,7 @@ def check_via(family: LimitFamily, via_q: ArrayLike, *, moving: bool = False) ->
             raise InputError(_cannot_move(family.robot, joint, via, int(moved[0])))
     check_pace(family, via, at_rest=not moving)
     for index in (len(via) - 1,) if moving else (0, len(via) - 1):
-        check_rest(family, f"via point {index + 1}", via[index])
+        check_rest(family, lambda _, k=index: f"via point {k + 1}", via[[index]])
     return via
 
 
@@ -326,6 +326,7 @@ def check_pace(family: LimitFamily, places: FloatArray, at_rest: bool = True) ->
         )
 
 
+@lru_cache(maxsize=64)
 def locked_joints(family: LimitFamily) -> np.ndarray:
     """Return which joints [n] stand still: a limit of their velocity, acceleration or jerk is
     zero.
@@ -362,10 +363,10 @@ def _cannot_move(robot: Robot, joint: int, via: FloatArray, index: int) -> str:
 
 def check_position(family: LimitFamily, what: str, q: FloatArray) -> None:
     """Raise InputError where a pose is outside the limits of the pose."""
-    check_positions(family, [what], q[None])
+    check_positions(family, lambda _: what, q[None])
 
 
-def check_positions(family: LimitFamily, what: Sequence[str], q: FloatArray) -> None:
+def check_positions(family: LimitFamily, what: Callable[[int], str], q: FloatArray) -> None:
     """Raise InputError where one of several poses [N,n] is outside the limits of the pose."""
     robot, keys = family.robot, family.of_order(0)
     for key, values in family.values(_at_rest(q), keys).items():
@@ -375,30 +376,31 @@ def check_positions(family: LimitFamily, what: Sequence[str], q: FloatArray) -> 
         for i, j in np.argwhere((value < low - slack) | (value > high + slack)):
             if key == "q":
                 raise InputError(
-                    f"{what[i]} is outside the position limits: joint {robot.joint_names[j]!r} at "
+                    f"{what(i)} is outside the position limits: joint {robot.joint_names[j]!r} at "
                     f"{robot.position_text(j, value[i, j])}, allowed "
                     f"{robot.position_text(j, low[i, j])} to {robot.position_text(j, high[i, j])}"
                     f"{checks.degrees_hint(q[i, j]) if robot.joint_types[j] == 'revolute' else ''}"
                 )
             broken = _broken(member, j, value[i], low[i], high[i])
-            raise InputError(f"{what[i]} breaks a limit: {broken}")
+            raise InputError(f"{what(i)} breaks a limit: {broken}")
 
 
-def check_rest(family: LimitFamily, what: str, q: FloatArray) -> None:
-    """Raise InputError where the arm cannot rest: gravity asks for more torque than a joint has."""
+def check_rest(family: LimitFamily, what: Callable[[int], str], q: FloatArray) -> None:
+    """Raise InputError where the arm cannot rest in one of several poses [N,n]: gravity asks for
+    more torque than a joint has.
+    """
     for key, values in family.values(_at_rest(q), family.of_order(1, 2, 3)).items():
         member = family[key]
-        value, low, high = (np.broadcast_to(v, values.value.shape)[0] for v in values)
-        use = member.use(values)[0]
-        for j in np.flatnonzero(use > 1.0 + ROUNDING):
+        value, low, high = (np.broadcast_to(v, values.value.shape) for v in values)
+        for i, j in np.argwhere(member.use(values) > 1.0 + ROUNDING):
             if key == "tau":
                 raise InputError(
-                    f"{what} cannot be held at rest: joint {member.labels[j]!r} needs "
-                    f"{value[j]:.6g} {member.units[j]} against gravity, allowed {low[j]:.6g} to "
-                    f"{high[j]:.6g} {member.units[j]}"
+                    f"{what(i)} cannot be held at rest: joint {member.labels[j]!r} needs "
+                    f"{value[i, j]:.6g} {member.units[j]} against gravity, allowed {low[i, j]:.6g} "
+                    f"to {high[i, j]:.6g} {member.units[j]}"
                 )
-            reason = _broken(member, j, value, low, high)
-            raise InputError(f"{what} cannot be held at rest: {reason}")
+            reason = _broken(member, j, value[i], low[i], high[i])
+            raise InputError(f"{what(i)} cannot be held at rest: {reason}")
 
 
 def _at_rest(q: FloatArray) -> MotionSamples:

@@ -520,4 +520,4 @@ def check_held(task: Task, index: int, q: FloatArray) -> None:
         payload = task.payloads[segment]
         held = f" with {payload.mass:g} kg" if payload.mass else ""
         family = LimitFamily.of(payload.on(task.robot))
-        check_rest(family, f"stop {stop.name!r}{held}", q)
+        check_rest(family, lambda _, what=f"stop {stop.name!r}{held}": what, q[None])
