@@ -9,7 +9,7 @@ from hypothesis import given, strategies as st
 import microbot_ocp as mo
 from helpers import batch, random_robot
 from microbot_ocp import InputError, Status
-from microbot_ocp.inverse_kinematics import branches_by_nlp, elbow_arm_branches
+from microbot_ocp.inverse_kinematics import _search, branches_by_nlp, elbow_arm_branches
 
 SHOULDER = np.array([0.0, 0.0, 2.0])
 # course report, part 2, recomputed
@@ -462,6 +462,24 @@ def test_stretched_wrist_is_a_continuum_beside_isolated_branches(puma: mo.Robot)
 
 
 # ---- redundant arms
+
+
+def test_a_slide_along_a_self_motion_ends_at_its_nearest_joints_or_at_a_limit() -> None:
+    panda = mo.load_robot("panda")
+    bounds = panda.limits.bounds("q")
+    q = np.random.default_rng(42).uniform(*bounds, (40, 7))
+    poses = mo.fast_call(mo.forward_kinematics(panda))(q)
+    targets = np.hstack([poses[:, :3, 3], poses[:, :3, :3].swapaxes(1, 2).reshape(-1, 9)])
+    ended, errors = _search.descend(panda, q, targets, bounds, _search.SLIDE, _search.middle(panda))
+    assert np.all(errors < _search.goal(panda))
+    low, high = (np.isclose(ended, bound, rtol=0, atol=1e-12) for bound in bounds)
+    assert (low | high).any(axis=1).sum() > 3
+    for row in ended:
+        jacobian = _search.scaled_jacobian(panda, row[None], 12)[0]
+        along = np.linalg.svd(jacobian)[2][-1]
+        along *= np.sign(along @ (_search.middle(panda) - row))
+        at = np.isclose(row, np.where(along > 0, bounds[1], bounds[0]), rtol=0, atol=1e-12)
+        assert abs(along @ (_search.middle(panda) - row)) < 1e-5 or at.any()
 
 
 def test_redundant_arm_has_representatives_with_self_motion(seven: mo.Robot) -> None:

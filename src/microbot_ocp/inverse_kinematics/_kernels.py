@@ -163,14 +163,24 @@ def descent(robot: Robot, width: int) -> FastCall:
     scale = ca.DM(joint_scale(robot))
     slope = slope @ ca.diag(scale)
     pull = slope.T @ error
-    held = ca.logic_or(ca.logic_and(q <= lower, pull < 0), ca.logic_and(q >= upper, pull > 0))
-    slope = slope @ ca.diag(1 - held)
+
+    def beyond(step: ca.SX) -> ca.SX:
+        return ca.logic_or(ca.logic_and(q <= lower, step < 0), ca.logic_and(q >= upper, step > 0))
+
+    held = beyond(pull)
     regular = min(count, error.numel()) == generic_rank(robot, width)
     damping = STEPS.damping * ca.dot(error, error) + (
         STEPS.damping_floor if regular else STEPS.redundant_damping_floor
     )
     sought = ca.logic_and(attempt < 1, steps < nearest)
-    move, apart = _step(slope, error, damping, (1 - held) * (wanted - q) / scale, sought)
+
+    def step_of_others(held: ca.SX) -> tuple[ca.SX, ca.SX]:
+        missing = (1 - held) * (wanted - q) / scale
+        return _step(slope @ ca.diag(1 - held), error, damping, missing, sought)
+
+    if slope.size1() < count:  # what the task does not feel may push joints beyond their limits
+        held = ca.if_else(sought, beyond(step_of_others(ca.SX.zeros(count))[0]), held)
+    move, apart = step_of_others(held)
     move *= scale * ca.fmin(1, np.pi / (ca.norm_inf(move) + 1e-300))
     small += size < STEPS.polishing_error
     exact = ca.logic_or(ca.logic_and(size <= enough, small >= polish), size <= 2e-16)

@@ -296,41 +296,51 @@ def _spread(robot: Robot, q: FloatArray, count: int) -> FloatArray:
 
 
 def nearest_on_continuum(
-    robot: Robot, start: FloatArray, target: FloatArray, wanted: FloatArray
-) -> FloatArray | None:
-    """Return on the self-motion through ``start`` [n] the joints nearest to ``wanted``, within
-    limits.
+    robot: Robot, starts: FloatArray, target: FloatArray, wanted: FloatArray
+) -> list[FloatArray | None]:
+    """Return on the self-motion through each of ``starts`` [K,n] the joints nearest to ``wanted``,
+    within limits.
     """
     bounds = robot.limits.bounds("q")
-    q = np.clip(start, *bounds)
-    quick, errors = descend(robot, q[None], target[None], bounds, SLIDE, wanted[None])
-    if errors[0] < goal(robot) and _is_nearest(robot, quick[0], target, wanted):
-        return quick[0]
+    q = np.clip(starts, *bounds)
+    quick, errors = descend(robot, q, np.tile(target, (len(q), 1)), bounds, SLIDE, wanted)
+    near = (errors < goal(robot)) & _are_nearest(robot, quick, target, wanted)
+    return [
+        found if good else _nearest_slowly(robot, start, target, wanted)
+        for start, found, good in zip(q, quick, near, strict=True)
+    ]
+
+
+def _nearest_slowly(
+    robot: Robot, q: FloatArray, target: FloatArray, wanted: FloatArray
+) -> FloatArray | None:
     for _ in range(2):  # the second time with the equations that are independent at the answer
         rank = max(1, int(ranks(robot, q[None], target.size)[0]))
         if rank >= robot.joint_count:
             break
         answer = _nearest_by_nlp(robot, q, target, wanted, rank)
-        polished, errors = descend(robot, answer, target[None], bounds)
+        polished, errors = descend(robot, answer, target[None], robot.limits.bounds("q"))
         if errors[0] > goal(robot):
             break
         q = polished[0]
     return _slide(robot, q, target, wanted)
 
 
-def _is_nearest(robot: Robot, q: FloatArray, target: FloatArray, wanted: FloatArray) -> bool:
-    """Return whether no joint within limits can move nearer to ``wanted`` along the self-motion.
+def _are_nearest(robot: Robot, q: FloatArray, target: FloatArray, wanted: FloatArray) -> np.ndarray:
+    """Return at which q [K,n] no joint within limits can move nearer to ``wanted`` along the
+    self-motion.
 
     To first order (Karush, Kuhn and Tucker): what is missing is a combination of the rows of the
     task's Jacobian, but for joints at a limit that what is missing points beyond.
     """
-    scale = joint_scale(robot)
-    jacobian, missing = scaled_jacobian(robot, q[None], target.size)[0], (wanted - q) / scale
+    rows = scaled_jacobian(robot, q, target.size).swapaxes(1, 2)
+    missing = (wanted - q) / joint_scale(robot)
     at_lower, at_upper = q <= robot.limits.q_min, q >= robot.limits.q_max
-    free = ~(at_lower | at_upper)
-    left = missing - jacobian.T @ np.linalg.lstsq(jacobian[:, free].T, missing[free])[0]
+    free = ~(at_lower | at_upper)[..., None]
+    combination = np.linalg.pinv(rows * free) @ (missing[..., None] * free)
+    left = missing - (rows @ combination)[..., 0]
     beyond = (at_lower & (left < 0)) | (at_upper & (left > 0))
-    return bool(np.all((np.abs(left) < BRANCH_SEARCH.nearest_tolerance) | beyond))
+    return np.all((np.abs(left) < BRANCH_SEARCH.nearest_tolerance) | beyond, axis=1)
 
 
 def _slide(
@@ -450,12 +460,9 @@ def _sorted_out(robot: Robot, q: FloatArray, rank: np.ndarray, target: FloatArra
     suspects = _spread(robot, suspects, BRANCH_SEARCH.continuum_samples)
     motion = motions_of_one(robot, suspects, target)
     doubled = suspects[motion == 0]
-    settled = []
-    for row in suspects[motion > 0]:
-        begin, _ = within_limits(robot, row[None], middle(robot))
-        best = nearest_on_continuum(robot, begin[0], target, middle(robot))
-        if best is not None:
-            settled.append(best)
+    begins, _ = within_limits(robot, suspects[motion > 0], middle(robot))
+    nearest = nearest_on_continuum(robot, begins, target, middle(robot))
+    settled = [best for best in nearest if best is not None]
     central = np.array(settled).reshape(-1, robot.joint_count)
     order = np.argsort(np.linalg.norm(difference(robot, central, middle(robot)), axis=1))
     central, _ = clusters(robot, central[order], BRANCH_SEARCH.same_on_continuum)

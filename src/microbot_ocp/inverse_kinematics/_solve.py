@@ -310,9 +310,10 @@ def _nearer_members(
     if errors[0] < goal(robot):
         rows = np.vstack([rows, downhill])
         motions = np.append(motions, motions_of_one(robot, downhill, target))
-    moved = np.array(rows)
-    for k in np.flatnonzero(motions):
-        best = nearest_on_continuum(robot, rows[k], target, wanted)
+    moved, moves = np.array(rows), np.flatnonzero(motions)
+    for k, best in zip(
+        moves, nearest_on_continuum(robot, rows[moves], target, wanted), strict=True
+    ):
         moved[k] = rows[k] if best is None else best
     return moved, motions
 
