@@ -456,7 +456,11 @@ def test_a_payload_that_changes_on_the_way(pick_and_place, tmp_path, profile):
         path = motion.export(tmp_path / f"a.{ending}", profile=profile, robot=robot, via_q=stops)
         read = mo.execution.read_rows(path, robot)
         assert [mark.name for mark in read.marks] == [stop.name for stop in stops]
-        assert mo.check(robot, path, profile, via_q=stops).ok
+        certificate = mo.check(robot, path, profile, via_q=stops)
+        assert certificate.ok
+        assert "assumed" not in certificate.verdict
+        assumed = "all the way, as marks (home, grip, above, release, back) do not say"
+        assert assumed in mo.check(robot, path, profile).verdict
     heavier = [stops[0], replace(stops[1], payload=6.0), *stops[2:]]
     certificate = mo.check(robot, path, profile, via_q=heavier)
     torque = next(each for each in certificate.limit_checks if each.quantity == "tau")

@@ -85,12 +85,19 @@ def check(
     allowed = checks.number("limit_tolerance", limit_tolerance, at_least=0.0)
     task = played_task(robot, chosen, via_q, segments, cycle, scene)
     with naming(f"{Path(trajectory).name}: " if is_file else ""):
-        if isinstance(rows, Motion):
+        if torques_agree := isinstance(rows, Motion):
             refuse_other_arm(robot, rows, task)
             rows = rows_of(rows, chosen)
         checks.joints("motion", rows.q.shape[1], robot)
         curve = played(robot, rows, chosen, task)
-    return judged(robot, rows, curve, chosen, task, scene, allowed, simulated=False)
+    certificate = judged(robot, rows, curve, chosen, task, scene, allowed, simulated=False)
+    if task or torques_agree or not (rows.marks and robot.has_dynamics):
+        return certificate
+    names = ", ".join(mark.name for mark in rows.marks)
+    assumed = (
+        f"{robot.name} as it is all the way, as marks ({names}) do not say what the tool holds"
+    )
+    return replace(certificate, verdict=f"{certificate.verdict[:-1]}; assumed: {assumed}.")
 
 
 def refuse_other_arm(robot: Robot, motion: Motion, task: Task | None = None) -> None:
