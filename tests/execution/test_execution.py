@@ -503,6 +503,14 @@ def test_a_tool_line_that_the_plan_uses_up_is_kept(line, profile):
         np.testing.assert_allclose(derivative[[0, -1]], 0.0, atol=1e-9)
 
 
+def test_efforts_say_whether_marks_are_of_the_arm_as_it_is(microbot, tmp_path):
+    motion = shape(microbot, "hold@250", 1)
+    path = motion.export(tmp_path / "a.csv", profile="hold@250", robot=microbot)
+    assert "assumed" not in mo.check(microbot, path, "hold@250").verdict
+    loaded = mo.check(microbot.with_payload(1.0), path, "hold@250")
+    assert "as marks (grip, release) do not say what the tool holds" in loaded.verdict
+
+
 def test_a_trajectory_without_marks_is_no_motion_of_stops(microbot):
     stops = [mo.Stop(q=[0.0, 0.0, 0.0], payload=1.0), mo.Stop(q=[0.1, 0.1, 0.1])]
     rows = CommandRows(np.array([0.0, 0.5]), np.zeros((2, 3)))

@@ -11,7 +11,7 @@ import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.check import Check, problems_of
-from microbot_ocp._base.checks import InputError, naming
+from microbot_ocp._base.checks import FloatArray, InputError, naming
 from microbot_ocp.certificate import Certificate, Tolerances, certified
 from microbot_ocp.execution._curve import played, played_task, rows_of
 from microbot_ocp.execution._profile import Profile, load_profile
@@ -19,7 +19,7 @@ from microbot_ocp.execution._rows import CommandRows, read_rows
 from microbot_ocp.limits import ROUNDING, LimitFamily
 from microbot_ocp.motion import Motion, State, torque_along
 from microbot_ocp.planning import Segment, Task, over_stretches, stretches
-from microbot_ocp.robot import Robot
+from microbot_ocp.robot import Robot, gravity_torque
 from microbot_ocp.scene import Scene
 
 AT_REST = float(np.finfo(np.float32).eps)  # rad/s: as joint_trajectory_controller compares
@@ -85,19 +85,35 @@ def check(
     allowed = checks.number("limit_tolerance", limit_tolerance, at_least=0.0)
     task = played_task(robot, chosen, via_q, segments, cycle, scene)
     with naming(f"{Path(trajectory).name}: " if is_file else ""):
-        if torques_agree := isinstance(rows, Motion):
+        if isinstance(rows, Motion):
             refuse_other_arm(robot, rows, task)
             rows = rows_of(rows, chosen)
         checks.joints("motion", rows.q.shape[1], robot)
         curve = played(robot, rows, chosen, task)
     certificate = judged(robot, rows, curve, chosen, task, scene, allowed, simulated=False)
-    if task or torques_agree or not (rows.marks and robot.has_dynamics):
+    if task or not (rows.marks and robot.has_dynamics) or _is_its_own(robot, rows, chosen):
         return certificate
     names = ", ".join(mark.name for mark in rows.marks)
     assumed = (
         f"{robot.name} as it is all the way, as marks ({names}) do not say what the tool holds"
     )
     return replace(certificate, verdict=f"{certificate.verdict[:-1]}; assumed: {assumed}.")
+
+
+def _is_its_own(robot: Robot, rows: CommandRows, profile: Profile) -> bool:
+    """Whether efforts of rows are those of the arm as it is."""
+    if rows.tau is None or rows.qd is None or rows.qdd is None:
+        return False
+    off = rows.tau - efforts(robot, State(rows.q, rows.qd, rows.qdd), profile)
+    return bool(np.abs(off).max() <= Tolerances().torque * np.abs(rows.tau).max())
+
+
+def efforts(robot: Robot, state: State, profile: Profile) -> FloatArray:
+    """Return torques [N,n] as a profile wants them."""
+    tau = torque_along(robot, state)
+    if profile.gravity or not robot.has_dynamics:
+        return tau
+    return tau - np.array(gravity_torque(robot).map(len(tau))(state.q.T)).T
 
 
 def refuse_other_arm(robot: Robot, motion: Motion, task: Task | None = None) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.certificate import Certificate, limit_checks_of
-from microbot_ocp.execution._check import AT_REST, judged, refuse_other_arm
+from microbot_ocp.execution._check import AT_REST, efforts, judged, refuse_other_arm
 from microbot_ocp.execution._curve import (
     NEAR,
     played,
@@ -37,12 +37,11 @@ from microbot_ocp.motion import (
     Mark,
     Motion,
     State,
-    torque_along,
     write_columns,
 )
 from microbot_ocp.planning import Segment, Task, over_stretches, stretches
 from microbot_ocp.planning.free._within_limits import SLOWING
-from microbot_ocp.robot import Robot, gravity_torque
+from microbot_ocp.robot import Robot
 from microbot_ocp.scene import Scene
 
 Part = tuple[LimitFamily, StateHistory]
@@ -161,14 +160,14 @@ def commanded(
             raise InputError(
                 f"motion must {end} at rest to be a controller's, not at {speed:.3g} rad/s"
             )
-    efforts = partial(_efforts, profile=chosen)
+    own = partial(efforts, profile=chosen)
     if task is None:
         families = (LimitFamily.of(robot, chosen.limits_of(robot)),)
         rows = _soonest(families, motion, chosen)
-        tau = efforts(robot, _state(rows))
+        tau = own(robot, _state(rows))
     else:
         rows = _rows_through(task, motion, chosen)
-        tau = over_stretches(stretches(task, rows), rows.t, _state(rows), efforts)
+        tau = over_stretches(stretches(task, rows), rows.t, _state(rows), own)
     rows = replace(rows, tau=tau)
     curve = played(robot, rows, chosen, task)
     certificate = judged(robot, rows, curve, chosen, task, scene, simulated=True)
@@ -300,11 +299,9 @@ def _soonest(families: Sequence[LimitFamily], motion: Motion, profile: Profile) 
     cubic B-spline of samples some steps apart jumps nowhere, and its knots are at rows. It takes
     two of these steps more.
     """
-    best = problem = None
-    try:
+    best = None
+    with suppress(InputError):
         best = _accepted(families, motion, profile)
-    except InputError as error:
-        problem = error
     if best and best.t[-1] <= motion.duration + 3.0 * profile.step:
         return best
     before = np.inf
@@ -316,10 +313,7 @@ def _soonest(families: Sequence[LimitFamily], motion: Motion, profile: Profile) 
             before = smooth.t[-1]
             if best is None or before < best.t[-1]:
                 best = smooth
-    if best is None:
-        assert problem is not None
-        raise problem
-    return best
+    return best or _accepted(families, motion, profile)  # which says what is in the way
 
 
 def _windows(motion: Motion, profile: Profile) -> Iterator[int]:
@@ -369,8 +363,7 @@ def _parts(families: Sequence[LimitFamily], curve: Motion) -> list[Part]:
 
 
 def _of_place(family: LimitFamily, q: FloatArray) -> list[LimitValues]:
-    still = np.zeros_like(q)
-    samples = MotionSamples(q, still, still, still)
+    samples = MotionSamples(q, *3 * [np.zeros_like(q)])
     return list(family.values(samples, family.of_order(0)).values())
 
 
@@ -381,25 +374,17 @@ def _slopes(family: LimitFamily, q: FloatArray) -> FloatArray:
     return (sides[: q.size] - sides[q.size :]).T / (2.0 * steps[0, 0])
 
 
-def _efforts(robot: Robot, state: State, profile: Profile) -> FloatArray:
-    tau = torque_along(robot, state)
-    if profile.gravity or not robot.has_dynamics:
-        return tau
-    return tau - np.array(gravity_torque(robot).map(len(tau))(state.q.T)).T
-
-
 def exported(
     motion: Motion,
     path: str | Path,
     profile: str | Profile,
     rate: float | None,
     robot: Robot | None,
-    scene: Scene | None,
-    **stops: Any,
+    **given: Any,
 ) -> Path:
     """Write a motion for a controller; see :meth:`microbot_ocp.Motion.export`."""
     if rate is not None:
         raise InputError("give rate or profile, not both: a profile has a rate")
     if robot is None:
         raise InputError("a profile needs the robot: give robot=...")
-    return commanded(robot, motion, profile, scene=scene, **stops).export(path, robot)
+    return commanded(robot, motion, profile, **given).export(path, robot)

@@ -454,13 +454,12 @@ class Motion:
         >>> text[:33]
         't [s],q waist [rad],q shoulder [r'
         """
-        stops = {"via_q": via_q, "segments": segments, "cycle": cycle}
         if profile is not None:
-            return view_for(self, "execution")(self, path, profile, rate, robot, scene, **stops)
-        if given := [
-            key for key, value in stops.items() if value is not None and value is not False
-        ]:
-            raise InputError(f"{', '.join(given)}: only a profile needs the stops")
+            stops = {"via_q": via_q, "segments": segments, "cycle": cycle}
+            make = view_for(self, "execution")
+            return make(self, path, profile, rate, robot, scene=scene, **stops)
+        if via_q is not None or segments is not None or cycle:
+            raise InputError("via_q, segments, cycle: only a profile needs the stops")
         return export(self, path, rate, robot, theme, scene)
 
     def save(self, path: str | Path) -> Path:
