@@ -159,15 +159,20 @@ def _evaluated(annotation: str, names: _Names) -> Any:
         return Any
 
 
+NUMBERS = (int, float, np.integer, np.floating)
+
+
 def _is_number(value: Any) -> bool:
     """Return whether numpy or Python may make a float of it: what ``checks.number`` looks at."""
-    if isinstance(value, int | float | np.integer | np.floating):
+    if isinstance(value, NUMBERS):
         return not isinstance(value, bool)
     other = complex | np.generic | type | str | bytes  # of which float may make one, too
     return not isinstance(value, other) and _succeeds(float, value)
 
 
 def _is_array(value: Any) -> bool:
+    if isinstance(value, np.ndarray) and value.dtype.kind in "iuf":
+        return True
     return _succeeds(np.asarray, value) and (
         np.asarray(value).dtype.kind in "iuf" or _succeeds(np.asarray, value, float)
     )

@@ -175,14 +175,15 @@ def time_path(
     """
     checks.whole("grid", grid, "points", at_least=10)
     family = check_limits(robot, limits)
-    check_path(family, path)
+    curves = segments(path, check_path(family, path))
     with deadline.within(time_limit):
-        return _timed(family, path, grid, (start_free, end_free), compiled)
+        return _timed(family, path, curves, grid, (start_free, end_free), compiled)
 
 
 def _timed(
     family: LimitFamily,
     path: PiecewisePolynomial,
+    curves: list[PathCurve],
     grid: int,
     free: tuple[bool | None, bool | None],
     compiled: bool,
@@ -192,7 +193,6 @@ def _timed(
     parts, s, speed, t, kept_by = [], [], [], [], {}
     begin, start = float(path.breaks[0]), 0.0
     start_free, end_free = free
-    curves = segments(path, moving)
     for index, curve in enumerate(curves):
         if index and deadline.over():
             break

@@ -269,14 +269,11 @@ class LimitRows:
                 (np.isfinite(planes.lower) | np.isfinite(planes.upper)).any(axis=0)
             )
             lower, upper = planes.lower - planes.constant, planes.upper - planes.constant
-            parts.append([a[:, bounded] for a in (planes.per_u, planes.per_x, lower, upper)])
+            parts.append(np.array([planes.per_u, planes.per_x, lower, upper])[..., bounded])
             names += [(key, int(j)) for j in bounded]
-        empty = np.zeros((len(nodes.position), 0))
-        tables = [np.hstack([empty, *columns]) for columns in zip(*parts, strict=True)] or [
-            empty
-        ] * 4
+        tables = np.concatenate([np.zeros((4, len(nodes.position), 0)), *parts], axis=2)
         per_u = np.abs(tables[0])
-        tables[0] = np.where(per_u < 1e-12 * per_u.max(axis=0, initial=0.0), 0.0, tables[0])
+        tables[0, per_u < 1e-12 * per_u.max(axis=0, initial=0.0)] = 0.0
         return cls(*tables, left=nodes.left, right=nodes.right, names=tuple(names))
 
     @property

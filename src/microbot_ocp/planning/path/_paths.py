@@ -36,8 +36,8 @@ def straight_through(via: FloatArray) -> PiecewisePolynomial:
     return PiecewisePolynomial(breaks, np.stack([via[:-1], steps / lengths[:, None]], axis=1))
 
 
-def check_path(family: LimitFamily, path: PiecewisePolynomial) -> None:
-    """Raise InputError where a path cannot be timed, whatever the timing."""
+def check_path(family: LimitFamily, path: PiecewisePolynomial) -> FloatArray:
+    """Raise InputError where a path cannot be timed, whatever the timing; else give its stops."""
     robot = family.robot
     if path.coefficients.shape[2] != robot.joint_count:
         raise InputError(
@@ -54,8 +54,10 @@ def check_path(family: LimitFamily, path: PiecewisePolynomial) -> None:
         )
     s = np.linspace(path.breaks[:-1], path.breaks[1:], 51, axis=1).ravel()
     check_positions(family, lambda i: f"path at s = {s[i]:g}", path(s, from_left=True))
-    rests = np.array([path.breaks[0], *stops(path, family), path.breaks[-1]])
+    between = stops(path, family)
+    rests = np.array([path.breaks[0], *between, path.breaks[-1]])
     check_rest(family, lambda i: f"path at s = {rests[i]:g}", path(rests))
+    return between
 
 
 def corners(path: PiecewisePolynomial) -> FloatArray:
@@ -83,10 +85,10 @@ def stops(path: PiecewisePolynomial, family: LimitFamily) -> FloatArray:
 
 
 def segments(
-    path: PiecewisePolynomial, family: LimitFamily, leaves_like: int = 2
+    path: PiecewisePolynomial, between: FloatArray, leaves_like: int = 2
 ) -> list[PathCurve]:
     """Give what lies between two stops, with a parameter of which an end at rest is this power."""
-    ends = [path.breaks[0], *stops(path, family), path.breaks[-1]]
+    ends = [path.breaks[0], *between, path.breaks[-1]]
     curves = []
     for before, after in itertools.pairwise(ends):
         keep = (path.breaks[:-1] >= before) & (path.breaks[:-1] < after)

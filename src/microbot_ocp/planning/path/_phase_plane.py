@@ -26,7 +26,7 @@ from microbot_ocp.limits import JointLimits, LimitFamily, Limits
 from microbot_ocp.motion import PiecewisePolynomial
 from microbot_ocp.planning.path._curve import PathCurve
 from microbot_ocp.planning.path._limits import FAR, LimitRows, Nodes, PathLimits
-from microbot_ocp.planning.path._paths import segments
+from microbot_ocp.planning.path._paths import segments, stops
 from microbot_ocp.planning.path._reachability import CurveLimits, Reached, reach
 from microbot_ocp.planning.task import check_limits
 from microbot_ocp.robot import Robot
@@ -190,7 +190,7 @@ def phase_plane(
     checks.whole("grid", grid, "points", at_least=10)
     family = check_limits(robot, limits)
     begin, parts = float(path.breaks[0]), []
-    curves = segments(path, family)
+    curves = segments(path, stops(path, family))
     with deadline.within(time_limit):
         for curve in curves:
             if parts and deadline.over():

@@ -346,11 +346,11 @@ def _passes(
     first = max(high[0], 0.0)
     if free[0]:  # the largest x_0 may bar larger ones soon after, a small one loses time at once
         tried = [np.linspace(low[0], high[0], REACHABILITY.starts)]
-        onward = deferred_call(_forward(size), compiled=fast)
+        onward = deferred_call(_onward(size), compiled=fast)
         for interval in zip(
             *(table[: REACHABILITY.starts_over] for table in intervals), strict=True
         ):
-            tried.append(onward(tried[-1][:, None], *interval)[0][:, 0])
+            tried.append(onward(tried[-1][:, None], *interval)[:, 0])
         v = np.sqrt(tried)
         spent = step[: len(v) - 1, None] / np.maximum(v[1:] + v[:-1], REACHABILITY.tiny)
         first = tried[0][np.argmin(spent.sum(axis=0))]
@@ -511,19 +511,32 @@ def _backward(size: int) -> ca.Function:
     return _function("back", [target, left, right, step, bounds], [result])
 
 
+def _following(size: int) -> tuple[list[ca.SX], ca.SX]:
+    """Give the largest x_{i+1} that x_i allows, and what it follows from."""
+    x, bounds, step = ca.SX.sym("x"), ca.SX.sym("bounds", 2), ca.SX.sym("step")
+    left, right = ca.SX.sym("left", size), ca.SX.sym("right", size)
+    w = _Lines.of(left).reached(step).between(x, x, -FAR, FAR)
+    most = _Lines.of(right).moved(-step).between(*w, -FAR, bounds[1])[1]
+    return [x, left, right, step, bounds], ca.fmax(most, ca.fmax(bounds[0], 0.0))
+
+
+@lru_cache(maxsize=32)
+def _onward(size: int) -> ca.Function:
+    """Make a step of the forward pass that starts are compared by."""
+    given, y = _following(size)
+    return _function("onward", given, [y])
+
+
 @lru_cache(maxsize=32)
 def _forward(size: int) -> ca.Function:
     """Make a step of the forward pass: the largest x_{i+1} that x_i allows, and u at both ends.
 
     Their mean where limits allow it, else at a limit.
     """
-    x, bounds, step = ca.SX.sym("x"), ca.SX.sym("bounds", 2), ca.SX.sym("step")
-    left, right = ca.SX.sym("left", size), ca.SX.sym("right", size)
-    here, there = _Lines.of(left), _Lines.of(right)
-    w = here.reached(step).between(x, x, -FAR, FAR)
-    y = ca.fmax(there.moved(-step).between(*w, -FAR, bounds[1])[1], ca.fmax(bounds[0], 0.0))
+    given, y = _following(size)
+    x, left, right, step, _ = given
     ranges = []
-    for lines, at in ((here, x), (there, y)):
+    for lines, at in ((_Lines.of(left), x), (_Lines.of(right), y)):
         slack = REACHABILITY.rounding * (1.0 + ca.fabs(lines.slope * at))
         wider = _Lines(lines.slope, lines.top + slack, lines.bottom - slack)
         ranges.append(wider.between(at, at, -FAR, FAR))
@@ -535,4 +548,4 @@ def _forward(size: int) -> ca.Function:
     # x must not dip below zero on the way
     dips = ca.logic_and(ca.logic_and(start < 0, end > 0), x * (end - start) < start**2 * step)
     u = ca.if_else(dips, 0.5 * both, ca.vertcat(start, end))
-    return _function("on", [x, left, right, step, bounds], [y, u])
+    return _function("on", given, [y, u])

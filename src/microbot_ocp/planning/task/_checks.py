@@ -392,6 +392,8 @@ def check_rest(family: LimitFamily, what: Callable[[int], str], q: FloatArray) -
     for key, values in family.values(_at_rest(q), family.of_order(1, 2, 3)).items():
         member = family[key]
         value, low, high = (np.broadcast_to(v, values.value.shape) for v in values)
+        if np.all((value >= low) & (value <= high)):
+            continue
         for i, j in np.argwhere(member.use(values) > 1.0 + ROUNDING):
             if key == "tau":
                 raise InputError(

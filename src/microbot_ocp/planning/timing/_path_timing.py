@@ -209,8 +209,8 @@ class _PathSearch:
         self.robot: Robot = family.robot
         self.label, self.progress = label, progress
         self.stops = stops(path, self.family)
-        self.passed = segments(path, self.family)  # as the passes of reachability take them
-        self.curves = segments(path, self.family, 3) if self.family.jerk_matters else self.passed
+        self.passed = segments(path, self.stops)  # as the passes of reachability take them
+        self.curves = segments(path, self.stops, 3) if self.family.jerk_matters else self.passed
 
     def run(self) -> Motion:
         """Time the path."""
