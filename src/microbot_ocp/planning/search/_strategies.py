@@ -75,7 +75,7 @@ def search_of(
         problem.excess,
         settings.limit_tolerance,
         solver="ipopt" if settings.solver == "auto" else settings.solver,
-        tolerance=ROUGH_TOLERANCE if guided else 1e-8,
+        tolerance=SEARCH.timed_path_tolerance if guided else 1e-8,
         progress=with_motion(progress, problem.family.robot, problem.via, motion_at_mesh),
         settings=SolverSettings(gap=np.inf, options=LDL, max_iterations=SEARCH.guided_iterations)
         if guided
@@ -321,12 +321,11 @@ def from_timed_path(search: MotionSearch, step: NextStep) -> MotionAnswer:
     assert step.start is not None
     way, refiner = step.start.guess, replace(search.refiner, history=[])
     meshes = [full_mesh(search)] * len(search.problem.names)
-    near: Any = {"barrier": SEARCH.timed_path_barrier, "tolerance": SEARCH.timed_path_tolerance}
     start: Any = way.guesses
     if refiner.fitted is not None:  # dry friction rounded off at first
-        smooth = coarse(search).solve(meshes, start, **near)
+        smooth = coarse(search).solve(meshes, start, barrier=SEARCH.timed_path_barrier)
         start = smooth if smooth.status.solved else start
-    solution = refiner.solve(meshes, start, **near)
+    solution = refiner.solve(meshes, start, barrier=SEARCH.timed_path_barrier)
     search.progress(f"start {way.name}: {solution.duration:.4f} s, {solution.status}")
     return _answer(search, "timed path", way.name, solution, refiner)
 
