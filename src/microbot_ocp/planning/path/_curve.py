@@ -196,8 +196,7 @@ class PathCurve:
         ``leaves_like`` is the power of it with which the path leaves an end at rest: 2, or 3 where
         rates are limited.
         """
-        start = vanishing_order(path, float(path.breaks[0]), from_left=False)
-        end = vanishing_order(path, float(path.breaks[-1]), from_left=True)
+        start, end = vanishing_orders(path, path.breaks[[0, -1]], from_left=True)
         return cls(tuple(_bent_pieces(path, start, end, leaves_like)), start > 0, end > 0)
 
     @cached_property
@@ -294,16 +293,18 @@ def _bent_pieces(
     return pieces
 
 
-def vanishing_order(path: PiecewisePolynomial, s: float, *, from_left: bool) -> int:
-    """Tell how many derivatives of the path vanish on one side of s, up to its degree - 1."""
+def vanishing_orders(path: PiecewisePolynomial, s: FloatArray, *, from_left: bool) -> list[int]:
+    """Tell how many derivatives of the path vanish on one side of s [K], up to its degree - 1."""
     places = np.append(np.linspace(path.breaks[0], path.breaks[-1], 21), s)
-    curve = path
-    for order in range(path.coefficients.shape[1] - 1):
+    curve, orders, vanish = path, np.zeros(s.size, dtype=int), np.ones(s.size, dtype=bool)
+    for _ in range(path.coefficients.shape[1] - 2):
         curve = curve.derivative()
         sizes = np.abs(curve(places, from_left=from_left)).max(axis=1)
-        if sizes[-1] > CURVE.vanishing * max(sizes.max(), 1e-300):
-            return order
-    return path.coefficients.shape[1] - 2
+        vanish &= sizes[-s.size :] <= CURVE.vanishing * max(sizes.max(), 1e-300)
+        orders += vanish
+        if not vanish.any():
+            break
+    return orders.tolist()
 
 
 def _halves(piece: CurvePiece) -> list[CurvePiece]:

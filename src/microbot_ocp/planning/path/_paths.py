@@ -11,7 +11,7 @@ from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.limits import LimitFamily
 from microbot_ocp.motion import PiecewisePolynomial
-from microbot_ocp.planning.path._curve import CURVE, PathCurve, vanishing_order
+from microbot_ocp.planning.path._curve import CURVE, PathCurve, vanishing_orders
 from microbot_ocp.planning.task import check_pace, check_positions, check_rest, locked_joints
 
 CORNER = 1e-6  # relative jump of the tangent that counts as a corner
@@ -88,6 +88,8 @@ def segments(
     path: PiecewisePolynomial, between: FloatArray, leaves_like: int = 2
 ) -> list[PathCurve]:
     """Give what lies between two stops, with a parameter of which an end at rest is this power."""
+    if not between.size:
+        return [PathCurve.of(path, leaves_like)]
     ends = [path.breaks[0], *between, path.breaks[-1]]
     curves = []
     for before, after in itertools.pairwise(ends):
@@ -103,7 +105,7 @@ def _turns(path: PiecewisePolynomial, s: float) -> bool:
     """Tell whether the path comes to rest by itself at a break and goes on in another direction."""
     directions = []
     for from_left, sign in ((False, 1.0), (True, -1.0)):
-        order = vanishing_order(path, s, from_left=from_left)
+        (order,) = vanishing_orders(path, np.array([s]), from_left=from_left)
         if order == 0:
             return False
         curve = path
