@@ -206,36 +206,59 @@ def reaches(distance: ArrayLike, angle: ArrayLike) -> np.ndarray:
 
 def clusters(robot: Robot, q: FloatArray, tolerance: float) -> tuple[FloatArray, np.ndarray]:
     """Give one row for every different solution among q [B,n], and how many rows it stands for."""
+    rows, _, met = _clusters_of_each(robot, q[None], np.ones((1, len(q)), dtype=bool), tolerance)
+    return rows, met
+
+
+def _clusters_of_each(
+    robot: Robot, q: FloatArray, left: np.ndarray, tolerance: float
+) -> tuple[FloatArray, np.ndarray, np.ndarray]:
+    """Do as :func:`clusters` for each of T targets, among those of q [T,B,n] that are ``left``.
+
+    Returns rows [K,n], their targets [K] in order, and how many rows each stands for.
+    """
     turn = np.where(revolute(robot), 2 * np.pi, np.inf)
-    place = difference(robot, q, middle(robot))
-    firsts, met, left = [], [], np.arange(len(q))
-    while left.size:
-        gap = np.abs(place[left] - place[left[0]])
-        same = (np.minimum(gap, turn - gap) < tolerance).all(axis=1)
-        firsts.append(left[0])
-        met.append(np.count_nonzero(same))
-        left = left[~same]
-    return q[firsts], np.array(met, dtype=int)
+    place, left = difference(robot, q, middle(robot)), left.copy()
+    targets, firsts, met = [[np.zeros(0, dtype=int)] for _ in range(3)]
+    while (which := np.flatnonzero(left.any(axis=1))).size:
+        first = left[which].argmax(axis=1)
+        gap = np.abs(place[which] - place[which, first][:, None])
+        same = (np.minimum(gap, turn - gap) < tolerance).all(axis=2) & left[which]
+        left[which] &= ~same
+        for table, values in ((targets, which), (firsts, first), (met, same.sum(axis=1))):
+            table.append(values)
+    owners = np.concatenate(targets)
+    order = np.argsort(owners, kind="stable")
+    owners = owners[order]
+    return q[owners, np.concatenate(firsts)[order]], owners, np.concatenate(met)[order]
 
 
 def _merge_doubles(
-    robot: Robot, q: FloatArray, met: np.ndarray, target: FloatArray
-) -> tuple[FloatArray, np.ndarray]:
-    """Join solutions whose midpoint is a solution too: two roots closer than can be told apart."""
-    gaps = np.abs(difference(robot, q[:, None], q[None])).max(axis=2)
-    pairs = np.argwhere(np.triu(gaps < BRANCH_SEARCH.double_solution, 1))
+    robot: Robot, q: FloatArray, owners: np.ndarray, met: np.ndarray, targets: FloatArray
+) -> tuple[FloatArray, np.ndarray, np.ndarray]:
+    """Join solutions of a target whose midpoint is one too: roots closer than can be told apart."""
+    near = [np.zeros((0, 2), dtype=int)]
+    for apart in range(1, len(q)):
+        one = np.flatnonzero(owners[apart:] == owners[:-apart])
+        if not one.size:
+            break
+        gaps = np.abs(difference(robot, q[one], q[one + apart])).max(axis=1)
+        one = one[gaps < BRANCH_SEARCH.double_solution]
+        near.append(np.column_stack([one, one + apart]))
+    pairs = np.concatenate(near)
     if not len(pairs):
-        return q, met
+        return q, owners, met
+    pairs = pairs[np.lexsort(pairs.T[::-1])]
     between = q[pairs[:, 0]] + difference(robot, q[pairs[:, 1]], q[pairs[:, 0]]) * (
         joint_scale(robot) / 2
     )
-    one = reaches(*task_errors(robot, between, np.tile(target, (len(pairs), 1))))
+    one = reaches(*task_errors(robot, between, targets[owners[pairs[:, 0]]]))
     single = np.ones(len(q), dtype=bool)
     for first, second in pairs[one]:
         if single[first] and single[second]:
             met[first] += met[second]
             single[second] = False
-    return q[single], met[single]
+    return q[single], owners[single], met[single]
 
 
 def ranks(robot: Robot, q: FloatArray, width: int) -> np.ndarray:
@@ -390,8 +413,8 @@ def find_branches(robot: Robot, targets: FloatArray) -> list[Found]:
         high = np.maximum(high, middle(robot) + around)
     bounds = (robot.limits.q_min, robot.limits.q_max) if redundant else None
     size = 8 * 2 ** min(count, 3)
-    pools = [np.zeros((0, count)) for _ in targets]
-    answers = list(pools)
+    pools, good = np.zeros((len(targets), 0, count)), np.zeros((len(targets), 0), dtype=bool)
+    answers = [np.zeros((0, count)) for _ in targets]
     jacobian_ranks = [np.zeros(0, dtype=int) for _ in targets]
     pending = np.arange(len(targets))
     for turn in range(BRANCH_SEARCH.rounds):
@@ -399,23 +422,24 @@ def find_branches(robot: Robot, targets: FloatArray) -> list[Found]:
         poses, errors = descend(
             robot, np.tile(starts, (len(pending), 1)), np.repeat(targets[pending], size, 0), bounds
         )
+        pools = np.concatenate([pools, poses.reshape(len(pending), size, count)], axis=1)
+        good = np.concatenate([good, (errors < goal(robot)).reshape(len(pending), size)], axis=1)
+        groups = _clusters_of_each(robot, pools, good, BRANCH_SEARCH.same_solution)
+        q, owners, met = _merge_doubles(robot, *groups, targets[pending])
+        jacobians = scaled_jacobian(robot, q, width)
+        values = np.linalg.svd(jacobians, compute_uv=False)
+        found, ends = _rank(values), np.searchsorted(owners, np.arange(len(pending) + 1))
         still = []
         for row, index in enumerate(pending):
-            block = slice(row * size, (row + 1) * size)
-            good = poses[block][errors[block] < goal(robot)]
-            pools[index] = np.concatenate([pools[index], good])
-            q, met = clusters(robot, pools[index], BRANCH_SEARCH.same_solution)
-            q, met = _merge_doubles(robot, q, met, targets[index])
-            jacobians = scaled_jacobian(robot, q, width)
-            values = np.linalg.svd(jacobians, compute_uv=False)
-            answers[index], jacobian_ranks[index] = q, _rank(values)
+            own = slice(ends[row], ends[row + 1])
+            answers[index], jacobian_ranks[index] = q[own], found[own]
             if not (
-                len(q) >= BRANCH_SEARCH.continuum_samples
-                if redundant and len(q)
-                else _complete(jacobians, values, met, turn, balanced_when_complete)
+                len(q[own]) >= BRANCH_SEARCH.continuum_samples
+                if redundant and len(q[own])
+                else _complete(jacobians[own], values[own], met[own], turn, balanced_when_complete)
             ):
-                still.append(index)
-        pending = np.array(still, dtype=int)
+                still.append(row)
+        pools, good, pending = pools[still], good[still], pending[still]
         if not pending.size or deadline.over():
             break
     for index in pending if redundant else ():

@@ -244,19 +244,16 @@ def _branches(robot: Robot, targets: FloatArray) -> tuple[tuple[IKSolution, ...]
     if deadline.over():
         return tuple((_given_up(robot, target),) for target in targets)
     wanted, everything = middle(robot), find_branches(robot, targets)
-    rows, motions, owners = [], [], []
-    for index, branches in enumerate(everything):
-        q, inside = within_limits(robot, branches.q, wanted)
-        valid = np.flatnonzero(inside)
-        order = valid[np.argsort(np.linalg.norm(q[valid] - wanted, axis=1), kind="stable")]
-        rows.append(q[order])
-        motions.append(branches.self_motion[order])
-        owners += [index] * len(order)
-    q = np.concatenate(rows)
+    owners = np.repeat(np.arange(len(targets)), [len(branches.q) for branches in everything])
+    rows, inside = within_limits(robot, np.concatenate([each.q for each in everything]), wanted)
+    order = np.lexsort((np.linalg.norm(rows - wanted, axis=1), owners))
+    order = order[inside[order]]
+    q, owners = rows[order], owners[order]
+    motions = np.concatenate([branches.self_motion for branches in everything])[order]
     share = (time.perf_counter() - begin) / len(targets)
     solutions: list[list[IKSolution]] = [[] for _ in targets]
     if len(q):
-        flat = _solutions(robot, targets[owners], q, np.concatenate(motions), share)
+        flat = _solutions(robot, targets[owners], q, motions, share)
         for index, solution in zip(owners, flat, strict=True):
             solutions[index].append(solution)
     for index, branches in enumerate(everything):
