@@ -298,11 +298,10 @@ def path_grid(path: PathCurve, count: int) -> FloatArray:
     """
     lengths = np.diff(path.breaks)
     shares = np.maximum(2, np.round(count * lengths / lengths.sum()).astype(int))
-    pieces = [
-        a + (b - a) * (0.1 * np.arange(n) / n + 0.45 * (1.0 - np.cos(np.pi * np.arange(n) / n)))
-        for a, b, n in zip(path.breaks[:-1], path.breaks[1:], shares, strict=True)
-    ]
-    return np.append(np.concatenate(pieces), path.breaks[-1])
+    begins, spans, n = (np.repeat(each, shares) for each in (path.breaks[:-1], lengths, shares))
+    k = np.arange(n.size) - np.repeat(np.cumsum(shares) - shares, shares)
+    grid = begins + spans * (0.1 * k / n + 0.45 * (1.0 - np.cos(np.pi * k / n)))
+    return np.append(grid, path.breaks[-1])
 
 
 def _passes(

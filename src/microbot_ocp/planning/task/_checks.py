@@ -297,11 +297,12 @@ def check_pace(family: LimitFamily, places: FloatArray, at_rest: bool = True) ->
     the last place.
     """
     robot = family.robot
-    ways = {key: np.ptp(places, axis=0) for key in STATE[1:]}
+    way = np.ptp(places, axis=0)
+    ways = [(key, way) for key in STATE[1:]]
     if at_rest and "taud" in family:
         held = robot.torques_along(*_at_rest(places[[0, -1]])[:3])["tau"]
-        ways["taud"] = np.ptp(held, axis=0)
-    for key, way in ways.items():
+        ways.append(("taud", np.ptp(held, axis=0)))
+    for key, way in ways:
         low, high = robot.limits.bounds(key)
         most, (factor, order) = np.maximum(-low, high), REST_TO_REST[key]
         share = np.divide(factor * way, most, out=np.zeros_like(way), where=most > 0)
@@ -371,9 +372,12 @@ def check_positions(family: LimitFamily, what: Callable[[int], str], q: FloatArr
     robot, keys = family.robot, family.of_order(0)
     for key, values in family.values(_at_rest(q), keys).items():
         member = family[key]
-        value, low, high = (np.broadcast_to(v, values.value.shape) for v in values)
         slack = 1e-9
-        for i, j in np.argwhere((value < low - slack) | (value > high + slack)):
+        outside = (values.value < values.lower - slack) | (values.value > values.upper + slack)
+        if not outside.any():
+            continue
+        value, low, high = (np.broadcast_to(v, outside.shape) for v in values)
+        for i, j in np.argwhere(outside):
             if key == "q":
                 raise InputError(
                     f"{what(i)} is outside the position limits: joint {robot.joint_names[j]!r} at "
@@ -391,9 +395,9 @@ def check_rest(family: LimitFamily, what: Callable[[int], str], q: FloatArray) -
     """
     for key, values in family.values(_at_rest(q), family.of_order(1, 2, 3)).items():
         member = family[key]
-        value, low, high = (np.broadcast_to(v, values.value.shape) for v in values)
-        if np.all((value >= low) & (value <= high)):
+        if np.all((values.value >= values.lower) & (values.value <= values.upper)):
             continue
+        value, low, high = (np.broadcast_to(v, values.value.shape) for v in values)
         for i, j in np.argwhere(member.use(values) > 1.0 + ROUNDING):
             if key == "tau":
                 raise InputError(
