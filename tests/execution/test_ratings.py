@@ -49,6 +49,14 @@ def test_what_is_drawn_and_returned_is_the_change_of_energy(microbot):
     assert [row[0] for row in found.table().rows] == list(microbot.joint_names)
 
 
+def test_forces_of_sliding_joints_are_no_torques():
+    robot = mo.load_robot("stanford")
+    q = np.array([[0.1, 0.2, 0.3, 0.1, 0.2, 0.3], [0.4, 0.5, 0.5, 0.4, 0.5, 0.6]])
+    motion = mo.Motion.from_polynomial(robot, mo.quintic(q, [0.0, 2.0]), label="quintic")
+    units = [column.unit for column in mo.execution.ratings(robot, motion).table().columns]
+    assert units == ["", *3 * ["N m or N"], "rad/s or m/s", "W", "J", "J"]
+
+
 def test_the_dwell_that_a_rating_asks_for(microbot):
     shape = mo.quintic([[0.0, 0.0, 0.0], [0.5, 1.4, 0.1]], [0.0, 1.0])
     motion = mo.Motion.from_polynomial(microbot, shape, label="quintic")
