@@ -503,6 +503,21 @@ def test_a_tool_line_that_the_plan_uses_up_is_kept(line, profile):
         np.testing.assert_allclose(derivative[[0, -1]], 0.0, atol=1e-9)
 
 
+@pytest.mark.slow
+def test_a_corner_that_is_blended_is_passed_as_nearly_as_stops(microbot):
+    """Where the blend begins and ends was asked for exactly, so that no controller was left."""
+    tool = mo.forward_kinematics(microbot)
+    corner = np.array(tool([0.9, 0.9, 0.3]))[:3, 3]
+    stops = [[0.3, 0.6, 0.5], mo.Stop(position=corner, blend=0.3), [1.3, 0.6, 0.6]]
+    task = {"via_q": stops, "segments": 2 * [mo.Line(tolerance=5e-3)]}
+    motion = mo.time_optimal(microbot, stops, segments=task["segments"], mesh=20)
+    command = mo.execution.commanded(microbot, motion, "hold@250", **task)
+    assert command.accepted, command.certificate.verdict
+    places = np.array([np.array(tool(q))[:3, 3] for q in command.rows.q])
+    nearest = np.linalg.norm(places - corner, axis=1).min()
+    assert 0.01 < nearest < 0.305
+
+
 def test_efforts_say_whether_marks_are_of_the_arm_as_it_is(microbot, tmp_path):
     motion = shape(microbot, "hold@250", 1)
     path = motion.export(tmp_path / "a.csv", profile="hold@250", robot=microbot)

@@ -20,7 +20,7 @@ from microbot_ocp.certificate import Tolerances
 from microbot_ocp.execution._profile import Profile, load_profile
 from microbot_ocp.execution._rows import CommandRows
 from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial, State, quintic_between
-from microbot_ocp.planning import Segment, Stop, Task, motion_along, task_of
+from microbot_ocp.planning import Segment, Task, motion_along, task_of
 from microbot_ocp.robot import Robot
 from microbot_ocp.scene import Scene, with_arm_capsules
 
@@ -111,17 +111,15 @@ def played_task(
     """
     if via_q is None:
         return None
-    given = [stop if isinstance(stop, Stop) else Stop(q=stop) for stop in via_q]
-    last = len(given) - 1
-    for k, stop in enumerate(given):
-        ends = k in (0, last) and not cycle
-        rests = stop.velocity is None and (ends or stop.payload is not None)
-        if not (stop.dwell or stop.blend or rests or stop.velocity == "rest"):
+    arm = robot if scene is None else with_arm_capsules(robot)  # parts hang on capsules
+    task = task_of(arm, via_q, profile.limits_of(robot), segments=segments, cycle=cycle)
+    stops = list(task.stops)
+    for k, stop in enumerate(stops):
+        if not task.at_rest(k):
             turn = stop.orientation_tolerance + (stop.orientation is not None) * NEAR
             near = np.add(stop.tolerance, NEAR)
-            given[k] = replace(stop, tolerance=near, orientation_tolerance=turn)
-    arm = robot if scene is None else with_arm_capsules(robot)  # parts hang on capsules
-    return task_of(arm, given, profile.limits_of(robot), segments=segments, cycle=cycle)
+            stops[k] = replace(stop, tolerance=near, orientation_tolerance=turn)
+    return replace(task, stops=tuple(stops))
 
 
 def rows_of(motion: Motion, profile: Profile) -> CommandRows:
