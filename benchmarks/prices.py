@@ -30,7 +30,7 @@ from benchmarks.mujoco_arms import with_small_bodies
 from benchmarks.plants import played, poses, publish
 from benchmarks.scenes import read
 from benchmarks.torture import RandomTask, task_of
-from microbot_ocp.limits import LimitFamily, MotionSamples
+from microbot_ocp.limits import ROUNDING, LimitFamily, MotionSamples
 
 KINDS = (0, 1, 2, 5, 6, 7, 8)  # seeds by their last digit: not timings, not many via points
 JOINTS, LOADED, TRIED, HALVINGS = 6, 0.02, 0.005, 5
@@ -98,7 +98,8 @@ def compared(task: RandomTask, seed: int) -> Iterator[Compared | str]:
             difference, bent = central(f, middle, TRIED * abs(size))
         except mo.InputError as problem:  # a step leads to what no arm holds
             return f"{name}: {problem}"
-        error = abs(slope / difference - 1.0) if difference else np.inf
+        nothing = abs(size) * max(abs(slope), abs(difference)) <= ROUNDING * middle
+        error = 0.0 if nothing else abs(slope / difference - 1.0) if difference else np.inf
         return Compared(name, error, bool(abs(slope * size) < slopes.least), bent)
 
     family = LimitFamily.of(robot)

@@ -105,6 +105,23 @@ def test_the_table_and_the_bars(solver):
     assert "velocity of shoulder, lower" not in slopes.binding
 
 
+@pytest.mark.slow
+def test_what_changes_the_smoothing_as_much_is_not_sure():
+    """A wrist whose torque saves little, but whose jerks the smoothing feels."""
+    via = [[0.16, -2.44, -2.91], [0.05, 2.54, -1.35], [0.58, -1.55, -0.72], [-0.74, -1.27, 2.23]]
+    robot, step = mo.load_robot("planar_3r"), np.array([0.0, 0.0, 0.1])
+    solver = mo.TimeOptimalSolver(robot, via, mesh=40, starts=2, rounds=0, tolerance=1e-8)
+    slopes, least = solver().sensitivities(robot), robot.limits.tau_min
+    low, high = (
+        sum(solver(robot.limits.changed({"tau_min": bound})).provenance["phase_durations"])
+        for bound in (least - step, least + step)
+    )
+    found = slopes.lower["tau"][2]
+    assert abs(found / ((high - low) / 0.2) - 1.0) > 0.05
+    assert "torque of wrist, lower" not in slopes.binding
+    assert "torque of elbow, lower" in slopes.binding
+
+
 def test_torques_and_masses_together_change_nothing(program):
     """Twice the torques and twice the masses: the same motion."""
     robot, _, solution = program

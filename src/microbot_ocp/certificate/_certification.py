@@ -212,24 +212,21 @@ def certified(
     *,
     simulated: bool = True,
 ) -> Certificate:
-    """Do as :func:`certify`, under limits or through the stops of a task, of what is checked."""
-    places: Any = [(0.0, motion.duration, subject.robot, scene)]
+    """Do as :func:`certify`, under limits or through the stops of a task, of what is checked.
+
+    With a scene it passes only where its clearance is proved.
+    """
     if isinstance(subject, Task):
         from microbot_ocp.certificate._task_certificate import certificate_of_task
 
         certificate = certificate_of_task(subject, motion, tolerances, simulated=simulated)
-        places = scene and places_along(subject, motion, scene)
     else:
         certificate = certificate_of(subject, motion, via, tolerances, simulated=simulated)
-    return certificate if scene is None else with_clearance(certificate, places, motion)
-
-
-def with_clearance(
-    certificate: Certificate,
-    places: Sequence[tuple[float, float, Robot, Scene]],
-    motion: Motion,
-) -> Certificate:
-    """Return a certificate with the clearance of a motion: passed only where it is proved."""
+    if scene is None:
+        return certificate
+    places: Any = [(0.0, motion.duration, subject.robot, scene)]
+    if isinstance(subject, Task):
+        places = places_along(subject, motion, scene)
     clearance = clearance_along(places, motion) if has_coal() else None
     check = Check("clearance", False, "clearance is not proved: that needs coal")
     if clearance is not None:

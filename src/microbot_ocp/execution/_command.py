@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -162,8 +162,7 @@ def commanded(
             )
     own = partial(efforts, profile=chosen)
     if task is None:
-        families = (LimitFamily.of(robot, chosen.limits_of(robot)),)
-        rows = _soonest(families, motion, chosen)
+        rows = _soonest([LimitFamily.of(robot, chosen.limits_of(robot))], motion, chosen)
         tau = own(robot, _state(rows))
     else:
         rows = _rows_through(task, motion, chosen)
@@ -316,14 +315,12 @@ def _soonest(families: Sequence[LimitFamily], motion: Motion, profile: Profile) 
     return best or _accepted(families, motion, profile)  # which says what is in the way
 
 
-def _windows(motion: Motion, profile: Profile) -> Iterator[int]:
+def _windows(motion: Motion, profile: Profile) -> list[int]:
     """Steps between samples of a spline that may be near enough, the most first."""
     most = max(float(np.abs(motion.qdd).max()), ROUNDING)
     seconds = min(np.sqrt(6.0 * NEAR / most), 0.5 * motion.duration)
     window = int(np.ceil(seconds / profile.step))  # what is slowed down is nearer
-    while window:
-        yield window
-        window //= 2
+    return [window >> halvings for halvings in range(window.bit_length())]
 
 
 def _factor(parts: Sequence[Part], most: float) -> float:

@@ -100,16 +100,16 @@ class Ratings:
 
     def table(self) -> Table:
         """One row a joint."""
-        every = range(self.rms_torque.size)
-        torque, speed = (
-            " or ".join(dict.fromkeys(self.robot.unit(key, joint) for joint in every))
-            for key in ("tau", "qd")
-        )
+
+        def unit(key: str) -> str:
+            every = range(self.rms_torque.size)
+            return " or ".join(dict.fromkeys(self.robot.unit(key, joint) for joint in every))
+
         shown = {
-            "r.m.s.": (torque, self.rms_torque),
-            "cubic mean": (torque, self.cubic_torque),
-            "peak": (torque, self.peak_torque),
-            "peak speed": (speed, self.peak_speed),
+            "r.m.s.": (unit("tau"), self.rms_torque),
+            "cubic mean": (unit("tau"), self.cubic_torque),
+            "peak": (unit("tau"), self.peak_torque),
+            "peak speed": (unit("qd"), self.peak_speed),
             "peak power": ("W", self.peak_power),
             "drawn": ("J", self.energy_drawn),
             "returned": ("J", self.energy_returned),

@@ -44,9 +44,10 @@ class Sensitivities:
         s/m of the place of the payload in the tool frame, with the mass that was given; NaN without
         masses.
     least : float
-        What a datum must be worth, s, for its slope to be told to a hundredth: slopes are those of
-        the duration with its smoothing and with what the solver left of its barrier, so of a limit
-        that the motion only comes near to they say nothing. Rows of the table below it are flagged.
+        What a datum must be worth, s, for its slope to be told to about a hundredth: slopes are
+        those of the duration with its smoothing, which changes with the datum, too, and with what
+        the solver left of its barrier, so of a limit that the motion only comes near to they say
+        nothing. Rows of the table below it are flagged.
     """
 
     robot: Robot

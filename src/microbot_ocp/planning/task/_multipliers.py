@@ -31,9 +31,10 @@ def multipliers_of(solution: Solution, family: LimitFamily) -> dict[str, Any] | 
     dict or None
         "lower" and "upper" have s per unit of each bound by the key of its limit, "via" [m][n]
         s/rad (s/m) of the via points. "rows" has by key the times "t", s, and what the duration
-        gains "slopes" [K][k] for each unit that the quantity is larger there. "beside" is what the
-        cost has beside the duration, s: the smoothing, and what the solver left. None where the
-        solver gave no multipliers, and of a solution without a program.
+        gains "slopes" [K][k] for each unit that the quantity is larger there. "beside" is what a
+        datum may change beside the duration, s: the smoothing of the squared jerk, by the fifth
+        power of a time that scales, and what the solver left. None where the solver gave no
+        multipliers, and of a solution without a program.
     """
     if solution.variable_multipliers is None or any(p.layout is None for p in solution.phases):
         return None
@@ -65,7 +66,7 @@ def multipliers_of(solution: Solution, family: LimitFamily) -> dict[str, Any] | 
     return {
         **_plain(sides),
         "via": _plain(points),
-        "beside": abs(solution.cost - start) + abs(solution.gap.slack),
+        "beside": 5 * abs(solution.cost - start) + abs(solution.gap.slack),
         "rows": {
             key: {"t": sorted(row), "slopes": _plain(np.array([row[t] for t in sorted(row)]))}
             for key, row in limited.items()
