@@ -279,6 +279,19 @@ def test_a_repetition_whose_calls_are_kept_ends_where_it_says_or_at_its_most(mon
         deferred_call.__wrapped__(function, 5, True)(np.ones((2, 2)), [2.0])
 
 
+def test_rows_are_read_in_place_in_any_order(way: str) -> None:
+    table = np.random.default_rng(0).normal(size=(ROWS, 5))
+    before = table.copy()
+    x, y = ca.SX.sym("x", 2), ca.SX.sym("y", 3)
+    call = fresh(ca.Function("in_any_order", [x, y], [x * y[1:]]))
+    for rows in (slice(None, None, -1), slice(None, None, 2), np.zeros(ROWS, dtype=int)):
+        given = table[rows]
+        np.testing.assert_array_equal(call(given[:, :2], given[:, 2:]), given[:, :2] * given[:, 3:])
+    np.testing.assert_array_equal(table, before)
+    repeated = np.broadcast_to(table[0], table.shape)
+    np.testing.assert_array_equal(call(repeated[:, :2], table[:, 2:]), table[0, :2] * table[:, 3:])
+
+
 def test_a_chain_goes_along_the_rows_from_one_state(monkeypatch):
     x, a, b = ca.SX.sym("x", 2), ca.SX.sym("a"), ca.SX.sym("b", 2)
     function = ca.Function("chain", [x, a, b], [a * x + b, ca.sin(x)])

@@ -112,8 +112,10 @@ static PyObject *call(PyObject *module, PyObject *const *given, Py_ssize_t count
     return PyErr_Format(input_error, "@NAME@ takes @N_IN@ arrays, not %zd", count);
   for (i = 0; i < @N_IN@; ++i) {
     if (PyArray_CheckExact(given[i]) && PyArray_TYPE((PyArrayObject *)given[i]) == NPY_DOUBLE
-        && PyArray_IS_C_CONTIGUOUS((PyArrayObject *)given[i])
-        && PyArray_ISBEHAVED_RO((PyArrayObject *)given[i])) {
+        && PyArray_ISBEHAVED_RO((PyArrayObject *)given[i])
+        && (PyArray_IS_C_CONTIGUOUS((PyArrayObject *)given[i])
+            || (PyArray_NDIM((PyArrayObject *)given[i]) == 2 /* rows may be in any order */
+                && PyArray_STRIDE((PyArrayObject *)given[i], 1) == sizeof(double)))) {
       in[i] = (PyArrayObject *)given[i];
       Py_INCREF(in[i]);
     } else {
@@ -124,7 +126,7 @@ static PyObject *call(PyObject *module, PyObject *const *given, Py_ssize_t count
       step[i] = 0;
     } else if (PyArray_NDIM(in[i]) == 2 && PyArray_DIM(in[i], 1) == in_size[i]
                && (rows < 0 || rows == PyArray_DIM(in[i], 0))) {
-      step[i] = in_size[i];
+      step[i] = PyArray_STRIDE(in[i], 0) / (npy_intp)sizeof(double);
       rows = PyArray_DIM(in[i], 0);
     } else {
       PyObject *shape = PyObject_GetAttrString((PyObject *)in[i], "shape");

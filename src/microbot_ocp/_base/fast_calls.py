@@ -60,7 +60,7 @@ def fast_call(function: ca.Function) -> FastCall:
     callable
         Takes one array [n] an input, or a batch [N,n]; a single [n] among batches stands for all
         their rows. Returns an array [m] or [N,m] ([m,k] or [N,m,k] for a matrix), several outputs
-        as a tuple. Anything but contiguous float64 arrays is converted first. Where Python's
+        as a tuple. All but float64 arrays of contiguous rows is converted first. Where Python's
         headers or the C compiler are missing it does the same in some us a call.
 
     Raises

@@ -145,7 +145,7 @@ def time_path(
         Whether ds/dt is free at an end of the path; default where the tangent vanishes, as the arm
         rests there all the same.
     compiled : bool
-        Use compiled functions where there is a compiler.
+        Use compiled functions where there is a compiler and they are at hand or pay.
     time_limit : float
         Wall time, s, after which no further segment is begun.
 

@@ -317,7 +317,7 @@ def _passes(
     steps, width = step[:, None], rows.per_u.shape[1]
     table = np.hstack([rows.per_u, rows.per_x, rows.lower, rows.upper])
     at_ends = deferred_call(_at_ends(width), compiled=fast)
-    left, right, x_range, y_range = at_ends(table[rows.left], table[rows.right], steps)
+    left, right, x_range, y_range = at_ends(table[: step.size], table[rows.right], steps)
     size = 6 * width
     least, most = np.zeros(s.size), speed_limit.copy()
     in_range = deferred_call(_range(size, False), size, compiled=fast)
