@@ -218,13 +218,16 @@ def _clusters_of_each(
     Returns rows [K,n], their targets [K] in order, and how many rows each stands for.
     """
     turn = np.where(revolute(robot), 2 * np.pi, np.inf)
-    place, left = difference(robot, q, middle(robot)), left.copy()
+    place, which = difference(robot, q, middle(robot)), np.arange(len(q))
     targets, firsts, met = [[np.zeros(0, dtype=int)] for _ in range(3)]
-    while (which := np.flatnonzero(left.any(axis=1))).size:
-        first = left[which].argmax(axis=1)
-        gap = np.abs(place[which] - place[which, first][:, None])
-        same = (np.minimum(gap, turn - gap) < tolerance).all(axis=2) & left[which]
-        left[which] &= ~same
+    while left.any():
+        first = left.argmax(axis=1)
+        some = left[np.arange(len(left)), first]
+        if not some.all():
+            which, place, left, first = (table[some] for table in (which, place, left, first))
+        gap = np.abs(place - place[np.arange(len(first)), first][:, None])
+        same = (np.minimum(gap, turn - gap) < tolerance).all(axis=2) & left
+        left = left & ~same
         for table, values in ((targets, which), (firsts, first), (met, same.sum(axis=1))):
             table.append(values)
     owners = np.concatenate(targets)
@@ -237,15 +240,13 @@ def _merge_doubles(
     robot: Robot, q: FloatArray, owners: np.ndarray, met: np.ndarray, targets: FloatArray
 ) -> tuple[FloatArray, np.ndarray, np.ndarray]:
     """Join solutions of a target whose midpoint is one too: roots closer than can be told apart."""
-    near = [np.zeros((0, 2), dtype=int)]
-    for apart in range(1, len(q)):
+    pairs = [np.zeros((0, 2), dtype=int)]
+    for apart in range(1, np.bincount(owners).max(initial=0)):
         one = np.flatnonzero(owners[apart:] == owners[:-apart])
-        if not one.size:
-            break
-        gaps = np.abs(difference(robot, q[one], q[one + apart])).max(axis=1)
-        one = one[gaps < BRANCH_SEARCH.double_solution]
-        near.append(np.column_stack([one, one + apart]))
-    pairs = np.concatenate(near)
+        pairs.append(np.column_stack([one, one + apart]))
+    pairs = np.concatenate(pairs)
+    gaps = np.abs(difference(robot, q[pairs[:, 0]], q[pairs[:, 1]])).max(axis=1)
+    pairs = pairs[gaps < BRANCH_SEARCH.double_solution]
     if not len(pairs):
         return q, owners, met
     pairs = pairs[np.lexsort(pairs.T[::-1])]
