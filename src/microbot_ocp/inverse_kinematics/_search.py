@@ -220,14 +220,16 @@ def _clusters_of_each(
     turn = np.where(revolute(robot), 2 * np.pi, np.inf)
     place, which = difference(robot, q, middle(robot)), np.arange(len(q))
     targets, firsts, met = [[np.zeros(0, dtype=int)] for _ in range(3)]
-    while left.any():
+    row = which
+    while np.count_nonzero(left):
         first = left.argmax(axis=1)
-        some = left[np.arange(len(left)), first]
-        if not some.all():
+        some = left[row, first]
+        if np.count_nonzero(some) < some.size:
             which, place, left, first = (table[some] for table in (which, place, left, first))
-        gap = np.abs(place - place[np.arange(len(first)), first][:, None])
+            row = np.arange(len(which))
+        gap = np.abs(place - place[row, first][:, None])
         same = (np.minimum(gap, turn - gap) < tolerance).all(axis=2) & left
-        left = left & ~same
+        left = left ^ same
         for table, values in ((targets, which), (firsts, first), (met, same.sum(axis=1))):
             table.append(values)
     owners = np.concatenate(targets)
@@ -240,16 +242,15 @@ def _merge_doubles(
     robot: Robot, q: FloatArray, owners: np.ndarray, met: np.ndarray, targets: FloatArray
 ) -> tuple[FloatArray, np.ndarray, np.ndarray]:
     """Join solutions of a target whose midpoint is one too: roots closer than can be told apart."""
-    pairs = [np.zeros((0, 2), dtype=int)]
-    for apart in range(1, np.bincount(owners).max(initial=0)):
-        one = np.flatnonzero(owners[apart:] == owners[:-apart])
-        pairs.append(np.column_stack([one, one + apart]))
-    pairs = np.concatenate(pairs)
+    counts = np.bincount(owners)
+    one, other = np.triu_indices(counts.max(initial=0), 1)
+    block, pair = np.nonzero(other < counts[:, None])
+    begins = np.cumsum(counts) - counts
+    pairs = begins[block, None] + np.array([one, other]).T[pair]
     gaps = np.abs(difference(robot, q[pairs[:, 0]], q[pairs[:, 1]])).max(axis=1)
     pairs = pairs[gaps < BRANCH_SEARCH.double_solution]
     if not len(pairs):
         return q, owners, met
-    pairs = pairs[np.lexsort(pairs.T[::-1])]
     between = q[pairs[:, 0]] + difference(robot, q[pairs[:, 1]], q[pairs[:, 0]]) * (
         joint_scale(robot) / 2
     )
@@ -440,9 +441,10 @@ def find_branches(robot: Robot, targets: FloatArray) -> list[Found]:
                 else _complete(jacobians[own], values[own], met[own], turn, balanced_when_complete)
             ):
                 still.append(row)
-        pools, good, pending = pools[still], good[still], pending[still]
+        pending = pending[still]
         if not pending.size or deadline.over():
             break
+        pools, good = pools[still], good[still]
     for index in pending if redundant else ():
         if not len(answers[index]) and not deadline.over():
             q, reached = descend_from(robot, middle(robot)[None], targets[index : index + 1])
