@@ -49,6 +49,15 @@ def test_what_is_drawn_and_returned_is_the_change_of_energy(microbot):
     assert [row[0] for row in found.table().rows] == list(microbot.joint_names)
 
 
+def test_a_motion_with_a_load_is_not_rated_as_the_empty_arm(microbot):
+    loaded = microbot.with_payload(2.0)
+    shape = mo.quintic([[0.0, 0.3, 0.2], [0.5, 0.8, -0.4]], [0.0, 1.0])
+    motion = mo.Motion.from_polynomial(loaded, shape, label="quintic")
+    assert mo.execution.ratings(loaded, motion).peak_torque.max() > 0.0
+    with pytest.raises(mo.InputError, match="motion's torques are not those of 'microbot'"):
+        mo.execution.ratings(microbot, motion)
+
+
 def test_forces_of_sliding_joints_are_no_torques():
     robot = mo.load_robot("stanford")
     q = np.array([[0.1, 0.2, 0.3, 0.1, 0.2, 0.3], [0.4, 0.5, 0.5, 0.4, 0.5, 0.6]])

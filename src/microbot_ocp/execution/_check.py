@@ -133,7 +133,7 @@ def refuse_other_arm(robot: Robot, motion: Motion, task: Task | None = None) -> 
             f"motion's torques are not those of {robot.name!r}: that of {robot.joint_names[joint]} "
             f"is off by {off[sample, joint]:.4g} {robot.unit('tau', int(joint))} at "
             f"{motion.t[sample]:.4g} s. Give the arm with its load, robot.with_payload(...), "
-            "and where that changes the stops, via_q=... or --task"
+            "and where that changes, the stops, via_q=... or --task, to what takes them"
         )
 
 
@@ -154,10 +154,12 @@ def judged(
     certificate = certified(subject, curve, scene, tolerances, simulated=simulated)
     if not profile.rests or rows.qd is None:
         return certificate
-    rests = [
-        _at_rest(name, float(rows.t[k]), float(np.abs(rows.qd[k]).max()))
-        for name, k in (("first", 0), ("last", -1))
-    ]
+    rests = []
+    for name, k in (("first", 0), ("last", -1)):
+        speed = float(np.abs(rows.qd[k]).max())
+        problem = f"the {name} row moves at {speed:.3g} rad/s"
+        where = f"{name} row", float(rows.t[k]), speed, AT_REST, "rad/s"
+        rests.append(Check("rest", speed <= AT_REST, problem, *where))
     verdict = certificate.verdict
     if moving := "; ".join(problems_of(rests)):
         others = verdict.removeprefix("Failed: ") if not certificate.ok else "limits are kept."
@@ -168,9 +170,3 @@ def judged(
         verdict=verdict,
         checks=(*certificate.checks, *rests),
     )
-
-
-def _at_rest(name: str, time: float, speed: float) -> Check:
-    problem = f"the {name} row moves at {speed:.3g} rad/s"
-    passed = speed <= AT_REST
-    return Check("rest", passed, problem, f"{name} row", time, speed, AT_REST, "rad/s")

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.table import Column, Table
+from microbot_ocp.execution._check import refuse_other_arm
 from microbot_ocp.motion import Motion, State, quadrature, torque_along
 from microbot_ocp.robot import Robot
 
@@ -139,7 +140,8 @@ def ratings(robot: Robot, motion: Motion, dwell: float = 0.0) -> Ratings:
     Raises
     ------
     InputError
-        Another number of joints, a robot without masses, a dwell below 0.
+        Another number of joints, a robot without masses, a dwell below 0; a motion whose torques
+        are not those of the robot, as where what it holds changes on the way.
 
     Examples
     --------
@@ -154,6 +156,7 @@ def ratings(robot: Robot, motion: Motion, dwell: float = 0.0) -> Ratings:
     checks.joints("motion", motion.joint_count, robot)
     if not robot.has_dynamics:
         raise InputError(f"robot {robot.name!r} has no masses that torques follow from")
+    refuse_other_arm(robot, motion)
     rest = checks.number("dwell", dwell, "s", at_least=0.0)
     t, weight = quadrature(motion.t)
     state = motion.sample(t)
