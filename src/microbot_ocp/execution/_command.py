@@ -225,8 +225,8 @@ def _from_rest(task: Task, motion: Motion, first: int, last: int) -> Motion:
     t = np.concatenate([[start], motion.t[here], [end]])
     q, qd, qdd = motion.sample(t)
     qd[[0, -1]] = qdd[[0, -1]] = 0.0
-    marks = [Mark(mark.time - start, mark.name) for mark in motion.marks[first : last + 1]]
-    marks[0] = Mark(0.0, marks[0].name)
+    stops = motion.marks[first : last + 1]
+    marks = [Mark(max(mark.time - start, 0.0), mark.name) for mark in stops]
     return Motion(t - start, q, qd, qdd, np.zeros_like(q), motion.label, marks=tuple(marks))
 
 
