@@ -45,6 +45,13 @@ def test_a_single_joint_takes_the_closed_form(limits, duration):
     assert motion.duration > duration * (1 - 1e-4)
 
 
+@pytest.mark.parametrize("rate", [{"taud_max": 10.0}, {"qddd_max": 5.0}])
+def test_meshes_are_split_where_torque_rates_and_jerks_switch(rate):
+    motion = time_optimal(slider(tau_max=4.0, **rate), [[0.0], [1.5]], mesh=20, starts=1)
+    ramp = 2.0 / 5.0  # of the acceleration, s
+    assert motion.duration == pytest.approx(ramp + np.sqrt(ramp**2 + 4 * 1.5 / 2.0), rel=1e-4)
+
+
 def test_a_point_on_the_way_of_a_single_joint_costs_nothing():
     motion = time_optimal(slider(tau_max=4.0), [[0.0], [0.4], [1.5]], mesh=60, starts=2)
     assert motion.duration == pytest.approx(2 * np.sqrt(1.5 / 2.0), rel=2e-3)

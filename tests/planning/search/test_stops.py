@@ -89,7 +89,8 @@ def test_a_velocity_that_is_asked_for_is_the_velocity(rail):
 def test_an_arm_that_moves_already_goes_on_with_its_acceleration():
     rail = slider(mass=2.0, tau_max=4.0, taud_max=10.0)
     whole = mo.time_optimal(rail, [[0.0], [1.5]], **QUICK)
-    now = 0.4 * whole.duration
+    # later its torque falls as fast as it can: at 1e-5 m/s more it would have to come back
+    now = 0.3 * whole.duration
     q, qd, qdd = (row[0] for row in whole.sample([now]))
     stops = [Stop(q=q, velocity=qd, acceleration=qdd), Stop(q=[1.5])]
     rest = mo.time_optimal(rail, stops, **QUICK)

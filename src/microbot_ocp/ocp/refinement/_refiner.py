@@ -36,7 +36,6 @@ class RefinerSettings:
 
     Attributes
     ----------
-    sharp : share of the cost: less is not worth another mesh
     warm_barrier : barrier parameter of warm starts; with the usual start at 0.1 IPOPT leaves the
         good guess and comes back late or elsewhere (146 against 35 iterations on one task with
         four via points)
@@ -47,7 +46,6 @@ class RefinerSettings:
     finishing : meshes after that
     """
 
-    sharp: float = 1e-6
     warm_barrier: float = 1e-4
     stubborn: int = 6
     gross: float = 1.0
@@ -246,22 +244,23 @@ class Refiner:
         more = WORSE + self._owed_to_excess(before)
         return after.cost - before.cost <= more * abs(before.cost)
 
-    def refine(self, solution: Solution, switching: Switching | None = None) -> Solution:
+    def refine(
+        self, solution: Solution, switching: Switching | None = None, *, worth: float = 0.0
+    ) -> Solution:
         """Split intervals until no constraint is exceeded between mesh points by more.
 
-        Those inside which a control switches are split along with them, while that lowers the cost.
+        Those inside which a control switches are split along with them, while a mesh lowers the
+        cost by more than a share that is ``worth`` another one.
         """
         return self._refined(
             solution,
-            partial(self._exceeded, switching),
+            partial(self._exceeded, switching, worth),
             self._split_where_exceeded,
             lambda before, after: after is not before,
             self._keeps_limits,
         )
 
-    def sharpen(
-        self, solution: Solution, switching: Switching, *, worth: float = SETTINGS.sharp
-    ) -> Solution:
+    def sharpen(self, solution: Solution, switching: Switching, *, worth: float) -> Solution:
         """Split the intervals inside which a control switches, while that lowers the cost.
 
         What is constant over an interval is a mean of its two values there, which costs in
@@ -302,12 +301,12 @@ class Refiner:
         return last.solution
 
     def _exceeded(
-        self, switching: Switching | None, rounds: _Rounds, solution: Solution
+        self, switching: Switching | None, worth: float, rounds: _Rounds, solution: Solution
     ) -> _Exceeded:
         worst = self.history[-1]["excess"] = self._worst(solution)
         self.progress(f"largest excess of a limit between mesh points: {100 * worst:.3g} %")
         gained = rounds[-1].solution.cost - solution.cost if rounds else np.inf
-        sharp = gained > SETTINGS.sharp * abs(solution.cost)
+        sharp = gained > worth * abs(solution.cost)
         return _Exceeded(
             self.excess(solution), switching(solution) if switching and sharp else [], worst
         )

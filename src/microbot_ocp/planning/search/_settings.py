@@ -23,13 +23,15 @@ class SearchSettings:
     patience : times the iterations of a start that was solved: what takes more is given up
     least_iterations : that a start has in any case
     same : share of the duration by which two solves of the same optimum may differ
-    worth : share of the duration: less is not worth another mesh where joints turn back
+    worth : share of the duration: less is not worth another mesh where joints turn back, or a jerk
+        or torque rate switches
     polishing : iterations for the last digits: 8 to 10 are usual. None with dry friction, where
         50 to 80 gain 7e-5 of the duration
     most_polished : phases of a motion whose last digits are looked for: 29 of the Microbot need
         more iterations
     most_refined : of the optima on the coarse mesh
-    full_mesh : intervals a phase of the first full mesh where accelerations jump
+    full_mesh : intervals a phase of the first full mesh where accelerations jump, or jerks or
+        torque rates, which is split where they do
     full_mesh_even : the same elsewhere
     guided_mesh : the same at most where the search starts from a timed path among obstacles
     guided_iterations : of a solve then; 20 to 60 are usual
@@ -160,8 +162,8 @@ class TimeOptimalSettings:
     ----------
     mesh : intervals of each phase in the first full solve; half of them are where the accelerations
         change, except with dry friction, limits of jerk or torque rate and further limits, where
-        they are even; by default 80, where even 100, and fewer where there are many phases: 400
-        together, but at least 25 each
+        they are even; by default 80, for limits that no mesh is split for 100, and fewer where
+        there are many phases: 400 together, but at least 25 each
     starts : how many starting motions to try on the coarse mesh
     tries : how many to try at most, while another is likely to lead to an optimum that none of
         them led to; if it still is in the end the status is "local optimum". Of a single start

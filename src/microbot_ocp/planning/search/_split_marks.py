@@ -8,16 +8,18 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp import PhaseSolution, Solution
 from microbot_ocp.planning.search._search import MotionSearch
 from microbot_ocp.planning.search._settings import SEARCH
-from microbot_ocp.planning.task import dry_friction, jerk_switches, reversals
+from microbot_ocp.planning.task import dry_friction, rate_switches, reversals
+from microbot_ocp.robot import torque_and_rate
 
 TINY = 1e-12
 
 
 def switch_marks(search: MotionSearch, solution: Solution) -> list[np.ndarray]:
     """Return intervals in which a velocity goes through more than half of its limit at once, or a
-    limited jerk switches.
+    limited jerk or torque rate switches.
 
-    The arm could reach the velocity in far less time than the mesh lets it.
+    The arm could reach the velocity in far less time than the mesh lets it. A switch inside an
+    interval costs in proportion to its length: 1 % of the motions of a Panda on 60 even intervals.
     """
     family = search.problem.family
     limit = np.maximum(*(np.abs(b) for b in family.robot.limits.bounds("qd")))
@@ -25,9 +27,13 @@ def switch_marks(search: MotionSearch, solution: Solution) -> list[np.ndarray]:
     marks = []
     for phase in solution.phases:
         rows = (np.abs(np.diff(phase["qd"], axis=0)) > 0.5 * limit).any(axis=1)
+        jerk = np.diff(phase["qdd"], axis=0) / np.diff(phase.t)[:, None]
         if "qddd" in family:
-            jerk = np.diff(phase["qdd"], axis=0) / np.diff(phase.t)[:, None]
-            rows |= jerk_switches(jerk, family["qddd"])
+            rows |= rate_switches(jerk, family["qddd"])
+        if "taud" in family:
+            middle = [0.5 * (phase[k][:-1] + phase[k][1:]).T for k in ("q", "qd", "qdd")]
+            _, rate = torque_and_rate(family.robot)(*middle, jerk.T)
+            rows |= rate_switches(np.array(rate).T, family["taud"])
         marks.append(rows)
     return marks
 

@@ -101,7 +101,11 @@ def full_mesh(search: MotionSearch) -> int:
     """Return intervals a phase of the first full mesh."""
     if search.settings.mesh is not None:
         return search.settings.mesh
-    most = SEARCH.full_mesh if accelerations_jump(search.problem.family) else SEARCH.full_mesh_even
+    family = search.problem.family
+    switching = accelerations_jump(family) or {"qddd", "taud"} & set(
+        family.keys
+    )  # where it is split
+    most = SEARCH.full_mesh if switching else SEARCH.full_mesh_even
     most = max(min(most, SEARCH.full_mesh_sum // len(search.problem.names)), SEARCH.least_mesh)
     return min(most, SEARCH.guided_mesh) if search.problem.timed_path else most
 
@@ -524,7 +528,8 @@ def next_splitting(search: MotionSearch, state: SearchState) -> NextStep | None:
 def split_where_exceeded(search: MotionSearch, step: NextStep) -> MotionAnswer:
     """Split intervals until limits hold between mesh points, and where something switches."""
     subject = step.answer
-    refiner, best, marks = _going_on(subject), subject.solution, partial(switch_marks, search)
+    refiner, best = _going_on(subject), subject.solution
+    marks: Any = {"switching": partial(switch_marks, search), "worth": SEARCH.worth}
     usual = refiner.settings
     if accelerations_jump(search.problem.family):
         refiner = replace(refiner, foresight=SEARCH.foresight)
@@ -534,8 +539,8 @@ def split_where_exceeded(search: MotionSearch, step: NextStep) -> MotionAnswer:
         if len(search.problem.names) <= SEARCH.many_phases:
             # a refined mesh is seldom refined again: to the last digits at once
             least = replace(usual, max_iterations=min(usual.max_iterations, SEARCH.most_exact))
-            best = replace(refiner, settings=least, rough=None, once=True).refine(best, marks)
-    return _finer(subject, "splitting", refiner.refine(best, marks), refiner)
+            best = replace(refiner, settings=least, rough=None, once=True).refine(best, **marks)
+    return _finer(subject, "splitting", refiner.refine(best, **marks), refiner)
 
 
 def next_last_digits(search: MotionSearch, state: SearchState) -> NextStep | None:

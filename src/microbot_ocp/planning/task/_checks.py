@@ -422,15 +422,14 @@ def _broken(member: Member, j: Any, value: FloatArray, low: FloatArray, high: Fl
     )
 
 
-def jerk_switches(jerk: FloatArray, member: Member) -> np.ndarray:
-    """Return intervals [N] inside which a limited jerk [N,n], constant in each, goes from one value
-    on.
+def rate_switches(rate: FloatArray, member: Member) -> np.ndarray:
+    """Return intervals [N] inside which a limited jerk or torque rate [N,n] goes from one value on.
 
     Between its neighbours' values, which differ by more than a quarter of its range.
     """
     size = np.where(np.isfinite(member.upper), 0.5 * (member.upper - member.lower), np.inf)
-    switches = np.zeros(len(jerk), dtype=bool)
-    before, here, after = jerk[:-2] / size, jerk[1:-1] / size, jerk[2:] / size
+    switches = np.zeros(len(rate), dtype=bool)
+    before, here, after = rate[:-2] / size, rate[1:-1] / size, rate[2:] / size
     apart = np.minimum(np.abs(here - before), np.abs(after - here)) > 0.02
     switches[1:-1] = (apart & (np.abs(after - before) > 0.5)).any(axis=1)
     return switches
