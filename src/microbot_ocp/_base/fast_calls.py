@@ -429,6 +429,7 @@ def _stand_in(function: ca.Function) -> FastCall:
     sizes = [function.size1_in(i) for i in range(function.n_in())]
     shapes = [function.size_out(i) for i in range(function.n_out())]
     single = buffered_call(function)
+    mapped = lru_cache(maxsize=1)(lambda rows: buffered_call(function.map(rows)))
 
     def call(*given: Any) -> Any:
         if len(given) != len(sizes):
@@ -449,7 +450,7 @@ def _stand_in(function: ca.Function) -> FastCall:
             results = tuple(np.zeros((height, 0)) for height, _ in shapes)
         else:
             wide = [np.broadcast_to(a, (rows, s)).T for a, s in zip(arrays, sizes, strict=True)]
-            results = buffered_call(function.map(rows))(*wide)
+            results = mapped(rows)(*wide)
         answers = []
         for answer, (height, width) in zip(_as_tuple(results), shapes, strict=True):
             blocks = answer.T.reshape(*lead, width, height)
@@ -486,11 +487,7 @@ def _as_it_is(
     """Return what :func:`deferred_call` promises, as a tuple, without an extension module."""
     single = _stand_in(function)
 
-    def of_rows(*given: Any) -> tuple[FloatArray, ...]:
-        if np.ndim(given[0]) == 1:
-            return _as_tuple(single(*given))
-        answers = function.call([np.transpose(array) for array in given])
-        return tuple(np.array(answer).T[: len(given[0])] for answer in answers)
+    chained = lru_cache(maxsize=1)(lambda rows: buffered_call(function.mapaccum(rows, NESTED)))
 
     def repeated(*given: Any) -> tuple[FloatArray, ...]:
         calls = [single(*given)]
@@ -499,13 +496,13 @@ def _as_it_is(
         return tuple(map(np.array, zip(*calls, strict=True)))
 
     def along_rows(first: Any, *given: Any) -> tuple[FloatArray, ...]:
-        chain = function.mapaccum(len(given[0]), NESTED)
-        answers = _as_tuple(buffered_call(chain)(first, *(np.transpose(rows) for rows in given)))
+        chain = chained(len(given[0]))
+        answers = _as_tuple(chain(first, *(np.transpose(rows) for rows in given)))
         return tuple(answer.T for answer in answers)
 
     if kept:
         return repeated if most else along_rows
-    return _repeated(single, most) if most else of_rows
+    return _repeated(single, most) if most else lambda *given: _as_tuple(single(*given))
 
 
 def _as_tuple(answer: Any) -> tuple[FloatArray, ...]:
