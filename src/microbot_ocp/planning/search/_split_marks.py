@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
@@ -9,7 +10,7 @@ from microbot_ocp.ocp import PhaseSolution, Solution
 from microbot_ocp.planning.search._search import MotionSearch
 from microbot_ocp.planning.search._settings import SEARCH
 from microbot_ocp.planning.task import dry_friction, rate_switches, reversals
-from microbot_ocp.robot import torque_and_rate
+from microbot_ocp.robot import inverse_dynamics, torque_and_rate
 
 TINY = 1e-12
 
@@ -18,24 +19,38 @@ def switch_marks(search: MotionSearch, solution: Solution) -> list[np.ndarray]:
     """Return intervals in which a velocity goes through more than half of its limit at once, or a
     limited jerk or torque rate switches.
 
-    The arm could reach the velocity in far less time than the mesh lets it. A switch inside an
-    interval costs in proportion to its length: 1 % of the motions of a Panda on 60 even intervals.
+    The arm could reach the velocity in far less time than the mesh lets it. With limits of a rate
+    so it is with accelerations and torques: half an interval is lost at rest and at every switch,
+    1 % of the motions of a Panda on 60 even intervals.
     """
     family = search.problem.family
-    limit = np.maximum(*(np.abs(b) for b in family.robot.limits.bounds("qd")))
-    limit = np.where(limit > 0, limit, np.inf)
+    rated = {"qddd", "taud"} & set(family.keys)
     marks = []
     for phase in solution.phases:
-        rows = (np.abs(np.diff(phase["qd"], axis=0)) > 0.5 * limit).any(axis=1)
-        jerk = np.diff(phase["qdd"], axis=0) / np.diff(phase.t)[:, None]
-        if "qddd" in family:
-            rows |= rate_switches(jerk, family["qddd"])
-        if "taud" in family:
-            middle = [0.5 * (phase[k][:-1] + phase[k][1:]).T for k in ("q", "qd", "qdd")]
-            _, rate = torque_and_rate(family.robot)(*middle, jerk.T)
-            rows |= rate_switches(np.array(rate).T, family["taud"])
+        q, qd, qdd = (phase[key] for key in ("q", "qd", "qdd"))
+        passed = {"qd": qd}
+        rates = {"qddd": np.diff(qdd, axis=0) / np.diff(phase.t)[:, None]}
+        if rated:
+            passed["qdd"] = qdd
+        if rated and family.robot.has_dynamics:
+            passed["tau"] = _columns(inverse_dynamics(family.robot), q, qd, qdd)
+        if "taud" in rated:
+            middle = [0.5 * (x[:-1] + x[1:]) for x in (q, qd, qdd)]
+            rates["taud"] = _columns(torque_and_rate(family.robot), *middle, rates["qddd"], of=1)
+        rows = np.zeros(len(rates["qddd"]), dtype=bool)
+        for key, values in passed.items():
+            limit = np.maximum(*(np.abs(b) for b in family.robot.limits.bounds(key)))
+            limit = np.where(limit > 0, limit, np.inf)
+            rows |= (np.abs(np.diff(values, axis=0)) > 0.5 * limit).any(axis=1)
+        for key in rated:
+            rows |= rate_switches(rates[key], family[key])
         marks.append(rows)
     return marks
+
+
+def _columns(function: ca.Function, *rows: FloatArray, of: int = 0) -> FloatArray:
+    """Return values [N,n] of one output of a function at rows [N,n] of its arguments."""
+    return np.array(function.call([x.T for x in rows])[of]).T
 
 
 def friction_marks(search: MotionSearch, solution: Solution) -> list[np.ndarray]:

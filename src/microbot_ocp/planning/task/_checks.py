@@ -423,15 +423,16 @@ def _broken(member: Member, j: Any, value: FloatArray, low: FloatArray, high: Fl
 
 
 def rate_switches(rate: FloatArray, member: Member) -> np.ndarray:
-    """Return intervals [N] inside which a limited jerk or torque rate [N,n] goes from one value on.
+    """Return intervals [N] inside which a limited jerk or torque rate [N,n] goes from one value on,
+    or to another one and back.
 
-    Between its neighbours' values, which differ by more than a quarter of its range.
+    Where it differs from both neighbours, together by more than a quarter of its range.
     """
     size = np.where(np.isfinite(member.upper), 0.5 * (member.upper - member.lower), np.inf)
     switches = np.zeros(len(rate), dtype=bool)
-    before, here, after = rate[:-2] / size, rate[1:-1] / size, rate[2:] / size
-    apart = np.minimum(np.abs(here - before), np.abs(after - here)) > 0.02
-    switches[1:-1] = (apart & (np.abs(after - before) > 0.5)).any(axis=1)
+    change = np.abs(np.diff(rate / size, axis=0))
+    before, after = change[:-1], change[1:]
+    switches[1:-1] = ((np.minimum(before, after) > 0.02) & (before + after > 0.5)).any(axis=1)
     return switches
 
 
