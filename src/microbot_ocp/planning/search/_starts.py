@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from statistics import median
 from typing import TYPE_CHECKING
 
 from microbot_ocp.planning.free import InitialGuess, initial_guesses
@@ -38,9 +39,9 @@ def _next_drawn(problem: MotionProblem, state: SearchState) -> TrialStart | None
     solved = [answer for answer in tried if answer.solved]
     if not solved:
         return TrialStart(guess, solver, way=problem.ways[0])
-    # what takes so much longer than another start is given up
-    allowed = [SEARCH.patience * a.solution.attempts[-1].iterations for a in solved]
-    most = max(SEARCH.least_iterations, *(allowed if index > 1 else ()), 0)
+    # what takes so much longer than starts usually do is given up
+    usual = median(a.solution.attempts[-1].iterations for a in solved) if index > 1 else 0
+    most = max(SEARCH.least_iterations, int(SEARCH.patience * usual))
     solver = solver if isinstance(solver, str) else solver[0]
     return TrialStart(guess, solver, most, problem.ways[0])
 
