@@ -19,6 +19,7 @@ from ._problem import (
     effort_scale as effort_scale,
     excess_along as excess_along,
     excess_between as excess_between,
+    limited_rates as limited_rates,
     motion_at_mesh as motion_at_mesh,
     phase_names as phase_names,
     polynomial as polynomial,

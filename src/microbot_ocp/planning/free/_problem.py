@@ -48,7 +48,12 @@ def accelerations_jump(family: LimitFamily) -> bool:
     arcs.
     """
     plain = all(member.limit is None for member in family) and not family.means
-    return plain and not has_windows(family) and not {"qddd", "taud"} & set(family.keys)
+    return plain and not has_windows(family) and not limited_rates(family)
+
+
+def limited_rates(family: LimitFamily) -> set[str]:
+    """Return which of jerks and torque rates are limited: meshes are split where they switch."""
+    return {"qddd", "taud"} & set(family.keys)
 
 
 def phase_names(count: int) -> list[str]:

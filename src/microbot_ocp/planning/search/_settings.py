@@ -20,7 +20,8 @@ class SearchSettings:
     explore_tolerance : of its solves
     explore_sum : intervals of its phases together
     least_explore_mesh : intervals of each of them
-    patience : times the iterations that starts take in the median: what takes more is given up
+    patience : times the iterations that starts take in the median, through stops at most: what
+        takes more is given up
     least_iterations : that a start has in any case
     same : share of the duration by which two solves of the same optimum may differ
     worth : share of the duration: less is not worth another mesh where joints turn back, or a jerk

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp import PhaseSolution, Solution
+from microbot_ocp.planning.free import limited_rates
 from microbot_ocp.planning.search._search import MotionSearch
 from microbot_ocp.planning.search._settings import SEARCH
 from microbot_ocp.planning.task import dry_friction, rate_switches, reversals
-from microbot_ocp.robot import inverse_dynamics, torque_and_rate
 
 TINY = 1e-12
 
@@ -24,7 +23,7 @@ def switch_marks(search: MotionSearch, solution: Solution) -> list[np.ndarray]:
     1 % of the motions of a Panda on 60 even intervals.
     """
     family = search.problem.family
-    rated = {"qddd", "taud"} & set(family.keys)
+    robot, rated = family.robot, limited_rates(family)
     marks = []
     for phase in solution.phases:
         q, qd, qdd = (phase[key] for key in ("q", "qd", "qdd"))
@@ -32,25 +31,20 @@ def switch_marks(search: MotionSearch, solution: Solution) -> list[np.ndarray]:
         rates = {"qddd": np.diff(qdd, axis=0) / np.diff(phase.t)[:, None]}
         if rated:
             passed["qdd"] = qdd
-        if rated and family.robot.has_dynamics:
-            passed["tau"] = _columns(inverse_dynamics(family.robot), q, qd, qdd)
+        if rated and robot.has_dynamics:
+            passed["tau"] = robot.torques_along(q, qd, qdd)["tau"]
         if "taud" in rated:
-            middle = [0.5 * (x[:-1] + x[1:]) for x in (q, qd, qdd)]
-            rates["taud"] = _columns(torque_and_rate(family.robot), *middle, rates["qddd"], of=1)
+            middle = (0.5 * (x[:-1] + x[1:]) for x in (q, qd, qdd))
+            rates["taud"] = robot.torques_along(*middle, rates["qddd"])["taud"]
         rows = np.zeros(len(rates["qddd"]), dtype=bool)
         for key, values in passed.items():
-            limit = np.maximum(*(np.abs(b) for b in family.robot.limits.bounds(key)))
+            limit = np.maximum(*(np.abs(b) for b in robot.limits.bounds(key)))
             limit = np.where(limit > 0, limit, np.inf)
             rows |= (np.abs(np.diff(values, axis=0)) > 0.5 * limit).any(axis=1)
         for key in rated:
             rows |= rate_switches(rates[key], family[key])
         marks.append(rows)
     return marks
-
-
-def _columns(function: ca.Function, *rows: FloatArray, of: int = 0) -> FloatArray:
-    """Return values [N,n] of one output of a function at rows [N,n] of its arguments."""
-    return np.array(function.call([x.T for x in rows])[of]).T
 
 
 def friction_marks(search: MotionSearch, solution: Solution) -> list[np.ndarray]:

@@ -26,6 +26,7 @@ from microbot_ocp.planning.free import (
     guesses_from,
     initial_guesses,
     least_violation,
+    limited_rates,
     motion_at_mesh,
     transcription,
     with_motion,
@@ -102,9 +103,7 @@ def full_mesh(search: MotionSearch) -> int:
     if search.settings.mesh is not None:
         return search.settings.mesh
     family = search.problem.family
-    switching = accelerations_jump(family) or {"qddd", "taud"} & set(
-        family.keys
-    )  # where it is split
+    switching = accelerations_jump(family) or limited_rates(family)
     most = SEARCH.full_mesh if switching else SEARCH.full_mesh_even
     most = max(min(most, SEARCH.full_mesh_sum // len(search.problem.names)), SEARCH.least_mesh)
     return min(most, SEARCH.guided_mesh) if search.problem.timed_path else most
