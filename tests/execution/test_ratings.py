@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -56,6 +58,33 @@ def test_a_motion_with_a_load_is_not_rated_as_the_empty_arm(microbot):
     assert mo.execution.ratings(loaded, motion).peak_torque.max() > 0.0
     with pytest.raises(mo.InputError, match="motion's torques are not those of 'microbot'"):
         mo.execution.ratings(microbot, motion)
+
+
+def test_what_is_carried_on_the_way_is_lifted(microbot):
+    """The work of a pick and place is that of its arm and of the load between grip and release."""
+    via = np.array([[0.0, 0.3, 0.2], [0.5, 0.8, -0.4], [0.9, 0.2, 0.1], [0.2, 0.6, 0.1]])
+    loads = {1: 2.0, 2: 0.0}
+    stops = [mo.Stop(q=q, payload=loads.get(k), velocity="rest") for k, q in enumerate(via)]
+    task = mo.planning.task_of(microbot, stops)
+    shapes = [mo.quintic(pair, [0.0, 1.0]) for pair in pairwise(via)]
+    curve = mo.motion.PiecewisePolynomial(
+        np.arange(4.0), np.concatenate([shape.coefficients for shape in shapes])
+    )
+    marks = [mo.motion.Mark(float(k), stop.name) for k, stop in enumerate(task.stops)]
+    motion = mo.planning.motion_along(task, curve, marks, label="carried")
+    found = mo.execution.ratings(microbot, motion, 0.5, via_q=stops)
+    arm = [np.array(mo.energy(microbot)(q, np.zeros(3))[1]).item() for q in via]
+    heights = [np.array(mo.forward_kinematics(microbot)(q))[2, 3] for q in via]
+    work = float((found.energy_drawn - found.energy_returned).sum())
+    lifted = 2.0 * 9.8 * (heights[2] - heights[1])
+    assert abs(lifted) > 10.0
+    assert work == pytest.approx(arm[-1] - arm[0] + lifted, rel=1e-6)
+    held = microbot.torques_along(via[3:], 0.0 * via[3:], 0.0 * via[3:])["tau"][0]
+    np.testing.assert_allclose(found.holding_torque, np.abs(held), rtol=1e-9)
+    with pytest.raises(mo.InputError, match=r"torques are not those of .* the stops, via_q"):
+        mo.execution.ratings(microbot, motion)
+    with pytest.raises(mo.InputError, match="has 4 marks, but the task 3 stops"):
+        mo.execution.ratings(microbot, motion, via_q=stops[1:])
 
 
 def test_forces_of_sliding_joints_are_no_torques():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -116,17 +116,26 @@ def efforts(robot: Robot, state: State, profile: Profile) -> FloatArray:
     return tau - np.array(gravity_torque(robot).map(len(tau))(state.q.T)).T
 
 
+def torques_through(
+    robot: Robot,
+    motion: Motion | CommandRows,
+    task: Task | None,
+    torque: Callable[[Robot, State], FloatArray] = torque_along,
+) -> Callable[[FloatArray, State], FloatArray]:
+    """Return torques [N,n] by times [N] of a motion and states there, with what the tool holds."""
+    if task is None:
+        return lambda _, state: torque(robot, state)
+    parts = stretches(task, motion)
+    return lambda t, state: over_stretches(parts, t, state, torque)
+
+
 def refuse_other_arm(robot: Robot, motion: Motion, task: Task | None = None) -> None:
     """Refuse a motion whose torques are those of another arm, or of one that carries something."""
     checks.joints("motion", motion.joint_count, robot)
     if not robot.has_dynamics or not motion.tau.any():
         return
     state = State(motion.q, motion.qd, motion.qdd)
-    if task is None:
-        tau = torque_along(robot, state)
-    else:
-        tau = over_stretches(stretches(task, motion), motion.t, state)
-    off = np.abs(motion.tau - tau)
+    off = np.abs(motion.tau - torques_through(robot, motion, task)(motion.t, state))
     sample, joint = np.unravel_index(int(off.argmax()), off.shape)
     if off[sample, joint] > Tolerances().torque * np.abs(motion.tau).max():
         raise InputError(

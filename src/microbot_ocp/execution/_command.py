@@ -14,7 +14,13 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.certificate import Certificate, limit_checks_of
-from microbot_ocp.execution._check import AT_REST, efforts, judged, refuse_other_arm
+from microbot_ocp.execution._check import (
+    AT_REST,
+    efforts,
+    judged,
+    refuse_other_arm,
+    torques_through,
+)
 from microbot_ocp.execution._curve import (
     NEAR,
     played,
@@ -39,7 +45,7 @@ from microbot_ocp.motion import (
     State,
     write_columns,
 )
-from microbot_ocp.planning import Segment, Task, over_stretches, stretches
+from microbot_ocp.planning import Segment, Task
 from microbot_ocp.planning.free._within_limits import SLOWING
 from microbot_ocp.robot import Robot
 from microbot_ocp.scene import Scene
@@ -160,14 +166,12 @@ def commanded(
             raise InputError(
                 f"motion must {end} at rest to be a controller's, not at {speed:.3g} rad/s"
             )
-    own = partial(efforts, profile=chosen)
     if task is None:
         rows = _soonest([LimitFamily.of(robot, chosen.limits_of(robot))], motion, chosen)
-        tau = own(robot, _state(rows))
     else:
         rows = _rows_through(task, motion, chosen)
-        tau = over_stretches(stretches(task, rows), rows.t, _state(rows), own)
-    rows = replace(rows, tau=tau)
+    own = partial(efforts, profile=chosen)
+    rows = replace(rows, tau=torques_through(robot, rows, task, own)(rows.t, _state(rows)))
     curve = played(robot, rows, chosen, task)
     certificate = judged(robot, rows, curve, chosen, task, scene, simulated=True)
     cost = float(rows.t[-1]) - motion.duration

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,8 +12,9 @@ from numpy.typing import ArrayLike
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.table import Column, Table
-from microbot_ocp.execution._check import refuse_other_arm
-from microbot_ocp.motion import Motion, State, quadrature, torque_along
+from microbot_ocp.execution._check import refuse_other_arm, torques_through
+from microbot_ocp.motion import Motion, State, quadrature
+from microbot_ocp.planning import Segment, task_of
 from microbot_ocp.robot import Robot
 
 
@@ -122,7 +125,15 @@ class Ratings:
         return Table([Column("joint", left=True), *columns], rows, notes=[note])
 
 
-def ratings(robot: Robot, motion: Motion, dwell: float = 0.0) -> Ratings:
+def ratings(
+    robot: Robot,
+    motion: Motion,
+    dwell: float = 0.0,
+    *,
+    via_q: Sequence[Any] | None = None,
+    segments: Sequence[Segment] | None = None,
+    cycle: bool = False,
+) -> Ratings:
     """Rate what a motion asks of drives and gears, with a dwell after it.
 
     Parameters
@@ -131,7 +142,11 @@ def ratings(robot: Robot, motion: Motion, dwell: float = 0.0) -> Ratings:
         With masses.
     motion : Motion
     dwell : float
-        Rest at the end of the motion in each cycle, s; the arm is held against gravity.
+        Rest at the end of the motion in each cycle, s; the arm is held against gravity, with what
+        it carries there.
+    via_q, segments, cycle
+        Of a motion through stops, as of :func:`certify`: torques are those with what the tool holds
+        then.
 
     Returns
     -------
@@ -141,7 +156,7 @@ def ratings(robot: Robot, motion: Motion, dwell: float = 0.0) -> Ratings:
     ------
     InputError
         Another number of joints, a robot without masses, a dwell below 0; a motion whose torques
-        are not those of the robot, as where what it holds changes on the way.
+        are not those of the robot: where what it holds changes on the way the stops say so.
 
     Examples
     --------
@@ -156,17 +171,19 @@ def ratings(robot: Robot, motion: Motion, dwell: float = 0.0) -> Ratings:
     checks.joints("motion", motion.joint_count, robot)
     if not robot.has_dynamics:
         raise InputError(f"robot {robot.name!r} has no masses that torques follow from")
-    refuse_other_arm(robot, motion)
     rest = checks.number("dwell", dwell, "s", at_least=0.0)
+    task = None if via_q is None else task_of(robot, via_q, segments=segments, cycle=cycle)
+    refuse_other_arm(robot, motion, task)
+    torque = torques_through(robot, motion, task)
     t, weight = quadrature(motion.t)
     state = motion.sample(t)
-    tau, speed = torque_along(robot, state), np.abs(state.qd)
+    tau, speed = torque(t, state), np.abs(state.qd)
     power = tau * state.qd
     end = motion.q[-1:]
-    holding = np.abs(torque_along(robot, State(end, 0.0 * end, 0.0 * end))[0])
+    holding = np.abs(torque(motion.t[-1:], State(end, 0.0 * end, 0.0 * end))[0])
     whole, way = motion.duration + rest, weight @ speed
     wear = weight @ (speed * np.abs(tau) ** 3)
-    at_samples = torque_along(robot, State(motion.q, motion.qd, motion.qdd))
+    at_samples = torque(motion.t, State(motion.q, motion.qd, motion.qdd))
     return Ratings(
         robot=robot,
         duration=motion.duration,
