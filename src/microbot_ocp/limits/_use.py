@@ -59,9 +59,10 @@ def _side(
         span = upper - lower
         two_sided = np.isfinite(span) & (span > 0)
         return 1.0 + excess / np.where(two_sided, 0.5 * span, scale)
-    use = 1.0 + excess / scale
+    excess /= scale  # of the caller no longer
     if np.all(bound):
-        return use
+        excess += 1.0
+        return excess
     # A limit of zero (a joint that must not move that way) is not "used" at rest.
-    at_zero = (bound == 0) & (excess <= ROUNDING * scale)
-    return np.where(at_zero, np.minimum(use - 1.0, 0.0), use)
+    at_zero = (bound == 0) & (excess <= ROUNDING)
+    return np.where(at_zero, np.minimum(excess, 0.0), 1.0 + excess)

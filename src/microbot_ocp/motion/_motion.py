@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -204,20 +205,21 @@ class Motion:
         least, places = _steps_to_tell(acceleration), breaks
         for _ in range(SAMPLING.halvings):
             t = sample_times(places, breaks[1:-1][jumps], step, least)
-            middle = unresolved(robot, t, state_at)
+            motion = cls.from_state(
+                robot,
+                t,
+                state_at(t),
+                label=label,
+                breaks=breaks,
+                marks=marks,
+                provenance=provenance,
+                remark=remark,
+            )
+            middle = unresolved(robot, t, state_at, motion.tau)
             if not middle.size:
                 break
             places = np.union1d(places, middle)
-        return cls.from_state(
-            robot,
-            t,
-            state_at(t),
-            label=label,
-            breaks=breaks,
-            marks=marks,
-            provenance=provenance,
-            remark=remark,
-        )
+        return motion
 
     @classmethod
     def from_state(
@@ -302,9 +304,9 @@ class Motion:
 
     def _coefficients(self, i: np.ndarray) -> list[FloatArray]:
         """Return coefficients [N,n] of the quintics in intervals i, lowest power first."""
-        if i.size <= self.t.size:
+        if i.size < self.t.size - 1:
             return list(np.moveaxis(pieces_of(self, i), 1, 0))
-        table = pieces_of(self)  # every piece is asked for several times
+        table = _every_piece(self)  # each is asked for several times
         return [np.take(table[:, k], i, axis=0) for k in range(6)]
 
     def dense_samples(self) -> tuple[FloatArray, MotionSamples]:
@@ -519,15 +521,22 @@ def _steps_to_tell(acceleration: PiecewisePolynomial) -> int:
     )
 
 
-def unresolved(robot: Robot, t: FloatArray, state_at: Callable[[FloatArray], State]) -> FloatArray:
+def unresolved(
+    robot: Robot,
+    t: FloatArray,
+    state_at: Callable[[FloatArray], State],
+    tau: FloatArray | None = None,
+) -> FloatArray:
     """Return times half-way between samples where a torque is far outside of what it is at both.
 
-    None where the robot has no masses, or between the two sides of a jump.
+    ``tau`` are those at the samples where they are known. None where the robot has no masses, or
+    between the two sides of a jump.
     """
     if not robot.has_dynamics or t.size > SAMPLING.most_samples:
         return t[:0]
     middle = 0.5 * (t[1:] + t[:-1])
-    tau, between = torque_along(robot, state_at(t)), torque_along(robot, state_at(middle))
+    tau = torque_along(robot, state_at(t)) if tau is None else tau
+    between = torque_along(robot, state_at(middle))
     low, high = np.minimum(tau[:-1], tau[1:]), np.maximum(tau[:-1], tau[1:])
     outside = (np.maximum(between - high, low - between) - (high - low)).max(axis=1)
     return middle[(outside > SAMPLING.resolved * np.abs(tau).max()) & ~jump_gaps(t)]
@@ -555,6 +564,11 @@ def sample_times(breaks: FloatArray, jumps: FloatArray, step: float, least: int 
     share = (np.arange(samples.sum()) - first) / np.repeat(count, samples)
     t = np.repeat(start, samples) + share * np.repeat(last - start, samples)
     return np.append(t, breaks[-1])
+
+
+@lru_cache(maxsize=1)  # the state and then the jerk are asked for
+def _every_piece(motion: Motion) -> FloatArray:
+    return pieces_of(motion)
 
 
 def pieces_of(motion: Motion, i: np.ndarray | None = None) -> FloatArray:
