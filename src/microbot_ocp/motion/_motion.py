@@ -378,8 +378,7 @@ class Motion:
         >>> bool(found.upper["tau"][2] < 0.0)
         True
         """
-        shape = PiecewisePolynomial(self.t, pieces_of(self))
-        return sensitivities_of(self, shape, robot, mass, center_of_mass)
+        return sensitivities_of(self, robot, mass, center_of_mass)
 
     def plot(self, robot: Robot, axes: GivenAxes | None = None, **options: Any) -> DrawnAxes:
         """Return position, velocity and torque over time: :func:`microbot_ocp.plots.motion`."""

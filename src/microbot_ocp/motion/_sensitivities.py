@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.codegen import interpreted
 from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
 from microbot_ocp._base.table import Column, Table
-from microbot_ocp.limits import LimitFamily, MotionSamples
-from microbot_ocp.motion._polynomial import PiecewisePolynomial
+from microbot_ocp.limits import LimitFamily
+from microbot_ocp.motion._sampling import samples_at
 from microbot_ocp.robot import Robot
 
 if TYPE_CHECKING:
@@ -161,11 +162,7 @@ class DurationLine:
 
 
 def sensitivities_of(
-    motion: Motion,
-    shape: PiecewisePolynomial,
-    robot: Robot,
-    mass: float,
-    center_of_mass: ArrayLike,
+    motion: Motion, robot: Robot, mass: float, center_of_mass: ArrayLike
 ) -> Sensitivities:
     """Return slopes of the duration; see :meth:`microbot_ocp.Motion.sensitivities`."""
     multipliers = motion.provenance.get("multipliers")
@@ -179,7 +176,10 @@ def sensitivities_of(
     place = checks.array("center_of_mass", center_of_mass, (3,), "m")
     by_mass, by_place = np.nan, np.full(3, np.nan)
     if robot.has_dynamics:
-        limited = list(_limited(shape, multipliers["rows"]))
+        limited = []
+        for key, row in multipliers["rows"].items():
+            samples = samples_at(motion, np.minimum(row["t"], motion.duration))
+            limited.append((key, samples, np.array(row["slopes"])))
 
         def total(heavy: float, at: FloatArray) -> float:
             family = LimitFamily.of(robot.with_payload(heavy, at))
@@ -189,29 +189,17 @@ def sensitivities_of(
                 if key in family
             )
 
-        by_mass = total(1.0, place) - total(0.0, place)  # torques are affine in it
-        by_place = np.zeros(3)
-        if load:
-            steps = STEP * np.vstack([np.eye(3), -np.eye(3)])
-            sides = np.array([total(load, place + step) for step in steps])
-            by_place = (sides[:3] - sides[3:]) / (2.0 * STEP)
+        unloaded = total(0.0, place)
+        with interpreted():  # arms with a payload are met once
+            by_mass = total(1.0, place) - unloaded  # torques are affine in it
+            by_place = np.zeros(3)
+            if load:
+                steps = STEP * np.vstack([np.eye(3), -np.eye(3)])
+                sides = np.array([total(load, place + step) for step in steps])
+                by_place = (sides[:3] - sides[3:]) / (2.0 * STEP)
     lower, upper = (
         {key: np.array(values) for key, values in multipliers[side].items()}
         for side in ("lower", "upper")
     )
     via, least = np.array(multipliers["via"]), multipliers["beside"] / ACCURACY
     return Sensitivities(robot, motion.duration, lower, upper, via, by_mass, by_place, least)
-
-
-def _limited(
-    shape: PiecewisePolynomial, rows: Mapping[str, Any]
-) -> Iterator[tuple[str, MotionSamples, FloatArray]]:
-    """Yield every limited quantity by key, where slopes [K,k] of the duration say how it is
-    felt.
-    """
-    orders = [shape]
-    for _ in MotionSamples._fields[1:]:
-        orders.append(orders[-1].derivative())
-    for key, row in rows.items():
-        t = np.clip(row["t"], *shape.breaks[[0, -1]])
-        yield key, MotionSamples(*(order(t) for order in orders)), np.array(row["slopes"])
