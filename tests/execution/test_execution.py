@@ -9,7 +9,8 @@ import pytest
 import microbot_ocp as mo
 from execution import franka
 from microbot_ocp.execution import CommandRows
-from microbot_ocp.execution._curve import NEAR, played_task
+from microbot_ocp.execution._check import efforts
+from microbot_ocp.execution._curve import NEAR, played_task, rows_of
 
 MESSAGE = {
     "joint_names": ["elbow", "waist", "shoulder"],
@@ -524,6 +525,22 @@ def test_efforts_say_whether_marks_are_of_the_arm_as_it_is(microbot, tmp_path):
     assert "assumed" not in mo.check(microbot, path, "hold@250").verdict
     loaded = mo.check(microbot.with_payload(1.0), path, "hold@250")
     assert "as marks (grip, release) do not say what the tool holds" in loaded.verdict
+
+
+@pytest.mark.parametrize("gravity", [True, False])
+def test_efforts_of_another_load_are_told(microbot, gravity):
+    """A file without marks was judged as the empty arm without a word."""
+    loaded, motion = microbot.with_payload(1.0), shape(microbot, "hold@250", 1)
+    rows = rows_of(motion, mo.execution.load_profile("hold@250"))
+    profile = replace(mo.execution.load_profile("hold@250"), gravity=gravity)
+    state = mo.motion.State(rows.q, rows.qd, rows.qdd)
+    for arm, told in ((microbot, False), (loaded, True)):
+        given = replace(rows, tau=efforts(arm, state, profile), marks=())
+        verdict = mo.check(microbot, given, "hold@250").verdict
+        assert ("though the efforts are of another arm or load" in verdict) == told
+    assert (
+        "assumed" not in mo.check(microbot, replace(rows, tau=None, marks=()), "hold@250").verdict
+    )
 
 
 def test_a_trajectory_without_marks_is_no_motion_of_stops(microbot):

@@ -474,6 +474,11 @@ def test_resampled_torques_are_those_of_the_robot(microbot):
     )).T  # fmt: skip
     np.testing.assert_allclose(sampled.tau, tau, rtol=1e-12, atol=1e-9)
     assert np.abs(motion.resample(730.0).tau - tau).max() > 1e-6
+    # what it carries is not left out
+    loaded = microbot.with_payload(2.0)
+    held = mo.Motion.from_polynomial(loaded, shape, label="held").resample(730.0, microbot)
+    carried = loaded.torques_along(held.q, held.qd, held.qdd)["tau"]
+    np.testing.assert_allclose(held.tau, carried, atol=1e-3 * np.abs(carried).max())
 
 
 def test_short_intervals_far_from_zero_tell_how_the_acceleration_bends():

@@ -91,29 +91,38 @@ def check(
         checks.joints("motion", rows.q.shape[1], robot)
         curve = played(robot, rows, chosen, task)
     certificate = judged(robot, rows, curve, chosen, task, scene, allowed, simulated=False)
-    if task or not (rows.marks and robot.has_dynamics) or _is_its_own(robot, rows, chosen):
+    fit = _efforts_fit(robot, rows)
+    if task or fit or not robot.has_dynamics or (fit is None and not rows.marks):
         return certificate
-    names = ", ".join(mark.name for mark in rows.marks)
-    assumed = (
-        f"{robot.name} as it is all the way, as marks ({names}) do not say what the tool holds"
-    )
-    return replace(certificate, verdict=f"{certificate.verdict[:-1]}; assumed: {assumed}.")
+    why = "though the efforts are of another arm or load"
+    if rows.marks:
+        names = ", ".join(mark.name for mark in rows.marks)
+        why = f"as marks ({names}) do not say what the tool holds"
+    assumed = f"assumed: {robot.name} as it is all the way, {why}"
+    return replace(certificate, verdict=f"{certificate.verdict[:-1]}; {assumed}.")
 
 
-def _is_its_own(robot: Robot, rows: CommandRows, profile: Profile) -> bool:
-    """Whether efforts of rows are those of the arm as it is."""
-    if rows.tau is None or rows.qd is None or rows.qdd is None:
-        return False
-    off = rows.tau - efforts(robot, State(rows.q, rows.qd, rows.qdd), profile)
-    return bool(np.abs(off).max() <= Tolerances().torque * np.abs(rows.tau).max())
+def _efforts_fit(robot: Robot, rows: CommandRows) -> bool | None:
+    """Whether efforts of rows, with gravity or without, are those of the arm as it is; None where
+    rows have none, or too little to tell.
+    """
+    if rows.tau is None or rows.qd is None or rows.qdd is None or not rows.tau.any():
+        return None
+    state, most = State(rows.q, rows.qd, rows.qdd), Tolerances().torque * np.abs(rows.tau).max()
+    whole = rows.tau - torque_along(robot, state)
+    return any(np.abs(off).max() <= most for off in (whole, whole + _gravity(robot, state)))
 
 
 def efforts(robot: Robot, state: State, profile: Profile) -> FloatArray:
     """Return torques [N,n] as a profile wants them."""
     tau = torque_along(robot, state)
-    if profile.gravity or not robot.has_dynamics:
-        return tau
-    return tau - np.array(gravity_torque(robot).map(len(tau))(state.q.T)).T
+    return tau if profile.gravity else tau - _gravity(robot, state)
+
+
+def _gravity(robot: Robot, state: State) -> FloatArray:
+    if not robot.has_dynamics:
+        return np.zeros_like(state.q)
+    return np.array(gravity_torque(robot).map(len(state.q))(state.q.T)).T
 
 
 def torques_through(

@@ -328,18 +328,20 @@ class Motion:
     def resample(self, rate: float, robot: Robot | None = None) -> Motion:
         """Return the motion on a grid of ``rate`` hertz, its end included.
 
-        Torques are those of the inverse dynamics of ``robot``. Without it they are interpolated,
-        which is exact to some thousandths only where they bend.
+        Torques are those of the inverse dynamics of ``robot``, with what those of the motion have
+        beside them, as of a load that it carries. Without a robot they are interpolated, which is
+        exact to some thousandths only where they bend.
         """
         rate = checks.number("rate", rate, "Hz", above=0.0)
         checks.size("the number of samples", self.duration * rate, checks.MOST_GIVEN)
         count = max(1, int(np.ceil(self.duration * rate - 0.5)))
         t = np.append(np.arange(count) / rate, self.duration)
-        state = self.sample(t)
+        state, beside = self.sample(t), self.tau
+        tau = np.zeros_like(state.q)
         if robot is not None and robot.has_dynamics:
-            tau = torque_along(robot, state)
-        else:
-            tau = np.column_stack([np.interp(t, self.t, column) for column in self.tau.T])
+            tau, own = torque_along(robot, state), State(self.q, self.qd, self.qdd)
+            beside = self.tau - torque_along(robot, own) if self.tau.any() else self.tau
+        tau += np.column_stack([np.interp(t, self.t, column) for column in beside.T])
         return replace(self, t=t, **state._asdict(), tau=tau, breaks=None)
 
     def sensitivities(
