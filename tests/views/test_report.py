@@ -101,8 +101,10 @@ class Reader(HTMLParser):
 
 @pytest.mark.slow
 def test_one_file_to_send_has_words_table_film_figures_and_verdicts(comparison, tmp_path):
-    odd = replace(comparison, robot=replace(comparison.robot, name="<b>arm & co"))
-    path = odd.report(tmp_path / "report.html")
+    robot = replace(mo.load_robot("planar_2r"), name="<b>arm & co")
+    short = mo.compare(robot, [[0, 0], [0.03, 0.05]], ["cubic", "lspb"])  # a film of few pictures
+    comparison = replace(short, entries=(*short.entries, comparison.entries[3]))
+    path = comparison.report(tmp_path / "report.html")
     assert [p.name for p in tmp_path.iterdir()] == ["report.html"]
     page = Reader(path.read_text("utf-8"))
     assert page.loaded == []
@@ -112,8 +114,7 @@ def test_one_file_to_send_has_words_table_film_figures_and_verdicts(comparison, 
     assert film[1].startswith(b"GIF8")
     assert [kind for kind, _ in figures] == ["data:image/png"] * 2
     assert "<b>arm & co" in page.text
-    best = [c.ok for c in comparison.certificates.values()]
-    assert any(best) == ("The fastest certified motion takes" in page.text)
+    assert "The fastest certified motion takes" in page.text
     for entry in comparison.entries:
         assert entry.title in page.text
         if entry.certificate is not None:

@@ -87,21 +87,17 @@ def test_a_weak_pendulum_swings_back_first():
 
 
 @pytest.mark.slow
-def test_four_times_the_torque_halves_the_time_without_gravity():
-    durations = [
-        time_optimal(arm(0.0, tau_max=[15.0 * k, 6.0 * k]), ARM_VIA, mesh=60, starts=2).duration
-        for k in (1.0, 4.0)
-    ]
-    assert durations[0] / durations[1] == pytest.approx(2.0, rel=1.5e-3)
-
-
-@pytest.mark.slow
-def test_the_way_back_takes_as_long_without_gravity():
-    robot = arm(0.0)
-    there, again = (
-        time_optimal(robot, via_q, mesh=60, starts=2).duration for via_q in (ARM_VIA, ARM_VIA[::-1])
+def test_without_gravity_the_way_back_takes_as_long_and_half_with_four_times_the_torque():
+    there, again, strong = (
+        time_optimal(arm(0.0, tau_max=tau_max), via_q, mesh=60, starts=1).duration
+        for tau_max, via_q in (
+            ([15.0, 6.0], ARM_VIA),
+            ([15.0, 6.0], ARM_VIA[::-1]),
+            ([60.0, 24.0], ARM_VIA),
+        )
     )
     assert there == pytest.approx(again, rel=5e-4)
+    assert there / strong == pytest.approx(2.0, rel=1.5e-3)
 
 
 @pytest.mark.slow
@@ -110,7 +106,7 @@ def test_larger_limits_are_faster_and_never_slower_than_the_scaled_cubic():
     for k in (1.0, 1.5, 3.0):
         limits = mo.Limits(tau_max=[60.0 * k, 25.0 * k], qd_max=3.0 * k)
         robot = arm().with_limits(limits)
-        motion = time_optimal(robot, ARM_VIA, mesh=40, starts=2)
+        motion = time_optimal(robot, ARM_VIA, mesh=20, starts=1)
         assert motion.duration < mo.shortest_duration(robot, mo.cubic(ARM_VIA, [0, 1, 2])).duration
         durations.append(motion.duration)
     assert durations[0] > 1.05 * durations[1] > 1.05**2 * durations[2]
@@ -118,8 +114,8 @@ def test_larger_limits_are_faster_and_never_slower_than_the_scaled_cubic():
 
 def test_a_point_less_is_never_slower():
     robot = arm()
-    all_points = time_optimal(robot, ARM_VIA, mesh=50, starts=3).duration
-    ends_only = time_optimal(robot, ARM_VIA[[0, 2]], mesh=100, starts=3).duration
+    all_points = time_optimal(robot, ARM_VIA, mesh=25, starts=1).duration
+    ends_only = time_optimal(robot, ARM_VIA[[0, 2]], mesh=50, starts=1).duration
     assert ends_only < all_points
 
 
@@ -168,18 +164,18 @@ def test_the_acceleration_is_continuous_and_so_is_the_torque(report):
         {"solver": "ipopt", "starts": 2},
         pytest.param({"solver": "fatrop", "starts": 2}, marks=pytest.mark.thorough),
         {"compiled": False, "starts": 2},
-        {"mesh": 100, "starts": 2},
+        pytest.param({"mesh": 100, "starts": 2}, marks=pytest.mark.thorough),
     ],
 )
 def test_other_starts_and_solvers_lead_to_the_same_optimum(microbot, report, changes):
-    motion = time_optimal(microbot, VIA_Q, **{"mesh": 60, **changes})
+    motion = time_optimal(microbot, VIA_Q, **{"mesh": 40, **changes})
     assert motion.solved
     assert motion.duration == pytest.approx(report.duration, rel=1e-3)
 
 
 @pytest.mark.slow
-def test_the_same_seed_is_the_same_motion(microbot):
-    one, other = (time_optimal(microbot, VIA_Q, mesh=40, starts=3, seed=3) for _ in range(2))
+def test_the_same_seed_is_the_same_motion():
+    one, other = (time_optimal(arm(), ARM_VIA, mesh=20, starts=3, seed=3) for _ in range(2))
     assert one.duration == other.duration
     np.testing.assert_array_equal(one.q, other.q)
 
@@ -295,7 +291,7 @@ def test_progress_is_told_in_lines_and_iterations(microbot):
 )
 def test_acceleration_and_torque_rate_limits_hold(limits, met, allowed):
     robot = arm(**limits)
-    motion = time_optimal(robot, ARM_VIA, mesh=50, starts=2)
+    motion = time_optimal(robot, ARM_VIA, mesh=50, starts=1)
     assert motion.solved
     excess = dense_excess(robot, motion)
     assert set(excess) == {name.removesuffix("_max") for name in limits}
@@ -308,8 +304,8 @@ def test_acceleration_and_torque_rate_limits_hold(limits, met, allowed):
 def test_position_limits_hold():
     """Unlimited, joint 2 swings out further than its points."""
     wide, narrow = arm(), arm(tau_max=[60.0, 25.0], qd_max=3.0, q_min=-0.52, q_max=1.02)
-    free = time_optimal(wide, ARM_VIA, mesh=40, starts=2)
-    motion = time_optimal(narrow, ARM_VIA, mesh=40, starts=2)
+    free = time_optimal(wide, ARM_VIA, mesh=40, starts=1)
+    motion = time_optimal(narrow, ARM_VIA, mesh=40, starts=1)
     assert free.q.min() < -0.55
     assert dense_excess(narrow, motion)["q"] < 1e-3
     assert motion.duration > free.duration
@@ -327,7 +323,7 @@ def test_position_limits_hold():
 def test_torque_limits_hold_with_friction(friction, allowed):
     robot = arm()
     rubbing = robot.with_links([replace(link, **friction) for link in robot.links])
-    motion = time_optimal(rubbing, ARM_VIA, mesh=50, starts=2)
+    motion = time_optimal(rubbing, ARM_VIA, mesh=50, starts=1)
     assert motion.solved
     excess = dense_excess(rubbing, motion)
     assert excess["tau"] < allowed

@@ -8,7 +8,6 @@ from microbot_ocp.planning import straight_path, time_optimal_path
 from planning.shared import ARM_VIA, VIA_Q, VIA_T, arm, slider
 
 STEP = 1e-4  # s
-RATED_ARM = {"tau_max": [60.0, 25.0], "taud_max": [400.0, 150.0]}
 
 
 def largest_step(robot: mo.Robot, motion: mo.Motion) -> float:
@@ -25,13 +24,36 @@ def microbot(share: float) -> mo.Robot:
     return mo.load_robot("microbot").with_limits(taud_max=share * np.array([1000, 1250, 500]))
 
 
+def two_links(share: float) -> mo.Robot:
+    return arm(tau_max=[60.0, 25.0], taud_max=share * np.array([400.0, 150.0]))
+
+
+CASES = [
+    *((two_links(share), ARM_VIA) for share in (1.0, 0.3)),
+    *(pytest.param((microbot(s), VIA_Q), marks=pytest.mark.thorough) for s in (1.0, 0.3)),
+]
+
+
+@pytest.fixture(scope="module", params=CASES, ids=lambda case: f"{case[0].name}")
+def free(request):
+    """A robot whose torque rates are limited, points and the free motion through them."""
+    robot, via_q = request.param
+    return robot, via_q, mo.time_optimal(robot, via_q)
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("share", [1.0, 0.3])
-def test_free_motions_leave_from_the_torques_that_hold_the_arm(share):
-    robot = microbot(share)
-    motion = mo.time_optimal(robot, VIA_Q)
+def test_free_motions_leave_from_the_torques_that_hold_the_arm(free):
+    robot, _, motion = free
     assert motion.solved
     assert largest_step(robot, motion) < 1.005
+
+
+@pytest.mark.slow
+def test_certificates_agree_whatever_they_are_told_of_the_task(free):
+    robot, via_q, motion = free
+    for more in ({}, {"via_q": via_q}, {"via_q": [mo.Stop(q=q) for q in via_q]}):
+        assert mo.certify(robot, motion, **more).ok
+    assert mo.certify(robot, time_optimal_path(robot, mo.spline(via_q, VIA_T))).ok
 
 
 @pytest.mark.thorough
@@ -46,7 +68,7 @@ def test_the_panda_leaves_from_the_torques_that_hold_it():
 @pytest.mark.slow
 @pytest.mark.parametrize("stop", [{"dwell": 0.3}, {"velocity": "rest"}])
 def test_stops_and_dwells_are_passed_with_the_torques_that_hold_the_arm(stop):
-    robot = arm(**RATED_ARM)
+    robot = two_links(1.0)
     stops = [mo.Stop(q=q, **(stop if k == 1 else {})) for k, q in enumerate(ARM_VIA)]
     motion = mo.time_optimal(robot, stops)
     assert motion.solved
@@ -56,7 +78,7 @@ def test_stops_and_dwells_are_passed_with_the_torques_that_hold_the_arm(stop):
 
 @pytest.mark.slow
 def test_a_prepared_solver_leaves_from_the_torques_that_hold_the_arm():
-    robot = arm(**RATED_ARM)
+    robot = two_links(1.0)
     motion = mo.TimeOptimalSolver(robot, ARM_VIA)()
     assert motion.solved
     assert largest_step(robot, motion) < 1.01
@@ -74,7 +96,7 @@ def test_a_prepared_solver_leaves_from_the_torques_that_hold_the_arm():
 )
 @pytest.mark.parametrize("share", [0.25, 1.0])
 def test_timed_paths_leave_and_stop_with_the_torques_that_hold_the_arm(path, share):
-    robot = arm(tau_max=[60.0, 25.0], taud_max=share * np.array([400.0, 150.0]))
+    robot = two_links(share)
     motion = time_optimal_path(robot, path)
     assert motion.solved
     assert "one program on its places" in motion.provenance["method"]
@@ -131,15 +153,3 @@ def test_a_straight_line_of_several_joints_takes_what_ruckig_says():
     ruckig.Ruckig(2).calculate(problem, trajectory)
     motion = time_optimal_path(robot, straight_path(ARM_VIA[:2]))
     assert motion.duration == pytest.approx(trajectory.duration, rel=1e-4)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("share", [1.0, 0.3])
-def test_certificates_agree_whatever_they_are_told_of_the_task(share):
-    robot = microbot(share)
-    stops = [mo.Stop(q=q) for q in VIA_Q]
-    motion = mo.time_optimal(robot, stops)
-    assert [mo.certify(robot, motion, **more).ok for more in (
-        {}, {"via_q": VIA_Q}, {"via_q": stops}
-    )] == [True] * 3  # fmt: skip
-    assert mo.certify(robot, time_optimal_path(robot, mo.spline(VIA_Q, VIA_T))).ok
