@@ -244,10 +244,27 @@ def test_a_motion_with_another_payload_is_refused(microbot, tmp_path):
         lambda robot: mo.execution.commanded(robot, motion, "hold@250").certificate,
         lambda robot: mo.check(robot, motion, "hold@250"),
         lambda robot: mo.check(robot, path, "hold@250"),
+        lambda robot: mo.executed(robot, motion, "hold@250"),
+        lambda robot: mo.execution.overridden(robot, motion, 0.5 * motion.duration, 0.5),
+        lambda robot: mo.smallest_reserve(robot, motion, mo.ComputedTorque(kp=100.0), [robot], 1.0),
     ):
         played(loaded)
         with pytest.raises(mo.InputError, match=r"torques are not those of .* robot.with_payload"):
             played(microbot)
+
+
+def test_segments_without_stops_are_refused(microbot):
+    """They were left out without a word."""
+    motion = shape(microbot, "hold", 5)
+    for asked in (
+        lambda **given: mo.execution.commanded(microbot, motion, "hold@250", **given),
+        lambda **given: mo.check(microbot, motion, "hold@250", **given),
+        lambda **given: mo.executed(microbot, motion, "hold@250", **given),
+        lambda **given: mo.execution.ratings(microbot, motion, **given),
+    ):
+        for given in ({"cycle": True}, {"segments": [None]}):
+            with pytest.raises(mo.InputError, match=r"segments and cycle are of stops"):
+                asked(**given)
 
 
 @pytest.mark.parametrize(

@@ -50,11 +50,12 @@ def test_an_arm_under_gravity_keeps_its_torques_at_every_speed(microbot):
 
 
 def test_an_arm_that_brakes_as_hard_as_it_can_has_no_sooner_stop(rail):
+    """Between places of an even grid limits were exceeded by 0.3 %."""
     motion = mo.time_optimal(rail, [[0.0], [1.6]], compiled=False, starts=1)
-    at = 0.7 * motion.duration
-    stop = mo.execution.overridden(rail, motion, at, 0.0, grid=4000)
-    assert stop.solved
-    assert stop.duration == pytest.approx(motion.duration - at, rel=1e-2)
+    for at in motion.duration * np.array([0.7, 0.9, 0.97]):
+        stop = mo.execution.overridden(rail, motion, at, 0.0)
+        assert stop.solved
+        assert stop.duration == pytest.approx(motion.duration - at, rel=1e-2)
 
 
 def test_no_stop_is_where_the_arm_cannot_hold_itself():

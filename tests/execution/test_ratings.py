@@ -107,6 +107,9 @@ def test_the_dwell_that_a_rating_asks_for(microbot):
     assert mo.execution.ratings(microbot, motion).least_dwell(1e4) == 0.0
     with pytest.raises(mo.InputError, match=r"no dwell keeps 'shoulder' .* holding the arm takes"):
         mo.execution.ratings(microbot, motion).least_dwell([1e4, 1.0, 1e4])
+    for rating, message in (([1.0, 2.0], r"shape \[3\]"), (-300.0, "above 0 N m, not -300")):
+        with pytest.raises(mo.InputError, match=message):
+            mo.execution.ratings(microbot, motion).least_dwell(rating)
 
 
 @pytest.mark.parametrize("dwell", [0.0, 0.5])

@@ -56,6 +56,10 @@ def phase_of(*inner):
         (lambda: mo.ocp.SolverSettings(gap=np.ones(2)), "gap must be a number"),
         (lambda: ROBOT.position_text(0, np.ones(2)), "value must be a number"),
         (lambda: phase_of("a"), "interior_points must be a list, each entry a number"),
+        (
+            lambda: mo.execution.differing_plants(ROBOT, payload=1.0),
+            "must be a list of 2, each entry a number",
+        ),
         (lambda: phase_of().derivative([1, 2], 0.0), "derivative needs a state of phase 'b'"),
     ],
 )

@@ -226,7 +226,8 @@ def _rule(hint: Any) -> tuple[Fits, str]:
             return lambda value: any(test(value) for test, _ in rules), called
         if kind in SEQUENCES:
             each = f", each entry {rules[0][1]}" if rules and rules[0][1] else ""
-            return lambda value: _is_sequence(value, kind, inner, rules), f"a list{each}"
+            size = f" of {len(inner)}" if len(inner) > 1 and inner[1] is not Ellipsis else ""
+            return lambda value: _is_sequence(value, kind, inner, rules), f"a list{size}{each}"
         each = f", each entry {rules[-1][1]}" if rules and rules[-1][1] else ""
         return lambda value: _is_mapping(value, rules), f"a mapping{each}"
     if not inspect.isclass(kind):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,14 +11,15 @@ import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.check import Check, problems_of
-from microbot_ocp._base.checks import FloatArray, InputError, naming
+from microbot_ocp._base.checks import FloatArray, naming
 from microbot_ocp.certificate import Certificate, Tolerances, certified
 from microbot_ocp.execution._curve import played, played_task, rows_of
+from microbot_ocp.execution._load import refuse_other_arm
 from microbot_ocp.execution._profile import Profile, load_profile
 from microbot_ocp.execution._rows import CommandRows, read_rows
 from microbot_ocp.limits import ROUNDING, LimitFamily
 from microbot_ocp.motion import Motion, State, torque_along
-from microbot_ocp.planning import Segment, Task, over_stretches, stretches
+from microbot_ocp.planning import Segment, Task
 from microbot_ocp.robot import Robot, gravity_torque
 from microbot_ocp.scene import Scene
 
@@ -123,36 +124,6 @@ def _gravity(robot: Robot, state: State) -> FloatArray:
     if not robot.has_dynamics:
         return np.zeros_like(state.q)
     return np.array(gravity_torque(robot).map(len(state.q))(state.q.T)).T
-
-
-def torques_through(
-    robot: Robot,
-    motion: Motion | CommandRows,
-    task: Task | None,
-    torque: Callable[[Robot, State], FloatArray] = torque_along,
-) -> Callable[[FloatArray, State], FloatArray]:
-    """Return torques [N,n] by times [N] of a motion and states there, with what the tool holds."""
-    if task is None:
-        return lambda _, state: torque(robot, state)
-    parts = stretches(task, motion)
-    return lambda t, state: over_stretches(parts, t, state, torque)
-
-
-def refuse_other_arm(robot: Robot, motion: Motion, task: Task | None = None) -> None:
-    """Refuse a motion whose torques are those of another arm, or of one that carries something."""
-    checks.joints("motion", motion.joint_count, robot)
-    if not robot.has_dynamics or not motion.tau.any():
-        return
-    state = State(motion.q, motion.qd, motion.qdd)
-    off = np.abs(motion.tau - torques_through(robot, motion, task)(motion.t, state))
-    sample, joint = np.unravel_index(int(off.argmax()), off.shape)
-    if off[sample, joint] > Tolerances().torque * np.abs(motion.tau).max():
-        raise InputError(
-            f"motion's torques are not those of {robot.name!r}: that of {robot.joint_names[joint]} "
-            f"is off by {off[sample, joint]:.4g} {robot.unit('tau', int(joint))} at "
-            f"{motion.t[sample]:.4g} s. Give the arm with its load, robot.with_payload(...), "
-            "and where that changes, the stops, via_q=... or --task, to what takes them"
-        )
 
 
 def judged(

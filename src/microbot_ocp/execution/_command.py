@@ -14,13 +14,7 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.certificate import Certificate, limit_checks_of
-from microbot_ocp.execution._check import (
-    AT_REST,
-    efforts,
-    judged,
-    refuse_other_arm,
-    torques_through,
-)
+from microbot_ocp.execution._check import AT_REST, efforts, judged
 from microbot_ocp.execution._curve import (
     NEAR,
     played,
@@ -28,6 +22,7 @@ from microbot_ocp.execution._curve import (
     rows_of,
     spline_of,
 )
+from microbot_ocp.execution._load import refuse_other_arm, torques_through
 from microbot_ocp.execution._profile import Profile, load_profile
 from microbot_ocp.execution._rows import CommandRows
 from microbot_ocp.limits import (

@@ -17,10 +17,11 @@ import numpy as np
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.certificate import Tolerances
+from microbot_ocp.execution._load import given_task, refuse_other_arm
 from microbot_ocp.execution._profile import Profile, load_profile
 from microbot_ocp.execution._rows import CommandRows
 from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial, State, quintic_between
-from microbot_ocp.planning import Segment, Task, motion_along, task_of
+from microbot_ocp.planning import Segment, Task, motion_along
 from microbot_ocp.robot import Robot
 from microbot_ocp.scene import Scene, with_arm_capsules
 
@@ -67,7 +68,7 @@ def executed(
     ------
     InputError
         Another number of joints, no rate, rows without what the profile interpolates, rows that
-        are not one a step.
+        are not one a step, a motion of an arm with another payload.
 
     Examples
     --------
@@ -80,8 +81,11 @@ def executed(
     """
     chosen = load_profile(profile)
     checks.joints("motion", motion.q.shape[1], robot)
-    rows = motion if isinstance(motion, CommandRows) else rows_of(motion, chosen)
-    return played(robot, rows, chosen, played_task(robot, chosen, via_q, segments, cycle))
+    task = played_task(robot, chosen, via_q, segments, cycle)
+    if isinstance(motion, CommandRows):
+        return played(robot, motion, chosen, task)
+    refuse_other_arm(robot, motion, task)
+    return played(robot, rows_of(motion, chosen), chosen, task)
 
 
 def played(robot: Robot, rows: CommandRows, chosen: Profile, task: Task | None = None) -> Motion:
@@ -109,10 +113,10 @@ def played_task(
 
     What is passed without a rest is kept as nearly as certificates ask of via points.
     """
-    if via_q is None:
-        return None
     arm = robot if scene is None else with_arm_capsules(robot)  # parts hang on capsules
-    task = task_of(arm, via_q, profile.limits_of(robot), segments=segments, cycle=cycle)
+    task = given_task(arm, profile.limits_of(robot), via_q, segments, cycle)
+    if task is None:
+        return None
     stops = list(task.stops)
     for k, stop in enumerate(stops):
         if not task.at_rest(k):

@@ -20,6 +20,7 @@ from microbot_ocp._base.codegen import compiles
 from microbot_ocp._base.outcome import Outcome
 from microbot_ocp._base.status import Status
 from microbot_ocp.certificate import limit_checks_of
+from microbot_ocp.execution._load import refuse_other_arm
 from microbot_ocp.limits import (
     LIMIT_TOLERANCE,
     ROUNDING,
@@ -42,6 +43,7 @@ from microbot_ocp.motion import (
 )
 from microbot_ocp.planning import PathTimingSettings
 from microbot_ocp.planning.free import with_steady_ends
+from microbot_ocp.planning.free._within_limits import SLOWING
 from microbot_ocp.planning.path import (
     CurveLimits,
     CurvePiece,
@@ -133,7 +135,7 @@ def overridden(
     ------
     InputError
         A time outside the motion, a share outside of 0 to 1; a motion that exceeds limits of torque
-        rates, jerk or power itself.
+        rates, jerk or power itself, or of an arm with another payload.
 
     Examples
     --------
@@ -149,6 +151,7 @@ def overridden(
     >>> on.solved, bool(np.allclose(on.q[-1], via_q[-1], atol=1e-6))
     (True, True)
     """
+    refuse_other_arm(robot, motion)
     checks.number("at", at, "s", at_least=0.0)
     if not at < motion.duration:
         raise InputError(f"at must be before the motion ends, {motion.duration:.6g} s, not {at:g}")
@@ -162,12 +165,17 @@ def overridden(
     override = _Override.of(family, motion, at, current, rests, grid, compiles(compiled))
     if later := override.along.limits.later:
         return _ramped(family, motion, _Ramp(at, speed if rests else current, speed), later)
-    changed, timing = override.soonest(speed)
-    outcome = Outcome.of(Status.SOLVED)
-    if not timing.feasible:
-        outcome = Outcome.of(Status.INFEASIBLE, UNCHANGED)
-        changed, timing = 0, override.as_planned()
-    return override.motion(timing, changed, outcome)
+    for _ in range(SLOWING.rounds):
+        changed, timing = override.soonest(speed)
+        outcome = Outcome.of(Status.SOLVED)
+        if not timing.feasible:
+            outcome = Outcome.of(Status.INFEASIBLE, UNCHANGED)
+            changed, timing = 0, override.as_planned()
+        timing, excess = override.judged(timing)
+        if not outcome.solved or excess.max() <= TOLERANCE:
+            break
+        override = override.finer(excess > TOLERANCE)
+    return override.motion(timing, changed, outcome, float(excess.max()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,18 +250,28 @@ class _Override:
         still = np.zeros(s.size - 1)
         return Reached(s, np.ones(s.size), still, still, s - s[0], True, float("nan"))
 
-    def motion(self, timing: Reached, changed: int, outcome: Outcome) -> Motion:
-        """What follows, from the present state on."""
+    def judged(self, timing: Reached) -> tuple[Reached, FloatArray]:
+        """The timing with steady ends, and the excess of limits in each of its intervals."""
         ends = [0] * self.rests + [-1] * (timing.s.size == self.along.s.size)
         timing = with_steady_ends(timing, ends)
         along = CurveLimits.of(self.along.limits.family, self.curve, timing.s, self.fast)
-        excess = float(along.excess(timing, self.curve).max())
+        return timing, along.excess(timing, self.curve)
+
+    def finer(self, cut: np.ndarray) -> _Override:
+        """The same with these of the first intervals cut in two."""
+        s = self.along.s
+        middles = 0.5 * (s[1:] + s[:-1])[: cut.size][cut]
+        family, s = self.along.limits.family, np.sort(np.concatenate([s, middles]))
+        return replace(self, along=CurveLimits.of(family, self.curve, s, self.fast))
+
+    def motion(self, timing: Reached, changed: int, outcome: Outcome, excess: float) -> Motion:
+        """What follows, from the present state on."""
         if outcome.solved and excess > TOLERANCE:
             outcome = Outcome.of(Status.LIMITS_EXCEEDED, EXCEEDED.format(100.0 * excess))
         t, state, breaks = sampled([(self.curve, timing)])
         places, changed_at = (timing.s, timing.t), float(timing.t[changed])
         other = _changed(
-            along.limits.family.robot, self.planned, t, state, breaks, places, changed_at
+            self.along.limits.family.robot, self.planned, t, state, breaks, places, changed_at
         )
         return other.ended(outcome, excess=excess)
 

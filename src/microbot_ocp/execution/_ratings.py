@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.table import Column, Table
-from microbot_ocp.execution._check import refuse_other_arm, torques_through
+from microbot_ocp.execution._load import given_task, refuse_other_arm, torques_through
 from microbot_ocp.motion import Motion, State, quadrature
-from microbot_ocp.planning import Segment, task_of
+from microbot_ocp.planning import Segment
 from microbot_ocp.robot import Robot
 
 
@@ -72,7 +72,8 @@ class Ratings:
         Raises
         ------
         InputError
-            A joint for which no dwell is long enough: holding the arm alone asks for more.
+            Ratings that are not above 0, or of another number of joints; a joint for which no dwell
+            is long enough: holding the arm alone asks for more.
 
         Examples
         --------
@@ -85,7 +86,10 @@ class Ratings:
         3.0
         """
         count = self.rms_torque.size
-        rated = checks.array("rms_max", np.broadcast_to(np.asarray(rms_max), (count,)), (count,))
+        given = np.full(count, rms_max) if np.ndim(rms_max) == 0 else rms_max
+        rated = checks.array("rms_max", given, (count,), "N m")
+        if not np.all(rated > 0.0):
+            raise InputError(f"rms_max must be above 0 N m, not {rms_max}")
         whole = self.duration + self.dwell
         # what the motion alone adds up to
         square = self.rms_torque**2 * whole - self.holding_torque**2 * self.dwell
@@ -172,7 +176,7 @@ def ratings(
     if not robot.has_dynamics:
         raise InputError(f"robot {robot.name!r} has no masses that torques follow from")
     rest = checks.number("dwell", dwell, "s", at_least=0.0)
-    task = None if via_q is None else task_of(robot, via_q, segments=segments, cycle=cycle)
+    task = given_task(robot, None, via_q, segments, cycle)
     refuse_other_arm(robot, motion, task)
     torque = torques_through(robot, motion, task)
     t, weight = quadrature(motion.t)

@@ -16,6 +16,7 @@ from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
 from microbot_ocp._base.status import Status
 from microbot_ocp._base.table import Column, Table
+from microbot_ocp.execution._load import refuse_other_arm
 from microbot_ocp.limits import LIMIT_TOLERANCE, JointLimits, LimitFamily, Limits
 from microbot_ocp.motion import Motion, PiecewisePolynomial, pieces_of
 from microbot_ocp.planning import (
@@ -236,7 +237,8 @@ def smallest_reserve(
     Raises
     ------
     InputError
-        No plant, a plant with other joints, a bound or an accuracy that is not above 0.
+        No plant, a plant with other joints, a bound or an accuracy that is not above 0, a motion of
+        an arm with another payload.
 
     Examples
     --------
@@ -311,6 +313,7 @@ def _planner(
         return task
     if not isinstance(task, Motion):
         return lambda reserve: time_optimal(robot, task, limits, reserve=reserve)
+    refuse_other_arm(robot, task)
     own = robot.limits if limits is None else limits.for_joints(robot.joint_count)
     shape = PiecewisePolynomial(task.t, pieces_of(task))
 

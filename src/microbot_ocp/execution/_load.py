@@ -1,0 +1,62 @@
+"""What the arm of a motion carries: as the robot says, or as the stops on the way do."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp.certificate import Tolerances
+from microbot_ocp.execution._rows import CommandRows
+from microbot_ocp.limits import JointLimits
+from microbot_ocp.motion import Motion, State, torque_along
+from microbot_ocp.planning import Segment, Task, over_stretches, stretches, task_of
+from microbot_ocp.robot import Robot
+
+
+def given_task(
+    robot: Robot,
+    limits: JointLimits | None,
+    via_q: Sequence[Any] | None,
+    segments: Sequence[Segment] | None,
+    cycle: bool,
+) -> Task | None:
+    """Return the task of the stops that are given; None where there are none."""
+    if via_q is not None:
+        return task_of(robot, via_q, limits, segments=segments, cycle=cycle)
+    if segments is not None or cycle:
+        raise InputError("segments and cycle are of stops: give these, too, via_q=...")
+    return None
+
+
+def torques_through(
+    robot: Robot,
+    motion: Motion | CommandRows,
+    task: Task | None,
+    torque: Callable[[Robot, State], FloatArray] = torque_along,
+) -> Callable[[FloatArray, State], FloatArray]:
+    """Return torques [N,n] by times [N] of a motion and states there, with what the tool holds."""
+    if task is None:
+        return lambda _, state: torque(robot, state)
+    parts = stretches(task, motion)
+    return lambda t, state: over_stretches(parts, t, state, torque)
+
+
+def refuse_other_arm(robot: Robot, motion: Motion, task: Task | None = None) -> None:
+    """Refuse a motion whose torques are those of another arm, or of one that carries something."""
+    checks.joints("motion", motion.joint_count, robot)
+    if not robot.has_dynamics or not motion.tau.any():
+        return
+    state = State(motion.q, motion.qd, motion.qdd)
+    off = np.abs(motion.tau - torques_through(robot, motion, task)(motion.t, state))
+    sample, joint = np.unravel_index(int(off.argmax()), off.shape)
+    if off[sample, joint] > Tolerances().torque * np.abs(motion.tau).max():
+        raise InputError(
+            f"motion's torques are not those of {robot.name!r}: that of {robot.joint_names[joint]} "
+            f"is off by {off[sample, joint]:.4g} {robot.unit('tau', int(joint))} at "
+            f"{motion.t[sample]:.4g} s. Give the arm with its load, robot.with_payload(...), "
+            "and where that changes, the stops, via_q=... or --task, to what takes them"
+        )
