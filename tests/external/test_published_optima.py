@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import ast
 import inspect
-import subprocess
+import runpy
 import sys
 import textwrap
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -33,7 +34,7 @@ CASES = [
         scheme,
         solver,
         id=f"{problem.name}-{scheme}-{solver}",
-        marks=pytest.mark.thorough if solver == "fatrop" else (),
+        marks=() if (scheme, solver) == ("radau", "ipopt") else pytest.mark.thorough,
     )
     for problem in PROBLEMS
     for scheme in ("radau", "hermite_simpson")
@@ -161,19 +162,26 @@ def test_the_robot_arm_is_stated_in_few_lines_without_indices():
 # the script ---------------------------------------------------------------------------------------
 
 
-def run(*arguments: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, str(SCRIPT), *arguments]
-    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+@pytest.fixture
+def run(capsys, monkeypatch):
+    def run(*arguments: str) -> SimpleNamespace:
+        monkeypatch.setattr(sys, "argv", [str(SCRIPT), *arguments])
+        with pytest.raises(SystemExit) as end:
+            runpy.run_path(str(SCRIPT), run_name="__main__")
+        out, err = capsys.readouterr()
+        return SimpleNamespace(returncode=end.value.code, stdout=out, stderr=err)
+
+    return run
 
 
-def test_the_script_prints_the_table_and_succeeds_where_all_is_met():
+def test_the_script_prints_the_table_and_succeeds_where_all_is_met(run):
     done = run("--only", "double_integrator", "two_phases", "--scheme", "radau")
     assert done.returncode == 0, done.stderr
     assert "19.29000000" in done.stdout
     assert "2 optima met" in done.stdout
 
 
-def test_the_script_has_a_column_for_every_solver():
+def test_the_script_has_a_column_for_every_solver(run):
     done = run("--only", "double_integrator", "--by-solver", "--solver", "fatrop", "ipopt", "sqp")
     assert done.returncode == 0, done.stderr
     (head,) = [line for line in done.stdout.splitlines() if "fatrop" in line]
@@ -181,20 +189,20 @@ def test_the_script_has_a_column_for_every_solver():
     assert "double_integrator" in done.stdout
 
 
-def test_a_solver_that_misses_is_shown_in_its_column():
+def test_a_solver_that_misses_is_shown_in_its_column(run):
     done = run("--only", "bryson_denham", "--scheme", "radau", "--by-solver", "--solver", "sqp")
     assert done.returncode == 1
     assert "iteration limit" in done.stdout
     assert "missed: bryson_denham" in done.stdout
 
 
-def test_the_script_fails_where_an_optimum_is_missed():
+def test_the_script_fails_where_an_optimum_is_missed(run):
     done = run("--only", "van_der_pol_time", "--mesh", "12", "--solver", "ipopt")
     assert done.returncode == 1
     assert "missed: van_der_pol_time" in done.stdout
 
 
-def test_the_script_says_in_a_line_what_is_wrong():
+def test_the_script_says_in_a_line_what_is_wrong(run):
     done = run("--only", "two_phases", "--scheme", "magic")
     assert done.returncode == 2
     assert done.stderr.startswith("error: scheme must be one of")

@@ -228,7 +228,7 @@ def test_a_certificate_passes_only_where_clearance_is_proved(monkeypatch) -> Non
 
 @pytest.fixture(scope="module")
 def around() -> mo.Motion:
-    return mo.time_optimal(ARM, ENDS, scene=POST, mesh=30)
+    return mo.time_optimal(ARM, ENDS, scene=POST, mesh=20, starts=1)
 
 
 def test_a_motion_goes_around_and_is_certified(around: mo.Motion) -> None:
@@ -246,7 +246,7 @@ def test_a_motion_goes_around_and_is_certified(around: mo.Motion) -> None:
 def check_solved_again(around: mo.Motion) -> None:
     """Solve the task, in which more must be asked before links keep clear, and is then as fast."""
     lines = list[str]()
-    motion = mo.time_optimal(ARM, ENDS, scene=POST, mesh=30, progress=lines.append)
+    motion = mo.time_optimal(ARM, ENDS, scene=POST, mesh=20, starts=1, progress=lines.append)
     assert any("links come too near: solved again" in str(line) for line in lines)
     assert motion.solved
     assert motion.provenance["clearance"]["proved"]
@@ -312,7 +312,7 @@ def test_an_optimum_slower_than_the_timed_path_ends_the_search(around: mo.Motion
 
 
 def test_the_same_task_gives_the_same_motion(around: mo.Motion) -> None:
-    again = mo.time_optimal(ARM, ENDS, scene=POST, mesh=30)
+    again = mo.time_optimal(ARM, ENDS, scene=POST, mesh=20, starts=1)
     assert again.duration == around.duration
 
 
@@ -377,12 +377,12 @@ GANTRY = mo.Robot.from_dh(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("play", [3e-4, 3e-5])
+@pytest.mark.parametrize("play", [pytest.param(3e-4, marks=pytest.mark.thorough), 3e-5])
 def test_a_corridor_may_be_as_narrow_as_distances_are_known(play: float) -> None:
     sides = [(s, s * (0.55 + play / 2)) for s in (1, -1)]
     walls = [mo.Box([0.2, 1.0, 3.0], [0, y, 0], f"wall {s}") for s, y in sides]
     via = [[0, 0, -0.6], [0.3, 0, 0.6]]
-    motion = mo.time_optimal(GANTRY, via, scene=mo.Scene(walls), mesh=10, compiled=False)
+    motion = mo.time_optimal(GANTRY, via, scene=mo.Scene(walls), mesh=10, starts=1, compiled=False)
     assert motion.solved
     assert motion.provenance["clearance"]["proved"]
 
@@ -468,7 +468,7 @@ def test_the_fastest_is_returned_where_less_time_is_allowed() -> None:
 def test_a_part_keeps_clear_from_the_stop_on_at_which_it_is_picked(around: mo.Motion) -> None:
     part = mo.Payload(0.1, shape={"start": [0, 0, 0], "end": [0.25, 0, 0], "radius": 0.08})
     stops = [mo.Stop(q=ENDS[0], payload=part), mo.Stop(q=ENDS[1])]
-    motion = mo.time_optimal(ARM, stops, scene=POST, mesh=30, compiled=False)
+    motion = mo.time_optimal(ARM, stops, scene=POST, mesh=10, starts=1, compiled=False)
     certificate = mo.certify(ARM, motion, via_q=stops, scene=POST)
     assert certificate.ok
     assert motion.provenance["starts"][0]["start"] == "branches 1-1, around 1"
@@ -482,13 +482,16 @@ def test_a_part_keeps_clear_from_the_stop_on_at_which_it_is_picked(around: mo.Mo
         mo.Payload(1.0, shape={"start": [0, 0, 0], "end": [0, 0, 1]})
 
 
-@pytest.mark.parametrize("loads", [(None, 0.1), (0.1, None)])
+@pytest.mark.parametrize(
+    "loads", [(None, 0.1), pytest.param((0.1, None), marks=pytest.mark.thorough)]
+)
 def test_segments_with_other_pairs_are_priced_by_limits_that_all_have(loads) -> None:
     shape = {"start": [0, 0, 0], "end": [0.25, 0, 0], "radius": 0.08}
     parts = [mo.Payload(mass, shape=shape) if mass else 0.0 for mass in loads]
     stops = [mo.Stop(q=ENDS[k], payload=part) for k, part in enumerate(parts)]
     stops.append(mo.Stop(q=ENDS[0]))
-    motion = mo.time_optimal(ARM, stops, scene=POST, mesh=20, compiled=False)
+    settings = {"mesh": 10, "starts": 1, "limit_tolerance": 0.01, "compiled": False}
+    motion = mo.time_optimal(ARM, stops, scene=POST, **settings)
     assert motion.solved
     assert motion.provenance["clearance"]["proved"]
     assert set(motion.provenance["multipliers"]["upper"]) == {"q", "qd", "tau"}
@@ -524,8 +527,8 @@ MOVED = [
 
 def test_a_part_is_an_obstacle_where_it_was_put_down() -> None:
     far = mo.Scene([mo.Box([0.1, 0.1, 0.3], [-0.9, 0, 0], "box")])
-    settings = mo.planning.TimeOptimalSettings(mesh=10, limit_tolerance=0.01, compiled=False)
-    motion = mo.time_optimal(ARM, MOVED, scene=far, settings=settings)
+    settings = {"mesh": 10, "starts": 1, "limit_tolerance": 0.01, "compiled": False}
+    motion = mo.time_optimal(ARM, MOVED, scene=far, **settings)
     assert motion.provenance["clearance"]["proved"]
     assert motion.provenance["clearance"]["pair"] == "wrist to bolt at place"
     certificate = mo.certify(ARM, motion, via_q=MOVED, scene=far, limit_tolerance=0.02)

@@ -129,7 +129,14 @@ def test_a_body_is_turned_as_fast_as_is_known():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["hang_glider", "rayleigh_mixed", "orbit_raising", "battery"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "hang_glider",
+        "rayleigh_mixed",
+        *(pytest.param(n, marks=pytest.mark.thorough) for n in ("orbit_raising", "battery")),
+    ],
+)
 def test_what_is_solved_passes_its_certificate(name):
     """Within 1 % of a state an interval, or with limits exceeded in between, it did not."""
     problem = BY_NAME[name].build()

@@ -29,11 +29,11 @@ def locked():
 
 
 def test_a_locked_joint_stands_still_in_a_free_motion(locked):
-    motion = mo.time_optimal(locked, LOCKED_VIA, mesh=30, compiled=False)
+    motion = mo.time_optimal(locked, LOCKED_VIA, mesh=20, starts=1, compiled=False)
     assert motion.solved
     assert mo.certify(locked, motion, via_q=LOCKED_VIA).ok
     np.testing.assert_allclose(motion.q[:, 1], 0.3, atol=1e-9)
-    free = mo.time_optimal(arm(), LOCKED_VIA, mesh=30, compiled=False)
+    free = mo.time_optimal(arm(), LOCKED_VIA, mesh=20, starts=1, compiled=False)
     assert free.duration <= motion.duration * (1 + 1e-6)
 
 
@@ -84,13 +84,13 @@ def test_via_points_close_together_cost_nothing(apart):
 def test_a_pendulum_too_weak_to_be_lifted_swings_several_times():
     robot = pendulum(tau_max=3.0, qd_max=20.0)
     via = [[0.0], [np.pi]]
-    motion = mo.time_optimal(robot, via, mesh=60, compiled=False)
+    motion = mo.time_optimal(robot, via, mesh=30, compiled=False)
     assert motion.solved
     assert mo.certify(robot, motion, via_q=via).ok
     assert np.count_nonzero(np.diff(np.sign(motion.qd[1:-1, 0]))) >= 2
     tried = motion.provenance["starts"]
     assert len(tried) <= 30
-    one = mo.time_optimal(robot, via, mesh=60, compiled=False, starts=1, tries=1)
+    one = mo.time_optimal(robot, via, mesh=30, compiled=False, starts=1, tries=1)
     assert len(one.provenance["starts"]) == 1
 
 
@@ -143,10 +143,10 @@ def test_an_answer_on_a_bound_of_the_duration_says_so(monkeypatch):
     usual = _scale.TYPICAL
     monkeypatch.setattr(_scale, "TYPICAL", replace(usual, longest=0.3))
     robot = slider(1.0, tau_max=5.0)
-    motion = mo.time_optimal(robot, [[0.0], [1.234]], mesh=20, compiled=False)
+    motion = mo.time_optimal(robot, [[0.0], [1.234]], mesh=10, compiled=False)
     assert not motion.solved
     monkeypatch.setattr(_scale, "TYPICAL", replace(usual, shortest=5.0))
-    motion = mo.time_optimal(robot, [[0.0], [1.2345]], mesh=20, compiled=False)
+    motion = mo.time_optimal(robot, [[0.0], [1.2345]], mesh=10, compiled=False)
     assert "could not be shorter than" in motion.advice
 
 
@@ -214,10 +214,10 @@ def test_a_task_that_cannot_be_done_is_told_in_its_own_words():
 @pytest.mark.slow
 def test_slack_is_given_for_less_effort():
     robot, via = arm(), [[0.0, 0.3], [1.0, -0.5], [0.5, 0.8]]
-    fastest = mo.time_optimal(robot, via, mesh=30, starts=1, compiled=False)
+    fastest = mo.time_optimal(robot, via, mesh=15, starts=1, compiled=False)
     before = np.inf
     for slack in (1e-3, 1e-2, 0.1):
-        motion = mo.time_optimal(robot, via, mesh=30, starts=1, slack=slack, compiled=False)
+        motion = mo.time_optimal(robot, via, mesh=15, starts=1, slack=slack, compiled=False)
         assert motion.solved
         assert mo.certify(robot, motion, via_q=via).ok
         assert motion.duration <= fastest.duration * (1 + slack) * (1 + 1e-6)

@@ -17,7 +17,9 @@ def prepared(microbot):
     return mo.TimeOptimalSolver(microbot, VIA_Q)
 
 
-@pytest.mark.parametrize(("share", "payload"), [(0.9, 1.0), (1.3, 2.5)])
+@pytest.mark.parametrize(
+    ("share", "payload"), [pytest.param(0.9, 1.0, marks=pytest.mark.thorough), (1.3, 2.5)]
+)
 def test_equals_a_cold_solve_of_the_robot_with_these_limits_and_this_payload(
     microbot, prepared, share, payload
 ):

@@ -14,7 +14,7 @@ from microbot_ocp.planning.task._segments import CircleArc, Straight, curve_limi
 from planning.shared import arm, pendulum, slider
 
 Stop = mo.Stop
-QUICK = {"compiled": False, "mesh": 30}
+QUICK = {"compiled": False, "mesh": 20}
 
 
 @pytest.fixture(scope="module")
@@ -419,7 +419,7 @@ def test_a_front_goes_from_the_fastest_to_the_closed_form_of_the_calmest(rail):
 
 def test_a_front_of_torque_takes_the_closed_form_until_the_arm_cannot_be_held(rail):
     front = mo.tasks.time_torque_front(
-        rail, [[0.0], [1.0]], shares=(0.5, 0.8), mesh=20, compiled=False
+        rail, [[0.0], [1.0]], shares=(0.5, 0.8), mesh=20, starts=1, compiled=False
     )
     assert front.certified
     shortest = np.sqrt(2.0)
@@ -428,7 +428,7 @@ def test_a_front_of_torque_takes_the_closed_form_until_the_arm_cannot_be_held(ra
     )
     assert [p.peak_torque for p in front.points] == pytest.approx([1.0, 0.8, 0.5], rel=1e-3)
     robot, via_q = pendulum(tau_max=20.0, qd_max=5.0), [[0.0], [np.pi / 6]]
-    front = mo.tasks.time_torque_front(robot, via_q, shares=(0.5, 0.2), mesh=10, compiled=False)
+    front = mo.tasks.time_torque_front(robot, via_q, shares=(0.5, 0.2), mesh=10, starts=1, compiled=False)
     assert len(front.points) == 2
     assert "needs 4.905 N m against gravity" in front.ended
 

@@ -202,7 +202,7 @@ def test_four_times_the_torque_halves_the_time_without_gravity():
 @pytest.mark.parametrize(
     ("friction", "allowed"),
     [
-        ({"viscous_friction": 3.0}, 1.5e-3),
+        pytest.param({"viscous_friction": 3.0}, 1.5e-3, marks=pytest.mark.thorough),
         pytest.param({"coulomb_friction": 2.0}, 5e-3, marks=pytest.mark.thorough),
         ({"viscous_friction": 2.0, "coulomb_friction": 2.0}, 5e-3),
     ],
@@ -320,7 +320,10 @@ def test_power_on_a_rail_takes_the_closed_form():
     assert motion.duration == pytest.approx(past(v)[1] + mass * v / force, rel=1e-4)
 
 
-@pytest.mark.parametrize("limits", [{}, {"taud_max": 1500.0}, {"qddd_max": 60.0}])
+@pytest.mark.parametrize(
+    "limits",
+    [pytest.param({}, marks=pytest.mark.thorough), {"taud_max": 1500.0}, {"qddd_max": 60.0}],
+)
 def test_power_is_kept_with_and_without_rates(microbot, limits):
     """With rates, from a start that knew nothing of them, the guess was no number."""
     robot = power_limited(microbot.with_limits(taud_max=np.inf), [300.0, 400.0, 150.0])
