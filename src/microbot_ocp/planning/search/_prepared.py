@@ -42,15 +42,17 @@ from microbot_ocp.planning.free import (
     via_times,
     within_limits,
 )
-from microbot_ocp.planning.search._problem import MotionProblem, as_motion
+from microbot_ocp.planning.search._problem import MotionProblem, phase_shapes
 from microbot_ocp.planning.search._result import fastest
 from microbot_ocp.planning.search._settings import SEARCH, TimeOptimalSettings
+from microbot_ocp.planning.search._stop_motion import motion_of
 from microbot_ocp.planning.search._strategies import search_of
 from microbot_ocp.planning.task import (
     FRICTION_WINDOWS,
     LDL,
     SMOOTHING as FRICTION_SMOOTHING,
     TIME_LIMIT,
+    Task,
     TaskScale,
     check_limits,
     check_via,
@@ -433,8 +435,9 @@ class TimeOptimalSolver:
         solution, excess = self._refined(family, best, changes, kernels, allowed)
         # an arm with a payload is met once: nothing is compiled for it
         with interpreted() if payload else nullcontext():
+            task = Task.through(family, via)
             motion = self._motion(
-                family, solution, excess, tried, name, payload, begin, smoothing, moving
+                task, solution, excess, tried, name, payload, begin, smoothing, moving
             )
         return with_drives_noted(family.robot, motion)
 
@@ -614,7 +617,7 @@ class TimeOptimalSolver:
 
     def _motion(
         self,
-        family: LimitFamily,
+        task: Task,
         solution: Solution,
         excess: list[FloatArray],
         tried: list[tuple[str, Solution]],
@@ -624,6 +627,7 @@ class TimeOptimalSolver:
         smoothing: float,
         moving: _Start | None,
     ) -> Motion:
+        family = task.family
         tolerance = moving.tolerance if moving else TimeOptimalSettings.limit_tolerance
         outcome, worst = verdict(family, solution, excess, tolerance), largest(excess)
         slowed = None
@@ -645,9 +649,9 @@ class TimeOptimalSolver:
             }
             for name, tries in tried
         ]
-        motion = as_motion(
-            family.robot,
-            solution,
+        motion = motion_of(
+            task,
+            phase_shapes(solution),
             provenance_of(
                 "free time-optimal motion, solved again with other numbers",
                 family,

@@ -17,7 +17,7 @@ from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.codegen import compiles
 from microbot_ocp.limits import LimitFamily
-from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial, pieces_of
+from microbot_ocp.motion import Motion, PiecewisePolynomial, pieces_of
 from microbot_ocp.ocp import Solution
 from microbot_ocp.ocp.transcription import Guess, Transcription
 from microbot_ocp.planning.free import (
@@ -276,15 +276,3 @@ class MotionProblem:
 def phase_shapes(solution: Solution) -> list[PiecewisePolynomial]:
     """Return the polynomial of every phase, from time 0 each."""
     return [polynomial(replace(solution, phases=(phase,))) for phase in solution.phases]
-
-
-def as_motion(robot: Robot, solution: Solution, provenance: dict[str, Any]) -> Motion:
-    """Return a solution as a motion with the via points marked."""
-    marks = [Mark(float(t), f"via {i + 1}") for i, t in enumerate(via_times(solution))]
-    return Motion.from_polynomial(
-        robot,
-        polynomial(solution),
-        label="time-optimal",
-        marks=marks,
-        provenance=provenance,
-    )

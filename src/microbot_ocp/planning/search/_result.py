@@ -212,7 +212,7 @@ def _within_limits(best: Fastest, motion: Motion) -> Motion:
     if motion.status is not Status.TIME_LIMIT and solution.status.solved and abs(more) <= WORSE:
         outcome = Outcome.of(Status.SOLVED)
     elif motion.status in (Status.LIMITS_EXCEEDED, Status.SOLVED):
-        outcome = Outcome.of(Status.NOT_ACCEPTED)
+        outcome = Outcome.of(Status.TIME_LIMIT if deadline.over() else Status.NOT_ACCEPTED)
     elif motion.status is Status.INFEASIBLE:  # there is a motion
         outcome = Outcome.of(Status.FAILED, NONE_WITHIN)
     outcome = replace(outcome, ledger=motion.outcome.ledger)
