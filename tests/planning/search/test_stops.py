@@ -428,7 +428,8 @@ def test_a_front_of_torque_takes_the_closed_form_until_the_arm_cannot_be_held(ra
     )
     assert [p.peak_torque for p in front.points] == pytest.approx([1.0, 0.8, 0.5], rel=1e-3)
     robot, via_q = pendulum(tau_max=20.0, qd_max=5.0), [[0.0], [np.pi / 6]]
-    front = mo.tasks.time_torque_front(robot, via_q, shares=(0.5, 0.2), mesh=10, starts=1, compiled=False)
+    options = {"mesh": 10, "starts": 1, "compiled": False}
+    front = mo.tasks.time_torque_front(robot, via_q, shares=(0.5, 0.2), **options)
     assert len(front.points) == 2
     assert "needs 4.905 N m against gravity" in front.ended
 
