@@ -350,6 +350,17 @@ def test_a_motion_that_was_not_solved_says_so(monkeypatch):
     assert max(dense_excess(arm(), motion).values()) < 5e-3
 
 
+def test_where_the_time_ends_before_limits_hold_between_mesh_points_it_says_so(monkeypatch):
+    def ended(self, solution, *_, **__):
+        deadline._until.set(0.0)  # of the search: what keeps the limits has some time left
+        return solution
+
+    monkeypatch.setattr(refinement.Refiner, "refine", ended)
+    motion = time_optimal(arm(), ARM_VIA, mesh=5, starts=1)
+    assert motion.status == "time limit"
+    assert "Returned is" in motion.advice
+
+
 def test_a_motion_is_slowed_down_only_where_it_exceeds_a_limit():
     robot = arm()
     family = mo.limits.LimitFamily.of(robot)

@@ -49,6 +49,7 @@ class Fastest:
 
     Attributes
     ----------
+    cut : whether the search ended with its time
     duration : s, in which the motion of least effort was wanted
     shortest : s, what the fastest takes, with its dwells
     """
@@ -58,6 +59,7 @@ class Fastest:
     answer: MotionAnswer
     calmer: LeastEffort | None
     wall_time: float
+    cut: bool = False
     duration: float | None = None
     shortest: float = np.nan
 
@@ -92,8 +94,9 @@ def fastest(
         if slack > 0.0 and rank(search, answer.solution)[0] is False and not search.over:
             calmer = least_effort(search, answer, slack)
             state, answer = state.and_(calmer.answer), calmer.answer
+        cut = search.over
     spent = time.perf_counter() - begin
-    return Fastest(search, state, answer, calmer, spent, duration, shortest)
+    return Fastest(search, state, answer, calmer, spent, cut, duration, shortest)
 
 
 def motion_from(best: Fastest) -> Motion:
@@ -212,7 +215,7 @@ def _within_limits(best: Fastest, motion: Motion) -> Motion:
     if motion.status is not Status.TIME_LIMIT and solution.status.solved and abs(more) <= WORSE:
         outcome = Outcome.of(Status.SOLVED)
     elif motion.status in (Status.LIMITS_EXCEEDED, Status.SOLVED):
-        outcome = Outcome.of(Status.TIME_LIMIT if deadline.over() else Status.NOT_ACCEPTED)
+        outcome = Outcome.of(Status.TIME_LIMIT if best.cut else Status.NOT_ACCEPTED)
     elif motion.status is Status.INFEASIBLE:  # there is a motion
         outcome = Outcome.of(Status.FAILED, NONE_WITHIN)
     outcome = replace(outcome, ledger=motion.outcome.ledger)
