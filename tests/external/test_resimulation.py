@@ -114,6 +114,7 @@ def test_others_find_the_same_motion(kinds):
         agrees(robot, replace(motion, label=name))
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_others_find_the_same_motion_among_obstacles():
     pytest.importorskip("coal")

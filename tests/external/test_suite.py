@@ -68,7 +68,7 @@ QUICK = (
     "two_sided_effort",
     "interior_point",
     "dubins_car",
-    "lunar_ascent",
+    pytest.param("lunar_ascent", marks=pytest.mark.thorough),
     "breakwell",
     "bryson_denham_touch",
     "bressan",

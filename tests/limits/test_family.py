@@ -215,7 +215,7 @@ FURTHER = {
 }
 
 
-LONG = ("tool acceleration", "zone")
+LONG = ("tool acceleration", "zone", "jerk")  # jerks are those of other tests, too
 
 
 @pytest.fixture(scope="module")
@@ -246,7 +246,10 @@ def test_free_motions_keep_it_and_certificates_judge_it(kind, plain):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", FURTHER)
+@pytest.mark.parametrize(
+    "kind",
+    [pytest.param(kind, marks=pytest.mark.thorough if kind == "jerk" else ()) for kind in FURTHER],
+)
 def test_paths_are_timed_under_it(kind):
     robot = MICROBOT.with_limits(**FURTHER[kind])
     path = mo.straight_path(VIA_Q[[0, 2]])
@@ -308,7 +311,7 @@ def test_a_prepared_solver_takes_other_numbers_and_refuses_other_expressions():
     robot = two_link_arm(1.0, 0.8).with_limits(
         tau_max=[60.0, 25.0], qd_max=3.0, also=[mo.limits.tool_speed(2.0)]
     )
-    solver = mo.TimeOptimalSolver(robot, [[0.0, 0.3], [1.2, -0.6]], mesh=20, starts=1)
+    solver = mo.TimeOptimalSolver(robot, [[0.0, 0.3], [1.2, -0.6]], mesh=10, starts=1)
     slower = robot.with_limits(also=[mo.limits.tool_speed(1.0)])
     assert solver(slower.limits).duration > solver().duration
     other = robot.with_limits(also=[mo.Limit("tool speed", lambda s: s.qd[0], upper=1.0)])

@@ -43,7 +43,7 @@ def test_those_of_a_file_are_named_as_not_judged():
         assert certificate.ok
         assert certificate.unjudged == ("torque",)
         assert "every limit but that of torque is kept" in certificate.verdict
-    assert NOT_JUDGED in mo.time_optimal(robot, POSES, starts=1).note
+    assert NOT_JUDGED in mo.time_optimal(robot, POSES, mesh=10, starts=1).note
 
 
 def test_every_view_says_what_is_not_judged(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
@@ -60,6 +60,7 @@ def test_every_view_says_what_is_not_judged(tmp_path: Path, capsys: pytest.Captu
     for command in (["show", str(path)], ["compare", *task, "--methods", "cubic"]):
         assert main(command) == 0
         assert NOT_JUDGED.capitalize() in capsys.readouterr().out
+    task += ["--mesh", "10", "--starts", "1"]
     assert main(["time-optimal", *task]) == 0
     assert f"Certificate: ok, {NOT_JUDGED}" in capsys.readouterr().out
     assert main(["time-optimal", *task, "--json"]) == 0

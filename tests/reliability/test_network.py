@@ -107,7 +107,14 @@ def test_the_trace_sees_what_a_program_asks(tmp_path, home):
 
 
 @pytest.mark.skipif(find_viewer() is None, reason="no Rerun viewer")
-@pytest.mark.parametrize(("name", "expected"), [("SIGTERM", 143), ("SIGHUP", 129), ("SIGINT", 130)])
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("SIGINT", 130),
+        pytest.param("SIGTERM", 143, marks=pytest.mark.thorough),
+        pytest.param("SIGHUP", 129, marks=pytest.mark.thorough),
+    ],
+)
 def test_a_signal_ends_the_servers(tmp_path, name, expected):
     if signal.getsignal(getattr(signal, name)) is signal.SIG_IGN:
         pytest.skip(f"{name} is ignored here, as below nohup, and by what is started")

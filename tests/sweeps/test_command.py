@@ -66,7 +66,8 @@ def test_one_case(study: Path, capsys: pytest.CaptureFixture[str]) -> None:
 def test_without_a_compiler_the_row_is_the_same_and_says_so(
     study: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    study.write_text(STUDY.replace('"cubic"', '"time_optimal"') + "[settings]\nmesh = 10\n")
+    settings = "[settings]\nmesh = 10\nstarts = 1\n"
+    study.write_text(STUDY.replace('"cubic"', '"time_optimal"') + settings)
     arguments = ["sweep", "study.toml", "--case", "1", "--json"]
     assert main(arguments) == 0
     row = json.loads(capsys.readouterr().out)

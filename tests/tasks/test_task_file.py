@@ -294,6 +294,7 @@ kind = "torque"
 shares = [0.8]
 [settings]
 mesh = 8
+starts = 1
 [scene]
 obstacle = [{ name = "post", kind = "sphere", center = [0.85, 0.1, 0.0], radius = 0.08 }]
 """

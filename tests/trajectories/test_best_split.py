@@ -81,9 +81,8 @@ def test_the_report_poses_against_a_grid_of_splits(microbot, make):
 @pytest.mark.parametrize(
     "name",
     [
-        *("ur5e", "planar_3r", "stanford"),
-        pytest.param("panda", marks=pytest.mark.thorough),
-        pytest.param("puma560", marks=pytest.mark.thorough),
+        *("ur5e", "planar_3r"),
+        *(pytest.param(n, marks=pytest.mark.thorough) for n in ("stanford", "panda", "puma560")),
     ],
 )
 @pytest.mark.parametrize("shape", ["cubic", "quintic"])

@@ -90,7 +90,7 @@ SCHEMES: tuple[tuple[Scheme, int, tuple[int, ...]], ...] = (
     (HermiteSimpson(), 4, FINE),
     (Shooting(), 4, FINER),
     (Shooting(steps=2), 4, FINER),
-    (IntegratorShooting("rk", {"number_of_finite_elements": 2}), 4, FINER[:3]),
+    (IntegratorShooting("rk", {"number_of_finite_elements": 2}), 4, FINE[1:]),
     (Collocation("radau", 1), 1, FINE),
     (Collocation("radau", 2), 3, FINE),
     (Collocation("radau", 3), 5, COARSE),

@@ -125,7 +125,7 @@ def time_optimal(
 
     >>> robot, box = mo.load_robot("microbot"), {"payload": (0.0, 0.2)}
     >>> motion = mo.time_optimal(
-    ...     robot, via_q, **box, uncertain={"mass": 0.05}, mesh=40, starts=1
+    ...     robot, via_q, **box, uncertain={"mass": 0.05}, mesh=20, starts=1
     ... )
     >>> limits = mo.execution.robust_limits(robot, mass=0.05, **box)
     >>> round(motion.duration, 2), mo.certify(robot, motion, limits).ok

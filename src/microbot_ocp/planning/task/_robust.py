@@ -127,7 +127,8 @@ def robust_limits(
     >>> import microbot_ocp as mo
     >>> robot = mo.load_robot("microbot")
     >>> limits = mo.execution.robust_limits(robot, mass=0.05)
-    >>> motion = mo.time_optimal(robot, np.radians([[0, 0, 0], [-90, 90, 90]]), limits)
+    >>> via_q = np.radians([[0, 0, 0], [-90, 90, 90]])
+    >>> motion = mo.time_optimal(robot, via_q, limits, mesh=20, starts=1)
     >>> mo.certify(robot, motion, limits).ok
     True
     """
