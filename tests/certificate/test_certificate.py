@@ -1,6 +1,7 @@
 """Certificates: what is right passes, what is wrong is found where and as large as it is."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -404,3 +405,19 @@ def test_as_dict_is_plain(robot):
 def test_bad_inputs(robot, call, message):
     with pytest.raises(mo.InputError, match=message):
         call(robot, report_cubic(robot))
+
+
+def test_a_velocity_that_is_missed_is_told_in_the_unit_of_its_stop() -> None:
+    """That of a joint pose was told in m/s."""
+    robot, via = mo.load_robot("microbot"), [[0.0, 0.3, 0.2], [0.5, 0.6, 0.4], [1.0, 0.8, 0.3]]
+    marks = [mo.motion.Mark(float(k), f"stop {k + 1}") for k in range(3)]
+    shape = mo.spline(via, [0.0, 1.0, 2.0])
+    motion = mo.Motion.from_polynomial(robot, shape, label="spline", marks=marks)
+    place, slow = np.array(mo.forward_kinematics(robot)(via[1]))[:3, 3], [0.1, 0.0, 0.0]
+    ends = [mo.Stop(q=via[k]) for k in (0, 2)]
+    for stop, unit in (
+        (mo.Stop(q=via[1], velocity=slow), "rad/s"),
+        (mo.Stop(position=place, velocity=slow), "m/s"),
+    ):
+        verdict = mo.certify(robot, motion, via_q=[ends[0], stop, ends[1]]).verdict
+        assert re.search(rf"missed in its velocity by [0-9.]+ {unit}", verdict)

@@ -148,8 +148,10 @@ def _check_stops(task: Task, motion: Motion) -> list[Check]:
         if task.at_rest(k):
             misses["velocity", "rad/s"] = float(np.abs(qd).max()) - still
         elif not isinstance(stop.velocity, str | None):
-            velocity = qd if stop.q is not None else _velocity(task.robot, state.q[0], qd)
-            misses["velocity", "m/s"] = float(np.abs(velocity - stop.velocity).max()) - still
+            velocity, unit = qd, "rad/s"
+            if stop.q is None:
+                velocity, unit = _velocity(task.robot, state.q[0], qd), "m/s"
+            misses["velocity", unit] = float(np.abs(velocity - stop.velocity).max()) - still
         if stop.acceleration is not None and task.family.jerk_matters:
             off = np.abs(state.qdd[0] - stop.acceleration).max()
             allowed = SEGMENT_TOLERANCES.still * max(1.0, np.abs(stop.acceleration).max())
