@@ -50,7 +50,7 @@ def test_the_optimum_is_met(problem: PublishedProblem, scheme: str, solver: str)
     assert problem.error(solution) <= problem.tolerance
 
 
-@pytest.mark.parametrize("scheme", ["shooting", "gauss"])
+@pytest.mark.parametrize("scheme", [pytest.param("shooting", marks=pytest.mark.thorough), "gauss"])
 @pytest.mark.parametrize(
     "problem",
     [p for p in PROBLEMS if p.mesh < 200 and p.name != "particle_steering"],

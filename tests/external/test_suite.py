@@ -91,16 +91,11 @@ def options(**changed: object) -> argparse.Namespace:
 
 
 def test_a_child_says_what_it_found():
-    found = runner.run_child("interior_point", "solve", options(scheme="radau", mesh=20))
-    assert found["status"] == "solved"
-    assert BY_NAME["interior_point"].error(found["cost"]) < 1e-3
-    assert found["iterations"] > 0
-
-
-def test_another_shape_of_the_controls_is_another_answer():
-    smooth = options(scheme="radau", controls="polynomial")
+    smooth = options(scheme="radau", controls="polynomial")  # as exact as no other shape
     found = runner.run_child("breakwell", "solve", smooth)
+    assert found["status"] == "solved"
     assert BY_NAME["breakwell"].error(found["cost"]) < 1e-5
+    assert found["iterations"] > 0
 
 
 def test_a_child_that_does_not_end_is_a_timeout():

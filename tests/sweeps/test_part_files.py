@@ -17,12 +17,12 @@ from microbot_ocp.sweeps._sweep import opened
 COUNT = 4
 
 
-def written(folder: Path, last: float = 3.0) -> mo.sweeps.Sweep:
+def written(folder: Path, last: float = 0.3) -> mo.sweeps.Sweep:
     """A sweep of four cases, each in a file of its own."""
     cases = mo.sweeps.Cases.grid(
-        start_q=[0, 0, 0], goal_q=[1, 0.5, 0.5], payload=mo.OneOf([0, 1, 2, last])
+        start_q=[0, 0], goal_q=[1, 0.5], payload=mo.OneOf([0, 0.1, 0.2, last])
     )
-    study = Study(mo.load_robot("microbot"), cases, ["cubic"])
+    study = Study(mo.load_robot("planar_2r"), cases, ["cubic"])
     results = opened(study, folder)
     for case in range(COUNT):
         results._write(case, [repeat_case(study, case)])
@@ -32,7 +32,7 @@ def written(folder: Path, last: float = 3.0) -> mo.sweeps.Sweep:
 @pytest.fixture(scope="module")
 def sweeps(tmp_path_factory: pytest.TempPathFactory) -> tuple[mo.sweeps.Sweep, mo.sweeps.Sweep]:
     folder = tmp_path_factory.mktemp("sweeps")
-    return written(folder / "own"), written(folder / "other", last=2.5)
+    return written(folder / "own"), written(folder / "other", last=0.25)
 
 
 @pytest.fixture
@@ -114,8 +114,8 @@ def test_what_is_no_file_is_said(folder: Path, kind: str) -> None:
 @pytest.mark.slow
 def test_a_long_time_limit_is_none(tmp_path: Path) -> None:
     pytest.importorskip("distributed")
-    cases = mo.sweeps.Cases.grid(start_q=[0, 0, 0], goal_q=[1, 0.5, 0.5])
+    cases = mo.sweeps.Cases.grid(start_q=[0, 0], goal_q=[1, 0.5])
     results = mo.sweep(
-        mo.load_robot("microbot"), cases, ["cubic"], out=tmp_path, workers=1, time_limit=1e10
+        mo.load_robot("planar_2r"), cases, ["cubic"], out=tmp_path, workers=1, time_limit=1e10
     )
     assert np.isfinite(results.read(["cubic_duration"])["cubic_duration"]).all()

@@ -20,7 +20,7 @@ def robot():
 
 @pytest.fixture(scope="module")
 def sliders(robot):
-    return mo.views.notebook.TimeOptimalSliders(robot, VIA_Q, mesh=30)
+    return mo.views.notebook.TimeOptimalSliders(robot, VIA_Q, mesh=15)
 
 
 @pytest.fixture

@@ -193,7 +193,7 @@ def consecutive(y, k):
 @pytest.mark.parametrize(
     ("arguments", "cost", "rates"),
     [
-        (  # Esposito and Floudas, Ind. Eng. Chem. Res. 39 (2000), Lotka-Volterra
+        pytest.param(  # Esposito and Floudas, Ind. Eng. Chem. Res. 39 (2000), Lotka-Volterra
             (
                 2,
                 2,
@@ -219,6 +219,7 @@ def consecutive(y, k):
             ),
             1.24924e-3,
             [3.2434, 0.9209],
+            marks=pytest.mark.thorough,
         ),
         (  # Tjoa and Biegler, Ind. Eng. Chem. Res. 30 (1991), example 1
             (

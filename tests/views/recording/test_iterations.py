@@ -44,7 +44,7 @@ def recorded(tmp_path_factory):
             record(event)
 
         motion = mo.time_optimal(
-            mo.load_robot("microbot"), VIA_Q, mesh=24, starts=1, progress=progress
+            mo.load_robot("microbot"), VIA_Q, mesh=12, starts=1, progress=progress
         )
     iterations = [event for event in events if not isinstance(event, str)]
     return path, motion, iterations, [event for event in events if isinstance(event, str)]
