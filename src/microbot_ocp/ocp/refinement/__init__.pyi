@@ -19,5 +19,6 @@ from ._judged import (
 from ._refiner import (
     WORSE as WORSE,
     Refiner as Refiner,
+    RefinerSettings as RefinerSettings,
     split as split,
 )

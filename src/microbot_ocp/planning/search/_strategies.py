@@ -17,7 +17,7 @@ import numpy as np
 from microbot_ocp._base import deadline
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp import Solution, SolverSettings
-from microbot_ocp.ocp.refinement import WORSE, Refiner
+from microbot_ocp.ocp.refinement import WORSE, Refiner, RefinerSettings
 from microbot_ocp.ocp.solution import StepProgress
 from microbot_ocp.planning.free import (
     JERK_WEIGHT,
@@ -371,7 +371,8 @@ def to_full_mesh(search: MotionSearch, step: NextStep) -> MotionAnswer:
     meshes = [graded(phase, full_mesh(search)) for phase in before.phases]
     if len(before.phases) > SEARCH.many_phases:
         # multipliers of so coarse a mesh mislead: 87 iterations, 65 without
-        solution = refiner.solve(meshes, search.problem.guesses(before))
+        guesses, barrier = search.problem.guesses(before), RefinerSettings.warm_barrier
+        solution = refiner.solve(meshes, guesses, barrier=barrier)
         if solution.status.solved and solution.cost <= (1 + WORSE) * before.cost:
             return _finer(subject, "full mesh", solution, refiner)
     options = {"ipopt": {**LDL["ipopt"], "mu_init": SEARCH.far_barrier}}
