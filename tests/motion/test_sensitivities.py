@@ -106,8 +106,10 @@ def test_the_table_and_the_bars(solver):
 
 
 @pytest.mark.slow
-def test_what_changes_the_smoothing_as_much_is_not_sure():
-    """A wrist whose torque saves little, but whose jerks the smoothing feels."""
+def test_where_more_digits_are_asked_for_the_smoothing_costs_fewer():
+    """A wrist whose torque saves little, but whose jerks the smoothing feels: slopes were 6 %
+    off.
+    """
     via = [[0.16, -2.44, -2.91], [0.05, 2.54, -1.35], [0.58, -1.55, -0.72], [-0.74, -1.27, 2.23]]
     robot, step = mo.load_robot("planar_3r"), np.array([0.0, 0.0, 0.1])
     solver = mo.TimeOptimalSolver(robot, via, mesh=40, starts=2, rounds=0, tolerance=1e-8)
@@ -116,10 +118,10 @@ def test_what_changes_the_smoothing_as_much_is_not_sure():
         sum(solver(robot.limits.changed({"tau_min": bound})).provenance["phase_durations"])
         for bound in (least - step, least + step)
     )
-    found = slopes.lower["tau"][2]
-    assert abs(found / ((high - low) / 0.2) - 1.0) > 0.05
-    assert "torque of wrist, lower" not in slopes.binding
-    assert "torque of elbow, lower" in slopes.binding
+    assert slopes.lower["tau"][2] == pytest.approx((high - low) / 0.2, rel=0.01)
+    assert {"torque of wrist, lower", "torque of elbow, lower"} <= slopes.binding
+    roughly = mo.TimeOptimalSolver(robot, via, mesh=40, starts=2, rounds=0)
+    assert "torque of wrist, lower" not in roughly().sensitivities(robot).binding
 
 
 def test_torques_and_masses_together_change_nothing(program):

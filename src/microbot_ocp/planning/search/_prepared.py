@@ -31,6 +31,7 @@ from microbot_ocp.ocp.refinement import WORSE, split
 from microbot_ocp.ocp.solution import quiet, unpack
 from microbot_ocp.ocp.transcription import Guess, Transcription
 from microbot_ocp.planning.free import (
+    JERK_WEIGHT,
     OF_VARIABLES,
     SMOOTHING,
     excess_between,
@@ -203,8 +204,9 @@ class TimeOptimalSolver:
     seed : int
         Of the random starts.
     tolerance : float
-        Of the solves with other numbers. The default leaves some 1e-4 of the duration, and slopes
-        right to some percent; 1e-8 leaves 1e-6 for a fifth more iterations.
+        Of the solves with other numbers, and below the default share of the usual smoothing of the
+        jerk. The default leaves some 1e-4 of the duration, and slopes right to some percent; 1e-8
+        leaves 1e-6 for a fifth more iterations.
 
     Raises
     ------
@@ -409,13 +411,18 @@ class TimeOptimalSolver:
                 f"via_q must have {len(self.via_q)} points, as the solver was made with, "
                 f"not {len(via)}"
             )
-        changes = self._changes(family, via, float(payload), moving)
         slower = self._slower(family)
         if via_q is None and moving is None:
             prepared = self._own or self._under_own_limits()
             solver = self._near(prepared, slower <= NEARNESS.close)
         else:
             prepared, solver = None, self._for_any_via()
+        kernels, usual = (
+            (prepared.kernels, prepared.smoothing) if prepared else (self._kernels, SMOOTHING)
+        )
+        # where more digits are asked for the smoothing costs fewer of them
+        smoothing = usual * min(1.0, self._solver_settings.tolerance / PREPARED.tolerance)
+        changes = self._changes(family, via, float(payload), smoothing, moving)
         near = prepared if slower <= NEARNESS.near_typical else None
         tried: list[tuple[str, Solution]] = []
         for name, first in self._starts(family, via, near, moving is not None):
@@ -427,9 +434,6 @@ class TimeOptimalSolver:
             if (solution.status.solved and led_there and not search) or deadline.over():
                 break
         name, best = min(tried, key=lambda pair: (not pair[1].status.solved, pair[1].duration))
-        kernels, smoothing = (
-            (prepared.kernels, prepared.smoothing) if prepared else (self._kernels, SMOOTHING)
-        )
         # what begins moving may have no slower timing of its path
         allowed = LIMIT_TOLERANCE if moving is None else moving.tolerance
         solution, excess = self._refined(family, best, changes, kernels, allowed)
@@ -542,8 +546,14 @@ class TimeOptimalSolver:
         return solution, excess
 
     def _changes(
-        self, family: LimitFamily, via: FloatArray, payload: float, moving: _Start | None
+        self,
+        family: LimitFamily,
+        via: FloatArray,
+        payload: float,
+        smoothing: float,
+        moving: _Start | None,
     ) -> dict[str, Any]:
+        numbers = {"payload": payload, JERK_WEIGHT: smoothing}
         size = TaskScale.of(family, via)
         family = with_locked_joints_held(family)
         declared = {c.name for c in self._kernels.problem.phases[0].constraints}
@@ -577,7 +587,7 @@ class TimeOptimalSolver:
             "initial": initial,
             "final": {self._phases[-1]: at(via[-1])},
             "bounds": bounds,
-            "parameters": {phase: {"payload": payload} for phase in self._phases},
+            "parameters": dict.fromkeys(self._phases, numbers),
             "durations": {
                 phase: (float(shortest), float(longest))
                 for phase, shortest, longest in zip(
