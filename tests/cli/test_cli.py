@@ -458,6 +458,15 @@ def test_compare_records_and_says_so(call, tmp_path):
     assert arms == {"cubic", "lspb"}
 
 
+@pytest.mark.thorough
+def test_compare_saves_every_file(call, tmp_path):
+    arguments = ("compare", *SHORT, "--methods", "cubic,lspb")
+    code, out, _ = call(*arguments, "--out", "out", "--rerun", "both.rrd")
+    assert code == 0
+    assert out.splitlines()[-2:] == ["written: 11 files in out", "written: both.rrd"]
+    assert (tmp_path / "out" / "comparison.pdf").exists()
+
+
 @pytest.mark.slow
 def test_compare_does_not_break_the_names_of_joints(call):
     via = "0,-30,0,-120,0,90,45 60,40,30,-60,40,130,0"

@@ -490,8 +490,7 @@ def test_segments_with_other_pairs_are_priced_by_limits_that_all_have(loads) -> 
     parts = [mo.Payload(mass, shape=shape) if mass else 0.0 for mass in loads]
     stops = [mo.Stop(q=ENDS[k], payload=part) for k, part in enumerate(parts)]
     stops.append(mo.Stop(q=ENDS[0]))
-    settings = {"mesh": 10, "starts": 1, "limit_tolerance": 0.01, "compiled": False}
-    motion = mo.time_optimal(ARM, stops, scene=POST, **settings)
+    motion = mo.time_optimal(ARM, stops, scene=POST, mesh=20, starts=1, compiled=False)
     assert motion.solved
     assert motion.provenance["clearance"]["proved"]
     assert set(motion.provenance["multipliers"]["upper"]) == {"q", "qd", "tau"}

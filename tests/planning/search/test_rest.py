@@ -57,6 +57,15 @@ def test_certificates_agree_whatever_they_are_told_of_the_task(free):
 
 
 @pytest.mark.thorough
+@pytest.mark.parametrize("share", [1.0, 0.3])
+def test_certificates_agree_on_what_was_planned_through_stops(share):
+    robot, stops = microbot(share), [mo.Stop(q=q) for q in VIA_Q]
+    motion = mo.time_optimal(robot, stops)
+    for more in ({}, {"via_q": VIA_Q}, {"via_q": stops}):
+        assert mo.certify(robot, motion, **more).ok
+
+
+@pytest.mark.thorough
 def test_the_panda_leaves_from_the_torques_that_hold_it():
     robot = mo.load_robot("panda")
     ends = [[0, -0.5, 0, -2, 0, 1.5, 0.8], [0.6, 0.2, -0.3, -1.6, 0.4, 1.8, 0.2]]

@@ -204,9 +204,9 @@ class TimeOptimalSolver:
     seed : int
         Of the random starts.
     tolerance : float
-        Of the solves with other numbers, and below the default share of the usual smoothing of the
-        jerk. The default leaves some 1e-4 of the duration, and slopes right to some percent; 1e-8
-        leaves 1e-6 for a fifth more iterations.
+        Of the solves with other numbers. Below the default the jerk is smoothed less in the same
+        proportion. The default leaves some 1e-4 of the duration, and slopes right to some percent;
+        1e-8 leaves 1e-6 for a fifth more iterations.
 
     Raises
     ------

@@ -59,7 +59,7 @@ class Fastest:
     answer: MotionAnswer
     calmer: LeastEffort | None
     wall_time: float
-    cut: bool = False
+    cut: bool
     duration: float | None = None
     shortest: float = np.nan
 
