@@ -6,9 +6,13 @@ program, which would cost more time than the solve; fatrop gets the stages, too.
 
 from __future__ import annotations
 
+import contextlib
+import ctypes
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
+from pathlib import Path
 from typing import Any
 
 import casadi as ca
@@ -94,6 +98,7 @@ def create(
     """Return a solver of a program, with its derivatives and options; IPOPT stops itself after
     seconds.
     """
+    _keep_to_one_thread()
     common: dict[str, Any] = {
         "print_time": False,
         "calc_lam_p": False,
@@ -112,6 +117,20 @@ def create(
     if name == "fatrop":  # which would try steps for ever where values are not finite
         nlp = {**nlp, "f": ca.fmin(nlp["f"], SETTINGS.far), "g": ca.fmin(nlp["g"], SETTINGS.far)}
     return ca.nlpsol(name, plugin, nlp, {**common, **options, "cache": cache})
+
+
+@lru_cache(maxsize=1)
+def _keep_to_one_thread() -> None:
+    """Let the OpenBLAS that IPOPT brings along work in one thread, unless the user says otherwise.
+
+    Vectors of a few thousand entries are too short to be shared: its other threads wait in a loop,
+    which is a fifth of the processor time on two cores, and more on more of them.
+    """
+    if "OPENBLAS_NUM_THREADS" not in os.environ:
+        for library in Path(ca.__file__).parent.glob("libcasadi-tp-openblas.*"):
+            with contextlib.suppress(OSError, AttributeError):
+                ctypes.CDLL(str(library)).openblas_set_num_threads(1)
+                return
 
 
 Plugin = tuple[str, dict[str, Any], dict[str, ca.Function]]

@@ -44,11 +44,12 @@ OF_VARIABLES = ("q", "qd", "qdd")  # limits that are bounds of states and of the
 
 
 def accelerations_jump(family: LimitFamily) -> bool:
-    """Return whether only velocities, accelerations and smooth torques are limited: bang-bang
-    arcs.
+    """Return whether accelerations may jump: they switch from one limit to another.
+
+    Not where a limit depends on the jerk, and not with dry friction, whose torques jump in their
+    place.
     """
-    plain = all(member.limit is None for member in family) and not family.means
-    return plain and not has_windows(family) and not limited_rates(family)
+    return not (has_windows(family) or family.jerk_matters)
 
 
 def limited_rates(family: LimitFamily) -> set[str]:

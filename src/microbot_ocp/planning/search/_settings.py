@@ -162,9 +162,9 @@ class TimeOptimalSettings:
     Attributes
     ----------
     mesh : intervals of each phase in the first full solve; half of them are where the accelerations
-        change, except with dry friction, limits of jerk or torque rate and further limits, where
-        they are even; by default 80, for limits that no mesh is split for 100, and fewer where
-        there are many phases: 400 together, but at least 25 each
+        change, except with dry friction and limits that depend on the jerk, where they are even; by
+        default 80, with dry friction alone 100, and fewer where there are many phases: 400
+        together, but at least 25 each
     starts : how many starting motions to try on the coarse mesh
     tries : how many to try at most, while another is likely to lead to an optimum that none of
         them led to; if it still is in the end the status is "local optimum". Of a single start
@@ -174,9 +174,9 @@ class TimeOptimalSettings:
         torques, each relative to its limit (of the accelerations where a robot has no masses). Zero
         is the fastest motion but for a smoothing of the jerk, which picks one where many are
         equally fast: it costs 1.3e-5 of the duration of the Microbot task, and is made a hundred
-        times weaker where it would cost more than 2e-4 (not with dry friction, limits of jerk or
-        torque rate and further ones); about how much it costs is ``smoothing_cost``, s, in the
-        provenance, and in the note from 0.02 % on
+        times weaker where it would cost more than 2e-4 (not with dry friction and limits that
+        depend on the jerk); about how much it costs is ``smoothing_cost``, s, in the provenance,
+        and in the note from 0.02 % on
     limit_tolerance : largest relative excess of a limit between mesh points; the mesh is refined
         until it holds
     switching_times : whether the times at which one limit takes over from another are solved for

@@ -83,6 +83,7 @@ def search_of(
         else SolverSettings(gap=GAP, options=LDL),
         rough=None if guided else ROUGH_TOLERANCE,
         polishing=polishing,
+        once=guided,
         fitted=partial(with_windows, dry_friction(problem.family.robot) > 0.0) if windows else None,
         enough=partial(is_enough, problem, settings) if problem.is_free else None,
     )
@@ -276,7 +277,7 @@ def from_relaxed(search: MotionSearch, step: NextStep) -> MotionAnswer:
 
 # finer meshes ---------------------------------------------------------------------------------
 
-COARSE = ("start", "known way", "relaxed problem")
+COARSE = ("start", "known way", "relaxed problem", "timed path")
 ON_FULL_MESH = ("full mesh", "less and less smoothing")
 
 
@@ -300,7 +301,7 @@ def promising(state: SearchState) -> list[MotionAnswer]:
     One that was solved on a finer mesh, too, is among them where that led to a slower optimum.
     """
     compared = [a for a in state.of("start") if not _superseded(state, a)]
-    others = [a for a in state.of("known way", "relaxed problem") if a.solved]
+    others = [a for a in state.of("known way", "relaxed problem", "timed path") if a.solved]
     return by_promise([*compared, *others])
 
 
@@ -320,15 +321,11 @@ def next_timed_path(search: MotionSearch, state: SearchState) -> NextStep | None
 
 
 def from_timed_path(search: MotionSearch, step: NextStep) -> MotionAnswer:
-    """Solve on the full mesh, near a timed path: farther off lies another way, or none."""
+    """Solve on a coarse mesh, near a timed path: farther off lies another way, or none."""
     assert step.start is not None
-    way, refiner = step.start.guess, replace(search.refiner, history=[])
-    meshes = [full_mesh(search)] * len(search.problem.names)
-    start: Any = way.guesses
-    if refiner.fitted is not None:  # dry friction rounded off at first
-        smooth = coarse(search).solve(meshes, start, barrier=SEARCH.timed_path_barrier)
-        start = smooth if smooth.status.solved else start
-    solution = refiner.solve(meshes, start, barrier=SEARCH.timed_path_barrier)
+    way, refiner = step.start.guess, replace(coarse(search), once=False)
+    mesh = explore_mesh(search)
+    solution = refiner.solve(mesh, way.guesses, barrier=SEARCH.timed_path_barrier)
     search.progress(f"start {way.name}: {solution.duration:.4f} s, {solution.status}")
     return _answer(search, "timed path", way.name, solution, refiner)
 
@@ -521,8 +518,7 @@ def next_splitting(search: MotionSearch, state: SearchState) -> NextStep | None:
             chosen = smoothed_less
         if state.made_of(chosen, "splitting") is None:
             return NextStep(chosen)
-    answers = [a for a in state.of("timed path") if a.solved]
-    return next((NextStep(a) for a in answers if state.made_of(a, "splitting") is None), None)
+    return None
 
 
 def split_where_exceeded(search: MotionSearch, step: NextStep) -> MotionAnswer:
