@@ -456,6 +456,24 @@ def test_a_timed_cycle_among_obstacles_keeps_lines_dwells_and_payloads() -> None
     assert certificate.ok, certificate.verdict
 
 
+BEYOND = [1.05 * np.cos(0.6), 1.05 * np.sin(0.6), 0.0]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("via", [ENDS, [mo.Stop(q=q) for q in ENDS]], ids=["poses", "stops"])
+def test_a_pair_counts_where_it_is_nearer_than_a_large_clearance(via) -> None:
+    """What passes at 3 cm is refused where 5 cm are wanted, and was not led around."""
+    plan = {"mesh": 20, "starts": 1, "compiled": False}
+    unhindered = mo.time_optimal(ARM, via, **plan)
+    small = mo.Sphere(BEYOND, 0.01, "post")
+    nearest = mo.clearance(ARM, unhindered, mo.Scene([small])).minimum
+    post = replace(small, radius=0.01 + nearest - 0.03)
+    motion = mo.time_optimal(ARM, via, scene=mo.Scene([post], clearance=0.05), **plan)
+    assert motion.solved
+    assert "made_from" not in motion.provenance
+    assert motion.provenance["clearance"]["proved"]
+
+
 @pytest.mark.slow
 def test_the_fastest_is_returned_where_less_time_is_allowed() -> None:
     few = {"mesh": 10, "starts": 1, "limit_tolerance": 0.01, "compiled": False}

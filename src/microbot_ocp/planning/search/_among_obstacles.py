@@ -77,8 +77,9 @@ class AmongObstacles:
     Attributes
     ----------
     different : share of the duration by which timed paths must differ to count as two
-    near : of the arm's reach: pairs that come so near on a timed path are in the problem. With ten
-        times as much 30 to 100 pairs of a UR5 are, and an iteration takes two to four times as long
+    near : of the arm's reach: beyond the clearance: pairs that come so near are in the problem.
+        With ten times as much 30 to 100 pairs of a UR5 are, and an iteration takes two to four
+        times as long
     again : times that a motion may be solved for anew with more pairs, or more asked of them: on
         the coarse mesh, and where its refined motion is not proved to keep clear
     samples : poses along a motion at which pairs are looked at
@@ -532,7 +533,7 @@ def _solved(
     room = np.minimum(room, known)
     # the path may be left where more is asked, but not the via points
     most = clearances(robot, pairs, via).min(axis=0) - scene.clearance
-    within = AMONG_OBSTACLES.near * reach_of(robot)
+    within = scene.clearance + AMONG_OBSTACLES.near * reach_of(robot)
     near = apart < within
     shape = PiecewisePolynomial(path.motion.t, pieces_of(path.motion))
     guesses = guesses_along(phase_names(len(via) - 1), shape, path.via_times)
@@ -552,7 +553,7 @@ def _solved(
         touching = apart <= scene.clearance
         before = near, room
         if touching.any():
-            near = near | touching | (apart < within)
+            near = near | (apart < within)
             room = np.where(touching, np.minimum(most, np.maximum(room, come)), room)
         return bool((near != before[0]).any() or (near & (room > before[1])).any())
 

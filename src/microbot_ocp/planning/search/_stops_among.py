@@ -91,8 +91,8 @@ class Around:
         return (scene.limit(robot, pairs, tolerance=self.tolerance, room=rooms),)
 
     def add(self, robot: Robot, scene: Scene, q: FloatArray, distance: float) -> bool:
-        """Take in the pairs that are nearer than a distance, m, in some pose [N,n], and what they
-        have beyond the clearance; whether more is asked of any.
+        """Take in the pairs that are nearer than the clearance and a distance, m, in some pose
+        [N,n], and what they have beyond the clearance; whether more is asked of any.
 
         Where links touch, of which known ways are free, more is asked, as far as those have it at
         the stops.
@@ -114,8 +114,8 @@ class Around:
             elif before < min(room, self.most.get(key, np.inf)):
                 self.rooms[key] = min(room, self.most.get(key, np.inf))
                 new = True
-            new = new or (apart < distance and key not in self.near)
-            if apart < distance:
+            if apart < scene.clearance + distance:
+                new = new or key not in self.near
                 self.near.add(key)
         return new
 
