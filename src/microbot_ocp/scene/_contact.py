@@ -319,15 +319,18 @@ def guiding_pairs(robot: Robot, scene: Scene) -> tuple[Pair, ...]:
 
 
 def room_along(
-    robot: Robot, scene: Scene, pairs: Sequence[Pair], q: FloatArray
+    robot: Robot, scene: Scene, pairs: Sequence[Pair], q: FloatArray, tolerance: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return what is asked of pairs of capsules along poses q [N,n], each [k], m.
+
+    A solver may leave open a share of their distances, the ``tolerance``.
 
     Returns
     -------
     room : array [k]
         What they have beyond the clearance. Of capsules that overlap in the pose in which their
-        links are nearest, less what these have there.
+        links are nearest, less what these have there beyond twice what may be left open, or beyond
+        the half of it.
     most : array [k]
         What the capsules have beyond the clearance in all of the poses.
     apart : array [k]
@@ -338,6 +341,7 @@ def room_along(
     most = apart - scene.clearance
     room = most.copy()
     model = contact_model(robot, scene)
+    left_open = tolerance * (max(capsule.radius for _, capsule in robot.capsules) + scene.clearance)
     for label in dict.fromkeys(pairs[k].label for k in np.flatnonzero(most <= 0.0).tolist()):
         judged = [k for k, pair in enumerate(model.pairs) if pair.label == label]
         own = [k for k, pair in enumerate(pairs) if pair.label == label and most[k] <= 0.0]
@@ -349,7 +353,8 @@ def room_along(
                 least, place = min((least, place), (model.distance(index, least), k))
         apart[own] = least
         there = [k for k in own if near[place, k] <= scene.clearance]
-        room[there] = near[place, there] - least
+        kept = min(2.0 * left_open, 0.5 * least) if least > 0.0 else 2.0 * left_open
+        room[there] = near[place, there] - least + kept
     return room, most, apart
 
 

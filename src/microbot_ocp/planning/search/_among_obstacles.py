@@ -529,7 +529,7 @@ def _solved(
     robot: Robot = family.robot
     poses = path.motion.sample(np.linspace(0.0, path.motion.duration, AMONG_OBSTACLES.samples)).q
     pairs = facing(robot, guiding_pairs(robot, scene), poses)
-    room, known, apart = room_along(robot, scene, pairs, poses)
+    room, known, apart = room_along(robot, scene, pairs, poses, settings.limit_tolerance)
     room = np.minimum(room, known)
     # the path may be left where more is asked, but not the via points
     most = clearances(robot, pairs, via).min(axis=0) - scene.clearance
@@ -549,7 +549,7 @@ def _solved(
         """
         nonlocal near, room
         times = np.append(np.linspace(0.0, shape.duration, AMONG_OBSTACLES.samples), nearest)
-        come, _, apart = room_along(robot, scene, pairs, shape(times))
+        come, _, apart = room_along(robot, scene, pairs, shape(times), settings.limit_tolerance)
         touching = apart <= scene.clearance
         before = near, room
         if touching.any():

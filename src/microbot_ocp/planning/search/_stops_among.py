@@ -104,7 +104,8 @@ class Around:
         pairs = facing(robot, list(chosen.values()), q)
         held = scene.without_parts_of(robot)
         at_stops = clearances(robot, pairs, q[[0, -1]]).min(axis=0) - scene.clearance
-        rows = zip(chosen, *room_along(robot, held, pairs, q), at_stops, strict=True)
+        asked = room_along(robot, held, pairs, q, self.tolerance)
+        rows = zip(chosen, *asked, at_stops, strict=True)
         new = False
         for key, room, along, apart, ends in rows:
             before = self.rooms.get(key, np.inf)
