@@ -34,8 +34,7 @@ class SearchSettings:
     full_mesh : intervals a phase of the first full mesh where accelerations jump, or jerks or
         torque rates, which is split where they do
     full_mesh_even : the same elsewhere
-    guided_mesh : the same at most where the search starts from a timed path among obstacles
-    guided_iterations : of a solve then; 20 to 60 are usual, and 100 where much has to give way
+    guided_iterations : of a solve among obstacles; 20 to 60 are usual, and 100 where much has to give way
     full_mesh_sum : intervals of all phases together where nobody says how many: 30 via points
         need no 3000
     least_mesh : intervals a phase in any case
@@ -92,8 +91,7 @@ class SearchSettings:
     most_refined: int = 3
     full_mesh: int = 80
     full_mesh_even: int = 100
-    guided_mesh: int = 60
-    guided_iterations: int = 150
+    guided_iterations: int = 300
     full_mesh_sum: int = 400
     least_mesh: int = 25
     graded: float = 0.5

@@ -68,7 +68,7 @@ def search_of(
     if deadline.over():  # they may not be compiled: made again the next time
         transcription.cache_clear()
     kernel_time = time.perf_counter() - begin
-    windows, guided = has_windows(problem.family), problem.timed_path is not None
+    windows = has_windows(problem.family)
     polishing = 0 if windows or len(problem.names) > SEARCH.most_polished else SEARCH.polishing
     refiner = Refiner(
         kernels,
@@ -76,17 +76,19 @@ def search_of(
         problem.excess,
         settings.limit_tolerance,
         solver="ipopt" if settings.solver == "auto" else settings.solver,
-        tolerance=SEARCH.timed_path_tolerance if guided else 1e-8,
         progress=with_motion(progress, problem.family.robot, problem.via, motion_at_mesh),
-        settings=SolverSettings(gap=np.inf, options=LDL, max_iterations=SEARCH.guided_iterations)
-        if guided
-        else SolverSettings(gap=GAP, options=LDL),
-        rough=None if guided else ROUGH_TOLERANCE,
+        settings=SolverSettings(gap=GAP, options=LDL),
+        rough=ROUGH_TOLERANCE,
         polishing=polishing,
-        once=guided,
         fitted=partial(with_windows, dry_friction(problem.family.robot) > 0.0) if windows else None,
         enough=partial(is_enough, problem, settings) if problem.is_free else None,
     )
+    if problem.timed_path is not None:  # a motion within limits is known
+        refiner = replace(refiner, once=True)
+        if not accelerations_jump(problem.family):
+            rough = SolverSettings(gap=np.inf, options=LDL, max_iterations=SEARCH.guided_iterations)
+            tolerance = SEARCH.timed_path_tolerance
+            refiner = replace(refiner, tolerance=tolerance, rough=None, settings=rough)
     return MotionSearch(problem, settings, refiner, progress, kernel_time)
 
 
@@ -106,8 +108,7 @@ def full_mesh(search: MotionSearch) -> int:
     family = search.problem.family
     switching = accelerations_jump(family) or limited_rates(family)
     most = SEARCH.full_mesh if switching else SEARCH.full_mesh_even
-    most = max(min(most, SEARCH.full_mesh_sum // len(search.problem.names)), SEARCH.least_mesh)
-    return min(most, SEARCH.guided_mesh) if search.problem.timed_path else most
+    return max(min(most, SEARCH.full_mesh_sum // len(search.problem.names)), SEARCH.least_mesh)
 
 
 def coarse(search: MotionSearch) -> Refiner:
@@ -374,7 +375,8 @@ def to_full_mesh(search: MotionSearch, step: NextStep) -> MotionAnswer:
             return _finer(subject, "full mesh", solution, refiner)
     options = {"ipopt": {**LDL["ipopt"], "mu_init": SEARCH.far_barrier}}
     settings, once = replace(refiner.settings, options=options), False
-    if len(before.phases) <= SEARCH.many_phases and _within_limits(search, subject) is not None:
+    few = len(before.phases) <= SEARCH.many_phases
+    if search.problem.timed_path or (few and _within_limits(search, subject) is not None):
         limited = min(settings.max_iterations, SEARCH.first_iterations)
         settings, once = replace(settings, max_iterations=limited), True
     farther = replace(refiner, settings=settings, once=once)
