@@ -34,7 +34,8 @@ class SearchSettings:
     full_mesh : intervals a phase of the first full mesh where accelerations jump, or jerks or
         torque rates, which is split where they do
     full_mesh_even : the same elsewhere
-    guided_iterations : of a solve among obstacles; 20 to 60 are usual, and 100 where much has to give way
+    guided_iterations : of a solve to the rough ``timed_path_tolerance``; 20 to 60 are usual, and
+        100 where much has to give way
     full_mesh_sum : intervals of all phases together where nobody says how many: 30 via points
         need no 3000
     least_mesh : intervals a phase in any case
@@ -59,9 +60,10 @@ class SearchSettings:
     timed_path_barrier : the same from a timed path among obstacles, which keeps every limit: with
         1e-3 the solver leaves one of 1.068 s of a UR5 for an optimum of 2.568 s, with 1e-6 it
         comes to 0.974 s
-    timed_path_tolerance : of that solve and of its finer meshes: its duration is there after 25
-        iterations of a Panda, and where the other joints rest between their limits, which 1e-6 asks
-        for, after 100; durations of the MotionBenchMaker's motions differ by up to 8e-6
+    timed_path_tolerance : of that solve and of its finer meshes, where accelerations do not jump:
+        its duration is there after 25 iterations of a Panda, and where the other joints rest
+        between their limits, which 1e-6 asks for, after 100; durations of the MotionBenchMaker's
+        motions differ by up to 8e-6
     missed : of the way and the velocity, by which a motion may miss or jump at a via point
     first_iterations : of the first full mesh: 14 to 43 where coarse meshes tell what happens
     smoother : times the usual smoothing of the jerk, in turn, where coarse meshes do not tell
