@@ -60,10 +60,10 @@ class SearchSettings:
     timed_path_barrier : the same from a timed path among obstacles, which keeps every limit: with
         1e-3 the solver leaves one of 1.068 s of a UR5 for an optimum of 2.568 s, with 1e-6 it
         comes to 0.974 s
-    timed_path_tolerance : of that solve and of its finer meshes, where accelerations do not jump:
-        its duration is there after 25 iterations of a Panda, and where the other joints rest
-        between their limits, which 1e-6 asks for, after 100; durations of the MotionBenchMaker's
-        motions differ by up to 8e-6
+    timed_path_tolerance : of that solve and of its finer meshes: its duration is there after 25
+        iterations of a Panda, and where the other joints rest between their limits, which 1e-6 asks
+        for, after 100; durations of the MotionBenchMaker's motions differ by up to 8e-6. With the
+        usual tolerances a UR5 in a cage was not solved
     missed : of the way and the velocity, by which a motion may miss or jump at a via point
     first_iterations : of the first full mesh: 14 to 43 where coarse meshes tell what happens
     smoother : times the usual smoothing of the jerk, in turn, where coarse meshes do not tell

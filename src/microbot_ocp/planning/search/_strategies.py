@@ -84,11 +84,9 @@ def search_of(
         enough=partial(is_enough, problem, settings) if problem.is_free else None,
     )
     if problem.timed_path is not None:  # a motion within limits is known
-        refiner = replace(refiner, once=True)
-        if not accelerations_jump(problem.family):
-            rough = SolverSettings(gap=np.inf, options=LDL, max_iterations=SEARCH.guided_iterations)
-            tolerance = SEARCH.timed_path_tolerance
-            refiner = replace(refiner, tolerance=tolerance, rough=None, settings=rough)
+        rough = SolverSettings(gap=np.inf, options=LDL, max_iterations=SEARCH.guided_iterations)
+        tolerance = SEARCH.timed_path_tolerance
+        refiner = replace(refiner, tolerance=tolerance, rough=None, settings=rough, once=True)
     return MotionSearch(problem, settings, refiner, progress, kernel_time)
 
 
@@ -373,10 +371,11 @@ def to_full_mesh(search: MotionSearch, step: NextStep) -> MotionAnswer:
         solution = refiner.solve(meshes, guesses, barrier=barrier)
         if solution.status.solved and solution.cost <= (1 + WORSE) * before.cost:
             return _finer(subject, "full mesh", solution, refiner)
+    if search.problem.timed_path:  # roughly solved: with a larger barrier it would end there
+        return _finer(subject, "full mesh", refiner.finer(before, meshes), refiner)
     options = {"ipopt": {**LDL["ipopt"], "mu_init": SEARCH.far_barrier}}
     settings, once = replace(refiner.settings, options=options), False
-    few = len(before.phases) <= SEARCH.many_phases
-    if search.problem.timed_path or (few and _within_limits(search, subject) is not None):
+    if len(before.phases) <= SEARCH.many_phases and _within_limits(search, subject) is not None:
         limited = min(settings.max_iterations, SEARCH.first_iterations)
         settings, once = replace(settings, max_iterations=limited), True
     farther = replace(refiner, settings=settings, once=once)
