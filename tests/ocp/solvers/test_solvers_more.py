@@ -1,10 +1,12 @@
 """The SQP method, warm starts from solutions, progress, Ctrl-C, starts that are no numbers."""
 
+import ctypes
 import os
 import re
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import casadi as ca
 import numpy as np
@@ -26,6 +28,15 @@ from ocp.textbook import (
 )
 
 ALL = ("fatrop", "ipopt", "sqp")
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the name of the library is another one")
+@pytest.mark.skipif("OPENBLAS_NUM_THREADS" in os.environ, reason="the user says how many")
+def test_the_blas_of_ipopt_does_not_wait_in_other_threads():
+    assert solve(double_integrator(), 20, settings=SolverSettings("ipopt")).status is Status.SOLVED
+    folder = Path(ca.GlobalOptions.getCasadiPath())
+    library = ctypes.CDLL(str(folder / "libcasadi-tp-openblas.so.0"))
+    assert library.openblas_get_num_threads() == 1
 
 
 # the SQP method -----------------------------------------------------------------------------------

@@ -124,13 +124,13 @@ def _keep_to_one_thread() -> None:
     """Let the OpenBLAS that IPOPT brings along work in one thread, unless the user says otherwise.
 
     Vectors of a few thousand entries are too short to be shared: its other threads wait in a loop,
-    which is a fifth of the processor time on two cores, and more on more of them.
+    which is a tenth of the processor time on two cores. Its name is known on Linux alone, where the
+    others beside it are copies that nothing uses.
     """
     if "OPENBLAS_NUM_THREADS" not in os.environ:
-        for library in Path(ca.__file__).parent.glob("libcasadi-tp-openblas.*"):
-            with contextlib.suppress(OSError, AttributeError):
-                ctypes.CDLL(str(library)).openblas_set_num_threads(1)
-                return
+        library = Path(ca.GlobalOptions.getCasadiPath()) / "libcasadi-tp-openblas.so.0"
+        with contextlib.suppress(OSError, AttributeError):
+            ctypes.CDLL(str(library)).openblas_set_num_threads(1)
 
 
 Plugin = tuple[str, dict[str, Any], dict[str, ca.Function]]
