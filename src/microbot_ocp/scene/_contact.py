@@ -329,8 +329,8 @@ def room_along(
     -------
     room : array [k]
         What they have beyond the clearance. Of capsules that overlap in the pose in which their
-        links are nearest, less what these have there beyond twice what may be left open, or beyond
-        the half of it.
+        links are nearest, what they have there when these come as near as twice what may be left
+        open, or half as near as they do.
     most : array [k]
         What the capsules have beyond the clearance in all of the poses.
     apart : array [k]
@@ -341,7 +341,8 @@ def room_along(
     most = apart - scene.clearance
     room = most.copy()
     model = contact_model(robot, scene)
-    left_open = tolerance * (max(capsule.radius for _, capsule in robot.capsules) + scene.clearance)
+    radii = [capsule.radius for _, capsule in robot.capsules]
+    left_open = tolerance * (max(radii, default=0.0) + scene.clearance)
     for label in dict.fromkeys(pairs[k].label for k in np.flatnonzero(most <= 0.0).tolist()):
         judged = [k for k, pair in enumerate(model.pairs) if pair.label == label]
         own = [k for k, pair in enumerate(pairs) if pair.label == label and most[k] <= 0.0]
@@ -353,7 +354,8 @@ def room_along(
                 least, place = min((least, place), (model.distance(index, least), k))
         apart[own] = least
         there = [k for k in own if near[place, k] <= scene.clearance]
-        kept = min(2.0 * left_open, 0.5 * least) if least > 0.0 else 2.0 * left_open
+        beyond, kept = least - scene.clearance, 2.0 * left_open
+        kept = min(kept, 0.5 * beyond) if beyond > 0.0 else kept
         room[there] = near[place, there] - least + kept
     return room, most, apart
 

@@ -48,6 +48,7 @@ from microbot_ocp.planning.free import (
 from microbot_ocp.planning.path import LATER, PathTiming, check_path, time_path
 from microbot_ocp.planning.search._problem import MotionProblem
 from microbot_ocp.planning.search._result import NONE_WITHIN, fastest, motion_from, returned
+from microbot_ocp.planning.search._search import MotionSearch, SearchState
 from microbot_ocp.planning.search._settings import TimeOptimalSettings, sparing
 from microbot_ocp.planning.search._strategies import FROM_PATHS, best_of, search_of
 from microbot_ocp.planning.task import TaskScale, length_text, reach_of
@@ -77,16 +78,16 @@ class AmongObstacles:
     Attributes
     ----------
     different : share of the duration by which timed paths must differ to count as two
-    near : of the arm's reach: beyond the clearance: pairs that come so near are in the problem.
-        With ten times as much 30 to 100 pairs of a UR5 are, and an iteration takes two to four
-        times as long
+    near : of the arm's reach, beyond the clearance: pairs that come so near are in the problem.
+        With three times as much 30 to 100 pairs of a UR5 are, and an iteration takes two to four
+        times as long; with a third too few come in at a time, and ``again`` is not enough
     again : times that a motion may be solved for anew with more pairs, or more asked of them: on
         the coarse mesh, and where its refined motion is not proved to keep clear
     samples : poses along a motion at which pairs are looked at
     """
 
     different: float = 0.02
-    near: float = 0.003
+    near: float = 0.01
     again: int = 3
     samples: int = 200
 
@@ -567,19 +568,25 @@ def _solved(
         also = [*family.robot.limits.also, limit] if near.any() else family.robot.limits.also
         return LimitFamily.of(robot.with_limits(also=also))
 
-    for _ in range(AMONG_OBSTACLES.again + 1):
-        for _ in range(AMONG_OBSTACLES.again + 1):
-            try:
-                with deadline.given_up():
-                    problem = MotionProblem.through(bounded(), via, settings, timed_path=start)
-                    search = search_of(problem, settings, progress)
-            except deadline.Over:
-                return motion, proof
+    def explored() -> tuple[MotionSearch, SearchState]:
+        """Return the coarse answer of a problem in which all pairs are that come too near on it."""
+        for left in reversed(range(AMONG_OBSTACLES.again + 1)):
+            with deadline.given_up():
+                problem = MotionProblem.through(bounded(), via, settings, timed_path=start)
+                search = search_of(problem, settings, progress)
             state = search.run(FROM_PATHS)  # is known before anything is refined
             answer = best_of(search, state)
-            if not (answer.solved and is_asked_more(polynomial(answer.solution))):
+            # what is asked after the last solve no problem would have
+            if not (left and answer.solved and is_asked_more(polynomial(answer.solution))):
                 break
             progress("links come too near: solved again with more asked of them")
+        return search, state
+
+    for _ in range(AMONG_OBSTACLES.again + 1):
+        try:
+            search, state = explored()
+        except deadline.Over:
+            return motion, proof
         motion = motion_from(fastest(search, state))
         proof = clearance(robot, motion, scene) if motion.solved else None
         shape = PiecewisePolynomial(motion.t, pieces_of(motion))

@@ -358,21 +358,21 @@ def to_full_mesh(search: MotionSearch, step: NextStep) -> MotionAnswer:
     """Solve on a finer mesh, finer still where the coarse accelerations change."""
     subject = step.answer
     refiner, before = _going_on(subject), subject.solution
-    if not accelerations_jump(search.problem.family):
-        solution = refiner.finer(before, [full_mesh(search)] * len(before.phases))
+    jumps, mesh = accelerations_jump(search.problem.family), full_mesh(search)
+    meshes = [graded(phase, mesh) if jumps else mesh for phase in before.phases]
+    # a rough solve that begins at a larger barrier ends there
+    if not jumps or search.problem.timed_path is not None:
+        solution = refiner.finer(before, meshes)
         if refiner.fitted is not None:
             marks = partial(friction_marks, search)
             solution = refiner.sharpen(solution, marks, worth=SEARCH.worth)
         return _finer(subject, "full mesh", solution, refiner)
-    meshes = [graded(phase, full_mesh(search)) for phase in before.phases]
     if len(before.phases) > SEARCH.many_phases:
         # multipliers of so coarse a mesh mislead: 87 iterations, 65 without
         guesses, barrier = search.problem.guesses(before), RefinerSettings.warm_barrier
         solution = refiner.solve(meshes, guesses, barrier=barrier)
         if solution.status.solved and solution.cost <= (1 + WORSE) * before.cost:
             return _finer(subject, "full mesh", solution, refiner)
-    if search.problem.timed_path:  # roughly solved: with a larger barrier it would end there
-        return _finer(subject, "full mesh", refiner.finer(before, meshes), refiner)
     options = {"ipopt": {**LDL["ipopt"], "mu_init": SEARCH.far_barrier}}
     settings, once = replace(refiner.settings, options=options), False
     if len(before.phases) <= SEARCH.many_phases and _within_limits(search, subject) is not None:
