@@ -48,9 +48,9 @@ from microbot_ocp.planning.free import (
 from microbot_ocp.planning.path import LATER, PathTiming, check_path, time_path
 from microbot_ocp.planning.search._problem import MotionProblem
 from microbot_ocp.planning.search._result import NONE_WITHIN, fastest, motion_from, returned
-from microbot_ocp.planning.search._search import MotionSearch, SearchState
+from microbot_ocp.planning.search._search import MotionAnswer, MotionSearch, SearchState
 from microbot_ocp.planning.search._settings import TimeOptimalSettings, sparing
-from microbot_ocp.planning.search._strategies import FROM_PATHS, best_of, search_of
+from microbot_ocp.planning.search._strategies import FROM_PATHS, best_of, resumed, search_of
 from microbot_ocp.planning.task import TaskScale, length_text, reach_of
 from microbot_ocp.planning.timing import PathTimingSettings, best_timing
 from microbot_ocp.robot import Robot
@@ -542,11 +542,12 @@ def _solved(
     motion: Motion | None = None
     proof: Clearance | None = None
 
-    def is_asked_more(shape: PiecewisePolynomial, *nearest: float) -> bool:
-        """Ask more of the pairs whose links come too near, as via points allow; whether of any.
+    def ask_more(shape: PiecewisePolynomial, *nearest: float) -> tuple[bool, bool]:
+        """Ask more of the pairs whose links come too near, as via points allow.
 
         Pairs that come near and are not in the problem are put in with them. A proof finds links
-        ``nearest`` to each other, s, between the samples.
+        ``nearest`` to each other, s, between the samples. Returned is whether anything is asked
+        that was not, and whether none came too near that was not in the problem.
         """
         nonlocal near, room
         times = np.append(np.linspace(0.0, shape.duration, AMONG_OBSTACLES.samples), nearest)
@@ -556,7 +557,8 @@ def _solved(
         if touching.any():
             near = near | (apart < within)
             room = np.where(touching, np.minimum(most, np.maximum(room, come)), room)
-        return bool((near != before[0]).any() or (near & (room > before[1])).any())
+        more = (near != before[0]).any() or (near & (room > before[1])).any()
+        return bool(more), bool(before[0][touching].all())
 
     def bounded() -> LimitFamily:
         limit = scene.limit(
@@ -568,30 +570,44 @@ def _solved(
         also = [*family.robot.limits.also, limit] if near.any() else family.robot.limits.also
         return LimitFamily.of(robot.with_limits(also=also))
 
-    def explored() -> tuple[MotionSearch, SearchState]:
-        """Return the coarse answer of a problem in which all pairs are that come too near on it."""
+    def explored(refused: MotionAnswer | None) -> tuple[MotionSearch, SearchState]:
+        """Return the coarse answer of a problem in which all pairs are that come too near on it.
+
+        One that was refused, near to the answer, is solved again as fine as it is.
+        """
         for left in reversed(range(AMONG_OBSTACLES.again + 1)):
             with deadline.given_up():
                 problem = MotionProblem.through(bounded(), via, settings, timed_path=start)
                 search = search_of(problem, settings, progress)
+            if refused is not None:
+                state = resumed(search, refused)
+                if state.answers[0].solved:
+                    break
+                refused = None
             state = search.run(FROM_PATHS)  # is known before anything is refined
             answer = best_of(search, state)
             # what is asked after the last solve no problem would have
-            if not (left and answer.solved and is_asked_more(polynomial(answer.solution))):
+            if not (left and answer.solved and ask_more(polynomial(answer.solution))[0]):
                 break
             progress("links come too near: solved again with more asked of them")
         return search, state
 
+    refused: MotionAnswer | None = None
     for _ in range(AMONG_OBSTACLES.again + 1):
         try:
-            search, state = explored()
+            search, state = explored(refused)
         except deadline.Over:
             return motion, proof
-        motion = motion_from(fastest(search, state))
+        best = fastest(search, state)
+        motion = motion_from(best)
         proof = clearance(robot, motion, scene) if motion.solved else None
         shape = PiecewisePolynomial(motion.t, pieces_of(motion))
-        if proof is None or proof.proved or not is_asked_more(shape, proof.time):
+        if proof is None or proof.proved:
             break
+        is_more, are_known = ask_more(shape, proof.time)
+        if not is_more:
+            break
+        refused = best.answer if are_known else None  # elsewhere than through what it passed
         progress("links come too near: solved again with more asked of them")
     return motion, proof
 

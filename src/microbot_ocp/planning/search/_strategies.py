@@ -329,6 +329,29 @@ def from_timed_path(search: MotionSearch, step: NextStep) -> MotionAnswer:
     return _answer(search, "timed path", way.name, solution, refiner)
 
 
+def resumed(search: MotionSearch, answer: MotionAnswer) -> SearchState:
+    """Return a state with an answer that was refined under fewer limits, solved on its meshes."""
+    begin = time.perf_counter()
+    weights = {name: {JERK_WEIGHT: answer.smoothing} for name in search.problem.names}
+    kernels = search.refiner.transcription.with_parameters(weights)
+    refiner = replace(search.refiner, transcription=kernels, history=[])
+    meshes = [phase.mesh for phase in answer.solution.phases]
+    first = replace(refiner, once=False)
+    solution = first.solve(meshes, answer.solution, barrier=SEARCH.timed_path_barrier)
+    search.progress(f"start {answer.start}: {solution.duration:.6f} s, {solution.status}")
+    again = MotionAnswer(
+        "timed path",
+        answer.start,
+        solution,
+        refiner,
+        answer.smoothing,
+        solves=tuple(first.history),
+        seconds=time.perf_counter() - begin,
+    )
+    is_fine = replace(again, strategy="full mesh", before=again, solves=(), seconds=0.0)
+    return SearchState((again, is_fine))
+
+
 def next_full_mesh(search: MotionSearch, state: SearchState) -> NextStep | None:
     """Return the most promising coarse answer that may be better than all that were refined.
 
