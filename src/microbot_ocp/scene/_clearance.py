@@ -294,7 +294,7 @@ def levers_of(robot: Robot, pairs: Sequence[Pair], farthest: FloatArray) -> Floa
 
     def of(frame: int, capsule: Capsule) -> FloatArray:
         points = capsule.corners if isinstance(capsule, LinkHull) else (capsule.start, capsule.end)
-        lever_in_frame = max(float(np.linalg.norm(point)) for point in points)
+        lever_in_frame = float(np.linalg.norm(points, axis=1).max())
         levers = np.zeros(robot.joint_count)
         for joint in range(frame):
             levers[joint] = (
@@ -302,9 +302,10 @@ def levers_of(robot: Robot, pairs: Sequence[Pair], farthest: FloatArray) -> Floa
             )
         return levers
 
-    table = []
+    table, known = [], dict[tuple[int, int], FloatArray]()
     for pair in pairs:
-        lever = of(pair.frame, pair.capsule)
+        key = pair.frame, id(pair.capsule)
+        lever = known[key] = of(pair.frame, pair.capsule) if key not in known else known[key]
         if pair.other_frame:
             # joints before both move the two alike: only those between them count
             lever = np.where(np.arange(robot.joint_count) < pair.other_frame, 0.0, lever)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -75,8 +75,13 @@ class ContactModel:
         local = np.tile(np.eye(4), (len(moving), 1, 1))
         for row, (_, turn, shift) in zip(local, (self._local[k] for k in moving), strict=True):
             row[:3, :3], row[:3, 3] = turn, shift
-        frames = np.array([self._local[k][0] for k in moving], dtype=int)
-        self._moving = frames, local, [self._transforms[k] for k in moving]
+        self._frames, self._locals = np.array([self._local[k][0] for k in moving], dtype=int), local
+        self._moving = [self._transforms[k] for k in moving]
+        row_of = {id(transform): row for row, transform in enumerate(self._moving)}
+        self._rows = [  # that each pair needs
+            {row_of[id(at)] for at in (*sides, *(bound or ())[1:]) if id(at) in row_of}
+            for sides, bound in zip(self._sides, self._bounds, strict=True)
+        ]
         self._request, self._result = self._coal.DistanceRequest(), self._coal.DistanceResult()
 
     def _around(self, thing: Obstacle) -> Obstacle:
@@ -131,18 +136,19 @@ class ContactModel:
         return self._coal.Convex.convexHull(points, False, "")
 
     def poses(self, q: FloatArray) -> FloatArray:
-        """Return poses [N,n+1,4,4] of the base and the links for q [N,n]."""
+        """Return poses [N,k,4,4] of all that moves for q [N,n]."""
         poses = np.asarray(self._poses(np.ascontiguousarray(q, dtype=float)))
-        return poses.reshape(len(q), 4, -1, 4).transpose(0, 2, 1, 3)
+        return poses.reshape(len(q), 4, -1, 4).transpose(0, 2, 1, 3)[:, self._frames] @ self._locals
 
-    def put(self, poses: FloatArray) -> None:
-        """Bring what moves into a pose [n+1,4,4]."""
-        frames, local, transforms = self._moving
-        placed = poses[frames] @ local  # all at once: a call of its own for each costs thrice that
-        for transform, turn, shift in zip(
-            transforms, placed[:, :3, :3], placed[:, :3, 3], strict=True
-        ):
-            transform.setTransform(turn, shift)
+    def rows(self, pairs: Iterable[int]) -> list[int]:
+        """Return the rows of a pose that pairs need."""
+        return sorted(set[int]().union(*(self._rows[index] for index in pairs)))
+
+    def put(self, poses: FloatArray, rows: Sequence[int] | None = None) -> None:
+        """Bring what moves into a pose [k,4,4], or only some rows of it."""
+        turns, shifts, moving = poses[:, :3, :3], poses[:, :3, 3], self._moving
+        for row in range(len(moving)) if rows is None else rows:
+            moving[row].setTransform(turns[row], shifts[row])
 
     def distance(self, index: int, enough: float = np.inf) -> float:
         """Return the distance of a pair where it stands, m; negative where it overlaps.

@@ -9,7 +9,7 @@ as long as they keep clear, its corners. All of it is proved to keep clear, not 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -78,7 +78,7 @@ class Surroundings:
         farthest = np.abs(robot.limits.bounds("q")).max(axis=0)
         farthest = np.where(np.isfinite(farthest), farthest, 2 * np.pi)
         self.levers = levers_of(self.robot, self.model.pairs, farthest)
-        self._all = np.arange(len(self.model.pairs))
+        self._all = range(len(self.model.pairs))
 
     def collision(self, q: FloatArray) -> Nearest | None:
         """Return the pair that is nearest in a pose [n], where it is not farther than the
@@ -89,7 +89,8 @@ class Surroundings:
 
     def is_free(self, q: FloatArray) -> bool:
         """Return whether all pairs keep the clearance in a pose [n]."""
-        return self._room(q, self._all) is not None
+        self.model.put(self.model.poses(q[None])[0])
+        return self._unsure(self._all, [0.0] * len(self._all)) is not None
 
     def is_clear(self, start: FloatArray, end: FloatArray) -> bool:
         """Return whether the straight segment between two poses is proved to keep the clearance."""
@@ -104,34 +105,37 @@ class Surroundings:
         ``slopes`` [n] are the largest of its joints. What is not sure in the middle of a stretch is
         looked at in both its halves, until nothing is left that the accuracy of distances decides.
         """
-        half, stretches = 0.5 * length, [(0.5 * length, self._all)]
+        model, half = self.model, 0.5 * length
+        stretches = [(half, self._all, model.rows(self._all))]
         while stretches:
-            reach, halves = self.levers @ (half * slopes), list[tuple[float, np.ndarray]]()
+            reach = (self.levers @ (half * slopes)).tolist()
+            halves = list[tuple[float, Sequence[int], list[int]]]()
             half *= 0.5
-            for middle, pairs in stretches:
-                room = None if deadline.over() else self._room(curve(middle), pairs)
-                if room is None:
+            all_poses = model.poses(np.array([curve(middle) for middle, *_ in stretches]))
+            for (middle, pairs, rows), poses in zip(stretches, all_poses, strict=True):
+                model.put(poses, rows)
+                unsure = None if deadline.over() else self._unsure(pairs, reach)
+                if unsure is None or any(reach[index] < ACCURACY for index in unsure):
                     return False
-                unsure = room <= reach[pairs]
-                if unsure.any():
-                    if (reach[pairs] < ACCURACY)[unsure].any():
-                        return False
-                    halves += [(middle + side, pairs[unsure]) for side in (-half, half)]
+                if unsure:
+                    rows = model.rows(unsure)
+                    halves += [(middle + side, unsure, rows) for side in (-half, half)]
             stretches = halves
         return True
 
-    def _room(self, q: FloatArray, pairs: np.ndarray) -> FloatArray | None:
-        """Return what pairs have beyond the clearance in a pose [n], m; None where one has
-        nothing.
+    def _unsure(self, pairs: Sequence[int], reach: Sequence[float]) -> list[int] | None:
+        """Return those of some pairs, where they stand, that have less than a reach beyond the
+        clearance, m; None where one has nothing.
         """
-        model, self.checks = self.model, self.checks + 1
-        model.put(model.poses(q[None])[0])
-        room = np.empty(pairs.size)
-        for place, index in enumerate(pairs.tolist()):
-            room[place] = model.distance(index, self.least) - self.least
-            if room[place] <= 0.0:
+        self.checks += 1
+        unsure = []
+        for index in pairs:
+            room = self.model.distance(index, self.least) - self.least
+            if room <= 0.0:
                 return None
-        return room
+            if room <= reach[index]:
+                unsure.append(index)
+        return unsure
 
 
 def detour(
