@@ -330,7 +330,7 @@ def from_timed_path(search: MotionSearch, step: NextStep) -> MotionAnswer:
 
 
 def resumed(search: MotionSearch, answer: MotionAnswer) -> SearchState:
-    """Return a state with an answer that was refined under fewer limits, solved on its meshes."""
+    """Return a state in which an answer that was refined under fewer limits is solved again."""
     begin = time.perf_counter()
     weights = {name: {JERK_WEIGHT: answer.smoothing} for name in search.problem.names}
     kernels = search.refiner.transcription.with_parameters(weights)
@@ -340,16 +340,9 @@ def resumed(search: MotionSearch, answer: MotionAnswer) -> SearchState:
     solution = first.solve(meshes, answer.solution, barrier=SEARCH.timed_path_barrier)
     search.progress(f"start {answer.start}: {solution.duration:.6f} s, {solution.status}")
     again = MotionAnswer(
-        "timed path",
-        answer.start,
-        solution,
-        refiner,
-        answer.smoothing,
-        solves=tuple(first.history),
-        seconds=time.perf_counter() - begin,
+        "full mesh", answer.start, solution, refiner, answer.smoothing, answer, tuple(first.history)
     )
-    is_fine = replace(again, strategy="full mesh", before=again, solves=(), seconds=0.0)
-    return SearchState((again, is_fine))
+    return SearchState((replace(again, seconds=time.perf_counter() - begin),))
 
 
 def next_full_mesh(search: MotionSearch, state: SearchState) -> NextStep | None:
@@ -386,7 +379,7 @@ def to_full_mesh(search: MotionSearch, step: NextStep) -> MotionAnswer:
     # a rough solve that begins at a larger barrier ends there
     if not jumps or search.problem.timed_path is not None:
         solution = refiner.finer(before, meshes)
-        if refiner.fitted is not None:
+        if refiner.fitted is not None and solution is not before:
             marks = partial(friction_marks, search)
             solution = refiner.sharpen(solution, marks, worth=SEARCH.worth)
         return _finer(subject, "full mesh", solution, refiner)
@@ -503,6 +496,7 @@ def next_less_smoothing(search: MotionSearch, state: SearchState) -> NextStep | 
         costly = answer.solution.cost - answer.solution.duration > (
             SEARCH.smoothing_told * answer.solution.duration
         )
+        costly = costly and answer.smoothing > SEARCH.less_smoothing * SMOOTHING
         is_full = answer.solved and answer.solution is not answer.before.solution
         jumps = accelerations_jump(search.problem.family)
         untried = state.made_of(answer, "less smoothing") is None
@@ -540,6 +534,8 @@ def next_splitting(search: MotionSearch, state: SearchState) -> NextStep | None:
         smoothed_less = state.made_of(chosen, "less smoothing")
         if smoothed_less is not None and smoothed_less.solved:
             chosen = smoothed_less
+        if chosen is before and search.problem.timed_path is not None:
+            continue  # it passes through something between the points of its coarse mesh
         if state.made_of(chosen, "splitting") is None:
             return NextStep(chosen)
     return None
