@@ -283,7 +283,7 @@ def unsolved(rows: list[dict[str, Any]]) -> str:
         in_time = row.get("processor", 0.0) <= IN_TIME
         if row["outcome"] == "refused" or (row["outcome"] == "solved" and in_time):
             continue
-        why = re.split(r" at \d|[.:]", row["why"])[0] or f"solved in more than {IN_TIME:g} s"
+        why = re.split(r" at \d|[.:]", row["why"])[0] or f"more than {IN_TIME:g} s"
         numbers.setdefault((f"{row['robot']} {row['family']}", why), []).append(str(row["number"]))
     lines = [f"- {family} {', '.join(group)}: {why}" for (family, why), group in numbers.items()]
     return "\n".join(lines) or "All that were tried are solved and certified."
