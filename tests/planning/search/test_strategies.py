@@ -19,13 +19,15 @@ def searched_from(timed_path: Any) -> Any:
     return SimpleNamespace(problem=SimpleNamespace(timed_path=timed_path))
 
 
-def test_among_obstacles_a_coarse_motion_is_left_where_its_full_mesh_fails():
+def test_among_obstacles_a_coarse_motion_is_left_where_its_full_mesh_fails() -> None:
     refiner: Any = None
     coarse = MotionAnswer("timed path", "path 0", solution(), refiner, 1.0)
     refused = SearchState((coarse, replace(coarse, strategy="full mesh", before=coarse)))
     assert next_splitting(searched_from("path 0"), refused) is None
     elsewhere = next_splitting(searched_from(None), refused)
-    assert elsewhere is not None and elsewhere.answer is coarse
+    assert elsewhere is not None
+    assert elsewhere.answer is coarse
     finer = replace(refused.answers[1], solution=solution())
     among = next_splitting(searched_from("path 0"), SearchState((coarse, finer)))
-    assert among is not None and among.answer is finer
+    assert among is not None
+    assert among.answer is finer
