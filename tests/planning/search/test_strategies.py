@@ -6,7 +6,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
-from microbot_ocp._base.status import Status
+from microbot_ocp import Status
 from microbot_ocp.planning.search._search import MotionAnswer, SearchState
 from microbot_ocp.planning.search._strategies import next_splitting
 
