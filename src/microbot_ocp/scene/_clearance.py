@@ -305,7 +305,9 @@ def levers_of(robot: Robot, pairs: Sequence[Pair], farthest: FloatArray) -> Floa
     table, known = [], dict[tuple[int, int], FloatArray]()
     for pair in pairs:
         key = pair.frame, id(pair.capsule)
-        lever = known[key] = of(pair.frame, pair.capsule) if key not in known else known[key]
+        if key not in known:
+            known[key] = of(pair.frame, pair.capsule)
+        lever = known[key]
         if pair.other_frame:
             # joints before both move the two alike: only those between them count
             lever = np.where(np.arange(robot.joint_count) < pair.other_frame, 0.0, lever)

@@ -4,8 +4,9 @@ Ways around the obstacles come from planners of joint paths; each, with a timing
 limit, is a motion that is proved to keep clear. The search for the fastest motion starts from one
 of them after another, timed by reachability, until one leads on. Only pairs that can come close are
 in the problem; where one that was left out comes too near it is put in, and the problem is solved
-again from the path. What is returned is the fastest of what the search made of its path and the
-others with their best timings; one of these where it found nothing or the time was over.
+again from the path; where a pair of the problem does, from where the motion is. What is returned is
+the fastest of what the search made of its path and the others with their best timings; one of these
+where it found nothing or the time was over.
 
 Surfaces judge, capsules guide: where a link's geometry is known, paths and proofs go by that. The
 problem has capsules around it, which may overlap as far as they must on the path. Where links come

@@ -493,14 +493,14 @@ def next_less_smoothing(search: MotionSearch, state: SearchState) -> NextStep | 
     """Return what was solved on a full mesh, where its smoothing costs much."""
     for answer in state.of("full mesh"):
         assert answer.before is not None
+        is_usual = answer.smoothing > SEARCH.less_smoothing * SMOOTHING
         costly = answer.solution.cost - answer.solution.duration > (
             SEARCH.smoothing_told * answer.solution.duration
         )
-        costly = costly and answer.smoothing > SEARCH.less_smoothing * SMOOTHING
         is_full = answer.solved and answer.solution is not answer.before.solution
         jumps = accelerations_jump(search.problem.family)
         untried = state.made_of(answer, "less smoothing") is None
-        if is_full and costly and jumps and untried and not search.over:
+        if is_full and is_usual and costly and jumps and untried and not search.over:
             return NextStep(answer)
     return None
 
