@@ -25,6 +25,7 @@ from microbot_ocp.planning import (
     tool_poses,
 )
 from microbot_ocp.planning.search import _among_obstacles as among
+from microbot_ocp.planning.search import _pairs_asked as pairs_asked
 from microbot_ocp.planning.search._among_obstacles import at_least
 from microbot_ocp.scene import Surroundings, contact_model, room_along
 
@@ -272,8 +273,18 @@ def test_more_may_be_asked_of_a_pair_than_the_path_has(around, monkeypatch) -> N
         given.append(room)
         return (room, np.full_like(most, -0.01) if len(given) == 1 else most, apart)
 
-    monkeypatch.setattr(among, "room_along", overlapping_on_the_path)
+    monkeypatch.setattr(pairs_asked, "room_along", overlapping_on_the_path)
     check_solved_again(around)
+
+
+def test_a_coarse_motion_does_not_pass_through_thin_things_between_its_mesh_points() -> None:
+    thin = ARM.with_capsules(mo.robot.link_capsules(ARM, 0.01))
+    post = mo.Scene([mo.Sphere([0.75, 0.2, 0.0], 0.01, "post")], self_collision=False)
+    motion = mo.time_optimal(thin, ENDS, scene=post, starts=1)
+    assert motion.solved, motion.advice
+    assert motion.provenance["clearance"]["proved"]
+    timed = min(path["duration"] for path in motion.provenance["paths"])
+    assert motion.duration < 0.9 * timed
 
 
 def test_a_path_gets_its_best_timing_where_its_bound_is_faster(around) -> None:

@@ -47,12 +47,20 @@ from microbot_ocp.planning.free import (
     polynomial,
 )
 from microbot_ocp.planning.path import LATER, PathTiming, check_path, time_path
+from microbot_ocp.planning.search._pairs_asked import PairsAsked
 from microbot_ocp.planning.search._problem import MotionProblem
 from microbot_ocp.planning.search._result import NONE_WITHIN, fastest, motion_from, returned
 from microbot_ocp.planning.search._search import MotionAnswer, MotionSearch, SearchState
 from microbot_ocp.planning.search._settings import TimeOptimalSettings, sparing
-from microbot_ocp.planning.search._strategies import FROM_PATHS, best_of, resumed, search_of
-from microbot_ocp.planning.task import TaskScale, length_text, reach_of
+from microbot_ocp.planning.search._strategies import (
+    FROM_PATHS,
+    best_of,
+    explore_mesh,
+    full_mesh,
+    resumed,
+    search_of,
+)
+from microbot_ocp.planning.task import TaskScale, length_text
 from microbot_ocp.planning.timing import PathTimingSettings, best_timing
 from microbot_ocp.robot import Robot
 from microbot_ocp.scene import (
@@ -62,11 +70,7 @@ from microbot_ocp.scene import (
     Scene,
     Surroundings,
     clearance,
-    clearances,
     detour,
-    facing,
-    guiding_pairs,
-    room_along,
     with_arm_capsules,
 )
 from microbot_ocp.trajectories import quintic, shortest_duration
@@ -528,75 +532,53 @@ def _solved(
 
     None where the time was over before the search began.
     """
-    robot: Robot = family.robot
-    poses = path.motion.sample(np.linspace(0.0, path.motion.duration, AMONG_OBSTACLES.samples)).q
-    pairs = facing(robot, guiding_pairs(robot, scene), poses)
-    room, known, apart = room_along(robot, scene, pairs, poses, settings.limit_tolerance)
-    room = np.minimum(room, known)
-    # the path may be left where more is asked, but not the via points
-    most = clearances(robot, pairs, via).min(axis=0) - scene.clearance
-    within = scene.clearance + AMONG_OBSTACLES.near * reach_of(robot)
-    near = apart < within
+    times = np.linspace(0.0, path.motion.duration, AMONG_OBSTACLES.samples)
+    robot, poses = family.robot, path.motion.sample(times).q
+    tolerance, near = settings.limit_tolerance, AMONG_OBSTACLES.near
+    asked = PairsAsked.along(robot, scene, tolerance, poses, via, near)
     shape = PiecewisePolynomial(path.motion.t, pieces_of(path.motion))
     guesses = guesses_along(phase_names(len(via) - 1), shape, path.via_times)
     start = InitialGuess(path.name, guesses)
     motion: Motion | None = None
     proof: Clearance | None = None
+    refused: MotionAnswer | None = None
+    finer = 1
 
-    def ask_more(shape: PiecewisePolynomial, *nearest: float) -> tuple[bool, bool]:
-        """Ask more of the pairs whose links come too near, as via points allow.
+    def search_for(asked: PairsAsked) -> MotionSearch:
+        problem = MotionProblem.through(asked.family, via, settings, timed_path=start, finer=finer)
+        return search_of(problem, settings, progress)
 
-        Pairs that come near and are not in the problem are put in with them. A proof finds links
-        ``nearest`` to each other, s, between the samples. Returned is whether anything is asked
-        that was not, and whether none came too near that was not in the problem.
-        """
-        nonlocal near, room
-        times = np.append(np.linspace(0.0, shape.duration, AMONG_OBSTACLES.samples), nearest)
-        come, _, apart = room_along(robot, scene, pairs, shape(times), settings.limit_tolerance)
-        touching = apart <= scene.clearance
-        before = near, room
-        if touching.any():
-            near = near | (apart < within)
-            room = np.where(touching, np.minimum(most, np.maximum(room, come)), room)
-        more = (near != before[0]).any() or (near & (room > before[1])).any()
-        return bool(more), bool(before[0][touching].all())
-
-    def bounded() -> LimitFamily:
-        limit = scene.limit(
-            robot,
-            [p for p, is_near in zip(pairs, near, strict=True) if is_near],
-            tolerance=settings.limit_tolerance,
-            room=room[near].tolist(),
-        )
-        also = [*family.robot.limits.also, limit] if near.any() else family.robot.limits.also
-        return LimitFamily.of(robot.with_limits(also=also))
-
-    def explored(refused: MotionAnswer | None) -> tuple[MotionSearch, SearchState]:
+    def explored(asked: PairsAsked) -> tuple[MotionSearch, SearchState, PairsAsked]:
         """Return the coarse answer of a problem in which all pairs are that come too near on it.
 
-        One that was refused, near to the answer, is solved again as fine as it is.
+        Where a pair of the problem does, between mesh points, these are twice as many: links pass
+        through bars from one point to the next.
         """
-        for left in reversed(range(AMONG_OBSTACLES.again + 1)):
+        nonlocal finer
+        while True:
             with deadline.given_up():
-                problem = MotionProblem.through(bounded(), via, settings, timed_path=start)
-                search = search_of(problem, settings, progress)
-            if refused is not None:
-                state = resumed(search, refused)
-                if state.answers[0].solved:
-                    break
-                refused = None
+                search = search_for(asked)
             state = search.run(FROM_PATHS)  # is known before anything is refined
             answer = best_of(search, state)
-            # what is asked after the last solve no problem would have
-            if not (left and answer.solved and ask_more(polynomial(answer.solution))[0]):
-                break
+            if not answer.solved:
+                return search, state, asked
+            more, touching = asked.after(_poses(polynomial(answer.solution)))
+            if not (touching & ~asked.near).any():
+                if not touching.any() or explore_mesh(search) == full_mesh(search):
+                    return search, state, asked
+                finer *= 2
+            asked = more
             progress("links come too near: solved again with more asked of them")
-        return search, state
 
-    refused: MotionAnswer | None = None
     for _ in range(AMONG_OBSTACLES.again + 1):
+        state: SearchState | None = None
         try:
-            search, state = explored(refused)
+            if refused is not None:
+                with deadline.given_up():
+                    search = search_for(asked)
+                state = resumed(search, refused)
+            if state is None or not state.answers[0].solved:
+                search, state, asked = explored(asked)
         except deadline.Over:
             return motion, proof
         best = fastest(search, state)
@@ -605,12 +587,19 @@ def _solved(
         shape = PiecewisePolynomial(motion.t, pieces_of(motion))
         if proof is None or proof.proved:
             break
-        is_more, are_known = ask_more(shape, proof.time)
-        if not is_more:
+        more, touching = asked.after(_poses(shape, proof.time))
+        if not more.asks_more_than(asked):
             break
-        refused = best.answer if are_known else None  # elsewhere than through what it passed
+        # where a pair was left out the motion passed through it: from the path again
+        refused = best.answer if asked.near[touching].all() else None
+        asked = more
         progress("links come too near: solved again with more asked of them")
     return motion, proof
+
+
+def _poses(shape: PiecewisePolynomial, *also: float) -> FloatArray:
+    """Return poses [N,n] along a motion, and at further times, s."""
+    return shape(np.append(np.linspace(0.0, shape.duration, AMONG_OBSTACLES.samples), also))
 
 
 def as_plain(clearance: Clearance) -> dict[str, Any]:

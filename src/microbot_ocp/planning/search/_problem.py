@@ -75,6 +75,7 @@ class MotionProblem:
     given : kernels, where they are there already
     way : the fastest motion that needs no search, where it was looked for
     timed_path : among obstacles, that the search starts from: it is not far to the answer
+    finer : times as many intervals as usual for the first look
     guides : ways around obstacles; starts are these alone then
     beaten : s, dwells not included: another order of the stops takes so long
     briefly : whether only what is needed to compare orders is tried
@@ -86,6 +87,7 @@ class MotionProblem:
     given: Transcription | None = None
     way: Slowed | None = None
     timed_path: InitialGuess | None = None
+    finer: int = 1
     guides: tuple[Guide, ...] = ()
     beaten: float = np.inf
     briefly: bool = False

@@ -109,7 +109,7 @@ class SearchSettings:
     large: int = 5000
     enough: float = 5e-4
     near_way_barrier: float = 1e-3
-    timed_path_barrier: float = 1e-6
+    timed_path_barrier: float = 1e-5
     timed_path_tolerance: float = 1e-4
     missed: float = 1e-7
     first_iterations: int = 100

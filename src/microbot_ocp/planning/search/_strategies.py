@@ -96,7 +96,7 @@ def search_of(
 def explore_mesh(search: MotionSearch) -> int:
     """Return intervals a phase of the first look."""
     fewest = max(SEARCH.explore_sum // len(search.problem.names), SEARCH.least_explore_mesh)
-    return min(full_mesh(search), fewest, SEARCH.explore_mesh)
+    return min(full_mesh(search), search.problem.finer * min(fewest, SEARCH.explore_mesh))
 
 
 def full_mesh(search: MotionSearch) -> int:
@@ -376,8 +376,9 @@ def to_full_mesh(search: MotionSearch, step: NextStep) -> MotionAnswer:
     refiner, before = _going_on(subject), subject.solution
     jumps, mesh = accelerations_jump(search.problem.family), full_mesh(search)
     meshes = [graded(phase, mesh) if jumps else mesh for phase in before.phases]
-    # a rough solve that begins at a larger barrier ends there
     if not jumps or search.problem.timed_path is not None:
+        if search.problem.timed_path is not None:  # many distances: near all of them steps are short
+            refiner = replace(refiner, settings=_from_barrier(refiner, SEARCH.timed_path_barrier))
         solution = refiner.finer(before, meshes)
         if refiner.fitted is not None and solution is not before:
             marks = partial(friction_marks, search)
@@ -389,13 +390,18 @@ def to_full_mesh(search: MotionSearch, step: NextStep) -> MotionAnswer:
         solution = refiner.solve(meshes, guesses, barrier=barrier)
         if solution.status.solved and solution.cost <= (1 + WORSE) * before.cost:
             return _finer(subject, "full mesh", solution, refiner)
-    options = {"ipopt": {**LDL["ipopt"], "mu_init": SEARCH.far_barrier}}
-    settings, once = replace(refiner.settings, options=options), False
+    settings, once = _from_barrier(refiner, SEARCH.far_barrier), False
     if len(before.phases) <= SEARCH.many_phases and _within_limits(search, subject) is not None:
         limited = min(settings.max_iterations, SEARCH.first_iterations)
         settings, once = replace(settings, max_iterations=limited), True
     farther = replace(refiner, settings=settings, once=once)
     return _finer(subject, "full mesh", farther.finer(before, meshes), refiner)
+
+
+def _from_barrier(refiner: Refiner, barrier: float) -> SolverSettings:
+    """Return settings of a solve with multipliers that begins at a barrier parameter."""
+    options = {"ipopt": {**LDL["ipopt"], "mu_init": barrier}}
+    return replace(refiner.settings, options=options)
 
 
 def _going_on(subject: MotionAnswer) -> Refiner:
