@@ -181,6 +181,8 @@ def test_a_start_beyond_the_limits_is_refused(microbot, prepared):
         prepared(start=(still, 1.1 * microbot.limits.qd_max))
     with pytest.raises(mo.InputError, match="start must be"):
         prepared(start=(still,))
+    with pytest.raises(mo.InputError, match="start is at via point 2 already: move that a little"):
+        prepared(start=(prepared.via_q[1], 0.1 * microbot.limits.qd_max))
     for over in (1e-4, 4e-3):  # what a certificate lets pass is no fault of the motion
         edge = prepared(start=(still, (1.0 + over) * microbot.limits.qd_max * [1, 0, 0]))
         assert edge.solved, edge.note

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks, deadline
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import FloatArray, InputError, naming
 from microbot_ocp._base.codegen import compiles, interpreted
 from microbot_ocp._base.outcome import Outcome
 from microbot_ocp._base.status import Status
@@ -369,7 +369,8 @@ class TimeOptimalSolver:
             else:
                 bounds = np.where(chosen > 0.0, value, getattr(usual, name))
                 limits = usual.changed({name: bounds})
-            motion = self(limits, payload, time_limit=time_limit)
+            with naming(f"{name} {value:g}: "):
+                motion = self(limits, payload, time_limit=time_limit)
             binding.append(frozenset())
             if not motion.solved:
                 continue
