@@ -419,7 +419,8 @@ class Motion:
             with ``rate`` and ``theme`` of ``write_animation``; it needs ``robot``. Read back by
             :meth:`load` is only what :meth:`save` writes.
         rate : float, optional
-            Samples a second, Hz, the end included; default the motion's own samples.
+            Samples a second, Hz, and the end, after a step of another length: a controller wants a
+            ``profile``. Default the motion's own samples.
         robot : Robot, optional
             Gives names and units of the joints; without it they are numbered, and revolute.
         theme : str
