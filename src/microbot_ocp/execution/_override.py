@@ -434,7 +434,7 @@ def _some(places: np.ndarray, count: int) -> list[int]:
 
 def _widened(family: LimitFamily, motion: Motion) -> LimitFamily:
     """Limits as they are, or as the motion uses them where that is more."""
-    _, samples = motion.dense_samples()
+    samples = motion.history().samples
     bounds, also = {}, []
     for member in family:
         value, low, high = family.values(samples, [member.key])[member.key]

@@ -312,17 +312,11 @@ class Motion:
             return np.moveaxis(pieces_of(self, i), 0, 2)
         return _every_piece(self).take(i, axis=2)
 
-    def dense_samples(self) -> tuple[FloatArray, MotionSamples]:
-        """Return times [N] on a grid that is dense enough to judge the motion, and the state there.
-
-        At least 20 points to each interval between breaks (5 where there are thousands), steps of
-        at most 0.25 ms; both sides of each break.
-        """
-        return self.history()[:2]
-
     def history(self, *, cycle: bool = False) -> StateHistory:
-        """Return what limits are judged by: the dense samples, and the jumps of the acceleration.
+        """Return what limits are judged by: the state on a dense grid, and what jumps there.
 
+        The grid has at least 20 points to each interval between breaks (5 where there are
+        thousands), steps of at most 0.25 ms, and both sides of each break.
         An arm that is at rest where the motion begins or ends is held there, so that a start with
         an acceleration is a jump. In a ``cycle`` what ends moving goes on at the start.
         """
