@@ -189,7 +189,7 @@ class TimeOptimalSolver:
     Parameters
     ----------
     robot : Robot
-        With masses and limits. A kind of limit that it does not have at all (say, torque rates)
+        With limits. A kind of limit that it does not have at all (say, torque rates)
         cannot be added later.
     via_q : array_like [m,n]
         Via points, rad (prismatic: m).
