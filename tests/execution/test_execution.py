@@ -267,6 +267,33 @@ def test_segments_without_stops_are_refused(microbot):
                 asked(**given)
 
 
+def test_a_profile_file_may_limit_the_tool(microbot, tmp_path):
+    path = tmp_path / "mine.toml"
+    head = "name = 'mine'\ninterpolation = 'cubic'\nrate = 200.0\n[limits]\n"
+    path.write_text(f"{head}tool_speed_max = 7.0\ntool_acceleration_max = 12.0\n", "utf-8")
+    motion = shape(microbot, "hold", 1)
+    found = mo.check(microbot, motion, path)
+    assert not found.ok
+    assert found.verdict.startswith("Failed: tool")
+    command = mo.execution.commanded(microbot, motion, path)
+    assert command.accepted
+    speed = mo.limits.tool_speed(7.0)
+    history = mo.limits.limit_history(microbot, command.executed, mo.Limits(also=[speed]))
+    assert history.values["tool_speed"].max() <= 7.0 * (1 + 1e-9)
+
+
+@pytest.mark.parametrize(("own", "tighter"), [(1.5, 1.5), (3.0, 2.0)])
+def test_of_two_limits_of_the_tool_the_tighter_one_counts(microbot, own, tighter):
+    robot = microbot.with_limits(also=[mo.limits.tool_speed(own), mo.limits.power(upper=900.0)])
+    profile = mo.execution.load_profile("hold@100")
+    other = replace(profile, limits=mo.Limits(also=[mo.limits.tool_speed(2.0)]))
+    speed, power = other.limits_of(robot).also
+    assert speed.upper == (tighter,)
+    assert power.upper == (900.0,)
+    varying = replace(profile, limits=mo.Limits(also=[replace(speed, upper=lambda state: 2.0)]))
+    assert callable(varying.limits_of(robot).also[0].upper)
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [

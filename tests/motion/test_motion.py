@@ -137,6 +137,22 @@ def test_impossible_stretch_is_refused(factor: float) -> None:
         BANG_BANG.stretched(factor)
 
 
+def test_jerks_are_those_of_the_side_of_a_jump():
+    robot = mo.load_robot("microbot")
+    steady = np.array(BANG_BANG.coefficients)
+    cubic = np.concatenate([steady, np.full_like(steady[:, :1], 0.25)], axis=1)
+    cubic[1, :2] += [[0.25], [0.75]]  # what the first piece adds to position and velocity
+    cubic[1, 3] = 0.5
+    motion = Motion.from_polynomial(robot, PiecewisePolynomial([0.0, 1.0, 2.0], cubic), label="")
+    few, many = np.array([0.5, 1.0 - 5e-7, 1.0, 1.5]), np.linspace(0.0, 2.0, 4001)
+    for t in (few, many):
+        samples = motion.samples(t)
+        np.testing.assert_allclose(
+            samples.qddd.T, np.broadcast_to(np.where(t < 1.0, 1.5, 3.0), (3, t.size)), atol=1e-3
+        )
+        np.testing.assert_array_equal(samples[:3], motion.sample(t))
+
+
 # ---- sampling
 
 

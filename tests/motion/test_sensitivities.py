@@ -167,6 +167,8 @@ def test_along_a_line(solver):
     assert len(line.plot()[0].lines) >= 3
     with pytest.raises(mo.InputError, match="name must be one of"):
         solver.along("mass", [1.0])
+    with pytest.raises(mo.InputError, match="payload 1000: via point 1 cannot be held at rest"):
+        solver.along("payload", [0.02, 1000.0])
 
 
 def test_multipliers_are_saved_with_the_motion(solver, tmp_path):

@@ -44,6 +44,7 @@ from microbot_ocp.motion import (
     Motion,
     State,
     dense_times,
+    history_of,
     jump_gaps,
     quadrature,
     torque_along,
@@ -265,7 +266,7 @@ def certificate_of(
     robot: Robot = family.robot
     tolerances = tolerances or Tolerances()
     t, ratio = dense_times(motion)
-    limit_checks, saturated = limit_checks_of(family, history or motion.history())
+    limit_checks, saturated = limit_checks_of(family, history or history_of(motion, t))
     limit_checks += tuple(_mean_check(family, member, motion) for member in family.means)
     vias = [] if via is None else _check_vias(motion, via, t, tolerances.via)
     figures: dict[str, Any] = {}
@@ -343,10 +344,10 @@ def limit_checks_of(
     limit_checks = []
     busy = np.zeros(history.t.size, dtype=bool)
     for member in family:
-        if member.key != "q":
-            busy |= (history.use[member.key] >= AT_LIMIT).any(axis=1)
         t, values, use = history.judged(member.key)
         peaks = use.max(axis=0)
+        if member.key != "q" and peaks.max() >= AT_LIMIT:
+            busy |= (history.use[member.key] >= AT_LIMIT).any(axis=1)
         i = int(use[:, peaks.argmax()].argmax())
         bound, jump = member.nearest_bound(values.row(i))[0], i >= history.t.size
         limit_checks.append(

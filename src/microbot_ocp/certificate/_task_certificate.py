@@ -212,7 +212,7 @@ def angle_between(wanted: FloatArray, actual: FloatArray, free: int | None) -> f
 
 def _check_segments(task: Task, motion: Motion) -> list[Check]:
     checks: list[Check] = []
-    t, samples = motion.dense_samples()
+    t, samples = motion.history()[:2]
     for k, kind in enumerate(task.segments):
         start = motion.marks[k].time + float(task.dwells[k])
         here = (t >= start) & (t <= motion.marks[k + 1].time)

@@ -330,7 +330,7 @@ class _Ramp:
 def _state_at(motion: Motion, place: Sequence[FloatArray]) -> MotionSamples:
     """The state at a place of the motion as planned, at another speed."""
     s = np.minimum(place[0], motion.duration)
-    return samples_along((*motion.sample(s), motion.jerk(s)), place[1:])
+    return samples_along(motion.samples(s), place[1:])
 
 
 def _ramped(family: LimitFamily, motion: Motion, wanted: _Ramp, later: Sequence[str]) -> Motion:
@@ -434,7 +434,7 @@ def _some(places: np.ndarray, count: int) -> list[int]:
 
 def _widened(family: LimitFamily, motion: Motion) -> LimitFamily:
     """Limits as they are, or as the motion uses them where that is more."""
-    _, samples = motion.dense_samples()
+    samples = motion.history().samples
     bounds, also = {}, []
     for member in family:
         value, low, high = family.values(samples, [member.key])[member.key]

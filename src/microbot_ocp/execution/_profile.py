@@ -192,6 +192,8 @@ PROFILE = {
 
 
 def _profile(data: Mapping[str, Any]) -> Profile:
+    from microbot_ocp.limits import MEMBER_KEYS, limits_from_table  # these load CasADi
+
     given = read_table(data, PROFILE)
     limits, braking = (given.pop(key, {}) for key in ("limits", "braking"))
     ahead = given.pop("look_ahead", None)
@@ -199,9 +201,10 @@ def _profile(data: Mapping[str, Any]) -> Profile:
         if not isinstance(given["columns"], list):
             raise InputError(f"columns must be a list, not {checks.shown(given['columns'])}")
         given["columns"] = tuple(given["columns"])
-    bounds = read_table(limits, dict.fromkeys(LIMIT_KEYS, ANY), "in table [limits]")
+    keys = dict.fromkeys((*LIMIT_KEYS, *MEMBER_KEYS), ANY)
+    bounds = read_table(limits, keys, "in table [limits]")
+    also = list(limits_from_table({key: bounds.pop(key) for key in MEMBER_KEYS if key in bounds}))
     bounds = {key: checks.numbers(key, value).tolist() for key, value in bounds.items()}
-    also: list[Limit] = []
     velocity: Any = np.negative(bounds.get("qd_max", 0.0)), bounds.get("qd_max", 0.0)
     if braking:
         braking = read_table(braking, dict.fromkeys(BRAKING_KEYS, NEEDED), "in table [braking]")

@@ -147,7 +147,7 @@ def limit_history(
     >>> sorted(history.use), history.spells("tau")
     (['q', 'qd', 'tau'], [])
     """
-    for name, value, method in (("robot", robot, "limits"), ("motion", motion, "dense_samples")):
+    for name, value, method in (("robot", robot, "limits"), ("motion", motion, "history")):
         if not (hasattr(value, method) and hasattr(value, "joint_count")):
             raise InputError(f"{name} must be a {name.title()}, not {shown(value)}")
     count = robot.joint_count

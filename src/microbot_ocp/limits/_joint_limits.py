@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from functools import reduce
 from typing import Any, NamedTuple, TypedDict
 
 import numpy as np
@@ -198,16 +199,18 @@ class JointLimits:
     def tightened(self, other: JointLimits) -> JointLimits:
         """Take of every bound the tighter of both, and the further limits of both.
 
-        Of two further limits of one name that of ``other`` counts.
+        Of two further limits of one name that of ``other`` counts where they do not bound the same
+        expression by numbers.
         """
         bounds: dict[str, Any] = {}
         for key in JOINT_QUANTITIES:
             (low, high), (lower, upper) = self.bounds(key), other.bounds(key)
             bounds[f"{key}_min"] = np.maximum(low, lower)
             bounds[f"{key}_max"] = np.minimum(high, upper)
-        names = {limit.key for limit in other.also}
-        also = (*(limit for limit in self.also if limit.key not in names), *other.also)
-        return Limits(**bounds, also=also).for_joints(self.q_min.size)
+        further = {limit.key: limit for limit in self.also}
+        for limit in other.also:
+            further[limit.key] = _tighter(further.get(limit.key, limit), limit)
+        return Limits(**bounds, also=tuple(further.values())).for_joints(self.q_min.size)
 
     def with_reserve(self, reserve: ArrayLike) -> JointLimits:
         """Return limits with a share of every torque kept back, for feedback.
@@ -280,6 +283,18 @@ def with_reserve(
         return limits
     count = usual.tau_max.size
     return (usual if limits is None else limits.for_joints(count)).with_reserve(reserve)
+
+
+def _tighter(one: Limit, other: Limit) -> Limit:
+    """The other limit with the tighter bounds of both, where they can be compared."""
+    what, like = ((each.expression, each.rms, each.dwell) for each in (one, other))
+    bounds: dict[str, Any] = {}
+    for side, tighter in (("lower", np.maximum), ("upper", np.minimum)):
+        given = [b for each in (one, other) if (b := getattr(each, side)) is not None]
+        if what != like or any(map(callable, given)):
+            return other
+        bounds[side] = reduce(tighter, given) if given else None
+    return replace(other, **bounds)
 
 
 def _per_joint(name: str, value: Any, count: int) -> FloatArray:

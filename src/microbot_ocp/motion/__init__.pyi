@@ -31,7 +31,6 @@ from ._sampling import (
     mesh_of as mesh_of,
     nearest_samples as nearest_samples,
     quadrature as quadrature,
-    samples_at as samples_at,
 )
 from ._sensitivities import (
     DurationLine as DurationLine,

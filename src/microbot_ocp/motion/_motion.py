@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from math import factorial
 from pathlib import Path
 from typing import Any
 
@@ -277,6 +278,25 @@ class Motion:
         InputError
             A time outside the motion or not finite.
         """
+        times, i = self._pieces_at(t)
+        return State(*_derivatives(self._coefficients(i), times - self.t[i], 2))
+
+    def samples(self, t: ArrayLike) -> MotionSamples:
+        """Return position and its first three derivatives at times t [N], as :meth:`sample`.
+
+        The jerk is that in motion: at both sides of a jump of the acceleration that of its side.
+        """
+        times, i = self._pieces_at(t)
+        jumping = jump_gaps(self.t)[i]
+        ends = self.t[i[jumping]]  # of the intervals before the jumps
+        times, i = np.append(times, ends), np.append(i, i[jumping] - 1)
+        every = _derivatives(self._coefficients(i), times - self.t[i], 3)
+        q, qd, qdd, qddd = (each[: jumping.size] for each in every)
+        qddd[jumping] = every[3][jumping.size :]
+        return MotionSamples(q, qd, qdd, qddd)
+
+    def _pieces_at(self, t: ArrayLike) -> tuple[FloatArray, np.ndarray]:
+        """Return times [N] within the motion, checked, and the intervals that they lie in."""
         times = checks.array("t", np.atleast_1d(np.asarray(t)), (None,), "s")
         slack = 1e-9 * max(1.0, self.duration)
         outside = times[(times < -slack) | (times > self.duration + slack)]
@@ -284,42 +304,19 @@ class Motion:
             raise InputError(
                 f"t must be within the motion, 0 to {self.duration:g} s, not {outside[0]:g} s"
             )
-        i = self._pieces_at(times)
-        c, x = self._coefficients(i), (times - self.t[i])[:, None]
-        q = c[0] + x * (c[1] + x * (c[2] + x * (c[3] + x * (c[4] + x * c[5]))))
-        qd = c[1] + x * (2 * c[2] + x * (3 * c[3] + x * (4 * c[4] + x * 5 * c[5])))
-        qdd = 2 * c[2] + x * (6 * c[3] + x * (12 * c[4] + x * 20 * c[5]))
-        return State(q, qd, qdd)
+        return times, np.searchsorted(self.t[1:-1], times, side="right")
 
-    def jerk(self, t: FloatArray) -> FloatArray:
-        """Return the jerk [N,n] at times t [N], before it where the acceleration jumps."""
-        t = checks.array("t", t, (None,), "s")
-        i = self._pieces_at(t)
-        i = i - jump_gaps(self.t)[i]
-        c, x = self._coefficients(i), (np.minimum(t, self.t[i + 1]) - self.t[i])[:, None]
-        return 6 * c[3] + x * (24 * c[4] + x * 60 * c[5])
-
-    def _pieces_at(self, t: FloatArray) -> np.ndarray:
-        return np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, self.t.size - 2)
-
-    def _coefficients(self, i: np.ndarray) -> list[FloatArray]:
-        """Return coefficients [N,n] of the quintics in intervals i, lowest power first."""
+    def _coefficients(self, i: np.ndarray) -> FloatArray:
+        """Return coefficients [6,n,N] of the quintics in intervals i, lowest power first."""
         if i.size < self.t.size - 1:
-            return list(np.moveaxis(pieces_of(self, i), 1, 0))
-        table = _every_piece(self)  # each is asked for several times
-        return [np.take(table[:, k], i, axis=0) for k in range(6)]
-
-    def dense_samples(self) -> tuple[FloatArray, MotionSamples]:
-        """Return times [N] on a grid that is dense enough to judge the motion, and the state there.
-
-        At least 20 points to each interval between breaks (5 where there are thousands), steps of
-        at most 0.25 ms; both sides of each break.
-        """
-        return self.history()[:2]
+            return np.moveaxis(pieces_of(self, i), 0, 2)
+        return _every_piece(self).take(i, axis=2)
 
     def history(self, *, cycle: bool = False) -> StateHistory:
-        """Return what limits are judged by: the dense samples, and the jumps of the acceleration.
+        """Return what limits are judged by: the state on a dense grid, and what jumps there.
 
+        The grid has at least 20 points to each interval between breaks (5 where there are
+        thousands), steps of at most 0.25 ms, and both sides of each break.
         An arm that is at rest where the motion begins or ends is held there, so that a start with
         an acceleration is a jump. In a ``cycle`` what ends moving goes on at the start.
         """
@@ -416,7 +413,8 @@ class Motion:
             with ``rate`` and ``theme`` of ``write_animation``; it needs ``robot``. Read back by
             :meth:`load` is only what :meth:`save` writes.
         rate : float, optional
-            Samples a second, Hz, the end included; default the motion's own samples.
+            Samples a second, Hz, and the end, after a step of another length: a controller wants a
+            ``profile``. Default the motion's own samples.
         robot : Robot, optional
             Gives names and units of the joints; without it they are numbered, and revolute.
         theme : str
@@ -567,9 +565,23 @@ def sample_times(breaks: FloatArray, jumps: FloatArray, step: float, least: int 
     return np.append(t, breaks[-1])
 
 
-@lru_cache(maxsize=1)  # the state and then the jerk are asked for
+@lru_cache(maxsize=1)  # they are asked for several times
 def _every_piece(motion: Motion) -> FloatArray:
-    return pieces_of(motion)
+    return np.ascontiguousarray(np.moveaxis(pieces_of(motion), 0, 2))
+
+
+def _derivatives(c: FloatArray, x: FloatArray, order: int) -> list[FloatArray]:
+    """Return polynomials of x [N] and their derivatives up to an order, each [N,n], by Horner's
+    scheme; the coefficients c [6,n,N], lowest power first, are used up.
+    """
+    terms = [c[5], *np.zeros((order, *c[5].shape))]
+    for k in range(4, -1, -1):
+        for higher in range(min(order, 5 - k), 0, -1):
+            terms[higher] *= x
+            terms[higher] += terms[higher - 1]
+        terms[0] *= x
+        terms[0] += c[k]
+    return [factorial(k) * term.T for k, term in enumerate(terms)]
 
 
 def pieces_of(motion: Motion, i: np.ndarray | None = None) -> FloatArray:

@@ -103,14 +103,6 @@ def dense_times(motion: Motion) -> tuple[FloatArray, float]:
     return np.unique(np.concatenate([grid, before, motion.t])), float(points.min())
 
 
-def samples_at(motion: Motion, t: FloatArray) -> MotionSamples:
-    """Return position and its first three derivatives [N,n] at times t [N] of the dense grid.
-
-    The jerk is that in motion: at both sides of a jump of the acceleration that of its side.
-    """
-    return MotionSamples(*motion.sample(t), motion.jerk(t))
-
-
 def history_of(motion: Motion, t: FloatArray, cycle: bool = False) -> StateHistory:
     """Return states at times t [N], and the jumps of the acceleration at the motion's ends and
     inside.
@@ -122,7 +114,7 @@ def history_of(motion: Motion, t: FloatArray, cycle: bool = False) -> StateHisto
         for k in (first, last)
     )
     # what changes evenly up to the break is no jump at it
-    evenly = np.diff(motion.t)[gaps, None] * motion.jerk(motion.t[gaps])
+    evenly = np.diff(motion.t)[gaps, None] * motion.samples(motion.t[gaps]).qddd
     ends.qdd[:-1] += evenly
     jumps = jumps_between(starts, ends, cycle=cycle)
-    return StateHistory(t, samples_at(motion, t), np.append(motion.t[first], motion.t[-1]), jumps)
+    return StateHistory(t, motion.samples(t), np.append(motion.t[first], motion.t[-1]), jumps)

@@ -15,7 +15,6 @@ from microbot_ocp._base.codegen import interpreted
 from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
 from microbot_ocp._base.table import Column, Table
 from microbot_ocp.limits import LimitFamily
-from microbot_ocp.motion._sampling import samples_at
 from microbot_ocp.robot import Robot
 
 if TYPE_CHECKING:
@@ -178,7 +177,7 @@ def sensitivities_of(
     if robot.has_dynamics:
         limited = []
         for key, row in multipliers["rows"].items():
-            samples = samples_at(motion, np.minimum(row["t"], motion.duration))
+            samples = motion.samples(np.minimum(row["t"], motion.duration))
             limited.append((key, samples, np.array(row["slopes"])))
 
         def total(heavy: float, at: FloatArray) -> float:

@@ -380,10 +380,10 @@ class Robot:
         """
         load = checks.number("mass of the payload", mass, "kg", at_least=0.0)
         place = checks.array("center_of_mass of the payload", center_of_mass, (3,), "m")
-        if not self.has_dynamics:
-            raise InputError(f"robot {self.name!r} has no links with masses to add a payload to")
         if load == 0.0:
             return self
+        if not self.has_dynamics:
+            raise InputError(f"robot {self.name!r} has no links with masses to add a payload to")
         tensor = np.zeros((3, 3)) if inertia is None else np.asarray(inertia, dtype=float)
         tensor = Link(load, place, tensor, name="payload").inertia
         last, turn = self.links[-1], self.tool[:3, :3]

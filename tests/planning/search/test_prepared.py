@@ -160,6 +160,18 @@ def test_from_any_velocity_to_a_moved_goal_the_rail_takes_the_closed_form():
         assert motion.duration == pytest.approx((2.0 * turn - side * speed) / most, rel=2e-3)
 
 
+def test_an_arm_without_masses_is_prepared_as_well():
+    arm = mo.Robot.from_dh([0, 0], [0, 1], [0, 0], limits=mo.Limits(qd_max=2.0, qdd_max=5.0))
+    solver = mo.TimeOptimalSolver(arm, [[0.0, 0.0], [0.5, 0.8]], mesh=20, starts=1, compiled=False)
+    motion = solver()
+    assert motion.duration == pytest.approx(2.0 * np.sqrt(0.8 / 5.0), rel=1e-3)
+    assert motion.sensitivities(arm).upper["qdd"][1] < -0.03
+    on = solver(via_q=[[0.0, 0.0], [0.5, 0.6]], start=motion.sample([0.1]))
+    assert mo.certify(arm, on).ok
+    with pytest.raises(mo.InputError, match="no links with masses to add a payload to"):
+        solver(payload=1.0)
+
+
 @pytest.mark.parametrize("speed", [-0.5, -1.0])
 def test_a_rail_with_dry_friction_that_has_to_turn_back_keeps_its_force(speed):
     """Braking, friction helps; where it turns over the force jumps between two mesh points."""
@@ -181,6 +193,8 @@ def test_a_start_beyond_the_limits_is_refused(microbot, prepared):
         prepared(start=(still, 1.1 * microbot.limits.qd_max))
     with pytest.raises(mo.InputError, match="start must be"):
         prepared(start=(still,))
+    with pytest.raises(mo.InputError, match="start is at via point 2 already: move that a little"):
+        prepared(start=(prepared.via_q[1], 0.1 * microbot.limits.qd_max))
     for over in (1e-4, 4e-3):  # what a certificate lets pass is no fault of the motion
         edge = prepared(start=(still, (1.0 + over) * microbot.limits.qd_max * [1, 0, 0]))
         assert edge.solved, edge.note

@@ -5,7 +5,7 @@ import pytest
 from reading import read, scalars, static
 
 from microbot_ocp.limits import Limit, limit_history, tool_speed
-from microbot_ocp.motion import Mark, Motion, samples_at
+from microbot_ocp.motion import Mark, Motion
 from microbot_ocp.robot import Limits
 from microbot_ocp.trajectories import cubic, quintic
 from microbot_ocp.views import _scene as scene
@@ -135,7 +135,7 @@ def test_a_payload_keeps_its_torque_and_rate_under_limits_of_the_rate(microbot):
     motion = Motion.from_polynomial(heavy, quintic([[0, 0, 0], [-0.5, 1.0, 0.8]], [0, 1]), label="")
     arm = of_motion(microbot.with_limits(taud_max=1e4), motion).arms[0]
     np.testing.assert_array_equal(arm.history.values["tau"], arm.curves["tau"])
-    exact = heavy.torques_along(*samples_at(motion, arm.times["sim_time"]))
+    exact = heavy.torques_along(*motion.samples(arm.times["sim_time"]))
     near = 1e-3 * np.abs(exact["taud"]).max()
     np.testing.assert_allclose(arm.history.values["taud"], exact["taud"], rtol=0.0, atol=near)
 

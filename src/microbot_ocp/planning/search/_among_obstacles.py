@@ -36,7 +36,6 @@ from microbot_ocp.motion import (
     PiecewisePolynomial,
     dense_times,
     pieces_of,
-    samples_at,
 )
 from microbot_ocp.ocp.solution import StepProgress, quiet
 from microbot_ocp.planning.free import (
@@ -257,7 +256,7 @@ def _resting_at_corners(family: LimitFamily, way: Detour) -> Motion | None:
 
 
 def _keeps_limits(family: LimitFamily, motion: Motion) -> bool:
-    dense = samples_at(motion, dense_times(motion)[0])
+    dense = motion.samples(dense_times(motion)[0])
     return bool(family.excess(dense).max() <= LIMIT_TOLERANCE)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks, deadline
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import FloatArray, InputError, naming
 from microbot_ocp._base.codegen import compiles, interpreted
 from microbot_ocp._base.outcome import Outcome
 from microbot_ocp._base.status import Status
@@ -189,7 +189,7 @@ class TimeOptimalSolver:
     Parameters
     ----------
     robot : Robot
-        With masses and limits. A kind of limit that it does not have at all (say, torque rates)
+        With limits. A kind of limit that it does not have at all (say, torque rates)
         cannot be added later.
     via_q : array_like [m,n]
         Via points, rad (prismatic: m).
@@ -369,7 +369,8 @@ class TimeOptimalSolver:
             else:
                 bounds = np.where(chosen > 0.0, value, getattr(usual, name))
                 limits = usual.changed({name: bounds})
-            motion = self(limits, payload, time_limit=time_limit)
+            with naming(f"{name} {value:g}: "):
+                motion = self(limits, payload, time_limit=time_limit)
             binding.append(frozenset())
             if not motion.solved:
                 continue

@@ -265,6 +265,11 @@ def check_via(family: LimitFamily, via_q: ArrayLike, *, moving: bool = False) ->
         apart = float(np.abs(point - via[index - 1]).max()) if index else np.inf
         if 0.0 < apart < NEAREST:
             raise too_near(index, apart, f"below {NEAREST:g} no certificate could tell them apart")
+        if apart == 0.0 and moving and index == 1:
+            raise InputError(
+                "start is at via point 2 already: move that a little, or stop the arm on its path "
+                "by mo.execution.overridden"
+            )
         if apart == 0.0:
             raise InputError(
                 f"via points {index} and {index + 1} are the same: the time between them would "
