@@ -24,8 +24,7 @@ from microbot_ocp.planning import (
     timed_paths,
     tool_poses,
 )
-from microbot_ocp.planning.search import _among_obstacles as among
-from microbot_ocp.planning.search import _pairs_asked as pairs_asked
+from microbot_ocp.planning.search import _among_obstacles as among, _pairs_asked as pairs_asked
 from microbot_ocp.planning.search._among_obstacles import at_least
 from microbot_ocp.scene import Surroundings, contact_model, room_along
 

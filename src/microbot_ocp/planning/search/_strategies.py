@@ -377,7 +377,7 @@ def to_full_mesh(search: MotionSearch, step: NextStep) -> MotionAnswer:
     jumps, mesh = accelerations_jump(search.problem.family), full_mesh(search)
     meshes = [graded(phase, mesh) if jumps else mesh for phase in before.phases]
     if not jumps or search.problem.timed_path is not None:
-        if search.problem.timed_path is not None:  # many distances: near all of them steps are short
+        if search.problem.timed_path is not None:  # near many distances steps are short
             refiner = replace(refiner, settings=_from_barrier(refiner, SEARCH.timed_path_barrier))
         solution = refiner.finer(before, meshes)
         if refiner.fitted is not None and solution is not before:
