@@ -25,6 +25,7 @@ BENCHMARKS = (
     "arms",
     "closed_loop",
     "phases",
+    "flames",
     "drake",
     "units",
     "cops_arm",

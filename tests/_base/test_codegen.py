@@ -157,27 +157,6 @@ def test_a_recipe_is_followed_once(folder: Path) -> None:
     assert float(other([1.0, 1.0])[0]) == 3.0
 
 
-@needs_compiler
-def test_large_functions_that_run_seldom_are_not_optimised(monkeypatch: pytest.MonkeyPatch) -> None:
-    options: dict[str, str] = {}
-    build = codegen.build_library
-
-    def noted(source: str, stem: str, cc: str, optimization: str) -> Path:
-        options[stem] = optimization
-        return build(source, stem, cc, optimization)
-
-    monkeypatch.setattr(codegen, "build_library", noted)
-    x = ca.SX.sym("x")
-    long = x
-    for _ in range(codegen.SIZES[0][0]):
-        long = ca.sin(long) + x
-    given = [ca.Function(name, [x], [long]) for name in ("stage", "point")]
-    given.append(doubled("small"))
-    made = compile_recipe("of an interval and of a point", lambda: given, often=1)
-    assert options == {"stage": "-O1", "point": "-O0", "small": "-O2"}
-    assert float(made[0](0.3)) == float(made[1](0.3)) == float(given[0](0.3))
-
-
 def test_without_a_compiler_the_function_itself_comes_back_with_a_warning(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

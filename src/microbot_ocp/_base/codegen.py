@@ -23,7 +23,7 @@ import stat
 import subprocess
 import tempfile
 import warnings
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextvars import ContextVar, copy_context
 from functools import lru_cache
@@ -31,7 +31,7 @@ from pathlib import Path
 
 import casadi as ca
 
-from microbot_ocp._base import deadline
+from microbot_ocp._base import deadline, interpreter
 from microbot_ocp._base.checks import shortened, warn_user
 from microbot_ocp._base.reading import content_of
 from microbot_ocp._base.writing import digest, temporary_path, whole_file
@@ -230,7 +230,7 @@ def compile_functions(functions: Sequence[ca.Function]) -> tuple[ca.Function, ..
 
 
 def compile_recipe(
-    recipe: bytes | str, make: Callable[[], Sequence[ca.Function]], often: int | None = None
+    recipe: bytes | str, make: Callable[[], Sequence[ca.Function]], *, columns: bool = False
 ) -> tuple[ca.Function, ...]:
     """Return the functions that a recipe makes, compiled; they are made only where they are not at
     hand.
@@ -241,20 +241,20 @@ def compile_recipe(
         What the functions follow from, besides the source of this package.
     make : callable
         Makes the functions; what takes the time where compiled code is in the cache already.
-    often : int, optional
-        Those after the first so many run seldom; large ones are compiled without optimisation.
+    columns : bool
+        They are called for many columns at once: interpreted a block at a time, where that can be.
     """
     if _interpreted.get():
         return tuple(make())
-    identity = repr((recipe, often, package(), compiler(), FLAGS, NATIVE, SIZES, processor()))
+    identity = repr((recipe, columns, package(), compiler(), FLAGS, NATIVE, SIZES, processor()))
     name = f"recipe_{hashlib.sha256(identity.encode()).hexdigest()[:24]}.json"
     with contextlib.suppress(OSError, ValueError, TypeError, RuntimeError):
         note = usable_folder() / name
         libraries = json.loads(note.read_bytes()) if _is_whole(note) else []
         if libraries and all(_is_whole(note.with_name(library)) for library, _ in libraries):
-            return tuple(ca.external(name, str(note.parent / lib)) for lib, name in libraries)
+            return tuple(_external(name, note.parent / library) for library, name in libraries)
     given = tuple(make())
-    compiled = _compiled(given, often)
+    compiled = _compiled(given, columns)
     if compiled is None:
         return given
     with contextlib.suppress(OSError):
@@ -273,7 +273,7 @@ def package() -> str:
 
 
 def _compiled(
-    given: Sequence[ca.Function], often: int | None = None
+    given: Sequence[ca.Function], columns: bool = False
 ) -> dict[ca.Function, Path] | None:
     """Return every function compiled, with its library; where that fails a warning and None."""
     deadline.check()
@@ -283,11 +283,16 @@ def _compiled(
     elif deadline.over():  # writing the text takes long, too
         problem = "the time limit was over"
     else:
+        text = interpreter.c_text(given) if columns else None
         small = [f for f in given if _operations(f) <= SIZES[0][0]]
         large = [[f] for f in given if _operations(f) > SIZES[0][0]]
-        seldom = set() if often is None else {f.name() for f in given[often:]}
         try:
-            library_of = dict(_libraries(large + ([small] if small else []), cc, seldom))
+            if text is None:
+                library_of = dict(_libraries(large + ([small] if small else []), cc))
+            else:
+                further = interpreter.FLAGS
+                library = build_library(text, interpreter.NAME, cc, "-O3", further=further)
+                library_of = dict.fromkeys((function.name() for function in given), library)
             return {
                 _external(function.name(), library_of[function.name()]): library_of[function.name()]
                 for function in given
@@ -303,17 +308,13 @@ def _compiled(
     return None
 
 
-def _libraries(
-    groups: Sequence[Sequence[ca.Function]], cc: str, seldom: Collection[str]
-) -> Iterator[tuple[str, Path]]:
+def _libraries(groups: Sequence[Sequence[ca.Function]], cc: str) -> Iterator[tuple[str, Path]]:
     """Yield name and library of every function of groups, which are compiled at the same time."""
     sources = [c_source(group) for group in groups]
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
         jobs = []
         for group, source in zip(groups, sources, strict=True):
             size = sum(map(_operations, group))
-            if size > SIZES[0][0] and group[0].name() in seldom:
-                size = SIZES[-1][0]
             option = next(option for limit, option in SIZES if size <= limit)
             run = copy_context().run  # for its time limit
             jobs.append(pool.submit(run, build_library, source, group[0].name(), cc, option))
@@ -328,8 +329,9 @@ def _libraries(
 
 
 def _external(name: str, library: Path) -> ca.Function:
+    in_blocks = library.name.startswith(interpreter.NAME)
     try:
-        return ca.external(name, str(library))
+        return (interpreter.ManyColumns if in_blocks else ca.external)(name, str(library))
     except RuntimeError:  # what the compiler made is no library
         library.unlink(missing_ok=True)
         raise

@@ -34,6 +34,7 @@ from microbot_ocp._base.codegen import (
     compiles,
     package,
 )
+from microbot_ocp._base.interpreter import FORMULAS
 
 FastCall = Callable[..., Any]
 
@@ -262,48 +263,6 @@ def _glue(function: ca.Function, most: int, kept: bool) -> str:
     return text
 
 
-# C of an operation on vectors of states, entry by entry what CasADi writes for one state
-_WIDE = {
-    ca.OP_ASSIGN: "{0}",
-    ca.OP_ADD: "{0}+{1}",
-    ca.OP_SUB: "{0}-{1}",
-    ca.OP_MUL: "{0}*{1}",
-    ca.OP_DIV: "{0}/{1}",
-    ca.OP_NEG: "-{0}",
-    ca.OP_SQ: "{0}*{0}",
-    ca.OP_TWICE: "2.*{0}",
-    ca.OP_INV: "1./{0}",
-    ca.OP_LT: "TRUTH({0}<{1})",
-    ca.OP_LE: "TRUTH({0}<={1})",
-    ca.OP_EQ: "TRUTH({0}=={1})",
-    ca.OP_NE: "TRUTH({0}!={1})",
-    ca.OP_NOT: "TRUTH({0}==0)",
-    ca.OP_AND: "TRUTH(({0}!=0)&({1}!=0))",
-    ca.OP_OR: "TRUTH(({0}!=0)|({1}!=0))",
-    ca.OP_IF_ELSE_ZERO: "WHERE({0}!=0,{1},NOTHING)",
-    ca.OP_FMIN: "WHERE(({0}<{1})|({1}!={1}),{0},{1})",
-    ca.OP_FMAX: "WHERE(({0}>{1})|({1}!={1}),{0},{1})",
-    ca.OP_FABS: "MAGNITUDE({0})",
-    ca.OP_ATAN2: "EACH_PAIR(atan2,{0},{1})",
-} | {
-    getattr(ca, f"OP_{name.upper()}"): f"EACH({name},{{0}})"
-    for name in [
-        "sqrt",
-        "sin",
-        "cos",
-        "tan",
-        "asin",
-        "acos",
-        "atan",
-        "exp",
-        "log",
-        "tanh",
-        "floor",
-        "ceil",
-    ]
-}
-
-
 def _wide(function: ca.Function) -> str:
     """Return C statements of a function from x to y, vectors of states; none where an operation has
     none.
@@ -331,8 +290,8 @@ def _wide(function: ca.Function) -> str:
         elif operation == ca.OP_CONST:
             value = repr(function.instruction_constant(k)).replace("inf", "INFINITY")
             lines.append(f"a{into[0]}=NOTHING+{value};")
-        elif operation in _WIDE:
-            text = _WIDE[operation].format(*(f"a{index}" for index in given))
+        elif operation in FORMULAS:
+            text = FORMULAS[operation].format(*(f"a{index}" for index in given))
             lines.append(f"a{into[0]}={text};")
         else:
             return ""

@@ -82,7 +82,7 @@ def transcription(
         knows_derivatives(limit) for limited in robots for limit in limited.limits.also
     )
     if compiled and not shared:
-        prepare = partial(compile_recipe, often=3)  # those of a stage: of points once an iteration
+        prepare = partial(compile_recipe, columns=True)
     return Transcription(
         free_problem(robot, via, payload=payload, budgeted=budgeted, conditions=conditions),
         scheme="shooting",

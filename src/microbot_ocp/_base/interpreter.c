@@ -1,0 +1,80 @@
+/* An interpreter of tables of operations on blocks of columns. interpreter.py puts cases of the
+   operations in use where it says so, and appends the tables. Columns of the work stand side by
+   side; those of inputs and outputs one after the other, as CasADi has them. */
+
+#include <math.h>
+
+typedef long long int casadi_int;
+typedef struct { int operation, to, of, and; } Operation;
+
+#define TRUTH(condition) ((condition) ? 1. : 0.)
+#define WHERE(condition, a, b) ((condition) ? (a) : (b))
+#define NOTHING 0.
+#define MAGNITUDE(a) fabs(a)
+#define EACH(f, a) f(a)
+#define EACH_PAIR(f, a, b) f(a, b)
+
+#define AT(place) (work + (long) columns * (place))
+#define EVERY(column) for (int column = 0; column < columns; column++)
+#define CASE(operation, formula) \
+  case operation: { \
+    const double *a = AT(code->of), *b = AT(code->and); \
+    EVERY(j) { const double x = a[j], y = b[j]; to[j] = formula; } \
+    break; \
+  }
+
+static inline __attribute__((always_inline)) void interpret(
+    const int columns, const Operation* code, const Operation* end, const double* constants,
+    const int* in, const int* out, const double** arg, double** res, double* work) {
+  for (; code < end; code++) {
+    double* to = AT(code->to);
+    switch (code->operation) {
+      case MOVE_CONST:
+        EVERY(j) to[j] = constants[code->of];
+        break;
+      case MOVE_INPUT: {
+        const double* x = arg[code->of];
+        EVERY(j) to[j] = x ? x[(long) j * in[code->of] + code->and] : 0.;
+        break;
+      }
+      case MOVE_OUTPUT: {
+        double* y = res[code->of];
+        if (y) EVERY(j) y[(long) j * out[code->of] + code->and] = to[j];
+        break;
+      }
+      /* further cases */
+    }
+  }
+}
+
+#define SPARSITY(name, side, count, ...) \
+  casadi_int name##_n_##side(void) { return count; } \
+  const casadi_int* name##_sparsity_##side(casadi_int k) { \
+    static const casadi_int* const all[] = {__VA_ARGS__}; \
+    return all[k]; \
+  }
+
+#define INTERPRETER(name, columns) \
+  static __attribute__((noinline)) void name( \
+      const Operation* code, const Operation* end, const double* constants, const int* in, \
+      const int* out, const double** arg, double** res, double* work) { \
+    interpret(columns, code, end, constants, in, out, arg, res, work); \
+  }
+
+INTERPRETER(interpret_1, 1)
+INTERPRETER(interpret_block, COLUMNS)
+
+#define FUNCTION(table, name, columns, inputs, outputs, places) \
+  int name(const double** arg, double** res, casadi_int* iw, double* w, int mem) { \
+    int end = 0; /* after the last operation of what is asked for */ \
+    for (int k = 0; k < outputs; k++) \
+      if (res[k] && table##_ends[k] > end) end = table##_ends[k]; \
+    (columns == 1 ? interpret_1 : interpret_block)( \
+        table##_code, table##_code + end, table##_constants, table##_in, table##_out, arg, res, w); \
+    return 0; \
+  } \
+  int name##_work(casadi_int* arg, casadi_int* res, casadi_int* iw, casadi_int* w) { \
+    *arg = inputs, *res = outputs, *iw = 0, *w = (casadi_int) columns * places; \
+    return 0; \
+  }
+
