@@ -57,9 +57,9 @@ class SearchSettings:
         30 s each
     enough : share of the duration
     near_way_barrier : barrier parameter of a solve that stays near the way that it starts from
-    timed_path_barrier : the same from a timed path among obstacles, which keeps every limit: with
-        1e-3 the solver leaves one of 1.068 s of a UR5 for an optimum of 2.568 s, with 1e-6 it
-        comes to 0.974 s
+    timed_path_barrier : the same from a timed path among obstacles, which keeps every limit, and on
+        the full mesh after it: with 1e-3 the solver leaves one of 1.068 s of a UR5 for an optimum
+        of 2.568 s; with 1e-7 the full mesh of one in a cage takes 371 iterations, so 252
     timed_path_tolerance : of that solve and of its finer meshes: its duration is there after 25
         iterations of a Panda, and where the other joints rest between their limits, which 1e-6 asks
         for, after 100; durations of the MotionBenchMaker's motions differ by up to 8e-6. With the
