@@ -586,7 +586,7 @@ def _solved(
         shape = PiecewisePolynomial(motion.t, pieces_of(motion))
         if proof is None or proof.proved:
             break
-        more, touching = asked.after(_poses(shape, proof.time))
+        more, touching = asked.after(_poses(shape, proof.time), near)
         if not more.asks_more_than(asked):
             break
         # where a pair was left out the motion passed through it: from the path again

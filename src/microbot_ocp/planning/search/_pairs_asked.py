@@ -79,17 +79,21 @@ class PairsAsked:
             also = (*also, distances)
         return LimitFamily.of(self.robot.with_limits(also=also))
 
-    def after(self, poses: FloatArray) -> tuple[PairsAsked, np.ndarray]:
+    def after(self, poses: FloatArray, near: float = 0.0) -> tuple[PairsAsked, np.ndarray]:
         """Return what is asked once a motion with these poses [N,n] is known, and which pairs [k]
         have their links too near on it.
 
-        These are in the problem, and asked for more, as far as via points allow.
+        These are in the problem, and asked for more, as far as via points allow. With them what is
+        ``near`` as for :meth:`along`: on a motion that passes through things that is nearly all.
         """
         come, _, apart = room_along(self.robot, self.scene, self.pairs, poses, self.tolerance)
         touching = apart <= self.scene.clearance
         more = np.minimum(self.most, np.maximum(self.room, come))
         room = np.where(touching, more, self.room)
-        return replace(self, near=self.near | touching, room=room), touching
+        if touching.any():
+            within = self.scene.clearance + near * reach_of(self.robot)
+            return replace(self, near=self.near | (apart <= within), room=room), touching
+        return self, touching
 
     def asks_more_than(self, before: PairsAsked) -> bool:
         """Return whether anything is asked that was not."""
