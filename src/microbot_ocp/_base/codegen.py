@@ -267,7 +267,8 @@ def compile_recipe(
 def package() -> str:
     """Return the digest of the source of this package and the version of CasADi."""
     digest = hashlib.sha256(ca.CasadiMeta.version().encode())
-    for path in sorted(Path(__file__).parent.parent.rglob("*.py")):
+    folder = Path(__file__).parent.parent
+    for path in sorted([*folder.rglob("*.py"), *folder.rglob("*.c")]):
         digest.update(path.read_bytes())
     return digest.hexdigest()
 
@@ -283,12 +284,10 @@ def _compiled(
     elif deadline.over():  # writing the text takes long, too
         problem = "the time limit was over"
     else:
-        text = interpreter.c_text(given) if columns else None
-        small = [f for f in given if _operations(f) <= SIZES[0][0]]
-        large = [[f] for f in given if _operations(f) > SIZES[0][0]]
         try:
+            text = interpreter.c_text(given) if columns else None
             if text is None:
-                library_of = dict(_libraries(large + ([small] if small else []), cc))
+                library_of = dict(_libraries(given, cc))
             else:
                 further = interpreter.FLAGS
                 library = build_library(text, interpreter.NAME, cc, "-O3", further=further)
@@ -308,8 +307,11 @@ def _compiled(
     return None
 
 
-def _libraries(groups: Sequence[Sequence[ca.Function]], cc: str) -> Iterator[tuple[str, Path]]:
-    """Yield name and library of every function of groups, which are compiled at the same time."""
+def _libraries(given: Sequence[ca.Function], cc: str) -> Iterator[tuple[str, Path]]:
+    """Yield name and library of every function; large ones are compiled at the same time."""
+    small = [f for f in given if _operations(f) <= SIZES[0][0]]
+    large = [[f] for f in given if _operations(f) > SIZES[0][0]]
+    groups = large + ([small] if small else [])
     sources = [c_source(group) for group in groups]
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
         jobs = []

@@ -286,7 +286,7 @@ def with_reserve(
 
 
 def _tighter(one: Limit, other: Limit) -> Limit:
-    """The other limit with the tighter bounds of both, where they can be compared."""
+    """Return the other limit, with the tighter bounds of both where they can be compared."""
     what, like = ((each.expression, each.rms, each.dwell) for each in (one, other))
     bounds: dict[str, Any] = {}
     for side, tighter in (("lower", np.maximum), ("upper", np.minimum)):

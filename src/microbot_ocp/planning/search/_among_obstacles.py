@@ -531,11 +531,9 @@ def _solved(
 
     None where the time was over before the search began.
     """
-    times = np.linspace(0.0, path.motion.duration, AMONG_OBSTACLES.samples)
-    robot, poses = family.robot, path.motion.sample(times).q
-    tolerance, near = settings.limit_tolerance, AMONG_OBSTACLES.near
-    asked = PairsAsked.along(robot, scene, tolerance, poses, via, near)
+    robot, tolerance, near = family.robot, settings.limit_tolerance, AMONG_OBSTACLES.near
     shape = PiecewisePolynomial(path.motion.t, pieces_of(path.motion))
+    asked = PairsAsked.along(robot, scene, tolerance, _poses(shape), via, near)
     guesses = guesses_along(phase_names(len(via) - 1), shape, path.via_times)
     start = InitialGuess(path.name, guesses)
     motion: Motion | None = None

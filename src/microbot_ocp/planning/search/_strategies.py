@@ -376,9 +376,10 @@ def to_full_mesh(search: MotionSearch, step: NextStep) -> MotionAnswer:
     refiner, before = _going_on(subject), subject.solution
     jumps, mesh = accelerations_jump(search.problem.family), full_mesh(search)
     meshes = [graded(phase, mesh) if jumps else mesh for phase in before.phases]
-    if not jumps or search.problem.timed_path is not None:
-        if search.problem.timed_path is not None:  # near many distances steps are short
-            refiner = replace(refiner, settings=_from_barrier(refiner, SEARCH.timed_path_barrier))
+    is_guided = search.problem.timed_path is not None
+    if is_guided:  # near many distances the steps of a small barrier are short
+        refiner = replace(refiner, settings=_from_barrier(refiner, SEARCH.timed_path_barrier))
+    if is_guided or not jumps:
         solution = refiner.finer(before, meshes)
         if refiner.fitted is not None and solution is not before:
             marks = partial(friction_marks, search)
