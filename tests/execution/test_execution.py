@@ -270,7 +270,10 @@ def test_segments_without_stops_are_refused(microbot):
 def test_a_profile_file_may_limit_the_tool(microbot, tmp_path):
     path = tmp_path / "mine.toml"
     head = "name = 'mine'\ninterpolation = 'cubic'\nrate = 200.0\n[limits]\n"
-    path.write_text(f"{head}tool_speed_max = 7.0\ntool_acceleration_max = 12.0\n", "utf-8")
+    path.write_text(
+        f"{head}tool_speed_max = 7.0\ntool_acceleration_max = 12.0\ntool_jerk_max = 900.0\n",
+        "utf-8",
+    )
     motion = shape(microbot, "hold", 1)
     found = mo.check(microbot, motion, path)
     assert not found.ok

@@ -115,11 +115,14 @@ def test_values_are_those_of_the_models():
     np.testing.assert_array_equal(values["qddd"], given.qddd)
 
 
-def test_torque_rate_and_tool_acceleration_are_the_slopes_of_torque_and_velocity():
+def test_torque_rate_tool_acceleration_and_jerk_are_slopes():
     """Against central differences along a quartic motion."""
     robot = MICROBOT.with_limits(
         taud_max=1e3,
-        also=[mo.Limit("tool acceleration", lambda s: s.tool_acceleration, upper=1e3)],
+        also=[
+            mo.Limit("tool acceleration", lambda s: s.tool_acceleration, upper=1e3),
+            mo.Limit("tool jerk", lambda s: s.tool_jerk, upper=1e4),
+        ],
     )
     family = LimitFamily.of(robot)
     q0, qd0, qdd0, qddd0 = (rows[0] for rows in samples(robot, 1))
@@ -139,6 +142,17 @@ def test_torque_rate_and_tool_acceleration_are_the_slopes_of_torque_and_velocity
     velocity = [np.array(mo.jacobian(robot)(at(t)[0])) @ at(t)[1] for t in (-step, step)]
     slope = np.subtract(*velocity[::-1]) / (2 * step)
     np.testing.assert_allclose(values["tool_acceleration"].value[0], slope, rtol=1e-5, atol=1e-6)
+    bend = (
+        np.sum(
+            [
+                s * np.array(mo.jacobian(robot)(at(k * step)[0])) @ at(k * step)[1]
+                for k, s in ((-1, 1.0), (0, -2.0), (1, 1.0))
+            ],
+            axis=0,
+        )
+        / step**2
+    )
+    np.testing.assert_allclose(values["tool_jerk"].value[0], bend, rtol=1e-5, atol=1e-5)
 
 
 def test_slopes_at_rest_are_numbers():
@@ -189,6 +203,7 @@ def test_use_is_one_at_the_bounds_and_grows_outwards(value, lower, upper):
 FURTHER = {
     "tool speed": {"also": [mo.limits.tool_speed(4.0)]},
     "tool acceleration": {"also": [mo.limits.tool_acceleration(20.0)]},
+    "tool jerk": {"also": [mo.limits.tool_jerk(300.0)]},
     "total power": {"also": [mo.limits.total_power(500.0, -400.0)]},
     "jerk": {"qddd_max": 200.0},
     "own": {
@@ -215,7 +230,7 @@ FURTHER = {
 }
 
 
-LONG = ("tool acceleration", "zone", "jerk")  # jerks are those of other tests, too
+LONG = ("tool acceleration", "tool jerk", "zone", "jerk")  # jerks are those of other tests, too
 
 
 @pytest.fixture(scope="module")

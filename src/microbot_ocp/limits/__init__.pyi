@@ -38,6 +38,7 @@ from ._members import (
     power as power,
     rms_torque as rms_torque,
     tool_acceleration as tool_acceleration,
+    tool_jerk as tool_jerk,
     tool_speed as tool_speed,
     total_power as total_power,
 )

@@ -53,6 +53,28 @@ def _acceleration(state):
     return (linear.T @ linear) ** 0.5
 
 
+def tool_jerk(upper: Bound) -> Limit:
+    """Limit the size of the jerk of the tool's origin in the base frame.
+
+    Parameters
+    ----------
+    upper : float or callable
+        m/s^3, or an expression of the motion's state.
+
+    Examples
+    --------
+    >>> import microbot_ocp as mo
+    >>> robot = mo.load_robot("microbot").with_limits(also=[mo.limits.tool_jerk(500.0)])
+    """
+    upper = above_zero("tool jerk", upper, "m/s^3")
+    return Limit("tool jerk", _jerk, upper=upper, unit="m/s^3")
+
+
+def _jerk(state):
+    linear = state.tool_jerk[:3]
+    return (linear.T @ linear) ** 0.5
+
+
 def power(upper: Bound = None, lower: Bound = None) -> Limit:
     """Limit the mechanical power ``tau qd`` of every joint.
 
@@ -116,7 +138,7 @@ def _torque(state):
 
 MEMBERS: dict[str, Callable[..., Limit]] = {
     member.__name__: member
-    for member in (tool_speed, tool_acceleration, power, total_power, rms_torque)
+    for member in (tool_speed, tool_acceleration, tool_jerk, power, total_power, rms_torque)
 }
 # Keys in files: "tool_speed_max", and "power_min" where there may be a lower bound.
 MEMBER_KEYS = {

@@ -26,8 +26,9 @@ class MotionState:
         Joint torques and their time derivatives, N m and N m/s (N, N/s).
     tool : expression [4,4]
         Pose of the tool in the base frame.
-    tool_velocity, tool_acceleration : expression [6]
-        Of the tool's origin, linear (m/s, m/s^2), then angular (rad/s, rad/s^2), in the base frame.
+    tool_velocity, tool_acceleration, tool_jerk : expression [6]
+        Of the tool's origin, linear (m/s, m/s^2, m/s^3), then angular (rad/s, ...), in the base
+        frame.
     link_poses : tuple of expression [4,4]
         Poses of the base and of link frames 1 to n in the base frame.
     """
@@ -42,7 +43,7 @@ class MotionState:
     def __getattr__(self, name: str) -> NoReturn:
         raise AttributeError(
             f"a motion's state has no {name!r}, it has q, qd, qdd, qddd, tau, taud, tool, "
-            "tool_velocity, tool_acceleration, link_poses"
+            "tool_velocity, tool_acceleration, tool_jerk, link_poses"
         )
 
     @cached_property
@@ -82,12 +83,31 @@ class MotionState:
         """Acceleration of the tool [6]."""
         return tool_acceleration(self.robot)(self.q, self.qd, self.qdd)
 
+    @cached_property
+    def tool_jerk(self) -> Any:
+        """Jerk of the tool [6]."""
+        return tool_jerk(self.robot)(self.q, self.qd, self.qdd, self.qddd)
+
 
 @lru_cache(maxsize=64)
 def tool_acceleration(robot: Robot) -> ca.Function:
     """Return acceleration of the tool: ``(q[n], qd[n], qdd[n]) -> a[6]``, linear, then angular."""
-    state = symbols(robot, "q", "qd", "qdd")
-    q, qd, qdd = state.values()
-    velocity = jacobian(robot)(q) @ qd
-    change = ca.jtimes(velocity, ca.vertcat(q, qd), ca.vertcat(qd, qdd))
-    return ca.Function("tool_acceleration", [q, qd, qdd], [ca.densify(change)], [*state], ["a"])
+    q, qd, _ = state = _symbols(robot, "q", "qd", "qdd")
+    return _derivative("tool_acceleration", jacobian(robot)(q) @ qd, state)
+
+
+@lru_cache(maxsize=64)
+def tool_jerk(robot: Robot) -> ca.Function:
+    """Return jerk of the tool: ``(q[n], qd[n], qdd[n], qddd[n]) -> j[6]``, linear, then angular."""
+    *before, _ = state = _symbols(robot, "q", "qd", "qdd", "qddd")
+    return _derivative("tool_jerk", tool_acceleration(robot)(*before), state)
+
+
+def _symbols(robot: Robot, *names: str) -> tuple[Any, ...]:
+    return tuple(symbols(robot, *names).values())
+
+
+def _derivative(name: str, value: Any, state: tuple[Any, ...]) -> ca.Function:
+    """Return the derivative by the time of what depends on all of a state but its last part."""
+    change = ca.jtimes(value, ca.vertcat(*state[:-1]), ca.vertcat(*state[1:]))
+    return ca.Function(name, state, [ca.densify(change)])
