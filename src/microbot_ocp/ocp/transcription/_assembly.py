@@ -194,6 +194,7 @@ class _Piece:
     Attributes
     ----------
     kernels : their values, with first and with second derivatives
+    light : their cost with its gradient, where these take next to nothing
     variables : indices of what they are of [M, K]
     rows : indices of their rows [M, R]
     arrivals : indices of the next z, of which the first rows are [M, nz]; of points [M, 0]
@@ -202,6 +203,7 @@ class _Piece:
     """
 
     kernels: tuple[ca.Function, ca.Function, ca.Function]
+    light: ca.Function | None
     variables: np.ndarray
     rows: np.ndarray
     arrivals: np.ndarray
@@ -222,7 +224,15 @@ class _Piece:
         if self.arrivals.size:
             parts[0] = self.arrived - parts[0]
         rows.add(self.rows, 0, ca.vertcat(*parts))
-        return ca.sum2(cost)
+        return ca.sum2(self.cost(cost)[0])
+
+    def cost(self, *known: ca.MX) -> Sequence[ca.MX]:
+        """Return cost, and its gradient where asked for, of all stages or points: those known from
+        their kernels, or apart from these, so that nobody who wants no more calls them.
+        """
+        if self.light is None:
+            return known
+        return self.light.map(self.rows.shape[0]).call([self.v, self.constants])
 
     def first_order(self, rows: _Entries, gradient: _Entries, jacobian: _Entries) -> ca.MX:
         """Return cost; rows, its gradient and the Jacobian are added to those of the program."""
@@ -235,6 +245,7 @@ class _Piece:
             both = ca.vertcat(self.arrived - both[:steps, :], both[steps:, :])
         jacobian.add(self.rows[:, at], self.variables[:, column], entries)
         rows.add(self.rows, 0, both)
+        cost, slope = self.cost(cost, slope)
         gradient.add(self.variables, 0, slope)
         return ca.sum2(cost)
 
@@ -268,6 +279,7 @@ def _pieces(layout: PhaseLayout, x: ca.MX, constants: ca.MX) -> list[_Piece]:
         pieces.append(
             _Piece(
                 kernels=(kernel.point, kernel.jacobian, kernel.hessian),
+                light=kernel.cost,
                 variables=places,
                 rows=group.block.places,
                 arrivals=places[:, :0],
@@ -279,6 +291,7 @@ def _pieces(layout: PhaseLayout, x: ca.MX, constants: ca.MX) -> list[_Piece]:
     kernels = layout.kind.kernels
     stages = _Piece(
         kernels=(kernels.stage, kernels.stage_jacobian, kernels.stage_hessian),
+        light=kernels.cost,
         variables=layout.stage_variables,
         rows=layout.stage_rows,
         arrivals=nodes[1:],
