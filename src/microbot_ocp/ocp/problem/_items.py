@@ -55,6 +55,7 @@ class PathConstraint:
     scale: FloatArray
     unit: str
     scaled: bool = True  # whether the scale was declared
+    interior_points: bool = True
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -366,10 +366,12 @@ class Phase:
         *,
         scale: ArrayLike | None = None,
         unit: str = "",
+        interior_points: bool = True,
     ) -> None:
         """Keep ``lower <= expression <= upper`` at the mesh points and the interior points.
 
-        In the place of an expression with bounds there may be a relation: ``v <= 0.5``,
+        At mesh points alone without ``interior_points``, as bounds of states are by default. In the
+        place of an expression with bounds there may be a relation: ``v <= 0.5``,
         ``x == y``, ``-1 <= (x <= 1)`` with these brackets, or some of them joined by
         ``ca.logic_and``. So in all constraints.
 
@@ -389,7 +391,8 @@ class Phase:
         2.0
         """
         limits = declared_limits(name, expression, lower, upper, scale, unit)
-        self.constraints += self._owned(limits)
+        held = [replace(limit, interior_points=interior_points) for limit in limits]
+        self.constraints += self._owned(held)
 
     def end_constraint(
         self,

@@ -307,7 +307,7 @@ def _path_rows(
             rows.add_equations(physics.equations(*arguments), point)
         values = physics.limits.call(arguments)
         for limit, value in zip(phase.constraints, values, strict=True):
-            if _holds(phase, limit.expression, point, inner, scheme.points):
+            if _holds(phase, limit, point, inner, scheme.points):
                 rows.add("constraint", [limit], value, point)
 
 
@@ -318,12 +318,13 @@ def _split(table: ca.MX, variables: Sequence[Variable]) -> list[ca.MX]:
 
 def _holds(
     phase: Phase,
-    expression: ca.MX,
+    limit: PathConstraint,
     point: float,
     inner: Sequence[float],
     points: Sequence[float],
 ) -> bool:
     """Return whether a path constraint is kept at a point of the interval."""
+    expression = limit.expression
     if _depends(expression, [v.symbol for v in pointwise(phase)]):
         return point in points  # it has no value elsewhere
     moving = [phase.time, *(v.symbol for v in (*phase.states, *_linear(phase)))]
@@ -332,7 +333,7 @@ def _holds(
     if point == 1.0:
         # a continuous expression is the next stage's business there
         return _jumps(phase, expression)
-    return point == 0.0 or point in inner
+    return point == 0.0 or (limit.interior_points and point in inner)
 
 
 def _end(physics: _Physics) -> PointKernel:

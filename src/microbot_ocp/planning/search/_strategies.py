@@ -563,6 +563,9 @@ def split_where_exceeded(search: MotionSearch, step: NextStep) -> MotionAnswer:
             # a refined mesh is seldom refined again: to the last digits at once
             least = replace(usual, max_iterations=min(usual.max_iterations, SEARCH.most_exact))
             best = replace(refiner, settings=least, rough=None, once=True).refine(best, **marks)
+    if search.problem.timed_path is not None:  # what did not converge is tried from farther inside
+        farther = _from_barrier(refiner, SEARCH.timed_path_barrier)
+        refiner = replace(refiner, settings=farther)
     return _finer(subject, "splitting", refiner.refine(best, **marks), refiner)
 
 

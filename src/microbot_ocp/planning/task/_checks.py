@@ -548,11 +548,15 @@ def declare_limits(
     usual = family.values(_at_rest(reference), further)
     for key in keys:
         member = family[key]
-        unit = member.units[0]
+        # what depends on positions alone changes as little as they between mesh points
+        unit, inner = member.units[0], member.order > 0
         if member.limit is None or not member.varies:
             value = joint_values[key] if member.limit is None else expressions[key][0]
             scale = finite_scale(member.lower, member.upper)
-            phase.constraint(member.name, value, member.lower, member.upper, scale=scale, unit=unit)
+            bounds = member.lower, member.upper
+            phase.constraint(
+                member.name, value, *bounds, scale=scale, unit=unit, interior_points=inner
+            )
             continue
         value, lower, upper = expressions[key]
         for side, sign, bound, size in (
@@ -565,7 +569,8 @@ def declare_limits(
             room = sign * (value - (ca.DM(bound) if constant else bound))
             scale = finite_scale(np.ravel(size), np.ravel(size))
             name = f"{member.name}, {side} limit"
-            phase.constraint(name, room, upper=0.0, scale=scale, unit=unit)
+            given = {"scale": scale, "unit": unit, "interior_points": inner}
+            phase.constraint(name, room, upper=0.0, **given)
 
 
 def knows_derivatives(limit: Limit | None) -> bool:
