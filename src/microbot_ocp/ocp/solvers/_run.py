@@ -280,11 +280,12 @@ def status_of(
 ) -> Status:
     """Return the status from the statistics of a solver and the violation at its point."""
     message = str(stats.get("return_status", ""))
-    limit = settings.options.get(name, {}).get("max_iter", settings.max_iterations)
+    options = settings.options.get(name, {})
+    limit = options.get("max_iter", settings.max_iterations)
     if "Time" in message:  # Maximum_WallTime_Exceeded, Maximum_CpuTime_Exceeded
         return Status.TIME_LIMIT
-    if "Acceptable" in message:
-        return Status.FAILED
+    if "Acceptable" in message and not (options.get("acceptable_iter") and settings.gap == np.inf):
+        return Status.FAILED  # nobody asked for it
     if stats.get("success"):  # fatrop reports it even of points that are not finite
         return Status.SOLVED if infeasibility <= FEASIBLE else Status.FAILED
     if stats.get("unified_return_status") == "SOLVER_RET_LIMITED" or "Maximum" in message:

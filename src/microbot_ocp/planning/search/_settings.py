@@ -36,6 +36,8 @@ class SearchSettings:
     full_mesh_even : the same elsewhere
     guided_iterations : of a solve to the rough ``timed_path_tolerance``; 20 to 60 are usual, and
         100 where much has to give way
+    guided_still : iterations within ten times that tolerance after which it is left at that:
+        IPOPT's default. A Panda at a shelf has its duration to 1e-7 after 90, and goes on to 300
     full_mesh_sum : intervals of all phases together where nobody says how many: 30 via points
         need no 3000
     least_mesh : intervals a phase in any case
@@ -94,6 +96,7 @@ class SearchSettings:
     full_mesh: int = 80
     full_mesh_even: int = 100
     guided_iterations: int = 300
+    guided_still: int = 15
     full_mesh_sum: int = 400
     least_mesh: int = 25
     graded: float = 0.5

@@ -84,8 +84,14 @@ def search_of(
         enough=partial(is_enough, problem, settings) if problem.is_free else None,
     )
     if problem.timed_path is not None:  # a motion within limits is known
-        rough = SolverSettings(gap=np.inf, options=LDL, max_iterations=SEARCH.guided_iterations)
         tolerance = SEARCH.timed_path_tolerance
+        # where a link is as near to two faces of a thing steps go to and fro between them
+        options = {"acceptable_iter": SEARCH.guided_still, "acceptable_tol": 10.0 * tolerance}
+        rough = SolverSettings(
+            gap=np.inf,
+            options={"ipopt": {**LDL["ipopt"], **options}},
+            max_iterations=SEARCH.guided_iterations,
+        )
         refiner = replace(refiner, tolerance=tolerance, rough=None, settings=rough, once=True)
     return MotionSearch(problem, settings, refiner, progress, kernel_time)
 
@@ -401,8 +407,8 @@ def to_full_mesh(search: MotionSearch, step: NextStep) -> MotionAnswer:
 
 def _from_barrier(refiner: Refiner, barrier: float) -> SolverSettings:
     """Return settings of a solve with multipliers that begins at a barrier parameter."""
-    options = {"ipopt": {**LDL["ipopt"], "mu_init": barrier}}
-    return replace(refiner.settings, options=options)
+    options = {**refiner.settings.options.get("ipopt", {}), "mu_init": barrier}
+    return replace(refiner.settings, options={"ipopt": options})
 
 
 def _going_on(subject: MotionAnswer) -> Refiner:
