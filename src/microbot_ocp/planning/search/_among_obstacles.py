@@ -98,6 +98,7 @@ class AmongObstacles:
 
 AMONG_OBSTACLES = AmongObstacles()
 NOTHING_FASTER = "the search found nothing faster"
+THE_MOTION = "the motion found"
 AT_CORNERS = "path around obstacles, at rest at its corners"
 
 
@@ -311,17 +312,24 @@ def fastest_among(
     check_apart(around, via)
     legs = legs_between(around, via, settings, progress)
     planned = time.perf_counter()
-    starts, search, proof, below = list[TimedPath](), None, None, None
+    starts, known = list[TimedPath](), list[ProvedPath]()
+    search, proof, below = None, None, None
     for start in starts_of(legs):
         starts.append(start)
         progress(f"{start.name}: {start.motion.duration:.4f} s by reachability")
         search, proof = _solved(family, via, scene, settings, progress, start)
         if search is not None and proof is not None and proof.proved:
-            below = search.duration  # what a path must be able to beat
+            if search.solved:
+                below = search.duration  # what a path must be able to beat
+            else:
+                origin = {"made_from": THE_MOTION, **search.provenance}
+                search = replace(search, provenance=origin)
+                known.append(ProvedPath(start.name, search, proof))
+                proof = None
         if deadline.over() or below is not None:
             break
     tried = () if below is None else [start.name for start in starts]
-    paths = list(timed_paths(around, legs, progress, below=below, tried=tried))
+    paths = [*known, *timed_paths(around, legs, progress, below=below, tried=tried)]
     more: dict[str, Any] = {
         "scene": list(scene.names),
         "paths": [{"start": p.name, "duration": p.motion.duration} for p in starts],
@@ -342,7 +350,8 @@ def fastest_among(
 
 
 def at_least(fallback: ProvedPath | None, motion: Motion | None, proof: Clearance | None) -> Motion:
-    """Give what a search found; a timed path where that is not solved, not proved clear or slower.
+    """Give what a search found; what is known at least where that is not solved, not proved clear
+    or slower: a timed path, or a motion of the search slowed down at limits.
 
     What is solved and proved needs no path beside it that it is known to be faster than.
     """
@@ -355,8 +364,10 @@ def at_least(fallback: ProvedPath | None, motion: Motion | None, proof: Clearanc
             provenance = {**motion.provenance, "clearance": as_plain(proof)}
             return replace(motion, provenance=provenance)
     assert fallback is not None
+    how = fallback.motion.provenance
     slower = motion is not None and motion.duration >= fallback.motion.duration
-    if slower and outcome.status is Status.LIMITS_EXCEEDED:  # even with limits at mesh points only
+    if slower and "made_from" not in how and outcome.status is Status.LIMITS_EXCEEDED:
+        # than a timed path, even with limits at mesh points only
         outcome = Outcome.of(Status.SOLVED, NOTHING_FASTER)
     if proof is not None and proof.proved:
         outcome = Outcome.of(outcome.status, NOTHING_FASTER)
@@ -366,10 +377,15 @@ def at_least(fallback: ProvedPath | None, motion: Motion | None, proof: Clearanc
         outcome = Outcome.of(Status.NOT_ACCEPTED, proof.sentence)
     elif outcome.status in (Status.INFEASIBLE, Status.LIMITS_EXCEEDED):  # there is a motion
         outcome = Outcome.of(Status.FAILED, NONE_WITHIN)
+        if motion is fallback.motion:  # within what a certificate lets pass
+            outcome = Outcome.of(Status.NOT_ACCEPTED)
     if motion is not None:
-        outcome = replace(outcome, ledger=motion.outcome.ledger.discarded())
-    made_from = "the best timing of a path around the obstacles"
-    if fallback.motion.provenance.get("method") == AT_CORNERS:
+        ledger = motion.outcome.ledger
+        ledger = ledger if motion is fallback.motion else ledger.discarded()
+        advice = tuple(row for row in outcome.advice if row.kind != "returned")
+        outcome = replace(outcome, advice=advice, ledger=ledger)
+    made_from = how.get("made_from", "the best timing of a path around the obstacles")
+    if how.get("method") == AT_CORNERS:
         made_from = f"a {AT_CORNERS}"
     remark = f"{made_from}: {outcome.text}"
     if not outcome.solved:
@@ -527,7 +543,7 @@ def _solved(
     path: TimedPath,
 ) -> tuple[Motion | None, Clearance | None]:
     """Return the fastest motion found from a timed path, with all pairs that matter in the problem,
-    and where it is solved whether it is proved to keep clear.
+    and whether it is proved to keep clear: what is not solved but keeps the limits is known, if so.
 
     None where the time was over before the search began.
     """
@@ -580,7 +596,9 @@ def _solved(
             return motion, proof
         best = fastest(search, state)
         motion = motion_from(best)
-        proof = clearance(robot, motion, scene) if motion.solved else None
+        proof = clearance(robot, motion, scene)
+        if not motion.solved and not (proof.proved and _keeps_limits(family, motion)):
+            proof = None
         shape = PiecewisePolynomial(motion.t, pieces_of(motion))
         if proof is None or proof.proved:
             break
