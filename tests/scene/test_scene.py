@@ -321,6 +321,17 @@ def test_an_optimum_slower_than_the_timed_path_ends_the_search(around: mo.Motion
         assert motion.duration == around.duration
 
 
+def test_what_a_search_leaves_within_limits_is_known_at_least(around: mo.Motion) -> None:
+    """Where it is within what a certificate lets pass, but a finer mesh was not solved."""
+    exceeded = Outcome.of(mo.Status.LIMITS_EXCEEDED)
+    unsolved = around.ended(exceeded, made_from=among.THE_MOTION)
+    known = ProvedPath("path", unsolved, mo.clearance(ARM, around, POST))
+    motion = at_least(known, unsolved, None)
+    assert motion.status is mo.Status.NOT_ACCEPTED
+    assert motion.duration == around.duration
+    assert motion.advice.count("Returned is") == 1
+
+
 def test_the_same_task_gives_the_same_motion(around: mo.Motion) -> None:
     again = mo.time_optimal(ARM, ENDS, scene=POST, mesh=20, starts=1)
     assert again.duration == around.duration

@@ -75,3 +75,32 @@ def test_the_end_is_divided_where_all_derivatives_are_given():
 def test_light_functions_are_written_out(monkeypatch):
     monkeypatch.setattr(_composition, "HEAVY", 10**9)
     assert Transcription(problem(mixed=True)).kernels[0].stage_hessian.is_a("SXFunction")
+
+
+@pytest.mark.parametrize("in_cost", [False, True])
+def test_a_light_cost_is_known_without_heavy_functions(in_cost):
+    heavier = problem(mixed=False)
+    [phase] = heavier.phases
+    x, u = (symbol.symbol for symbol in (*phase.states, *phase.controls))
+    if in_cost:
+        phase.running_cost(ca.sumsqr(heavy("one")(x, u)[0]))
+    kernels = Transcription(heavier).kernels[0]
+    assert (kernels.cost is None) == in_cost
+    if kernels.cost is not None:
+        random = np.random.default_rng(0)
+        at = [random.uniform(0.1, 0.6, kernels.cost.size_in(k)) for k in range(2)]
+        for mine, other in zip(kernels.cost(*at), kernels.stage_jacobian(*at)[2:], strict=True):
+            assert np.allclose(np.array(mine), np.array(other), rtol=1e-12)
+
+
+def test_a_constraint_may_hold_at_mesh_points_alone():
+    rows = []
+    for interior in (True, False):
+        phase = OptimalControlProblem("speed").phase("move", duration=1.0)
+        x = phase.state("x", initial=0.0, final=1.0)
+        phase.derivative(x, phase.control("v"))
+        phase.constraint("place", x**2, upper=2.0, interior_points=interior)
+        kernels = Transcription(phase.problem, scheme="shooting").kernels[0]
+        rows.append([row.fraction for row in kernels.stage_rows if row.name == "place"])
+    assert rows[1] == [0.0]
+    assert len(rows[0]) > 1
