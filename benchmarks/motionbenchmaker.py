@@ -277,15 +277,20 @@ def median(values: Iterable[float | None], text: str) -> str:
 
 
 def unsolved(rows: list[dict[str, Any]]) -> str:
-    """Return which problems were tried and not solved and certified in time, by family and why."""
-    numbers: dict[tuple[str, str], list[str]] = {}
+    """Return which problems were tried and not solved and certified in time, by reason."""
+    numbers: dict[tuple[str, str], dict[str, list[str]]] = {}
     for row in rows:
         in_time = row.get("processor", 0.0) <= IN_TIME
         if row["outcome"] == "refused" or (row["outcome"] == "solved" and in_time):
             continue
         why = re.split(r" at \d|[.:]", row["why"])[0] or f"more than {IN_TIME:g} s"
-        numbers.setdefault((f"{row['robot']} {row['family']}", why), []).append(str(row["number"]))
-    lines = [f"- {family} {', '.join(group)}: {why}" for (family, why), group in numbers.items()]
+        group = numbers.setdefault((row["robot"], why), {})
+        group.setdefault(row["family"], []).append(str(row["number"]))
+    lines = [
+        f"- {robot}, {why}: "
+        + "; ".join(f"{family} {', '.join(which)}" for family, which in group.items())
+        for (robot, why), group in numbers.items()
+    ]
     return "\n".join(lines) or "All that were tried are solved and certified."
 
 
