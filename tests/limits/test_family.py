@@ -139,19 +139,11 @@ def test_torque_rate_tool_acceleration_and_jerk_are_slopes():
     np.testing.assert_allclose(
         values["taud"].value[0], np.subtract(*tau[::-1]) / (2 * step), rtol=1e-5
     )
-    velocity = [np.array(mo.jacobian(robot)(at(t)[0])) @ at(t)[1] for t in (-step, step)]
-    slope = np.subtract(*velocity[::-1]) / (2 * step)
+    times = (-step, 0.0, step)
+    velocity = [np.array(mo.jacobian(robot)(at(t)[0])) @ at(t)[1] for t in times]
+    slope = (velocity[2] - velocity[0]) / (2 * step)
     np.testing.assert_allclose(values["tool_acceleration"].value[0], slope, rtol=1e-5, atol=1e-6)
-    bend = (
-        np.sum(
-            [
-                s * np.array(mo.jacobian(robot)(at(k * step)[0])) @ at(k * step)[1]
-                for k, s in ((-1, 1.0), (0, -2.0), (1, 1.0))
-            ],
-            axis=0,
-        )
-        / step**2
-    )
+    bend = np.diff(velocity, n=2, axis=0)[0] / step**2
     np.testing.assert_allclose(values["tool_jerk"].value[0], bend, rtol=1e-5, atol=1e-5)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 from microbot_ocp._base.checks import InputError, shown
@@ -23,12 +24,7 @@ def tool_speed(upper: Bound) -> Limit:
     >>> import microbot_ocp as mo
     >>> robot = mo.load_robot("microbot").with_limits(also=[mo.limits.tool_speed(upper=1.0)])
     """
-    return Limit("tool speed", _speed, upper=above_zero("tool speed", upper, "m/s"), unit="m/s")
-
-
-def _speed(state):
-    linear = state.tool_velocity[:3]
-    return (linear.T @ linear) ** 0.5
+    return _of_tool("tool speed", "tool_velocity", upper, "m/s")
 
 
 def tool_acceleration(upper: Bound) -> Limit:
@@ -44,13 +40,7 @@ def tool_acceleration(upper: Bound) -> Limit:
     >>> import microbot_ocp as mo
     >>> robot = mo.load_robot("microbot").with_limits(also=[mo.limits.tool_acceleration(20.0)])
     """
-    upper = above_zero("tool acceleration", upper, "m/s^2")
-    return Limit("tool acceleration", _acceleration, upper=upper, unit="m/s^2")
-
-
-def _acceleration(state):
-    linear = state.tool_acceleration[:3]
-    return (linear.T @ linear) ** 0.5
+    return _of_tool("tool acceleration", "tool_acceleration", upper, "m/s^2")
 
 
 def tool_jerk(upper: Bound) -> Limit:
@@ -66,13 +56,22 @@ def tool_jerk(upper: Bound) -> Limit:
     >>> import microbot_ocp as mo
     >>> robot = mo.load_robot("microbot").with_limits(also=[mo.limits.tool_jerk(500.0)])
     """
-    upper = above_zero("tool jerk", upper, "m/s^3")
-    return Limit("tool jerk", _jerk, upper=upper, unit="m/s^3")
+    return _of_tool("tool jerk", "tool_jerk", upper, "m/s^3")
 
 
-def _jerk(state):
-    linear = state.tool_jerk[:3]
-    return (linear.T @ linear) ** 0.5
+def _of_tool(name: str, quantity: str, upper: Bound, unit: str) -> Limit:
+    return Limit(name, _Size(quantity), upper=above_zero(name, upper, unit), unit=unit)
+
+
+@dataclass(frozen=True)
+class _Size:
+    """The size of the linear part of a quantity of the tool."""
+
+    quantity: str
+
+    def __call__(self, state: Any) -> Any:
+        linear = getattr(state, self.quantity)[:3]
+        return (linear.T @ linear) ** 0.5
 
 
 def power(upper: Bound = None, lower: Bound = None) -> Limit:

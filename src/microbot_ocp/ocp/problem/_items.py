@@ -55,7 +55,7 @@ class PathConstraint:
     scale: FloatArray
     unit: str
     scaled: bool = True  # whether the scale was declared
-    interior_points: bool = True
+    interior_points: bool = True  # whether it holds inside the intervals, too
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -370,8 +370,9 @@ class Phase:
     ) -> None:
         """Keep ``lower <= expression <= upper`` at the mesh points and the interior points.
 
-        At mesh points alone without ``interior_points``, as bounds of states are by default. In the
-        place of an expression with bounds there may be a relation: ``v <= 0.5``,
+        Without ``interior_points`` at the mesh points alone, as bounds of states by default.
+
+        In the place of an expression with bounds there may be a relation: ``v <= 0.5``,
         ``x == y``, ``-1 <= (x <= 1)`` with these brackets, or some of them joined by
         ``ca.logic_and``. So in all constraints.
 

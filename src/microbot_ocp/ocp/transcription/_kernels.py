@@ -51,19 +51,19 @@ class PointKernel:
 
     Attributes
     ----------
-    cost : the cost alone with its gradient, where that is light: see :class:`Kernels`
     rows : what the constraints are, in their order
     fractions : at which fractions [M] of the phase
     data : names of the measurements of which c has the data
+    cost : the cost alone with its gradient, where that is light: see :class:`Kernels`
     """
 
     point: ca.Function
     jacobian: ca.Function
     hessian: ca.Function
-    cost: ca.Function | None
     rows: tuple[TableEntry, ...]
     fractions: tuple[float, ...]
     data: tuple[str, ...] = ()
+    cost: ca.Function | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,7 +186,8 @@ def light_cost(function: ca.Function) -> ca.Function | None:
     if not cost.is_a("SXFunction") or cost.n_instructions() >= HEAVY:
         return None
     v, c = cost.sx_in()
-    return ca.Function("cost", [v, c], [cost(v, c), ca.densify(ca.gradient(cost(v, c), v))])
+    value = cost(v, c)
+    return ca.Function("cost", [v, c], [value, ca.densify(ca.gradient(value, v))])
 
 
 class _Rows:
@@ -354,7 +355,7 @@ def _end(physics: _Physics) -> PointKernel:
         rows.add("end", [limit], value)
     cost = physics.end_cost(*at_end)
     end = ca.Function("point", [z, c], [rows.stacked(), cost])
-    return PointKernel(end, end, end, None, tuple(rows.entries), (1.0,))
+    return PointKernel(end, end, end, tuple(rows.entries), (1.0,))
 
 
 def _points(physics: _Physics) -> list[PointKernel]:
@@ -373,8 +374,7 @@ def _points(physics: _Physics) -> list[PointKernel]:
             cost = values
         point = ca.Function(f"point_{len(kernels)}", [z, c], [rows.stacked(), cost])
         fractions, names = tuple(item.fractions.tolist()), tuple(m.name for m in data)
-        entries = tuple(rows.entries)
-        kernels.append(PointKernel(point, point, point, None, entries, fractions, names))
+        kernels.append(PointKernel(point, point, point, tuple(rows.entries), fractions, names))
     return kernels
 
 

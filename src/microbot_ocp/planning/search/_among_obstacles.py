@@ -128,6 +128,14 @@ class ProvedPath(TimedPath):
 
     clearance: Clearance
 
+    @property
+    def made_from(self) -> str:
+        """What the motion is."""
+        how = self.motion.provenance
+        if how.get("method") == AT_CORNERS:
+            return f"a {AT_CORNERS}"
+        return how.get("made_from", "the best timing of a path around the obstacles")
+
 
 class Leg:
     """The ways from one pose to another that searches lead to, and their timings.
@@ -355,19 +363,32 @@ def at_least(fallback: ProvedPath | None, motion: Motion | None, proof: Clearanc
 
     What is solved and proved needs no path beside it that it is known to be faster than.
     """
-    outcome = Outcome.of(Status.TIME_LIMIT)
     if motion is not None:
-        outcome = motion.outcome
         faster = fallback is None or motion.duration < fallback.motion.duration
         faster = faster or "least_effort" in motion.provenance
         if proof is not None and proof.proved and (faster or not motion.solved):
             provenance = {**motion.provenance, "clearance": as_plain(proof)}
             return replace(motion, provenance=provenance)
     assert fallback is not None
-    how = fallback.motion.provenance
-    slower = motion is not None and motion.duration >= fallback.motion.duration
-    if slower and "made_from" not in how and outcome.status is Status.LIMITS_EXCEEDED:
-        # than a timed path, even with limits at mesh points only
+    outcome = _outcome_of(fallback, motion, proof)
+    remark = f"{fallback.made_from}: {outcome.text}"
+    if not outcome.solved:
+        outcome = outcome.and_(returned(fallback.made_from))
+    return replace(fallback.motion, label="time-optimal", remark=remark).ended(
+        outcome,
+        made_from=fallback.made_from,
+        clearance=as_plain(fallback.clearance),
+    )
+
+
+def _outcome_of(fallback: ProvedPath, motion: Motion | None, proof: Clearance | None) -> Outcome:
+    """Return how a search ended in whose place, or as whose motion, a fallback is returned."""
+    if motion is None:
+        return Outcome.of(Status.TIME_LIMIT)
+    outcome, ledger = motion.outcome, motion.outcome.ledger.discarded()
+    is_timed_path = "made_from" not in fallback.motion.provenance
+    slower = is_timed_path and motion.duration >= fallback.motion.duration
+    if slower and outcome.status is Status.LIMITS_EXCEEDED:  # even with limits at mesh points only
         outcome = Outcome.of(Status.SOLVED, NOTHING_FASTER)
     if proof is not None and proof.proved:
         outcome = Outcome.of(outcome.status, NOTHING_FASTER)
@@ -377,24 +398,12 @@ def at_least(fallback: ProvedPath | None, motion: Motion | None, proof: Clearanc
         outcome = Outcome.of(Status.NOT_ACCEPTED, proof.sentence)
     elif outcome.status in (Status.INFEASIBLE, Status.LIMITS_EXCEEDED):  # there is a motion
         outcome = Outcome.of(Status.FAILED, NONE_WITHIN)
-        if motion is fallback.motion:  # within what a certificate lets pass
-            outcome = Outcome.of(Status.NOT_ACCEPTED)
-    if motion is not None:
+    if motion is fallback.motion:
         ledger = motion.outcome.ledger
-        ledger = ledger if motion is fallback.motion else ledger.discarded()
-        advice = tuple(row for row in outcome.advice if row.kind != "returned")
-        outcome = replace(outcome, advice=advice, ledger=ledger)
-    made_from = how.get("made_from", "the best timing of a path around the obstacles")
-    if how.get("method") == AT_CORNERS:
-        made_from = f"a {AT_CORNERS}"
-    remark = f"{made_from}: {outcome.text}"
-    if not outcome.solved:
-        outcome = outcome.and_(returned(made_from))
-    return replace(fallback.motion, label="time-optimal", remark=remark).ended(
-        outcome,
-        made_from=made_from,
-        clearance=as_plain(fallback.clearance),
-    )
+        if motion.status in (Status.INFEASIBLE, Status.LIMITS_EXCEEDED):
+            outcome = Outcome.of(Status.NOT_ACCEPTED)  # it is within what a certificate lets pass
+    advice = tuple(row for row in outcome.advice if row.kind != "returned")
+    return replace(outcome, advice=advice, ledger=ledger)
 
 
 def not_found(motion: Motion, why: str, hit: Clearance) -> Motion:
@@ -596,8 +605,9 @@ def _solved(
             return motion, proof
         best = fastest(search, state)
         motion = motion_from(best)
-        proof = clearance(robot, motion, scene)
-        if not motion.solved and not (proof.proved and _keeps_limits(family, motion)):
+        within = motion.solved or _keeps_limits(family, motion)
+        proof = clearance(robot, motion, scene) if within else None
+        if proof is not None and not (motion.solved or proof.proved):
             proof = None
         shape = PiecewisePolynomial(motion.t, pieces_of(motion))
         if proof is None or proof.proved:

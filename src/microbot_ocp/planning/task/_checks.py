@@ -549,14 +549,12 @@ def declare_limits(
     for key in keys:
         member = family[key]
         # what depends on positions alone changes as little as they between mesh points
-        unit, inner = member.units[0], member.order > 0
+        inner = member.order > 0
+        declare = partial(phase.constraint, unit=member.units[0], interior_points=inner)
         if member.limit is None or not member.varies:
             value = joint_values[key] if member.limit is None else expressions[key][0]
             scale = finite_scale(member.lower, member.upper)
-            bounds = member.lower, member.upper
-            phase.constraint(
-                member.name, value, *bounds, scale=scale, unit=unit, interior_points=inner
-            )
+            declare(member.name, value, member.lower, member.upper, scale=scale)
             continue
         value, lower, upper = expressions[key]
         for side, sign, bound, size in (
@@ -569,8 +567,7 @@ def declare_limits(
             room = sign * (value - (ca.DM(bound) if constant else bound))
             scale = finite_scale(np.ravel(size), np.ravel(size))
             name = f"{member.name}, {side} limit"
-            given = {"scale": scale, "unit": unit, "interior_points": inner}
-            phase.constraint(name, room, upper=0.0, **given)
+            declare(name, room, upper=0.0, scale=scale)
 
 
 def knows_derivatives(limit: Limit | None) -> bool:
