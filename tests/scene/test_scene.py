@@ -477,6 +477,14 @@ def test_a_timed_cycle_among_obstacles_keeps_lines_dwells_and_payloads() -> None
     assert certificate.ok, certificate.verdict
 
 
+def test_stops_that_are_joint_poses_are_via_points(around: mo.Motion) -> None:
+    stops = [mo.Stop(q=ENDS[0], name="pick"), mo.Stop(q=ENDS[1], name="place")]
+    motion = mo.time_optimal(ARM, stops, scene=POST, mesh=20, starts=1)
+    assert motion.duration == around.duration
+    assert [mark.name for mark in motion.marks] == ["pick", "place"]
+    assert mo.certify(ARM, motion, via_q=stops, scene=POST).ok
+
+
 BEYOND = [1.05 * np.cos(0.6), 1.05 * np.sin(0.6), 0.0]
 
 

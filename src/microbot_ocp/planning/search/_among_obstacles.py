@@ -305,8 +305,11 @@ def fastest_among(
     scene: Scene,
     settings: TimeOptimalSettings,
     progress: StepProgress,
+    names: Sequence[str] = (),
 ) -> Motion:
     """Return the fastest motion through via points [m,n] that keeps clear of a scene.
+
+    In messages these have ``names``.
 
     Raises
     ------
@@ -317,7 +320,8 @@ def fastest_among(
     robot: Robot = with_arm_capsules(family.robot)
     family = LimitFamily.of(robot)
     around = Surroundings(robot, scene)
-    check_apart(around, via)
+    names = names or ["start", *(f"via point {k}" for k in range(2, len(via))), "goal"]
+    check_apart(around, via, names)
     legs = legs_between(around, via, settings, progress)
     planned = time.perf_counter()
     starts, known = list[TimedPath](), list[ProvedPath]()
@@ -348,7 +352,6 @@ def fastest_among(
         fallback = min(paths, key=lambda path: path.motion.duration, default=None)
         best = at_least(fallback, search, proof)
     else:
-        names = ["start", *(f"via point {k}" for k in range(2, len(via))), "goal"]
         with interpreted():  # made once, and often when the time to compile is over
             motion = _ignoring(family, via, settings)
         proof = clearance(robot, motion, scene)
@@ -417,12 +420,11 @@ def not_found(motion: Motion, why: str, hit: Clearance) -> Motion:
     return unsolved.ended(outcome, clearance=as_plain(hit))
 
 
-def check_apart(around: Surroundings, via: FloatArray) -> None:
-    """Raise InputError where the arm touches something at a via point [m,n]."""
-    for number, q in enumerate(via, start=1):
+def check_apart(around: Surroundings, via: FloatArray, names: Sequence[str]) -> None:
+    """Raise InputError where the arm touches something at a via point [m,n] of these names."""
+    for name, q in zip(names, via, strict=True):
         contact = around.collision(q)
         if contact is not None:
-            name = {1: "start", len(via): "goal"}.get(number, f"via point {number}")
             raise InputError(f"{name} {touching(contact, around.scene.clearance)}")
 
 

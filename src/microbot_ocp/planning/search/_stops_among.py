@@ -20,7 +20,7 @@ from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.codegen import interpreted
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import LIMIT_TOLERANCE, JointLimits, LimitFamily, Limits
-from microbot_ocp.motion import Motion, PiecewisePolynomial, pieces_of
+from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial, pieces_of
 from microbot_ocp.ocp.solution import StepProgress
 from microbot_ocp.planning.free import excess_along, phase_names
 from microbot_ocp.planning.search._among_obstacles import (
@@ -31,6 +31,7 @@ from microbot_ocp.planning.search._among_obstacles import (
     at_least,
     choices_of,
     differs,
+    fastest_among,
     not_found,
     nothing_found,
     search_legs,
@@ -152,6 +153,14 @@ def stops_among(
         A stop at which every branch of the arm touches something.
     """
     stops, segments, cycle, order, duration = plan
+    if order == "given" and duration is None:
+        task = task_of(with_arm_capsules(robot), stops, limits, segments=segments, cycle=cycle)
+        if task.is_plain:  # via points
+            via = np.array([stop.q for stop in task.stops])
+            names = [f"stop {stop.name!r}" for stop in task.stops]
+            motion = fastest_among(task.family, via, scene, settings, progress, names)
+            named = zip(motion.marks, task.stops, strict=True)
+            return replace(motion, marks=tuple(Mark(m.time, stop.name) for m, stop in named))
     if order == "given":
         (fastest, *_), _ = motions_among(robot, limits, plan, scene, settings, progress, _fastest)
         return fastest[1]
