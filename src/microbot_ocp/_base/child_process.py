@@ -93,16 +93,20 @@ class Child:
         until: float,
         receive: Callable[[Any], bool] | None = None,
         silence: float = np.inf,
+        steps: Callable[[], int] | None = None,
     ) -> Any:
         """Return what the work returns, as :func:`in_child`."""
-        heard = 0.0  # processor time of the process when it sent something last
+        heard = 0.0  # processor time of the process when something was known of it last
+        known = 0
         while True:
             left = min(until - time.perf_counter(), 1e6)
             if left <= 0:
                 raise OutOfTime
             if not self.reading.poll(min(left, silence)):
-                if self._processor_time() - heard > max(silence, heard):
+                now, count = self._processor_time(), known if steps is None else steps()
+                if count == known and now - heard > max(silence, heard):
                     raise OutOfTime
+                known, heard = count, heard if count == known else now
                 continue
             heard = self._processor_time() if np.isfinite(silence) else 0.0
             try:
@@ -135,6 +139,7 @@ def in_child(
     *,
     most_bytes: int | None = None,
     silence: float = np.inf,
+    steps: Callable[[], int] | None = None,
 ) -> Any:
     """Do work in a copy of this process and return what it returns.
 
@@ -164,7 +169,7 @@ def in_child(
         return work(send)
 
     with contextlib.closing(Child(work if most_bytes is None else limited)) as child:
-        return child.answer(until, receive, silence)
+        return child.answer(until, receive, silence, steps)
 
 
 def _work(work: Callable[[Send], Any], reading: Connection, writing: Connection) -> None:

@@ -10,6 +10,7 @@ once as a register of the machine holds.
 
 from __future__ import annotations
 
+import ctypes
 import subprocess
 import sys
 import sysconfig
@@ -34,11 +35,13 @@ from microbot_ocp._base.codegen import (
     compiles,
     package,
 )
-from microbot_ocp._base.interpreter import FORMULAS
+from microbot_ocp._base.interpreter import COLUMNS, FORMULAS, interpreter_text, table_of
 
 FastCall = Callable[..., Any]
 
-WORTH_COMPILING = 0.1  # s of running as it is after which a function is compiled
+WORTH_COMPILING = 0.5  # s of running as it is after which a function is compiled: what that takes
+# Rows after which it is a table: that takes 3.4 us an operation, CasADi's machine 5 ns for each row
+WORTH_A_TABLE = 700
 NESTED = {"base": 4}  # a chain of 1000 is made in 5 ms, with CasADi's 10 in 50 ms
 # No fused multiply-add: the same bits as of CasADi's virtual machine, so that nothing depends on
 # when a function is compiled. It would save 10 % of a call with 7 joints, nothing with 3
@@ -93,9 +96,9 @@ def deferred_call(
 ) -> FastCall:
     """Return a CasADi function as a numpy function of many states, compiled when that pays.
 
-    Compiled code that is in the cache is used at once. Else the function runs as it is until that
-    has taken :data:`WORTH_COMPILING`: the few thousand states of a motion take less. Both give the
-    same bits.
+    Compiled code that is in the cache is used at once. Else the function runs as it is, many states
+    as a table (:mod:`~microbot_ocp._base.interpreter`), until that has taken
+    :data:`WORTH_COMPILING`: the few thousand states of a motion take less. All give the same bits.
 
     Parameters
     ----------
@@ -132,7 +135,7 @@ def deferred_call(
     inner = (function, *function.find_functions())
     in_python = any(part.class_name() == "CallbackInternal" for part in inner)
     spent = -np.inf if in_python or not compiled else 0.0  # of Python there is no C code
-    as_it_is = _as_it_is(function, most, kept)
+    as_it_is = _as_it_is(function, most, kept, compiled)
 
     def call(*given: Any) -> Any:
         nonlocal fast, spent
@@ -141,9 +144,9 @@ def deferred_call(
             fast = _extension(function, most, kept=kept) if again else fast_call(function)
         if fast is not None:
             return fast(*given)
-        begin = time.perf_counter()
+        begin = time.thread_time()
         results = as_it_is(*given)
-        spent += time.perf_counter() - begin
+        spent += time.thread_time() - begin
         return results[0] if len(results) == 1 else results
 
     return call
@@ -382,7 +385,58 @@ class _Memory:
             self._owner.set_res(i, memoryview(memory.ravel("K")))  # pyright: ignore
 
 
-def _stand_in(function: ca.Function) -> FastCall:
+def _by_table(
+    function: ca.Function,
+) -> Callable[[int, list[FloatArray]], tuple[FloatArray, ...]] | None:
+    """Return a function of many rows as a table, which returns its outputs transposed; None where
+    that cannot be.
+    """
+    run, table = _interpreter(), table_of(function)
+    if run is None or table is None:
+        return None
+    sizes = [function.size1_in(i) for i in range(function.n_in())]
+    numels = [function.numel_out(i) for i in range(function.n_out())]
+    counts = [np.array(numbers, dtype=np.intc) for numbers in (sizes, numels)]
+    code, constants = (array.ctypes.data for array in (table.code, table.constants))
+
+    def call(rows: int, given: list[FloatArray]) -> tuple[FloatArray, ...]:
+        height = -(-rows // COLUMNS) * COLUMNS
+        inputs = [np.zeros((height, size)) for size in sizes]
+        outputs = [np.empty((height, size)) for size in numels]
+        for array, value in zip(inputs, given, strict=True):
+            array[:rows] = value
+        work = np.empty(COLUMNS * table.places)
+        places = [
+            (ctypes.c_void_p * len(side))(*(array.ctypes.data for array in side))
+            for side in (inputs, outputs)
+        ]
+        sides = [(len(side), array.ctypes.data) for side, array in zip(places, counts, strict=True)]
+        end = code + table.code.nbytes
+        run(height, code, end, constants, *sides[0], *sides[1], *places, work.ctypes.data)
+        return tuple(array[:rows].T for array in outputs)
+
+    return call
+
+
+@lru_cache(maxsize=1)
+def _interpreter() -> Callable[..., None] | None:
+    """Return the interpreter of tables, compiled once for all; None without a compiler."""
+    cc = compiler()
+    if cc is None or deadline.over():
+        return None
+    try:
+        library = build_library(interpreter_text(), "rows", cc, "-O3", further=ROUNDED_ALIKE)
+        run = ctypes.CDLL(str(library)).interpret_rows
+    except (OSError, subprocess.SubprocessError, RuntimeError, AttributeError):
+        return None
+    count, address = ctypes.c_long, ctypes.c_void_p
+    side = (count, address)
+    run.argtypes = (count, *(address,) * 3, *side, *side, *(address,) * 3)
+    run.restype = None
+    return run
+
+
+def _stand_in(function: ca.Function, by_table: bool = True) -> FastCall:
     """Return what :func:`fast_call` promises, without an extension module."""
     name, labels = function.name(), function.name_in()
     sizes = [function.size1_in(i) for i in range(function.n_in())]
@@ -390,7 +444,11 @@ def _stand_in(function: ca.Function) -> FastCall:
     single = buffered_call(function)
     mapped = lru_cache(maxsize=1)(lambda rows: buffered_call(function.map(rows)))
 
+    table = lru_cache(maxsize=1)(lambda: _by_table(function) if by_table else None)
+    seen = 0
+
     def call(*given: Any) -> Any:
+        nonlocal seen
         if len(given) != len(sizes):
             raise InputError(f"{name} takes {len(sizes)} arrays, not {len(given)}")
         arrays, rows = [np.asarray(value, dtype=float) for value in given], -1
@@ -403,7 +461,10 @@ def _stand_in(function: ca.Function) -> FastCall:
                     f"in every batch, not {list(array.shape)}"
                 )
         lead = () if rows < 0 else (rows,)
-        if rows < 0:
+        seen += max(rows, 0)
+        if seen > WORTH_A_TABLE and rows > 0 and (fast := table()) is not None:
+            results = fast(rows, arrays)
+        elif rows < 0:
             results = single(*arrays)
         elif rows == 0:
             results = tuple(np.zeros((height, 0)) for height, _ in shapes)
@@ -441,10 +502,10 @@ def _repeated(single: FastCall, most: int) -> FastCall:
 
 
 def _as_it_is(
-    function: ca.Function, most: int, kept: bool
+    function: ca.Function, most: int, kept: bool, by_table: bool
 ) -> Callable[..., tuple[FloatArray, ...]]:
     """Return what :func:`deferred_call` promises, as a tuple, without an extension module."""
-    single = _stand_in(function)
+    single = _stand_in(function, by_table)
 
     chained = lru_cache(maxsize=1)(lambda rows: buffered_call(function.mapaccum(rows, NESTED)))
 

@@ -10,11 +10,16 @@ seven joints up to 5 times as fast, with the bits of CasADi's virtual machine, a
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 import casadi as ca
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray
 
 COLUMNS = 32  # of a block; of 64 the numbers of a stage of seven joints fill the second cache
 NAME = "interpreter"  # that names of libraries begin with
@@ -59,6 +64,8 @@ FORMULAS |= {
     for name in ("pow", "atan2", "copysign", "fmod", "hypot")
 }
 MOVES = {f"MOVE_{name}": getattr(ca, f"OP_{name}") for name in ("CONST", "INPUT", "OUTPUT")}
+ESCAPED = [chr(k) if chr(k).isalnum() else f"\\{k:03o}" for k in range(128)]
+ESCAPED += [f"\\{k:03o}" for k in range(128, 256)]
 
 
 class ManyColumns(ca.Function):
@@ -93,36 +100,65 @@ def c_text(functions: Sequence[ca.Function]) -> str | None:
     """Return C text of functions, of one column and of a block; None where one has no scalar graph
     of operations that are known.
     """
-    used, tables = set[int](), list[str]()
-    for function in functions:
-        try:
-            rows, constants, places = _table(function.expand())
-        except RuntimeError:
-            return None
-        used |= {row[0] for row in rows}
-        tables += _definitions(function, rows, constants, places)
-    known = FORMULAS.keys() & used
-    if used - known - {*MOVES.values()}:
+    tables = [table_of(function) for function in functions]
+    known = [table for table in tables if table is not None]
+    if len(known) < len(tables):
         return None
-    cases = " ".join(f"CASE({k}, {FORMULAS[k].format('x', 'y')})" for k in sorted(known))
+    used = {int(operation) for table in known for operation in np.unique(table.code[:, 0])}
+    definitions = (
+        _definitions(function, table) for function, table in zip(functions, known, strict=True)
+    )
+    return interpreter_text(used) + "".join(chain.from_iterable(definitions))
+
+
+def interpreter_text(used: Collection[int] = FORMULAS.keys()) -> str:
+    """Return C text of an interpreter of operations."""
+    cases = " ".join(
+        f"CASE({k}, {FORMULAS[k].format('x', 'y')})" for k in sorted(FORMULAS.keys() & used)
+    )
     names = "".join(
         f"#define {name} {number}\n" for name, number in {"COLUMNS": COLUMNS, **MOVES}.items()
     )
     text = Path(__file__).with_suffix(".c").read_text("utf-8")
-    return names + text.replace("/* further cases */", cases) + "".join(tables)
+    return names + text.replace("/* further cases */", cases)
 
 
-Row = tuple[int, int, int, int]  # an operation, where its result goes, and what it is of
+@dataclass(frozen=True, eq=False)
+class Table:
+    """A function as operations on places of a work array.
+
+    Attributes
+    ----------
+    code : operation, where its result goes, and what it is of [N, 4], 16 bits each
+    constants : [C]
+    places : numbers that are at work at once
+    """
+
+    code: np.ndarray
+    constants: FloatArray
+    places: int
+
+    def ends(self, function: ca.Function) -> list[int]:
+        """Return after which operation each output is known."""
+        of_outputs = np.flatnonzero(self.code[:, 0] == ca.OP_OUTPUT)
+        ends = np.zeros(function.n_out(), dtype=int)
+        np.maximum.at(ends, self.code[of_outputs, 2], of_outputs + 1)
+        return ends.tolist()
 
 
-def _table(function: ca.Function) -> tuple[list[Row], list[float], int]:
-    """Return operations, constants, and how many numbers are at work at once.
+def table_of(function: ca.Function) -> Table | None:
+    """Return the table of a function; None where it has no scalar graph of operations that are
+    known, or is too large.
 
     The last outputs come first: a cost and its gradient, which solvers ask for alone.
     """
+    try:
+        function = function.expand()
+    except RuntimeError:
+        return None
     given, last = function.sx_in(), function.n_out() - 1
     turned = ca.Function(function.name(), given, function.call(given)[::-1])
-    rows, constants = list[Row](), list[float]()
+    rows, constants = list[tuple[int, int, int, int]](), list[float]()
     for k in range(turned.n_instructions()):
         operation, to = turned.instruction_id(k), turned.instruction_output(k)
         if operation == ca.OP_CONST:
@@ -132,25 +168,25 @@ def _table(function: ca.Function) -> tuple[list[Row], list[float], int]:
         of = turned.instruction_input(k)
         if operation == ca.OP_OUTPUT:
             rows.append((operation, of[0], last - to[0], to[1]))
-        else:
+        elif operation in FORMULAS or operation == ca.OP_INPUT:
             rows.append((operation, to[0], of[0], of[-1]))
-    return rows, constants, turned.sz_w()
+        else:
+            return None
+    code = np.array(rows, dtype=int).reshape(-1, 4)
+    if code.max(initial=0) > np.iinfo(np.uint16).max:
+        return None
+    return Table(code.astype(np.uint16), np.array(constants), turned.sz_w())
 
 
-def _definitions(
-    function: ca.Function, rows: Sequence[Row], constants: Sequence[float], places: int
-) -> Iterator[str]:
+def _definitions(function: ca.Function, table: Table) -> Iterator[str]:
     """Yield the tables of a function in C, and what CasADi asks of a library about it."""
     name = function.name()
-    ends = [0] * function.n_out()
-    for index, (operation, _, output, _) in enumerate(rows):
-        if operation == ca.OP_OUTPUT:
-            ends[output] = index + 1
-    values = ",".join(map(repr, constants)).replace("inf", "INFINITY").replace("nan", "NAN")
-    code = ",".join(f"{{{a},{b},{c},{d}}}" for a, b, c, d in rows)
-    yield f"static const Operation {name}_code[] = {{{code}}};\n"
+    values = ",".join(map(repr, table.constants.tolist()))
+    values = values.replace("inf", "INFINITY").replace("nan", "NAN")
+    code = "".join(map(ESCAPED.__getitem__, table.code.tobytes()))
+    yield f'static const char {name}_code[] __attribute__((aligned(8))) = "{code}";\n'
     yield f"static const double {name}_constants[] = {{{values or 0}}};\n"
-    yield f"static const int {name}_ends[] = {{{','.join(map(str, ends))}}};\n"
+    yield f"static const int {name}_ends[] = {{{','.join(map(str, table.ends(function)))}}};\n"
     sides = (
         ("in", [function.sparsity_in(k) for k in range(function.n_in())]),
         ("out", [function.sparsity_out(k) for k in range(function.n_out())]),
@@ -160,10 +196,10 @@ def _definitions(
         yield f"static const int {name}_{side}[] = {{{lengths}}};\n"
     for suffix, columns in (("", 1), ("_block", COLUMNS)):
         for side, sparsities in sides:
-            tables = [f"{name}{suffix}_{side}{k}" for k in range(len(sparsities))]
-            for table, sparsity in zip(tables, sparsities, strict=True):
+            labels = [f"{name}{suffix}_{side}{k}" for k in range(len(sparsities))]
+            for label, sparsity in zip(labels, sparsities, strict=True):
                 numbers = ",".join(map(str, ca.repmat(sparsity, 1, columns).compress()))
-                yield f"static const casadi_int {table}[] = {{{numbers}}};\n"
-            yield f"SPARSITY({name}{suffix}, {side}, {len(tables)}, {', '.join(tables)})\n"
-        counts = f"{columns}, {function.n_in()}, {function.n_out()}, {places}"
+                yield f"static const casadi_int {label}[] = {{{numbers}}};\n"
+            yield f"SPARSITY({name}{suffix}, {side}, {len(labels)}, {', '.join(labels)})\n"
+        counts = f"{columns}, {function.n_in()}, {function.n_out()}, {table.places}"
         yield f"FUNCTION({name}, {name}{suffix}, {counts})\n"

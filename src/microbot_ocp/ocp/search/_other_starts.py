@@ -33,7 +33,6 @@ from microbot_ocp.ocp.transcription import (
     Guess,
     GuessValue,
     Transcription,
-    assemble,
     guess_table,
 )
 
@@ -374,7 +373,7 @@ class _Coarse:
             # a simple rule has optima of its own where intervals are as long
             duration_scale = transcription.duration_scale
             transcription = Transcription(transcription.problem, duration_scale=duration_scale)
-        self.program = assemble(transcription.layouts(intervals))
+        self.program = transcription.program(intervals)
         self.solvers: Solvers = {}
         settings = replace(
             context.settings,

@@ -8,6 +8,7 @@ from ._gap import (
 )
 from ._progress import (
     Iteration as Iteration,
+    LastIterate as LastIterate,
     Progress as Progress,
     StepProgress as StepProgress,
     Watch as Watch,

@@ -1,13 +1,14 @@
 """Live progress of a solve, and what Ctrl-C does to it.
 
-IPOPT and the SQP method call back at every iteration. fatrop has no such call: there the Jacobian,
-which it asks for once an iteration, reports. It cannot be stopped either: it runs to its end, and
-the iterate at which it was asked to stop is returned. Without a progress function there are no
-callbacks.
+IPOPT and the SQP method call back at every iteration. fatrop has no such call: there the gradient
+of the cost, which it asks for once an iteration, reports. It cannot be stopped either: it runs to
+its end, and the iterate at which it was asked to stop is returned. Without a progress function
+there are no callbacks, but for the last iterate of a solver that may have to be ended.
 """
 
 from __future__ import annotations
 
+import mmap
 import signal
 import threading
 from collections.abc import Callable, Iterator
@@ -91,12 +92,12 @@ class Watch:
     def hooked(self, options: Options, functions: Functions) -> tuple[Options, Functions]:
         """Return options and functions of a solver that let it report."""
         if self.solver == "fatrop":
-            self.callback = _JacobianCall(self, functions["nlp_jac_g"])
-            return options, {**functions, "nlp_jac_g": self.callback}
+            self.callback = _GradientCall(self, functions["nlp_grad_f"])
+            return options, {**functions, "nlp_grad_f": self.callback}
         self.callback = _IterationCall(self)
         return {**options, "iteration_callback": self.callback}, functions
 
-    def report(self, x: FloatArray, g: FloatArray, cost: float | None = None) -> bool:
+    def report(self, x: FloatArray, cost: float | None = None) -> bool:
         """Take in an iterate; False where the solve should stop."""
         self.stopped = self.stopped or self.asked()
         if self.stopped or (self.x is not None and np.array_equal(x, self.x)):
@@ -104,7 +105,7 @@ class Watch:
         self.x, self.count = x, self.count + 1
         if cost is None:
             cost = float(self.program.functions["gradient"](x, self.program.parameters)[0])
-        worst = float(self.program.violations(x, g).max())
+        worst = float(self.program.violations(x, self.program.row_values(x)).max())
         try:
             self.progress(Iteration(self.solver, self.count, cost, worst, self.program, x))
         except BaseException as problem:  # raised again by the caller: solvers would swallow it
@@ -112,6 +113,28 @@ class Watch:
             if not _interrupts(problem):
                 self.failure = problem
         return not self.stopped
+
+
+class LastIterate(Watch):
+    """Keeps the last iterate of a solve in memory that a copy of this process shares."""
+
+    def __init__(self, program: Program, solver: str) -> None:
+        super().__init__(program, solver, quiet)
+        memory = mmap.mmap(-1, 8 * (1 + program.variable_lower.size))
+        self.count_and_x = np.frombuffer(memory)
+
+    def report(self, x: FloatArray, cost: float | None = None) -> bool:
+        """Take in an iterate."""
+        self.count_and_x[1:] = x
+        self.count_and_x[0] += 1.0
+        return True
+
+    def look(self) -> int:
+        """Take over what the copy has written, and return the iterations so far."""
+        count = int(self.count_and_x[0])
+        if count:
+            self.x, self.count = self.count_and_x[1:].copy(), count - 1
+        return count
 
 
 class _IterationCall(ca.Callback):
@@ -141,9 +164,9 @@ class _IterationCall(ca.Callback):
 
     def eval(self, arguments: Any) -> list[float]:
         try:
-            x, f, g = (np.array(arguments[i]).ravel() for i in range(3))
-            cost = float(f[0]) * self.watch.program.cost_scale
-            return [0.0 if self.watch.report(x, g, cost) else 1.0]
+            x, cost = np.array(arguments[0]).ravel(), float(arguments[1])
+            go_on = self.watch.report(x, cost * self.watch.program.cost_scale)
+            return [0.0 if go_on else 1.0]
         except BaseException as problem:
             if not _interrupts(problem):
                 raise
@@ -151,19 +174,19 @@ class _IterationCall(ca.Callback):
             return [1.0]
 
 
-class _JacobianCall(ca.Callback):
-    """The Jacobian of a program, which tells its watch where it was asked for."""
+class _GradientCall(ca.Callback):
+    """The gradient of the cost of a program, which tells its watch where it was asked for."""
 
-    def __init__(self, watch: Watch, jacobian: ca.Function) -> None:
+    def __init__(self, watch: Watch, gradient: ca.Function) -> None:
         ca.Callback.__init__(self)
-        self.watch, self.inner = watch, jacobian
-        self.construct("nlp_jac_g", {})
+        self.watch, self.inner = watch, gradient
+        self.construct("nlp_grad_f", {})
 
     def get_n_in(self) -> int:
         return 2
 
     def get_n_out(self) -> int:
-        return 2
+        return 1
 
     def get_sparsity_in(self, i: int) -> ca.Sparsity:
         return self.inner.sparsity_in(i)
@@ -172,15 +195,14 @@ class _JacobianCall(ca.Callback):
         return self.inner.sparsity_out(i)
 
     def eval(self, arguments: Any) -> list[ca.DM]:
-        g, block = self.inner.call(arguments)
-        # fatrop cannot be stopped from here, so it gets its Jacobian
+        # fatrop cannot be stopped from here, so it gets its gradient
         try:
-            self.watch.report(np.array(arguments[0]).ravel(), np.array(g).ravel())
+            self.watch.report(np.array(arguments[0]).ravel())
         except BaseException as problem:
             if not _interrupts(problem):
                 raise
             self.watch.stopped = True
-        return [g, block]
+        return self.inner.call(arguments)
 
 
 def _interrupts(problem: BaseException | None) -> bool:

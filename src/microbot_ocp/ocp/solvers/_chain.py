@@ -25,7 +25,7 @@ from microbot_ocp.ocp.solvers._run import Runner, SolverOutcome, Solvers
 from microbot_ocp.ocp.solvers._settings import SolverSettings
 from microbot_ocp.ocp.solvers._tightening import tightened
 from microbot_ocp.ocp.starts import cost_scale, scaled, starting_point
-from microbot_ocp.ocp.transcription import Guess, Meshes, Program, Transcription, assemble
+from microbot_ocp.ocp.transcription import Guess, Meshes, Program, Transcription
 from microbot_ocp.ocp.transcription.schemes import Scheme
 
 UNSURE = (Status.FAILED, Status.INFEASIBLE)  # without pivots in the linear solver
@@ -67,7 +67,7 @@ def program_on(
 ) -> tuple[Program, StartingPoint, float]:
     """Return the program on a mesh, where it starts from a guess, and the time it took, s."""
     start = time.perf_counter()
-    program = assemble(transcription.layouts(mesh))
+    program = transcription.program(mesh)
     begin = starting_point(program, transcription.problem, guess)
     uneven = uneven and not isinstance(guess, Solution)
     begin = replace(begin, x=finite_start(program, begin.x, uneven=uneven))

@@ -15,7 +15,7 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.child_process import Died, OutOfTime, Send, can_fork, in_child
 from microbot_ocp._base.status import Status
-from microbot_ocp.ocp.solution import Attempt, Progress, StartingPoint, Watch, quiet, watching
+from microbot_ocp.ocp.solution import Attempt, LastIterate, Progress, StartingPoint, Watch, watching
 from microbot_ocp.ocp.solvers._acceptance import accepted
 from microbot_ocp.ocp.solvers._plugins import create
 from microbot_ocp.ocp.solvers._settings import SolverSettings
@@ -99,7 +99,7 @@ class Runner:
             left = self.until - begin
             if forks:  # it answers before its process is ended, and what it had is known then
                 left -= max(SETTINGS.earlier * left, SETTINGS.least_earlier)
-                watch = watch or Watch(self.program, name, quiet)
+                watch = watch or LastIterate(self.program, name)
         solver, broken = self._solver(name, variant, watch, left)
         created = time.perf_counter()
         arguments = arguments_of(self.program, start)
@@ -241,10 +241,10 @@ def _answered_by_child(
     watch: Watch | None,
     until: float,
 ) -> tuple[_Answer, bool]:
-    silence = SETTINGS.silence if name == "fatrop" and watch is not None else np.inf
+    seen = watch if isinstance(watch, LastIterate) else None
 
     def work(send: Send) -> _Answer:
-        if watch is not None:
+        if watch is not None and seen is None:
             watch.progress = lambda iteration: send((iteration.x, iteration.cost))
         try:
             return _plain(solver(**arguments), solver)
@@ -253,14 +253,14 @@ def _answered_by_child(
 
     def receive(what: tuple[FloatArray, float]) -> bool:
         assert watch is not None
-        if watch.progress is quiet:
-            watch.x, watch.count = what[0], watch.count + 1
-            return True
-        return watch.report(what[0], watch.program.row_values(what[0]), what[1])
+        return watch.report(*what)
 
     until = min(until, time.perf_counter() + SETTINGS.most)
+    # fatrop may loop without an evaluation
+    silence = SETTINGS.silence if name == "fatrop" and watch is not None else np.inf
+    look = None if seen is None else seen.look
     try:
-        return in_child(work, until, receive, silence=silence), False
+        return in_child(work, until, receive, silence=silence, steps=look), False
     except OutOfTime:
         return _Answer(out_of_time=True), False
     except Died:
@@ -268,6 +268,9 @@ def _answered_by_child(
     except KeyboardInterrupt:
         # of the progress function, of its error, or of the keyboard
         return _Answer(), watch is None or watch.failure is None
+    finally:
+        if seen is not None:
+            seen.look()
 
 
 # how it ended ------------------------------------------------------------------------------------

@@ -25,6 +25,7 @@ from microbot_ocp.ocp.problem import (
     with_shapes,
     with_values,
 )
+from microbot_ocp.ocp.transcription._assembly import Program, assemble
 from microbot_ocp.ocp.transcription._composition import Composition, Derivatives, automatic
 from microbot_ocp.ocp.transcription._kernels import with_derivatives
 from microbot_ocp.ocp.transcription._layout import PhaseLayout, lay_out, stage_kind
@@ -114,6 +115,7 @@ class Transcription:
         self._prepare = prepare
         self._derivatives = derivatives
         self._known: dict[str, Sequence[ca.Function]] = {}
+        self._last: tuple[tuple[bytes, ...], Program] | None = None
         self._kinds = [
             stage_kind(phase, scheme, phase.duration_scale or self.duration_scale, self._derive)
             for phase in problem.phases
@@ -131,7 +133,7 @@ class Transcription:
         """Return the same kernels with other values of phase parameters, by phase and name."""
         changed = copy.copy(self)
         phases = (with_values(p, values.get(p.name, {})) for p in self.problem.phases)
-        changed.problem = with_phases(self.problem, phases)
+        changed.problem, changed._last = with_phases(self.problem, phases), None
         return changed
 
     def _derive(
@@ -144,17 +146,31 @@ class Transcription:
             self._known[key] = make() if self._prepare is None else self._prepare(key, make)
         return self._known[key]
 
-    def layouts(self, meshes: Meshes) -> tuple[PhaseLayout, ...]:
-        """Lay the problem out on a mesh for each phase."""
+    def program(self, meshes: Meshes) -> Program:
+        """Return the program on a mesh for each phase; that of the last meshes is kept, since many
+        solves begin on the same ones.
+        """
+        given = tuple(points.tobytes() for points in self._points(meshes))
+        last = self._last  # of this thread
+        if last is None or last[0] != given:
+            self._last = last = given, assemble(self.layouts(meshes))
+        return last[1]
+
+    def _points(self, meshes: Meshes) -> list[FloatArray]:
+        """Return the mesh points of every phase as fractions."""
         phases = self.problem.phases
         several = isinstance(meshes, Sized) and getattr(meshes, "ndim", 1) > 0
         chosen: list[Any] = list(meshes) if several else [meshes] * len(phases)  # type: ignore[arg-type]
         if len(chosen) != len(phases):
             raise InputError(f"mesh has {len(chosen)} entries for {len(phases)} phases")
-        given = [
+        return [
             with_points(mesh_of(phase_mesh), phase.point_fractions)
             for phase_mesh, phase in zip(chosen, phases, strict=True)
         ]
+
+    def layouts(self, meshes: Meshes) -> tuple[PhaseLayout, ...]:
+        """Lay the problem out on a mesh for each phase."""
+        phases, given = self.problem.phases, self._points(meshes)
         links = {link.before: link.names for link in self.problem.links}
         layouts: list[PhaseLayout] = []
         variable_offset, row_offset = 0, 0
