@@ -272,33 +272,24 @@ def _wide(function: ca.Function) -> str:
 
     What CasADi writes for one state a compiler cannot widen: a call of a sine stops it.
     """
-    if not function.is_a("SXFunction"):
+    table = table_of(function) if function.is_a("SXFunction") else None
+    if table is None:
         return ""
-    first = [
-        np.cumsum([0, *sizes])
-        for sizes in (
-            [function.size1_in(i) for i in range(function.n_in())],
-            [function.numel_out(i) for i in range(function.n_out())],
-        )
-    ]
+    inputs = np.cumsum([0, *(function.size1_in(i) for i in range(function.n_in()))])
+    outputs = np.cumsum([0, *(function.numel_out(i) for i in range(function.n_out()))])
     lines = []
-    for k in range(function.n_instructions()):
-        operation, given, into = (
-            getattr(function, f"instruction_{what}")(k) for what in ("id", "input", "output")
-        )
+    for operation, to, one, two in table.code.tolist():
         if operation == ca.OP_INPUT:
-            lines.append(f"a{into[0]}=x[{first[0][given[0]] + given[1]}];")
+            lines.append(f"a{to}=x[{inputs[one] + two}];")
         elif operation == ca.OP_OUTPUT:
-            lines.append(f"y[{first[1][into[0]] + into[1]}]=a{given[0]};")
+            lines.append(f"y[{outputs[one] + two}]=a{to};")
         elif operation == ca.OP_CONST:
-            value = repr(function.instruction_constant(k)).replace("inf", "INFINITY")
-            lines.append(f"a{into[0]}=NOTHING+{value};")
-        elif operation in FORMULAS:
-            text = FORMULAS[operation].format(*(f"a{index}" for index in given))
-            lines.append(f"a{into[0]}={text};")
+            value = repr(float(table.constants[one]))
+            value = value.replace("inf", "INFINITY").replace("nan", "NAN")
+            lines.append(f"a{to}=NOTHING+{value};")
         else:
-            return ""
-    work = ", ".join(f"a{k}" for k in range(function.sz_w()))
+            lines.append(f"a{to}={FORMULAS[operation].format(f'a{one}', f'a{two}')};")
+    work = ", ".join(f"a{k}" for k in range(table.places))
     return "\n  ".join([f"vector {work};" if work else "", *lines])
 
 

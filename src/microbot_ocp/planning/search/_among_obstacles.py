@@ -560,7 +560,7 @@ def _solved(
     """
     robot, tolerance, near = family.robot, settings.limit_tolerance, AMONG_OBSTACLES.near
     shape = PiecewisePolynomial(path.motion.t, pieces_of(path.motion))
-    asked = PairsAsked.along(robot, scene, tolerance, _poses(shape), via, near)
+    asked = PairsAsked.along(robot, scene, tolerance, poses_along(shape), via, near)
     guesses = guesses_along(phase_names(len(via) - 1), shape, path.via_times)
     start = InitialGuess(path.name, guesses)
     motion: Motion | None = None
@@ -586,7 +586,7 @@ def _solved(
             answer = best_of(search, state)
             if not answer.solved:
                 return search, state, asked
-            more, touching = asked.after(_poses(polynomial(answer.solution)))
+            more, touching = asked.after(poses_along(polynomial(answer.solution)))
             if not (touching & ~asked.near).any():
                 if not touching.any() or explore_mesh(search) == full_mesh(search):
                     return search, state, asked
@@ -614,7 +614,7 @@ def _solved(
         shape = PiecewisePolynomial(motion.t, pieces_of(motion))
         if proof is None or proof.proved:
             break
-        more, touching = asked.after(_poses(shape, proof.time), near)
+        more, touching = asked.after(poses_along(shape, proof.time), near)
         if not more.asks_more_than(asked):
             break
         # where a pair was left out the motion passed through it: from the path again
@@ -624,7 +624,7 @@ def _solved(
     return motion, proof
 
 
-def _poses(shape: PiecewisePolynomial, *also: float) -> FloatArray:
+def poses_along(shape: PiecewisePolynomial, *also: float) -> FloatArray:
     """Return poses [N,n] along a motion, and at further times, s."""
     return shape(np.append(np.linspace(0.0, shape.duration, AMONG_OBSTACLES.samples), also))
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.limits import LimitFamily
+from microbot_ocp.limits import Limit, LimitFamily
 from microbot_ocp.planning.task import reach_of
 from microbot_ocp.robot import Robot
 from microbot_ocp.scene import (
@@ -69,14 +69,18 @@ class PairsAsked:
         return cls(robot, scene, tolerance, pairs, most, apart < within, room)
 
     @property
+    def limits(self) -> tuple[Limit, ...]:
+        """The distances that are asked."""
+        if not self.near.any():
+            return ()
+        chosen = [pair for pair, near in zip(self.pairs, self.near, strict=True) if near]
+        room = self.room[self.near].tolist()
+        return (self.scene.limit(self.robot, chosen, tolerance=self.tolerance, room=room),)
+
+    @property
     def family(self) -> LimitFamily:
         """The limits of the arm, with the distances that are asked among them."""
-        also = self.robot.limits.also
-        if self.near.any():
-            chosen = [pair for pair, near in zip(self.pairs, self.near, strict=True) if near]
-            room = self.room[self.near].tolist()
-            distances = self.scene.limit(self.robot, chosen, tolerance=self.tolerance, room=room)
-            also = (*also, distances)
+        also = (*self.robot.limits.also, *self.limits)
         return LimitFamily.of(self.robot.with_limits(also=also))
 
     def after(self, poses: FloatArray, near: float = 0.0) -> tuple[PairsAsked, np.ndarray]:

@@ -7,9 +7,8 @@ the distances of the arm with what it carries there.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -19,7 +18,7 @@ from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.codegen import interpreted
 from microbot_ocp._base.status import Status
-from microbot_ocp.limits import LIMIT_TOLERANCE, JointLimits, LimitFamily, Limits
+from microbot_ocp.limits import LIMIT_TOLERANCE, JointLimits, Limit, LimitFamily, Limits
 from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial, pieces_of
 from microbot_ocp.ocp.solution import StepProgress
 from microbot_ocp.planning.free import excess_along, phase_names
@@ -34,11 +33,13 @@ from microbot_ocp.planning.search._among_obstacles import (
     fastest_among,
     not_found,
     nothing_found,
+    poses_along,
     search_legs,
     touching,
 )
 from microbot_ocp.planning.search._branches import Way, ways_through
 from microbot_ocp.planning.search._orders import best_order, hoped_of, rested_of, tasks_in_orders
+from microbot_ocp.planning.search._pairs_asked import PairsAsked
 from microbot_ocp.planning.search._parts import (
     Place,
     places_along,
@@ -47,88 +48,33 @@ from microbot_ocp.planning.search._parts import (
     tool_poses,
 )
 from microbot_ocp.planning.search._settings import TimeOptimalSettings
-from microbot_ocp.planning.search._stop_motion import motion_of
+from microbot_ocp.planning.search._stop_motion import motion_of, stretches
 from microbot_ocp.planning.search._through_stops import StopSearch
 from microbot_ocp.planning.search._way_guesses import Guide, segment_timings
-from microbot_ocp.planning.task import Stop, Task, TaskScale, reach_of, task_of
+from microbot_ocp.planning.task import Stop, Task, TaskScale, task_of
 from microbot_ocp.robot import Capsule, Robot
 from microbot_ocp.scene import (
     Clearance,
-    Pair,
     Scene,
     Surroundings,
     clearance_along,
-    clearances,
-    facing,
-    guiding_pairs,
-    room_along,
     with_arm_capsules,
 )
 from microbot_ocp.trajectories import quintic, shortest_duration
 
 MOST_GUESSES = 4  # ways that the search starts from
-Key = tuple[str, int]  # of a pair: its label, and which capsules of it
 
 
 @dataclass(frozen=True, eq=False)
 class Around:
-    """The scenes on the segments of a task as limits, of those pairs that come near."""
+    """What is around the arm on every segment of a task, and what is asked of it."""
 
     scenes: tuple[Scene, ...]
-    tolerance: float  # of limits
-    near: set[Key] = field(default_factory=set)
-    rooms: dict[Key, float] = field(default_factory=dict)  # of pairs, m
-    most: dict[Key, float] = field(default_factory=dict)  # what known ways have at stops, m
-    poses: list[FloatArray] = field(default_factory=list)  # of known ways
+    asked: tuple[PairsAsked, ...]
 
-    def limits(self, robot: Robot, index: int) -> tuple[Any, ...]:
-        """Return the distances of the pairs that come near on a segment."""
-        scene = self.scenes[index]
-        chosen = {key: p for key, p in _pairs(scene, robot).items() if key in self.near}
-        rooms = [self.rooms.get(key, np.inf) for key in chosen]
-        if not chosen:
-            return ()
-        pairs = facing(robot, list(chosen.values()), np.concatenate(self.poses))
-        return (scene.limit(robot, pairs, tolerance=self.tolerance, room=rooms),)
-
-    def add(self, robot: Robot, scene: Scene, q: FloatArray, distance: float) -> bool:
-        """Take in the pairs that are nearer than the clearance and a distance, m, in some pose
-        [N,n], and what they have beyond the clearance; whether more is asked of any.
-
-        Where links touch, of which known ways are free, more is asked, as far as those have it at
-        the stops.
-        """
-        chosen = _pairs(scene, robot)
-        if not chosen:
-            return False
-        self.poses.append(q)
-        pairs = facing(robot, list(chosen.values()), q)
-        held = scene.without_parts_of(robot)
-        at_stops = clearances(robot, pairs, q[[0, -1]]).min(axis=0) - scene.clearance
-        asked = room_along(robot, held, pairs, q, self.tolerance)
-        rows = zip(chosen, *asked, at_stops, strict=True)
-        new = False
-        for key, room, along, apart, ends in rows:
-            before = self.rooms.get(key, np.inf)
-            if apart > scene.clearance:
-                self.rooms[key] = min(room, along, before)
-                self.most[key] = min(ends, self.most.get(key, np.inf))
-            elif before < min(room, self.most.get(key, np.inf)):
-                self.rooms[key] = min(room, self.most.get(key, np.inf))
-                new = True
-            if apart < scene.clearance + distance:
-                new = new or key not in self.near
-                self.near.add(key)
-        return new
-
-
-def _pairs(scene: Scene, robot: Robot) -> dict[Key, Pair]:
-    """Return what may touch where the arm carries what this robot has."""
-    pairs: dict[Key, Pair] = {}
-    for pair in guiding_pairs(robot, scene.without_parts_of(robot)):
-        number = next(k for k in itertools.count() if (pair.label, k) not in pairs)
-        pairs[pair.label, number] = pair
-    return pairs
+    def limits(self, _: Robot, index: int) -> tuple[Limit, ...]:
+        """Return the distances that are asked on a segment."""
+        return self.asked[index].limits
 
 
 Plan = tuple[list[Any], Any, bool, str, float | None]
@@ -219,7 +165,6 @@ class _Among:
     ) -> None:
         self.task, self._scene, self._legs = task, legs.scene, legs
         self._given = settings, progress, duration
-        self._near = AMONG_OBSTACLES.near * reach_of(task.robot)
         self._guided = legs.guides(task, progress)
         times = [guide.durations for guide in self._guided]
         self.rested = min((rested_of(task, durations) for durations in times), default=np.inf)
@@ -245,22 +190,27 @@ class _Among:
                 return ProvedPath(guide.name, motion, proof)
         return None
 
-    @cached_property
-    def _around(self) -> Around:
-        task, guided = self.task, self._guided
-        scenes = scenes_of(task, self._scene, tool_poses(task.robot, guided[0].way.via))
-        around = Around(scenes, self._given[0].limit_tolerance)
-        names = phase_names(len(task.segments))
-        for guide in guided:
-            for k, (name, path) in enumerate(zip(names, guide.way.paths, strict=True)):
+    def _around(self, tool: FloatArray) -> Around:
+        """Return what is asked along the ways that are known, with the tool at the stops in poses
+        [m,4,4].
+        """
+        task, tolerance = self.task, self._given[0].limit_tolerance
+        scenes = scenes_of(task, self._scene, tool)
+        asked = []
+        for k, name in enumerate(phase_names(len(task.segments))):
+            robot, poses = task.robots[k], []
+            for guide in self._guided:
                 shape = guide.shapes.get(name)
-                q = (
-                    path
-                    if shape is None
-                    else shape(np.linspace(0.0, shape.duration, AMONG_OBSTACLES.samples))
-                )
-                around.add(task.robots[k], around.scenes[k], q, self._near)
-        return around
+                poses.append(guide.way.paths[k] if shape is None else poses_along(shape))
+            ends = np.concatenate([guide.way.via[k : k + 2] for guide in self._guided])
+            held, along = scenes[k].without_parts_of(robot), np.concatenate(poses)
+            near = AMONG_OBSTACLES.near
+            asked.append(PairsAsked.along(robot, held, tolerance, along, ends, near))
+        return Around(scenes, tuple(asked))
+
+    @cached_property
+    def _first(self) -> Around:
+        return self._around(tool_poses(self.task.robot, self._guided[0].way.via))
 
     def _searching(self, around: Around) -> StopSearch:
         task = replace(self.task, around=around)
@@ -269,7 +219,7 @@ class _Among:
     def coarse_duration(self, beaten: float) -> float:
         if not self._guided:
             return np.inf
-        self._search = self._searching(self._around).explored(beaten)
+        self._search = self._searching(self._first).explored(beaten)
         return self._search.coarse_duration
 
     def motion(self) -> Motion:
@@ -308,7 +258,7 @@ class _Among:
         self, ask: Callable[[StopSearch], Made], fallback: ProvedPath | None
     ) -> tuple[Made, list[Clearance | None]]:
         """Give the motions that a search is asked for, with the proofs of those that are solved."""
-        task, scene, around, progress = self.task, self._scene, self._around, self._given[1]
+        task, scene, around, progress = self.task, self._scene, self._first, self._given[1]
         answers: Made = [], ""
         proofs: list[Clearance | None] = []
         for again in range(AMONG_OBSTACLES.again):
@@ -326,15 +276,17 @@ class _Among:
             proofs = [next(each) if self._is_whole(motion) else None for _, motion in answers[0]]
             if all(proof.proved for proof in clearances):
                 break
-            scenes = scenes_of(task, scene, poses_at_stops(task, solved[0]))
-            around = replace(around, scenes=scenes)
-            more = [
-                around.add(p.robot, p.scene, _between(motion, p, proof.time), self._near)
-                for places, motion, proof in zip(along, solved, clearances, strict=True)
-                for p in places
-            ]
-            if not any(more) and around.scenes == (scene,) * len(around.scenes):
+            there = self._around(poses_at_stops(task, solved[0]))
+            moved = there.scenes != around.scenes
+            asked = list(there.asked if moved else around.asked)
+            for places, motion, proof in zip(along, solved, clearances, strict=True):
+                for place, stretch in zip(places, stretches(task, motion), strict=True):
+                    poses, k = _between(motion, place, proof.time), stretch.segment
+                    asked[k], _ = asked[k].after(poses, AMONG_OBSTACLES.near)
+            pairs = zip(asked, around.asked, strict=True)
+            if not moved and not any(now.asks_more_than(before) for now, before in pairs):
                 break
+            around = replace(there, asked=tuple(asked))
             progress("more pairs come too near, or a part lies elsewhere: solved again")
         return answers, proofs
 
