@@ -24,7 +24,11 @@ from microbot_ocp.planning import (
     timed_paths,
     tool_poses,
 )
-from microbot_ocp.planning.search import _among_obstacles as among, _pairs_asked as pairs_asked
+from microbot_ocp.planning.search import (
+    _among_obstacles as among,
+    _guided as guided,
+    _pairs_asked as pairs_asked,
+)
 from microbot_ocp.planning.search._among_obstacles import at_least
 from microbot_ocp.scene import Surroundings, contact_model, room_along
 
@@ -258,8 +262,8 @@ def test_pairs_that_are_missed_are_put_in_and_it_is_solved_again(
     around, monkeypatch, samples: int
 ) -> None:
     # no pair comes so near on the path
-    few = replace(among.AMONG_OBSTACLES, near=1e-3, samples=samples)
-    monkeypatch.setattr(among, "AMONG_OBSTACLES", few)
+    few = replace(guided.GUIDED, near=1e-3, samples=samples)
+    monkeypatch.setattr(guided, "GUIDED", few)
     check_solved_again(around)
 
 
@@ -515,7 +519,7 @@ def test_the_fastest_is_returned_where_less_time_is_allowed() -> None:
 def test_a_part_keeps_clear_from_the_stop_on_at_which_it_is_picked(around: mo.Motion) -> None:
     part = mo.Payload(0.1, shape={"start": [0, 0, 0], "end": [0.25, 0, 0], "radius": 0.08})
     stops = [mo.Stop(q=ENDS[0], payload=part), mo.Stop(q=ENDS[1])]
-    motion = mo.time_optimal(ARM, stops, scene=POST, mesh=10, starts=1, compiled=False)
+    motion = mo.time_optimal(ARM, stops, scene=POST, mesh=20, starts=1, compiled=False)
     certificate = mo.certify(ARM, motion, via_q=stops, scene=POST)
     assert certificate.ok
     assert motion.provenance["starts"][0]["start"] == "branches 1-1, around 1"

@@ -2,11 +2,9 @@
 
 Ways around the obstacles come from planners of joint paths; each, with a timing that keeps every
 limit, is a motion that is proved to keep clear. The search for the fastest motion starts from one
-of them after another, timed by reachability, until one leads on. Only pairs that can come close are
-in the problem; where one that was left out comes too near it is put in, and the problem is solved
-again from the path; where a pair of the problem does, from where the motion is. What is returned is
-the fastest of what the search made of its path and the others with their best timings; one of these
-where it found nothing or the time was over.
+of them after another, timed by reachability, until one leads on. What is returned is the fastest of
+what the search made of its path and the others with their best timings; one of these where it found
+nothing or the time was over.
 
 Surfaces judge, capsules guide: where a link's geometry is known, paths and proofs go by that. The
 problem has capsules around it, which may overlap as far as they must on the path. Where links come
@@ -43,23 +41,13 @@ from microbot_ocp.planning.free import (
     guesses_along,
     known_ways,
     phase_names,
-    polynomial,
 )
 from microbot_ocp.planning.path import LATER, PathTiming, check_path, time_path
-from microbot_ocp.planning.search._pairs_asked import PairsAsked
-from microbot_ocp.planning.search._problem import MotionProblem
-from microbot_ocp.planning.search._result import NONE_WITHIN, fastest, motion_from, returned
-from microbot_ocp.planning.search._search import MotionAnswer, MotionSearch, SearchState
+from microbot_ocp.planning.search._branches import straight_way
+from microbot_ocp.planning.search._guided import GuidedSearch, poses_along
+from microbot_ocp.planning.search._result import NONE_WITHIN, returned
 from microbot_ocp.planning.search._settings import TimeOptimalSettings, sparing
-from microbot_ocp.planning.search._strategies import (
-    FROM_PATHS,
-    best_of,
-    explore_mesh,
-    full_mesh,
-    resumed,
-    search_of,
-)
-from microbot_ocp.planning.task import TaskScale, length_text
+from microbot_ocp.planning.task import Task, TaskScale, length_text
 from microbot_ocp.planning.timing import PathTimingSettings, best_timing
 from microbot_ocp.robot import Robot
 from microbot_ocp.scene import (
@@ -82,18 +70,9 @@ class AmongObstacles:
     Attributes
     ----------
     different : share of the duration by which timed paths must differ to count as two
-    near : of the arm's reach, beyond the clearance: pairs that come so near are in the problem.
-        With three times as much 30 to 100 pairs of a UR5 are, and an iteration takes two to four
-        times as long; with a third too few come in at a time, and ``again`` is not enough
-    again : times that a motion may be solved for anew with more pairs, or more asked of them: on
-        the coarse mesh, and where its refined motion is not proved to keep clear
-    samples : poses along a motion at which pairs are looked at
     """
 
     different: float = 0.02
-    near: float = 0.01
-    again: int = 3
-    samples: int = 200
 
 
 AMONG_OBSTACLES = AmongObstacles()
@@ -324,12 +303,13 @@ def fastest_among(
     check_apart(around, via, names)
     legs = legs_between(around, via, settings, progress)
     planned = time.perf_counter()
-    starts, known = list[TimedPath](), list[ProvedPath]()
+    task, starts, known = Task.through(family, via), list[TimedPath](), list[ProvedPath]()
     search, proof, below = None, None, None
     for start in starts_of(legs):
         starts.append(start)
         progress(f"{start.name}: {start.motion.duration:.4f} s by reachability")
-        search, proof = _solved(family, via, scene, settings, progress, start)
+        (made, _), proofs = _guided(task, scene, settings, progress, start).motions()
+        search, proof = (made[0][1], proofs[0]) if made else (None, None)
         if search is not None and proof is not None and proof.proved:
             if search.solved:
                 below = search.duration  # what a path must be able to beat
@@ -545,88 +525,19 @@ def _name(legs: Sequence[Leg], choice: int) -> str:
     return "path " + ", ".join(way.name for way in ways)
 
 
-def _solved(
-    family: LimitFamily,
-    via: FloatArray,
+def _guided(
+    task: Task,
     scene: Scene,
     settings: TimeOptimalSettings,
     progress: StepProgress,
     path: TimedPath,
-) -> tuple[Motion | None, Clearance | None]:
-    """Return the fastest motion found from a timed path, with all pairs that matter in the problem,
-    and whether it is proved to keep clear: what is not solved but keeps the limits is known, if so.
-
-    None where the time was over before the search began.
-    """
-    robot, tolerance, near = family.robot, settings.limit_tolerance, AMONG_OBSTACLES.near
-    shape = PiecewisePolynomial(path.motion.t, pieces_of(path.motion))
-    asked = PairsAsked.along(robot, scene, tolerance, poses_along(shape), via, near)
-    guesses = guesses_along(phase_names(len(via) - 1), shape, path.via_times)
-    start = InitialGuess(path.name, guesses)
-    motion: Motion | None = None
-    proof: Clearance | None = None
-    refused: MotionAnswer | None = None
-    finer = 1
-
-    def search_for(asked: PairsAsked) -> MotionSearch:
-        problem = MotionProblem.through(asked.family, via, settings, timed_path=start, finer=finer)
-        return search_of(problem, settings, progress)
-
-    def explored(asked: PairsAsked) -> tuple[MotionSearch, SearchState, PairsAsked]:
-        """Return the coarse answer of a problem in which all pairs are that come too near on it.
-
-        Where a pair of the problem does, between mesh points, these are twice as many: links pass
-        through bars from one point to the next.
-        """
-        nonlocal finer
-        while True:
-            with deadline.given_up():
-                search = search_for(asked)
-            state = search.run(FROM_PATHS)  # is known before anything is refined
-            answer = best_of(search, state)
-            if not answer.solved:
-                return search, state, asked
-            more, touching = asked.after(poses_along(polynomial(answer.solution)))
-            if not (touching & ~asked.near).any():
-                if not touching.any() or explore_mesh(search) == full_mesh(search):
-                    return search, state, asked
-                finer *= 2
-            asked = more
-            progress("links come too near: solved again with more asked of them")
-
-    for _ in range(AMONG_OBSTACLES.again + 1):
-        state: SearchState | None = None
-        try:
-            if refused is not None:
-                with deadline.given_up():
-                    search = search_for(asked)
-                state = resumed(search, refused)
-            if state is None or not state.answers[0].solved:
-                search, state, asked = explored(asked)
-        except deadline.Over:
-            return motion, proof
-        best = fastest(search, state)
-        motion = motion_from(best)
-        within = motion.solved or _keeps_limits(family, motion)
-        proof = clearance(robot, motion, scene) if within else None
-        if proof is not None and not (motion.solved or proof.proved):
-            proof = None
-        shape = PiecewisePolynomial(motion.t, pieces_of(motion))
-        if proof is None or proof.proved:
-            break
-        more, touching = asked.after(poses_along(shape, proof.time), near)
-        if not more.asks_more_than(asked):
-            break
-        # where a pair was left out the motion passed through it: from the path again
-        refused = best.answer if asked.near[touching].all() else None
-        asked = more
-        progress("links come too near: solved again with more asked of them")
-    return motion, proof
-
-
-def poses_along(shape: PiecewisePolynomial, *also: float) -> FloatArray:
-    """Return poses [N,n] along a motion, and at further times, s."""
-    return shape(np.append(np.linspace(0.0, shape.duration, AMONG_OBSTACLES.samples), also))
+) -> GuidedSearch:
+    """Return the search from a timed path."""
+    via = np.array([stop.q for stop in task.stops])
+    shape, times = PiecewisePolynomial(path.motion.t, pieces_of(path.motion)), path.via_times
+    start = InitialGuess(path.name, guesses_along(phase_names(len(via) - 1), shape, times))
+    poses = tuple(poses_along(shape, *pair) for pair in itertools.pairwise(times))
+    return GuidedSearch(task, scene, straight_way(via), start, poses, settings, progress)
 
 
 def as_plain(clearance: Clearance) -> dict[str, Any]:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.limits import Limit, LimitFamily
-from microbot_ocp.planning.task import reach_of
+from microbot_ocp.planning.task import Task, reach_of
 from microbot_ocp.robot import Robot
 from microbot_ocp.scene import (
     Pair,
@@ -77,12 +79,6 @@ class PairsAsked:
         room = self.room[self.near].tolist()
         return (self.scene.limit(self.robot, chosen, tolerance=self.tolerance, room=room),)
 
-    @property
-    def family(self) -> LimitFamily:
-        """The limits of the arm, with the distances that are asked among them."""
-        also = (*self.robot.limits.also, *self.limits)
-        return LimitFamily.of(self.robot.with_limits(also=also))
-
     def after(self, poses: FloatArray, near: float = 0.0) -> tuple[PairsAsked, np.ndarray]:
         """Return what is asked once a motion with these poses [N,n] is known, and which pairs [k]
         have their links too near on it.
@@ -103,3 +99,88 @@ class PairsAsked:
         """Return whether anything is asked that was not."""
         more = self.near & (~before.near | (self.room > before.room))
         return bool(more.any())
+
+
+@dataclass(frozen=True, eq=False)
+class Around:
+    """What is around the arm on every segment of a task, and what is asked of it.
+
+    Attributes
+    ----------
+    scenes : tuple of Scene
+        On every segment.
+    asked : tuple of PairsAsked
+        Of the segments on which the arm is the same in the same scene.
+    places : tuple of int
+        Which of these it is on every segment.
+    """
+
+    scenes: tuple[Scene, ...]
+    asked: tuple[PairsAsked, ...]
+    places: tuple[int, ...]
+
+    @classmethod
+    def along(
+        cls,
+        robots: Sequence[Robot],
+        scenes: tuple[Scene, ...],
+        tolerance: float,
+        poses: Sequence[FloatArray],
+        ends: Sequence[FloatArray],
+        near: float,
+    ) -> Around:
+        """Return what is asked where a way has poses [N,n] on every segment, [2,n] at its ends."""
+        kinds = list(zip(robots, scenes, strict=True))
+        different = list(dict.fromkeys(kinds))
+        places = tuple(map(different.index, kinds))
+        asked = []
+        for k, (robot, scene) in enumerate(different):
+            held = scene.without_parts_of(robot)
+            way, via = (_of_place(rows, places, k) for rows in (poses, ends))
+            asked.append(PairsAsked.along(robot, held, tolerance, way, via, near))
+        return cls(scenes, tuple(asked), places)
+
+    def on(self, task: Task) -> Task:
+        """Return a task with what is asked."""
+        if not task.is_plain:
+            return replace(task, around=self)
+        (asked,) = self.asked
+        also = (*asked.robot.limits.also, *asked.limits)
+        return replace(task, family=LimitFamily.of(asked.robot.with_limits(also=also)))
+
+    def limits(self, _: Robot, index: int) -> tuple[Limit, ...]:
+        """Return the distances that are asked on a segment."""
+        return self.asked[self.places[index]].limits
+
+    def after(self, poses: Sequence[FloatArray], near: float = 0.0) -> AskedAfter:
+        """Return what is asked once a motion with these poses [N,n] on every segment is known, as
+        :meth:`PairsAsked.after`.
+        """
+        asked, touch, left_out = [], False, False
+        for k, before in enumerate(self.asked):
+            more, touching = before.after(_of_place(poses, self.places, k), near)
+            asked.append(more)
+            touch = touch or bool(touching.any())
+            left_out = left_out or bool((touching & ~before.near).any())
+        return AskedAfter(replace(self, asked=tuple(asked)), touch, left_out)
+
+    def asks_more_than(self, before: Around) -> bool:
+        """Return whether anything is asked that was not."""
+        if self.scenes != before.scenes:
+            return True
+        pairs = zip(self.asked, before.asked, strict=True)
+        return any(now.asks_more_than(then) for now, then in pairs)
+
+
+class AskedAfter(NamedTuple):
+    """What is asked once a motion is known; whether links come too near on it, and whether any that
+    were left out do.
+    """
+
+    around: Around
+    touch: bool
+    were_left_out: bool
+
+
+def _of_place(rows: Sequence[FloatArray], places: Sequence[int], place: int) -> FloatArray:
+    return np.concatenate([row for row, at in zip(rows, places, strict=True) if at == place])

@@ -37,7 +37,7 @@ from microbot_ocp.planning.free import (
 from microbot_ocp.planning.search._branches import Way, straight_way
 from microbot_ocp.planning.search._settings import SEARCH, TimeOptimalSettings
 from microbot_ocp.planning.search._stop_motion import motion_of
-from microbot_ocp.planning.search._way_guesses import Guide, guess_along
+from microbot_ocp.planning.search._way_guesses import guess_along
 from microbot_ocp.planning.task import Conditions, Task, TaskScale, with_locked_joints_held
 from microbot_ocp.robot import Robot
 
@@ -76,7 +76,6 @@ class MotionProblem:
     way : the fastest motion that needs no search, where it was looked for
     timed_path : among obstacles, that the search starts from: it is not far to the answer
     finer : times as many intervals as usual for the first look
-    guides : ways around obstacles; starts are these alone then
     beaten : s, dwells not included: another order of the stops takes so long
     briefly : whether only what is needed to compare orders is tried
     """
@@ -88,7 +87,6 @@ class MotionProblem:
     way: Slowed | None = None
     timed_path: InitialGuess | None = None
     finer: int = 1
-    guides: tuple[Guide, ...] = ()
     beaten: float = np.inf
     briefly: bool = False
     _excess: dict[Solution, list[FloatArray]] = field(default_factory=dict)
@@ -134,7 +132,7 @@ class MotionProblem:
         Not where it starts from a path around obstacles, which is also there if limits are
         exceeded.
         """
-        return self.task.is_plain and self.timed_path is None and not self.guides
+        return self.task.is_plain and self.timed_path is None
 
     @property
     def fast(self) -> bool:

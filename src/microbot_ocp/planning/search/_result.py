@@ -263,7 +263,7 @@ def branches_of(
     """Return what every way through the branches took on the coarse mesh, the one taken first."""
     via = _poses(solution)
     best: dict[str, dict[str, Any]] = {}
-    for answer in state.of("start"):
+    for answer in state.of("start", "timed path"):
         way, coarse = answer.way, answer.solution
         assert way is not None
         entry = {

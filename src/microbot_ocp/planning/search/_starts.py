@@ -11,7 +11,7 @@ from microbot_ocp.planning.free import InitialGuess, initial_guesses
 from microbot_ocp.planning.search._branches import Way, few_poses, least_time
 from microbot_ocp.planning.search._problem import MotionProblem, TrialStart
 from microbot_ocp.planning.search._settings import SEARCH, STOPS
-from microbot_ocp.planning.search._way_guesses import guess_along, rest_to_rest
+from microbot_ocp.planning.search._way_guesses import rest_to_rest
 from microbot_ocp.planning.task import LDL
 
 if TYPE_CHECKING:
@@ -68,19 +68,8 @@ def _next_through_ways(problem: MotionProblem, state: SearchState) -> TrialStart
 
 
 def _guesses(problem: MotionProblem, state: SearchState) -> Iterator[tuple[Way, InitialGuess]]:
-    """Yield what was not tried yet: ways, or guides, and then bows beside the best of them."""
+    """Yield what was not tried yet: ways, and then bows beside the best of them."""
     tried, task, settings = {a.start for a in state.of("start")}, problem.task, problem.settings
-    taken: list[Way] = []
-    for guide in problem.guides:
-        again = any(guide.way is other for other in taken)
-        if not (problem.briefly and again):
-            taken.append(guide.way)
-            if guide.name not in tried and least_of_slower(problem, state, guide.way) is None:
-                usual = rest_to_rest(task, guide.way, problem.names, settings.compiled)
-                around = {name: guess_along(shape) for name, shape in guide.shapes.items()}
-                yield guide.way, InitialGuess(guide.name, {**usual.guesses, **around})
-    if problem.guides:
-        return
     for way in problem.ways if settings.starts > 1 else problem.ways[:1]:
         if way.name not in tried and least_of_slower(problem, state, way) is None:
             yield way, rest_to_rest(task, way, problem.names, settings.compiled)

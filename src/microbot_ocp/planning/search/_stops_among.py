@@ -7,23 +7,22 @@ the distances of the arm with what it carries there.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from microbot_ocp._base import checks, deadline
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import InputError
 from microbot_ocp._base.codegen import interpreted
-from microbot_ocp._base.status import Status
-from microbot_ocp.limits import LIMIT_TOLERANCE, JointLimits, Limit, LimitFamily, Limits
+from microbot_ocp.limits import LIMIT_TOLERANCE, JointLimits, LimitFamily, Limits
 from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial, pieces_of
 from microbot_ocp.ocp.solution import StepProgress
-from microbot_ocp.planning.free import excess_along, phase_names
+from microbot_ocp.planning.free import InitialGuess, excess_along, phase_names
 from microbot_ocp.planning.search._among_obstacles import (
-    AMONG_OBSTACLES,
     Leg,
     ProvedPath,
     as_plain,
@@ -33,24 +32,21 @@ from microbot_ocp.planning.search._among_obstacles import (
     fastest_among,
     not_found,
     nothing_found,
-    poses_along,
     search_legs,
     touching,
 )
-from microbot_ocp.planning.search._branches import Way, ways_through
+from microbot_ocp.planning.search._branches import Way, least_time, ways_through
+from microbot_ocp.planning.search._guided import Ask, Explored, GuidedSearch, Made, poses_along
 from microbot_ocp.planning.search._orders import best_order, hoped_of, rested_of, tasks_in_orders
-from microbot_ocp.planning.search._pairs_asked import PairsAsked
-from microbot_ocp.planning.search._parts import (
-    Place,
-    places_along,
-    poses_at_stops,
-    scenes_of,
-    tool_poses,
-)
+from microbot_ocp.planning.search._parts import places_along, scenes_of, tool_poses
 from microbot_ocp.planning.search._settings import TimeOptimalSettings
-from microbot_ocp.planning.search._stop_motion import motion_of, stretches
-from microbot_ocp.planning.search._through_stops import StopSearch
-from microbot_ocp.planning.search._way_guesses import Guide, segment_timings
+from microbot_ocp.planning.search._stop_motion import motion_of
+from microbot_ocp.planning.search._way_guesses import (
+    Guide,
+    guess_along,
+    rest_to_rest,
+    segment_timings,
+)
 from microbot_ocp.planning.task import Stop, Task, TaskScale, task_of
 from microbot_ocp.robot import Capsule, Robot
 from microbot_ocp.scene import (
@@ -63,22 +59,7 @@ from microbot_ocp.scene import (
 from microbot_ocp.trajectories import quintic, shortest_duration
 
 MOST_GUESSES = 4  # ways that the search starts from
-
-
-@dataclass(frozen=True, eq=False)
-class Around:
-    """What is around the arm on every segment of a task, and what is asked of it."""
-
-    scenes: tuple[Scene, ...]
-    asked: tuple[PairsAsked, ...]
-
-    def limits(self, _: Robot, index: int) -> tuple[Limit, ...]:
-        """Return the distances that are asked on a segment."""
-        return self.asked[index].limits
-
-
 Plan = tuple[list[Any], Any, bool, str, float | None]
-Made = tuple[list[tuple[float, Motion]], str]  # effort and motion of each, why there are no more
 
 
 def stops_among(
@@ -108,7 +89,7 @@ def stops_among(
             named = zip(motion.marks, task.stops, strict=True)
             return replace(motion, marks=tuple(Mark(m.time, stop.name) for m, stop in named))
     if order == "given":
-        (fastest, *_), _ = motions_among(robot, limits, plan, scene, settings, progress, _fastest)
+        (fastest, *_), _ = motions_among(robot, limits, plan, scene, settings, progress)
         return fastest[1]
     robot = with_arm_capsules(robot)
     legs = Legs(scene, settings)
@@ -132,9 +113,9 @@ def motions_among(
     scene: Scene,
     settings: TimeOptimalSettings,
     progress: StepProgress,
-    ask: Callable[[StopSearch], Made],
+    ask: Ask | None = None,
 ) -> Made:
-    """Return the motions that a search is asked for, in a scene.
+    """Return the motions that a search is asked for, in a scene; by default the fastest one.
 
     Raises
     ------
@@ -146,10 +127,6 @@ def motions_among(
     legs = Legs(scene, settings)
     legs.search([task], progress)
     return _Among(task, legs, settings, progress, duration).motions(ask)
-
-
-def _fastest(search: StopSearch) -> Made:
-    return [(0.0, search.run())], ""
 
 
 class _Among:
@@ -169,7 +146,7 @@ class _Among:
         times = [guide.durations for guide in self._guided]
         self.rested = min((rested_of(task, durations) for durations in times), default=np.inf)
         self.hoped = min((hoped_of(task, durations) for durations in times), default=np.inf)
-        self._search: StopSearch | None = None
+        self._explored: dict[str, Explored] = {}
 
     @cached_property
     def _fallback(self) -> ProvedPath | None:
@@ -190,55 +167,52 @@ class _Among:
                 return ProvedPath(guide.name, motion, proof)
         return None
 
-    def _around(self, tool: FloatArray) -> Around:
-        """Return what is asked along the ways that are known, with the tool at the stops in poses
-        [m,4,4].
+    def _search(self, guide: Guide) -> GuidedSearch:
+        task, (settings, progress, duration) = self.task, self._given
+        names, way = phase_names(len(task.segments)), guide.way
+        usual = rest_to_rest(task, way, names, settings.compiled)
+        around = {name: guess_along(shape) for name, shape in guide.shapes.items()}
+        start = InitialGuess(guide.name, {**usual.guesses, **around})
+        poses = tuple(
+            poses_along(guide.shapes[name]) if name in guide.shapes else path
+            for name, path in zip(names, way.paths, strict=True)
+        )
+        return GuidedSearch(task, self._scene, way, start, poses, settings, progress, duration)
+
+    def _explore(self, guides: Sequence[Guide], beaten: float = np.inf) -> None:
+        """Solve for coarse answers from ways that may take less than ``beaten``, s, and less than
+        the best so far.
         """
-        task, tolerance = self.task, self._given[0].limit_tolerance
-        scenes = scenes_of(task, self._scene, tool)
-        asked = []
-        for k, name in enumerate(phase_names(len(task.segments))):
-            robot, poses = task.robots[k], []
-            for guide in self._guided:
-                shape = guide.shapes.get(name)
-                poses.append(guide.way.paths[k] if shape is None else poses_along(shape))
-            ends = np.concatenate([guide.way.via[k : k + 2] for guide in self._guided])
-            held, along = scenes[k].without_parts_of(robot), np.concatenate(poses)
-            near = AMONG_OBSTACLES.near
-            asked.append(PairsAsked.along(robot, held, tolerance, along, ends, near))
-        return Around(scenes, tuple(asked))
-
-    @cached_property
-    def _first(self) -> Around:
-        return self._around(tool_poses(self.task.robot, self._guided[0].way.via))
-
-    def _searching(self, around: Around) -> StopSearch:
-        task = replace(self.task, around=around)
-        return StopSearch.of(task, *self._given, guides=self._guided)
+        for guide in guides:
+            best = min([beaten, *(found.duration for found in self._explored.values())])
+            if guide.name in self._explored or least_time(self.task, guide.way) > best:
+                continue
+            if np.isfinite(best) and deadline.over():
+                return
+            with suppress(deadline.Over):
+                self._explored[guide.name] = self._search(guide).explored()
 
     def coarse_duration(self, beaten: float) -> float:
-        if not self._guided:
-            return np.inf
-        self._search = self._searching(self._first).explored(beaten)
-        return self._search.coarse_duration
+        rested = float(self.task.dwells.sum())
+        first = {id(guide.way): guide for guide in reversed(self._guided)}
+        self._explore(list(first.values())[::-1], beaten - rested)
+        return min((found.duration for found in self._explored.values()), default=np.inf) + rested
 
     def motion(self) -> Motion:
-        return self.motions(_fastest)[0][0][1]
+        return self.motions()[0][0][1]
 
-    def motions(self, ask: Callable[[StopSearch], Made]) -> Made:
+    def motions(self, ask: Ask | None = None) -> Made:
         """Return the motions that a search is asked for, what is known at least in the place of the
         first.
 
-        Where one that was found misses some pair's distance the search is made again.
+        It goes on from the best of the coarse answers; from the next one where that leads to none
+        that is proved to keep clear.
         """
         names = {"scene": list(self._scene.names)}
         fallback = self._fallback if self._guided else None
-        answers: Made = [], ""
-        proofs: list[Clearance | None] = []
-        if self._guided:
-            answers, proofs = self._found(ask, fallback)
+        made, proofs = self._found(ask) if self._guided else (([], ""), [])
         judged: list[tuple[float, Motion]] = []
-        for place, ((effort, motion), proof) in enumerate(zip(answers[0], proofs, strict=True)):
+        for place, ((effort, motion), proof) in enumerate(zip(made[0], proofs, strict=True)):
             if place == 0 and fallback is not None:
                 motion = at_least(fallback, motion, proof)
                 effort = np.nan if "made_from" in motion.provenance else effort
@@ -252,50 +226,20 @@ class _Among:
                 self._not_found(None, None) if fallback is None else at_least(fallback, None, None)
             )
             judged = [(np.nan, _with(motion, **names))]
-        return judged, answers[1]
+        return judged, made[1]
 
-    def _found(
-        self, ask: Callable[[StopSearch], Made], fallback: ProvedPath | None
-    ) -> tuple[Made, list[Clearance | None]]:
-        """Give the motions that a search is asked for, with the proofs of those that are solved."""
-        task, scene, around, progress = self.task, self._scene, self._first, self._given[1]
-        answers: Made = [], ""
+    def _found(self, ask: Ask | None) -> tuple[Made, list[Clearance | None]]:
+        """Give the motions that a search is asked for, with the proofs that they keep clear."""
+        self._explore(self._guided)
+        made: Made = [], ""
         proofs: list[Clearance | None] = []
-        for again in range(AMONG_OBSTACLES.again):
-            try:
-                with deadline.given_up(fallback is not None or bool(again)):
-                    search = None if again else self._search
-                    search = search or self._searching(around)
-            except deadline.Over:
+        guides = [guide for guide in self._guided if guide.name in self._explored]
+        for guide in sorted(guides, key=lambda guide: self._explored[guide.name].duration):
+            made, proofs = self._search(guide).motions(ask, self._explored[guide.name])
+            clear = bool(proofs) and proofs[0] is not None and proofs[0].proved
+            if deadline.over() or (clear and made[0][0][1].solved):
                 break
-            answers = ask(search)
-            solved = [motion for _, motion in answers[0] if self._is_whole(motion)]
-            along = [places_along(task, motion, scene) for motion in solved]
-            clearances = [clearance_along(*pair) for pair in zip(along, solved, strict=True)]
-            each = iter(clearances)
-            proofs = [next(each) if self._is_whole(motion) else None for _, motion in answers[0]]
-            if all(proof.proved for proof in clearances):
-                break
-            there = self._around(poses_at_stops(task, solved[0]))
-            moved = there.scenes != around.scenes
-            asked = list(there.asked if moved else around.asked)
-            for places, motion, proof in zip(along, solved, clearances, strict=True):
-                for place, stretch in zip(places, stretches(task, motion), strict=True):
-                    poses, k = _between(motion, place, proof.time), stretch.segment
-                    asked[k], _ = asked[k].after(poses, AMONG_OBSTACLES.near)
-            pairs = zip(asked, around.asked, strict=True)
-            if not moved and not any(now.asks_more_than(before) for now, before in pairs):
-                break
-            around = replace(there, asked=tuple(asked))
-            progress("more pairs come too near, or a part lies elsewhere: solved again")
-        return answers, proofs
-
-    def _is_whole(self, motion: Motion) -> bool:
-        """Return whether a motion is solved, or would be if it were allowed to last so long."""
-        settings, _, allowed = self._given
-        slow = allowed is not None and motion.duration > allowed
-        within_limits = motion.provenance["excess"] <= settings.limit_tolerance
-        return motion.solved or (slow and within_limits and motion.status is Status.INFEASIBLE)
+        return made, proofs
 
     def _not_found(self, attempt: Motion | None, proof: Clearance | None) -> Motion:
         """Return what is returned where nothing is known: a motion that ignores the obstacles."""
@@ -316,14 +260,6 @@ class _Among:
 
 def _with(motion: Motion, **more: Any) -> Motion:
     return replace(motion, provenance={**motion.provenance, **more})
-
-
-def _between(motion: Motion, place: Place, nearest: float) -> FloatArray:
-    """Return poses [N,n] along a place, that at the time when a proof finds links nearest, s, if it
-    is there.
-    """
-    times = np.linspace(place.start, place.end, AMONG_OBSTACLES.samples)
-    return motion.sample(np.sort(np.append(times, np.clip(nearest, *times[[0, -1]])))).q
 
 
 def _joined(task: Task, way: Way, shapes: Sequence[PiecewisePolynomial]) -> Motion:

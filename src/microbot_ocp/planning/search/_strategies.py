@@ -319,10 +319,11 @@ def _superseded(state: SearchState, answer: MotionAnswer) -> bool:
 
 def next_timed_path(search: MotionSearch, state: SearchState) -> NextStep | None:
     """Return the timed path among obstacles, once."""
-    path = search.problem.timed_path
+    problem, path = search.problem, search.problem.timed_path
     if path is None or state.answers:
         return None
-    return NextStep(start=TrialStart(path, search.refiner.solver))
+    closed = replace(path, guesses=problem.with_closed(path.guesses))
+    return NextStep(start=TrialStart(closed, search.refiner.solver, way=problem.ways[0]))
 
 
 def from_timed_path(search: MotionSearch, step: NextStep) -> MotionAnswer:
@@ -332,7 +333,7 @@ def from_timed_path(search: MotionSearch, step: NextStep) -> MotionAnswer:
     mesh = explore_mesh(search)
     solution = refiner.solve(mesh, way.guesses, barrier=SEARCH.timed_path_barrier)
     search.progress(f"start {way.name}: {solution.duration:.4f} s, {solution.status}")
-    return _answer(search, "timed path", way.name, solution, refiner)
+    return _answer(search, "timed path", way.name, solution, refiner, step.start.way)
 
 
 def resumed(search: MotionSearch, answer: MotionAnswer) -> SearchState:

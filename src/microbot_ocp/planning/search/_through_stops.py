@@ -9,6 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -31,7 +32,6 @@ from microbot_ocp.planning.search._result import fastest, motion_from, returned
 from microbot_ocp.planning.search._search import MotionSearch, SearchState
 from microbot_ocp.planning.search._settings import TimeOptimalSettings, sparing
 from microbot_ocp.planning.search._strategies import STRATEGIES, search_of
-from microbot_ocp.planning.search._way_guesses import Guide
 from microbot_ocp.planning.task import CELL_TIME_LIMIT, Task, too_near, with_drives_noted
 from microbot_ocp.robot import jacobian
 
@@ -81,9 +81,10 @@ def problem_of(
     settings: TimeOptimalSettings,
     duration: float | None = None,
     ways: Sequence[Way] = (),
-    guides: Sequence[Guide] = (),
+    **among: Any,
 ) -> MotionProblem:
-    """Return the problem of a task, by default with all ways through it.
+    """Return the problem of a task, by default with all ways through it; among obstacles with what
+    :class:`MotionProblem` says of it.
 
     Raises
     ------
@@ -96,15 +97,14 @@ def problem_of(
             f"duration must be at least the {least:.4g} s that the velocity limits ask for, "
             f"not {duration:g} s"
         )
-    if task.is_plain and not guides:
+    if task.is_plain and not among:
         via = np.array([stop.q for stop in task.stops])
         steps = np.abs(np.diff(via, axis=0)).max(axis=1)
         if steps.min() < LEAST_WAY:
             near, why = int(np.argmin(steps)), f"free motions are looked for from {LEAST_WAY:g} on"
             raise too_near(near + 1, steps[near], why)
         ways = [straight_way(via)]
-    chosen = [guide.way for guide in guides] or list(ways) or ways_through(task)
-    return MotionProblem(task, tuple(chosen), settings, guides=tuple(guides))
+    return MotionProblem(task, tuple(ways) or tuple(ways_through(task)), settings, **among)
 
 
 def _without_search(way: Slowed, wall: float) -> Motion:
@@ -141,10 +141,10 @@ class StopSearch:
         progress: StepProgress,
         duration: float | None = None,
         ways: Sequence[Way] = (),
-        guides: Sequence[Guide] = (),
+        **among: Any,
     ) -> StopSearch:
         """Return the search of a task, as :func:`problem_of`."""
-        problem = problem_of(task, settings, duration, ways, guides)
+        problem = problem_of(task, settings, duration, ways, **among)
         return cls(search_of(problem, settings, progress), duration)
 
     @property

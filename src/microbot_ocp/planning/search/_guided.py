@@ -1,0 +1,239 @@
+"""The search for the fastest motion from a way around obstacles that is known.
+
+Only pairs that can come close are in the problem. Where one that was left out comes too near on
+what was found it is put in, on the coarse mesh before anything is refined, and the problem is
+solved again from the way; where a pair of the problem does, from where the motion is. Via points
+and stops are the same here: what differs is the robot on each segment, and what lies around it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+
+import numpy as np
+
+from microbot_ocp._base import deadline
+from microbot_ocp._base.checks import FloatArray
+from microbot_ocp.limits import LIMIT_TOLERANCE
+from microbot_ocp.motion import Motion, PiecewisePolynomial, pieces_of
+from microbot_ocp.ocp.solution import StepProgress
+from microbot_ocp.planning.free import InitialGuess
+from microbot_ocp.planning.search._branches import Way
+from microbot_ocp.planning.search._pairs_asked import Around
+from microbot_ocp.planning.search._parts import (
+    places_along,
+    poses_at_stops,
+    scenes_of,
+    tool_poses,
+)
+from microbot_ocp.planning.search._problem import phase_shapes
+from microbot_ocp.planning.search._result import fastest, motion_from
+from microbot_ocp.planning.search._search import MotionAnswer, MotionSearch, SearchState
+from microbot_ocp.planning.search._settings import TimeOptimalSettings
+from microbot_ocp.planning.search._stop_motion import stretches
+from microbot_ocp.planning.search._strategies import (
+    FROM_PATHS,
+    best_of,
+    explore_mesh,
+    full_mesh,
+    resumed,
+    search_of,
+)
+from microbot_ocp.planning.search._through_stops import StopSearch, problem_of
+from microbot_ocp.planning.task import Task
+from microbot_ocp.scene import Clearance, Scene, clearance_along
+
+
+@dataclass(frozen=True)
+class GuidedSettings:
+    """Settings of the search from a way around obstacles.
+
+    Attributes
+    ----------
+    near : of the arm's reach, beyond the clearance: pairs that come so near are in the problem.
+        With three times as much 30 to 100 pairs of a UR5 are, and an iteration takes two to four
+        times as long; with a third too few come in at a time, and ``again`` is not enough
+    again : times that a motion may be solved for anew with more pairs, or more asked of them: on
+        the coarse mesh, and where its refined motion is not proved to keep clear
+    samples : poses along a segment at which pairs are looked at
+    """
+
+    near: float = 0.01
+    again: int = 3
+    samples: int = 200
+
+
+GUIDED = GuidedSettings()
+
+
+Made = tuple[list[tuple[float, Motion]], str]  # effort and motion of each, why there are no more
+Ask = Callable[[StopSearch], Made]
+
+
+@dataclass(frozen=True, eq=False)
+class Explored:
+    """Coarse answers, with all pairs in the problem that come too near on the best of them."""
+
+    search: MotionSearch
+    state: SearchState
+    around: Around
+    finer: int
+
+    @property
+    def duration(self) -> float:
+        """What the best of them takes, dwells not included, s; infinite where none is solved."""
+        answer = best_of(self.search, self.state)
+        return answer.solution.duration if answer.solved else np.inf
+
+
+@dataclass(frozen=True, eq=False)
+class GuidedSearch:
+    """A task among obstacles, and a way through it from which the search goes on.
+
+    Attributes
+    ----------
+    task : Task
+        Of an arm with capsules.
+    scene : Scene
+    way : Way
+    start : InitialGuess
+        The way with a timing.
+    poses : tuple of array [N,n]
+        Along the way on every segment, rad (m).
+    settings : TimeOptimalSettings
+    progress : callable
+    duration : float, optional
+        In which the motion of least effort is wanted, s.
+    """
+
+    task: Task
+    scene: Scene
+    way: Way
+    start: InitialGuess
+    poses: tuple[FloatArray, ...]
+    settings: TimeOptimalSettings
+    progress: StepProgress
+    duration: float | None = None
+
+    def around(self, tool: FloatArray) -> Around:
+        """Return what is asked along the way, with the tool in poses [m,4,4] at the stops."""
+        scenes, ends = scenes_of(self.task, self.scene, tool), self.way.via
+        ends = [ends[k : k + 2] for k in range(len(self.poses))]
+        tolerance = self.settings.limit_tolerance
+        return Around.along(self.task.robots, scenes, tolerance, self.poses, ends, GUIDED.near)
+
+    def explored(self, around: Around | None = None, finer: int = 1) -> Explored:
+        """Return the coarse answer of a problem in which all pairs are that come too near on it.
+
+        Where a pair of the problem does, between mesh points, these are twice as many: links pass
+        through bars from one point to the next.
+
+        Raises
+        ------
+        deadline.Over
+            The time was over before a search began.
+        """
+        around = around or self.around(tool_poses(self.task.robot, self.way.via))
+        while True:
+            search = self._search(around, finer)
+            state = search.run(FROM_PATHS)  # is known before anything is refined
+            answer = best_of(search, state)
+            if not answer.solved:
+                return Explored(search, state, around, finer)
+            poses = [poses_along(shape) for shape in phase_shapes(answer.solution)]
+            more = around.after(poses)
+            if not more.were_left_out:
+                if not more.touch or explore_mesh(search) == full_mesh(search):
+                    return Explored(search, state, around, finer)
+                finer *= 2
+            around = more.around
+            self.progress("links come too near: solved again with more asked of them")
+
+    def motions(
+        self, ask: Ask | None = None, explored: Explored | None = None
+    ) -> tuple[Made, list[Clearance | None]]:
+        """Return the motions that a search is asked for, by default the fastest one or that of
+        least effort, and whether each is proved to keep clear.
+
+        Of those alone that are solved, or within the limits though they are not, if so. Nothing
+        where the time was over before the search began.
+        """
+        made: Made = [], ""
+        proofs = list[Clearance | None]()
+        with suppress(deadline.Over):
+            now = explored or self.explored()
+            for _ in range(GUIDED.again + 1):
+                answer: MotionAnswer | None = None
+                if ask is not None:
+                    made = ask(StopSearch(now.search, self.duration, now.state))
+                else:
+                    best = fastest(now.search, now.state, duration=self.duration)
+                    made, answer = ([(0.0, motion_from(best))], ""), best.answer
+                motions = [motion for _, motion in made[0]]
+                proofs = list(map(self._proof, motions))
+                rows = zip(motions, proofs, strict=True)
+                pairs = [(m, proof) for m, proof in rows if proof is not None and not proof.proved]
+                if not pairs:
+                    break
+                more, left_out = self._asked_after(now.around, pairs)
+                if not more.asks_more_than(now.around):
+                    break
+                self.progress("links come too near: solved again with more asked of them")
+                # where a pair was left out the motion passed through it: from the way again
+                now = self._again(more, now.finer, None if left_out else answer)
+        return made, proofs
+
+    def _again(self, around: Around, finer: int, refused: MotionAnswer | None) -> Explored:
+        """Return where it goes on with more asked: from a refined answer, or the way."""
+        if refused is not None:
+            search = self._search(around, finer)
+            state = resumed(search, refused)
+            if state.answers[0].solved:
+                return Explored(search, state, around, finer)
+        return self.explored(around, finer)
+
+    def _search(self, around: Around, finer: int) -> MotionSearch:
+        with deadline.given_up():
+            task, settings = around.on(self.task), self.settings
+            problem = problem_of(
+                task, settings, self.duration, (self.way,), timed_path=self.start, finer=finer
+            )
+            return search_of(problem, settings, self.progress)
+
+    def _proof(self, motion: Motion) -> Clearance | None:
+        """Return how a motion keeps clear, where that matters."""
+        if not (motion.solved or motion.provenance["excess"] <= LIMIT_TOLERANCE):
+            return None
+        proof = clearance_along(places_along(self.task, motion, self.scene), motion)
+        return proof if motion.solved or proof.proved else None
+
+    def _asked_after(
+        self, around: Around, pairs: Sequence[tuple[Motion, Clearance]]
+    ) -> tuple[Around, bool]:
+        """Return what is asked once motions are known on which links come too near, and whether
+        that is of pairs that were left out, or of parts that lie elsewhere.
+        """
+        there = self.around(poses_at_stops(self.task, pairs[0][0]))
+        moved = there.scenes != around.scenes
+        around, left_out = (there if moved else around), moved
+        for motion, proof in pairs:
+            shape = PiecewisePolynomial(motion.t, pieces_of(motion))
+            poses: list[list[FloatArray]] = [[] for _ in self.poses]
+            for part in stretches(self.task, motion):
+                poses[part.segment].append(poses_along(shape, part.start, part.end, proof.time))
+            more = around.after(list(map(np.concatenate, poses)), GUIDED.near)
+            around, left_out = more.around, left_out or more.were_left_out
+        return around, left_out
+
+
+def poses_along(
+    shape: PiecewisePolynomial, start: float = 0.0, end: float | None = None, also: float = 0.0
+) -> FloatArray:
+    """Return poses [N,n] along a motion from start to end, s, at a further time, too, if that is
+    between them.
+    """
+    end = shape.duration if end is None else end
+    times = np.linspace(start, end, GUIDED.samples)
+    return shape(np.append(times, np.clip(also, start, end)))
