@@ -170,6 +170,12 @@ class Refiner:
         near = solution.gap.total <= SETTINGS.polished * wanted * abs(solution.cost)
         if self._is_enough(solution) or polished or near:
             return solution
+        return self.polished(solution, SETTINGS.finishing)
+
+    def polished(self, solution: Solution, rounds: int) -> Solution:
+        """Return a solution to the full tolerance on its own mesh, from its multipliers, refined
+        further in so many rounds; as it is where that takes too long or does not keep the limits.
+        """
         most = min(self.settings.max_iterations, self.polishing)
         settings = replace(self.settings, max_iterations=most)
         meshes = [phase.mesh for phase in solution.phases]
@@ -178,9 +184,8 @@ class Refiner:
         self.progress(f"the last digits: {finer.duration:.6f} s, {finer.status}")
         if not accepted:
             return solution
-        self.rough, rounds, self.rounds = None, self.rounds, SETTINGS.finishing
-        finer = self.refine(finer)
-        self.rounds = rounds
+        self.rough = None
+        finer = replace(self, rounds=rounds).refine(finer)
         within = self._worst(finer) <= max(self.limit_tolerance, self._worst(solution))
         return finer if within else solution
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -166,13 +166,13 @@ class GuidedSearch:
             now = explored or self.explored()
             for _ in range(GUIDED.again + 1):
                 answer: MotionAnswer | None = None
-                if ask is not None:
-                    made = ask(StopSearch(now.search, self.duration, now.state))
+                if ask is None:
+                    motion, proof, answer = self._fastest(now)
+                    made, proofs = ([(0.0, motion)], ""), [proof]
                 else:
-                    best = fastest(now.search, now.state, duration=self.duration)
-                    made, answer = ([(0.0, motion_from(best))], ""), best.answer
+                    made = ask(StopSearch(now.search, self.duration, now.state))
+                    proofs = [self._proof(motion) for _, motion in made[0]]
                 motions = [motion for _, motion in made[0]]
-                proofs = list(map(self._proof, motions))
                 rows = zip(motions, proofs, strict=True)
                 pairs = [(m, proof) for m, proof in rows if proof is not None and not proof.proved]
                 if not pairs:
@@ -184,6 +184,21 @@ class GuidedSearch:
                 # where a pair was left out the motion passed through it: from the way again
                 now = self._again(more, now.finer, None if left_out else answer)
         return made, proofs
+
+    def _fastest(self, now: Explored) -> tuple[Motion, Clearance | None, MotionAnswer]:
+        """Return the fastest motion or the one of least effort, and whether it is proved to keep
+        clear; without the last digits where only that is: they take it nearer to what is around.
+        """
+        best = fastest(now.search, now.state, duration=self.duration)
+        answers, before = [best.answer], best.answer.before
+        if best.answer.strategy == "last digits" and before is not None:
+            answers.append(before)
+        for answer in answers:
+            motion = motion_from(replace(best, answer=answer))
+            proof = self._proof(motion)
+            if proof is not None and proof.proved:
+                break
+        return motion, proof, answer
 
     def _again(self, around: Around, finer: int, refused: MotionAnswer | None) -> Explored:
         """Return where it goes on with more asked: from a refined answer, or the way."""

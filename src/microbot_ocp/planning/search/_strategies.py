@@ -92,7 +92,14 @@ def search_of(
             options={"ipopt": {**LDL["ipopt"], **options}},
             max_iterations=SEARCH.guided_iterations,
         )
-        refiner = replace(refiner, tolerance=tolerance, rough=None, settings=rough, once=True)
+        refiner = replace(
+            refiner,
+            tolerance=tolerance,
+            rough=None,
+            settings=rough,
+            once=True,
+            polishing=SEARCH.first_iterations,
+        )
     return MotionSearch(problem, settings, refiner, progress, kernel_time)
 
 
@@ -585,10 +592,19 @@ def next_last_digits(search: MotionSearch, state: SearchState) -> NextStep | Non
 
 
 def last_digits(search: MotionSearch, step: NextStep) -> MotionAnswer:
-    """Solve to the full tolerance."""
-    subject = step.answer
+    """Solve to the full tolerance.
+
+    A rough solve from a timed path ends while limits keep their distances still: from its own
+    multipliers it takes some iterations more until these cost next to nothing.
+    """
+    subject, solution = step.answer, step.answer.solution
     refiner = _going_on(subject)
-    return _finer(subject, "last digits", refiner.finished(subject.solution), refiner)
+    loose = not solution.gap.total <= SEARCH.enough * abs(solution.cost)
+    if search.problem.timed_path is None:
+        solution = refiner.finished(solution)
+    elif loose and search.worst(solution) <= search.settings.limit_tolerance:
+        solution = refiner.polished(solution, refiner.rounds)
+    return _finer(subject, "last digits", solution, refiner)
 
 
 FROM_PATHS = (
