@@ -436,6 +436,18 @@ def test_a_first_way_is_proved_before_others_are_looked_for(monkeypatch) -> None
     assert f"{legs[0].first_motion.duration:.4f} s" in text
 
 
+@pytest.mark.parametrize("stopped", [False, True])
+def test_what_is_far_away_changes_nothing(stopped: bool) -> None:
+    """The search from a path ends as near its limits as the one among nothing."""
+    arm, ends = mo.load_robot("microbot"), np.array([[0.04, 1.44, -1.14], [1.44, -0.6, -0.25]])
+    far = mo.Scene([mo.Sphere([9.0, 9.0, 9.0], 0.1, "far")])
+    alone = mo.time_optimal(arm, ends)
+    stops = [mo.Stop(q=ends[0], dwell=0.1), mo.Stop(q=ends[1])]
+    beside = mo.time_optimal(arm, stops if stopped else ends, scene=far)
+    assert beside.solved
+    assert beside.duration - 0.1 * stopped == pytest.approx(alone.duration, rel=5e-4)
+
+
 @pytest.fixture
 def without_search(monkeypatch: pytest.MonkeyPatch) -> None:
     """The time is over when the search through stops begins, on a busy machine as on a fast one."""
