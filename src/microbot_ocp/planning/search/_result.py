@@ -144,7 +144,8 @@ def motion_of_answer(best: Fastest) -> Motion:
         method = "time-optimal motion through stops"
         through["branches"] = branches_of(problem, state, solution)
         through["segments"] = [type(k).__name__ if k else "free" for k in problem.task.segments]
-        remark = remark_of_branches(through["branches"])
+        # among obstacles other ways have searches of their own
+        remark = "" if problem.timed_path else remark_of_branches(through["branches"])
     provenance = provenance_of(
         method,
         problem.family,

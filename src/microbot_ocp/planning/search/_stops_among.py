@@ -18,6 +18,7 @@ import numpy as np
 from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import InputError
 from microbot_ocp._base.codegen import interpreted
+from microbot_ocp._base.status import Status
 from microbot_ocp.limits import LIMIT_TOLERANCE, JointLimits, LimitFamily, Limits
 from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial, pieces_of
 from microbot_ocp.ocp.solution import StepProgress
@@ -39,6 +40,7 @@ from microbot_ocp.planning.search._branches import Way, least_time, ways_through
 from microbot_ocp.planning.search._guided import Ask, Explored, GuidedSearch, Made, poses_along
 from microbot_ocp.planning.search._orders import best_order, hoped_of, rested_of, tasks_in_orders
 from microbot_ocp.planning.search._parts import places_along, scenes_of, tool_poses
+from microbot_ocp.planning.search._result import LEFT_OUT, remark_of_branches
 from microbot_ocp.planning.search._settings import TimeOptimalSettings
 from microbot_ocp.planning.search._stop_motion import motion_of
 from microbot_ocp.planning.search._way_guesses import (
@@ -194,8 +196,11 @@ class _Among:
 
     def coarse_duration(self, beaten: float) -> float:
         rested = float(self.task.dwells.sum())
-        first = {id(guide.way): guide for guide in reversed(self._guided)}
-        self._explore(list(first.values())[::-1], beaten - rested)
+        fastest: list[Guide] = []  # of each way
+        for guide in self._guided:
+            if all(guide.way is not other.way for other in fastest):
+                fastest.append(guide)
+        self._explore(fastest, beaten - rested)
         return min((found.duration for found in self._explored.values()), default=np.inf) + rested
 
     def motion(self) -> Motion:
@@ -208,11 +213,16 @@ class _Among:
         It goes on from the best of the coarse answers; from the next one where that leads to none
         that is proved to keep clear.
         """
-        names = {"scene": list(self._scene.names)}
+        names: dict[str, Any] = {"scene": list(self._scene.names)}
         fallback = self._fallback if self._guided else None
-        made, proofs = self._found(ask) if self._guided else (([], ""), [])
+        made, proofs, taken = self._found(ask)
+        how = ""
+        if taken is not None:
+            names["branches"] = self._branches(taken)
+            how = remark_of_branches(names["branches"])
         judged: list[tuple[float, Motion]] = []
         for place, ((effort, motion), proof) in enumerate(zip(made[0], proofs, strict=True)):
+            motion = replace(motion, remark=how + motion.remark)
             if place == 0 and fallback is not None:
                 motion = at_least(fallback, motion, proof)
                 effort = np.nan if "made_from" in motion.provenance else effort
@@ -228,18 +238,46 @@ class _Among:
             judged = [(np.nan, _with(motion, **names))]
         return judged, made[1]
 
-    def _found(self, ask: Ask | None) -> tuple[Made, list[Clearance | None]]:
-        """Give the motions that a search is asked for, with the proofs that they keep clear."""
+    def _found(self, ask: Ask | None) -> tuple[Made, list[Clearance | None], Way | None]:
+        """Give the motions that a search is asked for, with the proofs that they keep clear, and
+        the way that they come from.
+        """
         self._explore(self._guided)
         made: Made = [], ""
         proofs: list[Clearance | None] = []
+        taken: Way | None = None
         guides = [guide for guide in self._guided if guide.name in self._explored]
         for guide in sorted(guides, key=lambda guide: self._explored[guide.name].duration):
-            made, proofs = self._search(guide).motions(ask, self._explored[guide.name])
-            clear = bool(proofs) and proofs[0] is not None and proofs[0].proved
+            there = self._search(guide).motions(ask, self._explored[guide.name])
+            clear = bool(there[1]) and there[1][0] is not None and there[1][0].proved
+            if clear or not made[0]:
+                (made, proofs), taken = there, guide.way
             if deadline.over() or (clear and made[0][0][1].solved):
                 break
-        return made, proofs
+        return made, proofs, taken
+
+    def _branches(self, taken: Way) -> list[dict[str, Any]]:
+        """Return what every way through the branches took on the coarse mesh, the one taken
+        first.
+        """
+        best: dict[str, dict[str, Any]] = {}
+        rested = float(self.task.dwells.sum())
+        for guide in self._guided:
+            way, found = guide.way, self._explored.get(guide.name)
+            solved = found is not None and np.isfinite(found.duration)
+            row = {
+                "branches": list(way.branches),
+                "q": way.via.tolist(),
+                "duration": found.duration + rested if found and solved else None,
+                "status": str(Status.SOLVED if solved else Status.FAILED),
+                "taken": way is taken,
+            }
+            if found is None:
+                row |= {"status": LEFT_OUT, "at_least": least_time(self.task, way) + rested}
+            before = best.get(way.name)
+            if before is None or (before["duration"] or np.inf) > (row["duration"] or np.inf):
+                best[way.name] = row
+        return sorted(best.values(), key=lambda r: (not r["taken"], r["duration"] or np.inf))
 
     def _not_found(self, attempt: Motion | None, proof: Clearance | None) -> Motion:
         """Return what is returned where nothing is known: a motion that ignores the obstacles."""
