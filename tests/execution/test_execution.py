@@ -479,7 +479,13 @@ def pick_and_place():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "profile", ["hold@500", "ros2_jtc_linear@500", "ros2_jtc_cubic@250", "ros2_jtc_quintic@100"]
+    "profile",
+    [
+        "hold@500",
+        pytest.param("ros2_jtc_linear@500", marks=pytest.mark.thorough),
+        pytest.param("ros2_jtc_cubic@250", marks=pytest.mark.thorough),
+        "ros2_jtc_quintic@100",
+    ],
 )
 def test_a_payload_that_changes_on_the_way(pick_and_place, tmp_path, profile):
     robot, stops, motion = pick_and_place

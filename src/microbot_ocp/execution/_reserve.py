@@ -248,7 +248,8 @@ def smallest_reserve(
     >>> plants = mo.execution.differing_plants(robot, mass=0.05, count=0)
     >>> via_q = np.radians([[0, 0, 0], [-90, 90, 90]])
     >>> loop = mo.ComputedTorque(kp=100.0)
-    >>> found = mo.smallest_reserve(robot, via_q, loop, plants, 0.03, sample_rate=500.0)
+    >>> rough = {"sample_rate": 500.0, "accuracy": 0.05}
+    >>> found = mo.smallest_reserve(robot, via_q, loop, plants, 0.03, **rough)
     >>> found.solved, 0.01 < found.reserve < 0.2
     (True, True)
     """

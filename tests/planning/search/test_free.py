@@ -161,7 +161,7 @@ def test_the_acceleration_is_continuous_and_so_is_the_torque(report):
     [
         {"seed": 7, "starts": 4},
         {"starts": 1},
-        {"solver": "ipopt", "starts": 2},
+        pytest.param({"solver": "ipopt", "starts": 2}, marks=pytest.mark.thorough),
         pytest.param({"solver": "fatrop", "starts": 2}, marks=pytest.mark.thorough),
         {"compiled": False, "starts": 2},
         pytest.param({"mesh": 100, "starts": 2}, marks=pytest.mark.thorough),

@@ -131,7 +131,14 @@ def test_a_tool_line_of_a_task_leaves_from_the_torques_that_hold_the_arm():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("limits", [{"qddd_max": 4.0}, {"taud_max": 8.0}, {"qddd_max": 400.0}])
+@pytest.mark.parametrize(
+    "limits",
+    [
+        {"qddd_max": 4.0},
+        {"taud_max": 8.0},
+        pytest.param({"qddd_max": 400.0}, marks=pytest.mark.thorough),
+    ],
+)
 def test_limits_of_rates_alone_take_the_closed_form(limits):
     """Jerk +j, -j, +j for a quarter, a half and a quarter of the time."""
     robot = slider(2.0, **limits)
