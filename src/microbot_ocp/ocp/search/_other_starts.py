@@ -99,6 +99,15 @@ ALONE = "It was compared with nothing: no other start led to an answer."
 Given = Mapping[str, Guess] | Solution | str | None
 
 
+def cheapest_of_starts(context: SolveContext, most: int) -> tuple[Solution | None, list[Attempt]]:
+    """Return the cheapest answer on a coarse mesh that any of ``most`` simulations leads to."""
+    starts = islice(_starts(context.transcription.problem, most, {}), most)
+    answers = list(_solved(_Coarse(context), starts))
+    attempts = [replace(a, way=WAY) for answer in answers for a in answer.attempts]
+    solved = (answer for answer in answers if answer.solved)
+    return min(solved, key=lambda answer: answer.cost, default=None), attempts
+
+
 def cheaper_elsewhere(
     solution: Solution, context: SolveContext, most: int, guess: Given = None
 ) -> tuple[Solution, list[Attempt]]:

@@ -26,6 +26,7 @@ from microbot_ocp.ocp.problem import OptimalControlProblem, with_shapes
 from microbot_ocp.ocp.refinement import COST, Accuracy, improvable, judged
 from microbot_ocp.ocp.search._other_starts import (
     cheaper_elsewhere,
+    cheapest_of_starts,
     on_any_mesh,
 )
 from microbot_ocp.ocp.solution import (
@@ -477,6 +478,14 @@ def _simulated(task: SolveTask, _: list[Attempt]) -> Iterator[Start]:
             yield replace(task, guess=guess).start()
 
 
+def _from_many_starts(task: SolveTask, tried: list[Attempt]) -> Iterator[Start]:
+    start = task.start()
+    cheapest, attempts = cheapest_of_starts(start.context, SEARCH.compared)
+    tried += attempts
+    if cheapest is not None:
+        yield start._replace(guess=cheapest)
+
+
 def _with_more_iterations(task: SolveTask, _: list[Attempt]) -> Iterator[Start]:
     most = task.settings.max_iterations
     if most > task.few.max_iterations:
@@ -505,6 +514,11 @@ STRATEGIES = (
         _simulated,
         "swinging up, and durations that are far from the guessed one: between straight lines and "
         "the answer lies no trajectory",
+    ),
+    Strategy(
+        "from the cheapest of several starts on a coarse mesh",
+        _from_many_starts,
+        "turns of a body, to and fro, that no simulation with constant controls comes near",
     ),
     Strategy("with more iterations", _with_more_iterations, "what is large or very nonlinear"),
     Strategy("by fatrop", _by_fatrop, "more equations than variables, which IPOPT refuses"),
