@@ -124,7 +124,7 @@ def interpreter_text(used: Collection[int] = FORMULAS.keys()) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class Table:
+class OperationTable:
     """A function as operations on places of a work array.
 
     Attributes
@@ -146,7 +146,7 @@ class Table:
         return ends.tolist()
 
 
-def table_of(function: ca.Function) -> Table | None:
+def table_of(function: ca.Function) -> OperationTable | None:
     """Return the table of a function; None where it has no scalar graph of operations that are
     known, or is too large.
 
@@ -175,10 +175,10 @@ def table_of(function: ca.Function) -> Table | None:
     code = np.array(rows, dtype=int).reshape(-1, 4)
     if code.max(initial=0) > np.iinfo(np.uint16).max:
         return None
-    return Table(code.astype(np.uint16), np.array(constants), turned.sz_w())
+    return OperationTable(code.astype(np.uint16), np.array(constants), turned.sz_w())
 
 
-def _definitions(function: ca.Function, table: Table) -> Iterator[str]:
+def _definitions(function: ca.Function, table: OperationTable) -> Iterator[str]:
     """Yield the tables of a function in C, and what CasADi asks of a library about it."""
     name = function.name()
     values = ",".join(map(repr, table.constants.tolist()))
