@@ -48,9 +48,9 @@ def test_of_one_joint_the_answer_is_known():
     )
     assert 0.03 < found.reserve < 0.06
     by_motion = mo.smallest_reserve(
-        robot, found.ideal, loop, plants, 5e-3, accuracy=0.02, sample_rate=1000.0
+        robot, found.ideal, loop, plants, 5e-3, accuracy=0.005, sample_rate=1000.0
     )
-    assert by_motion.reserve == pytest.approx(found.reserve, abs=0.021)
+    assert by_motion.reserve == pytest.approx(found.reserve, abs=0.006)
 
 
 def test_dry_friction_that_turns_over_is_no_reason_to_call_an_arm_lost():

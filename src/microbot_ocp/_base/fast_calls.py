@@ -382,9 +382,13 @@ def _by_table(
     """Return a function of many rows as a table, which returns its outputs transposed; None where
     that cannot be.
     """
-    run, table = _interpreter(), table_of(function)
-    if run is None or table is None:
+    table = table_of(function)
+    if table is None:
         return None
+    try:
+        run = _interpreter()
+    except (OSError, subprocess.SubprocessError, RuntimeError):
+        return None  # CasADi's virtual machine does the same, only slower
     sizes = [function.size1_in(i) for i in range(function.n_in())]
     numels = [function.numel_out(i) for i in range(function.n_out())]
     counts = [np.array(numbers, dtype=np.intc) for numbers in (sizes, numels)]
@@ -410,16 +414,19 @@ def _by_table(
 
 
 @lru_cache(maxsize=1)
-def _interpreter() -> Callable[..., None] | None:
-    """Return the interpreter of tables, compiled once for all; None without a compiler."""
+def _interpreter() -> Callable[..., None]:
+    """Return the interpreter of tables, compiled once for all.
+
+    Raises
+    ------
+    OSError, subprocess.SubprocessError, RuntimeError
+        As :func:`build_library`; there is no compiler.
+    """
     cc = compiler()
-    if cc is None or deadline.over():
-        return None
-    try:
-        library = build_library(interpreter_text(), "rows", cc, "-O3", further=ROUNDED_ALIKE)
-        run = ctypes.CDLL(str(library)).interpret_rows
-    except (OSError, subprocess.SubprocessError, RuntimeError, AttributeError):
-        return None
+    if cc is None:
+        raise RuntimeError("no C compiler was found")
+    library = build_library(interpreter_text(), "rows", cc, "-O3", further=ROUNDED_ALIKE)
+    run = ctypes.CDLL(str(library)).interpret_rows
     count, address = ctypes.c_long, ctypes.c_void_p
     side = (count, address)
     run.argtypes = (count, *(address,) * 3, *side, *side, *(address,) * 3)
@@ -434,7 +441,6 @@ def _stand_in(function: ca.Function, by_table: bool = True) -> FastCall:
     shapes = [function.size_out(i) for i in range(function.n_out())]
     single = buffered_call(function)
     mapped = lru_cache(maxsize=1)(lambda rows: buffered_call(function.map(rows)))
-
     table = lru_cache(maxsize=1)(lambda: _by_table(function) if by_table else None)
     seen = 0
 

@@ -244,8 +244,8 @@ def _answered_by_child(
     seen = watch if isinstance(watch, LastIterate) else None
 
     def work(send: Send) -> _Answer:
-        if watch is not None and seen is None:
-            watch.progress = lambda iteration: send((iteration.x, iteration.cost))
+        if watch is not None and seen is None:  # what it means is seen on the other side
+            watch.report = lambda x, cost=None: send((x, cost)) is None
         try:
             return _plain(solver(**arguments), solver)
         except (KeyboardInterrupt, RuntimeError) as problem:

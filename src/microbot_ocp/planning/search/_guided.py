@@ -66,8 +66,6 @@ class GuidedSettings:
 
 
 GUIDED = GuidedSettings()
-
-
 Made = tuple[list[tuple[float, Motion]], str]  # effort and motion of each, why there are no more
 Ask = Callable[[StopSearch], Made]
 
@@ -192,7 +190,7 @@ class GuidedSearch:
         best = fastest(now.search, now.state, duration=self.duration)
         answers, before = [best.answer], best.answer.before
         if best.answer.strategy == "last digits" and before is not None:
-            answers.append(before)
+            answers += [before] if before.solution is not best.answer.solution else []
         for answer in answers:
             motion = motion_from(replace(best, answer=answer))
             proof = self._proof(motion)
@@ -230,9 +228,9 @@ class GuidedSearch:
         """Return what is asked once motions are known on which links come too near, and whether
         that is of pairs that were left out, or of parts that lie elsewhere.
         """
-        there = self.around(poses_at_stops(self.task, pairs[0][0]))
-        moved = there.scenes != around.scenes
-        around, left_out = (there if moved else around), moved
+        tool = poses_at_stops(self.task, pairs[0][0])
+        left_out = scenes_of(self.task, self.scene, tool) != around.scenes
+        around = self.around(tool) if left_out else around
         for motion, proof in pairs:
             shape = PiecewisePolynomial(motion.t, pieces_of(motion))
             poses: list[list[FloatArray]] = [[] for _ in self.poses]

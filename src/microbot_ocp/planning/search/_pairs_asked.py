@@ -148,7 +148,7 @@ class Around:
         also = (*asked.robot.limits.also, *asked.limits)
         return replace(task, family=LimitFamily.of(asked.robot.with_limits(also=also)))
 
-    def limits(self, _: Robot, index: int) -> tuple[Limit, ...]:
+    def limits(self, index: int) -> tuple[Limit, ...]:
         """Return the distances that are asked on a segment."""
         return self.asked[self.places[index]].limits
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -50,8 +49,8 @@ def torque_front(asked: StopSearch, shares: Sequence[float]) -> Front:
         except InputError as problem:
             return points, f"With {100 * share:.3g} % of the torques {problem}."
         settings, problem = asked.search.settings, asked.problem
-        among: dict[str, Any] = {"timed_path": problem.timed_path} if problem.timed_path else {}
-        search = StopSearch.of(weaker, settings, asked.search.progress, ways=problem.ways, **among)
+        given = settings, asked.search.progress, None, problem.ways, problem.timed_path
+        search = StopSearch.of(weaker, *given)
         best = _slower(search, best, float(np.sqrt(before / share)))
         before, motion = share, motion_of_answer(best)
         if not motion.solved:

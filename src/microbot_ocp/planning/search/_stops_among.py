@@ -213,16 +213,14 @@ class _Among:
         It goes on from the best of the coarse answers; from the next one where that leads to none
         that is proved to keep clear.
         """
-        names: dict[str, Any] = {"scene": list(self._scene.names)}
+        names = {"scene": list(self._scene.names)}
         fallback = self._fallback if self._guided else None
         made, proofs, taken = self._found(ask)
-        how = ""
-        if taken is not None:
-            names["branches"] = self._branches(taken)
-            how = remark_of_branches(names["branches"])
+        branches = [] if taken is None else self._branches(taken)
         judged: list[tuple[float, Motion]] = []
         for place, ((effort, motion), proof) in enumerate(zip(made[0], proofs, strict=True)):
-            motion = replace(motion, remark=how + motion.remark)
+            remark = remark_of_branches(branches) + motion.remark
+            motion = replace(_with(motion, branches=branches), remark=remark)
             if place == 0 and fallback is not None:
                 motion = at_least(fallback, motion, proof)
                 effort = np.nan if "made_from" in motion.provenance else effort

@@ -9,7 +9,6 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
@@ -19,7 +18,7 @@ from microbot_ocp._base.outcome import Outcome
 from microbot_ocp._base.status import Status
 from microbot_ocp.motion import Motion
 from microbot_ocp.ocp.solution import StepProgress
-from microbot_ocp.planning.free import Slowed
+from microbot_ocp.planning.free import InitialGuess, Slowed
 from microbot_ocp.planning.search._branches import (
     Way,
     few_poses,
@@ -81,10 +80,11 @@ def problem_of(
     settings: TimeOptimalSettings,
     duration: float | None = None,
     ways: Sequence[Way] = (),
-    **among: Any,
+    timed_path: InitialGuess | None = None,
+    finer: int = 1,
 ) -> MotionProblem:
-    """Return the problem of a task, by default with all ways through it; among obstacles with what
-    :class:`MotionProblem` says of it.
+    """Return the problem of a task, by default with all ways through it; among obstacles from a
+    timed path.
 
     Raises
     ------
@@ -97,14 +97,15 @@ def problem_of(
             f"duration must be at least the {least:.4g} s that the velocity limits ask for, "
             f"not {duration:g} s"
         )
-    if task.is_plain and not among:
+    if task.is_plain and timed_path is None:
         via = np.array([stop.q for stop in task.stops])
         steps = np.abs(np.diff(via, axis=0)).max(axis=1)
         if steps.min() < LEAST_WAY:
             near, why = int(np.argmin(steps)), f"free motions are looked for from {LEAST_WAY:g} on"
             raise too_near(near + 1, steps[near], why)
         ways = [straight_way(via)]
-    return MotionProblem(task, tuple(ways) or tuple(ways_through(task)), settings, **among)
+    chosen = tuple(ways or ways_through(task))
+    return MotionProblem(task, chosen, settings, timed_path=timed_path, finer=finer)
 
 
 def _without_search(way: Slowed, wall: float) -> Motion:
@@ -141,10 +142,10 @@ class StopSearch:
         progress: StepProgress,
         duration: float | None = None,
         ways: Sequence[Way] = (),
-        **among: Any,
+        timed_path: InitialGuess | None = None,
     ) -> StopSearch:
         """Return the search of a task, as :func:`problem_of`."""
-        problem = problem_of(task, settings, duration, ways, **among)
+        problem = problem_of(task, settings, duration, ways, timed_path)
         return cls(search_of(problem, settings, progress), duration)
 
     @property

@@ -86,7 +86,7 @@ class Task:
         None where the way is free.
     cycle : bool
     around : optional
-        What the arm keeps clear of: ``limits(robot, index)`` are further limits of a segment.
+        What the arm keeps clear of: ``limits(index)`` are further limits of a segment.
     """
 
     family: LimitFamily
@@ -174,7 +174,7 @@ class Task:
             ends = [self.stops[k].q for k in (index, index + 1)]
             limits = joint_line_limits(kind, *map(np.array, ends))
         if self.around is not None:
-            limits = (*limits, *self.around.limits(robot, index))
+            limits = (*limits, *self.around.limits(index))
         return robot.with_limits(also=(*robot.limits.also, *limits)) if limits else robot
 
     @cached_property
