@@ -15,31 +15,12 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.certificate import Certificate, limit_checks_of
 from microbot_ocp.execution._check import AT_REST, efforts, judged
-from microbot_ocp.execution._curve import (
-    NEAR,
-    played,
-    played_task,
-    rows_of,
-    spline_of,
-)
+from microbot_ocp.execution._curve import NEAR, played, played_task, rows_of, spline_of
 from microbot_ocp.execution._load import refuse_other_arm, torques_through
 from microbot_ocp.execution._profile import Profile, load_profile
 from microbot_ocp.execution._rows import CommandRows
-from microbot_ocp.limits import (
-    ROUNDING,
-    LimitFamily,
-    LimitValues,
-    MotionSamples,
-    StateHistory,
-)
-from microbot_ocp.motion import (
-    JUMP_GAP,
-    Columns,
-    Mark,
-    Motion,
-    State,
-    write_columns,
-)
+from microbot_ocp.limits import ROUNDING, LimitFamily, LimitValues, MotionSamples, StateHistory
+from microbot_ocp.motion import JUMP_GAP, Columns, Mark, Motion, State, write_columns
 from microbot_ocp.planning import Segment, Task
 from microbot_ocp.planning.free._within_limits import SLOWING
 from microbot_ocp.robot import Robot

@@ -154,10 +154,7 @@ def run_study(
         needed(module)
     if workers is not None:
         checks.number(
-            "workers",
-            workers,
-            at_least=1,
-            at_most=SCHEDULING.most_workers * _processors(),
+            "workers", workers, at_least=1, at_most=SCHEDULING.most_workers * _processors()
         )
         if client is not None:
             raise InputError(

@@ -17,12 +17,7 @@ from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.digest import digest_of
 from microbot_ocp.limits import LimitFamily
 from microbot_ocp.motion import Motion
-from microbot_ocp.planning import (
-    PathTimingSettings,
-    TimeOptimalSettings,
-    check_limits,
-    check_via,
-)
+from microbot_ocp.planning import PathTimingSettings, TimeOptimalSettings, check_limits, check_via
 from microbot_ocp.robot import Robot
 from microbot_ocp.sweeps._cases import Cases, CaseSource
 from microbot_ocp.sweeps._quantities import NoTask, robot_with, task_of

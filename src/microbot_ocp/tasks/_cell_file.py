@@ -47,13 +47,7 @@ from microbot_ocp.planning import (
 )
 from microbot_ocp.robot import Capsule, JointLimits, Robot, joint_scale, per_joint, rotation_of
 from microbot_ocp.scene import Scene, load_request, load_scene, with_arm_capsules
-from microbot_ocp.tasks._front import (
-    SHARES,
-    SLACKS,
-    Front,
-    time_effort_front,
-    time_torque_front,
-)
+from microbot_ocp.tasks._front import SHARES, SLACKS, Front, time_effort_front, time_torque_front
 from microbot_ocp.tasks._task_file import (
     CELL,
     CELL_OUTPUTS,
@@ -64,14 +58,7 @@ from microbot_ocp.tasks._task_file import (
     settings_from,
 )
 
-STOP = keys_of(
-    Stop,
-    name=TEXT,
-    q=ANGLE,
-    tolerance=ANGLE,
-    orientation_tolerance=ANGLE,
-    rpy=ANGLE,
-)
+STOP = keys_of(Stop, name=TEXT, q=ANGLE, tolerance=ANGLE, orientation_tolerance=ANGLE, rpy=ANGLE)
 CAPSULE = keys_of(Capsule, link=NEEDED)
 FRONTS: dict[str, tuple[Callable[..., Front], str, Sequence[float]]] = {  # and the key that asks
     "effort": (time_effort_front, "slacks", SLACKS),

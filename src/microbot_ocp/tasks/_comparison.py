@@ -18,21 +18,10 @@ from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
 from microbot_ocp._base.status import Status
 from microbot_ocp._base.writing import NotWritten, made_folder, temporary_path
 from microbot_ocp.certificate import Certificate, certificate_of
-from microbot_ocp.execution import (
-    Profile,
-    check_trials,
-    commanded,
-    load_profile,
-    smallest_reserve,
-)
+from microbot_ocp.execution import Profile, check_trials, commanded, load_profile, smallest_reserve
 from microbot_ocp.motion import Motion
 from microbot_ocp.ocp.solution import Iteration, quiet
-from microbot_ocp.planning import (
-    PathTimingSettings,
-    TimeOptimalSettings,
-    check_limits,
-    check_via,
-)
+from microbot_ocp.planning import PathTimingSettings, TimeOptimalSettings, check_limits, check_via
 from microbot_ocp.robot import JointLimits, Limits, Robot
 from microbot_ocp.tasks._folder import swap_in
 from microbot_ocp.tasks._methods import METHODS, ComparedTask
@@ -441,10 +430,7 @@ def timing(
 
 
 def _played(
-    robot: Robot,
-    motion: Motion,
-    profile: str | Profile | None,
-    trackable: Mapping[str, Any] | None,
+    robot: Robot, motion: Motion, profile: str | Profile | None, trackable: Mapping[str, Any] | None
 ) -> dict[str, float]:
     """Return how long a motion takes by a controller, and until all plants follow; NaN where
     never, s.

@@ -35,14 +35,7 @@ from microbot_ocp.limits import JOINT_QUANTITIES, MEMBER_KEYS, changes_by_name
 from microbot_ocp.planning import PathTimingSettings, TimeOptimalSettings
 from microbot_ocp.robot import JointLimits, Robot, joint_scale, per_joint
 from microbot_ocp.robot.files import is_robot_name, load_robot, packaged_robots
-from microbot_ocp.tasks._comparison import (
-    METHODS,
-    OUTPUTS,
-    Comparison,
-    Progress,
-    compare,
-    timing,
-)
+from microbot_ocp.tasks._comparison import METHODS, OUTPUTS, Comparison, Progress, compare, timing
 
 SCHEMA = 1
 ANGULAR = ("q", "qd", "qdd", "qddd")  # quantities that may be given in degrees
