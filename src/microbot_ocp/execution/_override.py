@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -162,7 +163,14 @@ def overridden(
         raise InputError("speed is 0 and the arm rests already: it goes on resting")
     family = LimitFamily.of(robot, limits)
     family.refuse_means()
-    override = _Override.of(family, motion, at, current, rests, grid, compiles(compiled))
+    shape = PiecewisePolynomial(motion.t, pieces_of(motion))
+    pieces = zip(shape.coefficients, np.diff(shape.breaks), strict=True)
+    curve = PathCurve(tuple(CurvePiece(table, float(d)) for table, d in pieces), True, True)
+    evenly = np.linspace(at, motion.duration, grid + 1)
+    s = np.union1d(evenly, shape.breaks[shape.breaks > at])
+    s = s[np.append(np.diff(s) > 1e-9 * motion.duration, True)]
+    widened = with_locked_joints_held(_widened(family, motion), None)
+    override = _Override(motion, widened, curve, s, current, rests, compiles(compiled))
     if later := override.along.limits.later:
         return _ramped(family, motion, _Ramp(at, speed if rests else current, speed), later)
     for _ in range(SLOWING.rounds):
@@ -175,7 +183,10 @@ def overridden(
         if not outcome.solved or excess.max() <= TOLERANCE:
             break
         override = override.finer(excess > TOLERANCE)
-    return override.motion(timing, changed, outcome, float(excess.max()))
+    t, state, breaks = sampled([(curve, timing)])
+    places, changed_at = (timing.s, timing.t), float(timing.t[changed])
+    other = _changed(override.family.robot, motion, t, state, breaks, places, changed_at)
+    return _ended(other, outcome, float(excess.max()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,36 +194,24 @@ class _Override:
     """A motion from some time on as a path, with a grid, and the arm's present speed on it."""
 
     planned: Motion
+    family: LimitFamily
     curve: PathCurve
-    along: CurveLimits
+    s: FloatArray  # the grid
     current: float
     rests: bool  # where it begins, whatever the speed
     fast: bool
 
-    @classmethod
-    def of(
-        cls,
-        family: LimitFamily,
-        motion: Motion,
-        at: float,
-        current: float,
-        rests: bool,
-        grid: int,
-        fast: bool,
-    ) -> _Override:
-        shape = PiecewisePolynomial(motion.t, pieces_of(motion))
-        family = with_locked_joints_held(_widened(family, motion), None)
-        pieces = zip(shape.coefficients, np.diff(shape.breaks), strict=True)
-        curve = PathCurve(tuple(CurvePiece(table, float(d)) for table, d in pieces), True, True)
-        evenly = np.linspace(at, motion.duration, grid + 1)
-        s = np.union1d(evenly, shape.breaks[shape.breaks > at])
-        s = s[np.append(np.diff(s) > 1e-9 * motion.duration, True)]
-        along = CurveLimits.of(family, curve, s, fast)
-        return cls(motion, curve, along, current, rests, fast)
+    @cached_property
+    def along(self) -> CurveLimits:
+        """The limits on the grid."""
+        return self._limits_at(self.s)
+
+    def _limits_at(self, s: FloatArray) -> CurveLimits:
+        return CurveLimits.of(self.family, self.curve, s, self.fast)
 
     def soonest(self, speed: float) -> tuple[int, Reached]:
         """The first place of the grid from which on a speed can be kept, with its timing."""
-        last = self.along.s.size - 1
+        last = self.s.size - 1
         places = np.arange(last + 1) if speed else self._where_it_can_rest()
         best, low, high = (last, self._timed(last, speed)), -1, places.size - 1
         while best[1].feasible and high - low > 1:
@@ -224,16 +223,16 @@ class _Override:
 
     def _where_it_can_rest(self) -> np.ndarray:
         """Places of the grid, from the second interval's end on, where the limits hold at rest."""
-        q = self.curve.evaluate(self.along.s)[0]
+        q = self.curve.evaluate(self.s)[0]
         still = np.zeros_like(q)
-        holds = self.along.limits.family.excess(MotionSamples(q, still, still, still)) <= 0.0
+        holds = self.family.excess(MotionSamples(q, still, still, still)) <= 0.0
         return np.flatnonzero(holds & (np.arange(len(q)) > 1))
 
     def _timed(self, place: int, speed: float) -> Reached:
         """At a speed from a place of the grid on, or stopped there."""
-        along, last = self.along, self.along.s.size - 1
+        along, last = self.along, self.s.size - 1
         if not speed and place < last:
-            along = CurveLimits.of(along.limits.family, self.curve, along.s[: place + 1], self.fast)
+            along = self._limits_at(self.s[: place + 1])
         before = np.arange(along.s.size) < place
         return reach(
             along,
@@ -246,34 +245,20 @@ class _Override:
 
     def as_planned(self) -> Reached:
         """The timing of the motion itself."""
-        s = self.along.s
-        still = np.zeros(s.size - 1)
+        s, still = self.s, np.zeros(self.s.size - 1)
         return Reached(s, np.ones(s.size), still, still, s - s[0], True, float("nan"))
 
     def judged(self, timing: Reached) -> tuple[Reached, FloatArray]:
         """The timing with steady ends, and the excess of limits in each of its intervals."""
-        ends = [0] * self.rests + [-1] * (timing.s.size == self.along.s.size)
+        ends = [0] * self.rests + [-1] * (timing.s.size == self.s.size)
         timing = with_steady_ends(timing, ends)
-        along = CurveLimits.of(self.along.limits.family, self.curve, timing.s, self.fast)
-        return timing, along.excess(timing, self.curve)
+        return timing, self._limits_at(timing.s).excess(timing, self.curve)
 
     def finer(self, cut: np.ndarray) -> _Override:
         """The same with these of the first intervals cut in two."""
-        s = self.along.s
+        s = self.s
         middles = 0.5 * (s[1:] + s[:-1])[: cut.size][cut]
-        family, s = self.along.limits.family, np.sort(np.concatenate([s, middles]))
-        return replace(self, along=CurveLimits.of(family, self.curve, s, self.fast))
-
-    def motion(self, timing: Reached, changed: int, outcome: Outcome, excess: float) -> Motion:
-        """What follows, from the present state on."""
-        if outcome.solved and excess > TOLERANCE:
-            outcome = Outcome.of(Status.LIMITS_EXCEEDED, EXCEEDED.format(100.0 * excess))
-        t, state, breaks = sampled([(self.curve, timing)])
-        places, changed_at = (timing.s, timing.t), float(timing.t[changed])
-        other = _changed(
-            self.along.limits.family.robot, self.planned, t, state, breaks, places, changed_at
-        )
-        return other.ended(outcome, excess=excess)
+        return replace(self, s=np.sort(np.concatenate([s, middles])))
 
 
 def _changed(
@@ -286,17 +271,23 @@ def _changed(
     changed_at: float,
 ) -> Motion:
     """The motion at another speed; ``places`` on the path are reached at times."""
-    s = places[0]
+    first, last = places[0][[0, -1]]
     marks = [
         replace(mark, time=float(np.interp(mark.time, *places)))
         for mark in planned.marks
-        if s[0] < mark.time <= s[-1]
+        if first < mark.time <= last
     ]
-    provenance = {"method": "another speed on the path", "at": float(s[-1])}
+    provenance = {"method": "another speed on the path", "at": float(last)}
     provenance["changed_at"] = changed_at
     return Motion.from_state(
         robot, t, state, label=planned.label, breaks=breaks, marks=marks, provenance=provenance
     )
+
+
+def _ended(motion: Motion, outcome: Outcome, excess: float) -> Motion:
+    if outcome.solved and excess > TOLERANCE:
+        outcome = Outcome.of(Status.LIMITS_EXCEEDED, EXCEEDED.format(100.0 * excess))
+    return motion.ended(outcome, excess=excess)
 
 
 @dataclass(frozen=True)
@@ -373,9 +364,7 @@ def _ramped(family: LimitFamily, motion: Motion, wanted: _Ramp, later: Sequence[
     other = _changed(family.robot, motion, t, state, breaks, places, ramp.end)
     judged, _ = limit_checks_of(family, other.history())
     excess = max(float(np.nanmax(c.utilisation / most[c.quantity])) for c in judged) - 1.0
-    if outcome.solved and excess > TOLERANCE:
-        outcome = Outcome.of(Status.LIMITS_EXCEEDED, EXCEEDED.format(100.0 * excess))
-    return other.ended(outcome, excess=excess)
+    return _ended(other, outcome, excess)
 
 
 def _soonest_ramp(
