@@ -10,6 +10,7 @@ seven joints up to 5 times as fast, with the bits of CasADi's virtual machine, a
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain
@@ -25,44 +26,10 @@ COLUMNS = 32  # of a block; of 64 the numbers of a stage of seven joints fill th
 NAME = "interpreter"  # that names of libraries begin with
 FLAGS = ("-ffp-contract=off",)
 
-# C of an operation on numbers or on vectors of them, entry by entry what CasADi does. The macros
-# in it are those of numbers in interpreter.c, of vectors in fast_calls.c.
-FORMULAS = {
-    ca.OP_ASSIGN: "{0}",
-    ca.OP_ADD: "{0}+{1}",
-    ca.OP_SUB: "{0}-{1}",
-    ca.OP_MUL: "{0}*{1}",
-    ca.OP_DIV: "{0}/{1}",
-    ca.OP_NEG: "-{0}",
-    ca.OP_SQ: "{0}*{0}",
-    ca.OP_TWICE: "2.*{0}",
-    ca.OP_INV: "1./{0}",
-    ca.OP_LT: "TRUTH({0}<{1})",
-    ca.OP_LE: "TRUTH({0}<={1})",
-    ca.OP_EQ: "TRUTH({0}=={1})",
-    ca.OP_NE: "TRUTH({0}!={1})",
-    ca.OP_NOT: "TRUTH({0}==0)",
-    ca.OP_AND: "TRUTH(({0}!=0)&({1}!=0))",
-    ca.OP_OR: "TRUTH(({0}!=0)|({1}!=0))",
-    ca.OP_IF_ELSE_ZERO: "WHERE({0}!=0,{1},NOTHING)",
-    ca.OP_FMIN: "WHERE(({0}<{1})|({1}!={1}),{0},{1})",
-    ca.OP_FMAX: "WHERE(({0}>{1})|({1}!={1}),{0},{1})",
-    ca.OP_FABS: "MAGNITUDE({0})",
-    ca.OP_SIGN: "WHERE({0}>0,NOTHING+1.,WHERE({0}<0,NOTHING-1.,{0}))",
-    ca.OP_CONSTPOW: "EACH_PAIR(pow,{0},{1})",
-}
-FORMULAS |= {
-    getattr(ca, f"OP_{name.upper()}"): f"EACH({name},{{0}})"
-    for name in (
-        *("sqrt", "exp", "log", "floor", "ceil", "erf", "expm1", "log1p"),
-        *("sin", "cos", "tan", "asin", "acos", "atan"),
-        *("sinh", "cosh", "tanh", "asinh", "acosh", "atanh"),
-    )
-}
-FORMULAS |= {
-    getattr(ca, f"OP_{name.upper()}"): f"EACH_PAIR({name},{{0}},{{1}})"
-    for name in ("pow", "atan2", "copysign", "fmod", "hypot")
-}
+HERE = Path(__file__).parent
+_LINE = re.compile(r"^OPERATION\((\w+), (.+)\)$", re.MULTILINE)
+_LINES = _LINE.findall((HERE / "operations.c").read_text("utf-8"))
+FORMULAS = {getattr(ca, f"OP_{name}"): formula for name, formula in _LINES}  # in C, by operation
 MOVES = {f"MOVE_{name}": getattr(ca, f"OP_{name}") for name in ("CONST", "INPUT", "OUTPUT")}
 ESCAPED = [chr(k) if chr(k).isalnum() else f"\\{k:03o}" for k in range(128)]
 ESCAPED += [f"\\{k:03o}" for k in range(128, 256)]
@@ -119,7 +86,7 @@ def interpreter_text(used: Collection[int] = FORMULAS.keys()) -> str:
     names = "".join(
         f"#define {name} {number}\n" for name, number in {"COLUMNS": COLUMNS, **MOVES}.items()
     )
-    text = Path(__file__).with_suffix(".c").read_text("utf-8")
+    text = (HERE / "interpreter.c").read_text("utf-8")
     return names + text.replace("/* further cases */", cases)
 
 
