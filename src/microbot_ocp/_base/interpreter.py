@@ -11,7 +11,7 @@ seven joints up to 5 times as fast, with the bits of CasADi's virtual machine, a
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
@@ -145,11 +145,15 @@ def table_of(function: ca.Function) -> OperationTable | None:
     return OperationTable(code.astype(np.uint16), np.array(constants), turned.sz_w())
 
 
+def c_numbers(values: Iterable[float]) -> str:
+    """Return numbers as C has them, with commas between."""
+    return ",".join(map(repr, values)).replace("inf", "INFINITY").replace("nan", "NAN")
+
+
 def _definitions(function: ca.Function, table: OperationTable) -> Iterator[str]:
     """Yield the tables of a function in C, and what CasADi asks of a library about it."""
     name = function.name()
-    values = ",".join(map(repr, table.constants.tolist()))
-    values = values.replace("inf", "INFINITY").replace("nan", "NAN")
+    values = c_numbers(table.constants.tolist())
     code = "".join(map(ESCAPED.__getitem__, table.code.tobytes()))
     yield f'static const char {name}_code[] __attribute__((aligned(8))) = "{code}";\n'
     yield f"static const double {name}_constants[] = {{{values or 0}}};\n"
