@@ -131,13 +131,11 @@ def _rules(function: Any) -> tuple[dict[str, tuple[Fits, str]], list[str]]:
     names = _Names(function.__globals__, ArrayLike=np.ndarray)
     parameters = inspect.signature(function).parameters.values()
     variable = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
-    rules = {}
-    for parameter in parameters:
-        hint = parameter.annotation
-        if hint is not parameter.empty and parameter.kind not in variable:
-            rules[parameter.name] = _rule(
-                _evaluated(hint, names) if isinstance(hint, str) else hint
-            )
+    rules = {
+        p.name: _rule(_evaluated(p.annotation, names))
+        for p in parameters
+        if p.annotation is not p.empty and p.kind not in variable
+    }
     ends = (inspect.Parameter.KEYWORD_ONLY, *variable)
     return rules, [p.name for p in parameters if p.kind not in ends]
 
@@ -152,9 +150,9 @@ class _Names(dict):
         return type(name, (), {"__module__": PACKAGE}) if ours else Any
 
 
-def _evaluated(annotation: str, names: _Names) -> Any:
+def _evaluated(annotation: Any, names: _Names) -> Any:
     try:
-        return eval(annotation, {}, names)
+        return eval(annotation, {}, names) if isinstance(annotation, str) else annotation
     except Exception:  # what only type checkers read
         return Any
 
@@ -171,8 +169,6 @@ def _is_number(value: Any) -> bool:
 
 
 def _is_array(value: Any) -> bool:
-    if isinstance(value, np.ndarray) and value.dtype.kind in "iuf":
-        return True
     return _succeeds(np.asarray, value) and (
         np.asarray(value).dtype.kind in "iuf" or _succeeds(np.asarray, value, float)
     )

@@ -14,7 +14,6 @@ import signal
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from datetime import timedelta
 from multiprocessing import resource_tracker
 from pathlib import Path
@@ -33,27 +32,10 @@ from microbot_ocp.sweeps._study import OwnMethod, Plan, Study
 from microbot_ocp.sweeps._sweep import Sweep, opened
 from microbot_ocp.tasks import Step
 
-
-@dataclass(frozen=True)
-class Scheduling:
-    """Settings of how workers are kept busy.
-
-    Attributes
-    ----------
-    ahead : chunks in flight for each thread of a worker: one that is done, one that waits
-    tick : s between looks at what is done
-    most_workers : for each processor of this machine: some 150 MB each
-    without_worker : s without any worker, then it is said
-    """
-
-    ahead: int = 2
-    tick: float = 0.2
-    most_workers: int = 8
-    without_worker: float = 120.0
-
-
-SCHEDULING = Scheduling()
-
+AHEAD = 2  # chunks in flight for each thread of a worker: one that is done, one that waits
+TICK = 0.2  # s between looks at what is done
+MOST_WORKERS = 8  # for each processor of this machine: some 150 MB each
+WITHOUT_WORKER = 120.0  # s without any worker, then it is said
 # Dask watches its event loops every 20 ms and samples its stacks every 10 ms, in each process.
 QUIET = {"distributed.admin.tick.interval": "1s", "distributed.worker.profile.enabled": False}
 Progress = Callable[[Step], None]
@@ -153,9 +135,7 @@ def run_study(
     for module in ("distributed", "pyarrow.parquet"):
         needed(module)
     if workers is not None:
-        checks.number(
-            "workers", workers, at_least=1, at_most=SCHEDULING.most_workers * _processors()
-        )
+        checks.number("workers", workers, at_least=1, at_most=MOST_WORKERS * _processors())
         if client is not None:
             raise InputError(
                 "workers is for processes of this machine: give it or client, not both"
@@ -289,7 +269,7 @@ class _Run:
         try:
             while self._fill(todo) or self._flying:
                 try:
-                    future = self._answers.get(timeout=SCHEDULING.tick)
+                    future = self._answers.get(timeout=TICK)
                 except queue.Empty:
                     self._check()
                 else:
@@ -302,7 +282,7 @@ class _Run:
 
     def _fill(self, todo: Iterator[tuple[int, int, FloatArray]]) -> bool:
         """Keep workers busy; False where nothing is left to be sent."""
-        room = SCHEDULING.ahead * max(1, self._threads()) - len(self._flying)
+        room = AHEAD * max(1, self._threads()) - len(self._flying)
         for _ in range(room):
             following = next(todo, None)
             if following is None:
@@ -361,8 +341,8 @@ class _Run:
             raise SweepStopped(f"the scheduler ended; {self._how_to_continue()}")
         if self._threads():
             self._last_worker = time.monotonic()
-        elif time.monotonic() - self._last_worker > SCHEDULING.without_worker:
-            patience = f"{SCHEDULING.without_worker:g} s"
+        elif time.monotonic() - self._last_worker > WITHOUT_WORKER:
+            patience = f"{WITHOUT_WORKER:g} s"
             raise SweepStopped(f"there was no worker for {patience}; {self._how_to_continue()}")
 
     def _how_to_continue(self) -> str:
