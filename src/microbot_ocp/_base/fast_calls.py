@@ -204,30 +204,25 @@ def _extension(
     """
     headers = [sysconfig.get_path("include"), np.get_include()]
     cc = codegen.compiler() if compiles() else None
-    if cc is not None and (Path(headers[0]) / "Python.h").exists():
-        try:
-            return _load(function.name(), _build(function, most, cc, headers, make, kept))
-        except (OSError, subprocess.SubprocessError, RuntimeError, ImportError):
-            pass  # the caller does the same, only slower
-    return None
-
-
-def _build(
-    function: ca.Function, most: int, cc: str, headers: list[str], make: bool, kept: bool
-) -> Path:
-    # To write the text takes ten times as long as this, of a function that may not be there
-    recipe = repr((function.serialize(), most, kept, GLUE.read_text("utf-8"), package()))
-    return build_library(
-        lambda: c_source([function]) + _glue(function, most, kept),
-        f"fast_{function.name()}",
-        cc,
-        "-O2",
-        further=(*ROUNDED_ALIKE, *(f"-I{header}" for header in headers)),
-        suffix=EXTENSION_SUFFIXES[0],
-        serves=f"{sys.version} {np.__version__}",
-        recipe=recipe,
-        make=make,
-    )
+    if cc is None or not (Path(headers[0]) / "Python.h").exists():
+        return None
+    try:
+        # To write the text takes ten times as long as this, of a function that may not be there
+        recipe = repr((function.serialize(), most, kept, GLUE.read_text("utf-8"), package()))
+        library = build_library(
+            lambda: c_source([function]) + _glue(function, most, kept),
+            f"fast_{function.name()}",
+            cc,
+            "-O2",
+            further=(*ROUNDED_ALIKE, *(f"-I{header}" for header in headers)),
+            suffix=EXTENSION_SUFFIXES[0],
+            serves=f"{sys.version} {np.__version__}",
+            recipe=recipe,
+            make=make,
+        )
+        return _load(function.name(), library)
+    except (OSError, subprocess.SubprocessError, RuntimeError, ImportError):
+        return None  # the caller does the same, only slower
 
 
 def _glue(function: ca.Function, most: int, kept: bool) -> str:

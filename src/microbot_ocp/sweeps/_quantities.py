@@ -140,9 +140,9 @@ def robot_with(robot: Robot, values: Values) -> Robot:
         for name, value in values.items()
         if name in LIMITS
     }
-    return (
-        changed.with_limits(**changes_by_name(changed.limits.also, limits)) if limits else changed
-    )
+    if not limits:
+        return changed
+    return changed.with_limits(**changes_by_name(changed.limits.also, limits))
 
 
 def task_of(robot: Robot, poses: tuple[str, ...], values: Values) -> CaseTask:

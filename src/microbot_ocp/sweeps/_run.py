@@ -13,7 +13,7 @@ import queue
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import timedelta
 from multiprocessing import resource_tracker
 from pathlib import Path
@@ -30,7 +30,7 @@ from microbot_ocp.sweeps._extra import needed
 from microbot_ocp.sweeps._process import LIVES, do_cases
 from microbot_ocp.sweeps._study import OwnMethod, Plan, Study
 from microbot_ocp.sweeps._sweep import Sweep, opened
-from microbot_ocp.tasks import Step
+from microbot_ocp.tasks import Progress, Step
 
 AHEAD = 2  # chunks in flight for each thread of a worker: one that is done, one that waits
 TICK = 0.2  # s between looks at what is done
@@ -38,7 +38,6 @@ MOST_WORKERS = 8  # for each processor of this machine: some 150 MB each
 WITHOUT_WORKER = 120.0  # s without any worker, then it is said
 # Dask watches its event loops every 20 ms and samples its stacks every 10 ms, in each process.
 QUIET = {"distributed.admin.tick.interval": "1s", "distributed.worker.profile.enabled": False}
-Progress = Callable[[Step], None]
 
 
 class SweepStopped(RuntimeError):
@@ -142,16 +141,14 @@ def run_study(
             )
     results = opened(study, Path(out))
     tell = _Told(results, progress)
-    if results.finished:
-        tell("done")
-        return results
-    plan = study.plan()
-    with _connected(client, workers) as connected:
-        try:
-            _Run(study, plan, results, connected, tell).run()
-        except KeyboardInterrupt:
-            tell("interrupted")
-            raise
+    if not results.finished:
+        plan = study.plan()
+        with _connected(client, workers) as connected:
+            try:
+                _Run(study, plan, results, connected, tell).run()
+            except KeyboardInterrupt:
+                tell("interrupted")
+                raise
     tell("done")
     return results
 
@@ -291,10 +288,8 @@ class _Run:
         return True
 
     def _threads(self) -> int:
-        source = (
-            getattr(self.client.cluster, "scheduler_info", None) if self.client.cluster else None
-        )
-        info = source or self.client.scheduler_info(-1)
+        of_cluster = getattr(self.client.cluster, "scheduler_info", None)
+        info = of_cluster or self.client.scheduler_info(-1)
         return sum(worker["nthreads"] for worker in info["workers"].values())
 
     def _send(self, chunk: _Chunk) -> None:
