@@ -84,9 +84,7 @@ def executed(
 def played(robot: Robot, rows: CommandRows, chosen: Profile, task: Task | None = None) -> Motion:
     """Do as :func:`executed`, of rows through the stops of a task."""
     curve = RULES[chosen.interpolation](rows, chosen)
-    delay = (
-        chosen.step if chosen.interpolation in HELD else 0.0
-    )  # by which the rows come later on it
+    delay = chosen.step if chosen.interpolation in HELD else 0.0  # of the rows
     marks = [Mark(mark.time + delay, mark.name) for mark in rows.marks]
     origin = {"method": "what a controller makes of samples", "profile": chosen.name}
     about: Any = {"label": f"{rows.label}, by {chosen.name}", "provenance": origin}
