@@ -130,7 +130,10 @@ class Study:
         if not isinstance(self.cases, Cases):
             raise InputError(f"cases must be Cases, such as Cases.random(100), not {self.cases!r}")
         put(self, "methods", _checked_methods(self.methods))
-        put(self, "settings", _checked_settings(self.settings))
+        for name in self.settings:
+            checks.one_of("settings", name, [f.name for f in fields(CaseSettings)])
+        with naming("settings."):
+            put(self, "settings", asdict(CaseSettings(**self.settings)))
         limit = checks.number("time_limit", self.time_limit, "s", above=0.0)
         put(self, "time_limit", limit)
         _ = self.source, self.schema, self.digest
@@ -276,13 +279,6 @@ def _checked_methods(given: Any) -> dict[str, OwnMethod | None]:
     return dict(named)
 
 
-def _checked_settings(given: Mapping[str, Any]) -> dict[str, Any]:
-    for name in given:
-        checks.one_of("settings", name, [f.name for f in fields(CaseSettings)])
-    with naming("settings."):
-        return asdict(CaseSettings(**given))
-
-
 def read_study(path: str | Path) -> Study:
     """Read a study from a TOML file.
 
@@ -302,23 +298,21 @@ def read_study(path: str | Path) -> Study:
     """
     source = Path(path)
     with table_from(source, "study") as data:
-        return _study(data, str(source), source.parent)
-
-
-def _study(data: dict[str, Any], origin: str, folder: Path) -> Study:
-    given = read_table(data, STUDY)
-    check_schema(data, SCHEMA)
-    methods = given.get("methods", [])
-    if not isinstance(methods, list) or not all(isinstance(name, str) for name in methods):
-        raise InputError(f"methods must be a list of names, not {shown(methods)}")
-    named = given.get("quantities", {})
-    quantities = {name: _quantity(name, value) for name, value in named.items()}
-    cases = _cases(given["cases"], quantities, folder)
-    robot = robot_from(data, folder)
-    cases.of(robot)
-    settings = read_table(given.get("settings", {}), keys_of(CaseSettings), "in table [settings]")
-    more = {key: given[key] for key in ("methods", "motions", "time_limit") if key in given}
-    return Study(robot, cases, settings=settings, origin=origin, **more)
+        given = read_table(data, STUDY)
+        check_schema(data, SCHEMA)
+        methods = given.get("methods", [])
+        if not isinstance(methods, list) or not all(isinstance(name, str) for name in methods):
+            raise InputError(f"methods must be a list of names, not {shown(methods)}")
+        named = given.get("quantities", {})
+        quantities = {name: _quantity(name, value) for name, value in named.items()}
+        cases = _cases(given["cases"], quantities, source.parent)
+        robot = robot_from(data, source.parent)
+        cases.of(robot)
+        settings = read_table(
+            given.get("settings", {}), keys_of(CaseSettings), "in table [settings]"
+        )
+        more = {key: given[key] for key in ("methods", "motions", "time_limit") if key in given}
+        return Study(robot, cases, settings=settings, origin=str(source), **more)
 
 
 def _cases(table: Mapping[str, Any], quantities: dict[str, Any], folder: Path) -> Cases:

@@ -19,12 +19,6 @@ NAME = re.compile(r"\w[\w .+-]{0,99}", re.ASCII)  # of a method: it is the name 
 _LISTED = re.compile(rf"(motions/)?{NAME.pattern}", re.ASCII)
 
 
-def files_in(folder: Path) -> dict[str, str]:
-    """Return digests of the files in a folder and its folders, by their path in it."""
-    paths = sorted(path for path in folder.rglob("*") if path.is_file())
-    return {path.relative_to(folder).as_posix(): digest(path) for path in paths}
-
-
 def swap_in(staged: Path, target: Path, index: bool, motions: bool) -> list[Path]:
     """Move a run's files from one folder into another, ``comparison.json`` last.
 
@@ -50,7 +44,8 @@ def swap_in(staged: Path, target: Path, index: bool, motions: bool) -> list[Path
     NotWritten
     """
     document = json.loads((staged / INDEX).read_text("utf-8"))
-    digests = {name: value for name, value in files_in(staged).items() if name != INDEX}
+    files = sorted(p for p in staged.rglob("*") if p.is_file() and p != staged / INDEX)
+    digests = {path.relative_to(staged).as_posix(): digest(path) for path in files}
     new = [name for name in digests if motions or not name.startswith("motions/")]
     with locked(target):
         old = _read(target / INDEX)
