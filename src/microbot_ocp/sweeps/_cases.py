@@ -293,8 +293,8 @@ class CaseSource:
                 row[axis.columns] = axis.values[int(finite.argmax())]
         return self.values(row)
 
-    def robots(self) -> list[dict[str, FloatArray]] | None:
-        """Give the few values that masses, gravity and friction take together; None where many."""
+    def robots(self) -> list[dict[str, FloatArray]]:
+        """Give the few values that masses, gravity and friction take together; none where many."""
         reference = self.reference()
         row = np.concatenate(list(reference.values()))
         kinds = np.repeat([name in DYNAMICS for name in reference], list(self.width.values()))
@@ -304,11 +304,11 @@ class CaseSource:
             if not chosen.any():
                 continue
             if axis.values is None:
-                return None
+                return []
             places.append(np.arange(row.size)[axis.columns][chosen])
             choices.append(np.unique(axis.values[:, chosen], axis=0))
         if np.prod([float(len(values)) for values in choices]) > FEW:
-            return None
+            return []
         robots = []
         for combination in product(*choices):
             for at, values in zip(places, combination, strict=True):

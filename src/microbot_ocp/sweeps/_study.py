@@ -198,9 +198,8 @@ class Study:
 
     def plan(self) -> Plan:
         """Return what a worker has to know: all but the cases, for which one stands."""
-        several = self.source.robots() if self.prepares else None
         ready = []
-        for values in several or []:
+        for values in self.source.robots() if self.prepares else ():
             via = self._holdable(robot_with(self.reference_robot, values))
             if via is not None:
                 ready.append((values, via))
