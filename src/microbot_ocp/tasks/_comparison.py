@@ -6,6 +6,7 @@ import re
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -346,20 +347,19 @@ def compare(
             check_trials(family.robot, **trackable)
     free, path = _settings(settings)
     times, velocities = timing(via, via_t, via_qd)
-    total = sum(map(_work, names))
+    work = [WORK.get(name, 1) + 1 for name in names]  # to solve, and to certify what is found
     entries: list[Entry] = []
     until = time.perf_counter() + min(checks.time_limit(time_limit), deadline.left())
+
+    def tell_of(index: int, event: Iteration | str, stage: str = "solve") -> None:
+        if progress is not None:
+            done = sum(work[:index]) + (work[index] - 1) * (stage == "certify")
+            iteration = event if isinstance(event, Iteration) else None
+            text = f"{METHODS[names[index]].title}: {event}"
+            progress(Step(done, sum(work), stage, text, iteration))
+
     for index, name in enumerate(names):
-
-        def tell(
-            event: Iteration | str, stage: str = "solve", index: int = index, name: str = name
-        ) -> None:
-            if progress is not None:
-                done = sum(map(_work, names[:index])) + (_work(name) - 1) * (stage == "certify")
-                iteration = event if isinstance(event, Iteration) else None
-                text = f"{METHODS[name].title}: {event}"
-                progress(Step(done, total, stage, text, iteration))
-
+        tell = partial(tell_of, index)
         heard = quiet if progress is None else tell
         task = ComparedTask(family, via, times, velocities, blend, free, path, heard)
         tell("solving")
@@ -377,13 +377,8 @@ def compare(
         played = _played(family.robot, motion, profile, trackable)
         entries.append(_entry(name, task, motion, wall, seconds, played))
     if progress is not None:
-        progress(Step(total, total, "done", f"{len(names)} methods done"))
+        progress(Step(sum(work), sum(work), "done", f"{len(names)} methods done"))
     return Comparison(robot, via, family.robot.limits, tuple(entries), REFERENCE)
-
-
-def _work(method: str) -> int:
-    """Return units of work to solve by a method and to certify what it finds."""
-    return WORK.get(method, 1) + 1
 
 
 def _method_names(methods: Sequence[str] | None, timed: bool) -> list[str]:
