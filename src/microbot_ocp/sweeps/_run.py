@@ -318,7 +318,7 @@ class _Run:
             self.tell.failures += sum(row["status"] != Status.SOLVED for row in rows)
             return
         if future.status != "error":
-            raise SweepStopped(f"the scheduler ended; {self._how_to_continue()}")
+            raise self._stopped("the scheduler ended")
         problem = future.exception()
         # a case takes its own process down, not a worker: that was somebody else
         killed = isinstance(problem, needed("distributed.scheduler").KilledWorker)
@@ -326,22 +326,17 @@ class _Run:
             self._send(chunk._replace(deaths=chunk.deaths + 1))
             return
         sentence = shortened(f"{type(problem).__name__}: {problem}", 200)
-        raise SweepStopped(
-            f"a worker could not do its cases: {sentence}; {self._how_to_continue()}"
-        )
+        raise self._stopped(f"a worker could not do its cases: {sentence}")
 
     def _check(self) -> None:
         """Raise where nobody is left to do the work."""
         if self.client.status not in ("running", "newly-created"):
-            raise SweepStopped(f"the scheduler ended; {self._how_to_continue()}")
+            raise self._stopped("the scheduler ended")
         if self._threads():
             self._last_worker = time.monotonic()
         elif time.monotonic() - self._last_worker > WITHOUT_WORKER:
-            patience = f"{WITHOUT_WORKER:g} s"
-            raise SweepStopped(f"there was no worker for {patience}; {self._how_to_continue()}")
+            raise self._stopped(f"there was no worker for {WITHOUT_WORKER:g} s")
 
-    def _how_to_continue(self) -> str:
-        return (
-            f"{self.tell.done:,} of {self.results.count:,} cases are kept in "
-            f"{self.results.folder}: the same command continues"
-        )
+    def _stopped(self, why: str) -> SweepStopped:
+        kept = f"{self.tell.done:,} of {self.results.count:,} cases are kept in"
+        return SweepStopped(f"{why}; {kept} {self.results.folder}: the same command continues")
