@@ -138,9 +138,9 @@ def deferred_call(
         if fast is not None:
             return fast(*given)
         begin = time.thread_time()
-        results = as_it_is(*given)
+        answer = as_it_is(*given)
         spent += time.thread_time() - begin
-        return results[0] if len(results) == 1 else results
+        return answer
 
     return call
 
@@ -435,9 +435,10 @@ def _stand_in(function: ca.Function, by_table: bool = True) -> FastCall:
     def call(*given: Any) -> Any:
         arrays, rows = _vectors_or_batches(function, sizes, given)
         results = single(*arrays) if rows is None else many(rows, arrays)
+        results = results if isinstance(results, tuple) else (results,)
         lead = () if rows is None else (rows,)
         answers = []
-        for answer, (height, width) in zip(_as_tuple(results), shapes, strict=True):
+        for answer, (height, width) in zip(results, shapes, strict=True):
             blocks = answer.T.reshape(*lead, width, height)
             answers.append(blocks[..., 0, :] if width == 1 else blocks.swapaxes(-1, -2))
         return answers[0] if len(answers) == 1 else tuple(answers)
@@ -508,10 +509,8 @@ def _repeated(single: FastCall, most: int) -> FastCall:
     return call
 
 
-def _as_it_is(
-    function: ca.Function, most: int, kept: bool, by_table: bool
-) -> Callable[..., tuple[FloatArray, ...]]:
-    """Return what :func:`deferred_call` promises, as a tuple, without an extension module."""
+def _as_it_is(function: ca.Function, most: int, kept: bool, by_table: bool) -> FastCall:
+    """Return what :func:`deferred_call` promises, without an extension module."""
     single = _stand_in(function, by_table)
     chained = lru_cache(maxsize=1)(lambda rows: buffered_call(function.mapaccum(rows, NESTED)))
 
@@ -521,15 +520,10 @@ def _as_it_is(
             calls.append(single(calls[-1][0], *given[1:]))
         return tuple(map(np.array, zip(*calls, strict=True)))
 
-    def along_rows(first: Any, *given: Any) -> tuple[FloatArray, ...]:
-        chain = chained(len(given[0]))
-        answers = _as_tuple(chain(first, *(np.transpose(rows) for rows in given)))
-        return tuple(answer.T for answer in answers)
+    def along_rows(first: Any, *given: Any) -> Any:
+        answers = chained(len(given[0]))(first, *(np.transpose(rows) for rows in given))
+        return tuple(a.T for a in answers) if isinstance(answers, tuple) else answers.T
 
     if kept:
         return repeated if most else along_rows
-    return _repeated(single, most) if most else lambda *given: _as_tuple(single(*given))
-
-
-def _as_tuple(answer: Any) -> tuple[FloatArray, ...]:
-    return answer if isinstance(answer, tuple) else (answer,)
+    return _repeated(single, most) if most else single
