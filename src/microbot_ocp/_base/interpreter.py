@@ -72,20 +72,15 @@ def c_text(functions: Sequence[ca.Function]) -> str | None:
     if len(known) < len(tables):
         return None
     used = {int(operation) for table in known for operation in np.unique(table.code[:, 0])}
-    definitions = (
-        _definitions(function, table) for function, table in zip(functions, known, strict=True)
-    )
+    definitions = map(_definitions, functions, known)
     return interpreter_text(used) + "".join(chain.from_iterable(definitions))
 
 
 def interpreter_text(used: Collection[int] = FORMULAS.keys()) -> str:
     """Return C text of an interpreter of operations."""
-    cases = " ".join(
-        f"CASE({k}, {FORMULAS[k].format('x', 'y')})" for k in sorted(FORMULAS.keys() & used)
-    )
-    names = "".join(
-        f"#define {name} {number}\n" for name, number in {"COLUMNS": COLUMNS, **MOVES}.items()
-    )
+    known, numbers = sorted(FORMULAS.keys() & used), {"COLUMNS": COLUMNS, **MOVES}
+    cases = " ".join(f"CASE({k}, {FORMULAS[k].format('x', 'y')})" for k in known)
+    names = "".join(f"#define {name} {number}\n" for name, number in numbers.items())
     text = (HERE / "interpreter.c").read_text("utf-8")
     return names + text.replace("/* further cases */", cases)
 

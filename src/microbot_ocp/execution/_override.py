@@ -255,11 +255,8 @@ def _changed(
 ) -> Motion:
     """The motion at another speed; ``places`` on the path are reached at times."""
     first, last = places[0][[0, -1]]
-    marks = [
-        replace(mark, time=float(np.interp(mark.time, *places)))
-        for mark in planned.marks
-        if first < mark.time <= last
-    ]
+    ahead = [mark for mark in planned.marks if first < mark.time <= last]
+    marks = [replace(mark, time=float(np.interp(mark.time, *places))) for mark in ahead]
     provenance = {"method": "another speed on the path", "at": float(last)}
     provenance["changed_at"] = changed_at
     return Motion.from_state(

@@ -176,19 +176,12 @@ def differing_plants(
 
 def _differing(robot: Robot, mass: FloatArray, friction: FloatArray) -> Robot:
     """The robot with masses and frictions [n] times these."""
-    return robot.with_links(
-        [
-            replace(
-                link,
-                mass=link.mass * m,
-                inertia=link.inertia * m,
-                armature=link.armature * m,
-                viscous_friction=link.viscous_friction * f,
-                coulomb_friction=link.coulomb_friction * f,
-            )
-            for link, m, f in zip(robot.links, mass, friction, strict=True)
-        ]
-    )
+    links = []
+    for link, m, f in zip(robot.links, mass, friction, strict=True):
+        factors = dict.fromkeys(("mass", "inertia", "armature"), m)
+        factors |= dict.fromkeys(("viscous_friction", "coulomb_friction"), f)
+        links.append(replace(link, **{key: getattr(link, key) * by for key, by in factors.items()}))
+    return robot.with_links(links)
 
 
 def smallest_reserve(

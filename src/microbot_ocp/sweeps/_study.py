@@ -153,18 +153,13 @@ class Study:
     @cached_property
     def limit_columns(self) -> tuple[tuple[str, int, str], ...]:
         """Key and component of every limit but those of the position, and its name in columns."""
-        family = LimitFamily.of(self.reference_robot)
-        return tuple(
-            (
-                member.key,
-                k,
-                "_".join(re.sub(r"\W+", "_", part) for part in (member.key, label) if part),
-            )
-            for member in family
-            if member.key != "q"
-            for k, label in enumerate(member.labels)
-            if member.limited[k]
-        )
+        columns = []
+        for member in LimitFamily.of(self.reference_robot):
+            for k, label in enumerate(member.labels):
+                if member.key != "q" and member.limited[k]:
+                    parts = (re.sub(r"\W+", "_", part) for part in (member.key, label) if part)
+                    columns.append((member.key, k, "_".join(parts)))
+        return tuple(columns)
 
     @cached_property
     def schema(self) -> tuple[tuple[str, str], ...]:
