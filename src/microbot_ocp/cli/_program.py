@@ -33,9 +33,8 @@ PROGRAM = "microbot-ocp"
 COMMANDS = {  # and the module of each
     "demo": "_motions",
     **dict.fromkeys(("robots", "show", "fk", "ik"), "_robots"),
-    **dict.fromkeys(
-        ("simulate", "compare", "time-optimal", "solve", "check", "studio"), "_motions"
-    ),
+    **dict.fromkeys(("simulate", "compare", "time-optimal", "solve"), "_motions"),
+    **dict.fromkeys(("check", "studio"), "_motions"),
     **dict.fromkeys(("sweep", "replay", "export"), "_files"),
     "doctor": "_doctor",
 }

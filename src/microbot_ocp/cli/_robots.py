@@ -88,9 +88,7 @@ def show(
         "name": arm.name,
         "description": arm.description,
         "joints": [_joint_document(arm, joint) for joint in range(arm.joint_count)],
-        "tool": arm.tool,
-        "base": arm.base,
-        "gravity": arm.gravity,
+        **{key: getattr(arm, key) for key in ("tool", "base", "gravity")},
         "total_mass": sum(link.mass for link in arm.links) if arm.has_dynamics else None,
         "workspace": workspace,
     }

@@ -295,16 +295,8 @@ class _Run:
     def _send(self, chunk: _Chunk) -> None:
         self._sent += 1
         key = f"microbot_ocp-sweep-{self.study.digest[:12]}-{os.getpid()}-{self._sent}"
-        future = self.client.submit(
-            do_cases,
-            self.study.digest,
-            self._packed,
-            self.study.time_limit,
-            chunk.first,
-            chunk.rows,
-            key=key,
-            pure=False,
-        )
+        asked = self.study.digest, self._packed, self.study.time_limit, chunk.first, chunk.rows
+        future = self.client.submit(do_cases, *asked, key=key, pure=False)
         self._flying[future] = chunk
         future.add_done_callback(self._answers.put)
 

@@ -181,15 +181,9 @@ class Study:
     @cached_property
     def digest(self) -> str:
         """Of all that the results follow from."""
-        return digest_of(
-            robot=self.robot,
-            cases=self.source.content,
-            methods=self.methods,
-            settings=self.settings,
-            time_limit=self.time_limit,
-            motions=self.motions,
-            versions=versions(),
-        )
+        keys = ("methods", "settings", "time_limit", "motions")
+        asked = {key: getattr(self, key) for key in keys}
+        return digest_of(robot=self.robot, cases=self.source.content, **asked, versions=versions())
 
     def plan(self) -> Plan:
         """Return what a worker has to know: all but the cases, for which one stands."""

@@ -68,9 +68,7 @@ class Front:
         """Plain values for JSON."""
         points = [
             {
-                "duration": point.duration,
-                "effort": point.effort,
-                "peak_torque": point.peak_torque,
+                **{key: getattr(point, key) for key in ("duration", "effort", "peak_torque")},
                 "status": str(point.motion.status),
                 "certified": point.certificate.ok,
             }
