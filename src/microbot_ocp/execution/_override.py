@@ -57,6 +57,8 @@ from microbot_ocp.planning.path import (
 from microbot_ocp.planning.task import with_locked_joints_held
 from microbot_ocp.robot import Robot
 
+Samples = tuple[FloatArray, State, FloatArray]  # times, states there, and where a piece ends
+Places = tuple[FloatArray, FloatArray]  # on the path, and when they are reached
 TOLERANCE = PathTimingSettings.limit_tolerance
 # Of the search for a ramp of the speed
 RAMP_BEGINS = 21  # samples of the plan at which it may begin that are tried first
@@ -166,9 +168,9 @@ def overridden(
         if not outcome.solved or excess.max() <= TOLERANCE:
             break
         override = override.finer(excess > TOLERANCE)
-    t, state, breaks = sampled([(curve, timing)])
     places, changed_at = (timing.s, timing.t), float(timing.t[changed])
-    other = _changed(override.family.robot, motion, t, state, breaks, places, changed_at)
+    samples = sampled([(curve, timing)])
+    other = _changed(override.family.robot, motion, samples, places, changed_at)
     return _ended(other, outcome, float(excess.max()))
 
 
@@ -245,15 +247,10 @@ class _Override:
 
 
 def _changed(
-    robot: Robot,
-    planned: Motion,
-    t: FloatArray,
-    state: State,
-    breaks: FloatArray,
-    places: tuple[FloatArray, FloatArray],
-    changed_at: float,
+    robot: Robot, planned: Motion, samples: Samples, places: Places, changed_at: float
 ) -> Motion:
-    """The motion at another speed; ``places`` on the path are reached at times."""
+    """The motion at another speed."""
+    t, state, breaks = samples
     first, last = places[0][[0, -1]]
     ahead = [mark for mark in planned.marks if first < mark.time <= last]
     marks = [replace(mark, time=float(np.interp(mark.time, *places))) for mark in ahead]
@@ -341,7 +338,7 @@ def _ramped(family: LimitFamily, motion: Motion, wanted: _Ramp, later: Sequence[
     times = [sample_times(breaks[k], none, step, 5) for k, step in parts if k.sum() > 1]
     t = np.unique(np.concatenate([jumps, *times]))
     state = State(*_state_at(motion, ramp.along(t))[:3])
-    other = _changed(family.robot, motion, t, state, breaks, places, ramp.end)
+    other = _changed(family.robot, motion, (t, state, breaks), places, ramp.end)
     judged, _ = limit_checks_of(family, other.history())
     excess = max(float(np.nanmax(c.utilisation / most[c.quantity])) for c in judged) - 1.0
     return _ended(other, outcome, excess)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from inspect import signature
 from itertools import product
 from typing import Any
@@ -249,6 +250,7 @@ def smallest_reserve(
     check_trials(robot, controller, plants, bound, accuracy=accuracy, **loop)
     # dry friction that turns over costs a finer one thousands of steps
     loop = {"tolerance": min(accuracy * bound, COARSEST), **loop}
+    play = partial(track, robot, controller=controller, **loop)
     plan = _planner(robot, task, limits)
     ideal = plan(0.0)
     motions: dict[float, Motion] = {0.0: ideal}
@@ -262,7 +264,7 @@ def smallest_reserve(
             advice[:] = [str(problem)]
             return False
         motions[reserve] = motion
-        trials[reserve] = _tried(robot, motion, controller, plants, reserve, loop)
+        trials[reserve] = _tried(robot, motion, plants, reserve, play)
         return motion.solved and trials[reserve].error <= bound
 
     def ordered() -> tuple[Trial, ...]:
@@ -328,16 +330,11 @@ def _planner(
 
 
 def _tried(
-    robot: Robot,
-    motion: Motion,
-    controller: Controller,
-    plants: Sequence[Robot],
-    reserve: float,
-    loop: dict[str, Any],
+    robot: Robot, motion: Motion, plants: Sequence[Robot], reserve: float, play: Callable[..., Any]
 ) -> Trial:
     error = saturated = 0.0
     for plant in plants:
-        run = track(robot, motion, controller, plant=plant, **loop)
+        run = play(motion, plant=plant)
         saturated = max(saturated, run.saturated_fraction)
         if not run.solved:
             return Trial(reserve, motion.duration, np.inf, saturated)

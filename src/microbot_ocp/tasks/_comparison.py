@@ -364,18 +364,18 @@ def compare(
         task = ComparedTask(family, via, times, velocities, blend, free, path, heard)
         tell("solving")
         seconds = max((until - time.perf_counter()) / (len(names) - index), LEAST_TIME)
-        begin = time.perf_counter()
+        begin, motion, note = time.perf_counter(), None, ""
         try:
             with deadline.within(SOLVING * seconds):
                 motion = METHODS[name].solve(*METHODS[name].arguments(task))
         except InputError as problem:  # this method cannot do the task; the others may
-            wall = time.perf_counter() - begin
-            entries.append(Entry(name, METHODS[name].title, note=str(problem), solve_time=wall))
-            continue
+            note = str(problem)
         wall = time.perf_counter() - begin
-        tell(f"{motion.duration:.4f} s, certifying", stage="certify")
-        played = _played(family.robot, motion, profile, trackable)
-        entries.append(_entry(name, task, motion, wall, seconds, played))
+        entries.append(Entry(name, METHODS[name].title, note=note, solve_time=wall))
+        if motion is not None:
+            tell(f"{motion.duration:.4f} s, certifying", stage="certify")
+            played = _played(family.robot, motion, profile, trackable)
+            entries[-1] = _certified(entries[-1], task, motion, seconds - wall, played)
     if progress is not None:
         progress(Step(sum(work), sum(work), "done", f"{len(names)} methods done"))
     return Comparison(robot, via, family.robot.limits, tuple(entries), REFERENCE)
@@ -445,27 +445,20 @@ def _played(
     return durations
 
 
-def _entry(
-    name: str,
-    task: ComparedTask,
-    motion: Motion,
-    wall: float,
-    seconds: float,
-    played: Mapping[str, float],
+def _certified(
+    entry: Entry, task: ComparedTask, motion: Motion, left: float, played: Mapping[str, float]
 ) -> Entry:
-    """Return the motion of a method, certified in what is left of its time, s."""
+    """Return an entry with its motion, certified in what is left of its time, s."""
     tau = motion.tau if task.robot.has_dynamics else np.full_like(motion.tau, np.nan)
     motion = replace(motion, provenance={**motion.provenance, "robot": task.robot.name})
-    with deadline.within(max(seconds - wall, LEAST_TIME)):
+    with deadline.within(max(left, LEAST_TIME)):
         certificate = certificate_of(task.family, motion, task.via_q)
-    return Entry(
-        name=name,
-        title=METHODS[name].title,
+    return replace(
+        entry,
         motion=motion,
         certificate=certificate,
         status=motion.status,
         note=motion.note,
-        solve_time=wall,
         torque_squared=float(np.trapezoid(np.sum(tau**2, axis=1), motion.t)),
         work=float(np.trapezoid(np.sum(np.abs(tau * motion.qd), axis=1), motion.t)),
         details={"certify_time": certificate.wall_time, **played},

@@ -125,19 +125,11 @@ class TaskFile:
         InputError
             What only the methods can tell, such as a via point that cannot be held at rest.
         """
-        settings = dict(self.settings)
+        task = self.robot, self.via_q, self.methods, self.limits
+        settings = {**self.settings, "via_t": self.via_t, "via_qd": self.via_qd}
         settings["time_limit"] = min(time_limit, settings.get("time_limit", np.inf))
         with naming(f"{self.origin}: "):
-            return compare(
-                self.robot,
-                self.via_q,
-                self.methods,
-                self.limits,
-                via_t=self.via_t,
-                via_qd=self.via_qd,
-                progress=progress,
-                **settings,
-            )
+            return compare(*task, progress=progress, **settings)
 
 
 def read_task(path: str | Path) -> TaskFile:
