@@ -110,17 +110,14 @@ def _checking(function: Any, data: bool = False) -> Any:
 
 
 def _refuse(
-    function: Any,
-    arguments: tuple[Any, ...],
-    named: dict[str, Any],
-    problem: Exception | None = None,
+    function: Any, given: tuple[Any, ...], named: dict[str, Any], problem: Exception | None = None
 ) -> None:
     """Refuse the first argument of a wrong type."""
     rules, positional = _rules(function)
-    for name, value in itertools.chain(zip(positional, arguments, strict=False), named.items()):
+    for name, value in itertools.chain(zip(positional, given, strict=False), named.items()):
         if name in rules and not rules[name][0](value):
-            wanted, given = rules[name][1], type(value).__name__
-            makers = (MAKERS.get((word, given)) for word in wanted.split())
+            wanted, kind = rules[name][1], type(value).__name__
+            makers = (MAKERS.get((word, kind)) for word in wanted.split())
             remedy = "".join(f"; {maker} makes one" for maker in makers if maker)
             raise InputError(f"{name} must be {wanted}, not {shown(value)}{remedy}") from problem
 

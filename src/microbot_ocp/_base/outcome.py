@@ -54,8 +54,9 @@ class Ledger(tuple[LedgerRow, ...]):
         """Return one row a strategy."""
         sums: dict[str, LedgerRow] = {}
         for row in rows:
-            if before := sums.get(row.strategy):
-                row = replace(
+            before = sums.setdefault(row.strategy, row)
+            if before is not row:
+                sums[row.strategy] = replace(
                     row,
                     run=before.run + row.run,
                     decided=before.decided or row.decided,
@@ -63,7 +64,6 @@ class Ledger(tuple[LedgerRow, ...]):
                     iterations=before.iterations + row.iterations,
                     seconds=before.seconds + row.seconds,
                 )
-            sums[row.strategy] = row
         return cls(sums.values())
 
     @classmethod
