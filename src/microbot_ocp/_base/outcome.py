@@ -54,9 +54,9 @@ class Ledger(tuple[LedgerRow, ...]):
         """Return one row a strategy."""
         sums: dict[str, LedgerRow] = {}
         for row in rows:
-            before = sums.setdefault(row.strategy, row)
-            if before is not row:
-                sums[row.strategy] = replace(
+            total, before = row, sums.get(row.strategy)
+            if before is not None:
+                total = replace(
                     row,
                     run=before.run + row.run,
                     decided=before.decided or row.decided,
@@ -64,6 +64,7 @@ class Ledger(tuple[LedgerRow, ...]):
                     iterations=before.iterations + row.iterations,
                     seconds=before.seconds + row.seconds,
                 )
+            sums[row.strategy] = total
         return cls(sums.values())
 
     @classmethod
