@@ -7,7 +7,7 @@ import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import chain, product
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -262,23 +262,18 @@ def _of_message(document: Any, robot: Robot) -> CommandRows:
         rows = [point.get(field) or [] for point in points]
         if not any(rows):
             continue
-        if not _are_numbers(rows, len(names)):
-            k = next(k for k, row in enumerate(rows) if not _are_numbers([row], len(names)))
-            raise InputError(
-                f"{field} of point {k + 1} must be {len(names)} numbers, not {shown(rows[k])}"
-            )
+        for k, row in enumerate(rows, 1):
+            numbers = isinstance(row, list) and set(map(type, row)) <= {int, float}
+            if not numbers or len(row) != len(names):
+                raise InputError(
+                    f"{field} of point {k} must be {len(names)} numbers, not {shown(row)}"
+                )
         columns[key] = np.array(rows, dtype=float)[:, order]
     if "q" not in columns:
         raise InputError("its points have no positions")
     given = document.get("marks", ()) if isinstance(document, dict) else ()
     marks = [Mark(_seconds(mark, k) - t[0], str(mark.get("name"))) for k, mark in enumerate(given)]
     return CommandRows(np.array(t), **columns, marks=tuple(marks))
-
-
-def _are_numbers(rows: Sequence[Any], width: int) -> bool:
-    """Whether these are lists of so many numbers each."""
-    lists = set(map(type, rows)) == {list} and set(map(len, rows)) == {width}
-    return lists and set(map(type, chain.from_iterable(rows))) <= {int, float}
 
 
 def _trajectories_in(document: Any, depth: int = 0) -> Iterator[Mapping[str, Any]]:
