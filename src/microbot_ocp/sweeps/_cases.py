@@ -73,11 +73,6 @@ class Axis(NamedTuple):
         rows = np.minimum((share * len(self.values)).astype(int), len(self.values) - 1)
         return self.values[rows]
 
-    @property
-    def moves(self) -> Any:
-        """Which of the columns differ between cases."""
-        return np.True_ if self.values is None else (self.values != self.values[0]).any(axis=0)
-
 
 @dataclass(frozen=True, eq=False)
 class Cases:
@@ -245,7 +240,9 @@ class CaseSource:
         """Names of the quantities that differ between cases."""
         varies = np.zeros(self._constant.size, dtype=bool)
         for axis in self._axes:
-            varies[axis.columns] = axis.moves
+            varies[axis.columns] = axis.values is None or (axis.values != axis.values[0]).any(
+                axis=0
+            )
         return tuple(name for name, of_name in self.values(varies).items() if of_name.any())
 
     def rows(self, start: int, stop: int) -> FloatArray:
