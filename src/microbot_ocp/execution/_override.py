@@ -356,9 +356,7 @@ def _soonest_ramp(
     none = np.zeros_like(dense)
     at_current, at_speed = (keeps((dense, none + v, none, none)) for v in (current, speed))
     broken = dense[~at_current], dense[~at_speed] if speed else [-np.inf]
-    begins = (
-        np.flatnonzero(s < np.min(broken[0], initial=np.inf)) if current else np.zeros(1, dtype=int)
-    )
+    begins = np.flatnonzero(s < np.min(broken[0], initial=np.inf)) if current else np.array([0])
     ends = np.flatnonzero(s > np.max(broken[1], initial=-np.inf))
     best = None
     if current and not speed and at_current.all():  # it rests where the motion ends at the latest

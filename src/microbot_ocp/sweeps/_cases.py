@@ -240,9 +240,8 @@ class CaseSource:
         """Names of the quantities that differ between cases."""
         varies = np.zeros(self._constant.size, dtype=bool)
         for axis in self._axes:
-            varies[axis.columns] = axis.values is None or (axis.values != axis.values[0]).any(
-                axis=0
-            )
+            table = axis.values
+            varies[axis.columns] = table is None or (table != table[0]).any(axis=0)
         return tuple(name for name, of_name in self.values(varies).items() if of_name.any())
 
     def rows(self, start: int, stop: int) -> FloatArray:

@@ -170,8 +170,8 @@ def _front(
     try:
         stops = list(via_q)
     except TypeError:
-        settings_words = f"via_q must be stops or joint positions, not {checks.shown(via_q)}"
-        raise InputError(settings_words) from None
+        given = checks.shown(via_q)
+        raise InputError(f"via_q must be stops or joint positions, not {given}") from None
     stops = [stop if isinstance(stop, Stop) else Stop(q=stop) for stop in stops]
     settings = with_changes(changes.pop("settings", None) or TimeOptimalSettings(), changes)
     solutions, ended = motions_of_front(
