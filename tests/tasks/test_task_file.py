@@ -13,7 +13,7 @@ from microbot_ocp._base.schema import Key, keys_of
 from microbot_ocp.robot.files import _toml
 from microbot_ocp.scene import _scene_file, with_arm_capsules
 from microbot_ocp.scene._obstacles import KINDS
-from microbot_ocp.sweeps import _study_file
+from microbot_ocp.sweeps import _study
 from microbot_ocp.tasks import (
     OUTPUTS,
     _cell_file,
@@ -71,7 +71,7 @@ def of_kinds(schemas):
         ("task_file.md", [_cell_file.PAYLOAD, keys_of(mo.Circle), keys_of(mo.JointLine)]),
         ("how-to/robot_from_toml.md", [_toml.ROBOT, _toml.JOINT, _toml.PLACEMENT]),
         ("how-to/robot_from_toml.md", [_toml.ROTOR, _toml.SHAPE]),
-        ("how-to/sweeps.md", [_study_file.STUDY, *of_kinds(_study_file.CASES), _study_file.RANGE]),
+        ("how-to/sweeps.md", [_study.STUDY, *of_kinds(_study.CASES), _study.RANGE]),
         ("how-to/obstacles.md", [_scene_file.SCENE, *map(_scene_file._schema, KINDS)]),
     ],
 )

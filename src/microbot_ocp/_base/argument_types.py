@@ -110,17 +110,14 @@ def _checking(function: Any, data: bool = False) -> Any:
 
 
 def _refuse(
-    function: Any,
-    arguments: tuple[Any, ...],
-    named: dict[str, Any],
-    problem: Exception | None = None,
+    function: Any, given: tuple[Any, ...], named: dict[str, Any], problem: Exception | None = None
 ) -> None:
     """Refuse the first argument of a wrong type."""
     rules, positional = _rules(function)
-    for name, value in itertools.chain(zip(positional, arguments, strict=False), named.items()):
+    for name, value in itertools.chain(zip(positional, given, strict=False), named.items()):
         if name in rules and not rules[name][0](value):
-            wanted, given = rules[name][1], type(value).__name__
-            makers = (MAKERS.get((word, given)) for word in wanted.split())
+            wanted, kind = rules[name][1], type(value).__name__
+            makers = (MAKERS.get((word, kind)) for word in wanted.split())
             remedy = "".join(f"; {maker} makes one" for maker in makers if maker)
             raise InputError(f"{name} must be {wanted}, not {shown(value)}{remedy}") from problem
 
@@ -131,13 +128,11 @@ def _rules(function: Any) -> tuple[dict[str, tuple[Fits, str]], list[str]]:
     names = _Names(function.__globals__, ArrayLike=np.ndarray)
     parameters = inspect.signature(function).parameters.values()
     variable = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
-    rules = {}
-    for parameter in parameters:
-        hint = parameter.annotation
-        if hint is not parameter.empty and parameter.kind not in variable:
-            rules[parameter.name] = _rule(
-                _evaluated(hint, names) if isinstance(hint, str) else hint
-            )
+    rules = {
+        p.name: _rule(_evaluated(p.annotation, names))
+        for p in parameters
+        if p.annotation is not p.empty and p.kind not in variable
+    }
     ends = (inspect.Parameter.KEYWORD_ONLY, *variable)
     return rules, [p.name for p in parameters if p.kind not in ends]
 
@@ -152,9 +147,9 @@ class _Names(dict):
         return type(name, (), {"__module__": PACKAGE}) if ours else Any
 
 
-def _evaluated(annotation: str, names: _Names) -> Any:
+def _evaluated(annotation: Any, names: _Names) -> Any:
     try:
-        return eval(annotation, {}, names)
+        return eval(annotation, {}, names) if isinstance(annotation, str) else annotation
     except Exception:  # what only type checkers read
         return Any
 
@@ -171,8 +166,6 @@ def _is_number(value: Any) -> bool:
 
 
 def _is_array(value: Any) -> bool:
-    if isinstance(value, np.ndarray) and value.dtype.kind in "iuf":
-        return True
     return _succeeds(np.asarray, value) and (
         np.asarray(value).dtype.kind in "iuf" or _succeeds(np.asarray, value, float)
     )

@@ -171,9 +171,8 @@ def time_limit(value: Any) -> float:
 def numbers(name: str, value: ArrayLike) -> FloatArray:
     """Return ``value`` as a float array of any shape."""
     try:
-        if (
-            value is None or not _is_numeric(value) or np.ma.is_masked(value)
-        ):  # what is masked is no number
+        # what is masked is no number
+        if value is None or not _is_numeric(value) or np.ma.is_masked(value):
             raise TypeError
         return np.array(value, dtype=float)
     except NO_NUMBERS:
@@ -191,10 +190,8 @@ def array(
 ) -> FloatArray:
     """Return ``value`` as a read-only float array of ``shape`` (None: any length there)."""
     result = numbers(name, value)
-    fits = result.ndim == len(shape) and all(
-        want is None or have == want for have, want in zip(result.shape, shape, strict=True)
-    )
-    if not fits:
+    pairs = zip(result.shape, shape, strict=False)
+    if result.ndim != len(shape) or any(want not in (None, have) for have, want in pairs):
         wanted = "[" + ", ".join("any" if s is None else str(s) for s in shape) + "]"
         raise InputError(f"{name} must have shape {wanted}, not {list(result.shape)}")
     bad = np.isnan(result) if not finite else ~np.isfinite(result)

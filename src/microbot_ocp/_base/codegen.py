@@ -96,7 +96,7 @@ def cache_folder() -> Path:
 
 def _private_folder() -> Path:
     """Return where the user's own cache cannot be."""
-    return Path(tempfile.gettempdir()) / f"microbot_ocp-{_user()}"
+    return Path(tempfile.gettempdir()) / f"microbot_ocp-{os.geteuid()}"
 
 
 def usable_folder() -> Path:
@@ -139,15 +139,9 @@ def _folder_problem(folder: Path) -> str:
             return "permission denied"
     except (OSError, ValueError) as problem:
         return getattr(problem, "strerror", None) or str(problem)
-    if os.name == "nt":
-        return ""
-    if status.st_uid != _user():
+    if status.st_uid != os.geteuid():
         return "it belongs to another user"
     return "others may write to it" if status.st_mode & 0o022 else ""
-
-
-def _user() -> int:
-    return os.geteuid() if hasattr(os, "geteuid") else 0
 
 
 def _is_whole(path: Path) -> bool:
@@ -159,10 +153,8 @@ def _is_whole(path: Path) -> bool:
 
 def _keep(path: Path, content: bytes) -> None:
     """Put a file into the cache, whole, and its digest beside it."""
-    for place, data in (
-        (path, content),
-        (_beside(path), hashlib.sha256(content).hexdigest().encode()),
-    ):
+    seal = hashlib.sha256(content).hexdigest().encode()
+    for place, data in ((path, content), (_beside(path), seal)):
         with whole_file(place) as partial:
             partial.write_bytes(data)
             partial.chmod(0o700)  # a group may be let in by the user's defaults
@@ -278,7 +270,7 @@ def _compiled(
 ) -> dict[ca.Function, Path] | None:
     """Return every function compiled, with its library; where that fails a warning and None."""
     deadline.check()
-    cc = compiler()
+    names, cc = [function.name() for function in given], compiler()
     if cc is None:
         problem = "no C compiler was found"
     elif deadline.over():  # writing the text takes long, too
@@ -291,19 +283,12 @@ def _compiled(
             else:
                 further = interpreter.FLAGS
                 library = build_library(text, interpreter.NAME, cc, "-O3", further=further)
-                library_of = dict.fromkeys((function.name() for function in given), library)
-            return {
-                _external(function.name(), library_of[function.name()]): library_of[function.name()]
-                for function in given
-            }
+                library_of = dict.fromkeys(names, library)
+            return {_external(name, library_of[name]): library_of[name] for name in names}
         except (OSError, subprocess.SubprocessError, RuntimeError) as failure:
             problem = shortened(str(failure), 160)
-    names = shortened(", ".join(function.name() for function in given), 60)
-    warnings.warn(
-        f"not compiled: {names} ({problem}); CasADi's virtual machine runs instead",
-        NotCompiled,
-        stacklevel=4,
-    )
+    said = f"not compiled: {shortened(', '.join(names), 60)} ({problem})"
+    warnings.warn(f"{said}; CasADi's virtual machine runs instead", NotCompiled, stacklevel=4)
     return None
 
 
@@ -448,10 +433,7 @@ def _run(command: list[str], messages: Path) -> int:
 
 def _end(process: subprocess.Popen[bytes]) -> None:
     with contextlib.suppress(OSError):
-        if hasattr(os, "killpg"):
-            os.killpg(process.pid, signal.SIGKILL)
-        else:
-            process.kill()
+        os.killpg(process.pid, signal.SIGKILL)
 
 
 def abandon() -> None:

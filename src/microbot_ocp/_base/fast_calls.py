@@ -15,7 +15,7 @@ import subprocess
 import sys
 import sysconfig
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from importlib.machinery import EXTENSION_SUFFIXES, ExtensionFileLoader
 from importlib.util import module_from_spec, spec_from_file_location
@@ -25,17 +25,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from microbot_ocp._base import deadline
+from microbot_ocp._base import codegen, deadline
 from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp._base.codegen import (
-    build_library,
-    c_source,
-    compile_function,
-    compiler,
-    compiles,
-    package,
-)
-from microbot_ocp._base.interpreter import COLUMNS, FORMULAS, interpreter_text, table_of
+from microbot_ocp._base.codegen import build_library, c_source, compile_function, compiles, package
+from microbot_ocp._base.interpreter import COLUMNS, FORMULAS, c_numbers, interpreter_text, table_of
 
 FastCall = Callable[..., Any]
 
@@ -145,9 +138,9 @@ def deferred_call(
         if fast is not None:
             return fast(*given)
         begin = time.thread_time()
-        results = as_it_is(*given)
+        answer = as_it_is(*given)
         spent += time.thread_time() - begin
-        return results[0] if len(results) == 1 else results
+        return answer
 
     return call
 
@@ -210,41 +203,36 @@ def _extension(
     is not.
     """
     headers = [sysconfig.get_path("include"), np.get_include()]
-    cc = compiler() if compiles() else None
-    if cc is not None and (Path(headers[0]) / "Python.h").exists():
-        try:
-            return _load(function.name(), _build(function, most, cc, headers, make, kept))
-        except (OSError, subprocess.SubprocessError, RuntimeError, ImportError):
-            pass  # the caller does the same, only slower
-    return None
-
-
-def _build(
-    function: ca.Function, most: int, cc: str, headers: list[str], make: bool, kept: bool
-) -> Path:
-    # To write the text takes ten times as long as this, of a function that may not be there
-    recipe = repr((function.serialize(), most, kept, GLUE.read_text("utf-8"), package()))
-    return build_library(
-        lambda: c_source([function]) + _glue(function, most, kept),
-        f"fast_{function.name()}",
-        cc,
-        "-O2",
-        further=(*ROUNDED_ALIKE, *(f"-I{header}" for header in headers)),
-        suffix=EXTENSION_SUFFIXES[0],
-        serves=f"{sys.version} {np.__version__}",
-        recipe=recipe,
-        make=make,
-    )
+    cc = codegen.compiler() if compiles() else None
+    if cc is None or not (Path(headers[0]) / "Python.h").exists():
+        return None
+    try:
+        # To write the text takes ten times as long as this, of a function that may not be there
+        recipe = repr((function.serialize(), most, kept, GLUE.read_text("utf-8"), package()))
+        library = build_library(
+            lambda: c_source([function]) + _glue(function, most, kept),
+            f"fast_{function.name()}",
+            cc,
+            "-O2",
+            further=(*ROUNDED_ALIKE, *(f"-I{header}" for header in headers)),
+            suffix=EXTENSION_SUFFIXES[0],
+            serves=f"{sys.version} {np.__version__}",
+            recipe=recipe,
+            make=make,
+        )
+        return _load(function.name(), library)
+    except (OSError, subprocess.SubprocessError, RuntimeError, ImportError):
+        return None  # the caller does the same, only slower
 
 
 def _glue(function: ca.Function, most: int, kept: bool) -> str:
-    inputs, outputs = range(function.n_in()), range(function.n_out())
+    sizes, shapes = _sizes(function)
     wide = "" if kept else _wide(function)
     values = {
-        "IN_SIZE": ", ".join(str(function.size1_in(i)) for i in inputs),
-        "IN_NAME": ", ".join(f'"{function.name_in(i)}"' for i in inputs),
-        "OUT_ROWS": ", ".join(str(function.size1_out(i)) for i in outputs),
-        "OUT_COLUMNS": ", ".join(str(function.size2_out(i)) for i in outputs),
+        "IN_SIZE": ", ".join(map(str, sizes)),
+        "IN_NAME": ", ".join(f'"{name}"' for name in function.name_in()),
+        "OUT_ROWS": ", ".join(str(rows) for rows, _ in shapes),
+        "OUT_COLUMNS": ", ".join(str(columns) for _, columns in shapes),
         "SZ_ARG": function.sz_arg(),
         "SZ_RES": function.sz_res(),
         "SZ_W": function.sz_w() + 1,  # an array of no length is not C
@@ -254,9 +242,9 @@ def _glue(function: ca.Function, most: int, kept: bool) -> str:
         "NAME": function.name(),
         "MOST": most,
         "KEPT": int(kept),
-        "STATE": function.size1_in(0),
-        "IN_TOTAL": sum(function.size1_in(i) for i in inputs),
-        "OUT_TOTAL": sum(function.numel_out(i) for i in outputs),
+        "STATE": sizes[0],
+        "IN_TOTAL": sum(sizes),
+        "OUT_TOTAL": function.numel_out(),
         "HAS_WIDE": int(bool(wide)),
         "WIDE": wide,
     }
@@ -275,8 +263,9 @@ def _wide(function: ca.Function) -> str:
     table = table_of(function) if function.is_a("SXFunction") else None
     if table is None:
         return ""
-    inputs = np.cumsum([0, *(function.size1_in(i) for i in range(function.n_in()))])
-    outputs = np.cumsum([0, *(function.numel_out(i) for i in range(function.n_out()))])
+    sizes, shapes = _sizes(function)
+    inputs = np.cumsum([0, *sizes])
+    outputs = np.cumsum([0, *(rows * columns for rows, columns in shapes)])
     lines = []
     for operation, to, one, two in table.code.tolist():
         if operation == ca.OP_INPUT:
@@ -284,13 +273,17 @@ def _wide(function: ca.Function) -> str:
         elif operation == ca.OP_OUTPUT:
             lines.append(f"y[{outputs[one] + two}]=a{to};")
         elif operation == ca.OP_CONST:
-            value = repr(float(table.constants[one]))
-            value = value.replace("inf", "INFINITY").replace("nan", "NAN")
-            lines.append(f"a{to}=NOTHING+{value};")
+            lines.append(f"a{to}=NOTHING+{c_numbers([float(table.constants[one])])};")
         else:
             lines.append(f"a{to}={FORMULAS[operation].format(f'a{one}', f'a{two}')};")
     work = ", ".join(f"a{k}" for k in range(table.places))
     return "\n  ".join([f"vector {work};" if work else "", *lines])
+
+
+def _sizes(function: ca.Function) -> tuple[list[int], list[tuple[int, int]]]:
+    """Return the lengths of the inputs, vectors, and the shapes of the outputs."""
+    shapes = [function.size_out(i) for i in range(function.n_out())]
+    return [function.size1_in(i) for i in range(function.n_in())], shapes
 
 
 def _load(name: str, library: Path) -> FastCall:
@@ -389,8 +382,8 @@ def _by_table(
         run = _interpreter()
     except (OSError, subprocess.SubprocessError, RuntimeError):
         return None  # CasADi's virtual machine does the same, only slower
-    sizes = [function.size1_in(i) for i in range(function.n_in())]
-    numels = [function.numel_out(i) for i in range(function.n_out())]
+    sizes, shapes = _sizes(function)
+    numels = [rows * columns for rows, columns in shapes]
     counts = [np.array(numbers, dtype=np.intc) for numbers in (sizes, numels)]
     code, constants = (array.ctypes.data for array in (table.code, table.constants))
 
@@ -422,7 +415,7 @@ def _interpreter() -> Callable[..., None]:
     OSError, subprocess.SubprocessError, RuntimeError
         As :func:`build_library`; there is no compiler.
     """
-    cc = compiler()
+    cc = codegen.compiler()
     if cc is None:
         raise RuntimeError("no C compiler was found")
     library = build_library(interpreter_text(), "rows", cc, "-O3", further=ROUNDED_ALIKE)
@@ -436,43 +429,61 @@ def _interpreter() -> Callable[..., None]:
 
 def _stand_in(function: ca.Function, by_table: bool = True) -> FastCall:
     """Return what :func:`fast_call` promises, without an extension module."""
-    name, labels = function.name(), function.name_in()
-    sizes = [function.size1_in(i) for i in range(function.n_in())]
-    shapes = [function.size_out(i) for i in range(function.n_out())]
-    single = buffered_call(function)
+    sizes, shapes = _sizes(function)
+    single, many = buffered_call(function), _many_rows(function, by_table)
+
+    def call(*given: Any) -> Any:
+        arrays, rows = _vectors_or_batches(function, sizes, given)
+        results = single(*arrays) if rows is None else many(rows, arrays)
+        results = results if isinstance(results, tuple) else (results,)
+        lead = () if rows is None else (rows,)
+        answers = []
+        for answer, (height, width) in zip(results, shapes, strict=True):
+            blocks = answer.T.reshape(*lead, width, height)
+            answers.append(blocks[..., 0, :] if width == 1 else blocks.swapaxes(-1, -2))
+        return answers[0] if len(answers) == 1 else tuple(answers)
+
+    return call
+
+
+def _vectors_or_batches(
+    function: ca.Function, sizes: list[int], given: Sequence[Any]
+) -> tuple[list[FloatArray], int | None]:
+    """Return the inputs as arrays [n] or [N,n], and N; None where none is a batch."""
+    if len(given) != len(sizes):
+        raise InputError(f"{function.name()} takes {len(sizes)} arrays, not {len(given)}")
+    arrays, rows = [np.asarray(value, dtype=float) for value in given], None
+    for label, size, array in zip(function.name_in(), sizes, arrays, strict=True):
+        if array.ndim == 2 and array.shape[1] == size and rows in (None, len(array)):
+            rows = len(array)
+        elif array.ndim > 1 or array.size != size:
+            raise InputError(
+                f"{label} of {function.name()} must have shape [{size}] or [N, {size}], with the "
+                f"same N in every batch, not {list(array.shape)}"
+            )
+    return arrays, rows
+
+
+def _many_rows(
+    function: ca.Function, by_table: bool
+) -> Callable[[int, list[FloatArray]], FloatArray | tuple[FloatArray, ...]]:
+    """Return a function of many rows, which returns its outputs transposed: by CasADi's map, and as
+    a table where one is worth it.
+    """
+    sizes, shapes = _sizes(function)
     mapped = lru_cache(maxsize=1)(lambda rows: buffered_call(function.map(rows)))
     table = lru_cache(maxsize=1)(lambda: _by_table(function) if by_table else None)
     seen = 0
 
-    def call(*given: Any) -> Any:
+    def call(rows: int, arrays: list[FloatArray]) -> FloatArray | tuple[FloatArray, ...]:
         nonlocal seen
-        if len(given) != len(sizes):
-            raise InputError(f"{name} takes {len(sizes)} arrays, not {len(given)}")
-        arrays, rows = [np.asarray(value, dtype=float) for value in given], -1
-        for label, size, array in zip(labels, sizes, arrays, strict=True):
-            if array.ndim == 2 and array.shape[1] == size and rows in (-1, len(array)):
-                rows = len(array)
-            elif array.ndim > 1 or array.size != size:
-                raise InputError(
-                    f"{label} of {name} must have shape [{size}] or [N, {size}], with the same N "
-                    f"in every batch, not {list(array.shape)}"
-                )
-        lead = () if rows < 0 else (rows,)
-        seen += max(rows, 0)
-        if seen > WORTH_A_TABLE and rows > 0 and (fast := table()) is not None:
-            results = fast(rows, arrays)
-        elif rows < 0:
-            results = single(*arrays)
-        elif rows == 0:
-            results = tuple(np.zeros((height, 0)) for height, _ in shapes)
-        else:
-            wide = [np.broadcast_to(a, (rows, s)).T for a, s in zip(arrays, sizes, strict=True)]
-            results = mapped(rows)(*wide)
-        answers = []
-        for answer, (height, width) in zip(_as_tuple(results), shapes, strict=True):
-            blocks = answer.T.reshape(*lead, width, height)
-            answers.append(blocks[..., 0, :] if width == 1 else blocks.swapaxes(-1, -2))
-        return answers[0] if len(answers) == 1 else tuple(answers)
+        seen += rows
+        if not rows:
+            return tuple(np.zeros((height, 0)) for height, _ in shapes)
+        if seen > WORTH_A_TABLE and (fast := table()) is not None:
+            return fast(rows, arrays)
+        wide = [np.broadcast_to(a, (rows, s)).T for a, s in zip(arrays, sizes, strict=True)]
+        return mapped(rows)(*wide)
 
     return call
 
@@ -498,12 +509,9 @@ def _repeated(single: FastCall, most: int) -> FastCall:
     return call
 
 
-def _as_it_is(
-    function: ca.Function, most: int, kept: bool, by_table: bool
-) -> Callable[..., tuple[FloatArray, ...]]:
-    """Return what :func:`deferred_call` promises, as a tuple, without an extension module."""
+def _as_it_is(function: ca.Function, most: int, kept: bool, by_table: bool) -> FastCall:
+    """Return what :func:`deferred_call` promises, without an extension module."""
     single = _stand_in(function, by_table)
-
     chained = lru_cache(maxsize=1)(lambda rows: buffered_call(function.mapaccum(rows, NESTED)))
 
     def repeated(*given: Any) -> tuple[FloatArray, ...]:
@@ -512,15 +520,10 @@ def _as_it_is(
             calls.append(single(calls[-1][0], *given[1:]))
         return tuple(map(np.array, zip(*calls, strict=True)))
 
-    def along_rows(first: Any, *given: Any) -> tuple[FloatArray, ...]:
-        chain = chained(len(given[0]))
-        answers = _as_tuple(chain(first, *(np.transpose(rows) for rows in given)))
-        return tuple(answer.T for answer in answers)
+    def along_rows(first: Any, *given: Any) -> Any:
+        answers = chained(len(given[0]))(first, *(np.transpose(rows) for rows in given))
+        return tuple(a.T for a in answers) if isinstance(answers, tuple) else answers.T
 
     if kept:
         return repeated if most else along_rows
-    return _repeated(single, most) if most else lambda *given: _as_tuple(single(*given))
-
-
-def _as_tuple(answer: Any) -> tuple[FloatArray, ...]:
-    return answer if isinstance(answer, tuple) else (answer,)
+    return _repeated(single, most) if most else single

@@ -10,7 +10,8 @@ seven joints up to 5 times as fast, with the bits of CasADi's virtual machine, a
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+import re
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
@@ -25,44 +26,10 @@ COLUMNS = 32  # of a block; of 64 the numbers of a stage of seven joints fill th
 NAME = "interpreter"  # that names of libraries begin with
 FLAGS = ("-ffp-contract=off",)
 
-# C of an operation on numbers or on vectors of them, entry by entry what CasADi does. The macros
-# in it are those of numbers in interpreter.c, of vectors in fast_calls.c.
-FORMULAS = {
-    ca.OP_ASSIGN: "{0}",
-    ca.OP_ADD: "{0}+{1}",
-    ca.OP_SUB: "{0}-{1}",
-    ca.OP_MUL: "{0}*{1}",
-    ca.OP_DIV: "{0}/{1}",
-    ca.OP_NEG: "-{0}",
-    ca.OP_SQ: "{0}*{0}",
-    ca.OP_TWICE: "2.*{0}",
-    ca.OP_INV: "1./{0}",
-    ca.OP_LT: "TRUTH({0}<{1})",
-    ca.OP_LE: "TRUTH({0}<={1})",
-    ca.OP_EQ: "TRUTH({0}=={1})",
-    ca.OP_NE: "TRUTH({0}!={1})",
-    ca.OP_NOT: "TRUTH({0}==0)",
-    ca.OP_AND: "TRUTH(({0}!=0)&({1}!=0))",
-    ca.OP_OR: "TRUTH(({0}!=0)|({1}!=0))",
-    ca.OP_IF_ELSE_ZERO: "WHERE({0}!=0,{1},NOTHING)",
-    ca.OP_FMIN: "WHERE(({0}<{1})|({1}!={1}),{0},{1})",
-    ca.OP_FMAX: "WHERE(({0}>{1})|({1}!={1}),{0},{1})",
-    ca.OP_FABS: "MAGNITUDE({0})",
-    ca.OP_SIGN: "WHERE({0}>0,NOTHING+1.,WHERE({0}<0,NOTHING-1.,{0}))",
-    ca.OP_CONSTPOW: "EACH_PAIR(pow,{0},{1})",
-}
-FORMULAS |= {
-    getattr(ca, f"OP_{name.upper()}"): f"EACH({name},{{0}})"
-    for name in (
-        *("sqrt", "exp", "log", "floor", "ceil", "erf", "expm1", "log1p"),
-        *("sin", "cos", "tan", "asin", "acos", "atan"),
-        *("sinh", "cosh", "tanh", "asinh", "acosh", "atanh"),
-    )
-}
-FORMULAS |= {
-    getattr(ca, f"OP_{name.upper()}"): f"EACH_PAIR({name},{{0}},{{1}})"
-    for name in ("pow", "atan2", "copysign", "fmod", "hypot")
-}
+HERE = Path(__file__).parent
+_LINE = re.compile(r"^OPERATION\((\w+), (.+)\)$", re.MULTILINE)
+_LINES = _LINE.findall((HERE / "operations.c").read_text("utf-8"))
+FORMULAS = {getattr(ca, f"OP_{name}"): formula for name, formula in _LINES}  # in C, by operation
 MOVES = {f"MOVE_{name}": getattr(ca, f"OP_{name}") for name in ("CONST", "INPUT", "OUTPUT")}
 ESCAPED = [chr(k) if chr(k).isalnum() else f"\\{k:03o}" for k in range(128)]
 ESCAPED += [f"\\{k:03o}" for k in range(128, 256)]
@@ -105,21 +72,16 @@ def c_text(functions: Sequence[ca.Function]) -> str | None:
     if len(known) < len(tables):
         return None
     used = {int(operation) for table in known for operation in np.unique(table.code[:, 0])}
-    definitions = (
-        _definitions(function, table) for function, table in zip(functions, known, strict=True)
-    )
+    definitions = map(_definitions, functions, known)
     return interpreter_text(used) + "".join(chain.from_iterable(definitions))
 
 
 def interpreter_text(used: Collection[int] = FORMULAS.keys()) -> str:
     """Return C text of an interpreter of operations."""
-    cases = " ".join(
-        f"CASE({k}, {FORMULAS[k].format('x', 'y')})" for k in sorted(FORMULAS.keys() & used)
-    )
-    names = "".join(
-        f"#define {name} {number}\n" for name, number in {"COLUMNS": COLUMNS, **MOVES}.items()
-    )
-    text = Path(__file__).with_suffix(".c").read_text("utf-8")
+    known, numbers = sorted(FORMULAS.keys() & used), {"COLUMNS": COLUMNS, **MOVES}
+    cases = " ".join(f"CASE({k}, {FORMULAS[k].format('x', 'y')})" for k in known)
+    names = "".join(f"#define {name} {number}\n" for name, number in numbers.items())
+    text = (HERE / "interpreter.c").read_text("utf-8")
     return names + text.replace("/* further cases */", cases)
 
 
@@ -178,11 +140,15 @@ def table_of(function: ca.Function) -> OperationTable | None:
     return OperationTable(code.astype(np.uint16), np.array(constants), turned.sz_w())
 
 
+def c_numbers(values: Iterable[float]) -> str:
+    """Return numbers as C has them, with commas between."""
+    return ",".join(map(repr, values)).replace("inf", "INFINITY").replace("nan", "NAN")
+
+
 def _definitions(function: ca.Function, table: OperationTable) -> Iterator[str]:
     """Yield the tables of a function in C, and what CasADi asks of a library about it."""
     name = function.name()
-    values = ",".join(map(repr, table.constants.tolist()))
-    values = values.replace("inf", "INFINITY").replace("nan", "NAN")
+    values = c_numbers(table.constants.tolist())
     code = "".join(map(ESCAPED.__getitem__, table.code.tobytes()))
     yield f'static const char {name}_code[] __attribute__((aligned(8))) = "{code}";\n'
     yield f"static const double {name}_constants[] = {{{values or 0}}};\n"

@@ -43,10 +43,6 @@ class LedgerRow:
     iterations: int
     seconds: float
 
-    def as_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
-        return asdict(self)
-
 
 class Ledger(tuple[LedgerRow, ...]):
     """Rows of a search in the order in which strategies were first run; printed as a table."""
@@ -58,8 +54,17 @@ class Ledger(tuple[LedgerRow, ...]):
         """Return one row a strategy."""
         sums: dict[str, LedgerRow] = {}
         for row in rows:
-            before = sums.get(row.strategy)
-            sums[row.strategy] = row if before is None else _sum(before, row)
+            total, before = row, sums.get(row.strategy)
+            if before is not None:
+                total = replace(
+                    row,
+                    run=before.run + row.run,
+                    decided=before.decided or row.decided,
+                    cost_before=before.cost_before,
+                    iterations=before.iterations + row.iterations,
+                    seconds=before.seconds + row.seconds,
+                )
+            sums[row.strategy] = total
         return cls(sums.values())
 
     @classmethod
@@ -73,26 +78,14 @@ class Ledger(tuple[LedgerRow, ...]):
 
     def as_dicts(self) -> list[dict[str, Any]]:
         """Plain values for JSON."""
-        return [row.as_dict() for row in self]
+        return [asdict(row) for row in self]
 
     def table(self) -> Table:
         """Return one row a strategy."""
-        return Table(COLUMNS, [tuple(row.as_dict().values()) for row in self])
+        return Table(COLUMNS, [tuple(row.values()) for row in self.as_dicts()])
 
     def __str__(self) -> str:
         return str(self.table())
-
-
-def _sum(one: LedgerRow, other: LedgerRow) -> LedgerRow:
-    return LedgerRow(
-        one.strategy,
-        one.run + other.run,
-        one.decided or other.decided,
-        one.cost_before,
-        other.cost_after,
-        one.iterations + other.iterations,
-        one.seconds + other.seconds,
-    )
 
 
 NO_LEDGER = Ledger()
@@ -184,9 +177,7 @@ class Outcome:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
-        rows = [asdict(replace(row, at=None)) for row in self.advice]
-        for row in rows:
-            del row["at"]
+        rows = [{k: v for k, v in vars(row).items() if k != "at"} for row in self.advice]
         return {"status": str(self.status), "advice": rows, "ledger": self.ledger.as_dicts()}
 
 

@@ -71,15 +71,12 @@ def check_writable(path: str | Path) -> Path:
         if _is_direct(path):
             return Path(path)
         target = Path(os.path.realpath(path))
-        reason = ""
         if target.is_dir():
-            reason = "it is a folder"
-        elif not target.parent.is_dir():
-            reason = "its folder does not exist"
-        elif not os.access(target if target.exists() else target.parent, os.W_OK):
-            reason = "permission denied"
-        if reason:
-            raise NotWritten(path, reason)
+            raise NotWritten(path, "it is a folder")
+        if not target.parent.is_dir():
+            raise NotWritten(path, "its folder does not exist")
+        if not os.access(target if target.exists() else target.parent, os.W_OK):
+            raise NotWritten(path, "permission denied")
         return target
 
 

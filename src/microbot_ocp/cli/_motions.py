@@ -207,10 +207,7 @@ def time_optimal(
         "robot": robot.name,
         "via_q": via_q,
         "limits": limited.limits.as_dict(),
-        "solved": motion.solved,
-        "status": motion.status,
-        "advice": motion.advice,
-        "duration": motion.duration,
+        **{key: getattr(motion, key) for key in ("solved", "status", "advice", "duration")},
         "marks": [{"time": mark.time, "name": mark.name} for mark in motion.marks],
         "certificate": certificate.as_dict(),
     }
@@ -403,9 +400,7 @@ def _compared(comparison: mo.Comparison, outputs: Sequence[str], progress: Progr
         "robot": comparison.robot.name,
         "via_q": comparison.via_q,
         "limits": comparison.limits.as_dict(),
-        "reference": comparison.reference,
-        "solved": comparison.solved,
-        "certified": comparison.certified,
+        **{key: getattr(comparison, key) for key in ("reference", "solved", "certified")},
         "entries": tables.comparison_rows(comparison),
     }
     save = partial(comparison.save, outputs=outputs, progress=progress)

@@ -18,6 +18,7 @@ import time
 from types import FrameType
 from typing import Any
 
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _pressed = threading.Event()
 _code = 128 + signal.SIGINT
 _watched = False
@@ -80,13 +81,11 @@ def watch() -> None:
     global _watched, _taken, _messages
     _taken, _messages = False, None
     _pressed.clear()
-    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
-        number = getattr(signal, name, None)
-        if number is None or (name == "SIGHUP" and signal.getsignal(number) is signal.SIG_IGN):
-            continue  # nohup
-        signal.signal(number, _press)
+    for number in SIGNALS:
+        if number != signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN:  # nohup
+            signal.signal(number, _press)
     sys.unraisablehook = _unraisable
-    if not _watched and os.name == "posix":
+    if not _watched:
         reader, writer = os.pipe()
         os.set_blocking(writer, False)
         signal.set_wakeup_fd(writer, warn_on_full_buffer=False)
@@ -130,10 +129,8 @@ def _press(number: int, _: FrameType | None) -> None:
 def _end_late(reader: int, grace: float = 0.7) -> None:
     """End the process ``grace`` s after the signal, whatever its main thread does."""
     global _code
-    while True:
-        number = os.read(reader, 1)[0]
-        if number in (signal.SIGINT, signal.SIGTERM, getattr(signal, "SIGHUP", None)):
-            break
+    while (number := os.read(reader, 1)[0]) not in SIGNALS:
+        pass
     _code = 128 + number
     _pressed.set()
     time.sleep(grace)

@@ -31,16 +31,12 @@ from microbot_ocp.cli import _process as process
 
 PROGRAM = "microbot-ocp"
 COMMANDS = {  # and the module of each
-    "demo": "_motions"
-} | {
-    name: module
-    for module, names in {
-        "_robots": ("robots", "show", "fk", "ik"),
-        "_motions": ("simulate", "compare", "time-optimal", "solve", "check", "studio"),
-        "_files": ("sweep", "replay", "export"),
-        "_doctor": ("doctor",),
-    }.items()
-    for name in names
+    "demo": "_motions",
+    **dict.fromkeys(("robots", "show", "fk", "ik"), "_robots"),
+    **dict.fromkeys(("simulate", "compare", "time-optimal", "solve"), "_motions"),
+    **dict.fromkeys(("check", "studio"), "_motions"),
+    **dict.fromkeys(("sweep", "replay", "export"), "_files"),
+    "doctor": "_doctor",
 }
 CONTROL = re.compile(r"\x1b(?!\[[0-9;]*m)|[\x00-\x08\x0b-\x1a\x1c-\x1f\x7f-\x9f]")
 TRACEBACK = "MICROBOT_OCP_TRACEBACK"  # environment variable that asks for Python's own report
@@ -182,13 +178,10 @@ def run() -> int:
     warnings.showwarning = _print_warning
     with contextlib.suppress(AttributeError, OSError, ValueError):  # a stream that was replaced
         stream = io.BufferedWriter(_Output(sys.stdout.fileno(), "w", closefd=False))
-        sys.stdout = _Text(
-            stream, sys.stdout.encoding, line_buffering=bool(sys.stdout.line_buffering)
-        )
-    if hasattr(signal, "SIGPIPE"):
-        signal.signal(signal.SIGPIPE, signal.SIG_DFL)
-    if hasattr(signal, "SIGXFSZ"):
-        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)  # a file too large is an error like others
+        by_line = bool(sys.stdout.line_buffering)
+        sys.stdout = _Text(stream, sys.stdout.encoding, line_buffering=by_line)
+    signal.signal(signal.SIGPIPE, signal.SIG_DFL)
+    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)  # a file too large is an error like others
     return main()
 
 

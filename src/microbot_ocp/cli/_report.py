@@ -146,7 +146,7 @@ class Report:
     def _progress(self, browser: ExitStack) -> Iterator[Progress]:
         """Pass every step to the bar on a terminal, a viewer and a recording; heed Ctrl-C."""
         with ExitStack() as stack:
-            watchers: list[Progress] = [_heed]
+            watchers: list[Progress] = [lambda _: process.check()]
             from microbot_ocp.views.live import show_progress, spoken_progress
 
             if sys.stderr.isatty():
@@ -208,10 +208,6 @@ class Report:
             yield f"written: {len(inside)} files in {self.out}"
         yield from (f"written: {p}" for p in self.written if len(inside) < 2 or p not in inside)
         yield from (f"not written: {file['file']}: {file['reason']}" for file in self.missing)
-
-
-def _heed(_: object) -> None:
-    process.check()
 
 
 def say(line: str) -> None:

@@ -14,7 +14,6 @@ from microbot_ocp._base.table import Table
 from microbot_ocp._base.writing import write_whole
 from microbot_ocp.cli._declaration import ARM, JOINTS, SOURCE, TIP, Numbers, command
 from microbot_ocp.cli._report import Answer
-from microbot_ocp.limits import JOINT_QUANTITIES
 from microbot_ocp.robot import Robot, fixed_angles, rotation_of
 from microbot_ocp.robot.files import load_robot, packaged_robots, robot_text
 from microbot_ocp.views import tables
@@ -33,12 +32,10 @@ def robots() -> Answer:
     entries, rows = [], []
     for name in packaged_robots():
         robot = load_robot(name)
-        joints, masses, about = robot.joint_count, robot.has_dynamics, robot.description
-        entries.append(
-            {"name": name, "joints": joints, "has_dynamics": masses, "description": about}
-        )
+        about = {"has_dynamics": robot.has_dynamics, "description": robot.description}
+        entries.append({"name": name, "joints": robot.joint_count, **about})
         types = "".join("R" if kind == "revolute" else "P" for kind in robot.joint_types)
-        rows.append([name, types, "yes" if masses else "no", about])
+        rows.append([name, types, "yes" if robot.has_dynamics else "no", robot.description])
     heads = ["name", "joints", "masses", "what it is"]
     return Answer({"robots": entries}, [Table.of_text(heads, rows, left=4)])
 
@@ -67,6 +64,7 @@ def show(
     $ microbot-ocp show panda
     """
     from microbot_ocp.robot import largest_reach, rest_pose  # with CasADi, unlike `robots`
+    from microbot_ocp.trajectories import joint_sweep
 
     arm = load_robot(robot, tip)
     if toml and json:
@@ -83,24 +81,16 @@ def show(
         return mo.save_robot(arm, path)
 
     def record(path: Path) -> object:
-        from microbot_ocp.trajectories import joint_sweep
-
         return joint_sweep(arm).to_rerun(arm, path)
 
+    workspace = {"pose": rest, "tool_position": tool, "reach_found": reach, "reach_bound": bound}
     document = {
         "name": arm.name,
         "description": arm.description,
         "joints": [_joint_document(arm, joint) for joint in range(arm.joint_count)],
-        "tool": arm.tool,
-        "base": arm.base,
-        "gravity": arm.gravity,
+        **{key: getattr(arm, key) for key in ("tool", "base", "gravity")},
         "total_mass": sum(link.mass for link in arm.links) if arm.has_dynamics else None,
-        "workspace": {
-            "pose": rest,
-            "tool_position": tool,
-            "reach_found": reach,
-            "reach_bound": bound,
-        },
+        "workspace": workspace,
     }
     if toml:
         text = robot_text(robot, tip)
@@ -229,15 +219,11 @@ def _outside(robot: Robot, q: FloatArray) -> list[str]:
 
 
 def _joint_document(robot: Robot, joint: int) -> dict[str, Any]:
-    document: dict[str, Any] = {
+    document = {
         "name": robot.joint_names[joint],
         "type": robot.joint_types[joint],
         **{key: getattr(robot, key)[joint] for key in ("alpha", "a", "d", "theta_offset", "beta")},
-        "limits": {
-            f"{quantity}_{side}": bound[joint]
-            for quantity in JOINT_QUANTITIES
-            for side, bound in zip(("min", "max"), robot.limits.bounds(quantity), strict=True)
-        },
+        "limits": {key: bound[joint] for key, bound in robot.limits.as_dict().items()},
     }
     if robot.has_dynamics:
         values = asdict(robot.links[joint]).items()

@@ -153,9 +153,5 @@ def judged(
     if moving := "; ".join(problems_of(rests)):
         others = verdict.removeprefix("Failed: ") if not certificate.ok else "limits are kept."
         verdict = f"Failed: {moving}; {others}"
-    return replace(
-        certificate,
-        ok=certificate.ok and not moving,
-        verdict=verdict,
-        checks=(*certificate.checks, *rests),
-    )
+    every = (*certificate.checks, *rests)
+    return replace(certificate, ok=certificate.ok and not moving, verdict=verdict, checks=every)

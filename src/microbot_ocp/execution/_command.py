@@ -15,31 +15,12 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.certificate import Certificate, limit_checks_of
 from microbot_ocp.execution._check import AT_REST, efforts, judged
-from microbot_ocp.execution._curve import (
-    NEAR,
-    played,
-    played_task,
-    rows_of,
-    spline_of,
-)
+from microbot_ocp.execution._curve import NEAR, played, played_task, rows_of, spline_of
 from microbot_ocp.execution._load import refuse_other_arm, torques_through
-from microbot_ocp.execution._profile import Profile, load_profile
+from microbot_ocp.execution._profile import HELD, Profile, load_profile
 from microbot_ocp.execution._rows import CommandRows
-from microbot_ocp.limits import (
-    ROUNDING,
-    LimitFamily,
-    LimitValues,
-    MotionSamples,
-    StateHistory,
-)
-from microbot_ocp.motion import (
-    JUMP_GAP,
-    Columns,
-    Mark,
-    Motion,
-    State,
-    write_columns,
-)
+from microbot_ocp.limits import ROUNDING, LimitFamily, LimitValues, MotionSamples, StateHistory
+from microbot_ocp.motion import JUMP_GAP, Columns, Mark, Motion, State, write_columns
 from microbot_ocp.planning import Segment, Task
 from microbot_ocp.planning.free._within_limits import SLOWING
 from microbot_ocp.robot import Robot
@@ -183,7 +164,7 @@ def _rows_through(task: Task, motion: Motion, profile: Profile) -> CommandRows:
     Where commands are held their curve is at rest a step later, and it leaves a step before: there
     is a row more on both sides of every rest.
     """
-    step, pad = profile.step, int(profile.interpolation in ("hold", "linear"))
+    step, pad = profile.step, int(profile.interpolation in HELD)
     last = len(task.stops) - 1
     rests = [k for k in range(last + 1) if k in (0, last) or task.at_rest(k)]
     still = np.zeros_like(motion.q[:1])
@@ -283,7 +264,7 @@ def _drawn_in(
         if not better or out <= ROUNDING * NEAR:
             return best
         moves += change
-        shift = spline_of(moves, profile.step).polynomial
+        shift = spline_of(moves, profile.step)
         orders = shift, (speed := shift.derivative()), speed.derivative()
         added = (order(given.t + profile.step) for order in orders)
         rows = replace(given, **State(*map(np.add, _state(given), added))._asdict())

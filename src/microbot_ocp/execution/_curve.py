@@ -8,9 +8,9 @@ second one. It begins and ends at rest, a step before the first command counts a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.certificate import Tolerances
 from microbot_ocp.execution._load import given_task, refuse_other_arm
-from microbot_ocp.execution._profile import Profile, load_profile
+from microbot_ocp.execution._profile import HELD, Profile, load_profile
 from microbot_ocp.execution._rows import CommandRows
 from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial, State, quintic_between
 from microbot_ocp.planning import Segment, Task, motion_along
@@ -26,13 +26,6 @@ from microbot_ocp.robot import Robot
 from microbot_ocp.scene import Scene, with_arm_capsules
 
 NEAR = Tolerances().via  # rad (m): no farther from its way, as certificates ask of via points
-
-
-class ExecutedCurve(NamedTuple):
-    """A piecewise polynomial of the time and by how much the rows come later on it, s."""
-
-    polynomial: PiecewisePolynomial
-    delay: float = 0.0
 
 
 def executed(
@@ -90,12 +83,11 @@ def executed(
 
 def played(robot: Robot, rows: CommandRows, chosen: Profile, task: Task | None = None) -> Motion:
     """Do as :func:`executed`, of rows through the stops of a task."""
-    curve, delay = curve_of(rows, chosen)
+    curve = RULES[chosen.interpolation](rows, chosen)
+    delay = chosen.step if chosen.interpolation in HELD else 0.0  # of the rows
     marks = [Mark(mark.time + delay, mark.name) for mark in rows.marks]
-    about: Any = {
-        "label": f"{rows.label}, by {chosen.name}",
-        "provenance": {"method": "what a controller makes of samples", "profile": chosen.name},
-    }
+    origin = {"method": "what a controller makes of samples", "profile": chosen.name}
+    about: Any = {"label": f"{rows.label}, by {chosen.name}", "provenance": origin}
     if task is None:
         return Motion.from_polynomial(robot, curve, marks=marks, **about)
     return motion_along(task, curve, marks, **about)
@@ -143,12 +135,7 @@ def rows_of(motion: Motion, profile: Profile) -> CommandRows:
     )
 
 
-def curve_of(rows: CommandRows, profile: Profile) -> ExecutedCurve:
-    """The curve of rows by the rule of a profile."""
-    return RULES[profile.interpolation](rows, profile)
-
-
-def _held(rows: CommandRows, profile: Profile) -> ExecutedCurve:
+def _held(rows: CommandRows, profile: Profile) -> PiecewisePolynomial:
     step = profile.step
     late = np.flatnonzero(np.abs(rows.t - step * np.arange(rows.t.size)) >= 0.5 * step)
     if late.size:
@@ -160,15 +147,15 @@ def _held(rows: CommandRows, profile: Profile) -> ExecutedCurve:
     return spline_of(rows.q, step)
 
 
-def _linear(rows: CommandRows, profile: Profile) -> ExecutedCurve:
+def _linear(rows: CommandRows, profile: Profile) -> PiecewisePolynomial:
     step = profile.step
     count = checks.step_count(float(rows.t[-1]), step)
     t = np.minimum(np.arange(count + 1) * step, rows.t[-1])
     return spline_of(np.column_stack([np.interp(t, rows.t, column) for column in rows.q.T]), step)
 
 
-def spline_of(q: FloatArray, step: float) -> ExecutedCurve:
-    """The uniform cubic B-spline with commands [N,n] as its control points."""
+def spline_of(q: FloatArray, step: float) -> PiecewisePolynomial:
+    """The uniform cubic B-spline with commands [N,n] as its control points, each a step late."""
     control = np.concatenate([q[:1], q[:1], q, q[-1:], q[-1:]])
     first, second, third = (np.diff(control, n=order, axis=0) for order in (1, 2, 3))
     pieces = len(third)
@@ -179,21 +166,21 @@ def spline_of(q: FloatArray, step: float) -> ExecutedCurve:
         third / (6.0 * step**3),
     )
     breaks = np.linspace(0.0, pieces * step, pieces + 1)
-    return ExecutedCurve(PiecewisePolynomial(breaks, np.stack(terms, axis=1)), delay=step)
+    return PiecewisePolynomial(breaks, np.stack(terms, axis=1))
 
 
-def _cubic(rows: CommandRows, profile: Profile) -> ExecutedCurve:
+def _cubic(rows: CommandRows, profile: Profile) -> PiecewisePolynomial:
     qd, h = _needed(rows, "qd", profile), np.diff(rows.t)[:, None]
     q, slope = rows.q[:-1], np.diff(rows.q, axis=0) / h
     second = (3.0 * slope - 2.0 * qd[:-1] - qd[1:]) / h
     third = (qd[:-1] + qd[1:] - 2.0 * slope) / h**2
-    return ExecutedCurve(PiecewisePolynomial(rows.t, np.stack([q, qd[:-1], second, third], axis=1)))
+    return PiecewisePolynomial(rows.t, np.stack([q, qd[:-1], second, third], axis=1))
 
 
-def _quintic(rows: CommandRows, profile: Profile) -> ExecutedCurve:
+def _quintic(rows: CommandRows, profile: Profile) -> PiecewisePolynomial:
     qd, qdd = (_needed(rows, key, profile) for key in ("qd", "qdd"))
     start, end = (State(rows.q[k], qd[k], qdd[k]) for k in (slice(-1), slice(1, None)))
-    return ExecutedCurve(PiecewisePolynomial(rows.t, quintic_between(start, end, np.diff(rows.t))))
+    return PiecewisePolynomial(rows.t, quintic_between(start, end, np.diff(rows.t)))
 
 
 def _needed(rows: CommandRows, key: str, profile: Profile) -> FloatArray:
@@ -203,9 +190,4 @@ def _needed(rows: CommandRows, key: str, profile: Profile) -> FloatArray:
     return values
 
 
-RULES: dict[str, Callable[[CommandRows, Profile], ExecutedCurve]] = {
-    "hold": _held,
-    "linear": _linear,
-    "cubic": _cubic,
-    "quintic": _quintic,
-}
+RULES = {"hold": _held, "linear": _linear, "cubic": _cubic, "quintic": _quintic}

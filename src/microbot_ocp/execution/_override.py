@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -56,30 +57,15 @@ from microbot_ocp.planning.path import (
 from microbot_ocp.planning.task import with_locked_joints_held
 from microbot_ocp.robot import Robot
 
+Samples = tuple[FloatArray, State, FloatArray]  # times, states there, and where a piece ends
+Places = tuple[FloatArray, FloatArray]  # on the path, and when they are reached
 TOLERANCE = PathTimingSettings.limit_tolerance
-
-
-@dataclass(frozen=True)
-class RampSettings:
-    """Settings of the search for a ramp of the speed.
-
-    Attributes
-    ----------
-    begins, ends : samples of the plan at which it may begin, and at which it may end, that are
-        tried first
-    samples : of a ramp at which limits are looked at first
-    finer : times the usual samples at which they are looked at then
-    parts : of a ramp at least, between samples
-    """
-
-    begins: int = 21
-    ends: int = 40
-    samples: int = 100
-    finer: int = 4
-    parts: int = 20
-
-
-RAMP = RampSettings()
+# Of the search for a ramp of the speed
+RAMP_BEGINS = 21  # samples of the plan at which it may begin that are tried first
+RAMP_ENDS = 40  # and at which it may end
+RAMP_SAMPLES = 100  # of a ramp at which limits are looked at first
+RAMP_FINER = 4  # times the usual samples at which they are looked at then
+RAMP_PARTS = 20  # of a ramp at least, between samples
 UNCHANGED = "Within the limits the motion cannot go on from here at any other speed on its path."
 EXCEEDED = "limits are exceeded by {:.3g} % between places of the grid: give a finer grid"
 BROKEN = (
@@ -162,7 +148,14 @@ def overridden(
         raise InputError("speed is 0 and the arm rests already: it goes on resting")
     family = LimitFamily.of(robot, limits)
     family.refuse_means()
-    override = _Override.of(family, motion, at, current, rests, grid, compiles(compiled))
+    shape = PiecewisePolynomial(motion.t, pieces_of(motion))
+    pieces = zip(shape.coefficients, np.diff(shape.breaks), strict=True)
+    curve = PathCurve(tuple(CurvePiece(table, float(d)) for table, d in pieces), True, True)
+    evenly = np.linspace(at, motion.duration, grid + 1)
+    s = np.union1d(evenly, shape.breaks[shape.breaks > at])
+    s = s[np.append(np.diff(s) > 1e-9 * motion.duration, True)]
+    widened = with_locked_joints_held(_widened(family, motion), None)
+    override = _Override(motion, widened, curve, s, current, rests, compiles(compiled))
     if later := override.along.limits.later:
         return _ramped(family, motion, _Ramp(at, speed if rests else current, speed), later)
     for _ in range(SLOWING.rounds):
@@ -175,7 +168,10 @@ def overridden(
         if not outcome.solved or excess.max() <= TOLERANCE:
             break
         override = override.finer(excess > TOLERANCE)
-    return override.motion(timing, changed, outcome, float(excess.max()))
+    places, changed_at = (timing.s, timing.t), float(timing.t[changed])
+    samples = sampled([(curve, timing)])
+    other = _changed(override.family.robot, motion, samples, places, changed_at)
+    return _ended(other, outcome, float(excess.max()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,36 +179,24 @@ class _Override:
     """A motion from some time on as a path, with a grid, and the arm's present speed on it."""
 
     planned: Motion
+    family: LimitFamily
     curve: PathCurve
-    along: CurveLimits
+    s: FloatArray  # the grid
     current: float
     rests: bool  # where it begins, whatever the speed
     fast: bool
 
-    @classmethod
-    def of(
-        cls,
-        family: LimitFamily,
-        motion: Motion,
-        at: float,
-        current: float,
-        rests: bool,
-        grid: int,
-        fast: bool,
-    ) -> _Override:
-        shape = PiecewisePolynomial(motion.t, pieces_of(motion))
-        family = with_locked_joints_held(_widened(family, motion), None)
-        pieces = zip(shape.coefficients, np.diff(shape.breaks), strict=True)
-        curve = PathCurve(tuple(CurvePiece(table, float(d)) for table, d in pieces), True, True)
-        evenly = np.linspace(at, motion.duration, grid + 1)
-        s = np.union1d(evenly, shape.breaks[shape.breaks > at])
-        s = s[np.append(np.diff(s) > 1e-9 * motion.duration, True)]
-        along = CurveLimits.of(family, curve, s, fast)
-        return cls(motion, curve, along, current, rests, fast)
+    @cached_property
+    def along(self) -> CurveLimits:
+        """The limits on the grid."""
+        return self._limits_at(self.s)
+
+    def _limits_at(self, s: FloatArray) -> CurveLimits:
+        return CurveLimits.of(self.family, self.curve, s, self.fast)
 
     def soonest(self, speed: float) -> tuple[int, Reached]:
         """The first place of the grid from which on a speed can be kept, with its timing."""
-        last = self.along.s.size - 1
+        last = self.s.size - 1
         places = np.arange(last + 1) if speed else self._where_it_can_rest()
         best, low, high = (last, self._timed(last, speed)), -1, places.size - 1
         while best[1].feasible and high - low > 1:
@@ -224,16 +208,16 @@ class _Override:
 
     def _where_it_can_rest(self) -> np.ndarray:
         """Places of the grid, from the second interval's end on, where the limits hold at rest."""
-        q = self.curve.evaluate(self.along.s)[0]
+        q = self.curve.evaluate(self.s)[0]
         still = np.zeros_like(q)
-        holds = self.along.limits.family.excess(MotionSamples(q, still, still, still)) <= 0.0
+        holds = self.family.excess(MotionSamples(q, still, still, still)) <= 0.0
         return np.flatnonzero(holds & (np.arange(len(q)) > 1))
 
     def _timed(self, place: int, speed: float) -> Reached:
         """At a speed from a place of the grid on, or stopped there."""
-        along, last = self.along, self.along.s.size - 1
+        along, last = self.along, self.s.size - 1
         if not speed and place < last:
-            along = CurveLimits.of(along.limits.family, self.curve, along.s[: place + 1], self.fast)
+            along = self._limits_at(self.s[: place + 1])
         before = np.arange(along.s.size) < place
         return reach(
             along,
@@ -246,57 +230,41 @@ class _Override:
 
     def as_planned(self) -> Reached:
         """The timing of the motion itself."""
-        s = self.along.s
-        still = np.zeros(s.size - 1)
+        s, still = self.s, np.zeros(self.s.size - 1)
         return Reached(s, np.ones(s.size), still, still, s - s[0], True, float("nan"))
 
     def judged(self, timing: Reached) -> tuple[Reached, FloatArray]:
         """The timing with steady ends, and the excess of limits in each of its intervals."""
-        ends = [0] * self.rests + [-1] * (timing.s.size == self.along.s.size)
+        ends = [0] * self.rests + [-1] * (timing.s.size == self.s.size)
         timing = with_steady_ends(timing, ends)
-        along = CurveLimits.of(self.along.limits.family, self.curve, timing.s, self.fast)
-        return timing, along.excess(timing, self.curve)
+        return timing, self._limits_at(timing.s).excess(timing, self.curve)
 
     def finer(self, cut: np.ndarray) -> _Override:
         """The same with these of the first intervals cut in two."""
-        s = self.along.s
+        s = self.s
         middles = 0.5 * (s[1:] + s[:-1])[: cut.size][cut]
-        family, s = self.along.limits.family, np.sort(np.concatenate([s, middles]))
-        return replace(self, along=CurveLimits.of(family, self.curve, s, self.fast))
-
-    def motion(self, timing: Reached, changed: int, outcome: Outcome, excess: float) -> Motion:
-        """What follows, from the present state on."""
-        if outcome.solved and excess > TOLERANCE:
-            outcome = Outcome.of(Status.LIMITS_EXCEEDED, EXCEEDED.format(100.0 * excess))
-        t, state, breaks = sampled([(self.curve, timing)])
-        places, changed_at = (timing.s, timing.t), float(timing.t[changed])
-        other = _changed(
-            self.along.limits.family.robot, self.planned, t, state, breaks, places, changed_at
-        )
-        return other.ended(outcome, excess=excess)
+        return replace(self, s=np.sort(np.concatenate([s, middles])))
 
 
 def _changed(
-    robot: Robot,
-    planned: Motion,
-    t: FloatArray,
-    state: State,
-    breaks: FloatArray,
-    places: tuple[FloatArray, FloatArray],
-    changed_at: float,
+    robot: Robot, planned: Motion, samples: Samples, places: Places, changed_at: float
 ) -> Motion:
-    """The motion at another speed; ``places`` on the path are reached at times."""
-    s = places[0]
-    marks = [
-        replace(mark, time=float(np.interp(mark.time, *places)))
-        for mark in planned.marks
-        if s[0] < mark.time <= s[-1]
-    ]
-    provenance = {"method": "another speed on the path", "at": float(s[-1])}
+    """The motion at another speed."""
+    t, state, breaks = samples
+    first, last = places[0][[0, -1]]
+    ahead = [mark for mark in planned.marks if first < mark.time <= last]
+    marks = [replace(mark, time=float(np.interp(mark.time, *places))) for mark in ahead]
+    provenance = {"method": "another speed on the path", "at": float(last)}
     provenance["changed_at"] = changed_at
     return Motion.from_state(
         robot, t, state, label=planned.label, breaks=breaks, marks=marks, provenance=provenance
     )
+
+
+def _ended(motion: Motion, outcome: Outcome, excess: float) -> Motion:
+    if outcome.solved and excess > TOLERANCE:
+        outcome = Outcome.of(Status.LIMITS_EXCEEDED, EXCEEDED.format(100.0 * excess))
+    return motion.ended(outcome, excess=excess)
 
 
 @dataclass(frozen=True)
@@ -352,7 +320,7 @@ def _ramped(family: LimitFamily, motion: Motion, wanted: _Ramp, later: Sequence[
         ramp = _Ramp(wanted.at, 1.0, 1.0, 0.0, motion.duration - wanted.at)
     reached = float(ramp.along(np.array([ramp.end]))[0][0])
     lasts = ramp.end + ((motion.duration - reached) / ramp.speed if ramp.speed else 0.0)
-    even = np.linspace(0.0, lasts, RAMP.parts * motion.t.size)
+    even = np.linspace(0.0, lasts, RAMP_PARTS * motion.t.size)
     places = ramp.along(even)[0], even
     before_jumps = motion.t[:-1][jump_gaps(motion.t)]
     after = [some[some > ramp.at + JUMP_GAP] for some in (before_jumps, mesh_of(motion))]
@@ -363,19 +331,17 @@ def _ramped(family: LimitFamily, motion: Motion, wanted: _Ramp, later: Sequence[
     begun, ended = breaks >= ramp.begin - same, breaks >= ramp.end - same
     parts = (
         (breaks <= ramp.begin + same, SAMPLE_STEP),
-        (begun & (breaks <= ramp.end + same), ramp.lasts / RAMP.parts),
+        (begun & (breaks <= ramp.end + same), ramp.lasts / RAMP_PARTS),
         (ended, SAMPLE_STEP),
     )
     none = np.zeros(0)
     times = [sample_times(breaks[k], none, step, 5) for k, step in parts if k.sum() > 1]
     t = np.unique(np.concatenate([jumps, *times]))
     state = State(*_state_at(motion, ramp.along(t))[:3])
-    other = _changed(family.robot, motion, t, state, breaks, places, ramp.end)
+    other = _changed(family.robot, motion, (t, state, breaks), places, ramp.end)
     judged, _ = limit_checks_of(family, other.history())
     excess = max(float(np.nanmax(c.utilisation / most[c.quantity])) for c in judged) - 1.0
-    if outcome.solved and excess > TOLERANCE:
-        outcome = Outcome.of(Status.LIMITS_EXCEEDED, EXCEEDED.format(100.0 * excess))
-    return other.ended(outcome, excess=excess)
+    return _ended(other, outcome, excess)
 
 
 def _soonest_ramp(
@@ -390,9 +356,7 @@ def _soonest_ramp(
     none = np.zeros_like(dense)
     at_current, at_speed = (keeps((dense, none + v, none, none)) for v in (current, speed))
     broken = dense[~at_current], dense[~at_speed] if speed else [-np.inf]
-    begins = (
-        np.flatnonzero(s < np.min(broken[0], initial=np.inf)) if current else np.zeros(1, dtype=int)
-    )
+    begins = np.flatnonzero(s < np.min(broken[0], initial=np.inf)) if current else np.array([0])
     ends = np.flatnonzero(s > np.max(broken[1], initial=-np.inf))
     best = None
     if current and not speed and at_current.all():  # it rests where the motion ends at the latest
@@ -403,14 +367,14 @@ def _soonest_ramp(
         return replace(wanted, begin=begin, lasts=2.0 * (s[k] - s[i]) / (current + speed))
 
     def works(ramp: _Ramp) -> bool:
-        counts = RAMP.samples, int(RAMP.finer * ramp.lasts / SAMPLE_STEP)
+        counts = RAMP_SAMPLES, int(RAMP_FINER * ramp.lasts / SAMPLE_STEP)
         shares = (np.linspace(0.0, 1.0, max(count, 2)) for count in counts)
         return all(keeps(ramp.along(ramp.begin + x * ramp.lasts)).all() for x in shares)
 
-    for i in _some(begins, RAMP.begins):
+    for i in _some(begins, RAMP_BEGINS):
         later = ends[ends > i]
         low = 0
-        for high in _some(np.arange(later.size), RAMP.ends):
+        for high in _some(np.arange(later.size), RAMP_ENDS):
             ramp = between(i, int(later[high]))
             if best is not None and ramp.end >= best.end:
                 break

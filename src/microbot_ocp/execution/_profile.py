@@ -18,7 +18,8 @@ from microbot_ocp.limits import JOINT_QUANTITIES, JointLimits, Limit, Limits
 from microbot_ocp.robot import Robot
 
 COLUMNS = ("q", "qd", "qdd", "tau")
-INTERPOLATIONS = ("hold", "linear", "cubic", "quintic")
+HELD = ("hold", "linear")  # whose commands are held: what the drives get comes a step late
+INTERPOLATIONS = (*HELD, "cubic", "quintic")
 LIMIT_KEYS = tuple(f"{key}_{side}" for key in JOINT_QUANTITIES for side in ("min", "max"))
 BRAKING_KEYS = ("q_min", "q_max", "qd_max", "deceleration", "offset")
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from inspect import signature
 from itertools import product
 from typing import Any
@@ -176,19 +177,12 @@ def differing_plants(
 
 def _differing(robot: Robot, mass: FloatArray, friction: FloatArray) -> Robot:
     """The robot with masses and frictions [n] times these."""
-    return robot.with_links(
-        [
-            replace(
-                link,
-                mass=link.mass * m,
-                inertia=link.inertia * m,
-                armature=link.armature * m,
-                viscous_friction=link.viscous_friction * f,
-                coulomb_friction=link.coulomb_friction * f,
-            )
-            for link, m, f in zip(robot.links, mass, friction, strict=True)
-        ]
-    )
+    links = []
+    for link, m, f in zip(robot.links, mass, friction, strict=True):
+        factors = dict.fromkeys(("mass", "inertia", "armature"), m)
+        factors |= dict.fromkeys(("viscous_friction", "coulomb_friction"), f)
+        links.append(replace(link, **{key: getattr(link, key) * by for key, by in factors.items()}))
+    return robot.with_links(links)
 
 
 def smallest_reserve(
@@ -256,6 +250,7 @@ def smallest_reserve(
     check_trials(robot, controller, plants, bound, accuracy=accuracy, **loop)
     # dry friction that turns over costs a finer one thousands of steps
     loop = {"tolerance": min(accuracy * bound, COARSEST), **loop}
+    play = partial(track, robot, controller=controller, **loop)
     plan = _planner(robot, task, limits)
     ideal = plan(0.0)
     motions: dict[float, Motion] = {0.0: ideal}
@@ -269,7 +264,7 @@ def smallest_reserve(
             advice[:] = [str(problem)]
             return False
         motions[reserve] = motion
-        trials[reserve] = _tried(robot, motion, controller, plants, reserve, loop)
+        trials[reserve] = _tried(robot, motion, plants, reserve, play)
         return motion.solved and trials[reserve].error <= bound
 
     def ordered() -> tuple[Trial, ...]:
@@ -335,16 +330,11 @@ def _planner(
 
 
 def _tried(
-    robot: Robot,
-    motion: Motion,
-    controller: Controller,
-    plants: Sequence[Robot],
-    reserve: float,
-    loop: dict[str, Any],
+    robot: Robot, motion: Motion, plants: Sequence[Robot], reserve: float, play: Callable[..., Any]
 ) -> Trial:
     error = saturated = 0.0
     for plant in plants:
-        run = track(robot, motion, controller, plant=plant, **loop)
+        run = play(motion, plant=plant)
         saturated = max(saturated, run.saturated_fraction)
         if not run.solved:
             return Trial(reserve, motion.duration, np.inf, saturated)

@@ -7,7 +7,7 @@ import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import chain, product
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,8 @@ from microbot_ocp.motion import FIELDS, Mark, Motion
 from microbot_ocp.robot import Robot
 
 FORMATS = (".csv", ".json", ".yaml", ".yml", ".npz")
+KEYS = tuple(FIELDS.values())
+Order = dict[tuple[str, int], int]  # columns of a table by quantity and joint
 ARRAYS = ("t", "q", "qd", "qdd", "tau", "joint_names")
 # "qd elbow [rad/s]", "elbow", "time (s)"
 HEAD = re.compile(r"(?:(q|qd|qdd|tau) )?(.*?)(?: *[\[(](.*)[\])])?")
@@ -117,16 +119,14 @@ def _of_table(text: str, robot: Robot) -> CommandRows:
             f"it must have a time and 1 to 4 columns for each of {count} joints, parted by commas, "
             f"not {width} columns"
         )
-    values = _numbers_of(lines, 0 if _is_number(heads[0]) else 1, width)
-    keys = tuple(FIELDS.values())
-    order = {(keys[k // count], k % count): k + 1 for k in range(width - 1)}
-    if not _is_number(heads[0]):
+    named = not _is_number(heads[0])
+    values = _numbers_of(lines, int(named), width)
+    order = {(KEYS[k // count], k % count): k + 1 for k in range(width - 1)}
+    if named:
         order = _columns_of(heads[:width], order, robot)
-    given: Any = {
-        key: values[:, [order[key, joint] for joint in range(count)]]
-        for key in keys
-        if (key, 0) in order
-    }
+    present = [key for key in KEYS if (key, 0) in order]
+    columns = [[order[key, joint] for joint in range(count)] for key in present]
+    given: Any = {key: values[:, places] for key, places in zip(present, columns, strict=True)}
     marks: list[Mark] = []
     if heads[-1] == "mark":
         texts = [row[-1] for row in csv.reader(lines[1:]) if row]
@@ -155,38 +155,43 @@ def _numbers_of(lines: Sequence[str], first: int, width: int) -> FloatArray:
         raise
 
 
-def _columns_of(
-    heads: Sequence[str], order: dict[tuple[str, int], int], robot: Robot
-) -> dict[tuple[str, int], int]:
+def _columns_of(heads: Sequence[str], order: Order, robot: Robot) -> Order:
     """Where each quantity of each joint is, by heads that name joints; else as in ``order``."""
     parsed = [match.groups() for head in heads if (match := HEAD.fullmatch(head))]
     names = robot.joint_names
-    if any(key or joint in names for key, joint, _ in parsed[1:]) or parsed[0][1] in names:
+    if parsed[0][1] in names or any(key or joint in names for key, joint, _ in parsed[1:]):
         if parsed[0][0] or parsed[0][1] in names:
             raise InputError(f"its first column must be the time, s, not {heads[0]!r}")
-        keys, order = tuple(FIELDS.values()), {}
-        every = list(dict.fromkeys(joint for _, joint, _ in parsed[1:]))
-        _order(every, robot)
-        for column, (key, joint, _) in enumerate(parsed[1:], 1):
-            place = names.index(joint)
-            key = key or next(k for k in keys if (k, place) not in order)
-            if (key, place) in order:
-                raise InputError(f"it has two columns of {key} of {joint}")
-            order[key, place] = column
-        given = [key for key in keys if any(each == key for each, _ in order)]
-        for key, place in product(dict.fromkeys(["q", *given]), range(len(names))):
-            if (key, place) not in order:
-                raise InputError(f"it has no column of {key} of {names[place]}")
-    for (_, place), column in order.items():  # "elbow_position" in the place of the waist
+        order = _by_names([(key, joint) for key, joint, _ in parsed[1:]], robot)
+    units = {0: "s"}
+    for (key, place), column in order.items():
+        units[column] = robot.unit(key, place)
+        # "elbow_position" in the place of the waist
         named = [name for name in names if name in heads[column]]
         if named and names[place] not in named:
             raise InputError(
                 f"column {heads[column]!r} must be of {names[place]}, or named {named[0]!r}"
             )
-    units = {0: "s"} | {column: robot.unit(key, place) for (key, place), column in order.items()}
     for column, (_, _, unit) in enumerate(parsed):
         if unit and unit != units[column]:
             raise InputError(f"column {heads[column]!r} must be in {units[column]}, not in {unit}")
+    return order
+
+
+def _by_names(heads: Sequence[tuple[str | None, str]], robot: Robot) -> Order:
+    """Where each quantity of each joint is, by heads that may name the first and do the second."""
+    _order(list(dict.fromkeys(joint for _, joint in heads)), robot)
+    order: Order = {}
+    for column, (key, joint) in enumerate(heads, 1):
+        place = robot.joint_names.index(joint)
+        key = key or next((k for k in KEYS if (k, place) not in order), KEYS[-1])
+        if (key, place) in order:
+            raise InputError(f"it has two columns of {key} of {joint}")
+        order[key, place] = column
+    given = {"q", *(key for key, _ in order)}
+    for key, place in product(KEYS, range(robot.joint_count)):
+        if key in given and (key, place) not in order:
+            raise InputError(f"it has no column of {key} of {robot.joint_names[place]}")
     return order
 
 
@@ -257,23 +262,18 @@ def _of_message(document: Any, robot: Robot) -> CommandRows:
         rows = [point.get(field) or [] for point in points]
         if not any(rows):
             continue
-        if not _are_numbers(rows, len(names)):
-            k = next(k for k, row in enumerate(rows) if not _are_numbers([row], len(names)))
-            raise InputError(
-                f"{field} of point {k + 1} must be {len(names)} numbers, not {shown(rows[k])}"
-            )
+        for k, row in enumerate(rows, 1):
+            numbers = isinstance(row, list) and set(map(type, row)) <= {int, float}
+            if not numbers or len(row) != len(names):
+                raise InputError(
+                    f"{field} of point {k} must be {len(names)} numbers, not {shown(row)}"
+                )
         columns[key] = np.array(rows, dtype=float)[:, order]
     if "q" not in columns:
         raise InputError("its points have no positions")
     given = document.get("marks", ()) if isinstance(document, dict) else ()
     marks = [Mark(_seconds(mark, k) - t[0], str(mark.get("name"))) for k, mark in enumerate(given)]
     return CommandRows(np.array(t), **columns, marks=tuple(marks))
-
-
-def _are_numbers(rows: Sequence[Any], width: int) -> bool:
-    """Whether these are lists of so many numbers each."""
-    lists = set(map(type, rows)) == {list} and set(map(len, rows)) == {width}
-    return lists and set(map(type, chain.from_iterable(rows))) <= {int, float}
 
 
 def _trajectories_in(document: Any, depth: int = 0) -> Iterator[Mapping[str, Any]]:

@@ -19,8 +19,8 @@ from ._solve import (
 )
 from ._study import (
     Study as Study,
+    read_study as read_study,
 )
-from ._study_file import read_study as read_study
 from ._sweep import (
     TIMES as TIMES,
     CaseFailure as CaseFailure,

@@ -73,11 +73,6 @@ class Axis(NamedTuple):
         rows = np.minimum((share * len(self.values)).astype(int), len(self.values) - 1)
         return self.values[rows]
 
-    @property
-    def moves(self) -> Any:
-        """Which of the columns differ between cases."""
-        return np.True_ if self.values is None else (self.values != self.values[0]).any(axis=0)
-
 
 @dataclass(frozen=True, eq=False)
 class Cases:
@@ -245,7 +240,8 @@ class CaseSource:
         """Names of the quantities that differ between cases."""
         varies = np.zeros(self._constant.size, dtype=bool)
         for axis in self._axes:
-            varies[axis.columns] = axis.moves
+            table = axis.values
+            varies[axis.columns] = table is None or (table != table[0]).any(axis=0)
         return tuple(name for name, of_name in self.values(varies).items() if of_name.any())
 
     def rows(self, start: int, stop: int) -> FloatArray:
@@ -293,8 +289,8 @@ class CaseSource:
                 row[axis.columns] = axis.values[int(finite.argmax())]
         return self.values(row)
 
-    def robots(self) -> list[dict[str, FloatArray]] | None:
-        """Give the few values that masses, gravity and friction take together; None where many."""
+    def robots(self) -> list[dict[str, FloatArray]]:
+        """Give the few values that masses, gravity and friction take together; none where many."""
         reference = self.reference()
         row = np.concatenate(list(reference.values()))
         kinds = np.repeat([name in DYNAMICS for name in reference], list(self.width.values()))
@@ -304,11 +300,11 @@ class CaseSource:
             if not chosen.any():
                 continue
             if axis.values is None:
-                return None
+                return []
             places.append(np.arange(row.size)[axis.columns][chosen])
             choices.append(np.unique(axis.values[:, chosen], axis=0))
         if np.prod([float(len(values)) for values in choices]) > FEW:
-            return None
+            return []
         robots = []
         for combination in product(*choices):
             for at, values in zip(places, combination, strict=True):
@@ -355,10 +351,6 @@ class CaseSource:
     def _read(self, name: str, given: Any, place: int) -> tuple[FloatArray, list[Axis]]:
         """Return the first value [w] of a quantity and its axes, in SI units."""
         check_name(name)
-        if isinstance(given, OneOf):
-            choices = self._choices(name, given)
-            columns = slice(place, place + choices.shape[1])
-            return choices[0], [Axis(columns, values=choices)] if len(choices) > 1 else []
         if isinstance(given, Between):
             lower, upper = self._range(name, given)
             axes = []
@@ -367,20 +359,24 @@ class CaseSource:
                 if low < high:
                     axes.append(Axis(slice(place + k, place + k + 1), low, high, steps))
             return lower, axes
-        value = self._numbers(name, given, widths(self._robot, name))
-        return value * scale_to_si(self._robot, name, value.size), []
+        choices = self._choices(name, given)
+        choices = choices * scale_to_si(self._robot, name, choices.shape[1])
+        columns = slice(place, place + choices.shape[1])
+        return choices[0], [Axis(columns, values=choices)] if len(choices) > 1 else []
 
-    def _choices(self, name: str, given: OneOf) -> FloatArray:
-        """Return values [K,w] to choose from, in SI units."""
+    def _choices(self, name: str, given: Any) -> FloatArray:
+        """Return values [K,w] to choose from; of a constant one."""
+        allowed = widths(self._robot, name)
+        if not isinstance(given, OneOf):
+            return self._numbers(name, given, allowed)[None]
         if self.cases.kind == "table":
-            return given.values * scale_to_si(self._robot, name, given.values.shape[1])
+            return given.values
         if not isinstance(given.values, list | tuple | np.ndarray) or not len(given.values):
             raise InputError(f"{name} must have at least one of values, not {shown(given)}")
-        allowed = widths(self._robot, name)
         rows = [self._numbers(f"{name}, one of values", v, allowed) for v in given.values]
         if len({row.size for row in rows}) > 1:
             raise InputError(f"{name} must have values of one length, not {shown(given)}")
-        return np.array(rows) * scale_to_si(self._robot, name, rows[0].size)
+        return np.array(rows)
 
     def _range(self, name: str, given: Between) -> tuple[FloatArray, FloatArray]:
         """Return lower and upper ends [w] of a range, in SI units."""

@@ -135,14 +135,11 @@ def robot_with(robot: Robot, values: Values) -> Robot:
     changed = robot if links == list(robot.links) else robot.with_links(links)
     if "gravity" in values:
         changed = changed.with_gravity(values["gravity"])
-    limits = {
-        name: value.tolist() if value.size > 1 else value.item()
-        for name, value in values.items()
-        if name in LIMITS
-    }
-    return (
-        changed.with_limits(**changes_by_name(changed.limits.also, limits)) if limits else changed
-    )
+    given = {name: value for name, value in values.items() if name in LIMITS}
+    if not given:
+        return changed
+    limits = {name: v.tolist() if v.size > 1 else v.item() for name, v in given.items()}
+    return changed.with_limits(**changes_by_name(changed.limits.also, limits))
 
 
 def task_of(robot: Robot, poses: tuple[str, ...], values: Values) -> CaseTask:

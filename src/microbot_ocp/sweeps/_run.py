@@ -13,8 +13,7 @@ import queue
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import timedelta
 from multiprocessing import resource_tracker
 from pathlib import Path
@@ -31,32 +30,14 @@ from microbot_ocp.sweeps._extra import needed
 from microbot_ocp.sweeps._process import LIVES, do_cases
 from microbot_ocp.sweeps._study import OwnMethod, Plan, Study
 from microbot_ocp.sweeps._sweep import Sweep, opened
-from microbot_ocp.tasks import Step
+from microbot_ocp.tasks import Progress, Step
 
-
-@dataclass(frozen=True)
-class Scheduling:
-    """Settings of how workers are kept busy.
-
-    Attributes
-    ----------
-    ahead : chunks in flight for each thread of a worker: one that is done, one that waits
-    tick : s between looks at what is done
-    most_workers : for each processor of this machine: some 150 MB each
-    without_worker : s without any worker, then it is said
-    """
-
-    ahead: int = 2
-    tick: float = 0.2
-    most_workers: int = 8
-    without_worker: float = 120.0
-
-
-SCHEDULING = Scheduling()
-
+AHEAD = 2  # chunks in flight for each thread of a worker: one that is done, one that waits
+TICK = 0.2  # s between looks at what is done
+MOST_WORKERS = 8  # for each processor of this machine: some 150 MB each
+WITHOUT_WORKER = 120.0  # s without any worker, then it is said
 # Dask watches its event loops every 20 ms and samples its stacks every 10 ms, in each process.
 QUIET = {"distributed.admin.tick.interval": "1s", "distributed.worker.profile.enabled": False}
-Progress = Callable[[Step], None]
 
 
 class SweepStopped(RuntimeError):
@@ -153,28 +134,21 @@ def run_study(
     for module in ("distributed", "pyarrow.parquet"):
         needed(module)
     if workers is not None:
-        checks.number(
-            "workers",
-            workers,
-            at_least=1,
-            at_most=SCHEDULING.most_workers * _processors(),
-        )
+        checks.number("workers", workers, at_least=1, at_most=MOST_WORKERS * _processors())
         if client is not None:
             raise InputError(
                 "workers is for processes of this machine: give it or client, not both"
             )
     results = opened(study, Path(out))
     tell = _Told(results, progress)
-    if results.finished:
-        tell("done")
-        return results
-    plan = study.plan()
-    with _connected(client, workers) as connected:
-        try:
-            _Run(study, plan, results, connected, tell).run()
-        except KeyboardInterrupt:
-            tell("interrupted")
-            raise
+    if not results.finished:
+        plan = study.plan()
+        with _connected(client, workers) as connected:
+            try:
+                _Run(study, plan, results, connected, tell).run()
+            except KeyboardInterrupt:
+                tell("interrupted")
+                raise
     tell("done")
     return results
 
@@ -292,7 +266,7 @@ class _Run:
         try:
             while self._fill(todo) or self._flying:
                 try:
-                    future = self._answers.get(timeout=SCHEDULING.tick)
+                    future = self._answers.get(timeout=TICK)
                 except queue.Empty:
                     self._check()
                 else:
@@ -305,7 +279,7 @@ class _Run:
 
     def _fill(self, todo: Iterator[tuple[int, int, FloatArray]]) -> bool:
         """Keep workers busy; False where nothing is left to be sent."""
-        room = SCHEDULING.ahead * max(1, self._threads()) - len(self._flying)
+        room = AHEAD * max(1, self._threads()) - len(self._flying)
         for _ in range(room):
             following = next(todo, None)
             if following is None:
@@ -314,25 +288,15 @@ class _Run:
         return True
 
     def _threads(self) -> int:
-        source = (
-            getattr(self.client.cluster, "scheduler_info", None) if self.client.cluster else None
-        )
-        info = source or self.client.scheduler_info(-1)
+        of_cluster = getattr(self.client.cluster, "scheduler_info", None)
+        info = of_cluster or self.client.scheduler_info(-1)
         return sum(worker["nthreads"] for worker in info["workers"].values())
 
     def _send(self, chunk: _Chunk) -> None:
         self._sent += 1
         key = f"microbot_ocp-sweep-{self.study.digest[:12]}-{os.getpid()}-{self._sent}"
-        future = self.client.submit(
-            do_cases,
-            self.study.digest,
-            self._packed,
-            self.study.time_limit,
-            chunk.first,
-            chunk.rows,
-            key=key,
-            pure=False,
-        )
+        asked = self.study.digest, self._packed, self.study.time_limit, chunk.first, chunk.rows
+        future = self.client.submit(do_cases, *asked, key=key, pure=False)
         self._flying[future] = chunk
         future.add_done_callback(self._answers.put)
 
@@ -346,7 +310,7 @@ class _Run:
             self.tell.failures += sum(row["status"] != Status.SOLVED for row in rows)
             return
         if future.status != "error":
-            raise SweepStopped(f"the scheduler ended; {self._how_to_continue()}")
+            raise self._stopped("the scheduler ended")
         problem = future.exception()
         # a case takes its own process down, not a worker: that was somebody else
         killed = isinstance(problem, needed("distributed.scheduler").KilledWorker)
@@ -354,22 +318,17 @@ class _Run:
             self._send(chunk._replace(deaths=chunk.deaths + 1))
             return
         sentence = shortened(f"{type(problem).__name__}: {problem}", 200)
-        raise SweepStopped(
-            f"a worker could not do its cases: {sentence}; {self._how_to_continue()}"
-        )
+        raise self._stopped(f"a worker could not do its cases: {sentence}")
 
     def _check(self) -> None:
         """Raise where nobody is left to do the work."""
         if self.client.status not in ("running", "newly-created"):
-            raise SweepStopped(f"the scheduler ended; {self._how_to_continue()}")
+            raise self._stopped("the scheduler ended")
         if self._threads():
             self._last_worker = time.monotonic()
-        elif time.monotonic() - self._last_worker > SCHEDULING.without_worker:
-            patience = f"{SCHEDULING.without_worker:g} s"
-            raise SweepStopped(f"there was no worker for {patience}; {self._how_to_continue()}")
+        elif time.monotonic() - self._last_worker > WITHOUT_WORKER:
+            raise self._stopped(f"there was no worker for {WITHOUT_WORKER:g} s")
 
-    def _how_to_continue(self) -> str:
-        return (
-            f"{self.tell.done:,} of {self.results.count:,} cases are kept in "
-            f"{self.results.folder}: the same command continues"
-        )
+    def _stopped(self, why: str) -> SweepStopped:
+        kept = f"{self.tell.done:,} of {self.results.count:,} cases are kept in"
+        return SweepStopped(f"{why}; {kept} {self.results.folder}: the same command continues")

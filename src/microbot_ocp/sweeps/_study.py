@@ -1,4 +1,7 @@
-"""A study as data: robot, cases, methods and settings, and the columns of what comes out."""
+"""A study as data: robot, cases, methods and settings, and the columns of what comes out.
+
+Files have the same in TOML, which :func:`read_study` reads; docs/how-to/sweeps.md has the schema.
+"""
 
 from __future__ import annotations
 
@@ -8,53 +11,59 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from functools import cached_property
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 import casadi as ca
 
 from microbot_ocp._base import checks
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import FloatArray, InputError, naming, shown
 from microbot_ocp._base.digest import digest_of
+from microbot_ocp._base.schema import (
+    ANY,
+    FLAG,
+    NEEDED,
+    TABLE,
+    Key,
+    check_schema,
+    keys_of,
+    read_kind,
+    read_table,
+    table_from,
+)
 from microbot_ocp.limits import LimitFamily
 from microbot_ocp.motion import Motion
-from microbot_ocp.planning import (
-    PathTimingSettings,
-    TimeOptimalSettings,
-    check_limits,
-    check_via,
-)
+from microbot_ocp.planning import PathTimingSettings, TimeOptimalSettings, check_limits, check_via
 from microbot_ocp.robot import Robot
-from microbot_ocp.sweeps._cases import Cases, CaseSource
-from microbot_ocp.sweeps._quantities import NoTask, robot_with, task_of
-from microbot_ocp.tasks import METHODS
+from microbot_ocp.sweeps._cases import Between, Cases, CaseSource, OneOf
+from microbot_ocp.sweeps._quantities import NoTask, check_name, robot_with, task_of
+from microbot_ocp.tasks import COMMON, METHODS, robot_from
 
-
-@dataclass(frozen=True)
-class StudySettings:
-    """Settings of how a study is divided.
-
-    Attributes
-    ----------
-    time_limit : s, of one case
-    most_tried : cases, to find one that the solver can be made ready with
-    least_chunk : cases of a chunk
-    largest_chunk : cases of a chunk
-    chunks : of a study at best
-    """
-
-    time_limit: float = 60.0
-    most_tried: int = 200
-    least_chunk: int = 1
-    largest_chunk: int = 200
-    chunks: int = 500
-
-
-STUDY = StudySettings()
-
+TIME_LIMIT = 60.0  # s, of one case
+MOST_TRIED = 200  # cases, to find one that the solver can be made ready with
+CHUNKS = 500  # of a study at best
+LARGEST_CHUNK = 200  # cases
+SCHEMA = 1  # of the file
 POINTS = ("start", "goal")
 AXES = ("x", "y", "z")
 BY_SOLVER = "time_optimal"
 OwnMethod = Callable[[Robot, FloatArray], Motion]
+
+STUDY = {
+    **COMMON,
+    "methods": ANY,
+    "time_limit": ANY,
+    "motions": FLAG,
+    "cases": Key(dict, needed=True),
+    "quantities": TABLE,
+    "settings": TABLE,
+}
+CASES = {
+    "random": {"count": NEEDED, "seed": ANY},
+    "grid": {},
+    "table": {"file": Key(str, needed=True)},
+}
+RANGE = {"from": NEEDED, "to": NEEDED, "steps": ANY}
 
 
 @dataclass(frozen=True)
@@ -112,7 +121,7 @@ class Study:
         "time_optimal",
     )
     settings: Mapping[str, Any] = field(default_factory=dict)
-    time_limit: float = STUDY.time_limit
+    time_limit: float = TIME_LIMIT
     motions: bool = False
     origin: str = ""
 
@@ -121,7 +130,10 @@ class Study:
         if not isinstance(self.cases, Cases):
             raise InputError(f"cases must be Cases, such as Cases.random(100), not {self.cases!r}")
         put(self, "methods", _checked_methods(self.methods))
-        put(self, "settings", _checked_settings(self.settings))
+        for name in self.settings:
+            checks.one_of("settings", name, [f.name for f in fields(CaseSettings)])
+        with naming("settings."):
+            put(self, "settings", asdict(CaseSettings(**self.settings)))
         limit = checks.number("time_limit", self.time_limit, "s", above=0.0)
         put(self, "time_limit", limit)
         _ = self.source, self.schema, self.digest
@@ -141,18 +153,13 @@ class Study:
     @cached_property
     def limit_columns(self) -> tuple[tuple[str, int, str], ...]:
         """Key and component of every limit but those of the position, and its name in columns."""
-        family = LimitFamily.of(self.reference_robot)
-        return tuple(
-            (
-                member.key,
-                k,
-                "_".join(re.sub(r"\W+", "_", part) for part in (member.key, label) if part),
-            )
-            for member in family
-            if member.key != "q"
-            for k, label in enumerate(member.labels)
-            if member.limited[k]
-        )
+        columns = []
+        for member in LimitFamily.of(self.reference_robot):
+            for k, label in enumerate(member.labels):
+                if member.key != "q" and member.limited[k]:
+                    parts = (re.sub(r"\W+", "_", part) for part in (member.key, label) if part)
+                    columns.append((member.key, k, "_".join(parts)))
+        return tuple(columns)
 
     @cached_property
     def schema(self) -> tuple[tuple[str, str], ...]:
@@ -169,26 +176,19 @@ class Study:
     @property
     def chunk(self) -> int:
         """Cases a chunk, which is done by one worker and written as one file."""
-        return min(max(self.source.count // STUDY.chunks, STUDY.least_chunk), STUDY.largest_chunk)
+        return min(max(self.source.count // CHUNKS, 1), LARGEST_CHUNK)
 
     @cached_property
     def digest(self) -> str:
         """Of all that the results follow from."""
-        return digest_of(
-            robot=self.robot,
-            cases=self.source.content,
-            methods=self.methods,
-            settings=self.settings,
-            time_limit=self.time_limit,
-            motions=self.motions,
-            versions=versions(),
-        )
+        keys = ("methods", "settings", "time_limit", "motions")
+        asked = {key: getattr(self, key) for key in keys}
+        return digest_of(robot=self.robot, cases=self.source.content, **asked, versions=versions())
 
     def plan(self) -> Plan:
         """Return what a worker has to know: all but the cases, for which one stands."""
-        several = self.source.robots() if self.prepares else None
         ready = []
-        for values in several or []:
+        for values in self.source.robots() if self.prepares else ():
             via = self._holdable(robot_with(self.reference_robot, values))
             if via is not None:
                 ready.append((values, via))
@@ -205,7 +205,7 @@ class Study:
         found.
         """
         family = LimitFamily.of(robot)
-        for row in self.source.rows(0, min(STUDY.most_tried, self.source.count)):
+        for row in self.source.rows(0, min(MOST_TRIED, self.source.count)):
             with contextlib.suppress(InputError, NoTask):
                 via = task_of(self.robot, self.source.poses, self.source.values(row)).via_q
                 return check_via(family, via)
@@ -267,8 +267,57 @@ def _checked_methods(given: Any) -> dict[str, OwnMethod | None]:
     return dict(named)
 
 
-def _checked_settings(given: Mapping[str, Any]) -> dict[str, Any]:
-    for name in given:
-        checks.one_of("settings", name, [f.name for f in fields(CaseSettings)])
-    with checks.naming("settings."):
-        return asdict(CaseSettings(**given))
+def read_study(path: str | Path) -> Study:
+    """Read a study from a TOML file.
+
+    Parameters
+    ----------
+    path : str or Path
+        Robots and tables that it names are relative to its folder.
+
+    Returns
+    -------
+    Study
+
+    Raises
+    ------
+    InputError
+        A file that cannot be read, a key that is unknown, missing or of the wrong kind.
+    """
+    source = Path(path)
+    with table_from(source, "study") as data:
+        given = read_table(data, STUDY)
+        check_schema(data, SCHEMA)
+        methods = given.get("methods", [])
+        if not isinstance(methods, list) or not all(isinstance(name, str) for name in methods):
+            raise InputError(f"methods must be a list of names, not {shown(methods)}")
+        named = given.get("quantities", {})
+        quantities = {name: _quantity(name, value) for name, value in named.items()}
+        cases = _cases(given["cases"], quantities, source.parent)
+        robot = robot_from(data, source.parent)
+        cases.of(robot)
+        settings = read_table(
+            given.get("settings", {}), keys_of(CaseSettings), "in table [settings]"
+        )
+        more = {key: given[key] for key in ("methods", "motions", "time_limit") if key in given}
+        return Study(robot, cases, settings=settings, origin=str(source), **more)
+
+
+def _cases(table: Mapping[str, Any], quantities: dict[str, Any], folder: Path) -> Cases:
+    kind, given = read_kind(table, CASES, "in table [cases]", "cases.{}")
+    if kind == "table":
+        return Cases.table(folder / given["file"], **quantities)
+    with naming("cases."):
+        return getattr(Cases, kind)(**given, **quantities)
+
+
+def _quantity(name: str, given: Any) -> Any:
+    """Return a constant, a range ``{from, to, steps}`` or values ``{one_of}``."""
+    check_name(name)
+    if not isinstance(given, dict):
+        return given
+    if set(given) == {"one_of"}:
+        return OneOf(given["one_of"])
+    where = f"quantities.{name}"
+    ends = read_table(given, RANGE, f"of {where}, which is a range or has one_of", f"{where}.{{}}")
+    return Between(ends["from"], ends["to"], ends.get("steps"))

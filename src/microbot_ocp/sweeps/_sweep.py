@@ -253,26 +253,19 @@ class Sweep:
         read = self.read(columns)
         solved = {m: read[f"{m}_status"] == Status.SOLVED for m in self.methods}
         durations = {m: np.where(solved[m], read[f"{m}_duration"], np.nan) for m in self.methods}
-        solved_best = solved[best]
-        decided = read[f"{best}_limit"][solved_best]
+        others = [m for m in self.methods if m != best]
+        decided = read[f"{best}_limit"][solved[best]]
+        at_work = {name: read[f"{best}_at_{name}"][solved[best]] for name in limits}
         return SweepSummary(
             count=self.count,
             done=read["case"].size,
             solved={m: int(s.sum()) for m, s in solved.items()},
             certified={m: int((s & read[f"{m}_certified"]).sum()) for m, s in solved.items()},
             durations={m: Quartiles.of(d) for m, d in durations.items()},
-            savings={
-                m: Quartiles.of(1.0 - durations[best] / durations[m])
-                for m in self.methods
-                if m != best
-            },
+            savings={m: Quartiles.of(1.0 - durations[best] / durations[m]) for m in others},
             best=best,
             decides={name: float((decided == name).mean()) for name in limits if decided.size},
-            at_limit={
-                name: float(np.mean(read[f"{best}_at_{name}"][solved_best]))
-                for name in limits
-                if solved_best.any()
-            },
+            at_limit={name: float(share.mean()) for name, share in at_work.items() if share.size},
             failures=_failures(read),
             case_time=Quartiles.of(read["case_time"]),
             not_compiled=int((~read["compiled"] & np.isfinite(read["case_time"])).sum()),

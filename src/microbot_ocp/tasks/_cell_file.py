@@ -47,13 +47,7 @@ from microbot_ocp.planning import (
 )
 from microbot_ocp.robot import Capsule, JointLimits, Robot, joint_scale, per_joint, rotation_of
 from microbot_ocp.scene import Scene, load_request, load_scene, with_arm_capsules
-from microbot_ocp.tasks._front import (
-    SHARES,
-    SLACKS,
-    Front,
-    time_effort_front,
-    time_torque_front,
-)
+from microbot_ocp.tasks._front import SHARES, SLACKS, Front, time_effort_front, time_torque_front
 from microbot_ocp.tasks._task_file import (
     CELL,
     CELL_OUTPUTS,
@@ -64,14 +58,7 @@ from microbot_ocp.tasks._task_file import (
     settings_from,
 )
 
-STOP = keys_of(
-    Stop,
-    name=TEXT,
-    q=ANGLE,
-    tolerance=ANGLE,
-    orientation_tolerance=ANGLE,
-    rpy=ANGLE,
-)
+STOP = keys_of(Stop, name=TEXT, q=ANGLE, tolerance=ANGLE, orientation_tolerance=ANGLE, rpy=ANGLE)
 CAPSULE = keys_of(Capsule, link=NEEDED)
 FRONTS: dict[str, tuple[Callable[..., Front], str, Sequence[float]]] = {  # and the key that asks
     "effort": (time_effort_front, "slacks", SLACKS),
@@ -326,7 +313,32 @@ def read_cell(path: str | Path) -> CellFile:
     """
     source = Path(path)
     with table_from(source, "task") as data:
-        return _cell(data, source.name, source.parent)
+        given = read_table(data, CELL)
+        check_schema(data, SCHEMA)
+        robot = _with_capsules(robot_from(data, source.parent), given.get("capsule", []))
+        rows = given.get("stop", [])
+        stops = tuple(_stop(robot, row, f"stop {k + 1}") for k, row in enumerate(rows))
+        if "duration" in given:
+            checks.number("duration", given["duration"], "s", above=0.0)
+        front = _front(given["front"]) if "front" in given else None
+        if front is not None and ("duration" in given or given.get("order") == "free"):
+            raise InputError("[front] does not go with a duration or a free order of the stops")
+        settings = settings_from(given.get("settings", {}))
+        for key in ("grid", "blend"):
+            if key in settings:
+                raise InputError(f"settings.{key} is of tasks of via points, not of stops")
+        return CellFile(
+            source.name,
+            robot,
+            stops,
+            limits_from(robot, given.get("limits", {})),
+            segments=_segments(given.get("segment", []), stops, given.get("cycle", False)),
+            settings=TimeOptimalSettings(**settings),
+            outputs=tuple(given.get("outputs", CELL_OUTPUTS)),
+            scene=_scene(given.get("scene"), source.parent),
+            front=front,
+            **{key: given[key] for key in ("cycle", "order", "duration") if key in given},
+        )
 
 
 def request_cell(path: str | Path, robot: Robot, scene: Scene | None) -> CellFile:
@@ -340,35 +352,6 @@ def request_cell(path: str | Path, robot: Robot, scene: Scene | None) -> CellFil
     ends = zip(("start", "goal"), load_request(path, robot), strict=True)
     stops = tuple(Stop(q=q, name=name) for name, q in ends)
     return CellFile(Path(path).name, robot, stops, robot.limits, scene=scene)
-
-
-def _cell(data: Mapping[str, Any], origin: str, folder: Path) -> CellFile:
-    given = read_table(data, CELL)
-    check_schema(data, SCHEMA)
-    robot = _with_capsules(robot_from(data, folder), given.get("capsule", []))
-    rows = given.get("stop", [])
-    stops = tuple(_stop(robot, row, f"stop {k + 1}") for k, row in enumerate(rows))
-    if "duration" in given:
-        checks.number("duration", given["duration"], "s", above=0.0)
-    front = _front(given["front"]) if "front" in given else None
-    if front is not None and ("duration" in given or given.get("order") == "free"):
-        raise InputError("[front] does not go with a duration or a free order of the stops")
-    settings = settings_from(given.get("settings", {}))
-    for key in ("grid", "blend"):
-        if key in settings:
-            raise InputError(f"settings.{key} is of tasks of via points, not of stops")
-    return CellFile(
-        origin,
-        robot,
-        stops,
-        limits_from(robot, given.get("limits", {})),
-        segments=_segments(given.get("segment", []), stops, given.get("cycle", False)),
-        settings=TimeOptimalSettings(**settings),
-        outputs=tuple(given.get("outputs", CELL_OUTPUTS)),
-        scene=_scene(given.get("scene"), folder),
-        front=front,
-        **{key: given[key] for key in ("cycle", "order", "duration") if key in given},
-    )
 
 
 def _front(table: Mapping[str, Any]) -> tuple[str, tuple[float, ...]]:

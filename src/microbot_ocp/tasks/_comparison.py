@@ -6,6 +6,7 @@ import re
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,21 +19,10 @@ from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
 from microbot_ocp._base.status import Status
 from microbot_ocp._base.writing import NotWritten, made_folder, temporary_path
 from microbot_ocp.certificate import Certificate, certificate_of
-from microbot_ocp.execution import (
-    Profile,
-    check_trials,
-    commanded,
-    load_profile,
-    smallest_reserve,
-)
+from microbot_ocp.execution import Profile, check_trials, commanded, load_profile, smallest_reserve
 from microbot_ocp.motion import Motion
 from microbot_ocp.ocp.solution import Iteration, quiet
-from microbot_ocp.planning import (
-    PathTimingSettings,
-    TimeOptimalSettings,
-    check_limits,
-    check_via,
-)
+from microbot_ocp.planning import PathTimingSettings, TimeOptimalSettings, check_limits, check_via
 from microbot_ocp.robot import JointLimits, Limits, Robot
 from microbot_ocp.tasks._folder import swap_in
 from microbot_ocp.tasks._methods import METHODS, ComparedTask
@@ -357,44 +347,38 @@ def compare(
             check_trials(family.robot, **trackable)
     free, path = _settings(settings)
     times, velocities = timing(via, via_t, via_qd)
-    total = sum(map(_work, names))
+    work = [WORK.get(name, 1) + 1 for name in names]  # to solve, and to certify what is found
     entries: list[Entry] = []
     until = time.perf_counter() + min(checks.time_limit(time_limit), deadline.left())
+
+    def tell_of(index: int, event: Iteration | str, stage: str = "solve") -> None:
+        if progress is not None:
+            done = sum(work[:index]) + (work[index] - 1) * (stage == "certify")
+            iteration = event if isinstance(event, Iteration) else None
+            text = f"{METHODS[names[index]].title}: {event}"
+            progress(Step(done, sum(work), stage, text, iteration))
+
     for index, name in enumerate(names):
-
-        def tell(
-            event: Iteration | str, stage: str = "solve", index: int = index, name: str = name
-        ) -> None:
-            if progress is not None:
-                done = sum(map(_work, names[:index])) + (_work(name) - 1) * (stage == "certify")
-                iteration = event if isinstance(event, Iteration) else None
-                text = f"{METHODS[name].title}: {event}"
-                progress(Step(done, total, stage, text, iteration))
-
+        tell = partial(tell_of, index)
         heard = quiet if progress is None else tell
         task = ComparedTask(family, via, times, velocities, blend, free, path, heard)
         tell("solving")
         seconds = max((until - time.perf_counter()) / (len(names) - index), LEAST_TIME)
-        begin = time.perf_counter()
+        begin, motion, note = time.perf_counter(), None, ""
         try:
             with deadline.within(SOLVING * seconds):
                 motion = METHODS[name].solve(*METHODS[name].arguments(task))
         except InputError as problem:  # this method cannot do the task; the others may
-            wall = time.perf_counter() - begin
-            entries.append(Entry(name, METHODS[name].title, note=str(problem), solve_time=wall))
-            continue
+            note = str(problem)
         wall = time.perf_counter() - begin
-        tell(f"{motion.duration:.4f} s, certifying", stage="certify")
-        played = _played(family.robot, motion, profile, trackable)
-        entries.append(_entry(name, task, motion, wall, seconds, played))
+        entries.append(Entry(name, METHODS[name].title, note=note, solve_time=wall))
+        if motion is not None:
+            tell(f"{motion.duration:.4f} s, certifying", stage="certify")
+            played = _played(family.robot, motion, profile, trackable)
+            entries[-1] = _certified(entries[-1], task, motion, seconds - wall, played)
     if progress is not None:
-        progress(Step(total, total, "done", f"{len(names)} methods done"))
+        progress(Step(sum(work), sum(work), "done", f"{len(names)} methods done"))
     return Comparison(robot, via, family.robot.limits, tuple(entries), REFERENCE)
-
-
-def _work(method: str) -> int:
-    """Return units of work to solve by a method and to certify what it finds."""
-    return WORK.get(method, 1) + 1
 
 
 def _method_names(methods: Sequence[str] | None, timed: bool) -> list[str]:
@@ -441,10 +425,7 @@ def timing(
 
 
 def _played(
-    robot: Robot,
-    motion: Motion,
-    profile: str | Profile | None,
-    trackable: Mapping[str, Any] | None,
+    robot: Robot, motion: Motion, profile: str | Profile | None, trackable: Mapping[str, Any] | None
 ) -> dict[str, float]:
     """Return how long a motion takes by a controller, and until all plants follow; NaN where
     never, s.
@@ -464,27 +445,20 @@ def _played(
     return durations
 
 
-def _entry(
-    name: str,
-    task: ComparedTask,
-    motion: Motion,
-    wall: float,
-    seconds: float,
-    played: Mapping[str, float],
+def _certified(
+    entry: Entry, task: ComparedTask, motion: Motion, left: float, played: Mapping[str, float]
 ) -> Entry:
-    """Return the motion of a method, certified in what is left of its time, s."""
+    """Return an entry with its motion, certified in what is left of its time, s."""
     tau = motion.tau if task.robot.has_dynamics else np.full_like(motion.tau, np.nan)
     motion = replace(motion, provenance={**motion.provenance, "robot": task.robot.name})
-    with deadline.within(max(seconds - wall, LEAST_TIME)):
+    with deadline.within(max(left, LEAST_TIME)):
         certificate = certificate_of(task.family, motion, task.via_q)
-    return Entry(
-        name=name,
-        title=METHODS[name].title,
+    return replace(
+        entry,
         motion=motion,
         certificate=certificate,
         status=motion.status,
         note=motion.note,
-        solve_time=wall,
         torque_squared=float(np.trapezoid(np.sum(tau**2, axis=1), motion.t)),
         work=float(np.trapezoid(np.sum(np.abs(tau * motion.qd), axis=1), motion.t)),
         details={"certify_time": certificate.wall_time, **played},

@@ -19,12 +19,6 @@ NAME = re.compile(r"\w[\w .+-]{0,99}", re.ASCII)  # of a method: it is the name 
 _LISTED = re.compile(rf"(motions/)?{NAME.pattern}", re.ASCII)
 
 
-def files_in(folder: Path) -> dict[str, str]:
-    """Return digests of the files in a folder and its folders, by their path in it."""
-    paths = sorted(path for path in folder.rglob("*") if path.is_file())
-    return {path.relative_to(folder).as_posix(): digest(path) for path in paths}
-
-
 def swap_in(staged: Path, target: Path, index: bool, motions: bool) -> list[Path]:
     """Move a run's files from one folder into another, ``comparison.json`` last.
 
@@ -50,11 +44,12 @@ def swap_in(staged: Path, target: Path, index: bool, motions: bool) -> list[Path
     NotWritten
     """
     document = json.loads((staged / INDEX).read_text("utf-8"))
-    digests = {name: value for name, value in files_in(staged).items() if name != INDEX}
+    files = sorted(p for p in staged.rglob("*") if p.is_file() and p != staged / INDEX)
+    digests = {path.relative_to(staged).as_posix(): digest(path) for path in files}
     new = [name for name in digests if motions or not name.startswith("motions/")]
     with locked(target):
         old = _read(target / INDEX)
-        same = old is not None and _of_the_run(old) == _of_the_run(document)
+        same = _of_the_run(old) == _of_the_run(document)
         earlier = _listed(old)
         listed = {n: value for n, value in digests.items() if n in new or _has(target / n, value)}
         document["files"] = {**earlier, **listed} if same else listed
@@ -114,18 +109,18 @@ def _of_the_run(document: Mapping[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in document.items() if key not in ("files", "digest")}
 
 
-def _read(path: Path) -> dict[str, Any] | None:
+def _read(path: Path) -> dict[str, Any]:
+    """Return the document; empty where there is none."""
     with contextlib.suppress(OSError, ValueError, RecursionError):
         document = json.loads(content_of(path))
-        return document if isinstance(document, dict) else None
-    return None
+        return document if isinstance(document, dict) else {}
+    return {}
 
 
-def _listed(document: Mapping[str, Any] | None) -> dict[str, str]:
-    files = (document or {}).get("files")
-    if not isinstance(files, Mapping):
-        return {}
-    return {name: str(value) for name, value in files.items() if _LISTED.fullmatch(name)}
+def _listed(document: Mapping[str, Any]) -> dict[str, str]:
+    files = document.get("files")
+    listed = files.items() if isinstance(files, Mapping) else ()
+    return {name: str(value) for name, value in listed if _LISTED.fullmatch(name)}
 
 
 def _has(path: Path, value: str) -> bool:

@@ -15,13 +15,7 @@ from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
 from microbot_ocp.certificate import Certificate, certify
 from microbot_ocp.motion import Motion
 from microbot_ocp.ocp.solution import StepProgress, quiet
-from microbot_ocp.planning import (
-    Segment,
-    Stop,
-    TimeOptimalSettings,
-    motions_of_front,
-    with_changes,
-)
+from microbot_ocp.planning import Segment, Stop, TimeOptimalSettings, motions_of_front, with_changes
 from microbot_ocp.robot import JointLimits, Limits, Robot
 from microbot_ocp.scene import Scene
 
@@ -74,9 +68,7 @@ class Front:
         """Plain values for JSON."""
         points = [
             {
-                "duration": point.duration,
-                "effort": point.effort,
-                "peak_torque": point.peak_torque,
+                **{key: getattr(point, key) for key in ("duration", "effort", "peak_torque")},
                 "status": str(point.motion.status),
                 "certified": point.certificate.ok,
             }
@@ -178,8 +170,8 @@ def _front(
     try:
         stops = list(via_q)
     except TypeError:
-        settings_words = f"via_q must be stops or joint positions, not {checks.shown(via_q)}"
-        raise InputError(settings_words) from None
+        given = checks.shown(via_q)
+        raise InputError(f"via_q must be stops or joint positions, not {given}") from None
     stops = [stop if isinstance(stop, Stop) else Stop(q=stop) for stop in stops]
     settings = with_changes(changes.pop("settings", None) or TimeOptimalSettings(), changes)
     solutions, ended = motions_of_front(

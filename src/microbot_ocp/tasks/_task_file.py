@@ -35,14 +35,7 @@ from microbot_ocp.limits import JOINT_QUANTITIES, MEMBER_KEYS, changes_by_name
 from microbot_ocp.planning import PathTimingSettings, TimeOptimalSettings
 from microbot_ocp.robot import JointLimits, Robot, joint_scale, per_joint
 from microbot_ocp.robot.files import is_robot_name, load_robot, packaged_robots
-from microbot_ocp.tasks._comparison import (
-    METHODS,
-    OUTPUTS,
-    Comparison,
-    Progress,
-    compare,
-    timing,
-)
+from microbot_ocp.tasks._comparison import METHODS, OUTPUTS, Comparison, Progress, compare, timing
 
 SCHEMA = 1
 ANGULAR = ("q", "qd", "qdd", "qddd")  # quantities that may be given in degrees
@@ -132,19 +125,11 @@ class TaskFile:
         InputError
             What only the methods can tell, such as a via point that cannot be held at rest.
         """
-        settings = dict(self.settings)
+        task = self.robot, self.via_q, self.methods, self.limits
+        settings = {**self.settings, "via_t": self.via_t, "via_qd": self.via_qd}
         settings["time_limit"] = min(time_limit, settings.get("time_limit", np.inf))
         with naming(f"{self.origin}: "):
-            return compare(
-                self.robot,
-                self.via_q,
-                self.methods,
-                self.limits,
-                via_t=self.via_t,
-                via_qd=self.via_qd,
-                progress=progress,
-                **settings,
-            )
+            return compare(*task, progress=progress, **settings)
 
 
 def read_task(path: str | Path) -> TaskFile:
@@ -183,41 +168,34 @@ def read_task(path: str | Path) -> TaskFile:
     """
     source = Path(path)
     with table_from(source, "task") as data:
-        return _task(data, source.name, source.parent)
-
-
-def _task(data: dict[str, Any], origin: str, folder: Path) -> TaskFile:
-    if "joint" in data:
-        raise InputError('it describes a robot; a task names such a file: robot = "FILE"')
-    if "via" not in data:  # [[stops]] may be meant for [[stop]]
-        read_table(data, TASK | CELL)
-    given = read_table(data, TASK, elsewhere=dict.fromkeys(CELL, "is for tasks of [[stop]]"))
-    check_schema(data, SCHEMA)
-    robot = robot_from(data, folder)
-    if "via" not in given:
-        raise InputError("table [via] is missing: it holds the via points, q or q_deg")
-    via = read_table(given["via"], VIA, "in table [via]", "via.{}", partial(_via_rows, robot))
-    via_q = via.get("q")
-    if via_q is None:
-        raise InputError("via.q or via.q_deg is missing: one row of joint positions a via point")
-    if len(via_q) < 2:
-        raise InputError(f"via.q must have at least 2 rows, not {len(via_q)}")
-    via_t, via_qd = timing(via_q, via.get("t"), via.get("qd"), "via.")
-    methods = given.get("methods")
-    for name in methods or ():
-        if METHODS[name].timed and via_t is None:
-            raise InputError(f"methods has {name!r}, which needs via.t, the times to take, s")
-    return TaskFile(
-        origin=origin,
-        robot=robot,
-        via_q=via_q,
-        via_t=via_t,
-        via_qd=via_qd,
-        limits=limits_from(robot, given.get("limits", {})),
-        methods=methods and tuple(methods),
-        settings=settings_from(given.get("settings", {})),
-        outputs=tuple(given.get("outputs", OUTPUTS)),
-    )
+        if "joint" in data:
+            raise InputError('it describes a robot; a task names such a file: robot = "FILE"')
+        if "via" not in data:  # [[stops]] may be meant for [[stop]]
+            read_table(data, TASK | CELL)
+        given = read_table(data, TASK, elsewhere=dict.fromkeys(CELL, "is for tasks of [[stop]]"))
+        check_schema(data, SCHEMA)
+        robot = robot_from(data, source.parent)
+        if "via" not in given:
+            raise InputError("table [via] is missing: it holds the via points, q or q_deg")
+        via = read_table(given["via"], VIA, "in table [via]", "via.{}", partial(_via_rows, robot))
+        via_q = via.get("q")
+        if via_q is None:
+            raise InputError(
+                "via.q or via.q_deg is missing: one row of joint positions a via point"
+            )
+        if len(via_q) < 2:
+            raise InputError(f"via.q must have at least 2 rows, not {len(via_q)}")
+        via_t, via_qd = timing(via_q, via.get("t"), via.get("qd"), "via.")
+        methods = given.get("methods")
+        for name in methods or ():
+            if METHODS[name].timed and via_t is None:
+                raise InputError(f"methods has {name!r}, which needs via.t, the times to take, s")
+        limits = limits_from(robot, given.get("limits", {}))
+        settings = settings_from(given.get("settings", {}))
+        methods, outputs = methods and tuple(methods), tuple(given.get("outputs", OUTPUTS))
+        return TaskFile(
+            source.name, robot, via_q, via_t, via_qd, limits, methods, settings, outputs
+        )
 
 
 def robot_from(data: Mapping[str, Any], folder: Path) -> Robot:
