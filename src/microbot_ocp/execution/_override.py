@@ -60,12 +60,29 @@ from microbot_ocp.robot import Robot
 Samples = tuple[FloatArray, State, FloatArray]  # times, states there, and where a piece ends
 Places = tuple[FloatArray, FloatArray]  # on the path, and when they are reached
 TOLERANCE = PathTimingSettings.limit_tolerance
-# Of the search for a ramp of the speed
-RAMP_BEGINS = 21  # samples of the plan at which it may begin that are tried first
-RAMP_ENDS = 40  # and at which it may end
-RAMP_SAMPLES = 100  # of a ramp at which limits are looked at first
-RAMP_FINER = 4  # times the usual samples at which they are looked at then
-RAMP_PARTS = 20  # of a ramp at least, between samples
+
+
+@dataclass(frozen=True)
+class RampSettings:
+    """Settings of the search for a ramp of the speed.
+
+    Attributes
+    ----------
+    begins, ends : samples of the plan at which it may begin, and at which it may end, that are
+        tried first
+    samples : of a ramp at which limits are looked at first
+    finer : times the usual samples at which they are looked at then
+    parts : of a ramp at least, between samples
+    """
+
+    begins: int = 21
+    ends: int = 40
+    samples: int = 100
+    finer: int = 4
+    parts: int = 20
+
+
+RAMP = RampSettings()
 UNCHANGED = "Within the limits the motion cannot go on from here at any other speed on its path."
 EXCEEDED = "limits are exceeded by {:.3g} % between places of the grid: give a finer grid"
 BROKEN = (
@@ -320,7 +337,7 @@ def _ramped(family: LimitFamily, motion: Motion, wanted: _Ramp, later: Sequence[
         ramp = _Ramp(wanted.at, 1.0, 1.0, 0.0, motion.duration - wanted.at)
     reached = float(ramp.along(np.array([ramp.end]))[0][0])
     lasts = ramp.end + ((motion.duration - reached) / ramp.speed if ramp.speed else 0.0)
-    even = np.linspace(0.0, lasts, RAMP_PARTS * motion.t.size)
+    even = np.linspace(0.0, lasts, RAMP.parts * motion.t.size)
     places = ramp.along(even)[0], even
     before_jumps = motion.t[:-1][jump_gaps(motion.t)]
     after = [some[some > ramp.at + JUMP_GAP] for some in (before_jumps, mesh_of(motion))]
@@ -331,7 +348,7 @@ def _ramped(family: LimitFamily, motion: Motion, wanted: _Ramp, later: Sequence[
     begun, ended = breaks >= ramp.begin - same, breaks >= ramp.end - same
     parts = (
         (breaks <= ramp.begin + same, SAMPLE_STEP),
-        (begun & (breaks <= ramp.end + same), ramp.lasts / RAMP_PARTS),
+        (begun & (breaks <= ramp.end + same), ramp.lasts / RAMP.parts),
         (ended, SAMPLE_STEP),
     )
     none = np.zeros(0)
@@ -367,14 +384,14 @@ def _soonest_ramp(
         return replace(wanted, begin=begin, lasts=2.0 * (s[k] - s[i]) / (current + speed))
 
     def works(ramp: _Ramp) -> bool:
-        counts = RAMP_SAMPLES, int(RAMP_FINER * ramp.lasts / SAMPLE_STEP)
+        counts = RAMP.samples, int(RAMP.finer * ramp.lasts / SAMPLE_STEP)
         shares = (np.linspace(0.0, 1.0, max(count, 2)) for count in counts)
         return all(keeps(ramp.along(ramp.begin + x * ramp.lasts)).all() for x in shares)
 
-    for i in _some(begins, RAMP_BEGINS):
+    for i in _some(begins, RAMP.begins):
         later = ends[ends > i]
         low = 0
-        for high in _some(np.arange(later.size), RAMP_ENDS):
+        for high in _some(np.arange(later.size), RAMP.ends):
             ramp = between(i, int(later[high]))
             if best is not None and ramp.end >= best.end:
                 break

@@ -14,6 +14,7 @@ import signal
 import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from datetime import timedelta
 from multiprocessing import resource_tracker
 from pathlib import Path
@@ -32,10 +33,26 @@ from microbot_ocp.sweeps._study import OwnMethod, Plan, Study
 from microbot_ocp.sweeps._sweep import Sweep, opened
 from microbot_ocp.tasks import Progress, Step
 
-AHEAD = 2  # chunks in flight for each thread of a worker: one that is done, one that waits
-TICK = 0.2  # s between looks at what is done
-MOST_WORKERS = 8  # for each processor of this machine: some 150 MB each
-WITHOUT_WORKER = 120.0  # s without any worker, then it is said
+
+@dataclass(frozen=True)
+class Scheduling:
+    """Settings of how workers are kept busy.
+
+    Attributes
+    ----------
+    ahead : chunks in flight for each thread of a worker: one that is done, one that waits
+    tick : s between looks at what is done
+    most_workers : for each processor of this machine: some 150 MB each
+    without_worker : s without any worker, then it is said
+    """
+
+    ahead: int = 2
+    tick: float = 0.2
+    most_workers: int = 8
+    without_worker: float = 120.0
+
+
+SCHEDULING = Scheduling()
 # Dask watches its event loops every 20 ms and samples its stacks every 10 ms, in each process.
 QUIET = {"distributed.admin.tick.interval": "1s", "distributed.worker.profile.enabled": False}
 
@@ -134,7 +151,9 @@ def run_study(
     for module in ("distributed", "pyarrow.parquet"):
         needed(module)
     if workers is not None:
-        checks.number("workers", workers, at_least=1, at_most=MOST_WORKERS * _processors())
+        checks.number(
+            "workers", workers, at_least=1, at_most=SCHEDULING.most_workers * _processors()
+        )
         if client is not None:
             raise InputError(
                 "workers is for processes of this machine: give it or client, not both"
@@ -266,7 +285,7 @@ class _Run:
         try:
             while self._fill(todo) or self._flying:
                 try:
-                    future = self._answers.get(timeout=TICK)
+                    future = self._answers.get(timeout=SCHEDULING.tick)
                 except queue.Empty:
                     self._check()
                 else:
@@ -279,7 +298,7 @@ class _Run:
 
     def _fill(self, todo: Iterator[tuple[int, int, FloatArray]]) -> bool:
         """Keep workers busy; False where nothing is left to be sent."""
-        room = AHEAD * max(1, self._threads()) - len(self._flying)
+        room = SCHEDULING.ahead * max(1, self._threads()) - len(self._flying)
         for _ in range(room):
             following = next(todo, None)
             if following is None:
@@ -326,8 +345,8 @@ class _Run:
             raise self._stopped("the scheduler ended")
         if self._threads():
             self._last_worker = time.monotonic()
-        elif time.monotonic() - self._last_worker > WITHOUT_WORKER:
-            raise self._stopped(f"there was no worker for {WITHOUT_WORKER:g} s")
+        elif time.monotonic() - self._last_worker > SCHEDULING.without_worker:
+            raise self._stopped(f"there was no worker for {SCHEDULING.without_worker:g} s")
 
     def _stopped(self, why: str) -> SweepStopped:
         kept = f"{self.tell.done:,} of {self.results.count:,} cases are kept in"

@@ -39,10 +39,6 @@ from microbot_ocp.sweeps._cases import Between, Cases, CaseSource, OneOf
 from microbot_ocp.sweeps._quantities import NoTask, check_name, robot_with, task_of
 from microbot_ocp.tasks import COMMON, METHODS, robot_from
 
-TIME_LIMIT = 60.0  # s, of one case
-MOST_TRIED = 200  # cases, to find one that the solver can be made ready with
-CHUNKS = 500  # of a study at best
-LARGEST_CHUNK = 200  # cases
 SCHEMA = 1  # of the file
 POINTS = ("start", "goal")
 AXES = ("x", "y", "z")
@@ -64,6 +60,27 @@ CASES = {
     "table": {"file": Key(str, needed=True)},
 }
 RANGE = {"from": NEEDED, "to": NEEDED, "steps": ANY}
+
+
+@dataclass(frozen=True)
+class StudySettings:
+    """Settings of how a study is divided.
+
+    Attributes
+    ----------
+    time_limit : s, of one case
+    most_tried : cases, to find one that the solver can be made ready with
+    largest_chunk : cases of a chunk
+    chunks : of a study at best
+    """
+
+    time_limit: float = 60.0
+    most_tried: int = 200
+    largest_chunk: int = 200
+    chunks: int = 500
+
+
+DIVISION = StudySettings()
 
 
 @dataclass(frozen=True)
@@ -121,7 +138,7 @@ class Study:
         "time_optimal",
     )
     settings: Mapping[str, Any] = field(default_factory=dict)
-    time_limit: float = TIME_LIMIT
+    time_limit: float = DIVISION.time_limit
     motions: bool = False
     origin: str = ""
 
@@ -176,7 +193,7 @@ class Study:
     @property
     def chunk(self) -> int:
         """Cases a chunk, which is done by one worker and written as one file."""
-        return min(max(self.source.count // CHUNKS, 1), LARGEST_CHUNK)
+        return min(max(self.source.count // DIVISION.chunks, 1), DIVISION.largest_chunk)
 
     @cached_property
     def digest(self) -> str:
@@ -205,7 +222,7 @@ class Study:
         found.
         """
         family = LimitFamily.of(robot)
-        for row in self.source.rows(0, min(MOST_TRIED, self.source.count)):
+        for row in self.source.rows(0, min(DIVISION.most_tried, self.source.count)):
             with contextlib.suppress(InputError, NoTask):
                 via = task_of(self.robot, self.source.poses, self.source.values(row)).via_q
                 return check_via(family, via)
