@@ -21,7 +21,7 @@ from microbot_ocp._base.needed import needed
 from microbot_ocp._base.reading import bytes_of
 from microbot_ocp.robot._model import Robot
 from microbot_ocp.robot._shapes import Shape
-from microbot_ocp.robot._transforms import of_quaternion
+from microbot_ocp.robot._transforms import of_quaternion, transform_of, without_dust
 from microbot_ocp.robot.files._remarks import Remarks
 from microbot_ocp.robot.files._urdf_file import Inertial, UrdfFile, UrdfJoint, UrdfLink
 from microbot_ocp.robot.files._urdf_reader import PARALLEL, joint_motion, robot_of
@@ -282,7 +282,4 @@ class _Model:
 
 def _pose(position: FloatArray, quaternion: FloatArray) -> FloatArray:
     """Return the transform [4,4] of a position and a quaternion, scalar first."""
-    pose = np.eye(4)
-    pose[:3, :3] = of_quaternion(quaternion)
-    pose[:3, 3] = position
-    return np.where(np.abs(pose) < 1e-15, 0.0, pose)  # without the dust of right angles
+    return without_dust(transform_of(of_quaternion(quaternion), position))

@@ -17,7 +17,7 @@ from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.limits import JOINT_QUANTITIES
 from microbot_ocp.robot._shapes import ROLES, SIZES, Role, Shape
-from microbot_ocp.robot._transforms import rotation_of
+from microbot_ocp.robot._transforms import rotation_of, transform_of, without_dust
 from microbot_ocp.robot.files._mesh_files import find_mesh
 from microbot_ocp.robot.files._remarks import Remarks
 
@@ -155,10 +155,9 @@ def _vector(element: Element, key: str, label: str, default: str, count: int = 3
 
 def _frame(element: Element, label: str) -> FloatArray:
     """Return the transform [4,4] of an element's <origin>; the identity without one."""
-    frame, origin = np.eye(4), _part(element, "origin")
-    frame[:3, :3] = rotation_of(_vector(origin, "rpy", label, "0 0 0"))
-    frame[:3, 3] = _vector(origin, "xyz", label, "0 0 0")
-    return np.where(np.abs(frame) < 1e-15, 0.0, frame)  # without the dust of right angles
+    origin = _part(element, "origin")
+    rotation = rotation_of(_vector(origin, "rpy", label, "0 0 0"))
+    return without_dust(transform_of(rotation, _vector(origin, "xyz", label, "0 0 0")))
 
 
 class _Reader:

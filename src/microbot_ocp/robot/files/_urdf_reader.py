@@ -27,6 +27,7 @@ from microbot_ocp.limits import Limits
 from microbot_ocp.robot._links import Link, Part, combined, inertia_fault
 from microbot_ocp.robot._model import Robot
 from microbot_ocp.robot._shapes import Shape
+from microbot_ocp.robot._transforms import without_dust
 from microbot_ocp.robot.files._placement import dh_rows
 from microbot_ocp.robot.files._remarks import Remarks
 from microbot_ocp.robot.files._srdf_file import SrdfFile, read_srdf
@@ -377,7 +378,7 @@ class _Tree:
             links=self._links(moving, carriers, frames, rows.frames),
             limits=_limits(moving),
             gravity=self.file.gravity,
-            tool=_cleaned(tool),
+            tool=without_dust(tool),
             name=self.file.name,
             joint_names=[j.name for j in moving],
             description=self.file.description,
@@ -471,7 +472,7 @@ class _Tree:
         shapes = []
         for name in self.order:
             number = carriers[name]
-            at = _cleaned(np.array(np.linalg.solve(placed[number], frames[name]), dtype=float))
+            at = without_dust(np.array(np.linalg.solve(placed[number], frames[name]), dtype=float))
             shapes += [
                 replace(shape, frame=number, pose=at @ shape.pose)
                 for shape in self.links[name].shapes
@@ -512,11 +513,6 @@ def _limits(moving: list[UrdfJoint]) -> Limits:
             [_extra(j, f"{quantity}_max", s) for j, s in zip(moving, size, strict=True)],
         )
     return Limits(**bounds)
-
-
-def _cleaned(matrix: FloatArray) -> FloatArray:
-    """Give the transform with entries below 1e-15, rounding errors of right angles, set to zero."""
-    return np.where(np.abs(matrix) < 1e-15, 0.0, matrix)
 
 
 def joint_motion(joint: UrdfJoint, position: float) -> FloatArray:
