@@ -12,6 +12,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from math import comb
 
 import numpy as np
@@ -20,7 +21,8 @@ from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.motion import Motion, pieces_of
 from microbot_ocp.robot import Capsule, Robot, dh_transform
 from microbot_ocp.robot._capsules import LinkHull
-from microbot_ocp.scene._contact import ACCURACY, ContactModel, contact_model
+from microbot_ocp.scene._contact import ContactModel, contact_model
+from microbot_ocp.scene._pairs import ACCURACY
 from microbot_ocp.scene._scene import Pair, Scene, with_arm_capsules
 
 
@@ -86,9 +88,11 @@ class Clearance:
         """The result in words."""
         where = f"{self.pair} at {self.time:.4g} s"
         if self.proved:
+            told = ", ".join(self.unwatched[:3]) + (", ..." if len(self.unwatched) > 3 else "")
+            but = f"; not watched, as they touch in the zero pose: {told}" if told else ""
             return (
                 f"clearance is proved: nothing comes nearer than {1e3 * self.at_least:.4g} mm, "
-                f"the least found being {1e3 * self.minimum:.4g} mm ({where})" + self._but
+                f"the least found being {1e3 * self.minimum:.4g} mm ({where}){but}"
             )
         if self.minimum <= self.wanted:
             how = "overlap by" if self.minimum < 0 else "are only apart by"
@@ -99,12 +103,6 @@ class Clearance:
             f"clearance is not proved: the least found is {1e3 * self.minimum:.4g} mm ({where}), "
             "but stretches are left open"
         )
-
-    @property
-    def _but(self) -> str:
-        """What the proof says nothing about."""
-        told = ", ".join(self.unwatched[:3]) + (", ..." if len(self.unwatched) > 3 else "")
-        return f"; not watched, as they touch in the zero pose: {told}" if told else ""
 
 
 def clearance(robot: Robot, motion: Motion, scene: Scene) -> Clearance:
@@ -203,7 +201,10 @@ class _ClearanceSearch:
             reach = self._reach(start, end, pair) + ACCURACY
             sure = self._distances(middle, pair) - reach
             self.count += sure.size
-            closed = (sure > self.wanted) & (sure >= self._enough)
+            # of what is left beyond the clearance the proof may leave a share open
+            beyond = max(self.minimum - ACCURACY - self.wanted, 0.0)
+            enough = self.wanted + PROOF.slack_ratio * beyond
+            closed = (sure > self.wanted) & (sure >= enough)
             if closed.any():
                 self.at_least = min(self.at_least, float(sure[closed].min()))
             left = ~closed
@@ -216,12 +217,6 @@ class _ClearanceSearch:
             start, middle, end = start[left], middle[left], end[left]
             start, end = np.concatenate([start, middle]), np.concatenate([middle, end])
             pair = np.tile(pair[left], 2)
-
-    @property
-    def _enough(self) -> float:
-        """Return what a pair has to be proved to keep, m."""
-        left = max(self.minimum - ACCURACY - self.wanted, 0.0)
-        return self.wanted + PROOF.slack_ratio * left
 
     def _distances(self, times: FloatArray, pair: np.ndarray) -> FloatArray:
         """Return distances of pairs at times, m, of which none but the least need be exact."""
@@ -292,6 +287,7 @@ def levers_of(robot: Robot, pairs: Sequence[Pair], farthest: FloatArray) -> Floa
     offsets = [dh_transform(alpha, a, d, 0.0, beta)[:3, 3] for alpha, a, d, beta in rows]
     steps = np.linalg.norm(offsets, axis=1) + np.where(sliding, farthest, 0.0)
 
+    @cache
     def of(frame: int, capsule: Capsule) -> FloatArray:
         points = capsule.corners if isinstance(capsule, LinkHull) else (capsule.start, capsule.end)
         lever_in_frame = float(np.linalg.norm(points, axis=1).max())
@@ -302,12 +298,9 @@ def levers_of(robot: Robot, pairs: Sequence[Pair], farthest: FloatArray) -> Floa
             )
         return levers
 
-    table, known = [], dict[tuple[int, int], FloatArray]()
+    table = []
     for pair in pairs:
-        key = pair.frame, id(pair.capsule)
-        if key not in known:
-            known[key] = of(pair.frame, pair.capsule)
-        lever = known[key]
+        lever = of(pair.frame, pair.capsule)
         if pair.other_frame:
             # joints before both move the two alike: only those between them count
             lever = np.where(np.arange(robot.joint_count) < pair.other_frame, 0.0, lever)

@@ -22,7 +22,8 @@ from microbot_ocp.limits import LimitFamily
 from microbot_ocp.motion import PiecewisePolynomial
 from microbot_ocp.robot import Robot
 from microbot_ocp.scene._clearance import levers_of
-from microbot_ocp.scene._contact import ACCURACY, ContactModel, Nearest, contact_model
+from microbot_ocp.scene._contact import ContactModel, Nearest, contact_model
+from microbot_ocp.scene._pairs import ACCURACY
 from microbot_ocp.scene._scene import Scene, with_arm_capsules
 
 TURN = np.pi  # rad: how far beyond both ends joints without limits may go
@@ -169,7 +170,10 @@ def _searched(
     around: Surroundings, start: FloatArray, goal: FloatArray, seed: int, number: int
 ) -> Detour:
     rounds, turn = divmod(max(number - FIRST_SEARCHES, -1), len(PLANNERS))
-    base, geometric, util = _ompl()
+    base, geometric, util = (
+        needed(f"ompl.{name}", "a way around obstacles needs", "cell")
+        for name in ("base", "geometric", "util")
+    )
     util.noOutputHandler()
     own_seed = (seed * FIRST_SEARCHES + number) % (2**32 - 1) + 1
     util.RNG.setSeed(own_seed)
@@ -345,11 +349,3 @@ def _bounds(robot: Robot, start: FloatArray, goal: FloatArray) -> tuple[FloatArr
     low, high = np.maximum(low, least - TURN), np.minimum(high, most + TURN)
     locked = robot.limits.qd_max == 0.0
     return np.where(locked, start, low), np.where(locked, start, high)
-
-
-def _ompl() -> tuple[Any, Any, Any]:
-    base, geometric, util = (
-        needed(f"ompl.{name}", "a way around obstacles needs", "cell")
-        for name in ("base", "geometric", "util")
-    )
-    return base, geometric, util

@@ -19,12 +19,7 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.codegen import compile_recipe
 from microbot_ocp.robot import Capsule, Robot, link_poses
-from microbot_ocp.scene._obstacles import (
-    Obstacle,
-    core_distance,
-    core_parameters,
-    core_radius,
-)
+from microbot_ocp.scene._obstacles import Obstacle, core_distance, core_parameters, core_radius
 
 ACCURACY = 1e-6  # m, of distances by coal's iterations (its tolerance is 1e-6)
 ROUNDING = 0.02  # of a capsule's radius: parabola that makes the nearest place unique
