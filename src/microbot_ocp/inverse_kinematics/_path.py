@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,24 +24,9 @@ from microbot_ocp.inverse_kinematics._search import (
 from microbot_ocp.inverse_kinematics._solve import checked_targets, nearest_solution
 from microbot_ocp.robot import Robot
 
-
-@dataclass(frozen=True)
-class Following:
-    """Settings by which targets along a path are followed.
-
-    Attributes
-    ----------
-    largest_step : rad (prismatic: share of the reach); larger ones are halved
-    halvings : most times that a step between two targets is halved
-    branches : branches of the first target, and those a whole turn away, tried in turn
-    """
-
-    largest_step: float = 0.1
-    halvings: int = 20
-    branches: int = 24
-
-
-FOLLOWING = Following()
+LARGEST_STEP = 0.1  # rad (prismatic: share of the reach); larger ones are halved
+HALVINGS = 20  # most times that a step between two targets is halved
+BRANCHES = 24  # of the first target, and those a whole turn away, that are tried in turn
 
 
 def follow_ik(
@@ -130,9 +114,7 @@ def _with_turns(robot: Robot, starts: FloatArray) -> FloatArray:
             value = moved[:, joint]
             rows.append(moved[(value >= low[joint]) & (value <= high[joint])])
     everything = np.concatenate(rows)
-    return everything[np.argsort(np.linalg.norm(everything - middle(robot), axis=1))][
-        : FOLLOWING.branches
-    ]
+    return everything[np.argsort(np.linalg.norm(everything - middle(robot), axis=1))][:BRANCHES]
 
 
 def _rows_followed(robot: Robot, targets: FloatArray, start: FloatArray) -> int:
@@ -187,11 +169,11 @@ def _advance(
     q: FloatArray,
     origin: FloatArray,
     target: FloatArray,
-    halvings: int = FOLLOWING.halvings,
+    halvings: int = HALVINGS,
 ) -> FloatArray | None:
     """Go from q at ``origin`` to ``target`` on the same branch; None where that does not go."""
     ended, errors = descend(robot, q[None], target[None], robot.limits.bounds("q"))
-    if errors[0] < goal(robot) and _step(robot, ended[0], q) <= FOLLOWING.largest_step:
+    if errors[0] < goal(robot) and _step(robot, ended[0], q) <= LARGEST_STEP:
         return ended[0]
     if halvings == 0 or np.array_equal(origin, target) or deadline.over():
         return None

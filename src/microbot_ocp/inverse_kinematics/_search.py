@@ -119,11 +119,6 @@ def start_range(robot: Robot) -> tuple[FloatArray, FloatArray]:
     )
 
 
-def free_range(robot: Robot) -> tuple[FloatArray, FloatArray]:
-    """Return no limits: -inf and inf [n]."""
-    return np.full(robot.joint_count, -np.inf), np.full(robot.joint_count, np.inf)
-
-
 def difference(robot: Robot, ours: FloatArray, theirs: FloatArray) -> FloatArray:
     """Return joint differences, revolute ones wrapped to half a turn, prismatic ones over the
     reach.
@@ -162,7 +157,8 @@ def descend(
     wanted: FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """Run every start [B,n] towards its target [B,w]; returns q [B,n] and scaled errors [B]."""
-    lower, upper = free_range(robot) if bounds is None else bounds
+    unlimited = np.full(robot.joint_count, np.inf)
+    lower, upper = (-unlimited, unlimited) if bounds is None else bounds
     state = np.concatenate([q, np.zeros((len(q), 3))], axis=1)
     ended, _, errors = descent(robot, targets.shape[1])(
         state, targets, q if wanted is None else wanted, lower, upper, *start_range(robot), given
@@ -413,7 +409,7 @@ def find_branches(robot: Robot, targets: FloatArray) -> list[Found]:
         around = np.where(revolute(robot), np.pi, 0.0)
         low = np.minimum(low, middle(robot) - around)
         high = np.maximum(high, middle(robot) + around)
-    bounds = (robot.limits.q_min, robot.limits.q_max) if redundant else None
+    bounds = robot.limits.bounds("q") if redundant else None
     size = 8 * 2 ** min(count, 3)
     pools, good = np.zeros((len(targets), 0, count)), np.zeros((len(targets), 0), dtype=bool)
     answers = [np.zeros((0, count)) for _ in targets]

@@ -155,15 +155,17 @@ def _in_parts(solve: Callable[..., Any], time_limit: float, *rows: FloatArray) -
         return tuple(chain(*(solve(*(each[part] for each in rows)) for part in parts)))
 
 
-def _given_up(robot: Robot, target: FloatArray) -> IKSolution:
-    return _solution(robot, target, middle(robot), 0, 0.0, Status.TIME_LIMIT)
+def _given_up(robot: Robot, targets: FloatArray) -> list[IKSolution]:
+    still = np.zeros(len(targets), dtype=int)
+    q = np.tile(middle(robot), (len(targets), 1))
+    return _solutions(robot, targets, q, still, 0.0, Status.TIME_LIMIT)
 
 
 def _from_seeds(robot: Robot, targets: FloatArray, seeds: FloatArray) -> tuple[IKSolution, ...]:
     """Return downhill from the seeds [N,n]; by a search of all branches where that fails."""
     begin = time.perf_counter()
     if deadline.over():
-        return tuple(_given_up(robot, target) for target in targets)
+        return tuple(_given_up(robot, targets))
     q, solved = descend_from(robot, seeds, targets)
     share = (time.perf_counter() - begin) / len(targets)
     solutions = iter(_solutions(robot, targets[solved], q[solved], None, share))
@@ -242,7 +244,7 @@ def solve_ik_batch(
 def _branches(robot: Robot, targets: FloatArray) -> tuple[tuple[IKSolution, ...], ...]:
     begin = time.perf_counter()
     if deadline.over():
-        return tuple((_given_up(robot, target),) for target in targets)
+        return tuple((solution,) for solution in _given_up(robot, targets))
     wanted, everything = middle(robot), find_branches(robot, targets)
     owners = np.repeat(np.arange(len(targets)), [len(branches.q) for branches in everything])
     rows, inside = within_limits(robot, np.concatenate([each.q for each in everything]), wanted)
@@ -289,9 +291,9 @@ def nearest_solution(
         rows, motions = _nearer_members(robot, target, rows, motions, wanted)
     if not len(rows):
         return _missed(robot, target, branches, wanted, time.perf_counter() - begin)
-    chosen = int(np.argmin(np.linalg.norm((rows - wanted) / joint_scale(robot), axis=1)))
+    chosen = [np.argmin(np.linalg.norm((rows - wanted) / joint_scale(robot), axis=1))]
     used = time.perf_counter() - begin
-    return _solution(robot, target, rows[chosen], int(motions[chosen]), used)
+    return _solutions(robot, target[None], rows[chosen], motions[chosen], used)[0]
 
 
 def _nearer_members(
@@ -369,12 +371,13 @@ def _missed(
 ) -> IKSolution:
     """Return the nearest pose for a target that no branch within limits reaches."""
     begin = time.perf_counter()
-    q, converged = nearest_pose(robot, target)
-    q = within_limits(robot, q[None], wanted)[0][0]
-    distance, angle = (x[0] for x in task_errors(robot, q[None], target[None]))
-    near = reaches(distance, 0.0)
+    pose, converged = nearest_pose(robot, target)
+    q, _ = within_limits(robot, pose[None], wanted)
+    distance, angle = task_errors(robot, q, target[None])
+    motions = np.zeros(1, dtype=int)
     if reaches(distance, angle):
         status = Status.SOLVED
+        motions = motions_of_one(robot, q, target)
     elif deadline.over():
         status = Status.TIME_LIMIT
     elif not converged:
@@ -382,12 +385,10 @@ def _missed(
     elif branches.reached or _reached_without_limits(robot, target):
         status = Status.LIMITS
     else:
+        near = reaches(distance, 0.0)
         status = Status.ORIENTATION_MISSED if near else Status.OUT_OF_REACH
-    motion = 0
-    if status is Status.SOLVED:
-        motion = int(motions_of_one(robot, q[None], target)[0])
     used += time.perf_counter() - begin
-    return _solution(robot, target, q, motion, used, status)
+    return _solutions(robot, target[None], q, motions, used, status)[0]
 
 
 def _reached_without_limits(robot: Robot, target: FloatArray) -> bool:
@@ -397,18 +398,6 @@ def _reached_without_limits(robot: Robot, target: FloatArray) -> bool:
         return False  # the search has looked beyond the limits already
     without = robot.with_limits(q_min=-np.inf, q_max=np.inf)
     return find_branches(without, target[None])[0].reached
-
-
-def _solution(
-    robot: Robot,
-    target: FloatArray,
-    q: FloatArray,
-    self_motion: int,
-    solve_time: float,
-    status: Status = Status.SOLVED,
-) -> IKSolution:
-    motions = np.array([self_motion])
-    return _solutions(robot, target[None], q[None], motions, solve_time, status)[0]
 
 
 def _solutions(

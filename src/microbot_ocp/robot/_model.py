@@ -15,6 +15,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal, Unpack, get_args
 
 import numpy as np
@@ -30,7 +31,7 @@ from microbot_ocp.robot._shapes import Capsule, Shape, checked_shapes
 from microbot_ocp.robot._transforms import rigid_transform
 
 if TYPE_CHECKING:
-    from microbot_ocp.robot._motion_state import MotionState
+    from microbot_ocp.robot._dynamics import MotionState
 
 JointType = Literal["revolute", "prismatic"]
 # rad, where there is no limit to speak of (files have 10 rad); rad/s, ten turns a second
@@ -66,10 +67,6 @@ class Robot:
     capsules: tuple[tuple[int, Capsule], ...] = ()
     disabled_pairs: tuple[tuple[str, str], ...] | None = None
     named_poses: Mapping[str, FloatArray] = field(default_factory=dict, compare=False)
-    _digest: str = field(init=False, repr=False, compare=False)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "_digest", self._make_digest())
 
     @classmethod
     def from_dh(
@@ -252,7 +249,7 @@ class Robot:
         self, q: Any, qd: Any, qdd: Any, qddd: Any, torques: Any = None
     ) -> MotionState:
         """Return quantities of a motion of this robot as CasADi expressions, for limits."""
-        from microbot_ocp.robot._motion_state import MotionState
+        from microbot_ocp.robot._dynamics import MotionState
 
         return MotionState(self, q, qd, qdd, qddd, torques)
 
@@ -474,7 +471,8 @@ class Robot:
         """Return the same robot under another gravity vector [3], m/s^2, in the base frame."""
         return replace(self, gravity=checks.array("gravity", gravity, (3,), "m/s^2"))
 
-    def _make_digest(self) -> str:
+    @cached_property
+    def _digest(self) -> str:
         digest = hashlib.sha256(repr((self.name, self.joint_types, self.joint_names)).encode())
         rows = self.alpha, self.a, self.d, self.theta_offset
         arrays: list[ArrayLike] = [*rows, self.gravity, self.tool]

@@ -120,10 +120,6 @@ class _Moments:
         angular = ca.cross(x.linear, self.virtual) + symmetric @ x.angular
         return _Pair(angular, ca.cross(self.virtual, x.angular))
 
-    @property
-    def virtual_momentum(self) -> _Pair:
-        return _Pair(_axial(self.virtuals), self.virtual)
-
 
 class _Link(NamedTuple):
     screw: _Pair  # S, S', S'', S*
@@ -285,12 +281,7 @@ def _along(names: list[ca.SX], rates: list[ca.SX], terms: dict[str, ca.SX]) -> d
 
 
 def _terms(
-    robot: Robot,
-    q: ca.SX,
-    qd: ca.SX,
-    qdd: ca.SX,
-    nu: ca.SX,
-    payload: ca.SX | None = None,
+    robot: Robot, q: ca.SX, qd: ca.SX, qdd: ca.SX, nu: ca.SX, payload: ca.SX | None = None
 ) -> tuple[dict[str, ca.SX], dict[str, ca.SX]]:
     """Return torques with their Jacobians, and first and second derivatives of nu . tau.
 
@@ -305,7 +296,7 @@ def _terms(
     tau_q, tau_qd, tau_qdd = ca.SX(n, n), slope, ca.diag(armature)
     q_q, q_qd, qd_qd, q_qdd = ca.SX(n, n), ca.SX(n, n), ca.jacobian(by_qd, qd), ca.SX(n, n)
     for k, (screw, rate, second_rate, virtual, outside) in enumerate(links):
-        momentum, wrench = outside.virtual_momentum, outside.wrench
+        momentum, wrench = _Pair(_axial(outside.virtuals), outside.virtual), outside.wrench
         gyration = _Pair(2 * outside.both, ca.SX.zeros(3))
         with_screw = outside.inertia(screw)
         coriolis, backward = outside.coriolis(screw), outside.coriolis_transposed(screw)
