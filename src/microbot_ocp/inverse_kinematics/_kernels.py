@@ -185,8 +185,7 @@ def descent(robot: Robot, width: int) -> FastCall:
     small += size < STEPS.polishing_error
     exact = ca.logic_or(ca.logic_and(size <= enough, small >= polish), size <= 2e-16)
     solved = ca.logic_or(
-        ca.logic_and(exact, apart < STEPS.null_space_step),
-        small >= STEPS.polishing_steps + nearest,
+        ca.logic_and(exact, apart < STEPS.null_space_step), small >= STEPS.polishing_steps + nearest
     )
     lost = ca.logic_or(
         ca.logic_and(steps >= patience, size > STEPS.close_error), steps >= STEPS.steps

@@ -158,11 +158,7 @@ def _followed(robot: Robot, targets: FloatArray, start: FloatArray, begin: float
 
 
 def _advance(
-    robot: Robot,
-    q: FloatArray,
-    origin: FloatArray,
-    target: FloatArray,
-    halvings: int = HALVINGS,
+    robot: Robot, q: FloatArray, origin: FloatArray, target: FloatArray, halvings: int = HALVINGS
 ) -> FloatArray | None:
     """Go from q at ``origin`` to ``target`` on the same branch; None where that does not go."""
     ended, errors = search.descend(robot, q[None], target[None], robot.limits.bounds("q"))

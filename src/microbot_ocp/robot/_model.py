@@ -151,13 +151,7 @@ class Robot:
         >>> standard == robot
         True
         """
-        table = _columns(
-            alpha=(alpha, "rad"),
-            a=(a, "m"),
-            d=(d, "m"),
-            theta_offset=(theta_offset, "rad"),
-            beta=(beta, "rad"),
-        )
+        table = _columns(alpha=alpha, a=a, d=d, theta_offset=theta_offset, beta=beta)
         count = table["alpha"].size
         types = _joint_types(joint_type, count)
         names = tuple(joint_names or (f"joint {i + 1}" for i in range(count)))
@@ -176,8 +170,8 @@ class Robot:
         chain = checked_links(links, count) if links else ()
         if convention != "modified":
             placed = base is not None or tool is not None
-            odd = doubts(convention or "modified", table["alpha"], table["a"], types, placed=placed)
-            if odd:
+            rows = table["alpha"], table["a"]
+            if odd := doubts(convention or "modified", *rows, types, placed=placed):
                 warn_user(f"{name}: {odd}")
         if convention == "standard":
             if table["beta"].any():
@@ -299,9 +293,7 @@ class Robot:
         return {"tau": tau, "taud": taud}
 
     def with_limits(
-        self,
-        limits: Limits | JointLimits | None = None,
-        **changes: Unpack[LimitChanges],
+        self, limits: Limits | JointLimits | None = None, **changes: Unpack[LimitChanges]
     ) -> Robot:
         """Return the same robot with other limits: all of them, or those given by name.
 
@@ -504,13 +496,14 @@ class Robot:
         return hash((self._digest, self.limits.also))
 
 
-def _columns(**columns: tuple[Any, str]) -> dict[str, Any]:
-    """Return columns [n] of a table, each given with its unit; zero where there is none."""
-    count = checks.array("alpha", columns["alpha"][0], (None,), "rad").size
+def _columns(**columns: Any) -> dict[str, Any]:
+    """Return columns [n] of a table; zero where there is none."""
+    count = checks.array("alpha", columns["alpha"], (None,), "rad").size
     if count == 0:
         raise InputError("alpha must have at least one row, not 0")
     table = {}
-    for key, (values, unit) in columns.items():
+    for key, values in columns.items():
+        unit = "m" if key in ("a", "d") else "rad"
         column = checks.array(key, np.zeros(count) if values is None else values, (None,), unit)
         if column.size != count:
             raise InputError(

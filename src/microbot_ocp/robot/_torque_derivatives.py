@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import accumulate
 from typing import NamedTuple
 
 import casadi as ca
@@ -151,12 +152,11 @@ def _chain(
         mass, local = ca.SX(link.mass), ca.SX(link.mass * center)
         # second moment of the mass about its centre
         spread = ca.SX(ca.DM(0.5 * np.trace(link.inertia) * np.eye(3) - link.inertia))
+        held = ca.SX(3, 3)
         if payload is not None and k == robot.joint_count - 1:
             tool = ca.DM(robot.tool[:3, 3])
             mass, local = mass + payload, local + payload * tool
             held = payload * tool @ tool.T
-        else:
-            held = ca.SX(3, 3)
         arm = rotation @ local
         first = mass * origin + arm
         about_origin = spread + link.mass * center @ center.T + held
@@ -175,12 +175,8 @@ def _chain(
                 _Pair(moment, force),
             )
         )  # fmt: skip
-    links: list[_Link] = []
-    outside: _Moments | None = None
-    for parts, moments in zip(reversed(screws), reversed(moments_of), strict=True):
-        outside = moments if outside is None else moments + outside
-        links.append(_Link(*parts, outside))
-    return links[::-1]
+    outside = [*accumulate(reversed(moments_of), lambda outer, own: own + outer)]
+    return [_Link(*parts, moments) for parts, moments in zip(screws, outside[::-1], strict=True)]
 
 
 def torque_derivatives(

@@ -21,7 +21,7 @@ from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.motion import Motion, pieces_of
 from microbot_ocp.robot import Capsule, Robot, dh_transform
 from microbot_ocp.robot._capsules import LinkHull
-from microbot_ocp.scene._contact import ContactModel, contact_model
+from microbot_ocp.scene._contact import contact_model
 from microbot_ocp.scene._pairs import ACCURACY
 from microbot_ocp.scene._scene import Pair, Scene, with_arm_capsules
 
@@ -155,9 +155,7 @@ def clearance_along(
     farthest = np.abs(motion.q).max(axis=0) + (speeds * np.diff(motion.t)[:, None]).max(axis=0)
     searches = []
     for start, end, robot, scene in places:
-        model = contact_model(robot, scene.without_parts_of(robot))
-        levers = levers_of(with_arm_capsules(robot), model.pairs, farthest)
-        searches.append(_ClearanceSearch(model, motion, speeds, levers, scene.clearance))
+        searches.append(_ClearanceSearch(robot, scene, motion, speeds, farthest))
         searches[-1].run(start, end)
     least = min(searches, key=lambda search: search.minimum)
     closed = not any(search.open_stretches for search in searches)
@@ -178,15 +176,11 @@ class _ClearanceSearch:
     """Stretches of time and pairs, halved until all are sure."""
 
     def __init__(
-        self,
-        model: ContactModel,
-        motion: Motion,
-        speeds: FloatArray,
-        levers: FloatArray,
-        wanted: float,
+        self, robot: Robot, scene: Scene, motion: Motion, speeds: FloatArray, farthest: FloatArray
     ) -> None:
-        self.model, self.motion, self.levers, self.wanted = model, motion, levers, wanted
-        self.speeds = _Largest(speeds)
+        self.motion, self.speeds, self.wanted = motion, _Largest(speeds), scene.clearance
+        self.model = contact_model(robot, scene.without_parts_of(robot))
+        self.levers = levers_of(with_arm_capsules(robot), self.model.pairs, farthest)
         self.minimum, self.time, self.pair = np.inf, 0.0, 0
         self.at_least, self.open_stretches, self.count = np.inf, 0, 0
 

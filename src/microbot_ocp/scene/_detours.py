@@ -224,16 +224,15 @@ def _searched(
         planner.solve(
             base.PlannerTerminationCondition(lambda: problem.hasExactSolution() or is_over())
         )
+    spent = around.checks - begun
     if not problem.hasExactSolution():
         left = float(problem.getSolutionDifference())  # negative where it was not begun
         if left < 0.0:
             left = float(np.linalg.norm((goal - start) * weights))
-        spent = around.checks - begun
         return Detour(str(number), None, None, spent, left / float(weights[moving].max()))
     solution = problem.getSolutionPath()
     corners = np.array([pose(solution.getState(row)) for row in range(solution.getStateCount())])
     corners[0], corners[-1] = start, goal
-    spent = around.checks - begun
     corners = _shortened(around, corners, own_seed)
     return Detour(str(number), rounded(around, corners, weights), corners, spent)
 

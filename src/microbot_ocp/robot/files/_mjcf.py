@@ -174,9 +174,8 @@ class _Model:
         if kind in ("floating", "spherical"):
             return UrdfJoint(name, kind, parent, child, frame)
         dof = int(model.jnt_dofadr[number])
-        lower, upper = -math.inf, math.inf
-        if model.jnt_limited[number]:
-            lower, upper = model.jnt_range[number].tolist()
+        limited = model.jnt_limited[number]
+        lower, upper = model.jnt_range[number].tolist() if limited else (-math.inf, math.inf)
         axis = np.array(model.jnt_axis[number])
         least, most = self._forces(number)
         damping = float(np.ravel(model.dof_damping[dof])[0])

@@ -137,11 +137,7 @@ def number_from(label: str, text: str) -> float:
 
 
 def _finite(
-    element: Element,
-    key: str,
-    label: str,
-    default: float = 0.0,
-    at_least: float | None = None,
+    element: Element, key: str, label: str, default: float = 0.0, at_least: float | None = None
 ) -> float:
     if key not in element.attrib:
         return default

@@ -359,10 +359,7 @@ class _Tree:
             given = self.links[name].shapes
             shapes += [replace(shape, frame=number, pose=pose @ shape.pose) for shape in given]
         return Robot.from_dh(
-            rows.alpha,
-            rows.a,
-            rows.d,
-            rows.theta,
+            *rows[:4],
             joint_type=["prismatic" if j.type == "prismatic" else "revolute" for j in moving],
             links=self._links(moving, places, rows.frames),
             limits=_limits(moving),
