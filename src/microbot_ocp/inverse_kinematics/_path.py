@@ -149,7 +149,7 @@ def _followed(robot: Robot, targets: FloatArray, start: FloatArray, begin: float
         q=read_only(joints),
         statuses=tuple(statuses),
         position_error=read_only(distance),
-        orientation_error=read_only(angle if targets.shape[1] == 12 else np.zeros(len(joints))),
+        orientation_error=read_only(angle),
         largest_step=largest,
         jumps=tuple(jumps),
         advice=_path_advice(statuses, distance, jumps, largest),

@@ -408,7 +408,7 @@ def _solutions(
                 q=joints[k],
                 status=status,
                 position_error=distance,
-                orientation_error=angle if width == 12 else 0.0,
+                orientation_error=angle,
                 advice=_advice(robot, q[k], status, distance, angle, motion, lost),
                 pose=poses[k],
                 self_motion=motion,

@@ -22,9 +22,9 @@ from microbot_ocp._base.reading import bytes_of
 from microbot_ocp.robot._model import Robot
 from microbot_ocp.robot._shapes import Shape
 from microbot_ocp.robot._transforms import of_quaternion, transform_of, without_dust
-from microbot_ocp.robot.files._remarks import Remarks
 from microbot_ocp.robot.files._urdf_file import Inertial, UrdfFile, UrdfJoint, UrdfLink
 from microbot_ocp.robot.files._urdf_reader import PARALLEL, joint_motion, robot_of
+from microbot_ocp.robot.files._xml import Remarks
 
 KINDS = {"FREE": "floating", "BALL": "spherical", "SLIDE": "prismatic", "HINGE": "revolute"}
 SOLIDS = {"SPHERE": "sphere", "CAPSULE": "capsule", "CYLINDER": "cylinder", "BOX": "box"}
@@ -122,13 +122,13 @@ class _Model:
             frame = _pose(model.body_ipos[body], model.body_iquat[body])
             inertia = np.diag(model.body_inertia[body])
             inertial = Inertial(float(model.body_mass[body]), inertia, frame)
-            self.links[name] = UrdfLink(name, inertial, tuple(self._shapes(body)))
+            self.links[name] = UrdfLink(inertial, tuple(self._shapes(body)))
             if body:
                 self._join(body)
         for site in range(model.nsite):
             name = self.mujoco.mj_id2name(model, int(self.mujoco.mjtObj.mjOBJ_SITE), site)
             if name and name not in self.links:
-                self.links[name] = UrdfLink(name, None, ())
+                self.links[name] = UrdfLink()
                 frame = _pose(model.site_pos[site], model.site_quat[site])
                 self._fix(self.bodies[model.site_bodyid[site]], name, frame)
         if np.any(model.body_gravcomp):
@@ -162,7 +162,7 @@ class _Model:
             joint = self._joint(number, kind, parent, child, frame @ anchor)
             self.joints[joint.name] = joint
             if not ends:
-                self.links[child] = UrdfLink(child, None, ())
+                self.links[child] = UrdfLink()
             parent, frame = child, back
         if parent != name:
             self._fix(parent, name, frame)

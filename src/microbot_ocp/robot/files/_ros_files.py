@@ -16,7 +16,7 @@ from microbot_ocp._base.checks import InputError
 from microbot_ocp._base.child_process import Died, OutOfTime, can_fork, in_child
 from microbot_ocp._base.needed import needed
 from microbot_ocp._base.reading import MOST_BYTES, bytes_of
-from microbot_ocp.robot.files._remarks import Remarks
+from microbot_ocp.robot.files._xml import Remarks
 
 SCHEMES = ("package://", "model://")
 EXPANSION_TIME = 10.0  # s, of wall time: expressions are programs, whose steps nothing counts

@@ -21,9 +21,8 @@ from microbot_ocp._base.reading import bytes_of
 from microbot_ocp.limits import JOINT_QUANTITIES
 from microbot_ocp.robot._shapes import ROLES, SIZES, Role, Shape
 from microbot_ocp.robot._transforms import rotation_of, transform_of, without_dust
-from microbot_ocp.robot.files._remarks import Remarks
 from microbot_ocp.robot.files._ros_files import find_mesh
-from microbot_ocp.robot.files._xml import read_xml
+from microbot_ocp.robot.files._xml import Remarks, read_xml
 
 EXTENSION = "microbot_ocp"
 ACCELERATION = "drake:acceleration"  # attribute of <limit> by which Drake extends the format
@@ -49,9 +48,8 @@ class Inertial:
 class UrdfLink:
     """A link: its mass properties, and its geometry in its own frame."""
 
-    name: str
-    inertial: Inertial | None
-    shapes: tuple[Shape, ...]
+    inertial: Inertial | None = None
+    shapes: tuple[Shape, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,7 +183,7 @@ class _Reader:
                     self.remarks.add("geometry that cannot be read is left out", str(problem))
         inertial = element.find("inertial")
         of = None if inertial is None else self._inertial(inertial, name)
-        return UrdfLink(name, of, tuple(shapes))
+        return UrdfLink(of, tuple(shapes))
 
     def _inertial(self, element: Element, name: str) -> Inertial:
         label = f"link {name!r}"

@@ -29,7 +29,6 @@ from microbot_ocp.robot._model import Robot
 from microbot_ocp.robot._shapes import Shape
 from microbot_ocp.robot._transforms import without_dust
 from microbot_ocp.robot.files._placement import dh_rows
-from microbot_ocp.robot.files._remarks import Remarks
 from microbot_ocp.robot.files._ros_files import urdf_content
 from microbot_ocp.robot.files._urdf_file import (
     HELD,
@@ -41,7 +40,7 @@ from microbot_ocp.robot.files._urdf_file import (
     read_srdf,
     urdf_file,
 )
-from microbot_ocp.robot.files._xml import read_xml
+from microbot_ocp.robot.files._xml import Remarks, read_xml
 
 PARALLEL = 1e-12  # rad: what rounding in the computation leaves between parallel axes
 USUAL_TOOL = "tool0"  # name of the tool frame by ROS-Industrial's convention
