@@ -420,8 +420,7 @@ class Robot:
                     raise InputError(f"capsules of {key!r} must be mo.Capsule, not {entry!r}")
                 named = entry if entry.name else replace(entry, name=usual)
                 placed.append((int(frame), named))
-        placed.sort(key=lambda pair: pair[0])
-        return replace(self, capsules=tuple(placed))
+        return replace(self, capsules=tuple(sorted(placed, key=lambda pair: pair[0])))
 
     def with_part(self, *capsules: Capsule) -> Robot:
         """Return the same robot with a part in its gripper, which may touch obstacles, too.
@@ -455,8 +454,7 @@ class Robot:
             if not isinstance(entry, Capsule):
                 raise InputError(f"a part must be made of mo.Capsule, not {entry!r}")
             start, end = (turn @ end + shift for end in (entry.start, entry.end))
-            named = Capsule(start, end, entry.radius, entry.name or "part")
-            held.append((self.joint_count, named))
+            held.append((self.joint_count, Capsule(start, end, entry.radius, entry.name or "part")))
         return replace(self, capsules=tuple(held))
 
     def with_gravity(self, gravity: ArrayLike) -> Robot:
