@@ -293,9 +293,8 @@ def _nearer_members(
         rows = np.vstack([rows, downhill])
         motions = np.append(motions, search.motions_of_one(robot, downhill, target))
     moved, moves = np.array(rows), np.flatnonzero(motions)
-    for k, best in zip(
-        moves, search.nearest_on_continuum(robot, rows[moves], target, wanted), strict=True
-    ):
+    nearest = search.nearest_on_continuum(robot, rows[moves], target, wanted)
+    for k, best in zip(moves, nearest, strict=True):
         moved[k] = rows[k] if best is None else best
     return moved, motions
 

@@ -169,12 +169,9 @@ def _chain(
         both = ca.cross(v.linear, virtual) + _axial(virtuals @ ca.skew(v.angular).T)
         force = a.momentum(mass, first) + ca.cross(v.angular, velocity)
         moment = _axial(a.moments(first, second) + ca.skew(v.angular) @ velocities)
-        moments_of.append(
-            _Moments(
-                mass, first, second, velocity, velocities, virtual, virtuals, both,
-                _Pair(moment, force),
-            )
-        )  # fmt: skip
+        wrench = _Pair(moment, force)
+        sums = mass, first, second, velocity, velocities, virtual, virtuals, both, wrench
+        moments_of.append(_Moments(*sums))
     outside = [*accumulate(reversed(moments_of), lambda outer, own: own + outer)]
     return [_Link(*parts, moments) for parts, moments in zip(screws, outside[::-1], strict=True)]
 

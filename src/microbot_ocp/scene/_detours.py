@@ -266,13 +266,9 @@ def _without_needless(around: Surroundings, corners: FloatArray) -> FloatArray:
     """Return a polyline that skips every corner that it can do without, from the start."""
     rows, at = [0], 0
     while at < len(corners) - 1:
-        following = next(
-            (j for j in range(len(corners) - 1, at + 1, -1)
-             if around.is_clear(corners[at], corners[j])),
-            at + 1,
-        )  # fmt: skip
-        rows.append(following)
-        at = following
+        later = range(len(corners) - 1, at + 1, -1)
+        at = next((j for j in later if around.is_clear(corners[at], corners[j])), at + 1)
+        rows.append(at)
     return corners[rows]
 
 
