@@ -178,7 +178,8 @@ class _ClearanceSearch:
     def __init__(
         self, robot: Robot, scene: Scene, motion: Motion, speeds: FloatArray, farthest: FloatArray
     ) -> None:
-        self.motion, self.speeds, self.wanted = motion, _Largest(speeds), scene.clearance
+        self.motion, self.wanted = motion, scene.clearance
+        self.speeds = np.vstack([speeds, speeds[-1:]])  # stretches end before the last row
         self.model = contact_model(robot, scene.without_parts_of(robot))
         self.levers = levers_of(with_arm_capsules(robot), self.model.pairs, farthest)
         self.minimum, self.time, self.pair = np.inf, 0.0, 0
@@ -231,30 +232,9 @@ class _ClearanceSearch:
         """Return how much nearer the sides of pairs can come than in the middle of stretches, m."""
         first = np.clip(np.searchsorted(self.motion.t, start, side="right") - 1, 0, None)
         last = np.clip(np.searchsorted(self.motion.t, end, side="left"), first + 1, None)
-        speeds = self.speeds.between(first, np.minimum(last, self.motion.t.size - 1))
+        edges = np.column_stack([first, np.minimum(last, self.motion.t.size - 1)]).ravel()
+        speeds = np.maximum.reduceat(self.speeds, edges)[::2]  # the largest of each stretch
         return 0.5 * (end - start) * (speeds * self.levers[pair]).sum(axis=1)
-
-
-class _Largest:
-    """Largest rows of a table between two of them, by halves: [N,n] -> any stretch at once."""
-
-    def __init__(self, table: FloatArray) -> None:
-        self.levels = [table]
-        while 2 ** len(self.levels) <= len(table):
-            half = 2 ** (len(self.levels) - 1)
-            last = self.levels[-1]
-            self.levels.append(np.maximum(last[:-half], last[half:]))
-
-    def between(self, first: np.ndarray, last: np.ndarray) -> FloatArray:
-        """Return the largest of the rows from ``first`` to before ``last``, each [S]."""
-        size = np.maximum(last - first, 1)
-        level = np.floor(np.log2(size)).astype(int)
-        largest = np.empty((first.size, self.levels[0].shape[1]))
-        for k in np.unique(level):
-            at_level = level == k
-            table = self.levels[k]
-            largest[at_level] = np.maximum(table[first[at_level]], table[last[at_level] - 2**k])
-        return largest
 
 
 def _speed_bounds(motion: Motion) -> FloatArray:
