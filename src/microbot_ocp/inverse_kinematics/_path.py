@@ -145,16 +145,10 @@ def _followed(robot: Robot, targets: FloatArray, start: FloatArray, begin: float
     joints = np.array(q)
     distance, angle = search.task_errors(robot, joints, targets)
     largest = float(np.abs(np.diff(joints, axis=0)).max()) if len(joints) > 1 else 0.0
-    return IKPath(
-        q=read_only(joints),
-        statuses=tuple(statuses),
-        position_error=read_only(distance),
-        orientation_error=read_only(angle),
-        largest_step=largest,
-        jumps=tuple(jumps),
-        advice=_path_advice(statuses, distance, jumps, largest),
-        solve_time=time.perf_counter() - begin,
-    )
+    advice = _path_advice(statuses, distance, jumps, largest)
+    q, distance, angle = (read_only(values) for values in (joints, distance, angle))
+    used = time.perf_counter() - begin
+    return IKPath(q, tuple(statuses), distance, angle, largest, tuple(jumps), advice, used)
 
 
 def _advance(

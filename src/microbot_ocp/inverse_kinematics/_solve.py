@@ -402,19 +402,9 @@ def _solutions(
     for k in range(len(q)):
         distance, angle = float(distances[k]), float(angles[k])
         motion, lost = int(motions[k]), bool(singular[k])
-        solutions.append(
-            IKSolution(
-                q=joints[k],
-                status=status,
-                position_error=distance,
-                orientation_error=angle,
-                advice=_advice(robot, q[k], status, distance, angle, motion, lost),
-                pose=poses[k],
-                self_motion=motion,
-                singular=lost,
-                solve_time=solve_time,
-            )
-        )
+        advice = _advice(robot, q[k], status, distance, angle, motion, lost)
+        measured = joints[k], status, distance, angle, advice, poses[k], motion, lost, solve_time
+        solutions.append(IKSolution(*measured))
     return solutions
 
 

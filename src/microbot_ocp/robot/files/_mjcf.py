@@ -267,16 +267,9 @@ class _Model:
             material = int(model.geom_matid[k])
             color = model.geom_rgba[k] if material < 0 else model.mat_rgba[material]
             collides = model.geom_contype[k] or model.geom_conaffinity[k]
-            yield Shape(
-                frame=0,
-                pose=pose,
-                kind=SOLIDS.get(kind, "mesh"),
-                size=np.array(size),
-                role="collision" if collides else "visual",
-                link=self.bodies[body],
-                path=path,
-                color=tuple(color.tolist()),
-            )
+            role, link = "collision" if collides else "visual", self.bodies[body]
+            solid, color = SOLIDS.get(kind, "mesh"), tuple(color.tolist())
+            yield Shape(0, pose, solid, np.array(size), role, link, path, color)
 
 
 def _pose(position: FloatArray, quaternion: FloatArray) -> FloatArray:

@@ -18,7 +18,7 @@ from microbot_ocp._base.needed import needed
 from microbot_ocp._base.reading import MOST_BYTES, bytes_of
 from microbot_ocp.robot.files._xml import Remarks
 
-SCHEMES = ("package://", "model://")
+SCHEMES = ("package", "model")
 EXPANSION_TIME = 10.0  # s, of wall time: expressions are programs, whose steps nothing counts
 
 
@@ -39,19 +39,16 @@ def find_mesh(reference: str, folder: Path | None, remarks: Remarks) -> str:
 
 
 def _candidates(reference: str, folder: Path | None) -> Iterator[Path]:
-    for scheme in SCHEMES:
-        if reference.startswith(scheme):
-            name, _, rest = reference.removeprefix(scheme).partition("/")
-            yield from (package / rest for package in _package(name, folder))
-            # a package that was renamed or unpacked without its folder
-            yield from (above / rest for above in _above(folder))
-            return
-    if reference.startswith("file:"):
+    scheme, _, place = reference.partition("://")
+    if scheme in SCHEMES:
+        name, _, rest = place.partition("/")
+        yield from (package / rest for package in _package(name, folder))
+        # a package that was renamed or unpacked without its folder
+        yield from (above / rest for above in _above(folder))
+    elif reference.startswith("file:"):
         yield Path(unquote(reference.removeprefix("file:").removeprefix("//")))
-    elif folder is not None:
-        yield folder / reference
     else:
-        yield Path(reference)
+        yield (folder or Path()) / reference
 
 
 def _package(name: str, folder: Path | None) -> Iterator[Path]:

@@ -210,10 +210,8 @@ class _Reader:
         label = f"joint {name!r}"
         kind = element.get("type")
         if kind not in (*MOVING, *HELD, "fixed"):
-            raise InputError(
-                f"{label} is {kind}: only {', '.join((*MOVING, *HELD))} and fixed joints can be "
-                "read"
-            )
+            readable = ", ".join((*MOVING, *HELD))
+            raise InputError(f"{label} is {kind}: only {readable} and fixed joints can be read")
         ends = [_part(element, role).get("link", "") for role in ("parent", "child")]
         frame = _frame(element, f"origin of {label}")
         if kind not in MOVING:
@@ -286,23 +284,15 @@ class _Reader:
 
     def _shape(self, element: Element, role: Role, name: str) -> Shape:
         label = f"{role} geometry of link {name!r}"
-        every = (child for child in element.iterfind("geometry/*") if child.tag in SIZES)
-        given = next(every, None)
+        given = next((part for part in element.iterfind("geometry/*") if part.tag in SIZES), None)
         if given is None:
             raise InputError(f"{label} must be one of {', '.join(SIZES)}")
         path = ""
         if given.tag == "mesh":
             path = find_mesh(given.get("filename", ""), self.folder, self.remarks)
-        return Shape(
-            frame=0,
-            pose=_frame(element, f"origin of the {label}"),
-            kind=given.tag,
-            size=np.array(_size(given, label)),
-            role=role,
-            link=name,
-            path=path,
-            color=self._color(_part(element, "material")),
-        )
+        pose, size = _frame(element, f"origin of the {label}"), np.array(_size(given, label))
+        color = self._color(_part(element, "material"))
+        return Shape(0, pose, given.tag, size, role, name, path, color)
 
     def _color(self, material: Element) -> tuple[float, ...] | None:
         color, name = material.find("color"), material.get("name")
