@@ -232,25 +232,21 @@ def _derivatives(robot: Robot, rates: bool, payload: bool) -> tuple[ca.Function,
         ]
         crossed = second["q qd"] + second["q qd"].T
         hessian = {
-            (0, 0): change["q q"],
-            (0, 1): change["q qd"] + second["q q"],
-            (0, 2): change["q qdd"] + second["q qd"],
-            (0, 3): second["q qdd"],
-            (1, 1): change["qd qd"] + crossed,
-            (1, 2): second["qd qd"] + second["q qdd"],
+            "q q": change["q q"],
+            "q qd": change["q qd"] + second["q q"],
+            "q qdd": change["q qdd"] + second["q qd"],
+            "q qddd": second["q qdd"],
+            "qd qd": change["qd qd"] + crossed,
+            "qd qdd": second["qd qd"] + second["q qdd"],
         }
     else:
         jacobian, values = [[first[name] for name in _STATE[:3]]], first["tau"]
         gradient = [second[name] for name in _STATE[:3]]
-        hessian = {
-            (0, 0): second["q q"],
-            (0, 1): second["q qd"],
-            (0, 2): second["q qdd"],
-            (1, 1): second["qd qd"],
-        }
+        hessian = {name: second[name] for name in ("q q", "q qd", "q qdd", "qd qd")}
     size = sum(k.shape[0] for k in inputs)
     matrix = ca.SX(size, size)
-    for (i, k), block in hessian.items():
+    for name, block in hessian.items():
+        i, k = map(_STATE.index, name.split())
         matrix[i * n : (i + 1) * n, k * n : (k + 1) * n] = block
         matrix[k * n : (k + 1) * n, i * n : (i + 1) * n] = block.T
     rows = ca.blockcat(jacobian)

@@ -227,13 +227,11 @@ class _Model:
             if not direct or model.actuator_trnid[k, 0] != number:
                 continue
             gear, limits = model.actuator_gear[k, 0], np.array([-np.inf, np.inf])
-            motor = (
-                self._kind("mjtGain", model.actuator_gaintype[k]) == "FIXED"
-                and self._kind("mjtBias", model.actuator_biastype[k]) == "NONE"
-            )
+            gain = self._kind("mjtGain", model.actuator_gaintype[k])
+            bias = self._kind("mjtBias", model.actuator_biastype[k])
             if model.actuator_forcelimited[k]:
                 limits = model.actuator_forcerange[k]
-            elif model.actuator_ctrllimited[k] and motor:
+            elif model.actuator_ctrllimited[k] and (gain, bias) == ("FIXED", "NONE"):  # a motor
                 limits = model.actuator_ctrlrange[k] * model.actuator_gainprm[k, 0]
             if gear:
                 ranges.append(np.sort(gear * limits))

@@ -223,10 +223,8 @@ class _Tree:
     def root(self) -> str:
         """The link that all others hang on."""
         if len(self.roots) != 1:
-            raise InputError(
-                "there must be one root link, not "
-                f"{_some(list(map(repr, self.roots)))}: the file is not one chain"
-            )
+            names = _some([repr(name) for name in self.roots])
+            raise InputError(f"there must be one root link, not {names}: the file is not one chain")
         return self.roots[0]
 
     def _outward(self, *links: str) -> Iterator[str]:
@@ -427,17 +425,10 @@ class _Tree:
             total, center, about_center = combined(body, origin)
             turned = rotation.T @ about_center @ rotation
             inertia = (turned + turned.T) / 2
-            link = Link(
-                total,
-                rotation.T @ (center - origin),
-                inertia,
-                armature=_extra(joint, "armature", 0.0, at_least=0.0),
-                viscous_friction=joint.damping,
-                coulomb_friction=joint.friction,
-                name=joint.child,
-                allow_unphysical=inertia_fault(inertia) is not None,
-            )
-            links.append(link)
+            center, friction = rotation.T @ (center - origin), (joint.damping, joint.friction)
+            armature = _extra(joint, "armature", 0.0, at_least=0.0)
+            unphysical = inertia_fault(inertia) is not None
+            links.append(Link(total, center, inertia, armature, *friction, joint.child, unphysical))
         return links
 
 
@@ -467,17 +458,14 @@ def _limits(moving: list[UrdfJoint]) -> Limits:
                 f"lower limit of joint {joint.name!r} must be at most its upper limit of "
                 f"{joint.upper:g}, not {joint.lower:g}"
             )
-    bounds: dict[str, Any] = {
-        "q_min": [joint.lower for joint in moving],
-        "q_max": [joint.upper for joint in moving],
-    }
+    bounds: dict[str, Any] = {}
     for quantity in RANGES:
         key = {"qd": "velocity", "tau": "effort", "qdd": "acceleration"}.get(quantity, "")
         bounds[f"{quantity}_max"] = tuple(
             [_extra(j, f"{quantity}_{side}", sign * getattr(j, key, math.inf)) for j in moving]
             for side, sign in (("min", -1.0), ("max", 1.0))
         )
-    return Limits(**bounds)
+    return Limits(q_min=[j.lower for j in moving], q_max=[j.upper for j in moving], **bounds)
 
 
 def joint_motion(joint: UrdfJoint, position: float) -> FloatArray:
