@@ -78,10 +78,6 @@ def _axial(matrix: ca.SX) -> ca.SX:
     )
 
 
-def _none() -> _Pair:
-    return _Pair(ca.SX.zeros(3), ca.SX.zeros(3))
-
-
 @dataclass
 class _Moments:
     """Sums over the mass points of links: r r', of their velocities, and the force on them."""
@@ -134,8 +130,8 @@ def _chain(
     robot: Robot, q: ca.SX, qd: ca.SX, qdd: ca.SX, nu: ca.SX, payload: ca.SX | None
 ) -> list[_Link]:
     rotation, origin = (ca.densify(part) for part in constant_transform(robot.base))
-    upward = ca.SX(ca.DM(-robot.gravity))
-    v, a, w = _none(), _Pair(ca.SX.zeros(3), upward), _none()
+    zero, upward = ca.SX.zeros(3), ca.SX(ca.DM(-robot.gravity))
+    v, a, w = _Pair(zero, zero), _Pair(zero, upward), _Pair(zero, zero)
     screws: list[tuple[_Pair, _Pair, _Pair, _Pair]] = []
     moments_of: list[_Moments] = []
     for k, link in enumerate(robot.links):
@@ -143,7 +139,7 @@ def _chain(
         origin, rotation = origin + rotation @ step, rotation @ turn
         axis = ca.densify(rotation[:, 2])
         revolute = robot.joint_types[k] == "revolute"
-        screw = _Pair(axis, ca.cross(origin, axis)) if revolute else _Pair(ca.SX.zeros(3), axis)
+        screw = _Pair(axis, ca.cross(origin, axis)) if revolute else _Pair(zero, axis)
         rate = v.on_screw(screw)
         screws.append((screw, rate, a.on_screw(screw) + v.on_screw(rate), w.on_screw(screw)))
         v, w = v + screw.times(qd[k]), w + screw.times(nu[k])

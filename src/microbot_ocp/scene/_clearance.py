@@ -267,9 +267,8 @@ def levers_of(robot: Robot, pairs: Sequence[Pair], farthest: FloatArray) -> Floa
         lever_in_frame = float(np.linalg.norm(points, axis=1).max())
         levers = np.zeros(robot.joint_count)
         for joint in range(frame):
-            levers[joint] = (
-                1.0 if sliding[joint] else steps[joint + 1 : frame].sum() + lever_in_frame
-            )
+            turned = steps[joint + 1 : frame].sum() + lever_in_frame
+            levers[joint] = 1.0 if sliding[joint] else turned
         return levers
 
     table = []

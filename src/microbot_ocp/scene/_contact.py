@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from functools import cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -58,7 +59,7 @@ class ContactModel:
         self._placed: dict[tuple[int, Obstacle | None], tuple[FloatArray, Any]] = {}
         self._sides: list[tuple[Any, ...]] = []  # transforms of the two of each pair
         self._bounds: list[tuple[Any, ...] | None] = []  # by capsules around links
-        self._solids: dict[Obstacle, tuple[Any, FloatArray]] = {}
+        self._solid = cache(partial(_solid_of, self._coal))
         self._functors: dict[tuple[Obstacle, Obstacle], Any] = {}
         self._capsules: dict[LinkHull, Capsule] = {}  # around hulls
         for pair in self.pairs:
@@ -96,12 +97,6 @@ class ContactModel:
             pose = self._solid(thing)[1]
             self._placed[key] = pose, self._coal.Transform3s(pose[:3, :3], pose[:3, 3])
         return self._placed[key][1]
-
-    def _solid(self, thing: Obstacle) -> tuple[Any, FloatArray]:
-        """Return coal's shape of a thing and its pose [4,4], made when they are first needed."""
-        if thing not in self._solids:
-            self._solids[thing] = _solid_of(self._coal, thing)
-        return self._solids[thing]
 
     def poses(self, q: FloatArray) -> FloatArray:
         """Return poses [N,k,4,4] of all that moves for q [N,n]."""
@@ -297,12 +292,11 @@ def _by_hulls(pairs: Sequence[Pair], shapes: tuple[Any, ...]) -> tuple[Pair, ...
         fitted = isinstance(thing, Capsule) and thing.excess > 0.0
         return (fitted and link_hull(shapes, frame, thing.name)) or thing
 
-    found: dict[Any, Pair] = {}
+    of_hulls = []
     for pair in pairs:
         one, other = judged(pair.frame, pair.capsule), judged(pair.other_frame, pair.other)
-        key = pair.frame, id(one), pair.other_frame, id(other)
-        found.setdefault(key, Pair(pair.frame, one, other, pair.other_frame))  # type: ignore[arg-type]
-    return tuple(found.values())
+        of_hulls.append(Pair(pair.frame, one, other, pair.other_frame))  # type: ignore[arg-type]
+    return tuple(dict.fromkeys(of_hulls))
 
 
 def _of_hulls(pair: Pair) -> bool:
