@@ -65,9 +65,7 @@ class Rotor:
         if length == 0.0:
             raise InputError("axis of the rotor must have a direction, not [0, 0, 0]")
         carrier = self.carrier
-        if carrier is not None and (
-            isinstance(carrier, bool) or not isinstance(carrier, int) or carrier < 0
-        ):
+        if carrier is not None and (type(carrier) is not int or carrier < 0):  # True is an int, too
             raise InputError(
                 f"carrier of the rotor must be the number of a link, 0 for the base, not "
                 f"{carrier!r}"
