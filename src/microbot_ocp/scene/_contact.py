@@ -52,7 +52,7 @@ class ContactModel:
 
     def __init__(self, robot: Robot, pairs: Sequence[Pair], unwatched: Sequence[Pair] = ()) -> None:
         self._coal = coal()
-        self.robot, self.pairs = robot, tuple(pairs)
+        self.pairs = tuple(pairs)
         self.unwatched = tuple(dict.fromkeys(pair.label for pair in unwatched))
         self._poses = fast_call(link_poses(robot))
         # of a thing in its frame, None for hulls of links: its pose there, and coal's transform

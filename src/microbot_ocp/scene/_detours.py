@@ -161,7 +161,7 @@ def detour(
     """
     if around.is_clear(start, goal):
         corners = np.array([start, goal])
-        return Detour("straight", rounded(around, corners, _weights(around.robot)), corners, 1)
+        return Detour("straight", rounded(around, corners), corners, 1)
     with _planning:
         return _searched(around, start, goal, seed, number)
 
@@ -234,7 +234,7 @@ def _searched(
     corners = np.array([pose(solution.getState(row)) for row in range(solution.getStateCount())])
     corners[0], corners[-1] = start, goal
     corners = _shortened(around, corners, own_seed)
-    return Detour(str(number), rounded(around, corners, weights), corners, spent)
+    return Detour(str(number), rounded(around, corners), corners, spent)
 
 
 def _shortened(around: Surroundings, corners: FloatArray, seed: int) -> FloatArray:
@@ -272,14 +272,14 @@ def _without_needless(around: Surroundings, corners: FloatArray) -> FloatArray:
     return corners[rows]
 
 
-def rounded(around: Surroundings, corners: FloatArray, weights: FloatArray) -> PiecewisePolynomial:
+def rounded(around: Surroundings, corners: FloatArray) -> PiecewisePolynomial:
     """Return a polyline [m,n] whose corners are curves, as long as they keep clear.
 
     Parabolas are the fastest; where rates are limited, the curvature of curves is continuous, so
     that the arm has to stop at none of their ends.
     """
     steps = np.diff(corners, axis=0)
-    lengths = np.linalg.norm(steps * weights, axis=1)
+    lengths = np.linalg.norm(steps * _weights(around.robot), axis=1)
     tangents = steps / lengths[:, None]
     smooth = LimitFamily.of(around.robot).jerk_matters
     taken = np.zeros(len(corners))  # of both sides of a corner, as a length
