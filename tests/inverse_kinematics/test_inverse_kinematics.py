@@ -9,7 +9,7 @@ from hypothesis import given, strategies as st
 import microbot_ocp as mo
 from helpers import batch, random_robot
 from microbot_ocp import InputError, Status
-from microbot_ocp.inverse_kinematics import _search, branches_by_nlp, elbow_arm_branches
+from microbot_ocp.inverse_kinematics import _kernels, _search, branches_by_nlp, elbow_arm_branches
 
 SHOULDER = np.array([0.0, 0.0, 2.0])
 # course report, part 2, recomputed
@@ -475,7 +475,7 @@ def test_a_slide_along_a_self_motion_ends_at_its_nearest_joints_or_at_a_limit() 
     low, high = (np.isclose(ended, bound, rtol=0, atol=1e-12) for bound in bounds)
     assert (low | high).any(axis=1).sum() > 3
     for row in ended:
-        jacobian = _search.scaled_jacobian(panda, row[None], 12)[0]
+        jacobian = _kernels.scaled_jacobian(panda, row[None], 12)[0]
         along = np.linalg.svd(jacobian)[2][-1]
         along *= np.sign(along @ (_search.middle(panda) - row))
         at = np.isclose(row, np.where(along > 0, bounds[1], bounds[0]), rtol=0, atol=1e-12)

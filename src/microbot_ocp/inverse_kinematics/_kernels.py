@@ -185,8 +185,7 @@ def descent(robot: Robot, width: int) -> FastCall:
     small += size < STEPS.polishing_error
     exact = ca.logic_or(ca.logic_and(size <= enough, small >= polish), size <= 2e-16)
     solved = ca.logic_or(
-        ca.logic_and(exact, apart < STEPS.null_space_step),
-        small >= STEPS.polishing_steps + nearest,
+        ca.logic_and(exact, apart < STEPS.null_space_step), small >= STEPS.polishing_steps + nearest
     )
     lost = ca.logic_or(
         ca.logic_and(steps >= patience, size > STEPS.close_error), steps >= STEPS.steps
@@ -235,16 +234,12 @@ def pose_of(robot: Robot) -> FastCall:
     return fast_call(forward_kinematics(robot))
 
 
-@lru_cache(maxsize=64)
-def _jacobian_of(robot: Robot) -> FastCall:
-    return fast_call(jacobian(robot))
-
-
 def scaled_jacobian(robot: Robot, q: FloatArray, width: int) -> FloatArray:
     """Return Jacobians [N,m,n] of the task (m = 3 or 6), positions by the reach, joints by
     their unit.
     """
-    full = np.reshape(_jacobian_of(robot)(q), (len(q), 6, robot.joint_count)) * joint_scale(robot)
+    full = np.reshape(fast_call(jacobian(robot))(q), (len(q), 6, robot.joint_count))
+    full = full * joint_scale(robot)
     full[:, :3] /= reach(robot)
     return full[:, :3] if width == 3 else full
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,38 +10,15 @@ from numpy.typing import ArrayLike
 from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.status import Status
+from microbot_ocp.inverse_kinematics import _search as search
 from microbot_ocp.inverse_kinematics._kernels import joint_scale, revolute
 from microbot_ocp.inverse_kinematics._result import IKPath, read_only
-from microbot_ocp.inverse_kinematics._search import (
-    descend,
-    find_branches,
-    goal,
-    middle,
-    nearest_pose,
-    task_errors,
-    within_limits,
-)
 from microbot_ocp.inverse_kinematics._solve import checked_targets, nearest_solution
 from microbot_ocp.robot import Robot
 
-
-@dataclass(frozen=True)
-class Following:
-    """Settings by which targets along a path are followed.
-
-    Attributes
-    ----------
-    largest_step : rad (prismatic: share of the reach); larger ones are halved
-    halvings : most times that a step between two targets is halved
-    branches : branches of the first target, and those a whole turn away, tried in turn
-    """
-
-    largest_step: float = 0.1
-    halvings: int = 20
-    branches: int = 24
-
-
-FOLLOWING = Following()
+LARGEST_STEP = 0.1  # rad (prismatic: share of the reach); larger ones are halved
+HALVINGS = 20  # most times that a step between two targets is halved
+BRANCHES = 24  # of the first target, and those a whole turn away, that are tried in turn
 
 
 def follow_ik(
@@ -102,8 +78,8 @@ def _path(robot: Robot, targets: FloatArray, seed: ArrayLike | None) -> IKPath:
         wanted = checks.array("seed", seed, (robot.joint_count,), "rad (prismatic: m)")
         starts = nearest_solution(robot, targets[0], wanted, begin).q[None]
     else:
-        branches = find_branches(robot, targets[:1])[0]
-        rows, inside = within_limits(robot, branches.q, middle(robot))
+        branches = search.find_branches(robot, targets[:1])[0]
+        rows, inside = search.within_limits(robot, branches.q, search.middle(robot))
         starts = rows[inside]
         if not len(starts):
             starts = nearest_solution(robot, targets[0], None, begin).q[None]
@@ -130,9 +106,8 @@ def _with_turns(robot: Robot, starts: FloatArray) -> FloatArray:
             value = moved[:, joint]
             rows.append(moved[(value >= low[joint]) & (value <= high[joint])])
     everything = np.concatenate(rows)
-    return everything[np.argsort(np.linalg.norm(everything - middle(robot), axis=1))][
-        : FOLLOWING.branches
-    ]
+    order = np.argsort(np.linalg.norm(everything - search.middle(robot), axis=1))
+    return everything[order][:BRANCHES]
 
 
 def _rows_followed(robot: Robot, targets: FloatArray, start: FloatArray) -> int:
@@ -168,30 +143,20 @@ def _followed(robot: Robot, targets: FloatArray, start: FloatArray, begin: float
         q.append(here)
         statuses.append(status)
     joints = np.array(q)
-    distance, angle = task_errors(robot, joints, targets)
+    distance, angle = search.task_errors(robot, joints, targets)
     largest = float(np.abs(np.diff(joints, axis=0)).max()) if len(joints) > 1 else 0.0
-    return IKPath(
-        q=read_only(joints),
-        statuses=tuple(statuses),
-        position_error=read_only(distance),
-        orientation_error=read_only(angle if targets.shape[1] == 12 else np.zeros(len(joints))),
-        largest_step=largest,
-        jumps=tuple(jumps),
-        advice=_path_advice(statuses, distance, jumps, largest),
-        solve_time=time.perf_counter() - begin,
-    )
+    advice = _path_advice(statuses, distance, jumps, largest)
+    q, distance, angle = (read_only(values) for values in (joints, distance, angle))
+    used = time.perf_counter() - begin
+    return IKPath(q, tuple(statuses), distance, angle, largest, tuple(jumps), advice, used)
 
 
 def _advance(
-    robot: Robot,
-    q: FloatArray,
-    origin: FloatArray,
-    target: FloatArray,
-    halvings: int = FOLLOWING.halvings,
+    robot: Robot, q: FloatArray, origin: FloatArray, target: FloatArray, halvings: int = HALVINGS
 ) -> FloatArray | None:
     """Go from q at ``origin`` to ``target`` on the same branch; None where that does not go."""
-    ended, errors = descend(robot, q[None], target[None], robot.limits.bounds("q"))
-    if errors[0] < goal(robot) and _step(robot, ended[0], q) <= FOLLOWING.largest_step:
+    ended, errors = search.descend(robot, q[None], target[None], robot.limits.bounds("q"))
+    if errors[0] < search.goal(robot) and _step(robot, ended[0], q) <= LARGEST_STEP:
         return ended[0]
     if halvings == 0 or np.array_equal(origin, target) or deadline.over():
         return None
@@ -223,8 +188,8 @@ def _elsewhere(
     other = nearest_solution(robot, target, q, begin)
     if other.solved:
         return other.q, other.status
-    local, converged = nearest_pose(robot, target, q)
-    distance = task_errors(robot, local[None], target[None])[0][0]
+    local, converged = search.nearest_pose(robot, target, q)
+    distance = search.task_errors(robot, local[None], target[None])[0][0]
     near = distance <= other.position_error + 1e-6
     return (local if near and converged else other.q), other.status
 

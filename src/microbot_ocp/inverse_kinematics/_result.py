@@ -89,8 +89,7 @@ class IKPath:
     @property
     def status(self) -> Status:
         """The first status that is not solved, else solved."""
-        failed = [entry for entry in self.statuses if entry is not Status.SOLVED]
-        return failed[0] if failed else Status.SOLVED
+        return next((each for each in self.statuses if each is not Status.SOLVED), Status.SOLVED)
 
     @property
     def solved(self) -> bool:

@@ -17,20 +17,7 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.inverse_kinematics._kernels import (
-    STEPS,
-    Descent,
-    descent,
-    evenly_spread_step,
-    generic_rank,
-    joint_scale,
-    nearest_joints_nlp,
-    nearest_pose_nlp,
-    pose_of,
-    reach,
-    revolute,
-    scaled_jacobian,
-)
+from microbot_ocp.inverse_kinematics import _kernels as kernels
 from microbot_ocp.inverse_kinematics._result import read_only
 from microbot_ocp.robot import Robot
 
@@ -71,13 +58,13 @@ class BranchSearch:
 BRANCH_SEARCH = BranchSearch()
 
 
-SEARCH = Descent(patience=16, enough=1e-12, polish=2)
-SLIDE = Descent(nearest=70, polish=2)  # to the target and along its continuum
-DOWNHILL = Descent()  # to a target that may be out of reach
+SEARCH = kernels.Descent(patience=16, enough=1e-12, polish=2)
+SLIDE = kernels.Descent(nearest=70, polish=2)  # to the target and along its continuum
+DOWNHILL = kernels.Descent()  # to a target that may be out of reach
 # From the seed, then from farther and farther off. Half of the starts reach most targets. Within
 # limits a few targets of a 7R arm are reached from one start in 200, and no search of all branches
 # follows that would find more.
-FROM_SEED = Descent(attempts=100, patience=24, enough=1e-10, polish=2, nearest=10)
+FROM_SEED = kernels.Descent(attempts=100, patience=24, enough=1e-10, polish=2, nearest=10)
 
 
 @dataclass
@@ -95,7 +82,7 @@ class Found:
 def quasi_random(count: int, dimensions: int, skip: int = 0) -> FloatArray:
     """Return points [count, dimensions] in the unit cube that fill it evenly."""
     places = np.arange(skip, skip + count)[:, None]
-    return (0.5 + places * evenly_spread_step(dimensions)) % 1.0
+    return (0.5 + places * kernels.evenly_spread_step(dimensions)) % 1.0
 
 
 @lru_cache(maxsize=64)
@@ -112,16 +99,10 @@ def middle(robot: Robot) -> FloatArray:
 @lru_cache(maxsize=64)
 def start_range(robot: Robot) -> tuple[FloatArray, FloatArray]:
     """Give where starts lie: within the limits, at most half a turn (the reach) from the middle."""
-    around = np.where(revolute(robot), np.pi, reach(robot))
-    return (
-        read_only(np.maximum(robot.limits.q_min, middle(robot) - around)),
-        read_only(np.minimum(robot.limits.q_max, middle(robot) + around)),
-    )
-
-
-def free_range(robot: Robot) -> tuple[FloatArray, FloatArray]:
-    """Return no limits: -inf and inf [n]."""
-    return np.full(robot.joint_count, -np.inf), np.full(robot.joint_count, np.inf)
+    around = np.where(kernels.revolute(robot), np.pi, kernels.reach(robot))
+    lower, upper = robot.limits.bounds("q")
+    low = np.maximum(lower, middle(robot) - around)
+    return read_only(low), read_only(np.minimum(upper, middle(robot) + around))
 
 
 def difference(robot: Robot, ours: FloatArray, theirs: FloatArray) -> FloatArray:
@@ -130,7 +111,7 @@ def difference(robot: Robot, ours: FloatArray, theirs: FloatArray) -> FloatArray
     """
     gap = ours - theirs
     turned = (gap + np.pi) % (2 * np.pi) - np.pi
-    return np.where(revolute(robot), turned, gap / joint_scale(robot))
+    return np.where(kernels.revolute(robot), turned, gap / kernels.joint_scale(robot))
 
 
 def within_limits(robot: Robot, q: FloatArray, near: FloatArray) -> tuple[FloatArray, np.ndarray]:
@@ -142,7 +123,7 @@ def within_limits(robot: Robot, q: FloatArray, near: FloatArray) -> tuple[FloatA
     last = np.floor((upper + slack - q) / turn)
     wished = np.round((near - q) / turn)
     moved = q + turn * np.where(
-        revolute(robot), np.clip(wished, first, np.maximum(first, last)), 0.0
+        kernels.revolute(robot), np.clip(wished, first, np.maximum(first, last)), 0.0
     )
     inside = (moved >= lower - slack) & (moved <= upper + slack)
     return np.clip(moved, lower, upper), np.asarray(inside.all(axis=-1))
@@ -150,7 +131,7 @@ def within_limits(robot: Robot, q: FloatArray, near: FloatArray) -> tuple[FloatA
 
 def goal(robot: Robot) -> float:
     """Return scaled error below which a start has reached its target: within both tolerances."""
-    return max(min(1e-10, BRANCH_SEARCH.position_tolerance / reach(robot)), 1e-14)
+    return max(min(1e-10, BRANCH_SEARCH.position_tolerance / kernels.reach(robot)), 1e-14)
 
 
 def descend(
@@ -158,13 +139,14 @@ def descend(
     q: FloatArray,
     targets: FloatArray,
     bounds: tuple[FloatArray, FloatArray] | None = None,
-    given: Descent = SEARCH,
+    given: kernels.Descent = SEARCH,
     wanted: FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """Run every start [B,n] towards its target [B,w]; returns q [B,n] and scaled errors [B]."""
-    lower, upper = free_range(robot) if bounds is None else bounds
+    unlimited = np.full(robot.joint_count, np.inf)
+    lower, upper = (-unlimited, unlimited) if bounds is None else bounds
     state = np.concatenate([q, np.zeros((len(q), 3))], axis=1)
-    ended, _, errors = descent(robot, targets.shape[1])(
+    ended, _, errors = kernels.descent(robot, targets.shape[1])(
         state, targets, q if wanted is None else wanted, lower, upper, *start_range(robot), given
     )
     return np.ascontiguousarray(ended[:, :-3]), errors[:, 0]
@@ -176,7 +158,7 @@ def descend_from(
     """Give solutions [N,n] within limits downhill from seeds [N,n] or near them; whether one is."""
     bounds, given = robot.limits.bounds("q"), FROM_SEED
     clipped = np.clip(seeds, *bounds)
-    if robot.joint_count > generic_rank(robot, targets.shape[1]):
+    if robot.joint_count > kernels.generic_rank(robot, targets.shape[1]):
         given = given._replace(attempts=BRANCH_SEARCH.redundant_attempts)
     q, errors = descend(robot, clipped, targets, bounds, given, clipped)
     return q, errors < goal(robot)
@@ -184,7 +166,7 @@ def descend_from(
 
 def task_errors(robot: Robot, q: FloatArray, targets: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Give distances (m) and angles (rad) [B] between the tool at q [B,n] and the targets [B,w]."""
-    return pose_errors(pose_of(robot)(np.ascontiguousarray(q)), targets)
+    return pose_errors(kernels.pose_of(robot)(np.ascontiguousarray(q)), targets)
 
 
 def pose_errors(poses: FloatArray, targets: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -217,7 +199,7 @@ def _clusters_of_each(
 
     Returns rows [K,n], their targets [K] in order, and how many rows each stands for.
     """
-    turn = np.where(revolute(robot), 2 * np.pi, np.inf)
+    turn = np.where(kernels.revolute(robot), 2 * np.pi, np.inf)
     place, which = difference(robot, q, middle(robot)), np.arange(len(q))
     targets, firsts, met = [[np.zeros(0, dtype=int)] for _ in range(3)]
     row = which
@@ -252,7 +234,7 @@ def _merge_doubles(
     if not len(pairs):
         return q, owners, met
     between = q[pairs[:, 0]] + difference(robot, q[pairs[:, 1]], q[pairs[:, 0]]) * (
-        joint_scale(robot) / 2
+        kernels.joint_scale(robot) / 2
     )
     one = reaches(*task_errors(robot, between, targets[owners[pairs[:, 0]]]))
     single = np.ones(len(q), dtype=bool)
@@ -265,12 +247,12 @@ def _merge_doubles(
 
 def ranks(robot: Robot, q: FloatArray, width: int) -> np.ndarray:
     """Return ranks [K] of the task's Jacobian at q [K,n]."""
-    return _rank(np.linalg.svd(scaled_jacobian(robot, q, width), compute_uv=False))
+    return _rank(np.linalg.svd(kernels.scaled_jacobian(robot, q, width), compute_uv=False))
 
 
 def _rank(values: np.ndarray) -> np.ndarray:
     """Return ranks [K] of matrices with these singular values [K,m]."""
-    return (values > STEPS.rank_tolerance * np.maximum(values[:, :1], 1e-12)).sum(axis=1)
+    return (values > kernels.STEPS.rank_tolerance * np.maximum(values[:, :1], 1e-12)).sum(axis=1)
 
 
 def self_motions(robot: Robot, q: FloatArray, targets: FloatArray, rank: np.ndarray) -> np.ndarray:
@@ -284,16 +266,16 @@ def self_motions(robot: Robot, q: FloatArray, targets: FloatArray, rank: np.ndar
     to the target.
     """
     count, width = robot.joint_count, targets.shape[1]
-    generic = generic_rank(robot, width)
+    generic = kernels.generic_rank(robot, width)
     dimensions = np.where(rank == generic, count - generic, 0)
     lost = np.flatnonzero(rank < generic)
     if not lost.size:
         return dimensions
-    _, _, right = np.linalg.svd(scaled_jacobian(robot, q[lost], width), full_matrices=True)
+    _, _, right = np.linalg.svd(kernels.scaled_jacobian(robot, q[lost], width), full_matrices=True)
     owners = [(i, k) for i, row in enumerate(lost) for k in range(rank[row], count)]
     rows = lost[[i for i, _ in owners]]
     along = np.array([right[i, k] for i, k in owners])
-    start = q[rows] + BRANCH_SEARCH.probe_step * along * joint_scale(robot)
+    start = q[rows] + BRANCH_SEARCH.probe_step * along * kernels.joint_scale(robot)
     ended, errors = descend(robot, start, targets[rows])
     moved = difference(robot, ended, q[rows]) / BRANCH_SEARCH.probe_step
     for row in set(rows.tolist()):
@@ -358,8 +340,8 @@ def _are_nearest(robot: Robot, q: FloatArray, target: FloatArray, wanted: FloatA
     To first order (Karush, Kuhn and Tucker): what is missing is a combination of the rows of the
     task's Jacobian, but for joints at a limit that what is missing points beyond.
     """
-    rows = scaled_jacobian(robot, q, target.size).swapaxes(1, 2)
-    missing = (wanted - q) / joint_scale(robot)
+    rows = kernels.scaled_jacobian(robot, q, target.size).swapaxes(1, 2)
+    missing = (wanted - q) / kernels.joint_scale(robot)
     at_lower, at_upper = q <= robot.limits.q_min, q >= robot.limits.q_max
     free = ~(at_lower | at_upper)[..., None]
     combination = np.linalg.pinv(rows * free) @ (missing[..., None] * free)
@@ -379,9 +361,9 @@ def _slide(
     poses, errors = descend(robot, q[None], target[None], bounds)
     if errors[0] > goal(robot):
         return None
-    q, scale, length = poses[0], joint_scale(robot), 0.3
+    q, scale, length = poses[0], kernels.joint_scale(robot), 0.3
     for _ in range(60):
-        _, values, right = np.linalg.svd(scaled_jacobian(robot, q[None], target.size)[0])
+        _, values, right = np.linalg.svd(kernels.scaled_jacobian(robot, q[None], target.size)[0])
         rank = int(_rank(values[None])[0])
         missing = (wanted - q) / scale
         along = right[rank:].T @ (right[rank:] @ missing)
@@ -405,15 +387,15 @@ def find_branches(robot: Robot, targets: FloatArray) -> list[Found]:
     given by their members nearest to the middle of the limits.
     """
     count, width = robot.joint_count, targets.shape[1]
-    rank = generic_rank(robot, width)
+    rank = kernels.generic_rank(robot, width)
     redundant = count > rank
-    balanced_when_complete = bool(revolute(robot).all()) and count == rank == min(width, 6)
+    balanced_when_complete = bool(kernels.revolute(robot).all()) and count == rank == min(width, 6)
     low, high = start_range(robot)
     if not redundant:
-        around = np.where(revolute(robot), np.pi, 0.0)
+        around = np.where(kernels.revolute(robot), np.pi, 0.0)
         low = np.minimum(low, middle(robot) - around)
         high = np.maximum(high, middle(robot) + around)
-    bounds = (robot.limits.q_min, robot.limits.q_max) if redundant else None
+    bounds = robot.limits.bounds("q") if redundant else None
     size = 8 * 2 ** min(count, 3)
     pools, good = np.zeros((len(targets), 0, count)), np.zeros((len(targets), 0), dtype=bool)
     answers = [np.zeros((0, count)) for _ in targets]
@@ -428,7 +410,7 @@ def find_branches(robot: Robot, targets: FloatArray) -> list[Found]:
         good = np.concatenate([good, (errors < goal(robot)).reshape(len(pending), size)], axis=1)
         groups = _clusters_of_each(robot, pools, good, BRANCH_SEARCH.same_solution)
         q, owners, met = _merge_doubles(robot, *groups, targets[pending])
-        jacobians = scaled_jacobian(robot, q, width)
+        jacobians = kernels.scaled_jacobian(robot, q, width)
         values = np.linalg.svd(jacobians, compute_uv=False)
         found, ends = _rank(values), np.searchsorted(owners, np.arange(len(pending) + 1))
         still = []
@@ -463,9 +445,9 @@ def _complete(
     if not len(met):
         return turn > 0
     conditions = values[:, -1] / np.maximum(values[:, 0], 1e-12)
-    if values.shape[1] < jacobians.shape[2] or conditions.min() < STEPS.rank_tolerance:
+    if values.shape[1] < jacobians.shape[2] or conditions.min() < kernels.STEPS.rank_tolerance:
         # a continuum gives a new solution every time: two rounds, and its neighbours met often
-        isolated = conditions >= STEPS.rank_tolerance
+        isolated = conditions >= kernels.STEPS.rank_tolerance
         return turn > 0 and bool(np.all(met[isolated] >= BRANCH_SEARCH.meetings))
     if met.min() < BRANCH_SEARCH.meetings:
         return False
@@ -521,7 +503,7 @@ def nearest_pose(
         poses, _ = clusters(robot, poses[np.argsort(errors)], 0.1)
     else:
         poses = np.array(start)[None]
-    solve = nearest_pose_nlp(robot, target.size)
+    solve = kernels.nearest_pose_nlp(robot, target.size)
     best, best_key, converged = poses[0], (np.inf, np.inf), False
     for index, begin in enumerate(poses[: 4 if target.size == 3 else 8]):
         if index and deadline.over():
@@ -538,7 +520,7 @@ def nearest_pose(
                     break
         distance, angle = (x[0] for x in task_errors(robot, q[None], target[None]))
         # distances that agree to a tolerance leave the choice to the angle
-        key = (round(distance / (1e-7 * reach(robot))), angle)
+        key = (round(distance / (1e-7 * kernels.reach(robot))), angle)
         if key < best_key:
             best, best_key, converged = q, key, ended
     wished = middle(robot) if start is None else start
@@ -550,21 +532,21 @@ def _stationary(robot: Robot, q: FloatArray, target: FloatArray) -> bool:
 
     IPOPT often stops short of its own tolerance where the optimum is degenerate (a stretched arm).
     """
-    offset = (target[:3] - pose_of(robot)(q)[:3, 3]) / reach(robot)
-    descent = scaled_jacobian(robot, q[None], 3)[0].T @ offset
+    offset = (target[:3] - kernels.pose_of(robot)(q)[:3, 3]) / kernels.reach(robot)
+    downhill = kernels.scaled_jacobian(robot, q[None], 3)[0].T @ offset
     limits = robot.limits
-    slack = 1e-7 * joint_scale(robot)
-    held = ((q <= limits.q_min + slack) & (descent < 0)) | (
-        (q >= limits.q_max - slack) & (descent > 0)
+    slack = 1e-7 * kernels.joint_scale(robot)
+    held = ((q <= limits.q_min + slack) & (downhill < 0)) | (
+        (q >= limits.q_max - slack) & (downhill > 0)
     )
-    free = np.abs(np.where(held, 0.0, descent)).max()
+    free = np.abs(np.where(held, 0.0, downhill)).max()
     return bool(free < 1e-5 * max(float(np.linalg.norm(offset)), 1e-12))
 
 
-def search_by_nlp(robot: Robot, target: FloatArray, starts: int) -> FloatArray:
+def by_nlp(robot: Robot, target: FloatArray, starts: int) -> FloatArray:
     """Return branches [K,n] of a target [3] or [12]: from every start the joints nearest to it."""
     low, high = start_range(robot)
-    rank = generic_rank(robot, target.size)
+    rank = kernels.generic_rank(robot, target.size)
     spread = low + (high - low) * quasi_random(starts, robot.joint_count)
     rows = np.vstack([_nearest_by_nlp(robot, start, target, start, rank) for start in spread])
     q = np.clip(rows, *robot.limits.bounds("q"))
@@ -579,9 +561,9 @@ def _nearest_by_nlp(
     """Return joints [1,n] nearest to ``wanted`` by the NLP, under what is independent at the
     start.
     """
-    left, _, _ = np.linalg.svd(scaled_jacobian(robot, start[None], target.size)[0])
+    left, _, _ = np.linalg.svd(kernels.scaled_jacobian(robot, start[None], target.size)[0])
     parameters = np.concatenate([target, wanted, left[:, :rank].T.ravel("F")])
     low, high = robot.limits.bounds("q")
-    solve = nearest_joints_nlp(robot, target.size, rank)
+    solve = kernels.nearest_joints_nlp(robot, target.size, rank)
     answer = solve(x0=start, p=parameters, lbx=low, ubx=high, lbg=0.0, ubg=0.0)
     return np.array(answer["x"]).T

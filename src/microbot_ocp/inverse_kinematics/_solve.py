@@ -14,26 +14,9 @@ from numpy.typing import ArrayLike
 from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.status import Status
+from microbot_ocp.inverse_kinematics import _search as search
 from microbot_ocp.inverse_kinematics._kernels import generic_rank, joint_scale, pose_of
 from microbot_ocp.inverse_kinematics._result import IKSolution, read_only
-from microbot_ocp.inverse_kinematics._search import (
-    Found,
-    descend,
-    descend_from,
-    find_branches,
-    goal,
-    middle,
-    motions_of_one,
-    nearest_on_continuum,
-    nearest_pose,
-    pose_errors,
-    ranks,
-    reaches,
-    search_by_nlp,
-    self_motions,
-    task_errors,
-    within_limits,
-)
 from microbot_ocp.robot import Robot, is_rotation, stretched_out
 
 REACHED = "The tool reaches the target within the joint limits."
@@ -134,7 +117,7 @@ def solve_ik_each(
     (50, True)
     """
     targets = checked_targets(positions, orientations)
-    given = middle(robot) if seeds is None else seeds
+    given = search.middle(robot) if seeds is None else seeds
     shape = (robot.joint_count,) if np.ndim(given) == 1 else (len(targets), robot.joint_count)
     wanted = checks.array("seeds", given, shape, "rad (prismatic: m)")
     wanted = np.broadcast_to(wanted, (len(targets), shape[-1]))
@@ -155,16 +138,18 @@ def _in_parts(solve: Callable[..., Any], time_limit: float, *rows: FloatArray) -
         return tuple(chain(*(solve(*(each[part] for each in rows)) for part in parts)))
 
 
-def _given_up(robot: Robot, target: FloatArray) -> IKSolution:
-    return _solution(robot, target, middle(robot), 0, 0.0, Status.TIME_LIMIT)
+def _given_up(robot: Robot, targets: FloatArray) -> list[IKSolution]:
+    still = np.zeros(len(targets), dtype=int)
+    q = np.tile(search.middle(robot), (len(targets), 1))
+    return _solutions(robot, targets, q, still, 0.0, Status.TIME_LIMIT)
 
 
 def _from_seeds(robot: Robot, targets: FloatArray, seeds: FloatArray) -> tuple[IKSolution, ...]:
     """Return downhill from the seeds [N,n]; by a search of all branches where that fails."""
     begin = time.perf_counter()
     if deadline.over():
-        return tuple(_given_up(robot, target) for target in targets)
-    q, solved = descend_from(robot, seeds, targets)
+        return tuple(_given_up(robot, targets))
+    q, solved = search.descend_from(robot, seeds, targets)
     share = (time.perf_counter() - begin) / len(targets)
     solutions = iter(_solutions(robot, targets[solved], q[solved], None, share))
     return tuple(
@@ -242,10 +227,11 @@ def solve_ik_batch(
 def _branches(robot: Robot, targets: FloatArray) -> tuple[tuple[IKSolution, ...], ...]:
     begin = time.perf_counter()
     if deadline.over():
-        return tuple((_given_up(robot, target),) for target in targets)
-    wanted, everything = middle(robot), find_branches(robot, targets)
+        return tuple((solution,) for solution in _given_up(robot, targets))
+    wanted, everything = search.middle(robot), search.find_branches(robot, targets)
     owners = np.repeat(np.arange(len(targets)), [len(branches.q) for branches in everything])
-    rows, inside = within_limits(robot, np.concatenate([each.q for each in everything]), wanted)
+    found = np.concatenate([branches.q for branches in everything])
+    rows, inside = search.within_limits(robot, found, wanted)
     order = np.lexsort((np.linalg.norm(rows - wanted, axis=1), owners))
     order = order[inside[order]]
     q, owners = rows[order], owners[order]
@@ -271,8 +257,7 @@ def branches_by_nlp(
     target within the limits; answers are verified by forward kinematics and told apart modulo a
     turn.
     """
-    target = checked_target(position, orientation)
-    return search_by_nlp(robot, target, starts)
+    return search.by_nlp(robot, checked_target(position, orientation), starts)
 
 
 def nearest_solution(
@@ -281,17 +266,17 @@ def nearest_solution(
     """Return the solution of a checked target nearest to the seed [n] (default: the middle of
     limits).
     """
-    wanted = middle(robot) if seed is None else np.array(seed)
-    branches = find_branches(robot, target[None])[0]
-    rows, inside = within_limits(robot, branches.q, wanted)
+    wanted = search.middle(robot) if seed is None else np.array(seed)
+    branches = search.find_branches(robot, target[None])[0]
+    rows, inside = search.within_limits(robot, branches.q, wanted)
     rows, motions = rows[inside], branches.self_motion[inside]
     if seed is not None and (motions.any() or not len(rows)):
         rows, motions = _nearer_members(robot, target, rows, motions, wanted)
     if not len(rows):
         return _missed(robot, target, branches, wanted, time.perf_counter() - begin)
-    chosen = int(np.argmin(np.linalg.norm((rows - wanted) / joint_scale(robot), axis=1)))
+    chosen = [np.argmin(np.linalg.norm((rows - wanted) / joint_scale(robot), axis=1))]
     used = time.perf_counter() - begin
-    return _solution(robot, target, rows[chosen], int(motions[chosen]), used)
+    return _solutions(robot, target[None], rows[chosen], motions[chosen], used)[0]
 
 
 def _nearer_members(
@@ -303,14 +288,13 @@ def _nearer_members(
     of its continuum.
     """
     bounds = robot.limits.q_min, robot.limits.q_max
-    downhill, errors = descend(robot, np.clip(wanted, *bounds)[None], target[None], bounds)
-    if errors[0] < goal(robot):
+    downhill, errors = search.descend(robot, np.clip(wanted, *bounds)[None], target[None], bounds)
+    if errors[0] < search.goal(robot):
         rows = np.vstack([rows, downhill])
-        motions = np.append(motions, motions_of_one(robot, downhill, target))
+        motions = np.append(motions, search.motions_of_one(robot, downhill, target))
     moved, moves = np.array(rows), np.flatnonzero(motions)
-    for k, best in zip(
-        moves, nearest_on_continuum(robot, rows[moves], target, wanted), strict=True
-    ):
+    nearest = search.nearest_on_continuum(robot, rows[moves], target, wanted)
+    for k, best in zip(moves, nearest, strict=True):
         moved[k] = rows[k] if best is None else best
     return moved, motions
 
@@ -365,16 +349,17 @@ def _rotation_rows(name: str, turns: FloatArray) -> FloatArray:
 
 
 def _missed(
-    robot: Robot, target: FloatArray, branches: Found, wanted: FloatArray, used: float
+    robot: Robot, target: FloatArray, branches: search.Found, wanted: FloatArray, used: float
 ) -> IKSolution:
     """Return the nearest pose for a target that no branch within limits reaches."""
     begin = time.perf_counter()
-    q, converged = nearest_pose(robot, target)
-    q = within_limits(robot, q[None], wanted)[0][0]
-    distance, angle = (x[0] for x in task_errors(robot, q[None], target[None]))
-    near = reaches(distance, 0.0)
-    if reaches(distance, angle):
+    pose, converged = search.nearest_pose(robot, target)
+    q, _ = search.within_limits(robot, pose[None], wanted)
+    distance, angle = search.task_errors(robot, q, target[None])
+    motions = np.zeros(1, dtype=int)
+    if search.reaches(distance, angle):
         status = Status.SOLVED
+        motions = search.motions_of_one(robot, q, target)
     elif deadline.over():
         status = Status.TIME_LIMIT
     elif not converged:
@@ -382,12 +367,10 @@ def _missed(
     elif branches.reached or _reached_without_limits(robot, target):
         status = Status.LIMITS
     else:
+        near = search.reaches(distance, 0.0)
         status = Status.ORIENTATION_MISSED if near else Status.OUT_OF_REACH
-    motion = 0
-    if status is Status.SOLVED:
-        motion = int(motions_of_one(robot, q[None], target)[0])
     used += time.perf_counter() - begin
-    return _solution(robot, target, q, motion, used, status)
+    return _solutions(robot, target[None], q, motions, used, status)[0]
 
 
 def _reached_without_limits(robot: Robot, target: FloatArray) -> bool:
@@ -396,19 +379,7 @@ def _reached_without_limits(robot: Robot, target: FloatArray) -> bool:
     if robot.joint_count <= generic_rank(robot, target.size):
         return False  # the search has looked beyond the limits already
     without = robot.with_limits(q_min=-np.inf, q_max=np.inf)
-    return find_branches(without, target[None])[0].reached
-
-
-def _solution(
-    robot: Robot,
-    target: FloatArray,
-    q: FloatArray,
-    self_motion: int,
-    solve_time: float,
-    status: Status = Status.SOLVED,
-) -> IKSolution:
-    motions = np.array([self_motion])
-    return _solutions(robot, target[None], q[None], motions, solve_time, status)[0]
+    return search.find_branches(without, target[None])[0].reached
 
 
 def _solutions(
@@ -421,29 +392,19 @@ def _solutions(
 ) -> list[IKSolution]:
     """Give one solution a row of targets [K,w] and q [K,n], measured anew; motions [K] if known."""
     width = targets.shape[1]
-    rank = ranks(robot, q, width)
+    rank = search.ranks(robot, q, width)
     singular = rank < generic_rank(robot, width)
     if motions is None:
-        motions = self_motions(robot, q, targets, rank)
+        motions = search.self_motions(robot, q, targets, rank)
     joints, poses = read_only(q), read_only(pose_of(robot)(np.ascontiguousarray(q)))
-    distances, angles = pose_errors(poses, targets)
+    distances, angles = search.pose_errors(poses, targets)
     solutions = []
     for k in range(len(q)):
         distance, angle = float(distances[k]), float(angles[k])
         motion, lost = int(motions[k]), bool(singular[k])
-        solutions.append(
-            IKSolution(
-                q=joints[k],
-                status=status,
-                position_error=distance,
-                orientation_error=angle if width == 12 else 0.0,
-                advice=_advice(robot, q[k], status, distance, angle, motion, lost),
-                pose=poses[k],
-                self_motion=motion,
-                singular=lost,
-                solve_time=solve_time,
-            )
-        )
+        advice = _advice(robot, q[k], status, distance, angle, motion, lost)
+        measured = joints[k], status, distance, angle, advice, poses[k], motion, lost, solve_time
+        solutions.append(IKSolution(*measured))
     return solutions
 
 

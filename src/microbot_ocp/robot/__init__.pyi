@@ -8,11 +8,9 @@ from ._closed_form import (
     ClosedForm as ClosedForm,
     closed_form as closed_form,
 )
-from ._drives import (
-    drive_advice as drive_advice,
-)
 from ._dynamics import (
     COULOMB_SMOOTHING as COULOMB_SMOOTHING,
+    MotionState as MotionState,
     bias_torque as bias_torque,
     coriolis_matrix as coriolis_matrix,
     energy as energy,
@@ -24,9 +22,13 @@ from ._dynamics import (
     solve_symmetric as solve_symmetric,
     torque_and_rate as torque_and_rate,
 )
-from ._joint_values import (
+from ._joints import (
+    drive_advice as drive_advice,
     joint_scale as joint_scale,
+    largest_reach as largest_reach,
     per_joint as per_joint,
+    rest_pose as rest_pose,
+    stretched_out as stretched_out,
 )
 from ._kinematics import (
     forward_kinematics as forward_kinematics,
@@ -43,14 +45,6 @@ from ._model import (
     JointLimits as JointLimits,
     Limits as Limits,
     Robot as Robot,
-)
-from ._motion_state import (
-    MotionState as MotionState,
-)
-from ._reach import (
-    largest_reach as largest_reach,
-    rest_pose as rest_pose,
-    stretched_out as stretched_out,
 )
 from ._shapes import (
     Capsule as Capsule,

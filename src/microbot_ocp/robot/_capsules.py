@@ -162,9 +162,8 @@ def link_capsules(robot: Robot, radius: ArrayLike | None = None) -> dict[int, tu
     found: dict[int, tuple[Capsule, ...]] = {}
     for (frame, start, end), length in zip(segments, lengths, strict=True):
         if length > 1e-9 * total:
-            name = (robot.links[frame - 1].name if frame and robot.links else None) or (
-                f"link {frame}" if frame else "base"
-            )
+            named = robot.links[frame - 1].name if frame and robot.links else None
+            name = named or (f"link {frame}" if frame else "base")
             capsule = Capsule(start, end, float(given[frame]), name)
             found[frame] = (*found.get(frame, ()), capsule)
     return found

@@ -177,11 +177,9 @@ class ClosedForm:
         checks.one_of("language", language, ENDINGS.values())
         from microbot_ocp.robot import _equation_text
 
-        return (
-            _equation_text.latex(self)
-            if language == "latex"
-            else _equation_text.program(self, language)
-        )
+        if language == "latex":
+            return _equation_text.latex(self)
+        return _equation_text.program(self, language)
 
     def export(self, path: str | Path) -> Path:
         """Write :meth:`text` in the language that the ending says: .tex, .py, .c or .m.
@@ -258,11 +256,9 @@ def _expanded(
     q = ca.SX.sym("q", count)
     value = function(q)
     joints = [joint for joint in range(count) if ca.depends_on(value, q[joint])]
-    axes = []
-    for joint in joints:
-        points = 2 * degree + 1 if turns[joint] else degree + 1
-        axis = np.arange(points) * 2 * np.pi / points
-        axes.append(axis if turns[joint] else np.linspace(-1.0, 1.0, points))
+    around, along = np.arange(2 * degree + 1), np.linspace(-1.0, 1.0, degree + 1)
+    circle = around * 2 * np.pi / around.size
+    axes = [circle if turns[joint] else along for joint in joints]
     grid = np.zeros((count, int(np.prod([axis.size for axis in axes]))))
     grid[joints] = np.array(list(product(*axes))).T.reshape(len(joints), -1)
     rows, columns = value.shape
@@ -276,21 +272,18 @@ def _expanded(
             inverse = np.linalg.inv(np.vander(axis, increasing=True))
             spectrum = np.moveaxis(np.tensordot(inverse, spectrum, axes=(1, place)), 0, place)
     runs = _runs(robot)
-    table = []
-    for i in range(rows):
-        row = []
-        for j in range(columns):
-            entry = spectrum[i, j]
-            terms: dict[Term, float] = {}
-            for place in map(tuple, np.argwhere(np.abs(entry) > NEGLIGIBLE / 2 * size)):
-                powers = [0] * count
-                for joint, axis, at in zip(joints, axes, place, strict=True):
-                    folded = turns[joint] and at > axis.size // 2
-                    powers[joint] = int(at) - (axis.size if folded else 0)
-                _add_wave(terms, complex(entry[place]), powers, runs)
-            row.append(Series(_cleaned(terms, size), runs))
-        table.append(tuple(row))
-    return tuple(table), size
+
+    def series(entry: np.ndarray) -> Series:
+        terms: dict[Term, float] = {}
+        for place in map(tuple, np.argwhere(np.abs(entry) > NEGLIGIBLE / 2 * size)):
+            powers = [0] * count
+            for joint, axis, at in zip(joints, axes, place, strict=True):
+                folded = turns[joint] and at > axis.size // 2
+                powers[joint] = int(at) - (axis.size if folded else 0)
+            _add_wave(terms, complex(entry[place]), powers, runs)
+        return Series(_cleaned(terms, size), runs)
+
+    return tuple(tuple(series(entry) for entry in row) for row in spectrum), size
 
 
 def _runs(robot: Robot) -> Runs:

@@ -58,12 +58,7 @@ def as_modified(
 
 
 def doubts(
-    convention: Convention,
-    alpha: FloatArray,
-    a: FloatArray,
-    joint_types: Sequence[str],
-    *,
-    placed: bool,
+    convention: Convention, alpha: FloatArray, a: FloatArray, kinds: Sequence[str], placed: bool
 ) -> str:
     """Return what is odd about a table and would not be in the other convention; empty if nothing.
 
@@ -72,14 +67,14 @@ def doubts(
     the table has a link before its first joint, but none after its last.
     """
     coincident = {
-        "modified": _coincident(alpha[1:], a[1:], joint_types),
-        "standard": _coincident(alpha[:-1], a[:-1], joint_types),
+        "modified": _coincident(alpha[1:], a[1:], kinds),
+        "standard": _coincident(alpha[:-1], a[:-1], kinds),
     }
     odd = coincident[convention]
     other: Convention = "standard" if convention == "modified" else "modified"
     parallel = np.isclose(np.sin(alpha[-1]), 0.0)
     first = convention == "modified" and alpha.size > 1 and not placed and parallel
-    if first and joint_types[0] == "revolute" and (alpha[0] or a[0]):  # rails lie as they please
+    if first and kinds[0] == "revolute" and (alpha[0] or a[0]):  # rails lie as they please
         twist = f"alpha {np.degrees(alpha[0]):.4g} deg, a {a[0]:.4g} m"
         odd = [f"there is a link before its first joint ({twist}), but none after its last", *odd]
     if not odd or coincident[other]:
@@ -91,12 +86,11 @@ def doubts(
     )
 
 
-def _coincident(alpha: FloatArray, a: FloatArray, joint_types: Sequence[str]) -> list[str]:
+def _coincident(alpha: FloatArray, a: FloatArray, kinds: Sequence[str]) -> list[str]:
     """Return revolute joints one after another about the same axis."""
     same = [
         f"joints {joint + 1} and {joint + 2} turn about the same axis"
         for joint in range(alpha.size)
-        if joint_types[joint] == joint_types[joint + 1] == "revolute"
-        and alpha[joint] == a[joint] == 0.0
+        if kinds[joint] == kinds[joint + 1] == "revolute" and alpha[joint] == a[joint] == 0.0
     ]
     return same[:1]

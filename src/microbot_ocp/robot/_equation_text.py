@@ -62,10 +62,7 @@ def _angle(term: Term, run: tuple[int, ...], name: str, times: str = " ") -> str
 
 
 def _parts(
-    series: Series,
-    factors: Callable[[Term], list[str]],
-    times: str,
-    number: Callable[[float], str],
+    series: Series, factors: Callable[[Term], list[str]], times: str, number: Callable[[float], str]
 ) -> Iterator[str]:
     """Yield terms with their signs: ``-2 a``, then ``+ b``."""
     for at, (term, value) in enumerate(series.terms.items()):
@@ -186,7 +183,6 @@ class Syntax:
     """How a language writes what a function of the closed form needs."""
 
     comment: str
-    indent: str
     end: str
     continued: str
     let: str
@@ -199,21 +195,21 @@ class Syntax:
 
 
 SYNTAX = {
-    "python": Syntax("#", "    ", "", "\n        ", ""),
-    "c": Syntax("//", "    ", ";", "\n        ", "const double "),
-    "matlab": Syntax("%", "    ", ";", " ...\n        ", ""),
+    "python": Syntax("#", "", "\n        ", ""),
+    "c": Syntax("//", ";", "\n        ", "const double "),
+    "matlab": Syntax("%", ";", " ...\n        ", ""),
 }
-ABOUT = {
-    "T": "Pose of the tool frame in the base frame, a homogeneous transform; lengths in m.",
-    "M": "Mass matrix, kg m^2.",
-    "C": "Coriolis and centrifugal matrix from Christoffel symbols, friction left out.",
-    "g": "Torque that holds the arm still, N m (prismatic: N).",
-}
-TITLES = {
-    "T": "forward_kinematics",
-    "M": "mass_matrix",
-    "C": "coriolis_matrix",
-    "g": "gravity_torque",
+FUNCTIONS = {
+    "T": (
+        "forward_kinematics",
+        "Pose of the tool frame in the base frame, a homogeneous transform; lengths in m.",
+    ),
+    "M": ("mass_matrix", "Mass matrix, kg m^2."),
+    "C": (
+        "coriolis_matrix",
+        "Coriolis and centrifugal matrix from Christoffel symbols, friction left out.",
+    ),
+    "g": ("gravity_torque", "Torque that holds the arm still, N m (prismatic: N)."),
 }
 
 
@@ -232,7 +228,7 @@ def program(form: ClosedForm, language: str) -> str:
         lines += ["from math import cos, sin", ""]
     if language == "c":
         lines += ["#include <math.h>", "#include <string.h>", ""]
-    wanted = ["T", "M", "C", "g"] if form.mass else ["T"]
+    wanted = list(FUNCTIONS) if form.mass else ["T"]
     if language == "matlab":
         called = re.sub(r"\W", "_", form.robot.name, flags=re.ASCII)
         if not called[:1].isalpha() or keyword.iskeyword(called):
@@ -240,7 +236,7 @@ def program(form: ClosedForm, language: str) -> str:
         lines += [
             f"function [{', '.join(wanted)}] = {called}(q, qd)",
             f"    if nargin < 2, qd = zeros({count}, 1); end",
-            *(f"    {m} = {TITLES[m]}({'q, qd' if m == 'C' else 'q'});" for m in wanted),
+            *(f"    {m} = {FUNCTIONS[m][0]}({'q, qd' if m == 'C' else 'q'});" for m in wanted),
             "end",
             "",
         ]
@@ -261,7 +257,7 @@ def _function(form: ClosedForm, language: str, matrix: str) -> list[str]:
         for i in range(count)
         if re.search(rf"\b{name}{i + 1}\b", text)
     ]
-    title, about = TITLES[matrix], ABOUT[matrix]
+    title, about = FUNCTIONS[matrix]
     signature = ", ".join(arguments)
     if language == "python":
         zeros = (
@@ -286,7 +282,7 @@ def _function(form: ClosedForm, language: str, matrix: str) -> list[str]:
         head = [f"function {matrix} = {title}({signature})", f"    % {about}"]
         inside = [*read, f"{matrix} = zeros({sizes});", *body]
         tail = ["end", ""]
-    return [*head, *(f"{syntax.indent}{line}" for line in inside), *tail]
+    return [*head, *(f"    {line}" for line in inside), *tail]
 
 
 def _statements(form: ClosedForm, language: str, matrix: str) -> list[str]:

@@ -91,7 +91,4 @@ def function_maker(make: Maker) -> Maker:
             raise InputError(f"{name} makes a function: write {name}(robot)({inputs})")
         return cached(robot, *arguments, **settings)
 
-    update_wrapper(maker, make)
-    for name in ("cache_clear", "cache_info"):
-        setattr(maker, name, getattr(cached, name))
-    return maker  # type: ignore[return-value]
+    return update_wrapper(maker, make)  # type: ignore[return-value]

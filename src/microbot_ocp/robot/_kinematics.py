@@ -14,6 +14,7 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.robot._function import function_maker, robot_function, symbols
 from microbot_ocp.robot._model import Robot
+from microbot_ocp.robot._transforms import without_dust
 
 
 def _cos_sin(angle: float) -> tuple[float, float]:
@@ -68,7 +69,7 @@ def constant_transform(transform: FloatArray) -> tuple[ca.SX, ca.SX]:
     """Return the rotation [3,3] and position [3] of a transform [4,4], such as that of the tool or
     base.
     """
-    clean = np.where(np.abs(transform) < 1e-15, 0.0, transform)
+    clean = without_dust(transform)
     return ca.sparsify(ca.SX(ca.DM(clean[:3, :3]))), ca.sparsify(ca.SX(ca.DM(clean[:3, 3])))
 
 

@@ -56,23 +56,20 @@ class Rotor:
     def __post_init__(self) -> None:
         put = object.__setattr__
         inertia = checks.number("inertia of the rotor", self.inertia, "kg m^2", at_least=0.0)
-        ratio = checks.number("gear_ratio of the rotor", self.gear_ratio)
-        if ratio == 0.0:
+        put(self, "inertia", inertia)
+        put(self, "gear_ratio", checks.number("gear_ratio of the rotor", self.gear_ratio))
+        if self.gear_ratio == 0.0:
             raise InputError("gear_ratio of the rotor must not be 0")
         axis = checks.array("axis of the rotor", self.axis, (3,))
         length = float(np.linalg.norm(axis))
         if length == 0.0:
             raise InputError("axis of the rotor must have a direction, not [0, 0, 0]")
         carrier = self.carrier
-        if carrier is not None and (
-            isinstance(carrier, bool) or not isinstance(carrier, int) or carrier < 0
-        ):
+        if carrier is not None and (type(carrier) is not int or carrier < 0):  # True is an int, too
             raise InputError(
                 f"carrier of the rotor must be the number of a link, 0 for the base, not "
                 f"{carrier!r}"
             )
-        put(self, "inertia", inertia)
-        put(self, "gear_ratio", ratio)
         put(self, "axis", axis if length == 1.0 else axis / length)
 
 

@@ -15,6 +15,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal, Unpack, get_args
 
 import numpy as np
@@ -30,7 +31,7 @@ from microbot_ocp.robot._shapes import Capsule, Shape, checked_shapes
 from microbot_ocp.robot._transforms import rigid_transform
 
 if TYPE_CHECKING:
-    from microbot_ocp.robot._motion_state import MotionState
+    from microbot_ocp.robot._dynamics import MotionState
 
 JointType = Literal["revolute", "prismatic"]
 # rad, where there is no limit to speak of (files have 10 rad); rad/s, ten turns a second
@@ -66,10 +67,6 @@ class Robot:
     capsules: tuple[tuple[int, Capsule], ...] = ()
     disabled_pairs: tuple[tuple[str, str], ...] | None = None
     named_poses: Mapping[str, FloatArray] = field(default_factory=dict, compare=False)
-    _digest: str = field(init=False, repr=False, compare=False)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "_digest", self._make_digest())
 
     @classmethod
     def from_dh(
@@ -154,13 +151,7 @@ class Robot:
         >>> standard == robot
         True
         """
-        table = _columns(
-            alpha=(alpha, "rad"),
-            a=(a, "m"),
-            d=(d, "m"),
-            theta_offset=(theta_offset, "rad"),
-            beta=(beta, "rad"),
-        )
+        table = _columns(alpha=alpha, a=a, d=d, theta_offset=theta_offset, beta=beta)
         count = table["alpha"].size
         types = _joint_types(joint_type, count)
         names = tuple(joint_names or (f"joint {i + 1}" for i in range(count)))
@@ -179,8 +170,8 @@ class Robot:
         chain = checked_links(links, count) if links else ()
         if convention != "modified":
             placed = base is not None or tool is not None
-            odd = doubts(convention or "modified", table["alpha"], table["a"], types, placed=placed)
-            if odd:
+            rows = table["alpha"], table["a"]
+            if odd := doubts(convention or "modified", *rows, types, placed=placed):
                 warn_user(f"{name}: {odd}")
         if convention == "standard":
             if table["beta"].any():
@@ -252,7 +243,7 @@ class Robot:
         self, q: Any, qd: Any, qdd: Any, qddd: Any, torques: Any = None
     ) -> MotionState:
         """Return quantities of a motion of this robot as CasADi expressions, for limits."""
-        from microbot_ocp.robot._motion_state import MotionState
+        from microbot_ocp.robot._dynamics import MotionState
 
         return MotionState(self, q, qd, qdd, qddd, torques)
 
@@ -302,9 +293,7 @@ class Robot:
         return {"tau": tau, "taud": taud}
 
     def with_limits(
-        self,
-        limits: Limits | JointLimits | None = None,
-        **changes: Unpack[LimitChanges],
+        self, limits: Limits | JointLimits | None = None, **changes: Unpack[LimitChanges]
     ) -> Robot:
         """Return the same robot with other limits: all of them, or those given by name.
 
@@ -431,8 +420,7 @@ class Robot:
                     raise InputError(f"capsules of {key!r} must be mo.Capsule, not {entry!r}")
                 named = entry if entry.name else replace(entry, name=usual)
                 placed.append((int(frame), named))
-        placed.sort(key=lambda pair: pair[0])
-        return replace(self, capsules=tuple(placed))
+        return replace(self, capsules=tuple(sorted(placed, key=lambda pair: pair[0])))
 
     def with_part(self, *capsules: Capsule) -> Robot:
         """Return the same robot with a part in its gripper, which may touch obstacles, too.
@@ -466,15 +454,15 @@ class Robot:
             if not isinstance(entry, Capsule):
                 raise InputError(f"a part must be made of mo.Capsule, not {entry!r}")
             start, end = (turn @ end + shift for end in (entry.start, entry.end))
-            named = Capsule(start, end, entry.radius, entry.name or "part")
-            held.append((self.joint_count, named))
+            held.append((self.joint_count, Capsule(start, end, entry.radius, entry.name or "part")))
         return replace(self, capsules=tuple(held))
 
     def with_gravity(self, gravity: ArrayLike) -> Robot:
         """Return the same robot under another gravity vector [3], m/s^2, in the base frame."""
         return replace(self, gravity=checks.array("gravity", gravity, (3,), "m/s^2"))
 
-    def _make_digest(self) -> str:
+    @cached_property
+    def _digest(self) -> str:
         digest = hashlib.sha256(repr((self.name, self.joint_types, self.joint_names)).encode())
         rows = self.alpha, self.a, self.d, self.theta_offset
         arrays: list[ArrayLike] = [*rows, self.gravity, self.tool]
@@ -506,13 +494,14 @@ class Robot:
         return hash((self._digest, self.limits.also))
 
 
-def _columns(**columns: tuple[Any, str]) -> dict[str, Any]:
-    """Return columns [n] of a table, each given with its unit; zero where there is none."""
-    count = checks.array("alpha", columns["alpha"][0], (None,), "rad").size
+def _columns(**columns: Any) -> dict[str, Any]:
+    """Return columns [n] of a table; zero where there is none."""
+    count = checks.array("alpha", columns["alpha"], (None,), "rad").size
     if count == 0:
         raise InputError("alpha must have at least one row, not 0")
     table = {}
-    for key, (values, unit) in columns.items():
+    for key, values in columns.items():
+        unit = "m" if key in ("a", "d") else "rad"
         column = checks.array(key, np.zeros(count) if values is None else values, (None,), unit)
         if column.size != count:
             raise InputError(

@@ -136,7 +136,8 @@ class Capsule:
     @property
     def volume(self) -> float:
         """m^3."""
-        return capsule_volume(self.radius, float(np.linalg.norm(self.end - self.start)))
+        length = float(np.linalg.norm(self.end - self.start))
+        return np.pi * self.radius**2 * (length + 4 / 3 * self.radius)
 
     def distance(self, points: ArrayLike) -> FloatArray:
         """Return the distance [N] of points [N,3] from the surface, m; negative inside."""
@@ -144,11 +145,6 @@ class Capsule:
         square = along @ along
         share = np.clip(places @ along / square, 0.0, 1.0) if square else np.zeros(len(places))
         return np.linalg.norm(places - share[:, None] * along, axis=1) - self.radius
-
-
-def capsule_volume(radius: float, length: float) -> float:
-    """Return the volume of a capsule whose segment is so long, m^3."""
-    return np.pi * radius**2 * (length + 4 / 3 * radius)
 
 
 class TriangleMesh(NamedTuple):

@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import accumulate
 from typing import NamedTuple
 
 import casadi as ca
@@ -77,10 +78,6 @@ def _axial(matrix: ca.SX) -> ca.SX:
     )
 
 
-def _none() -> _Pair:
-    return _Pair(ca.SX.zeros(3), ca.SX.zeros(3))
-
-
 @dataclass
 class _Moments:
     """Sums over the mass points of links: r r', of their velocities, and the force on them."""
@@ -120,10 +117,6 @@ class _Moments:
         angular = ca.cross(x.linear, self.virtual) + symmetric @ x.angular
         return _Pair(angular, ca.cross(self.virtual, x.angular))
 
-    @property
-    def virtual_momentum(self) -> _Pair:
-        return _Pair(_axial(self.virtuals), self.virtual)
-
 
 class _Link(NamedTuple):
     screw: _Pair  # S, S', S'', S*
@@ -137,8 +130,8 @@ def _chain(
     robot: Robot, q: ca.SX, qd: ca.SX, qdd: ca.SX, nu: ca.SX, payload: ca.SX | None
 ) -> list[_Link]:
     rotation, origin = (ca.densify(part) for part in constant_transform(robot.base))
-    upward = ca.SX(ca.DM(-robot.gravity))
-    v, a, w = _none(), _Pair(ca.SX.zeros(3), upward), _none()
+    zero, upward = ca.SX.zeros(3), ca.SX(ca.DM(-robot.gravity))
+    v, a, w = _Pair(zero, zero), _Pair(zero, upward), _Pair(zero, zero)
     screws: list[tuple[_Pair, _Pair, _Pair, _Pair]] = []
     moments_of: list[_Moments] = []
     for k, link in enumerate(robot.links):
@@ -146,7 +139,7 @@ def _chain(
         origin, rotation = origin + rotation @ step, rotation @ turn
         axis = ca.densify(rotation[:, 2])
         revolute = robot.joint_types[k] == "revolute"
-        screw = _Pair(axis, ca.cross(origin, axis)) if revolute else _Pair(ca.SX.zeros(3), axis)
+        screw = _Pair(axis, ca.cross(origin, axis)) if revolute else _Pair(zero, axis)
         rate = v.on_screw(screw)
         screws.append((screw, rate, a.on_screw(screw) + v.on_screw(rate), w.on_screw(screw)))
         v, w = v + screw.times(qd[k]), w + screw.times(nu[k])
@@ -155,12 +148,11 @@ def _chain(
         mass, local = ca.SX(link.mass), ca.SX(link.mass * center)
         # second moment of the mass about its centre
         spread = ca.SX(ca.DM(0.5 * np.trace(link.inertia) * np.eye(3) - link.inertia))
+        held = ca.SX(3, 3)
         if payload is not None and k == robot.joint_count - 1:
             tool = ca.DM(robot.tool[:3, 3])
             mass, local = mass + payload, local + payload * tool
             held = payload * tool @ tool.T
-        else:
-            held = ca.SX(3, 3)
         arm = rotation @ local
         first = mass * origin + arm
         about_origin = spread + link.mass * center @ center.T + held
@@ -173,18 +165,11 @@ def _chain(
         both = ca.cross(v.linear, virtual) + _axial(virtuals @ ca.skew(v.angular).T)
         force = a.momentum(mass, first) + ca.cross(v.angular, velocity)
         moment = _axial(a.moments(first, second) + ca.skew(v.angular) @ velocities)
-        moments_of.append(
-            _Moments(
-                mass, first, second, velocity, velocities, virtual, virtuals, both,
-                _Pair(moment, force),
-            )
-        )  # fmt: skip
-    links: list[_Link] = []
-    outside: _Moments | None = None
-    for parts, moments in zip(reversed(screws), reversed(moments_of), strict=True):
-        outside = moments if outside is None else moments + outside
-        links.append(_Link(*parts, outside))
-    return links[::-1]
+        wrench = _Pair(moment, force)
+        sums = mass, first, second, velocity, velocities, virtual, virtuals, both, wrench
+        moments_of.append(_Moments(*sums))
+    outside = [*accumulate(reversed(moments_of), lambda outer, own: own + outer)]
+    return [_Link(*parts, moments) for parts, moments in zip(screws, outside[::-1], strict=True)]
 
 
 def torque_derivatives(
@@ -243,25 +228,21 @@ def _derivatives(robot: Robot, rates: bool, payload: bool) -> tuple[ca.Function,
         ]
         crossed = second["q qd"] + second["q qd"].T
         hessian = {
-            (0, 0): change["q q"],
-            (0, 1): change["q qd"] + second["q q"],
-            (0, 2): change["q qdd"] + second["q qd"],
-            (0, 3): second["q qdd"],
-            (1, 1): change["qd qd"] + crossed,
-            (1, 2): second["qd qd"] + second["q qdd"],
+            "q q": change["q q"],
+            "q qd": change["q qd"] + second["q q"],
+            "q qdd": change["q qdd"] + second["q qd"],
+            "q qddd": second["q qdd"],
+            "qd qd": change["qd qd"] + crossed,
+            "qd qdd": second["qd qd"] + second["q qdd"],
         }
     else:
         jacobian, values = [[first[name] for name in _STATE[:3]]], first["tau"]
         gradient = [second[name] for name in _STATE[:3]]
-        hessian = {
-            (0, 0): second["q q"],
-            (0, 1): second["q qd"],
-            (0, 2): second["q qdd"],
-            (1, 1): second["qd qd"],
-        }
+        hessian = {name: second[name] for name in ("q q", "q qd", "q qdd", "qd qd")}
     size = sum(k.shape[0] for k in inputs)
     matrix = ca.SX(size, size)
-    for (i, k), block in hessian.items():
+    for name, block in hessian.items():
+        i, k = map(_STATE.index, name.split())
         matrix[i * n : (i + 1) * n, k * n : (k + 1) * n] = block
         matrix[k * n : (k + 1) * n, i * n : (i + 1) * n] = block.T
     rows = ca.blockcat(jacobian)
@@ -285,12 +266,7 @@ def _along(names: list[ca.SX], rates: list[ca.SX], terms: dict[str, ca.SX]) -> d
 
 
 def _terms(
-    robot: Robot,
-    q: ca.SX,
-    qd: ca.SX,
-    qdd: ca.SX,
-    nu: ca.SX,
-    payload: ca.SX | None = None,
+    robot: Robot, q: ca.SX, qd: ca.SX, qdd: ca.SX, nu: ca.SX, payload: ca.SX | None = None
 ) -> tuple[dict[str, ca.SX], dict[str, ca.SX]]:
     """Return torques with their Jacobians, and first and second derivatives of nu . tau.
 
@@ -305,7 +281,7 @@ def _terms(
     tau_q, tau_qd, tau_qdd = ca.SX(n, n), slope, ca.diag(armature)
     q_q, q_qd, qd_qd, q_qdd = ca.SX(n, n), ca.SX(n, n), ca.jacobian(by_qd, qd), ca.SX(n, n)
     for k, (screw, rate, second_rate, virtual, outside) in enumerate(links):
-        momentum, wrench = outside.virtual_momentum, outside.wrench
+        momentum, wrench = _Pair(_axial(outside.virtuals), outside.virtual), outside.wrench
         gyration = _Pair(2 * outside.both, ca.SX.zeros(3))
         with_screw = outside.inertia(screw)
         coriolis, backward = outside.coriolis(screw), outside.coriolis_transposed(screw)

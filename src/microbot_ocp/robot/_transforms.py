@@ -12,6 +12,18 @@ from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 
 
+def transform_of(rotation: ArrayLike, position: ArrayLike) -> FloatArray:
+    """Return the homogeneous transform [4,4] of a rotation [3,3] and a position [3]."""
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = rotation, position
+    return matrix
+
+
+def without_dust(matrix: FloatArray) -> FloatArray:
+    """Return the matrix with entries below 1e-15, rounding errors of right angles, set to zero."""
+    return np.where(np.abs(matrix) < 1e-15, 0.0, matrix)
+
+
 def rotation_of(angles: ArrayLike) -> FloatArray:
     """Return the rotation [3,3] from roll, pitch, yaw [3] about the base axes, rad."""
     (cr, cp, cy), (sr, sp, sy) = np.cos(angles), np.sin(angles)

@@ -20,9 +20,6 @@ from ._detours import (
     Surroundings as Surroundings,
     detour as detour,
 )
-from ._moveit import (
-    load_request as load_request,
-)
 from ._obstacles import (
     Box as Box,
     ConvexMesh as ConvexMesh,
@@ -37,5 +34,6 @@ from ._scene import (
     with_arm_capsules as with_arm_capsules,
 )
 from ._scene_file import (
+    load_request as load_request,
     load_scene as load_scene,
 )

@@ -12,6 +12,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from math import comb
 
 import numpy as np
@@ -20,7 +21,8 @@ from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.motion import Motion, pieces_of
 from microbot_ocp.robot import Capsule, Robot, dh_transform
 from microbot_ocp.robot._capsules import LinkHull
-from microbot_ocp.scene._contact import ACCURACY, ContactModel, contact_model
+from microbot_ocp.scene._contact import contact_model
+from microbot_ocp.scene._pairs import ACCURACY
 from microbot_ocp.scene._scene import Pair, Scene, with_arm_capsules
 
 
@@ -86,9 +88,11 @@ class Clearance:
         """The result in words."""
         where = f"{self.pair} at {self.time:.4g} s"
         if self.proved:
+            told = ", ".join(self.unwatched[:3]) + (", ..." if len(self.unwatched) > 3 else "")
+            but = f"; not watched, as they touch in the zero pose: {told}" if told else ""
             return (
                 f"clearance is proved: nothing comes nearer than {1e3 * self.at_least:.4g} mm, "
-                f"the least found being {1e3 * self.minimum:.4g} mm ({where})" + self._but
+                f"the least found being {1e3 * self.minimum:.4g} mm ({where}){but}"
             )
         if self.minimum <= self.wanted:
             how = "overlap by" if self.minimum < 0 else "are only apart by"
@@ -99,12 +103,6 @@ class Clearance:
             f"clearance is not proved: the least found is {1e3 * self.minimum:.4g} mm ({where}), "
             "but stretches are left open"
         )
-
-    @property
-    def _but(self) -> str:
-        """What the proof says nothing about."""
-        told = ", ".join(self.unwatched[:3]) + (", ..." if len(self.unwatched) > 3 else "")
-        return f"; not watched, as they touch in the zero pose: {told}" if told else ""
 
 
 def clearance(robot: Robot, motion: Motion, scene: Scene) -> Clearance:
@@ -157,9 +155,7 @@ def clearance_along(
     farthest = np.abs(motion.q).max(axis=0) + (speeds * np.diff(motion.t)[:, None]).max(axis=0)
     searches = []
     for start, end, robot, scene in places:
-        model = contact_model(robot, scene.without_parts_of(robot))
-        levers = levers_of(with_arm_capsules(robot), model.pairs, farthest)
-        searches.append(_ClearanceSearch(model, motion, speeds, levers, scene.clearance))
+        searches.append(_ClearanceSearch(robot, scene, motion, speeds, farthest))
         searches[-1].run(start, end)
     least = min(searches, key=lambda search: search.minimum)
     closed = not any(search.open_stretches for search in searches)
@@ -180,15 +176,12 @@ class _ClearanceSearch:
     """Stretches of time and pairs, halved until all are sure."""
 
     def __init__(
-        self,
-        model: ContactModel,
-        motion: Motion,
-        speeds: FloatArray,
-        levers: FloatArray,
-        wanted: float,
+        self, robot: Robot, scene: Scene, motion: Motion, speeds: FloatArray, farthest: FloatArray
     ) -> None:
-        self.model, self.motion, self.levers, self.wanted = model, motion, levers, wanted
-        self.speeds = _Largest(speeds)
+        self.motion, self.wanted = motion, scene.clearance
+        self.speeds = np.vstack([speeds, speeds[-1:]])  # stretches end before the last row
+        self.model = contact_model(robot, scene.without_parts_of(robot))
+        self.levers = levers_of(with_arm_capsules(robot), self.model.pairs, farthest)
         self.minimum, self.time, self.pair = np.inf, 0.0, 0
         self.at_least, self.open_stretches, self.count = np.inf, 0, 0
 
@@ -203,7 +196,10 @@ class _ClearanceSearch:
             reach = self._reach(start, end, pair) + ACCURACY
             sure = self._distances(middle, pair) - reach
             self.count += sure.size
-            closed = (sure > self.wanted) & (sure >= self._enough)
+            # of what is left beyond the clearance the proof may leave a share open
+            beyond = max(self.minimum - ACCURACY - self.wanted, 0.0)
+            enough = self.wanted + PROOF.slack_ratio * beyond
+            closed = (sure > self.wanted) & (sure >= enough)
             if closed.any():
                 self.at_least = min(self.at_least, float(sure[closed].min()))
             left = ~closed
@@ -216,12 +212,6 @@ class _ClearanceSearch:
             start, middle, end = start[left], middle[left], end[left]
             start, end = np.concatenate([start, middle]), np.concatenate([middle, end])
             pair = np.tile(pair[left], 2)
-
-    @property
-    def _enough(self) -> float:
-        """Return what a pair has to be proved to keep, m."""
-        left = max(self.minimum - ACCURACY - self.wanted, 0.0)
-        return self.wanted + PROOF.slack_ratio * left
 
     def _distances(self, times: FloatArray, pair: np.ndarray) -> FloatArray:
         """Return distances of pairs at times, m, of which none but the least need be exact."""
@@ -242,30 +232,9 @@ class _ClearanceSearch:
         """Return how much nearer the sides of pairs can come than in the middle of stretches, m."""
         first = np.clip(np.searchsorted(self.motion.t, start, side="right") - 1, 0, None)
         last = np.clip(np.searchsorted(self.motion.t, end, side="left"), first + 1, None)
-        speeds = self.speeds.between(first, np.minimum(last, self.motion.t.size - 1))
+        edges = np.column_stack([first, np.minimum(last, self.motion.t.size - 1)]).ravel()
+        speeds = np.maximum.reduceat(self.speeds, edges)[::2]  # the largest of each stretch
         return 0.5 * (end - start) * (speeds * self.levers[pair]).sum(axis=1)
-
-
-class _Largest:
-    """Largest rows of a table between two of them, by halves: [N,n] -> any stretch at once."""
-
-    def __init__(self, table: FloatArray) -> None:
-        self.levels = [table]
-        while 2 ** len(self.levels) <= len(table):
-            half = 2 ** (len(self.levels) - 1)
-            last = self.levels[-1]
-            self.levels.append(np.maximum(last[:-half], last[half:]))
-
-    def between(self, first: np.ndarray, last: np.ndarray) -> FloatArray:
-        """Return the largest of the rows from ``first`` to before ``last``, each [S]."""
-        size = np.maximum(last - first, 1)
-        level = np.floor(np.log2(size)).astype(int)
-        largest = np.empty((first.size, self.levels[0].shape[1]))
-        for k in np.unique(level):
-            at_level = level == k
-            table = self.levels[k]
-            largest[at_level] = np.maximum(table[first[at_level]], table[last[at_level] - 2**k])
-        return largest
 
 
 def _speed_bounds(motion: Motion) -> FloatArray:
@@ -292,22 +261,19 @@ def levers_of(robot: Robot, pairs: Sequence[Pair], farthest: FloatArray) -> Floa
     offsets = [dh_transform(alpha, a, d, 0.0, beta)[:3, 3] for alpha, a, d, beta in rows]
     steps = np.linalg.norm(offsets, axis=1) + np.where(sliding, farthest, 0.0)
 
+    @cache
     def of(frame: int, capsule: Capsule) -> FloatArray:
         points = capsule.corners if isinstance(capsule, LinkHull) else (capsule.start, capsule.end)
         lever_in_frame = float(np.linalg.norm(points, axis=1).max())
         levers = np.zeros(robot.joint_count)
         for joint in range(frame):
-            levers[joint] = (
-                1.0 if sliding[joint] else steps[joint + 1 : frame].sum() + lever_in_frame
-            )
+            turned = steps[joint + 1 : frame].sum() + lever_in_frame
+            levers[joint] = 1.0 if sliding[joint] else turned
         return levers
 
-    table, known = [], dict[tuple[int, int], FloatArray]()
+    table = []
     for pair in pairs:
-        key = pair.frame, id(pair.capsule)
-        if key not in known:
-            known[key] = of(pair.frame, pair.capsule)
-        lever = known[key]
+        lever = of(pair.frame, pair.capsule)
         if pair.other_frame:
             # joints before both move the two alike: only those between them count
             lever = np.where(np.arange(robot.joint_count) < pair.other_frame, 0.0, lever)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from functools import cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,17 +15,17 @@ from microbot_ocp._base.needed import needed
 from microbot_ocp._base.threads import cached_in_thread
 from microbot_ocp.robot import Capsule, Robot, link_poses
 from microbot_ocp.robot._capsules import LinkHull, link_hull
+from microbot_ocp.robot._transforms import transform_of
 from microbot_ocp.scene._obstacles import (
     MOST_FACES,
     Box,
-    ConvexMesh,
     Cylinder,
     HalfSpace,
     Obstacle,
     Sphere,
     has_many_faces,
 )
-from microbot_ocp.scene._pairs import ACCURACY as ACCURACY
+from microbot_ocp.scene._pairs import ACCURACY
 from microbot_ocp.scene._scene import Pair, Scene, clearances, told_apart, with_arm_capsules
 
 
@@ -51,32 +52,27 @@ class ContactModel:
 
     def __init__(self, robot: Robot, pairs: Sequence[Pair], unwatched: Sequence[Pair] = ()) -> None:
         self._coal = coal()
-        self.robot, self.pairs = robot, tuple(pairs)
+        self.pairs = tuple(pairs)
         self.unwatched = tuple(dict.fromkeys(pair.label for pair in unwatched))
         self._poses = fast_call(link_poses(robot))
-        self._placed: dict[tuple[int, int], int] = {}
-        self._local: list[tuple[int, FloatArray, FloatArray]] = []  # frame, turn, shift
-        self._transforms: list[Any] = []
-        self._sides: list[tuple[Any, Any]] = []  # transforms of the two of each pair
+        # of a thing in its frame, None for hulls of links: its pose there, and coal's transform
+        self._placed: dict[tuple[int, Obstacle | None], tuple[FloatArray, Any]] = {}
+        self._sides: list[tuple[Any, ...]] = []  # transforms of the two of each pair
         self._bounds: list[tuple[Any, ...] | None] = []  # by capsules around links
-        self._shapes: dict[int, Any] = {}
-        self._functors: dict[tuple[int, int], Any] = {}
-        self._capsules: dict[int, Capsule] = {}  # around hulls
+        self._solid = cache(partial(_solid_of, self._coal))
+        self._functors: dict[tuple[Obstacle, Obstacle], Any] = {}
+        self._capsules: dict[LinkHull, Capsule] = {}  # around hulls
         for pair in self.pairs:
-            sides = self._places(pair.frame, pair.capsule, pair.other_frame, pair.other)
-            self._sides.append(sides)
+            self._sides.append(self._places(pair, pair.capsule, pair.other))
             around = [self._around(thing) for thing in (pair.capsule, pair.other)]
             if around == [pair.capsule, pair.other]:
                 self._bounds.append(None)
-                continue
-            sides = self._places(pair.frame, around[0], pair.other_frame, around[1])
-            self._bounds.append((self._functor(*around), *sides))
-        moving = [k for k, (frame, _, _) in enumerate(self._local) if frame]
-        local = np.tile(np.eye(4), (len(moving), 1, 1))
-        for row, (_, turn, shift) in zip(local, (self._local[k] for k in moving), strict=True):
-            row[:3, :3], row[:3, 3] = turn, shift
-        self._frames, self._locals = np.array([self._local[k][0] for k in moving], dtype=int), local
-        self._moving = [self._transforms[k] for k in moving]
+            else:
+                self._bounds.append((self._functor(*around), *self._places(pair, *around)))
+        moving = [(frame, *placed) for (frame, _), placed in self._placed.items() if frame]
+        self._frames = np.array([frame for frame, _, _ in moving], dtype=int)
+        self._locals = np.array([local for _, local, _ in moving])
+        self._moving = [transform for _, _, transform in moving]
         row_of = {id(transform): row for row, transform in enumerate(self._moving)}
         self._rows = [  # that each pair needs
             {row_of[id(at)] for at in (*sides, *(bound or ())[1:]) if id(at) in row_of}
@@ -88,52 +84,19 @@ class ContactModel:
         """Return the capsule around a hull of a link; anything else itself."""
         if not isinstance(thing, LinkHull):
             return thing
-        capsule = Capsule(thing.start, thing.end, thing.radius)
-        return self._capsules.setdefault(id(thing), capsule)
+        return self._capsules.setdefault(thing, Capsule(thing.start, thing.end, thing.radius))
 
-    def _places(self, frame: int, thing: Obstacle, other_frame: int, other: Obstacle) -> Any:
-        """Return the transforms of two things."""
-        sides = self._place(frame, thing), self._place(other_frame, other)
-        return tuple(self._transforms[side] for side in sides)
+    def _places(self, pair: Pair, one: Obstacle, other: Obstacle) -> tuple[Any, ...]:
+        """Return the transforms of what stands for the two of a pair."""
+        return self._place(pair.frame, one), self._place(pair.other_frame, other)
 
-    def _place(self, frame: int, thing: Obstacle) -> int:
-        """Return index of the transform of a thing; hulls of links stand in their frame itself."""
-        key = frame, 0 if isinstance(thing, LinkHull) else id(thing)
+    def _place(self, frame: int, thing: Obstacle) -> Any:
+        """Return the transform of a thing; hulls of links stand in their frame itself."""
+        key = frame, None if isinstance(thing, LinkHull) else thing
         if key not in self._placed:
-            self._shapes[id(thing)], turn, shift = self._shape_of(thing)
-            self._placed[key] = len(self._transforms)
-            self._local.append((frame, turn, shift))
-            self._transforms.append(self._coal.Transform3s(turn, shift))
-        return self._placed[key]
-
-    def _shape_of(self, thing: Obstacle) -> tuple[Any, FloatArray, FloatArray]:
-        """Return coal's shape of a thing, its turn [3,3] and origin [3]."""
-        coal, unturned = self._coal, np.eye(3)
-        if isinstance(thing, Sphere):
-            return coal.Sphere(thing.radius), unturned, thing.center
-        if isinstance(thing, LinkHull):
-            return self._hull_of(thing.corners), unturned, np.zeros(3)
-        if isinstance(thing, Capsule):
-            along = thing.end - thing.start
-            length, middle = float(np.linalg.norm(along)), (thing.start + thing.end) / 2
-            if length < 1e-12:
-                return coal.Sphere(thing.radius), unturned, middle
-            return coal.Capsule(thing.radius, length), rotation_to(along / length), middle
-        if isinstance(thing, HalfSpace):
-            return coal.Halfspace(thing.normal, thing.offset), unturned, np.zeros(3)
-        turn, shift = np.array(thing.pose[:3, :3]), np.array(thing.pose[:3, 3])
-        if isinstance(thing, Box):
-            return coal.Box(*thing.size), turn, shift
-        if isinstance(thing, Cylinder):
-            return coal.Cylinder(thing.radius, thing.length), turn, shift
-        assert isinstance(thing, ConvexMesh)
-        return self._hull_of(thing.vertices), turn, shift
-
-    def _hull_of(self, corners: FloatArray) -> Any:
-        points = self._coal.StdVec_Vec3s()
-        for corner in corners:
-            points.append(corner)
-        return self._coal.Convex.convexHull(points, False, "")
+            pose = self._solid(thing)[1]
+            self._placed[key] = pose, self._coal.Transform3s(pose[:3, :3], pose[:3, 3])
+        return self._placed[key][1]
 
     def poses(self, q: FloatArray) -> FloatArray:
         """Return poses [N,k,4,4] of all that moves for q [N,n]."""
@@ -163,25 +126,22 @@ class ContactModel:
             least = bound[0](*bound[1:], self._request, self._result)
             if least > enough:
                 return least
-        return self._least(pair.capsule, pair.other, *self._sides[index], enough)
+        return self._least(pair.capsule, pair.other, self._sides[index], enough)
 
     def _functor(self, one: Obstacle, other: Obstacle) -> Any:
         """Return coal's function of the distance of two things, made when it is first needed."""
-        functor = self._functors.get((id(one), id(other)))
-        if functor is None:
-            for thing in (one, other):
-                if id(thing) not in self._shapes:
-                    self._shapes[id(thing)] = self._shape_of(thing)[0]
-            functor = self._coal.ComputeDistance(self._shapes[id(one)], self._shapes[id(other)])
-            self._functors[id(one), id(other)] = functor
-        return functor
+        key = one, other
+        if key not in self._functors:
+            shapes = (self._solid(thing)[0] for thing in key)
+            self._functors[key] = self._coal.ComputeDistance(*shapes)
+        return self._functors[key]
 
-    def _least(self, one: Capsule, other: Obstacle, at: Any, other_at: Any, enough: float) -> float:
+    def _least(self, one: Capsule, other: Obstacle, sides: tuple[Any, ...], enough: float) -> float:
         """Return the distance of two things at their places, of links by their parts."""
         functor = self._functor(one, other)
         self._result.clear()
-        least = functor(at, other_at, self._request, self._result)
-        self._last = functor, at, other_at
+        least = functor(*sides, self._request, self._result)
+        self._last = functor, *sides
         parts = one.parts if isinstance(one, LinkHull) else ()
         others = other.parts if isinstance(other, LinkHull) else ()
         if least > enough or not (parts or others):
@@ -191,7 +151,7 @@ class ContactModel:
             pairs = [(one, part) for part in others]
         least, nearest = np.inf, self._last
         for pair in pairs:
-            apart = self._least(*pair, at, other_at, min(enough, least))
+            apart = self._least(*pair, sides, min(enough, least))
             if apart < least:
                 least, nearest = apart, self._last
             if least <= 0.0:
@@ -233,6 +193,34 @@ class ContactModel:
                 least, index = apart, k
         apart = self.distance(index)
         return Nearest(self.pairs[index], apart, *self._points())
+
+
+def _solid_of(coal: Any, thing: Obstacle) -> tuple[Any, FloatArray]:
+    """Return coal's shape of a thing and its pose [4,4] in the frame that it is rigid in."""
+    if isinstance(thing, Sphere):
+        return coal.Sphere(thing.radius), transform_of(np.eye(3), thing.center)
+    if isinstance(thing, LinkHull):
+        return _hull_of(coal, thing.corners), np.eye(4)
+    if isinstance(thing, Capsule):
+        along = thing.end - thing.start
+        length, middle = float(np.linalg.norm(along)), (thing.start + thing.end) / 2
+        if length < 1e-12:
+            return coal.Sphere(thing.radius), transform_of(np.eye(3), middle)
+        return coal.Capsule(thing.radius, length), transform_of(rotation_to(along / length), middle)
+    if isinstance(thing, HalfSpace):
+        return coal.Halfspace(thing.normal, thing.offset), np.eye(4)
+    if isinstance(thing, Box):
+        return coal.Box(*thing.size), thing.pose
+    if isinstance(thing, Cylinder):
+        return coal.Cylinder(thing.radius, thing.length), thing.pose
+    return _hull_of(coal, thing.vertices), thing.pose
+
+
+def _hull_of(coal: Any, corners: FloatArray) -> Any:
+    points = coal.StdVec_Vec3s()
+    for corner in corners:
+        points.append(corner)
+    return coal.Convex.convexHull(points, False, "")
 
 
 def facing(robot: Robot, pairs: Sequence[Pair], q: FloatArray) -> tuple[Pair, ...]:
@@ -304,12 +292,11 @@ def _by_hulls(pairs: Sequence[Pair], shapes: tuple[Any, ...]) -> tuple[Pair, ...
         fitted = isinstance(thing, Capsule) and thing.excess > 0.0
         return (fitted and link_hull(shapes, frame, thing.name)) or thing
 
-    found: dict[Any, Pair] = {}
+    of_hulls = []
     for pair in pairs:
         one, other = judged(pair.frame, pair.capsule), judged(pair.other_frame, pair.other)
-        key = pair.frame, id(one), pair.other_frame, id(other)
-        found.setdefault(key, Pair(pair.frame, one, other, pair.other_frame))  # type: ignore[arg-type]
-    return tuple(found.values())
+        of_hulls.append(Pair(pair.frame, one, other, pair.other_frame))  # type: ignore[arg-type]
+    return tuple(dict.fromkeys(of_hulls))
 
 
 def _of_hulls(pair: Pair) -> bool:

@@ -22,7 +22,8 @@ from microbot_ocp.limits import LimitFamily
 from microbot_ocp.motion import PiecewisePolynomial
 from microbot_ocp.robot import Robot
 from microbot_ocp.scene._clearance import levers_of
-from microbot_ocp.scene._contact import ACCURACY, ContactModel, Nearest, contact_model
+from microbot_ocp.scene._contact import ContactModel, Nearest, contact_model
+from microbot_ocp.scene._pairs import ACCURACY
 from microbot_ocp.scene._scene import Scene, with_arm_capsules
 
 TURN = np.pi  # rad: how far beyond both ends joints without limits may go
@@ -160,7 +161,7 @@ def detour(
     """
     if around.is_clear(start, goal):
         corners = np.array([start, goal])
-        return Detour("straight", rounded(around, corners, _weights(around.robot)), corners, 1)
+        return Detour("straight", rounded(around, corners), corners, 1)
     with _planning:
         return _searched(around, start, goal, seed, number)
 
@@ -169,7 +170,10 @@ def _searched(
     around: Surroundings, start: FloatArray, goal: FloatArray, seed: int, number: int
 ) -> Detour:
     rounds, turn = divmod(max(number - FIRST_SEARCHES, -1), len(PLANNERS))
-    base, geometric, util = _ompl()
+    base, geometric, util = (
+        needed(f"ompl.{name}", "a way around obstacles needs", "cell")
+        for name in ("base", "geometric", "util")
+    )
     util.noOutputHandler()
     own_seed = (seed * FIRST_SEARCHES + number) % (2**32 - 1) + 1
     util.RNG.setSeed(own_seed)
@@ -220,18 +224,17 @@ def _searched(
         planner.solve(
             base.PlannerTerminationCondition(lambda: problem.hasExactSolution() or is_over())
         )
+    spent = around.checks - begun
     if not problem.hasExactSolution():
         left = float(problem.getSolutionDifference())  # negative where it was not begun
         if left < 0.0:
             left = float(np.linalg.norm((goal - start) * weights))
-        spent = around.checks - begun
         return Detour(str(number), None, None, spent, left / float(weights[moving].max()))
     solution = problem.getSolutionPath()
     corners = np.array([pose(solution.getState(row)) for row in range(solution.getStateCount())])
     corners[0], corners[-1] = start, goal
-    spent = around.checks - begun
     corners = _shortened(around, corners, own_seed)
-    return Detour(str(number), rounded(around, corners, weights), corners, spent)
+    return Detour(str(number), rounded(around, corners), corners, spent)
 
 
 def _shortened(around: Surroundings, corners: FloatArray, seed: int) -> FloatArray:
@@ -263,24 +266,20 @@ def _without_needless(around: Surroundings, corners: FloatArray) -> FloatArray:
     """Return a polyline that skips every corner that it can do without, from the start."""
     rows, at = [0], 0
     while at < len(corners) - 1:
-        following = next(
-            (j for j in range(len(corners) - 1, at + 1, -1)
-             if around.is_clear(corners[at], corners[j])),
-            at + 1,
-        )  # fmt: skip
-        rows.append(following)
-        at = following
+        later = range(len(corners) - 1, at + 1, -1)
+        at = next((j for j in later if around.is_clear(corners[at], corners[j])), at + 1)
+        rows.append(at)
     return corners[rows]
 
 
-def rounded(around: Surroundings, corners: FloatArray, weights: FloatArray) -> PiecewisePolynomial:
+def rounded(around: Surroundings, corners: FloatArray) -> PiecewisePolynomial:
     """Return a polyline [m,n] whose corners are curves, as long as they keep clear.
 
     Parabolas are the fastest; where rates are limited, the curvature of curves is continuous, so
     that the arm has to stop at none of their ends.
     """
     steps = np.diff(corners, axis=0)
-    lengths = np.linalg.norm(steps * weights, axis=1)
+    lengths = np.linalg.norm(steps * _weights(around.robot), axis=1)
     tangents = steps / lengths[:, None]
     smooth = LimitFamily.of(around.robot).jerk_matters
     taken = np.zeros(len(corners))  # of both sides of a corner, as a length
@@ -345,11 +344,3 @@ def _bounds(robot: Robot, start: FloatArray, goal: FloatArray) -> tuple[FloatArr
     low, high = np.maximum(low, least - TURN), np.minimum(high, most + TURN)
     locked = robot.limits.qd_max == 0.0
     return np.where(locked, start, low), np.where(locked, start, high)
-
-
-def _ompl() -> tuple[Any, Any, Any]:
-    base, geometric, util = (
-        needed(f"ompl.{name}", "a way around obstacles needs", "cell")
-        for name in ("base", "geometric", "util")
-    )
-    return base, geometric, util

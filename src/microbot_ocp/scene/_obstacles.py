@@ -3,11 +3,18 @@
 An obstacle is a core, inflated by a radius: a point or a segment for a sphere and a capsule, the
 body itself with radius zero for the others. Outside of the core the distance of a point from it has
 a continuous slope; inside it is minus the depth. Along a straight line it is convex.
+
+Half the square of the distance of a point from a convex body has the slope x - p with the point p
+of the body that is nearest to x. Along a segment it is convex, so bisection of its slope finds the
+nearest place; the last step is a secant, which carries the derivatives of that place along. Where a
+segment lies flat on a face the nearest place is not unique: a small parabola about the middle is
+added, which makes it so. The value is at most the distance, and at contact at most a quarter of
+``rounding`` smaller.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
@@ -20,17 +27,14 @@ from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.needed import needed
 from microbot_ocp.robot import Capsule, rigid_transform
-from microbot_ocp.scene._distance import (
-    PointFunction,
-    from_segment,
-    length,
-    segment_to_body,
-    segment_to_function,
-    segment_to_plane,
-)
+from microbot_ocp.robot._transforms import transform_of
 
 MOST_FACES = 26  # of a mesh as the solver sees it; hulls with more are enclosed by so many planes
 ROUNDED = 0.05  # of a mesh's smallest half width: how far the solver's corners are rounded
+BISECTIONS = 8  # to a 256th of the segment, before the secant
+TINY = 1e-20
+PointFunction = Callable[[ca.SX], ca.SX]
+Body = tuple[PointFunction, PointFunction | None]  # away from it, and its depth
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,12 +236,7 @@ def core_parameters(
 
 
 def core_distance(
-    kind: type[Obstacle],
-    numbers: ca.SX,
-    start: ca.SX,
-    end: ca.SX,
-    rounding: ca.SX,
-    contact: ca.SX,
+    kind: type[Obstacle], numbers: ca.SX, start: ca.SX, end: ca.SX, rounding: ca.SX, contact: ca.SX
 ) -> ca.SX:
     """Return signed distance of a segment from the core of an obstacle as an expression, m.
 
@@ -250,27 +249,25 @@ def core_distance(
     start, end : expression [3]
         In the base frame, m.
     rounding, contact : expression
-        See :func:`microbot_ocp.scene._distance.segment_to_body`.
+        See :func:`_segment_to_body`.
     """
     if kind is Sphere:
-        return length(from_segment(numbers, start, end))
+        return _length(_from_segment(numbers, start, end))
     if kind is HalfSpace:
         low, high = (ca.dot(numbers[:3], end) - numbers[3] for end in (start, end))
-        return segment_to_plane(low, high, rounding)
+        return _segment_to_plane(low, high, rounding)
     if kind is ConvexMesh:
-        return segment_to_function(_to_faces, numbers, start, end, rounding)
+        return _segment_to_faces(numbers, start, end, rounding)
     if kind is Capsule:
-        ends = numbers[:3], numbers[3:]
-        return segment_to_body(
-            lambda x: from_segment(x, *ends), None, start, end, rounding, contact
-        )
+        axis: Body = lambda x: _from_segment(x, numbers[:3], numbers[3:]), None
+        return _segment_to_body(axis, start, end, rounding, contact)
     turn, shift = ca.reshape(numbers[-12:-3], 3, 3).T, numbers[-3:]
     first, last = (ca.mtimes(turn, end - shift) for end in (start, end))
     of_body = _of_box if kind is Box else _of_cylinder
-    return segment_to_body(*of_body(numbers[:-12]), first, last, rounding, contact)
+    return _segment_to_body(of_body(numbers[:-12]), first, last, rounding, contact)
 
 
-def _of_box(size: ca.SX) -> tuple[PointFunction, PointFunction]:
+def _of_box(size: ca.SX) -> Body:
     half = size / 2
     return (
         lambda x: ca.fmax(x - half, 0.0) + ca.fmin(x + half, 0.0),
@@ -278,21 +275,27 @@ def _of_box(size: ca.SX) -> tuple[PointFunction, PointFunction]:
     )
 
 
-def _of_cylinder(size: ca.SX) -> tuple[PointFunction, PointFunction]:
+def _of_cylinder(size: ca.SX) -> Body:
     radius, half = size[0], size[1] / 2
 
     def away(x: ca.SX) -> ca.SX:
-        share = 1.0 - radius / length(x[:2])
+        share = 1.0 - radius / _length(x[:2])
         beyond = ca.fmax(x[2] - half, 0.0) + ca.fmin(x[2] + half, 0.0)
         return ca.vertcat(ca.fmax(share, 0.0) * x[:2], beyond)
 
-    return away, lambda x: ca.fmax(length(x[:2]) - radius, ca.fabs(x[2]) - half)
+    return away, lambda x: ca.fmax(_length(x[:2]) - radius, ca.fabs(x[2]) - half)
 
 
 def _to_faces(x: ca.SX, numbers: ca.SX) -> ca.SX:
+    """Return at most the largest height of a point over faces, and near it, with continuous
+    slopes.
+    """
     faces = numbers.shape[0] // 4
     normals, offsets = ca.reshape(numbers[: 3 * faces], faces, 3), numbers[3 * faces : -1]
-    return _rounded_maximum(ca.mtimes(normals, x) - offsets, numbers[-1])
+    heights, rounding = ca.mtimes(normals, x) - offsets, numbers[-1]
+    largest = ca.mmax(heights)
+    rest = ca.sum1(ca.exp((heights - largest) / rounding))
+    return largest + rounding * (ca.log(rest) - np.log(faces))
 
 
 @lru_cache(maxsize=256)
@@ -316,13 +319,6 @@ def solver_faces(
         offsets = (points @ normals.T).max(axis=0)
     width = (offsets + (points @ -normals.T).max(axis=0)).min() / 2
     return normals, offsets, ROUNDED * float(width)
-
-
-def _rounded_maximum(values: ca.SX, rounding: ca.SX) -> ca.SX:
-    """Return at most the largest of values [K], and near it, with continuous slopes."""
-    largest = ca.mmax(values)
-    rest = ca.sum1(ca.exp((values - largest) / rounding))
-    return largest + rounding * (ca.log(rest) - np.log(values.shape[0]))
 
 
 def _hull(points: FloatArray) -> Any:
@@ -352,7 +348,77 @@ def _positive(name: str, value: Any) -> float:
 
 def _pose(name: str, value: ArrayLike) -> FloatArray:
     if np.ndim(np.asarray(value, dtype=object)) == 1:
-        pose = np.eye(4)
-        pose[:3, 3] = checks.array(name, value, (3,), "m")
-        return pose
+        return transform_of(np.eye(3), checks.array(name, value, (3,), "m"))
     return rigid_transform(name, value)
+
+
+# distances of segments ----------------------------------------------------------------------------
+
+
+def _segment_to_body(
+    body: Body, start: ca.SX, end: ca.SX, rounding: ca.SX, contact: ca.SX
+) -> ca.SX:
+    """Return the distance of a segment from a convex body.
+
+    Parameters
+    ----------
+    body : pair of callables
+        Point [3] -> the point less the nearest one of the body, [3]; point -> minus its depth
+        inside the body, anything positive outside, or None for a body without an inside.
+    start, end : expression [3]
+    rounding, contact : expression
+        m, above 0; and the distance that matters most.
+    """
+    (away, depth), along, parabola = body, end - start, 2.0 * rounding * contact
+
+    def slope(t: ca.SX) -> ca.SX:
+        return ca.dot(away(start + t * along), along) + parabola * (t - 0.5)
+
+    t = _least(slope)
+    point = start + t * along
+    square = ca.sumsqr(away(point)) + parabola * ((t - 0.5) ** 2 - 0.25)
+    outside = ca.sqrt(ca.fmax(square, TINY))
+    return outside if depth is None else outside + ca.fmin(depth(point), 0.0)
+
+
+def _segment_to_faces(numbers: ca.SX, start: ca.SX, end: ca.SX, rounding: ca.SX) -> ca.SX:
+    """Return the least of :func:`_to_faces` along a segment: it is convex, with continuous
+    slopes.
+    """
+    t, bow, given = ca.SX.sym("t"), ca.SX.sym("bow"), ca.SX.sym("given", numbers.shape[0])
+    first, last = ca.SX.sym("first", 3), ca.SX.sym("last", 3)
+    value = _to_faces(first + t * (last - first), given) + bow * ((t - 0.5) ** 2 - 0.25)
+    both = ca.Function("along", [t, first, last, given, bow], [value, ca.gradient(value, t)])
+    rest = start, end, numbers, rounding
+    return both(_least(lambda t: both(t, *rest)[1]), *rest)[0]
+
+
+def _least(slope: PointFunction) -> ca.SX:
+    """Give where from 0 to 1 a convex function of this slope is least: bisection, then a secant."""
+    low, high = ca.SX(0.0), ca.SX(1.0)
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (low + high)
+        falls = slope(middle) < 0
+        low, high = ca.if_else(falls, middle, low), ca.if_else(falls, high, middle)
+    before, after = slope(low), slope(high)
+    share = -before / ca.fmax(after - before, TINY)
+    return low + (high - low) * ca.fmin(ca.fmax(share, 0.0), 1.0)
+
+
+def _segment_to_plane(start_height: ca.SX, end_height: ca.SX, rounding: ca.SX) -> ca.SX:
+    """Return the least height of a segment whose ends have these heights over a plane."""
+    rise = end_height - start_height
+    t = ca.fmin(ca.fmax(0.5 - rise / (2.0 * rounding), 0.0), 1.0)
+    return start_height + t * rise + rounding * ((t - 0.5) ** 2 - 0.25)
+
+
+def _from_segment(point: ca.SX, start: ca.SX, end: ca.SX) -> ca.SX:
+    """Return a point [3] less the nearest one of the segment between two others."""
+    along = end - start
+    share = ca.dot(point - start, along) / ca.fmax(ca.sumsqr(along), TINY)
+    return point - start - ca.fmin(ca.fmax(share, 0.0), 1.0) * along
+
+
+def _length(vector: ca.SX) -> ca.SX:
+    """Return the norm with a slope of zero at zero."""
+    return ca.sqrt(ca.fmax(ca.sumsqr(vector), TINY))

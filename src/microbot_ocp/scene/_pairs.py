@@ -19,12 +19,7 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.codegen import compile_recipe
 from microbot_ocp.robot import Capsule, Robot, link_poses
-from microbot_ocp.scene._obstacles import (
-    Obstacle,
-    core_distance,
-    core_parameters,
-    core_radius,
-)
+from microbot_ocp.scene._obstacles import Obstacle, core_distance, core_parameters, core_radius
 
 ACCURACY = 1e-6  # m, of distances by coal's iterations (its tolerance is 1e-6)
 ROUNDING = 0.02  # of a capsule's radius: parabola that makes the nearest place unique
@@ -75,11 +70,11 @@ class Distances:
     pairs: tuple[Pair, ...]
 
     def __call__(self, state: Any) -> Any:
-        axes = {(frame, id(c)): (frame, c) for pair in self.pairs for frame, c in _axes(pair)}
-        ends = {key: _ends(state.link_poses, *axis) for key, axis in axes.items()}
+        axes = dict.fromkeys(axis for pair in self.pairs for axis in _axes(pair))
+        ends = {axis: _ends(state.link_poses, *axis) for axis in axes}
         values = []
         for pair in self.pairs:
-            given = ca.vertcat(*(ends[frame, id(capsule)] for frame, capsule in _axes(pair)))
+            given = ca.vertcat(*(ends[axis] for axis in _axes(pair)))
             values.append(_distance(*_kind(pair))(given, _numbers(pair)))
         return ca.vertcat(*values) + _thicker(self.pairs)
 
@@ -143,12 +138,12 @@ def _distance(kind: type[Obstacle], count: int) -> ca.Function:
 @lru_cache(maxsize=64)
 def _derivatives(robot: Robot, pairs: tuple[Pair, ...], compiled: bool) -> tuple[ca.Function, ...]:
     n = robot.joint_count
-    axes = {(frame, id(c)): (frame, c) for pair in pairs for frame, c in _axes(pair)}
+    axes = dict.fromkeys(axis for pair in pairs for axis in _axes(pair))
     # those of the whole arm where they are the robot's, so that other scenes ask for the same
-    whole = {(frame, id(c)): (frame, c) for frame, c in robot.capsules if frame}
+    whole = dict.fromkeys((frame, capsule) for frame, capsule in robot.capsules if frame)
     axes = whole if axes.keys() <= whole.keys() else axes
-    column = {key: number for number, key in enumerate(axes)}
-    place, bend, ends_of = _of_axes(robot, tuple(axes.values()), compiled)
+    column = {axis: number for number, axis in enumerate(axes)}
+    place, bend, ends_of = _of_axes(robot, tuple(axes), compiled)
     q, weights = ca.MX.sym("q", n), ca.MX.sym("weights", len(pairs))
     ends, slopes = place(q)  # [6,A], [6,A n]
     order: list[int] = []
@@ -157,7 +152,7 @@ def _derivatives(robot: Robot, pairs: tuple[Pair, ...], compiled: bool) -> tuple
     for key in dict.fromkeys(map(_kind, pairs)):
         chosen = [k for k, pair in enumerate(pairs) if _kind(pair) == key]
         order += chosen
-        which = [[column[frame, id(c)] for frame, c in _axes(pairs[k])] for k in chosen]
+        which = [[column[axis] for axis in _axes(pairs[k])] for k in chosen]
         parts = [(ends[:, list(side)], slopes[:, [a * n + j for a in side for j in range(n)]])
                  for side in zip(*which, strict=True)]  # fmt: skip
         given = [ca.vertcat(*side) for side in zip(*parts, strict=True)]

@@ -84,12 +84,10 @@ class Scene:
             raise InputError(f"names of obstacles must differ: there are several {twice[0]!r}")
         put(self, "obstacles", tuple(obstacles))
         put(self, "clearance", checks.number("clearance", self.clearance, "m", at_least=0.0))
-        pairs = []
         for pair in self.ignore:
             if isinstance(pair, str) or len(pair) != 2:
                 raise InputError(f"ignore must hold pairs of names, not {pair!r}")
-            pairs.append((str(pair[0]), str(pair[1])))
-        put(self, "ignore", tuple(pairs))
+        put(self, "ignore", tuple((str(one), str(other)) for one, other in self.ignore))
 
     @property
     def names(self) -> tuple[str, ...]:

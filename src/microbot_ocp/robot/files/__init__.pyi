@@ -10,9 +10,6 @@ from ._library import (
 from ._mjcf import (
     load_mjcf as load_mjcf,
 )
-from ._remarks import (
-    RobotFileWarning as RobotFileWarning,
-)
 from ._toml import (
     parse_robot as parse_robot,
     robot_to_toml as robot_to_toml,
@@ -24,4 +21,7 @@ from ._urdf_reader import (
 )
 from ._urdf_writer import (
     robot_to_urdf as robot_to_urdf,
+)
+from ._xml import (
+    RobotFileWarning as RobotFileWarning,
 )

@@ -159,8 +159,7 @@ def robot_text(source: str | Path, tip: str | None = None) -> str:
 def _toml_file(name: str) -> tuple[str, str]:
     """Return the text of a packaged robot or of a TOML file, and what to call it in messages."""
     if name in packaged_robots():
-        text = (_packaged() / f"{name}.toml").read_text("utf-8")
-        return text, f"{name}.toml"
+        return (_packaged() / f"{name}.toml").read_text("utf-8"), f"{name}.toml"
     path = Path(name)
     if path.suffix != ".toml":
         raise InputError(

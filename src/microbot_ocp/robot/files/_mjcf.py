@@ -21,10 +21,10 @@ from microbot_ocp._base.needed import needed
 from microbot_ocp._base.reading import bytes_of
 from microbot_ocp.robot._model import Robot
 from microbot_ocp.robot._shapes import Shape
-from microbot_ocp.robot._transforms import of_quaternion
-from microbot_ocp.robot.files._remarks import Remarks
+from microbot_ocp.robot._transforms import of_quaternion, transform_of, without_dust
 from microbot_ocp.robot.files._urdf_file import Inertial, UrdfFile, UrdfJoint, UrdfLink
 from microbot_ocp.robot.files._urdf_reader import PARALLEL, joint_motion, robot_of
+from microbot_ocp.robot.files._xml import Remarks
 
 KINDS = {"FREE": "floating", "BALL": "spherical", "SLIDE": "prismatic", "HINGE": "revolute"}
 SOLIDS = {"SPHERE": "sphere", "CAPSULE": "capsule", "CYLINDER": "cylinder", "BOX": "box"}
@@ -122,13 +122,13 @@ class _Model:
             frame = _pose(model.body_ipos[body], model.body_iquat[body])
             inertia = np.diag(model.body_inertia[body])
             inertial = Inertial(float(model.body_mass[body]), inertia, frame)
-            self.links[name] = UrdfLink(name, inertial, tuple(self._shapes(body)))
+            self.links[name] = UrdfLink(inertial, tuple(self._shapes(body)))
             if body:
                 self._join(body)
         for site in range(model.nsite):
             name = self.mujoco.mj_id2name(model, int(self.mujoco.mjtObj.mjOBJ_SITE), site)
             if name and name not in self.links:
-                self.links[name] = UrdfLink(name, None, ())
+                self.links[name] = UrdfLink()
                 frame = _pose(model.site_pos[site], model.site_quat[site])
                 self._fix(self.bodies[model.site_bodyid[site]], name, frame)
         if np.any(model.body_gravcomp):
@@ -162,7 +162,7 @@ class _Model:
             joint = self._joint(number, kind, parent, child, frame @ anchor)
             self.joints[joint.name] = joint
             if not ends:
-                self.links[child] = UrdfLink(child, None, ())
+                self.links[child] = UrdfLink()
             parent, frame = child, back
         if parent != name:
             self._fix(parent, name, frame)
@@ -174,9 +174,8 @@ class _Model:
         if kind in ("floating", "spherical"):
             return UrdfJoint(name, kind, parent, child, frame)
         dof = int(model.jnt_dofadr[number])
-        lower, upper = -math.inf, math.inf
-        if model.jnt_limited[number]:
-            lower, upper = model.jnt_range[number].tolist()
+        limited = model.jnt_limited[number]
+        lower, upper = model.jnt_range[number].tolist() if limited else (-math.inf, math.inf)
         axis = np.array(model.jnt_axis[number])
         least, most = self._forces(number)
         damping = float(np.ravel(model.dof_damping[dof])[0])
@@ -228,13 +227,11 @@ class _Model:
             if not direct or model.actuator_trnid[k, 0] != number:
                 continue
             gear, limits = model.actuator_gear[k, 0], np.array([-np.inf, np.inf])
-            motor = (
-                self._kind("mjtGain", model.actuator_gaintype[k]) == "FIXED"
-                and self._kind("mjtBias", model.actuator_biastype[k]) == "NONE"
-            )
+            gain = self._kind("mjtGain", model.actuator_gaintype[k])
+            bias = self._kind("mjtBias", model.actuator_biastype[k])
             if model.actuator_forcelimited[k]:
                 limits = model.actuator_forcerange[k]
-            elif model.actuator_ctrllimited[k] and motor:
+            elif model.actuator_ctrllimited[k] and (gain, bias) == ("FIXED", "NONE"):  # a motor
                 limits = model.actuator_ctrlrange[k] * model.actuator_gainprm[k, 0]
             if gear:
                 ranges.append(np.sort(gear * limits))
@@ -268,21 +265,11 @@ class _Model:
             material = int(model.geom_matid[k])
             color = model.geom_rgba[k] if material < 0 else model.mat_rgba[material]
             collides = model.geom_contype[k] or model.geom_conaffinity[k]
-            yield Shape(
-                frame=0,
-                pose=pose,
-                kind=SOLIDS.get(kind, "mesh"),
-                size=np.array(size),
-                role="collision" if collides else "visual",
-                link=self.bodies[body],
-                path=path,
-                color=tuple(color.tolist()),
-            )
+            role, link = "collision" if collides else "visual", self.bodies[body]
+            solid, color = SOLIDS.get(kind, "mesh"), tuple(color.tolist())
+            yield Shape(0, pose, solid, np.array(size), role, link, path, color)
 
 
 def _pose(position: FloatArray, quaternion: FloatArray) -> FloatArray:
     """Return the transform [4,4] of a position and a quaternion, scalar first."""
-    pose = np.eye(4)
-    pose[:3, :3] = of_quaternion(quaternion)
-    pose[:3, 3] = position
-    return np.where(np.abs(pose) < 1e-15, 0.0, pose)  # without the dust of right angles
+    return without_dust(transform_of(of_quaternion(quaternion), position))

@@ -8,32 +8,16 @@ are almost but not quite parallel, the row has Hayati's turn beta instead of a d
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.robot._transforms import dh_transform
+from microbot_ocp.robot._transforms import dh_transform, transform_of
 
-
-@dataclass(frozen=True)
-class Placement:
-    """Settings by which frames are placed on axes.
-
-    Attributes
-    ----------
-    nearly_parallel : sine of the angle below which the common normal of two axes is far away
-    rounding : m and rad: what rounding leaves of a zero
-    coincident : m, and the sine of an angle: axes this close are one
-    """
-
-    nearly_parallel: float = 0.02
-    rounding: float = 1e-15
-    coincident: float = 1e-12
-
-
-PLACEMENT = Placement()
+NEARLY_PARALLEL = 0.02  # sine of the angle below which the common normal of two axes is far away
+ROUNDING = 1e-15  # m and rad: what rounding leaves of a zero
+COINCIDENT = 1e-12  # m, and the sine of an angle: axes this close are one
 
 
 class Rows(NamedTuple):
@@ -60,44 +44,39 @@ def dh_rows(points: FloatArray, axes: FloatArray, parallel_tolerance: float) -> 
         Axes whose angle is below this count as parallel, rad.
     """
     count = len(points)
-    base, x, origin = _frame_zero(points[0], axes[0])
-    z = base[:3, 2]
+    base = placed = _frame_zero(points[0], axes[0])
     # Sine of the angle between an axis and the next, first from the base's Z; zero if parallel.
-    sines = np.linalg.norm(np.cross([z, *axes[:-1]], axes), axis=1)
+    sines = np.linalg.norm(np.cross([base[:3, 2], *axes[:-1]], axes), axis=1)
     sines = np.where(sines > parallel_tolerance, sines, 0.0)
-    table = np.zeros((count, 5))
-    frames, placed = [], base
+    table, frames = np.zeros((count, 5)), []
     for i in range(count):
-        z_next = axes[i]
-        alpha, a, beta, foot = _to_axis(origin, x, z, points[i], z_next, sines[i])
+        x, z, z_next = placed[:3, 0], placed[:3, 2], axes[i]
+        alpha, a, beta, foot = _to_axis(placed, points[i], z_next, sines[i])
         if i + 1 < count:
-            x_next, origin_next = _normal(
-                points[i], z_next, points[i + 1], axes[i + 1], x, foot, sines[i + 1]
-            )
+            pair = slice(i, i + 2)
+            x_next, origin_next = _normal(points[pair], axes[pair], x, foot, sines[i + 1])
         else:
             x_next, origin_next = _across(x, z_next), foot
-        turned = _turned(x, z, alpha, beta)
+        # X after the turns alpha about X and beta about the new Y
+        z_turned = np.cos(alpha) * z - np.sin(alpha) * np.cross(z, x)
+        turned = np.cos(beta) * x - np.sin(beta) * z_turned
         theta = np.arctan2(z_next @ np.cross(turned, x_next), turned @ x_next)
         row = np.array([alpha, a, z_next @ (origin_next - foot), theta, beta])
-        table[i] = np.where(np.abs(row) < PLACEMENT.rounding, 0.0, row)
+        table[i] = np.where(np.abs(row) < ROUNDING, 0.0, row)
         # The frame as the rows make it, so that rounding does not pile up along the chain.
         placed = placed @ dh_transform(*table[i])
         frames.append(placed)
-        x, z, origin = placed[:3, 0], placed[:3, 2], placed[:3, 3]
     return Rows(*table.T, base=base, frames=frames)
 
 
-def _frame_zero(point: FloatArray, axis: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Frame 0 [4,4] in the base frame, its X and its origin; the base frame itself if it can be."""
-    if np.hypot(axis[0], axis[1]) < PLACEMENT.coincident and axis[2] > 0:
+def _frame_zero(point: FloatArray, axis: FloatArray) -> FloatArray:
+    """Return frame 0 [4,4] in the base frame; the base frame itself if it can be."""
+    if np.hypot(axis[0], axis[1]) < COINCIDENT and axis[2] > 0:
         beside = np.array([point[0], point[1], 0.0])
-        if np.linalg.norm(beside) < PLACEMENT.coincident:
-            return np.eye(4), np.eye(3)[0], np.zeros(3)
-    frame = np.eye(4)
+        if np.linalg.norm(beside) < COINCIDENT:
+            return np.eye(4)
     x = _across(np.eye(3)[0], axis)
-    frame[:3, :3] = np.column_stack([x, np.cross(axis, x), axis])
-    frame[:3, 3] = point
-    return frame, x, point
+    return transform_of(np.column_stack([x, np.cross(axis, x), axis]), point)
 
 
 def _across(x: FloatArray, z: FloatArray) -> FloatArray:
@@ -112,29 +91,20 @@ def _across(x: FloatArray, z: FloatArray) -> FloatArray:
     raise AssertionError("one of three unit vectors is always more than 30 degrees off an axis")
 
 
-def _turned(x: FloatArray, z: FloatArray, alpha: float, beta: float) -> FloatArray:
-    """Return X of a frame after its turns alpha about X and beta about the new Y."""
-    z_turned = np.cos(alpha) * z - np.sin(alpha) * np.cross(z, x)
-    return np.cos(beta) * x - np.sin(beta) * z_turned
-
-
 def _to_axis(
-    origin: FloatArray,
-    x: FloatArray,
-    z: FloatArray,
-    point: FloatArray,
-    z_next: FloatArray,
-    sine: float,
+    frame: FloatArray, point: FloatArray, z_next: FloatArray, sine: float
 ) -> tuple[float, float, float, FloatArray]:
-    """Give twist, length, beta and the foot of ``x`` on the next axis, ``x`` being normal to both.
+    """Give twist, length, beta and the foot of a frame's X on the next axis, X being normal to
+    both.
 
-    Of axes nearly parallel, ``x`` leads to where the next one crosses the plane normal to ``z``.
+    Of axes nearly parallel, X leads to where the next one crosses the plane normal to Z.
     """
+    x, z, origin = frame[:3, 0], frame[:3, 2], frame[:3, 3]
     across, beside, along = x @ z_next, np.cross(z, x) @ z_next, z @ z_next
     alpha, beta = float(np.arctan2(-beside, along)), 0.0
     if sine == 0.0:
         alpha = 0.0 if along > 0 else np.pi
-    elif sine < PLACEMENT.nearly_parallel:
+    elif sine < NEARLY_PARALLEL:
         beta = float(np.arcsin(across))
         point = _crossing(origin, z, point, z_next)
     a = float((point - origin) @ x)
@@ -149,25 +119,22 @@ def _crossing(
 
 
 def _normal(
-    point: FloatArray,
-    z: FloatArray,
-    point_next: FloatArray,
-    z_next: FloatArray,
-    x: FloatArray,
-    foot: FloatArray,
-    sine: float,
+    points: FloatArray, axes: FloatArray, x: FloatArray, foot: FloatArray, sine: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Give unit X along the common normal from one axis to the next, and its foot on the first."""
+    """Give unit X along the common normal from one axis [2,3] to the next, and its foot on the
+    first.
+    """
+    (point, point_next), (z, z_next) = points, axes
     gap = point_next - point
-    if sine < PLACEMENT.nearly_parallel:
+    if sine < NEARLY_PARALLEL:
         if sine > 0.0:
             gap = _crossing(foot, z, point_next, z_next) - foot
         beside = gap - (gap @ z) * z
         distance = np.linalg.norm(beside)
-        return (beside / distance if distance > PLACEMENT.coincident else _across(x, z)), foot
+        return (beside / distance if distance > COINCIDENT else _across(x, z)), foot
     cross = np.cross(z, z_next)
     unit = cross / sine
     reach = gap @ unit
-    if reach < -PLACEMENT.coincident or (abs(reach) <= PLACEMENT.coincident and unit @ x < 0):
+    if reach < -COINCIDENT or (abs(reach) <= COINCIDENT and unit @ x < 0):
         unit = -unit
     return unit, point + (np.cross(gap, z_next) @ cross / sine**2) * z

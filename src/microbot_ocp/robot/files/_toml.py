@@ -74,10 +74,8 @@ JOINT = {
     "name": TEXT,
     "type": Key(choices=("revolute", "prismatic")),
     "alpha": Key(needed=True, degrees=True),
-    "a": NEEDED,
-    "d": NEEDED,
-    "theta_offset": ANGLE,
-    "beta": ANGLE,
+    **dict.fromkeys(("a", "d"), NEEDED),
+    **dict.fromkeys(("theta_offset", "beta"), ANGLE),
     **dict.fromkeys(LINK, ANY),
     "rotor": TABLE,
     **{key: Key(degrees=not key.startswith("tau")) for key in BOUNDS},
@@ -102,7 +100,6 @@ def _robot(data: dict[str, Any], name: str) -> Robot:
     if None in links and any(links):
         missing = rows[links.index(None)]["name"]
         raise InputError(f"mass of joint {missing!r} is missing: give all or none")
-    shapes = data.get("shape", [])
     robot = Robot.from_dh(
         *([row[key] for row in rows] for key in GEOMETRY),
         joint_type=[row["type"] for row in rows],
@@ -115,7 +112,7 @@ def _robot(data: dict[str, Any], name: str) -> Robot:
         joint_names=[row["name"] for row in rows],
         description=data.get("description", ""),
         beta=[row["beta"] for row in rows],
-        shapes=[Shape(**read_table(table, SHAPE, "of a shape")) for table in shapes],
+        shapes=[Shape(**read_table(table, SHAPE, "of a shape")) for table in data.get("shape", [])],
         convention=data.get("convention"),
     )
     pairs = _pairs(data["disabled_pairs"]) if "disabled_pairs" in data else None

@@ -1,7 +1,9 @@
-"""A URDF file as data: its links and joints as they stand there, every number checked by name.
+"""URDF and SRDF files as data: what stands there, every number checked by name.
 
-Format: https://wiki.ros.org/urdf/XML. Defaults are those of the format; what the format demands but
-files leave out all the same is filled in with a remark.
+Formats: https://wiki.ros.org/urdf/XML, with its defaults; what the format demands but files leave
+out all the same is filled in with a remark. http://wiki.ros.org/srdf is what MoveIt says of a robot
+beside its URDF: read are the chains of groups, named states, and the pairs of links whose
+collisions are disabled; what is about planning groups alone has no place in a robot.
 """
 
 from __future__ import annotations
@@ -14,12 +16,13 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from microbot_ocp._base import checks
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import FloatArray, InputError, naming
+from microbot_ocp._base.reading import bytes_of
 from microbot_ocp.limits import JOINT_QUANTITIES
 from microbot_ocp.robot._shapes import ROLES, SIZES, Role, Shape
-from microbot_ocp.robot._transforms import rotation_of
-from microbot_ocp.robot.files._mesh_files import find_mesh
-from microbot_ocp.robot.files._remarks import Remarks
+from microbot_ocp.robot._transforms import rotation_of, transform_of, without_dust
+from microbot_ocp.robot.files._ros_files import find_mesh
+from microbot_ocp.robot.files._xml import Remarks, read_xml
 
 EXTENSION = "microbot_ocp"
 ACCELERATION = "drake:acceleration"  # attribute of <limit> by which Drake extends the format
@@ -28,6 +31,7 @@ HELD = ("planar", "floating", "spherical")  # a serial chain has no such joints
 # What a joint's extension element may hold: rotor inertia, and limits that <limit> has no room for.
 RANGES = tuple(key for key in JOINT_QUANTITIES if key != "q")
 EXTRA_KEYS = ("armature", *(f"{quantity}_{side}" for quantity in RANGES for side in ("min", "max")))
+UNREAD = ("disable_default_collisions", "enable_collisions", "link_sphere_approximation")  # of SRDF
 MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
@@ -44,9 +48,8 @@ class Inertial:
 class UrdfLink:
     """A link: its mass properties, and its geometry in its own frame."""
 
-    name: str
-    inertial: Inertial | None
-    shapes: tuple[Shape, ...]
+    inertial: Inertial | None = None
+    shapes: tuple[Shape, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,11 +135,7 @@ def number_from(label: str, text: str) -> float:
 
 
 def _finite(
-    element: Element,
-    key: str,
-    label: str,
-    default: float = 0.0,
-    at_least: float | None = None,
+    element: Element, key: str, label: str, default: float = 0.0, at_least: float | None = None
 ) -> float:
     if key not in element.attrib:
         return default
@@ -155,10 +154,9 @@ def _vector(element: Element, key: str, label: str, default: str, count: int = 3
 
 def _frame(element: Element, label: str) -> FloatArray:
     """Return the transform [4,4] of an element's <origin>; the identity without one."""
-    frame, origin = np.eye(4), _part(element, "origin")
-    frame[:3, :3] = rotation_of(_vector(origin, "rpy", label, "0 0 0"))
-    frame[:3, 3] = _vector(origin, "xyz", label, "0 0 0")
-    return np.where(np.abs(frame) < 1e-15, 0.0, frame)  # without the dust of right angles
+    origin = _part(element, "origin")
+    rotation = rotation_of(_vector(origin, "rpy", label, "0 0 0"))
+    return without_dust(transform_of(rotation, _vector(origin, "xyz", label, "0 0 0")))
 
 
 class _Reader:
@@ -185,7 +183,7 @@ class _Reader:
                     self.remarks.add("geometry that cannot be read is left out", str(problem))
         inertial = element.find("inertial")
         of = None if inertial is None else self._inertial(inertial, name)
-        return UrdfLink(name, of, tuple(shapes))
+        return UrdfLink(of, tuple(shapes))
 
     def _inertial(self, element: Element, name: str) -> Inertial:
         label = f"link {name!r}"
@@ -212,10 +210,8 @@ class _Reader:
         label = f"joint {name!r}"
         kind = element.get("type")
         if kind not in (*MOVING, *HELD, "fixed"):
-            raise InputError(
-                f"{label} is {kind}: only {', '.join((*MOVING, *HELD))} and fixed joints can be "
-                "read"
-            )
+            readable = ", ".join((*MOVING, *HELD))
+            raise InputError(f"{label} is {kind}: only {readable} and fixed joints can be read")
         ends = [_part(element, role).get("link", "") for role in ("parent", "child")]
         frame = _frame(element, f"origin of {label}")
         if kind not in MOVING:
@@ -288,23 +284,15 @@ class _Reader:
 
     def _shape(self, element: Element, role: Role, name: str) -> Shape:
         label = f"{role} geometry of link {name!r}"
-        every = (child for child in element.iterfind("geometry/*") if child.tag in SIZES)
-        given = next(every, None)
+        given = next((part for part in element.iterfind("geometry/*") if part.tag in SIZES), None)
         if given is None:
             raise InputError(f"{label} must be one of {', '.join(SIZES)}")
         path = ""
         if given.tag == "mesh":
             path = find_mesh(given.get("filename", ""), self.folder, self.remarks)
-        return Shape(
-            frame=0,
-            pose=_frame(element, f"origin of the {label}"),
-            kind=given.tag,
-            size=np.array(_size(given, label)),
-            role=role,
-            link=name,
-            path=path,
-            color=self._color(_part(element, "material")),
-        )
+        pose, size = _frame(element, f"origin of the {label}"), np.array(_size(given, label))
+        color = self._color(_part(element, "material"))
+        return Shape(0, pose, given.tag, size, role, name, path, color)
 
     def _color(self, material: Element) -> tuple[float, ...] | None:
         color, name = material.find("color"), material.get("name")
@@ -322,3 +310,69 @@ def _size(element: Element, label: str) -> list[float]:
         return numbers_from(f"size of the {label}", element.get("size", ""))
     names = SIZES[element.tag]
     return [number_from(f"{name} of the {label}", element.get(name, "")) for name in names]
+
+
+# SRDF ---------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class SrdfFile:
+    """All of a file that a robot can hold.
+
+    Attributes
+    ----------
+    tips : group -> link at the end of its chain; groups without a chain are left out
+    states : names, and their joint -> position, rad or m
+    disabled : pairs of links that may touch, each in alphabetical order
+    """
+
+    tips: dict[str, str]
+    states: tuple[tuple[str, dict[str, float]], ...]
+    disabled: tuple[tuple[str, str], ...]
+
+
+def read_srdf(path: str | Path) -> SrdfFile:
+    """Read an SRDF file.
+
+    Raises
+    ------
+    InputError
+        A file that cannot be read or is no SRDF, a name that is missing, a value that is no number.
+    """
+    name, remarks = Path(path).name, Remarks()
+    with naming(f"{name}: "):
+        content = _content(read_xml(bytes_of(path, "SRDF file"), remarks), remarks)
+    remarks.warn(name)
+    return content
+
+
+def _content(root: Element, remarks: Remarks) -> SrdfFile:
+    if root.tag != "robot":
+        raise InputError(f"it is not an SRDF: its root is <{root.tag}>, not <robot>")
+    for kind in UNREAD:
+        if root.find(kind) is not None:
+            remarks.add("elements of the SRDF are left out", f"<{kind}>")
+    tips, states = dict[str, str](), list[tuple[str, dict[str, float]]]()
+    for group in root.findall("group"):
+        if (chain := group.find("chain")) is not None:
+            tips[_text(group, "name")] = _text(chain, "tip_link")
+    for state in root.findall("group_state"):
+        name = _text(state, "name")
+        positions = {}
+        for joint in state.findall("joint"):
+            label = f"value of joint {_text(joint, 'name')!r} in the state {name!r}"
+            value = number_from(label, _text(joint, "value").split()[0])
+            positions[_text(joint, "name")] = checks.number(label, value)
+        states.append((name, positions))
+    pairs = {
+        tuple(sorted((_text(pair, "link1"), _text(pair, "link2"))))
+        for pair in root.findall("disable_collisions")
+    }
+    return SrdfFile(tips, tuple(states), tuple(sorted(pairs)))  # type: ignore[arg-type]
+
+
+def _text(element: Element, key: str) -> str:
+    text = element.get(key, "").strip()
+    if not text:
+        raise InputError(f"<{element.tag}> of the SRDF lacks {key}")
+    return text

@@ -27,40 +27,25 @@ from microbot_ocp.limits import Limits
 from microbot_ocp.robot._links import Link, Part, combined, inertia_fault
 from microbot_ocp.robot._model import Robot
 from microbot_ocp.robot._shapes import Shape
+from microbot_ocp.robot._transforms import without_dust
 from microbot_ocp.robot.files._placement import dh_rows
-from microbot_ocp.robot.files._remarks import Remarks
-from microbot_ocp.robot.files._srdf_file import SrdfFile, read_srdf
+from microbot_ocp.robot.files._ros_files import urdf_content
 from microbot_ocp.robot.files._urdf_file import (
     HELD,
     RANGES,
+    SrdfFile,
     UrdfFile,
     UrdfJoint,
     number_from,
+    read_srdf,
     urdf_file,
 )
-from microbot_ocp.robot.files._xacro import urdf_content
-from microbot_ocp.robot.files._xml import read_xml
+from microbot_ocp.robot.files._xml import Remarks, read_xml
 
 PARALLEL = 1e-12  # rad: what rounding in the computation leaves between parallel axes
 USUAL_TOOL = "tool0"  # name of the tool frame by ROS-Industrial's convention
 ROOM = 70  # characters that a list of names takes in a message
-
-
-def _link(parts: list[Part], frame: FloatArray, **joint: Any) -> Link:
-    """Return the body of parts, given in the root's frame, in the link frame ``frame`` [4,4] of
-    it.
-    """
-    total, center, about_center = combined(parts, frame[:3, 3])
-    rotation = frame[:3, :3]
-    turned = rotation.T @ about_center @ rotation
-    inertia = (turned + turned.T) / 2
-    return Link(
-        mass=total,
-        center_of_mass=rotation.T @ (center - frame[:3, 3]),
-        inertia=inertia,
-        allow_unphysical=inertia_fault(inertia) is not None,
-        **joint,
-    )
+Places = dict[str, tuple[int, FloatArray]]  # of links: number of the joint that moves it, frame
 
 
 def load_urdf(
@@ -202,7 +187,7 @@ def read_urdf_shapes(path: str | Path) -> tuple[Shape, ...]:
     remarks.warn(file.name)
     return tuple(
         replace(shape, frame=0, pose=frame @ shape.pose)
-        for name, frame in tree.frames(set()).items()
+        for name, (_, frame) in tree.places([]).items()
         for shape in tree.links[name].shapes
         if shape.role == "collision"
     )
@@ -238,10 +223,8 @@ class _Tree:
     def root(self) -> str:
         """The link that all others hang on."""
         if len(self.roots) != 1:
-            raise InputError(
-                "there must be one root link, not "
-                f"{_some(list(map(repr, self.roots)))}: the file is not one chain"
-            )
+            names = _some([repr(name) for name in self.roots])
+            raise InputError(f"there must be one root link, not {names}: the file is not one chain")
         return self.roots[0]
 
     def _outward(self, *links: str) -> Iterator[str]:
@@ -334,7 +317,11 @@ class _Tree:
             and len({self._leader(joint)[0] for joint in outward}) == 1
         )
 
-    def _checked_tip(self, tip: str) -> str:
+    def robot(self, tip: str | None, parallel_tolerance: float) -> Robot:
+        """Return the chain from the root to ``tip``, or to the only end there is."""
+        if not any(joint.moves for joint in self.joints.values()):
+            raise InputError("the file has no moving joint, so there is no arm to read")
+        tip = self._only_tip() if tip is None else tip
         if not isinstance(tip, str) or tip not in self.links:
             near = get_close_matches(str(tip), self.links, 3)
             advice = f" (near it: {', '.join(map(repr, near))})" if near else ""
@@ -342,13 +329,6 @@ class _Tree:
                 f"tip must be a link of the file, not {tip!r}{advice}; ends that can be it, with "
                 f"their number of joints: {self._tips()}"
             )
-        return tip
-
-    def robot(self, tip: str | None, parallel_tolerance: float) -> Robot:
-        """Return the chain from the root to ``tip``, or to the only end there is."""
-        if not any(joint.moves for joint in self.joints.values()):
-            raise InputError("the file has no moving joint, so there is no arm to read")
-        tip = self._only_tip() if tip is None else self._checked_tip(tip)
         way = self._way(tip)
         moving = self._free(way)
         if not moving:
@@ -357,33 +337,37 @@ class _Tree:
                 f"their number of joints: {self._tips()}"
             )
         self._remark_held(way, moving)
-        frames = self.frames({joint.name for joint in moving})
-        axes = np.array([frames[j.child][:3, :3] @ j.axis for j in moving])
-        points = np.array([frames[j.child][:3, 3] for j in moving])
-        rows = dh_rows(points, axes, parallel_tolerance)
+        places = self.places(moving)
+        frames = [places[joint.child][1] for joint in moving]
+        axes = [frame[:3, :3] @ joint.axis for frame, joint in zip(frames, moving, strict=True)]
+        points = np.array([frame[:3, 3] for frame in frames])
+        rows = dh_rows(points, np.array(axes), parallel_tolerance)
+        placed = [np.eye(4), *rows.frames]
         try:
-            tool = np.array(np.linalg.solve(rows.frames[-1], frames[tip]), dtype=float)
+            tool = _seen_from(placed[-1], places[tip][1])
         except np.linalg.LinAlgError:  # of axes or places that are 1e300 apart
             raise InputError(
                 f"the joints up to {tip!r} have no frames: numbers too large"
             ) from None
-        carriers = self._carriers(moving)
+        shapes: list[Shape] = []
+        for name in self.order:
+            number, frame = places[name]
+            pose = _seen_from(placed[number], frame)
+            given = self.links[name].shapes
+            shapes += [replace(shape, frame=number, pose=pose @ shape.pose) for shape in given]
         return Robot.from_dh(
-            rows.alpha,
-            rows.a,
-            rows.d,
-            rows.theta,
+            *rows[:4],
             joint_type=["prismatic" if j.type == "prismatic" else "revolute" for j in moving],
-            links=self._links(moving, carriers, frames, rows.frames),
+            links=self._links(moving, places, rows.frames),
             limits=_limits(moving),
             gravity=self.file.gravity,
-            tool=_cleaned(tool),
+            tool=tool,
             name=self.file.name,
             joint_names=[j.name for j in moving],
             description=self.file.description,
             base=rows.base,
             beta=rows.beta,
-            shapes=self._shapes(carriers, frames, [np.eye(4), *rows.frames]),
+            shapes=shapes,
             convention="modified",
         )
 
@@ -404,79 +388,53 @@ class _Tree:
                     f"{joint.name!r} at {self._leader(joint)[1]:g}",
                 )
 
-    def frames(self, chain: set[str]) -> dict[str, FloatArray]:
-        """Return frames [4,4] of all links in the root's, chain at zero, other joints held."""
-        frames = {name: np.eye(4) for name in self.roots}
-        for name in self.order:
-            for joint in self.below[name]:
-                frame = frames[name] @ joint.frame
-                if joint.moves and joint.name not in chain:
-                    frame = frame @ joint_motion(joint, self._leader(joint)[1])
-                frames[joint.child] = frame
-        return frames
-
-    def _carriers(self, moving: list[UrdfJoint]) -> dict[str, int]:
-        """Return link -> number of the chain's joint that moves it, from 1; 0 for what stands
-        still.
+    def places(self, chain: list[UrdfJoint]) -> Places:
+        """Return of all links the number of the joint of a chain that moves them, from 1, 0 for
+        what stands still, and their frame in the root's, the chain at zero, other joints held.
         """
-        numbers = {joint.name: number for number, joint in enumerate(moving, 1)}
-        carriers = {self.root: 0}
+        numbers = {joint.name: number for number, joint in enumerate(chain, 1)}
+        found = {name: (0, np.eye(4)) for name in self.roots}
         for name in self.order:
+            number, frame = found[name]
             for joint in self.below[name]:
-                carriers[joint.child] = numbers.get(joint.name, carriers[name])
-        return carriers
+                place = frame @ joint.frame
+                if joint.moves and joint.name not in numbers:
+                    place = place @ joint_motion(joint, self._leader(joint)[1])
+                found[joint.child] = numbers.get(joint.name, number), place
+        return found
 
     def _links(
-        self,
-        moving: list[UrdfJoint],
-        carriers: dict[str, int],
-        frames: dict[str, FloatArray],
-        placed: list[FloatArray],
+        self, moving: list[UrdfJoint], places: Places, placed: list[FloatArray]
     ) -> list[Link]:
         """Return one link a joint, of all that moves with it; none if nothing has a mass."""
         bodies: list[list[Part]] = [[] for _ in range(len(moving) + 1)]
         for name in self.order:
+            number, place = places[name]
             if inertial := self.links[name].inertial:
-                frame = frames[name] @ inertial.frame
+                frame = place @ inertial.frame
                 inertia = frame[:3, :3] @ inertial.inertia @ frame[:3, :3].T
-                bodies[carriers[name]].append((inertial.mass, frame[:3, 3], inertia))
+                bodies[number].append((inertial.mass, frame[:3, 3], inertia))
                 if fault := inertia_fault(inertial.inertia):
-                    what = "are taken as they stand" if carriers[name] else "do not move here"
+                    what = "are taken as they stand" if number else "do not move here"
                     self.remarks.add(f"inertias that no rigid body has {what}", f"{name!r} {fault}")
         if not any(mass or inertia.any() for body in bodies[1:] for mass, _, inertia in body):
             return []
-        return [
-            _link(
-                body,
-                frame,
-                armature=checks.number(
-                    f"armature of joint {joint.name!r}",
-                    _extra(joint, "armature", 0.0),
-                    at_least=0.0,
-                ),
-                viscous_friction=joint.damping,
-                coulomb_friction=joint.friction,
-                name=joint.child,
-            )
-            for body, joint, frame in zip(bodies[1:], moving, placed, strict=True)
-        ]
+        links = []
+        for body, joint, frame in zip(bodies[1:], moving, placed, strict=True):
+            rotation, origin = frame[:3, :3], frame[:3, 3]
+            total, center, about_center = combined(body, origin)
+            turned = rotation.T @ about_center @ rotation
+            inertia = (turned + turned.T) / 2
+            center, friction = rotation.T @ (center - origin), (joint.damping, joint.friction)
+            armature = _extra(joint, "armature", 0.0, at_least=0.0)
+            unphysical = inertia_fault(inertia) is not None
+            links.append(Link(total, center, inertia, armature, *friction, joint.child, unphysical))
+        return links
 
-    def _shapes(
-        self,
-        carriers: dict[str, int],
-        frames: dict[str, FloatArray],
-        placed: list[FloatArray],
-    ) -> list[Shape]:
-        """Return the geometry of all links, in the base frame and the new link frames."""
-        shapes = []
-        for name in self.order:
-            number = carriers[name]
-            at = _cleaned(np.array(np.linalg.solve(placed[number], frames[name]), dtype=float))
-            shapes += [
-                replace(shape, frame=number, pose=at @ shape.pose)
-                for shape in self.links[name].shapes
-            ]
-        return shapes
+
+def _seen_from(frame: FloatArray, other: FloatArray) -> FloatArray:
+    """Return another frame [4,4] in the coordinates of a frame [4,4]."""
+    return without_dust(np.array(np.linalg.solve(frame, other), dtype=float))
 
 
 def _some(texts: list[str]) -> str:
@@ -487,10 +445,10 @@ def _some(texts: list[str]) -> str:
     return ", ".join([*texts[:fitting], f"{rest} more"] if rest > 0 else texts)
 
 
-def _extra(joint: UrdfJoint, key: str, default: float) -> float:
+def _extra(joint: UrdfJoint, key: str, default: float, at_least: float | None = None) -> float:
     label = f"{key} of joint {joint.name!r}"
     value = number_from(label, joint.extra.get(key, repr(default)))
-    return value if value == default else checks.number(label, value)
+    return value if value == default else checks.number(label, value, at_least=at_least)
 
 
 def _limits(moving: list[UrdfJoint]) -> Limits:
@@ -500,23 +458,14 @@ def _limits(moving: list[UrdfJoint]) -> Limits:
                 f"lower limit of joint {joint.name!r} must be at most its upper limit of "
                 f"{joint.upper:g}, not {joint.lower:g}"
             )
-    bounds: dict[str, Any] = {
-        "q_min": [joint.lower for joint in moving],
-        "q_max": [joint.upper for joint in moving],
-    }
+    bounds: dict[str, Any] = {}
     for quantity in RANGES:
         key = {"qd": "velocity", "tau": "effort", "qdd": "acceleration"}.get(quantity, "")
-        size = [getattr(joint, key, math.inf) for joint in moving]
-        bounds[f"{quantity}_max"] = (
-            [_extra(j, f"{quantity}_min", -s) for j, s in zip(moving, size, strict=True)],
-            [_extra(j, f"{quantity}_max", s) for j, s in zip(moving, size, strict=True)],
+        bounds[f"{quantity}_max"] = tuple(
+            [_extra(j, f"{quantity}_{side}", sign * getattr(j, key, math.inf)) for j in moving]
+            for side, sign in (("min", -1.0), ("max", 1.0))
         )
-    return Limits(**bounds)
-
-
-def _cleaned(matrix: FloatArray) -> FloatArray:
-    """Give the transform with entries below 1e-15, rounding errors of right angles, set to zero."""
-    return np.where(np.abs(matrix) < 1e-15, 0.0, matrix)
+    return Limits(q_min=[j.lower for j in moving], q_max=[j.upper for j in moving], **bounds)
 
 
 def joint_motion(joint: UrdfJoint, position: float) -> FloatArray:

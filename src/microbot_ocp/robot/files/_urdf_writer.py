@@ -13,7 +13,7 @@ from microbot_ocp.robot._links import Link
 from microbot_ocp.robot._model import Robot
 from microbot_ocp.robot._shapes import SIZES, Shape
 from microbot_ocp.robot._transforms import dh_transform, fixed_angles
-from microbot_ocp.robot.files._urdf_file import ACCELERATION, EXTENSION, RANGES
+from microbot_ocp.robot.files._urdf_file import ACCELERATION, EXTENSION, MOMENTS, RANGES
 
 
 def robot_to_urdf(robot: Robot) -> str:
@@ -88,9 +88,8 @@ def _write_inertial(element: ElementTree.Element, link: Link) -> None:
     inertial = ElementTree.SubElement(element, "inertial")
     ElementTree.SubElement(inertial, "origin", xyz=_vector(link.center_of_mass), rpy="0 0 0")
     ElementTree.SubElement(inertial, "mass", value=repr(link.mass))
-    (xx, xy, xz), (_, yy, yz), (_, _, zz) = link.inertia.tolist()
-    tensor = {"ixx": xx, "ixy": xy, "ixz": xz, "iyy": yy, "iyz": yz, "izz": zz}
-    ElementTree.SubElement(inertial, "inertia", {k: repr(v) for k, v in tensor.items()})
+    upper = map(repr, link.inertia[np.triu_indices(3)].tolist())
+    ElementTree.SubElement(inertial, "inertia", dict(zip(MOMENTS, upper, strict=True)))
 
 
 def _write_shape(link: ElementTree.Element, shape: Shape) -> None:
@@ -132,8 +131,7 @@ def _write_moving(element: ElementTree.Element, robot: Robot, joint: int) -> Non
     turning = "continuous" if unlimited else "revolute"
     element.set("type", "prismatic" if prismatic else turning)
     ElementTree.SubElement(element, "axis", xyz="0 0 1")
-    limit: dict[str, str] = {}
-    extra: dict[str, str] = {}
+    limit, extra = dict[str, str](), dict[str, str]()
     if prismatic or not unlimited:
         limit = {"lower": repr(q_min), "upper": repr(q_max)}
     for quantity in RANGES:

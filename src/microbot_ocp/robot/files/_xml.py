@@ -1,5 +1,7 @@
 """XML of robot files: harmless faults are tolerated, anything else is refused.
 
+What is tolerated is gathered and reported as warnings, one for each kind.
+
 Read are undeclared prefixes (``drake:...``), comments of any form, and any encoding, with or
 without a byte order mark. Refused are entity declarations and elements nested without end.
 """
@@ -12,10 +14,10 @@ from typing import NoReturn
 from xml.etree import ElementTree
 from xml.parsers import expat
 
-from microbot_ocp._base.checks import InputError
+from microbot_ocp._base.checks import InputError, warn_user
 from microbot_ocp._base.reading import DEEPEST
-from microbot_ocp.robot.files._remarks import Remarks
 
+SHOWN = 12  # examples in a warning; a file may have the same fault a hundred times
 BYTE_ORDER_MARKS = (
     (codecs.BOM_UTF32_LE, "utf-32"),  # before utf-16, whose mark it begins with
     (codecs.BOM_UTF32_BE, "utf-32"),
@@ -27,6 +29,35 @@ BYTE_ORDER_MARKS = (
 )
 DECLARATION = re.compile(r"\A\s*<\?xml\s.*?\?>", re.DOTALL)
 COMMENT = re.compile(r"<!--.*?(?:-->|\Z)", re.DOTALL)  # without an end: all that follows
+
+
+class RobotFileWarning(UserWarning):
+    """A robot file is read although something in it is wrong, missing or cannot be followed.
+
+    The message names the file, the links or joints, and what was made of it.
+    """
+
+
+class Remarks:
+    """Remarks on one file, by kind."""
+
+    def __init__(self) -> None:
+        self._items: dict[str, list[str]] = {}
+
+    def add(self, kind: str, item: str = "") -> None:
+        """Note an ``item`` of a ``kind``: the beginning of the sentence that lists its items."""
+        items = self._items.setdefault(kind, [])
+        if item and item not in items:
+            items.append(item)
+
+    def warn(self, origin: str) -> None:
+        """Say all that was noted about the file ``origin``."""
+        for kind, items in self._items.items():
+            shown = items[:SHOWN]
+            if len(items) > SHOWN:
+                shown.append(f"{len(items) - SHOWN} more")
+            words = f"{kind}: {', '.join(shown)}" if shown else kind
+            warn_user(f"{origin}: {words}", RobotFileWarning)
 
 
 def read_xml(data: str | bytes, remarks: Remarks) -> ElementTree.Element:

@@ -1,19 +1,68 @@
-"""Xacro files expanded into URDF, by the package ``xacro``."""
+"""Files that robot files refer to, by the packages of ROS: meshes, and what xacro files include.
+
+Xacro files are expanded into URDF by the package ``xacro``.
+"""
 
 from __future__ import annotations
 
+import os
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 from microbot_ocp._base.checks import InputError
 from microbot_ocp._base.child_process import Died, OutOfTime, can_fork, in_child
 from microbot_ocp._base.needed import needed
 from microbot_ocp._base.reading import MOST_BYTES, bytes_of
-from microbot_ocp.robot.files._mesh_files import package_folder
+from microbot_ocp.robot.files._xml import Remarks
 
+SCHEMES = ("package", "model")
 EXPANSION_TIME = 10.0  # s, of wall time: expressions are programs, whose steps nothing counts
+
+
+def find_mesh(reference: str, folder: Path | None, remarks: Remarks) -> str:
+    """Return the path of the file that a URDF names; the reference itself, with a remark, if there
+    is none.
+    """
+    reference = reference.strip()
+    for path in _candidates(reference, folder):
+        try:
+            if path.is_file():
+                return str(path)
+        except (OSError, ValueError):  # a name that no file can have
+            break
+    if reference:
+        remarks.add("mesh files are missing", repr(reference))
+    return reference
+
+
+def _candidates(reference: str, folder: Path | None) -> Iterator[Path]:
+    scheme, _, place = reference.partition("://")
+    if scheme in SCHEMES:
+        name, _, rest = place.partition("/")
+        yield from (package / rest for package in _package(name, folder))
+        # a package that was renamed or unpacked without its folder
+        yield from (above / rest for above in _above(folder))
+    elif reference.startswith("file:"):
+        yield Path(unquote(reference.removeprefix("file:").removeprefix("//")))
+    else:
+        yield (folder or Path()) / reference
+
+
+def _package(name: str, folder: Path | None) -> Iterator[Path]:
+    for above in _above(folder):
+        if above.name == name:
+            yield above
+        yield above / name
+    for root in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep):
+        if root:
+            yield from (Path(root) / name, *([Path(root)] if Path(root).name == name else []))
+
+
+def _above(folder: Path | None) -> tuple[Path, ...]:
+    return () if folder is None else (folder.resolve(), *folder.resolve().parents)
 
 
 def urdf_content(
@@ -24,14 +73,14 @@ def urdf_content(
     Raises
     ------
     InputError
-        As :func:`bytes_of` and :func:`expanded`.
+        As :func:`bytes_of`; the package ``xacro`` is missing, or what it says is wrong.
     """
     data = bytes_of(path, what)
     xacro = Path(path).suffix.lower() == ".xacro"
-    return expanded(Path(path), arguments) if xacro else data
+    return _expanded(Path(path), arguments) if xacro else data
 
 
-def expanded(path: Path, arguments: Mapping[str, str] | None = None) -> str:
+def _expanded(path: Path, arguments: Mapping[str, str] | None) -> str:
     """Return URDF text of a xacro file.
 
     ``$(find package)`` looks around the file and on ROS_PACKAGE_PATH; a package that is in neither
@@ -47,7 +96,7 @@ def expanded(path: Path, arguments: Mapping[str, str] | None = None) -> str:
     folder, missing = path.absolute().parent, []
 
     def find(name: str) -> str:
-        place = package_folder(name, folder)
+        place = next((path for path in _package(name, folder) if path.is_dir()), None)
         if place is None:
             missing.append(name)
         return str(place or folder.parent)

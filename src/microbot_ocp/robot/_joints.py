@@ -1,0 +1,154 @@
+"""What the joints of a robot come to: values one each, its rest pose and reach, its drives."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp.robot._model import Robot
+
+
+def joint_scale(robot: Robot) -> FloatArray:
+    """Return factors [n] from degrees to radians; 1 for prismatic joints, which are in metres."""
+    return np.where(np.array(robot.joint_types) == "revolute", np.pi / 180.0, 1.0)
+
+
+def per_joint(robot: Robot, name: str, value: Any) -> FloatArray:
+    """Return one number a joint [n] from a single number or a list; infinite is allowed, NaN is
+    not.
+    """
+    count = robot.joint_count
+    several = value if isinstance(value, list) else [value] * count
+    if len(several) != count:
+        raise InputError(
+            f"{name} must be one number, or {count} with one a joint "
+            f"({', '.join(robot.joint_names)}), not {value}"
+        )
+    for entry in several:
+        if isinstance(entry, bool) or not isinstance(entry, int | float) or entry != entry:
+            raise InputError(f"{name} must be numbers, not {value!r}")
+    return checks.array(name, several, (count,), finite=False)
+
+
+def rest_pose(robot: Robot) -> FloatArray:
+    """Return joint positions [n], rad (prismatic: m), nearest to zero within the limits."""
+    return np.clip(np.zeros(robot.joint_count), *robot.limits.bounds("q"))
+
+
+def stretched_out(robot: Robot) -> float:
+    """Return the distance of the tool from the base origin that is never exceeded, m."""
+    revolute = np.array(robot.joint_types) == "revolute"
+    low, high = robot.limits.bounds("q")
+    slides = np.maximum(np.abs(robot.d + low), np.abs(robot.d + high))
+    rows = np.hypot(robot.a, np.where(revolute, robot.d, slides))
+    return float(rows.sum() + sum(np.linalg.norm(m[:3, 3]) for m in (robot.base, robot.tool)))
+
+
+def largest_reach(robot: Robot, *, poses: int = 4000, rounds: int = 12) -> tuple[float, float]:
+    """Give distance of the tool from the base origin, m: the largest found, and one never exceeded.
+
+    Parameters
+    ----------
+    robot : Robot
+    poses : int
+        Drawn within the limits in each round, around the best so far.
+    rounds : int
+        Each draws from half the width of the one before.
+
+    Returns
+    -------
+    tuple of float
+        What the search finds is a lower bound; the upper one is the chain stretched out. Both are
+        infinite where a prismatic joint has no limit.
+
+    Examples
+    --------
+    >>> import microbot_ocp as mo
+    >>> found, bound = largest_reach(mo.load_robot("planar_2r"))
+    >>> round(found, 6), bound
+    (1.0, 1.0)
+    """
+    from microbot_ocp.robot._kinematics import forward_kinematics  # loads CasADi
+
+    revolute = np.array(robot.joint_types) == "revolute"
+    low, high = robot.limits.bounds("q")
+    bound = stretched_out(robot)
+    if not np.isfinite(bound):
+        return float("inf"), float("inf")
+    rest = rest_pose(robot)  # beyond half a turn from it poses recur
+    low = np.where(revolute, np.maximum(low, rest - np.pi), low)
+    high = np.where(revolute, np.minimum(high, rest + np.pi), high)
+    rng = np.random.default_rng(0)
+    best, distance = rest, 0.0
+    batch = forward_kinematics(robot).map(poses + 1)
+    for halvings in range(rounds):
+        spread = (high - low) * 0.5**halvings
+        drawn = np.clip(best + spread * rng.uniform(-1.0, 1.0, (poses, low.size)), low, high)
+        q = np.vstack([best, drawn])
+        origins = np.array(batch(q.T)).reshape(4, poses + 1, 4)[:3, :, 3]
+        distances = np.linalg.norm(origins, axis=0)
+        best, distance = q[distances.argmax()], float(distances.max())
+    return min(distance, bound), bound
+
+
+def drive_advice(robot: Robot, qdd: Any = None) -> str:
+    """Say which joints may speed up at once, as no drive does, and what to give for them.
+
+    These are joints that nothing limits but their velocity, and those that a torque turns whose
+    link is a body with an inertia of its own, but whose rotor, most of what a geared drive turns,
+    is not given. Where links are points with masses, as in textbooks, nothing is said.
+
+    Parameters
+    ----------
+    robot : Robot
+    qdd : array_like [N,n], optional
+        Accelerations of a motion, to say what they come to.
+
+    Returns
+    -------
+    str
+        A sentence without its full stop; empty where nothing is left out.
+
+    Examples
+    --------
+    >>> import microbot_ocp as mo
+    >>> drive_advice(mo.load_robot("microbot"))
+    ''
+    >>> drive_advice(mo.load_robot("planar_3r")).partition(" nor")[0]
+    'motions may begin faster than a drive can: of wrist neither the rotor inertia'
+    """
+    masses = robot.has_dynamics
+    limited = {key: np.isfinite(robot.limits.bounds(key)).any(0) for key in ("tau", "taud")}
+    bounded = np.isfinite([robot.limits.bounds(key) for key in ("qdd", "qddd")]).any((0, 1))
+    bounded |= limited["taud"] & masses
+    unlimited = np.flatnonzero(~bounded & ~(limited["tau"] & masses)).tolist()
+    limitless = np.flatnonzero(~bounded).tolist()
+    without_rotor = [
+        k
+        for k, link in enumerate(robot.links)
+        if link.inertia.any() and not link.armature and link.rotor is None and k in limitless
+    ]
+    if unlimited:
+        joints, torque = unlimited, ("torque, ", "tau_max, ") if masses else ("", "")
+        lacking = (
+            f"no limit of {torque[0]}acceleration or jerk is given ({torque[1]}qdd_max, qddd_max)"
+        )
+    else:
+        joints = without_rotor
+        lacking = (
+            "neither the rotor inertia nor a limit of acceleration, jerk or torque rate is given "
+            "(armature, qdd_max, qddd_max, taud_max)"
+        )
+    if not joints:
+        return ""
+    everyone = len(joints) == robot.joint_count
+    who = "any joint" if everyone else ", ".join(robot.joint_names[k] for k in joints)
+    reached = "motions may begin faster than a drive can"
+    if qdd is not None:
+        peaks = np.abs(np.asarray(qdd)).max(axis=0)
+        k = max(joints, key=lambda joint: peaks[joint])
+        reached = f"{robot.joint_names[k]} reaches {peaks[k]:.5g} {robot.unit('qdd', k)}"
+    return f"{reached}: of {who} {lacking}"
