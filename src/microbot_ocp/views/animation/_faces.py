@@ -13,9 +13,8 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.robot import Capsule, Robot, Shape, TriangleMesh
 from microbot_ocp.views._eye import Eye
 from microbot_ocp.views._scene import link_poses, reach
-from microbot_ocp.views._solids import Solid, capsule_solid, drawn_geometry, joint_solid
+from microbot_ocp.views._solids import Solid, Tube, capsule_solid, drawn_geometry, joint_solid
 from microbot_ocp.views._style import STYLE, Color
-from microbot_ocp.views._surroundings import Tube
 
 SQUARE = np.array([[-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]])
 CUBE = np.array([s * np.roll(SQUARE[::s], k, axis=1) for k in range(3) for s in (1, -1)])

@@ -18,7 +18,7 @@ from microbot_ocp.robot import Robot
 from microbot_ocp.tasks import Comparison
 from microbot_ocp.views import _scene as scene
 from microbot_ocp.views._style import STYLE, EntryStyle, entry_styles, failures, look
-from microbot_ocp.views.plots._comparison import legend_title
+from microbot_ocp.views.plots._motion import legend_title
 from microbot_ocp.views.plots._page import (
     AxesGrid,
     Page,

@@ -28,9 +28,9 @@ from microbot_ocp.views._style import (
     failure_sentence,
     main_methods,
 )
-from microbot_ocp.views.plots._comparison import entry_curves
 from microbot_ocp.views.plots._curves import draw_panel
 from microbot_ocp.views.plots._limits import saturation
+from microbot_ocp.views.plots._motion import entry_curves
 from microbot_ocp.views.plots._page import new_page, styled, write
 from microbot_ocp.views.plots._paths import draw_paths
 from microbot_ocp.views.tables import narrow_table

@@ -24,8 +24,8 @@ from microbot_ocp.views._scene import (
     solved_entries,
     tool_places,
 )
+from microbot_ocp.views._solids import DrawnSurroundings
 from microbot_ocp.views._style import FIXED, PREFERRED, STYLE, EntryStyle, entry_styles
-from microbot_ocp.views._surroundings import DrawnSurroundings
 from microbot_ocp.views.recording._animated_arm import drawn_rate, looks, moving_arm, standing_arm
 from microbot_ocp.views.recording._limits import peak_table
 from microbot_ocp.views.recording._recording import Recording

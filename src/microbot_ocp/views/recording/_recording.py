@@ -18,10 +18,9 @@ from microbot_ocp.robot import JointLimits, Robot
 from microbot_ocp.scene import has_coal
 from microbot_ocp.views._eye import Eye, find_eye
 from microbot_ocp.views._scene import QUANTITIES, AxisLimits, display_unit, near_limits, reach
-from microbot_ocp.views._solids import drawn_geometry
+from microbot_ocp.views._solids import DrawnSurroundings, drawn_geometry
 from microbot_ocp.views._style import STYLE
-from microbot_ocp.views._surroundings import DrawnSurroundings
-from microbot_ocp.views.recording import _arm, _blueprint as layout, _limits, _loads, _space
+from microbot_ocp.views.recording import _blueprint as layout, _limits, _loads, _space
 from microbot_ocp.views.recording._animated_arm import AnimatedArm
 from microbot_ocp.views.recording._writer import (
     APPLICATION,
@@ -215,12 +214,12 @@ class Recording:
         notes = [*self.summary.notes, *self._more_notes()]
         writer.summary(replace(self.summary, notes=notes))
         for arm in self.arms:
-            _arm.draw_arm(writer, robot, arm, end)
+            _space.draw_arm(writer, robot, arm, end)
             arm.draw_curves(writer, robot)
         if self.moving:
             _space.draw_surroundings(writer, robot, self.around, self.moving[-1])
             _space.draw_nearest(writer, robot, self.around, self.moving[-1], end)
-        _arm.draw_labels(writer, robot, self.moving, self.eye, self.places, self.place_names)
+        _space.draw_labels(writer, robot, self.moving, self.eye, self.places, self.place_names)
         for arm in self.moving:
             _limits.draw_spells(writer, robot, arm, self.spells[arm.name])
             _limits.draw_limit_curves(writer, arm, end)

@@ -1,4 +1,4 @@
-"""What stands in space around the arms: base, marked places, obstacles, tool lines and parts."""
+"""What is drawn in space: base, places, the arms, and what stands around them."""
 
 from __future__ import annotations
 
@@ -10,14 +10,27 @@ import rerun as rr
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.robot import Robot
 from microbot_ocp.scene import with_arm_capsules
-from microbot_ocp.views._eye import grid_spacing, upward
-from microbot_ocp.views._scene import reach
-from microbot_ocp.views._solids import capsule_solid, part_solids
+from microbot_ocp.views._eye import Eye, grid_spacing, upward
+from microbot_ocp.views._scene import link_poses, reach, tool_places
+from microbot_ocp.views._solids import (
+    DrawnSurroundings,
+    capsule_solid,
+    drawn_geometry,
+    joint_solid,
+    part_solids,
+)
 from microbot_ocp.views._style import STYLE
-from microbot_ocp.views._surroundings import DrawnSurroundings
-from microbot_ocp.views.recording._animated_arm import AnimatedArm
+from microbot_ocp.views.recording._animated_arm import AnimatedArm, Look
 from microbot_ocp.views.recording._limits import LimitPlot
-from microbot_ocp.views.recording._writer import TIME, WORLD, Times, Writer, quaternions
+from microbot_ocp.views.recording._writer import (
+    PROGRESS,
+    TIME,
+    WORLD,
+    Times,
+    Writer,
+    along_z,
+    quaternions,
+)
 
 CLEARANCE = LimitPlot("clearance", "nearest", "clearance [mm]")
 
@@ -114,3 +127,130 @@ def draw_nearest(
     writer.columns(at_obstacle, arm.times, points)
     arm.draw_curve(writer, CLEARANCE.path, millimetres)
     writer.level(f"{CLEARANCE.path}/limit_lower", 1e3 * around.scene.clearance, end)
+
+
+def draw_arm(writer: Writer, robot: Robot, arm: AnimatedArm, end: Times) -> None:
+    """Draw an arm along its motion; until ``end`` (last values [1]) it stays in its last pose."""
+    look, count = arm.look, robot.joint_count
+    times, q = arm.times, arm.q
+    if any(float(end[key][0]) > value[-1] for key, value in times.items()):
+        times = {key: np.append(value, end[key]) for key, value in times.items()}
+        q = np.vstack([q, q[-1:]])
+    poses = link_poses(robot, q)
+    origins, rotations = poses[:, :, :3, 3], poses[:, :, :3, :3]
+    geometry = drawn_geometry(robot.shapes).solids if look.solid else ()
+    for index, (frame, solid) in enumerate(geometry, start=1):
+        writer.solid(arm.link(frame, f"geometry_{index}"), solid)
+    if not geometry:
+        start = np.broadcast_to(robot.base[:3, 3], origins[:, 0].shape)
+        _draw_link(writer, arm.link(0, "shape"), look, times, start, origins[:, 1])
+    axes = rr.TransformAxes3D(0.07 * reach(robot))
+    radii = _mass_radii(robot)
+    for k in range(1, count + 1):
+        turned = quaternions(rotations[:, k])
+        pose = rr.Transform3D.columns(translation=origins[:, k], quaternion=turned)
+        writer.columns(arm.link(k), times, pose)
+        writer.static(arm.link(k, "frame"), axes)
+        if not geometry:
+            step = np.einsum("nij,ni->nj", rotations[:, k], origins[:, k + 1] - origins[:, k])
+            _draw_link(writer, arm.link(k, "shape"), look, times, np.zeros_like(step), step)
+            solid = joint_solid(robot.joint_types[k - 1], look.radius, look.color)
+            writer.solid(arm.link(k, "joint"), solid)
+        if radii.size:
+            place, size = robot.links[k - 1].center_of_mass, radii[k - 1] * look.radius
+            ball = rr.Points3D([place], radii=size, colors=[STYLE.ball])
+            writer.static(arm.link(k, "center_of_mass"), ball)
+    # labels and arrows hang on the tool, so it does not turn; its frame does
+    tool = origins[:, -1]
+    writer.columns(arm.tool(), times, rr.Transform3D.columns(translation=tool))
+    turned = rr.Transform3D.columns(quaternion=quaternions(rotations[:, -1]))
+    writer.columns(arm.tool("frame"), times, turned)
+    writer.static(arm.tool("frame"), axes)
+    ball = rr.Points3D([[0, 0, 0]], radii=1.4 * look.radius, colors=[look.color])
+    writer.static(arm.tool("ball"), ball)
+    # of the trail a short strip a frame: the view shows those up to its time cursor
+    writer.strips(arm.path("trail"), (0.2 if look.solid else 0.15) * look.radius, look.line_color)
+    strips = rr.LineStrips3D.columns(
+        strips=np.stack([tool[:-1], tool[1:]], axis=1).astype(np.float32)
+    )
+    writer.columns(arm.path("trail"), {key: value[1:] for key, value in times.items()}, strips)
+
+
+def _draw_link(
+    writer: Writer, path: str, look: Look, times: Times, start: FloatArray, end: FloatArray
+) -> None:
+    """Draw a capsule between points [N,3] in the link frame."""
+    vectors = end - start
+    lengths = np.linalg.norm(vectors, axis=1)
+    if lengths.max() < 1e-6:
+        return
+    fixed = np.ptp(vectors, axis=0).max() < 1e-9 * max(1.0, lengths.max())
+    shape = rr.Capsules3D.from_fields(
+        lengths=lengths[:1] if fixed else None,
+        quaternions=along_z(vectors[:1]) if fixed else None,
+        translations=start[:1],
+        radii=[look.radius],
+        colors=[look.color],
+        fill_mode="solid",
+    )
+    writer.static(path, shape)
+    if not fixed:  # a prismatic joint stretches it
+        stretched = rr.Capsules3D.columns(lengths=lengths, quaternions=along_z(vectors))
+        writer.columns(path, times, stretched)
+
+
+def _mass_radii(robot: Robot) -> FloatArray:
+    """Return radii [n] of the balls in link radii: their volumes are as the masses, down to one.
+
+    Empty for a robot without masses.
+    """
+    masses = np.array([link.mass for link in robot.links])
+    if not masses.size:
+        return masses
+    least, most = STYLE.mass
+    return np.maximum(least, most * np.cbrt(masses / masses.max()))
+
+
+def draw_labels(
+    writer: Writer,
+    robot: Robot,
+    arms: Sequence[AnimatedArm],
+    eye: Eye,
+    places: FloatArray,
+    names: Sequence[str],
+) -> None:
+    """Draw titles over the tools at such heights that from ``eye`` no text hides another one.
+
+    ``places`` [m,3] have texts already, their names. Arms that stop early come first: the later
+    ones evade those that stand still. The timelines differ in who is where at the same moment.
+    """
+    size, up, (right, above, _) = reach(robot), eye.up, eye.axes
+    step = STYLE.label * size
+    titled = [arm for arm in arms if arm.title]
+    for arm in titled:
+        label = rr.Points3D.from_fields(
+            radii=[1e-3 * arm.look.radius],
+            colors=[arm.look.line_color],
+            labels=[arm.title],
+            show_labels=True,
+        )
+        writer.static(arm.tool("label"), label)
+    for timeline in (TIME, PROGRESS):
+        taken = [
+            (np.zeros(1), place[None] @ right, place[None] @ above - step / 2, len(name))
+            for place, name in zip(places, names, strict=True)
+        ]
+        for arm in sorted(titled, key=lambda arm: (arm.times[timeline][-1], not arm.look.solid)):
+            t, tool = arm.times[timeline], tool_places(robot, arm.q)
+            across, lowest = tool @ right, tool @ above + step
+            high = lowest
+            for other_t, other_across, other_high, letters in taken * len(taken):
+                at = np.maximum(np.searchsorted(other_t, t, side="right") - 1, 0)
+                width = STYLE.letter * size * (len(arm.title) + letters) / 2
+                clash = np.abs(across - other_across[at]) < width
+                clash &= np.abs(high - other_high[at]) < 0.999 * step
+                high = np.where(clash, other_high[at] + step, high)
+            taken.append((t, across, high, len(arm.title)))
+            height = step + (high - lowest) / (above @ up)
+            columns = rr.Points3D.columns(positions=height[:, None] * up)
+            writer.columns(arm.tool("label"), {timeline: t}, columns)

@@ -17,7 +17,7 @@ from microbot_ocp.certificate import Certificate, LimitCheck
 from microbot_ocp.limits import JOINT_QUANTITIES, LimitFamily, not_judged, quantity_name
 from microbot_ocp.tasks import Comparison, Entry
 from microbot_ocp.views._style import STYLE, entry_title
-from microbot_ocp.views.tables._texts import in_degrees, joint_units
+from microbot_ocp.views.tables._terminal import in_degrees, joint_units
 
 JUDGED = ("certificate_ok", "verdict", "verdict_short", "unjudged", "worst_violation")
 MEASURED = (
