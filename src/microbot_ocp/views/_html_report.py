@@ -13,8 +13,10 @@ from dataclasses import replace
 from datetime import date
 from html import escape
 from importlib.metadata import version
+from importlib.resources import files
 from pathlib import Path
-from typing import Any, NamedTuple
+from string import Template
+from typing import Any
 
 import numpy as np
 
@@ -32,16 +34,6 @@ from microbot_ocp.views.tables import comparison_table
 
 DOTS = 110  # of a figure, an inch
 RATE = 12.0  # of a film, frames a second: a size that can be sent by mail
-STYLE = """
-:root { color-scheme: light dark }
-body { font: 16px/1.5 system-ui, sans-serif; max-width: 62em; margin: 2em auto; padding: 0 1em }
-h1 { font-size: 1.5em; overflow-wrap: anywhere } h2 { font-size: 1.15em; margin-top: 2em }
-td, th { font-size: .85em }
-img { max-width: 100%; background: #fff; border-radius: 6px }
-.figure { min-width: 44em } td:first-child { white-space: nowrap }
-@media (prefers-color-scheme: dark) { .figure { filter: invert(.92) hue-rotate(180deg) } }
-.wide { overflow-x: auto } footer { opacity: .7; font-size: .85em; margin-top: 3em }
-"""
 
 
 def comparison_report(comparison: Comparison, path: str | Path) -> Path:
@@ -86,16 +78,16 @@ def cell_report(cell: Cell, path: str | Path) -> Path:
     cycles = [motion.duration]
     if motion.solved:  # else there is nothing to compare
         try:
-            usual = _point_to_point(cell)
+            shape, usual = _point_to_point(cell)
         except InputError as problem:
             sentences.append(f"Moves from stop to stop cannot be compared: {problem}.")
         else:
-            cycles.append(usual.duration)
-            saved = 100.0 * (1.0 - motion.duration / usual.duration)
+            cycles.append(usual)
+            saved = 100.0 * (1.0 - motion.duration / usual)
             told = f"{saved:.0f} % is saved" if saved >= 0.0 else f"{-saved:.0f} % is lost"
             sentences.append(
-                f"Moves from stop to stop, each with the fastest {usual.shape} of every joint from "
-                f"rest to rest, take {usual.duration:.3f} s{', obstacles aside' * bool(cell.scene)}"
+                f"Moves from stop to stop, each with the fastest {shape} of every joint from "
+                f"rest to rest, take {usual:.3f} s{', obstacles aside' * bool(cell.scene)}"
                 f": {told}."
             )
     if cell.task.cycle:
@@ -118,13 +110,8 @@ def cell_report(cell: Cell, path: str | Path) -> Path:
     return _written(f"{robot.name}: a cell", parts, path)
 
 
-class _Usual(NamedTuple):
-    shape: str
-    duration: float
-
-
-def _point_to_point(cell: Cell) -> _Usual:
-    """Return how long the same stops take by moves from rest to rest, rests between included."""
+def _point_to_point(cell: Cell) -> tuple[str, float]:
+    """Return the shape of moves from rest to rest, and how long the stops take with their rests."""
     task, motion = cell.task, cell.motion
     smooth = task.family.jerk_matters
     name, shape = ("quintic", quintic) if smooth else ("cubic", cubic)
@@ -133,7 +120,7 @@ def _point_to_point(cell: Cell) -> _Usual:
         ends = motion.sample([arrives[place] + task.dwells[place], arrives[place + 1]]).q
         if np.ptp(ends, axis=0).any():
             times += shortest_duration(load.on(task.robot), shape(ends, [0.0, 1.0])).duration
-    return _Usual(name, times)
+    return name, times
 
 
 def certificate_report(
@@ -198,11 +185,6 @@ def _image(kind: str, data: bytes, text: str, look: str = "film") -> str:
 def _written(title: str, parts: Iterable[str], path: str | Path) -> Path:
     origin = f"microbot_ocp {version('microbot_ocp')}, {date.today().isoformat()}"
     body = "\n".join(filter(None, parts))
-    page = (
-        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width">'
-        f"<title>{escape(title)}</title><style>{STYLE}</style></head>\n"
-        f"<body><main><h1>{escape(title)}</h1>\n{body}\n</main><footer>{escape(origin)}</footer>"
-        "</body></html>\n"
-    )
-    return write_whole(path, page)
+    page = Template((files("microbot_ocp.views") / "_html_report.html").read_text("utf-8"))
+    texts = {"title": escape(title), "body": body, "origin": escape(origin)}
+    return write_whole(path, page.substitute(texts))
