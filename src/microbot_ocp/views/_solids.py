@@ -244,10 +244,10 @@ class DrawnSurroundings:
         stretches = () if cell.scene is None else places_along(task, cell.motion, cell.scene)
         return cls(cell.scene, tuple(stretches), tuple(tubes), tuple(stops), tuple(parts))
 
-    def obstacles(self, robot: Robot) -> list[tuple[str, Solid]]:
-        """Return names and bodies of the scene's obstacles."""
+    def obstacles(self, robot: Robot) -> list[tuple[Any, Solid]]:
+        """Return the scene's obstacles with their bodies."""
         every = () if self.scene is None else self.scene.obstacles
-        return [(obstacle.name, obstacle_solid(obstacle, robot)) for obstacle in every]
+        return [(obstacle, obstacle_solid(obstacle, robot)) for obstacle in every]
 
     def nearest(self, t: FloatArray, q: FloatArray) -> list[Nearest]:
         """Return where an arm at q [N,n] at times t [N] is nearest to something.

@@ -29,10 +29,11 @@ from microbot_ocp.views.recording._writer import (
     Times,
     Writer,
     along_z,
+    plot_path,
     quaternions,
 )
 
-CLEARANCE = LimitPlot("clearance", "nearest", "clearance [mm]")
+CLEARANCE = LimitPlot(plot_path("clearance", "nearest"), "clearance [mm]")
 
 
 def draw_base(
@@ -83,8 +84,8 @@ def draw_surroundings(
     writer: Writer, robot: Robot, around: DrawnSurroundings, arm: AnimatedArm
 ) -> None:
     """Draw obstacles and capsules of the arm, tubes and frames of its task, and its parts."""
-    for name, solid in around.obstacles(robot):
-        writer.solid(rr.new_entity_path([WORLD, "scene", name]), solid)
+    for obstacle, solid in around.obstacles(robot):
+        writer.solid(rr.new_entity_path([WORLD, "scene", obstacle.name]), solid)
     if around.scene is not None:
         for number, (frame, capsule) in enumerate(with_arm_capsules(robot).capsules, start=1):
             solid = capsule_solid(capsule, STYLE.capsule)
