@@ -18,12 +18,7 @@ from microbot_ocp.robot import JointLimits, Limits, Robot
 from microbot_ocp.scene import Scene, clearance, has_coal
 from microbot_ocp.simulation import Tracking
 from microbot_ocp.tasks import Cell, Comparison
-from microbot_ocp.views._scene import (
-    display_factor,
-    display_unit,
-    solved_entries,
-    tool_places,
-)
+from microbot_ocp.views._scene import display_factor, display_unit, solved_entries, tool_places
 from microbot_ocp.views._solids import DrawnSurroundings
 from microbot_ocp.views._style import FIXED, PREFERRED, STYLE, EntryStyle, entry_styles
 from microbot_ocp.views.recording._animated_arm import drawn_rate, looks, moving_arm, standing_arm

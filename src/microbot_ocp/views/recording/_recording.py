@@ -188,11 +188,10 @@ class Recording:
         solid = next((arm for arm in self.arms if arm.look.solid), None)
         if solid is None or not self.spells.get(solid.name):
             return curves
-        met = sorted({spell.joint for spell in self.spells[solid.name]}, key=_limits.lane_order)
-        lanes = rrb.StateTimelineView(
-            contents=[_limits.lane_path(robot, solid.name, joint) for joint in met],
-            name=f"limits met: {solid.title}" if solid.title else "limits met",
-        )
+        spells = self.spells[solid.name]
+        met = sorted({_limits.lane_path(robot, solid.name, spell.joint) for spell in spells})
+        title = f"limits met: {solid.title}" if solid.title else "limits met"
+        lanes = rrb.StateTimelineView(contents=met, name=title)
         return rrb.Vertical(curves, lanes, row_shares=[1.0, 0.13 + 0.055 * len(met)])
 
     def _joint_view(self, quantity: str, joint: int) -> rrb.TimeSeriesView:

@@ -62,10 +62,6 @@ class Writer:
         document = rr.TextDocument(f"**{table.title}**\n\n{text}", media_type="text/markdown")
         self.static(SUMMARY, document)
 
-    def layout(self, blueprint: rrb.Blueprint) -> None:
-        """Send a layout that was not known at the start."""
-        self.stream.send_blueprint(blueprint)
-
     def curve(
         self,
         path: str,
