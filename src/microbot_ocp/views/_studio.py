@@ -148,18 +148,13 @@ class Studio(InteractiveTask):
         for place, q in enumerate(self._via_q):
             joints = []
             with gui.add_folder(f"via point {place + 1}", expand_by_default=place == 1):
-                for name, kind, *ends in zip(
-                    robot.joint_names,
-                    robot.joint_types,
-                    low / scale,
-                    high / scale,
-                    q / scale,
-                    strict=True,
-                ):
-                    unit, step = ("deg", 1.0) if kind == "revolute" else ("m", 0.01)
-                    least, most, value = (round(float(end), 6) for end in ends)
+                drawn = (np.array([low, high, q]) / scale).T.tolist()
+                for joint, (name, ends) in enumerate(zip(robot.joint_names, drawn, strict=True)):
+                    revolute = robot.joint_types[joint] == "revolute"
+                    unit, step = ("deg", 1.0) if revolute else ("m", 0.01)
+                    least, most, value = (round(end, 6) for end in ends)
                     joints.append(gui.add_slider(f"{name} [{unit}]", least, most, step, value))
-                    joints[-1].on_update(partial(self._turn, place, len(joints) - 1))
+                    joints[-1].on_update(partial(self._turn, place, joint))
             self._joints.append(joints)
         panel = gui.add_panel()
         with panel.add_tab("limits"):
@@ -194,10 +189,8 @@ class Studio(InteractiveTask):
         with self._lock:
             pose = solve_ik(self._bare, dragged.position, turn, seed=self._via_q[place])
             if pose.solved:
-                self._via_q[place] = pose.q
-                for slider, value in zip(
-                    self._joints[place], pose.q / joint_scale(self._bare), strict=True
-                ):
+                self._via_q[place], shown = pose.q, pose.q / joint_scale(self._bare)
+                for slider, value in zip(self._joints[place], shown, strict=True):
                     slider.value = round(float(value), 2)
                 self._ask()
             else:
@@ -253,9 +246,8 @@ class Studio(InteractiveTask):
             self._add_body(f"/arm/{frame}/{place}", faces)
         self._grips = []
         for place in range(len(self._via_q)):
-            grip = scene.add_transform_controls(
-                f"/via/{place}", 0.12 * size, disable_rotations=robot.joint_count < FREE
-            )
+            fixed = {"disable_rotations": robot.joint_count < FREE}
+            grip = scene.add_transform_controls(f"/via/{place}", 0.12 * size, **fixed)
             self._grips.append(grip)
             radius, color = 1.4 * STYLE.link * size, STYLE.part[:3]
             scene.add_icosphere(f"{grip.name}/ball", radius, color=color)
@@ -275,9 +267,8 @@ class Studio(InteractiveTask):
     def _place(self, q: FloatArray) -> None:
         poses = link_poses(self._bare, q[None])[0]
         with self._server.atomic():
-            for frame, pose, turn in zip(
-                self._frames, poses, self._quaternions(poses), strict=True
-            ):
+            turns = self._quaternions(poses)
+            for frame, pose, turn in zip(self._frames, poses, turns, strict=True):
                 frame.position, frame.wxyz = pose[:3, 3], turn
             if "prismatic" in self._bare.joint_types and not self._bare.shapes:
                 for place, (frame, faces) in enumerate(arm_bodies(self._bare, poses, LINK, JOINT)):

@@ -18,13 +18,14 @@ from PIL import Image
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import InputError
 from microbot_ocp._base.needed import needed
+from microbot_ocp.limits import quantity_name
 from microbot_ocp.motion import Motion
 from microbot_ocp.robot import JointLimits, Robot
 from microbot_ocp.views._style import STYLE, look
 from microbot_ocp.views.live import InteractiveTask, Setting
 from microbot_ocp.views.plots import styled
 
-QUANTITIES = {"qd": "velocity", "tau": "torque"}
+QUANTITIES = ("qd", "tau")
 GRAY: dict[str, Any] = {"color": "0.72", "linewidth": STYLE.line}
 
 
@@ -112,7 +113,7 @@ def _frame(axes: Axes, robot: Robot, quantity: str, joint: int) -> None:
         axes.set_xlabel("t [s]")
     unit = robot.unit(quantity, joint)
     if joint == 0 or unit != robot.unit(quantity, 0):
-        axes.set_ylabel(f"{QUANTITIES[quantity]} [{unit}]")
+        axes.set_ylabel(f"{quantity_name(quantity)} [{unit}]")
 
 
 def _range(values: Any, lower: float, upper: float) -> tuple[float, float]:
@@ -173,8 +174,13 @@ class TimeOptimalSliders(InteractiveTask):
         **settings: Any,
     ) -> None:
         widgets = needed("ipywidgets", "sliders need", "notebook")
-        _check_range("torque", torque)
-        _check_range("speed", speed)
+        for name, shares in (("torque", torque), ("speed", speed)):
+            if not isinstance(shares, tuple) or len(shares) != 2:
+                raise InputError(
+                    f"{name} must be a pair (lowest, highest) of shares, not {shares!r}"
+                )
+            low = checks.number(f"lowest {name}", shares[0], above=0.0, at_most=1.0)
+            checks.number(f"highest {name}", shares[1], at_least=max(1.0, low))
         most = checks.number("payload", payload, "kg", above=0.0)
         super().__init__(robot, via_q, **settings)
         widest = Setting(torque[1], speed[1]).limits(robot)
@@ -185,11 +191,10 @@ class TimeOptimalSliders(InteractiveTask):
             options |= {"min": low, "max": high, "style": style, "layout": layout}
             return getattr(widgets, kind)(description=name, **options)
 
-        percent: Any = {"kind": "IntSlider", "value": 100, "readout_format": "d"}
-        low, high = (round(100 * share) for share in torque)
-        self.torque = slider(name="torque limits [%]", low=low, high=high, **percent)
-        low, high = (round(100 * share) for share in speed)
-        self.speed = slider(name="speed limits [%]", low=low, high=high, **percent)
+        percent: Any = {"value": 100, "readout_format": "d"}
+        torques, speeds = (tuple(round(100 * share) for share in ends) for ends in (torque, speed))
+        self.torque = slider("IntSlider", "torque limits [%]", *torques, **percent)
+        self.speed = slider("IntSlider", "speed limits [%]", *speeds, **percent)
         options: Any = {"value": 0.0, "step": most / 40, "readout_format": ".2f"}
         self.payload = slider("FloatSlider", "payload at the tool [kg]", 0.0, most, **options)
         sliders = [self.torque, self.speed, self.payload]
@@ -214,10 +219,3 @@ class TimeOptimalSliders(InteractiveTask):
         bundle = self._box._repr_mimebundle_(**options)
         # where no widget can live, in a file or a mail, its picture does
         return {**bundle, "image/png": bytes(self._picture.value), "text/plain": self.message}
-
-
-def _check_range(name: str, pair: tuple[float, float]) -> None:
-    if not isinstance(pair, tuple) or len(pair) != 2:
-        raise InputError(f"{name} must be a pair (lowest, highest) of shares, not {pair!r}")
-    low = checks.number(f"lowest {name}", pair[0], above=0.0, at_most=1.0)
-    checks.number(f"highest {name}", pair[1], at_least=max(1.0, low))

@@ -83,7 +83,7 @@ def _atlas(results: Sweep, axes: GivenAxes | None, method: str) -> Any:
     low, top = min(0.0, ends[0]), max(0.0, ends[1])  # the other method may be the faster one
     drawn = _hexagons(panels, saved, np.median, cmap="viridis", vmin=low, vmax=top)
     if drawn is not None:
-        bar = page.figure.colorbar(drawn, ax=list(page.axes[0]), shrink=0.85)
+        bar = page.axes.figure.colorbar(drawn, ax=list(page.axes[0]), shrink=0.85)
         bar.set_label("median of the time saved [%]")
     return page.axes
 

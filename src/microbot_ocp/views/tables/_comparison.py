@@ -137,13 +137,13 @@ def _row(comparison: Comparison, entry: Entry, reference: float) -> Row:
     proof: Row = dict.fromkeys((*JUDGED, *MEASURED))
     if certificate is not None:
         worst = max((c for c in checks if c.violation > 0), key=lambda c: c.violation, default=None)
-        place = worst and {key: getattr(worst, key) for key in PLACE}
         proof = {
             "certificate_ok": certificate.ok,
             "verdict": certificate.verdict,
             "verdict_short": _short_verdict(certificate, worst),
             "unjudged": list(certificate.unjudged),
-            "worst_violation": worst and place and {**place, "relative": worst.violation},
+            "worst_violation": worst
+            and {**{key: getattr(worst, key) for key in PLACE}, "relative": worst.violation},
             **{key: getattr(certificate, key) for key in MEASURED},
         }
     row = {
