@@ -37,7 +37,7 @@ def front(front: Front, axes: GivenAxes | None = None) -> AxesGrid:
     """
     panels = _row(axes, 2, 1.5 * STYLE.row, "time against effort and peak torque")
     keys = ("duration", "effort", "peak_torque")
-    time, effort, peak = ([getattr(p, key) for p in front.points] for key in keys)
+    time, effort, peak = ([getattr(point, key) for point in front.points] for key in keys)
     good = [point.motion.solved and point.certificate.ok for point in front.points]
     columns = {"effort [s]": effort, "peak torque [share of its limit]": peak}
     for panel, (label, values) in zip(panels, columns.items(), strict=True):

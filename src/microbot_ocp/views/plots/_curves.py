@@ -89,21 +89,18 @@ class Curve:
         """
         label = label or str(getattr(source, "label", "simulation"))
         values = {name: getattr(source, name) for name in ("q", "qd", "qdd", "tau")}
-        bounds: Mapping[str, Sequence[FloatArray]] = {}
+        more: dict[str, Any] = {"warning": "" if source.solved else f"{label}: {source.status}"}
         if robot is not None:
-            more, bounds = _limited_values(robot, source, [q for q in quantities if q not in PLAIN])
-            values |= more
-        marks: Sequence[float] = ()
-        torque_limits, warning = None, "" if source.solved else f"{label}: {source.status}"
+            keys = [quantity for quantity in quantities if quantity not in PLAIN]
+            limited, more["bounds"] = _limited_values(robot, source, keys)
+            values |= limited
         if isinstance(source, Motion):
-            marks = tuple(m.time for m in source.marks if 0 < m.time < source.duration)
-            warning = warning and f"{label}: not solved: {source.status}"
+            inner = (mark.time for mark in source.marks if 0 < mark.time < source.duration)
+            more["passages"] = tuple(inner)
+            more["warning"] = "" if source.solved else f"{label}: not solved: {source.status}"
         elif isinstance(source, Tracking):
-            values["error"], torque_limits = source.error, source.torque_limits
-        return cls(
-            label, source.t, values, passages=marks, warning=warning,
-            torque_limits=torque_limits, bounds=bounds,
-        )  # fmt: skip
+            values["error"], more["torque_limits"] = source.error, source.torque_limits
+        return cls(label, source.t, values, **more)
 
     def saturated(self, joint: int) -> list[tuple[float, float]]:
         """Return spans of time, s, in which the torque of a joint is at one of its own limits."""
@@ -120,17 +117,16 @@ def _limited_values(
     robot: Robot, source: Motion | Simulation, keys: Sequence[str]
 ) -> tuple[dict[str, FloatArray], dict[str, list[FloatArray]]]:
     """Return values at the samples of quantities that have a limit, and the bounds that vary."""
-    if not keys:
-        return {}, {}
-    motion = source if isinstance(source, Motion) else source.as_motion("")
-    history = limit_history(robot, motion)
-    at = np.searchsorted(history.t, motion.t)  # the samples are among the times of the history
-    limited = {key: history.limited[key] for key in keys if key in history.limited}
-    bounds = {
-        key: [bound[at] for bound in values[1:] if bound.shape == values.value.shape]
-        for key, values in limited.items()
-    }
-    return {key: values.value[at] for key, values in limited.items()}, bounds
+    values, bounds = {}, {}
+    if keys:
+        motion = source if isinstance(source, Motion) else source.as_motion("")
+        history = limit_history(robot, motion)
+        at = np.searchsorted(history.t, motion.t)  # the samples are among the history's times
+        for key in (key for key in keys if key in history.limited):
+            value, *sides = history.limited[key]
+            values[key] = value[at]
+            bounds[key] = [side[at] for side in sides if side.shape == value.shape]
+    return values, bounds
 
 
 @styled()

@@ -107,9 +107,8 @@ def cell(cell: Cell) -> AxesGrid:
                 panel.axvspan(start, end, 0.0, 0.035, color=color, linewidth=0, label="_load")
                 if panel is page.flat[0]:
                     note = {"fontsize": STYLE.small, "ha": "center", "va": "bottom"}
-                    place, over = (start + end) / 2, panel.get_xaxis_transform()
-                    text = f"{load.mass:g} kg"
-                    panel.text(place, 0.045, text, transform=over, path_effects=halo(), **note)
+                    note |= {"transform": panel.get_xaxis_transform(), "path_effects": halo()}
+                    panel.text((start + end) / 2, 0.045, f"{load.mass:g} kg", **note)
     (legend,) = page.figure.legends
     for text in legend.get_texts():
         if text.get_text() == PASSED:
@@ -219,9 +218,8 @@ def comparison(
     KeyError
         A method that is not there.
     """
-    names = [entry.name for entry in comparison.entries]
-    if methods is not None:
-        names = [comparison[name].name for name in methods]
+    every = [entry.name for entry in comparison.entries]
+    names = [comparison[name].name for name in (every if methods is None else methods)]
     return curves(
         comparison.robot,
         entry_curves(comparison, names, quantities),

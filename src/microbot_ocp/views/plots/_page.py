@@ -204,12 +204,11 @@ def axes_page(
 
 def _checked(axes: Any, rows: int, columns: int) -> AxesGrid:
     given = _entries(axes)
-    wanted = f"{rows} x {columns}" if rows * columns > 1 else "one"
-    for entry in given:
-        if not isinstance(entry, Axes):
-            raise InputError(f"axes must be {wanted} matplotlib axes, not {shown(entry)}")
-    if given.size != rows * columns:
-        raise InputError(f"axes must be {wanted} matplotlib axes, not {given.size}")
+    strange = [shown(entry) for entry in given if not isinstance(entry, Axes)]
+    if strange or given.size != rows * columns:
+        wanted = f"{rows} x {columns}" if rows * columns > 1 else "one"
+        found = strange[0] if strange else given.size
+        raise InputError(f"axes must be {wanted} matplotlib axes, not {found}")
     return given.reshape(rows, columns).view(AxesGrid)
 
 

@@ -14,7 +14,7 @@ from microbot_ocp._base.table import NOTHING, Table
 from microbot_ocp.certificate import Certificate
 from microbot_ocp.inverse_kinematics import IKSolution
 from microbot_ocp.limits import JOINT_QUANTITIES, LimitFamily, not_judged
-from microbot_ocp.robot import Link, Robot, drive_advice, joint_scale
+from microbot_ocp.robot import Robot, drive_advice, joint_scale
 from microbot_ocp.tasks import Front
 from microbot_ocp.views import _scene as scene
 from microbot_ocp.views._scene import range_text
@@ -96,28 +96,20 @@ def _masses(robot: Robot) -> Iterator[str | Table]:
         return
     total = number(sum(link.mass for link in robot.links))
     yield f"Links, {total} kg in all; inertia about the centre of mass"
-    rows = [
-        [
-            name,
-            number(link.mass),
-            ", ".join(number(x) for x in link.center_of_mass),
-            ", ".join(f"{x:.3g}" for x in np.diag(link.inertia)),
-        ]
-        for name, link in zip(robot.joint_names, robot.links, strict=True)
-    ]
+    masses, drives = [], []
+    for name, link in zip(robot.joint_names, robot.links, strict=True):
+        centre = ", ".join(number(x) for x in link.center_of_mass)
+        inertia = ", ".join(f"{x:.3g}" for x in np.diag(link.inertia))
+        masses.append([name, number(link.mass), centre, inertia])
+        reflected = link.rotor.inertia * link.rotor.gear_ratio**2 if link.rotor else 0.0
+        drive = link.armature + reflected, link.viscous_friction, link.coulomb_friction
+        drives.append([name, *(f"{x:.4g}" for x in drive)])
     heads = ["link", "mass [kg]", "centre of mass [m]", "Ixx, Iyy, Izz [kg m²]"]
-    yield Table.of_text(heads, rows)
-    drives = [_drive(link) for link in robot.links]
-    if any(map(any, drives)):
+    yield Table.of_text(heads, masses)
+    if any(text != "0" for _, *texts in drives for text in texts):
         yield "Joints"
         heads = ["joint", "rotor inertia", "viscous friction", "Coulomb friction"]
-        texts = [[f"{x:.4g}" for x in drive] for drive in drives]
-        yield Table.of_text(heads, [[n, *t] for n, t in zip(robot.joint_names, texts, strict=True)])
-
-
-def _drive(link: Link) -> tuple[float, float, float]:
-    reflected = link.rotor.inertia * link.rotor.gear_ratio**2 if link.rotor else 0.0
-    return link.armature + reflected, link.viscous_friction, link.coulomb_friction
+        yield Table.of_text(heads, drives)
 
 
 def _limits(robot: Robot) -> Iterator[str | Table]:
@@ -127,34 +119,26 @@ def _limits(robot: Robot) -> Iterator[str | Table]:
         return
     yield "Limits"
     alike = len(set(robot.joint_types)) == 1
-    heads = [f"{q} [{_unit(robot, q, 0)}]" if alike else q for q in quantities]
-    rows = [
-        [name, *(_limit(robot, q, joint, bare=alike) for q in quantities)]
-        for joint, name in enumerate(robot.joint_names)
-    ]
-    yield Table.of_text(["joint", *heads], rows)
-
-
-def _unit(robot: Robot, quantity: str, joint: int) -> str:
-    return scene.display_unit(robot, quantity, joint).replace("^2", "²")
-
-
-def _limit(robot: Robot, quantity: str, joint: int, *, bare: bool) -> str:
-    unit = _unit(robot, quantity, joint)
-    bounds = scene.drawn_bounds(robot, robot.limits, quantity, joint)
-    text = span(*bounds, digits=2 if unit == "deg" else 4)
-    return text if bare or text == NOTHING else f"{text} {unit}"
+    heads, rows = ["joint"], [[name] for name in robot.joint_names]
+    for quantity in quantities:
+        for joint, row in enumerate(rows):
+            unit = scene.display_unit(robot, quantity, joint).replace("^2", "²")
+            bounds = scene.drawn_bounds(robot, robot.limits, quantity, joint)
+            text = span(*bounds, digits=2 if unit == "deg" else 4)
+            row.append(text if alike or text == NOTHING else f"{text} {unit}")
+        heads.append(f"{quantity} [{unit}]" if alike else quantity)
+    yield Table.of_text(heads, rows)
 
 
 def solutions_table(
     robot: Robot, solutions: Sequence[IKSolution], *, turned: bool, named: bool
 ) -> Table:
     """List solutions under the names of the joints, or shorter under q1, q2 and so on."""
-    units = joint_units(robot)
-    heads, title = [f"q{j + 1}" for j in range(robot.joint_count)], ""
+    units, title = joint_units(robot), ""
     if named:
         heads = [f"{name} [{unit}]" for name, unit in zip(robot.joint_names, units, strict=True)]
     else:
+        heads = [f"q{j + 1}" for j in range(robot.joint_count)]
         slides = (f"{head} in m" for head, unit in zip(heads, units, strict=True) if unit == "m")
         title = ", ".join(["Joint positions in deg", *slides])
     digits = [4 if named or unit == "m" else 2 for unit in units]
@@ -170,15 +154,13 @@ def solutions_table(
 def use_blocks(robot: Robot, certificate: Certificate) -> list[str | Table]:
     """Say how much of every limit is used, by joint where it is one of the joints; the verdict."""
     checks = [check for check in certificate.limit_checks if np.isfinite(check.utilisation).any()]
-    by_joint = [check for check in checks if check.labels == robot.joint_names]
-    heads = ["share of limit", *(f"{check.quantity} [%]" for check in by_joint)]
-    rows = [
-        [name, *(_percent(check.utilisation[joint]) for check in by_joint)]
-        for joint, name in enumerate(robot.joint_names)
-    ]
-    others = []
+    heads, rows, others = ["share of limit"], [[name] for name in robot.joint_names], []
     for check in checks:
-        if check not in by_joint:
+        if check.labels == robot.joint_names:
+            heads.append(f"{check.quantity} [%]")
+            for row, share in zip(rows, check.utilisation, strict=True):
+                row.append(_percent(share))
+        else:
             pairs = zip(check.labels, check.utilisation, strict=True)
             shares = ", ".join(f"{label} {_percent(share)}".strip() for label, share in pairs)
             others.append(f"share of the limit of {check.name} [%]: {shares}")
@@ -189,17 +171,12 @@ def use_blocks(robot: Robot, certificate: Certificate) -> list[str | Table]:
 def front_blocks(front: Front) -> list[str | Table]:
     """List duration, effort and peak torque of every motion of a front; say why it ends."""
     heads = ["duration [s]", "effort [s]", "peak torque [%]", "status", "certificate"]
-    rows = [
-        [
-            f"{point.duration:.4f}",
-            f"{point.effort:.4g}",
-            _percent(point.peak_torque),
-            str(point.motion.status),
-            point.certificate.outcome
-            + ("" if point.certificate.ok else f": {point.certificate.verdict}"),
-        ]
-        for point in front.points
-    ]
+    rows = []
+    for point in front.points:
+        numbers = f"{point.duration:.4f}", f"{point.effort:.4g}", _percent(point.peak_torque)
+        proof = point.certificate
+        outcome = proof.outcome if proof.ok else f"{proof.outcome}: {proof.verdict}"
+        rows.append([*numbers, str(point.motion.status), outcome])
     return ["", Table.of_text(heads, rows), *[front.ended] * bool(front.ended)]
 
 
