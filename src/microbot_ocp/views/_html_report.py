@@ -8,7 +8,7 @@ from __future__ import annotations
 import base64
 import io
 import tempfile
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from datetime import date
 from html import escape
@@ -58,15 +58,14 @@ def comparison_report(comparison: Comparison, path: str | Path) -> Path:
         (entry.title, entry.certificate.verdict if entry.certificate else entry.note)
         for entry in comparison.entries
     ]
-    parts = [
-        _words(sentences),
-        _section("The fastest motion, the usual one as a ghost", film),
-        _section("Every method", comparison_table(comparison)._repr_html_()),
-        _section("Position, velocity and torque", _figure(comparison.plot(), "Curves over time")),
-        _section("Way of the tool", _figure(comparison.plot_paths(), "Tool paths in space")),
-        _section("Is it true?", _verdicts(verdicts)),
-    ]
-    return _written(f"{robot.name}: the same task by every method", parts, path)
+    sections = {
+        "The fastest motion, the usual one as a ghost": film,
+        "Every method": comparison_table(comparison)._repr_html_(),
+        "Position, velocity and torque": _figure(comparison.plot(), "Curves over time"),
+        "Way of the tool": _figure(comparison.plot_paths(), "Tool paths in space"),
+        "Is it true?": _verdicts(verdicts),
+    }
+    return _written(f"{robot.name}: the same task by every method", sentences, sections, path)
 
 
 def cell_report(cell: Cell, path: str | Path) -> Path:
@@ -100,14 +99,13 @@ def cell_report(cell: Cell, path: str | Path) -> Path:
     ]
     head = ["stop", "reached [s]", "rest [s]", "then carries [kg]"]
     film = _film(lambda to: cell.export(to, RATE))
-    parts = [
-        _words(sentences),
-        _section("The motion", film),
-        _section("Stops", Table.of_text(head, stops)._repr_html_()),
-        _section("Curves and limits", _figure(cell.plot(), "Curves over time")),
-        _section("Is it true?", _verdicts([("certificate", cell.certificate.verdict)])),
-    ]
-    return _written(f"{robot.name}: a cell", parts, path)
+    sections = {
+        "The motion": film,
+        "Stops": Table.of_text(head, stops)._repr_html_(),
+        "Curves and limits": _figure(cell.plot(), "Curves over time"),
+        "Is it true?": _verdicts([("certificate", cell.certificate.verdict)]),
+    }
+    return _written(f"{robot.name}: a cell", sentences, sections, path)
 
 
 def _point_to_point(cell: Cell) -> tuple[str, float]:
@@ -128,31 +126,15 @@ def certificate_report(
 ) -> Path:
     """Write a certificate as one HTML file: its words, its table, the curves of the motion."""
     verdict = "keeps every limit" if certificate.ok else "does not keep every limit"
-    parts = [
-        _words([f"The motion of the arm {robot.name}, {motion.duration:.3f} s long, {verdict}."]),
-        _section("The motion", _film(lambda to: motion.export(to, RATE, robot))),
-        _section("What was checked", escape(certificate.verdict)),
-        _section(
-            "Limits",
-            replace(view_for(certificate, "table")(certificate), title="", notes=())._repr_html_(),
-        ),
-        _section("Curves and limits", _figure(motion.plot(robot), "Curves over time")),
-    ]
-    return _written(f"{robot.name}: check of {motion.label}", parts, path)
-
-
-def _words(sentences: Iterable[str]) -> str:
-    return f"<p>{escape(' '.join(sentences))}</p>"
-
-
-def _section(title: str, body: str) -> str:
-    if not body:
-        return ""
-    name = escape(title)  # what scrolls is reached by the keyboard
-    return (
-        f'<h2>{name}</h2>\n<div class="wide" role="region" aria-label="{name}" tabindex="0">'
-        f"{body}</div>"
-    )
+    sentence = f"The motion of the arm {robot.name}, {motion.duration:.3f} s long, {verdict}."
+    table = replace(view_for(certificate, "table")(certificate), title="", notes=())
+    sections = {
+        "The motion": _film(lambda to: motion.export(to, RATE, robot)),
+        "What was checked": escape(certificate.verdict),
+        "Limits": table._repr_html_(),
+        "Curves and limits": _figure(motion.plot(robot), "Curves over time"),
+    }
+    return _written(f"{robot.name}: check of {motion.label}", [sentence], sections, path)
 
 
 def _verdicts(verdicts: Sequence[tuple[str, str]]) -> str:
@@ -182,9 +164,17 @@ def _image(kind: str, data: bytes, text: str, look: str = "film") -> str:
     return f'<img class="{look}" alt="{escape(text)}" src="data:image/{kind};base64,{source}">'
 
 
-def _written(title: str, parts: Iterable[str], path: str | Path) -> Path:
+def _written(
+    title: str, sentences: Iterable[str], sections: Mapping[str, str], path: str | Path
+) -> Path:
+    """Write sentences, then what is below each heading; a section without content is left out."""
+    parts = [f"<p>{escape(' '.join(sentences))}</p>"]
+    for heading, content in sections.items():
+        if content:
+            name = escape(heading)  # what scrolls is reached by the keyboard
+            box = f'<div class="wide" role="region" aria-label="{name}" tabindex="0">'
+            parts.append(f"<h2>{name}</h2>\n{box}{content}</div>")
     origin = f"microbot_ocp {version('microbot_ocp')}, {date.today().isoformat()}"
-    body = "\n".join(filter(None, parts))
     page = Template((files("microbot_ocp.views") / "_html_report.html").read_text("utf-8"))
-    texts = {"title": escape(title), "body": body, "origin": escape(origin)}
+    texts = {"title": escape(title), "body": "\n".join(parts), "origin": escape(origin)}
     return write_whole(path, page.substitute(texts))

@@ -98,9 +98,13 @@ def capsule_solid(capsule: Capsule, color: Color) -> Solid:
     """Return a capsule in the frame that it is given in."""
     along = capsule.end - capsule.start
     length = float(np.linalg.norm(along))
-    pose = frame_along(along / length if length else np.eye(3)[2])
-    pose[:3, 3] = (capsule.start + capsule.end) / 2
+    rotation = rotation_to(along / length if length else np.eye(3)[2])
+    pose = frame_at((capsule.start + capsule.end) / 2, rotation)
     return Solid("capsule", np.array([capsule.radius, length]), pose, color)
+
+
+def _ball(center: FloatArray, radius: float, color: Color) -> Solid:
+    return Solid("sphere", np.array([radius]), frame_at(center), color)
 
 
 def obstacle_solid(obstacle: Any, robot: Robot) -> Solid:
@@ -109,14 +113,12 @@ def obstacle_solid(obstacle: Any, robot: Robot) -> Solid:
     if isinstance(obstacle, Capsule):
         return capsule_solid(obstacle, color)
     if isinstance(obstacle, HalfSpace):
-        pose, base = frame_along(obstacle.normal), robot.base[:3, 3]
-        pose[:3, 3] = base + (obstacle.offset - obstacle.normal @ base) * obstacle.normal
+        normal, base = obstacle.normal, robot.base[:3, 3]
+        pose = frame_at(base + (obstacle.offset - normal @ base) * normal, rotation_to(normal))
         edges = size * np.array([2 * STYLE.plane, 2 * STYLE.plane, 0.02])
         return Solid("plane", edges, pose, (*color[:3], 90))
     if isinstance(obstacle, Sphere):
-        pose = np.eye(4)
-        pose[:3, 3] = obstacle.center
-        return Solid("sphere", np.array([obstacle.radius]), pose, color)
+        return _ball(obstacle.center, obstacle.radius, color)
     if isinstance(obstacle, Box):
         return Solid("box", obstacle.size, obstacle.pose, color)
     if isinstance(obstacle, Cylinder):
@@ -136,16 +138,14 @@ def part_solids(payload: Payload) -> list[Solid]:
     """Return the capsules of a part; of one without a shape a ball of aluminium (2700 kg/m^3)."""
     if payload.shape:
         return [capsule_solid(capsule, STYLE.part) for capsule in payload.shape]
-    pose, radius = np.eye(4), np.cbrt(3.0 * payload.mass / (4.0 * np.pi * 2700.0))
-    pose[:3, 3] = payload.center_of_mass
-    return [Solid("sphere", np.array([radius]), pose, STYLE.part)] if payload.mass else []
+    radius = np.cbrt(3.0 * payload.mass / (4.0 * np.pi * 2700.0))
+    return [_ball(payload.center_of_mass, radius, STYLE.part)] if payload.mass else []
 
 
-def frame_along(direction: FloatArray) -> FloatArray:
-    """Return a frame [4,4] at the origin whose z axis is a unit vector."""
-    pose = np.eye(4)
-    pose[:3, :3] = rotation_to(direction)
-    return pose
+def frame_at(origin: FloatArray, rotation: FloatArray | None = None) -> FloatArray:
+    """Return a frame [4,4] at a point [3], turned by a rotation [3,3] or not at all."""
+    turned = np.eye(3) if rotation is None else rotation
+    return np.vstack([np.column_stack([turned, origin]), np.eye(4)[3]])
 
 
 def is_inside(solid: Solid, points: FloatArray) -> Any:
@@ -231,11 +231,8 @@ class DrawnSurroundings:
                 poses[at[first] : at[end]] = tool[at[first] : at[end]]
                 poses[at[end] :] = tool[at[end]]
             parts.append(CarriedPart(part.payload, poses))
-        stops = []
-        for place, rotation in (stop.pose(cell.robot) for stop in task.stops):
-            if rotation is not None:
-                stops.append(np.eye(4))
-                stops[-1][:3] = np.column_stack([rotation, place])
+        poses = (stop.pose(cell.robot) for stop in task.stops)
+        stops = [frame_at(place, turned) for place, turned in poses if turned is not None]
         tubes = [
             Tube(curve[0].points(np.linspace(0.0, 1.0, 60)), segment.tolerance)  # type: ignore[union-attr]
             for curve, segment in zip(task.curves, task.segments, strict=True)

@@ -22,11 +22,11 @@ from microbot_ocp._base.codegen import interpreted
 from microbot_ocp._base.needed import needed
 from microbot_ocp.inverse_kinematics import solve_ik
 from microbot_ocp.robot import Robot, joint_scale
+from microbot_ocp.scene import rotation_to
 from microbot_ocp.tasks import read_task
 from microbot_ocp.trajectories import best_split, cubic, first_splits
 from microbot_ocp.views._eye import find_eye, grid_spacing, upward
 from microbot_ocp.views._scene import link_poses, reach, tool_places
-from microbot_ocp.views._solids import frame_along
 from microbot_ocp.views._style import JOINT_LOOKS, STYLE, rgb
 from microbot_ocp.views.animation import Faces, arm_bodies
 from microbot_ocp.views.live import LOOPBACK, InteractiveTask, NewestOnly, Setting
@@ -234,7 +234,7 @@ class Studio(InteractiveTask):
         scene.set_up_direction(up)
         camera = self._server.initial_camera
         camera.up, camera.position, camera.look_at = eye.up, eye.position, eye.target
-        ground = self._quaternions(frame_along(up)[None])[0]
+        ground = self._quaternions(rotation_to(up)[None])[0]
         cell = grid_spacing(robot)
         scene.add_grid(
             "/ground", 2 * size, 2 * size, wxyz=ground, position=robot.base[:3, 3],

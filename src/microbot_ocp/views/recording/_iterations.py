@@ -54,7 +54,9 @@ class IterationRecorder:
         iteration = event.iteration if isinstance(event, Step) else event
         if not isinstance(iteration, Iteration):
             self.finish()
-            self._say(event.text if isinstance(event, Step) else str(event))
+            text = event.text if isinstance(event, Step) else str(event)
+            row = rr.TextLog.columns(text=[text], level=["INFO"], color=[STYLE.motion])
+            self.writer.columns(MARKS, self._now, row)
             return
         if self._pending is not None and iteration.number <= self._pending.number:
             self.finish()
@@ -73,10 +75,6 @@ class IterationRecorder:
     @property
     def _now(self) -> dict[str, FloatArray]:
         return {ITERATION: np.array([max(self.count, 0)])}
-
-    def _say(self, text: str) -> None:
-        row = rr.TextLog.columns(text=[text], level=["INFO"], color=[STYLE.motion])
-        self.writer.columns(MARKS, self._now, row)
 
     def _converge(self, iteration: Iteration) -> None:
         power = np.log10(max(iteration.infeasibility, 1e-16))  # the least that is drawn
@@ -227,11 +225,9 @@ def _blueprint(iteration: Iteration, curves: Mapping[str, BoundedCurve]) -> rrb.
 
 def _space(iteration: MotionIteration) -> rrb.Spatial3DView:
     """Return the arm in space; the tool's paths of eight earlier iterations stay, faintly."""
-    robot = iteration.robot
-    q = np.vstack([iteration.via_q, iteration.motion()[1].q])
-    eye = find_eye(
-        robot, q, scene.tool_places(robot, iteration.via_q), STYLE.label * scene.reach(robot)
-    )
+    robot, q = iteration.robot, np.vstack([iteration.via_q, iteration.motion()[1].q])
+    places = scene.tool_places(robot, iteration.via_q)
+    eye = find_eye(robot, q, places, STYLE.label * scene.reach(robot))
     behind = rrb.VisibleTimeRanges([layout.behind_cursor(ITERATION, 8)])
     return layout.space_view(robot, eye, {f"{ARM}/earlier": behind})
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import compress
 
 import numpy as np
 import rerun as rr
@@ -67,17 +68,12 @@ def draw_base(
         writer.frame(f"{WORLD}/target", target)
         writer.static(f"{WORLD}/target", rr.TransformAxes3D(0.12 * size))
     if len(places):
-        labels = [_label(place, places, names) for place in places]
+        alike = np.linalg.norm(places[:, None] - places, axis=2) < 1e-6  # share their names
+        labels = [", ".join(compress(names, row)) for row in alike]
         spheres = rr.Points3D(
             places, radii=0.022 * size, colors=[STYLE.bright], labels=labels, show_labels=True
         )
         writer.static(f"{WORLD}/places", spheres)
-
-
-def _label(place: FloatArray, places: FloatArray, names: Sequence[str]) -> str:
-    """Join the names of all that are at one place."""
-    here = np.linalg.norm(places - place, axis=1) < 1e-6
-    return ", ".join(name for name, same in zip(names, here, strict=True) if same)
 
 
 def draw_surroundings(
