@@ -59,17 +59,21 @@ class LivePlot:
             for row, quantity in zip(grid, QUANTITIES, strict=True):
                 for joint, axes in enumerate(row):
                     values = getattr(reference, quantity)[:, joint]
-                    _frame(axes, robot, quantity, joint)
+                    unit = robot.unit(quantity, joint)
+                    if joint == 0 or unit != robot.unit(quantity, 0):
+                        axes.set_ylabel(f"{quantity_name(quantity)} [{unit}]")
                     axes.set_ylim(*_range(values, *(b[joint] for b in largest.bounds(quantity))))
                     axes.plot(reference.t, values, **GRAY)
                     (curve,) = axes.plot([], [], **solid, **moving)
                     limits = [axes.axhline(0.0, **STYLE.limit_line, **moving) for _ in range(2)]
                     self._panels[quantity, joint] = axes, curve, limits
+            for name, top, bottom in zip(robot.joint_names, *grid, strict=True):
+                top.set_title(name, fontweight="bold")
+                bottom.set_xlabel("t [s]")
             edge = {"facecolor": "white", "edgecolor": STYLE.warning, "pad": 8}
             words: dict[str, Any] = {"ha": "center", "va": "center", "color": STYLE.warning}
-            self._message = self.figure.text(
-                0.5, 0.55, "", fontsize=11, bbox=edge, **words, **moving
-            )
+            words |= {"fontsize": 11, "bbox": edge}
+            self._message = self.figure.text(0.5, 0.55, "", **words, **moving)
             handles = [
                 Line2D([], [], **solid, label="as the sliders say"),
                 Line2D([], [], **GRAY, label="under the robot's own limits"),
@@ -104,16 +108,6 @@ class LivePlot:
         image = Image.fromarray(np.asarray(self._canvas.buffer_rgba()))
         image.convert("RGB").save(stream, "png", compress_level=1)
         return stream.getvalue()
-
-
-def _frame(axes: Axes, robot: Robot, quantity: str, joint: int) -> None:
-    if quantity == "qd":
-        axes.set_title(robot.joint_names[joint], fontweight="bold")
-    else:
-        axes.set_xlabel("t [s]")
-    unit = robot.unit(quantity, joint)
-    if joint == 0 or unit != robot.unit(quantity, 0):
-        axes.set_ylabel(f"{quantity_name(quantity)} [{unit}]")
 
 
 def _range(values: Any, lower: float, upper: float) -> tuple[float, float]:

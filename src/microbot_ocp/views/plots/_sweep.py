@@ -118,13 +118,13 @@ def _limits(results: Sweep, axes: GivenAxes | None, _: str | None) -> Any:
             label = f"{name.replace('_', ' ')}: {100 * decided.sum() / solved.sum():.0f} %"
             handles.append(Patch(color=colors[place], label=label))
     ends = {"vmin": -0.5, "vmax": len(names) - 0.5}
-    _hexagons(panels, places, _most_frequent, cmap=ListedColormap(colors), **ends)
+
+    def most_frequent(places: FloatArray) -> int:
+        return int(np.bincount(np.asarray(places, dtype=int)).argmax())
+
+    _hexagons(panels, places, most_frequent, cmap=ListedColormap(colors), **ends)
     page.legend(handles, 4)
     return page.axes
-
-
-def _most_frequent(places: FloatArray) -> int:
-    return int(np.bincount(np.asarray(places, dtype=int)).argmax())
 
 
 def _trends(results: Sweep, axes: GivenAxes | None, method: str) -> Any:
