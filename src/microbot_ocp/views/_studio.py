@@ -27,7 +27,7 @@ from microbot_ocp.tasks import read_task
 from microbot_ocp.trajectories import best_split, cubic, first_splits
 from microbot_ocp.views._eye import find_eye, grid_spacing, upward
 from microbot_ocp.views._scene import link_poses, reach, tool_places
-from microbot_ocp.views._style import JOINT_LOOKS, STYLE, rgb
+from microbot_ocp.views._style import STYLE, look, rgb
 from microbot_ocp.views.animation import Faces, arm_bodies
 from microbot_ocp.views.live import LOOPBACK, InteractiveTask, NewestOnly, Setting
 from microbot_ocp.views.recording import signed_share
@@ -215,12 +215,11 @@ class Studio(InteractiveTask):
         names = self._bare.joint_names
         bound = {"stroke": "#888888", "dash": [6, 4], "width": 1.5, "label": "limit"}
         curves = [
-            {"stroke": color, "width": 2, "label": name}
-            for name, (color, _) in zip(names, JOINT_LOOKS * len(names), strict=False)
+            {"stroke": look(joint, joints=True)["color"], "width": 2, "label": name}
+            for joint, name in enumerate(names)
         ]
-        empty = np.zeros(2)
         return self._server.gui.add_uplot(
-            tuple([empty] * (len(names) + 3)),
+            tuple([np.zeros(2)] * (len(names) + 3)),
             ({"label": "t [s]"}, bound, {**bound, "label": "lower limit"}, *curves),
             title=title,
             scales={"x": {"time": False}, "y": {"range": (-110.0, 110.0)}},

@@ -84,8 +84,8 @@ class Recording:
         for quantity in self.quantities:
             tables = [arm.curves[quantity] for arm in self.arms if quantity in arm.curves]
             values = np.concatenate([np.zeros((0, self.robot.joint_count)), *tables])
-            for joint in range(self.robot.joint_count):
-                near = near_limits(self.robot, self.limits, quantity, joint, values[:, joint])
+            for joint, column in enumerate(values.T):
+                near = near_limits(self.robot, self.limits, quantity, joint, column)
                 limits[quantity, joint] = near
         return limits
 

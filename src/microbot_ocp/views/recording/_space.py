@@ -48,11 +48,10 @@ def draw_base(
 
     Of the target [4,4] the axes are drawn.
     """
-    size, up = reach(robot), upward(robot)
+    size, up, base = reach(robot), upward(robot), robot.base[:3, 3]
     axis = int(np.abs(up).argmax())
     view = f"RIGHT_HAND_{'XYZ'[axis]}_{'UP' if up[axis] > 0 else 'DOWN'}"
     writer.static(WORLD, getattr(rr.ViewCoordinates, view))
-    base = robot.base[:3, 3]
     plate = rr.Boxes3D(
         half_sizes=[[STYLE.plate * size, STYLE.plate * size, 0.008 * size]],
         centers=[base],
@@ -70,9 +69,8 @@ def draw_base(
     if len(places):
         alike = np.linalg.norm(places[:, None] - places, axis=2) < 1e-6  # share their names
         labels = [", ".join(compress(names, row)) for row in alike]
-        spheres = rr.Points3D(
-            places, radii=0.022 * size, colors=[STYLE.bright], labels=labels, show_labels=True
-        )
+        look = {"radii": 0.022 * size, "colors": [STYLE.bright]}
+        spheres = rr.Points3D(places, labels=labels, show_labels=True, **look)
         writer.static(f"{WORLD}/places", spheres)
 
 
@@ -92,8 +90,7 @@ def draw_surroundings(
         writer.static(f"{task}/tube_{number}", strip)
     for number, pose in enumerate(around.stops, start=1):
         writer.frame(f"{task}/stop_{number}", pose)
-        axes = rr.TransformAxes3D(0.5 * grid_spacing(robot))
-        writer.static(f"{task}/stop_{number}", axes)
+        writer.static(f"{task}/stop_{number}", rr.TransformAxes3D(0.5 * grid_spacing(robot)))
     for number, (payload, poses) in enumerate(around.parts, start=1):
         path, turned = f"{task}/part_{number}", quaternions(poses[:, :3, :3])
         columns = rr.Transform3D.columns(translation=poses[:, :3, 3], quaternion=turned)
@@ -128,8 +125,7 @@ def draw_nearest(
 
 def draw_arm(writer: Writer, robot: Robot, arm: AnimatedArm, end: Times) -> None:
     """Draw an arm along its motion; until ``end`` (last values [1]) it stays in its last pose."""
-    look, count = arm.look, robot.joint_count
-    times, q = arm.times, arm.q
+    look, times, q = arm.look, arm.times, arm.q
     if any(float(end[key][0]) > value[-1] for key, value in times.items()):
         times = {key: np.append(value, end[key]) for key, value in times.items()}
         q = np.vstack([q, q[-1:]])
@@ -143,7 +139,7 @@ def draw_arm(writer: Writer, robot: Robot, arm: AnimatedArm, end: Times) -> None
         _draw_link(writer, arm.link(0, "shape"), look, times, start, origins[:, 1])
     axes = rr.TransformAxes3D(0.07 * reach(robot))
     radii = _mass_radii(robot)
-    for k in range(1, count + 1):
+    for k, kind in enumerate(robot.joint_types, start=1):
         turned = quaternions(rotations[:, k])
         pose = rr.Transform3D.columns(translation=origins[:, k], quaternion=turned)
         writer.columns(arm.link(k), times, pose)
@@ -151,8 +147,7 @@ def draw_arm(writer: Writer, robot: Robot, arm: AnimatedArm, end: Times) -> None
         if not geometry:
             step = np.einsum("nij,ni->nj", rotations[:, k], origins[:, k + 1] - origins[:, k])
             _draw_link(writer, arm.link(k, "shape"), look, times, np.zeros_like(step), step)
-            solid = joint_solid(robot.joint_types[k - 1], look.radius, look.color)
-            writer.solid(arm.link(k, "joint"), solid)
+            writer.solid(arm.link(k, "joint"), joint_solid(kind, look.radius, look.color))
         if radii.size:
             place, size = robot.links[k - 1].center_of_mass, radii[k - 1] * look.radius
             ball = rr.Points3D([place], radii=size, colors=[STYLE.ball])
@@ -167,9 +162,8 @@ def draw_arm(writer: Writer, robot: Robot, arm: AnimatedArm, end: Times) -> None
     writer.static(arm.tool("ball"), ball)
     # of the trail a short strip a frame: the view shows those up to its time cursor
     writer.strips(arm.path("trail"), (0.2 if look.solid else 0.15) * look.radius, look.line_color)
-    strips = rr.LineStrips3D.columns(
-        strips=np.stack([tool[:-1], tool[1:]], axis=1).astype(np.float32)
-    )
+    pieces = np.stack([tool[:-1], tool[1:]], axis=1).astype(np.float32)
+    strips = rr.LineStrips3D.columns(strips=pieces)
     writer.columns(arm.path("trail"), {key: value[1:] for key, value in times.items()}, strips)
 
 
@@ -225,12 +219,8 @@ def draw_labels(
     step = STYLE.label * size
     titled = [arm for arm in arms if arm.title]
     for arm in titled:
-        label = rr.Points3D.from_fields(
-            radii=[1e-3 * arm.look.radius],
-            colors=[arm.look.line_color],
-            labels=[arm.title],
-            show_labels=True,
-        )
+        look = {"radii": [1e-3 * arm.look.radius], "colors": [arm.look.line_color]}
+        label = rr.Points3D.from_fields(labels=[arm.title], show_labels=True, **look)
         writer.static(arm.tool("label"), label)
     for timeline in (TIME, PROGRESS):
         taken = [
