@@ -15,7 +15,6 @@ from contextlib import contextmanager, suppress
 from functools import partial
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
-from urllib.error import HTTPError
 from urllib.parse import quote, urlsplit
 from urllib.request import ProxyHandler, build_opener
 
@@ -165,11 +164,8 @@ class _Copy(BaseHTTPRequestHandler):
     def do_GET(self) -> None:
         try:
             answer = DIRECT.open(self.source + self.path, timeout=TIMEOUT)
-        except HTTPError as refusal:
-            self.send_error(refusal.code)
-            return
-        except OSError:
-            self.send_error(502)
+        except OSError as problem:  # that of a page that is not there has its code
+            self.send_error(getattr(problem, "code", 502))
             return
         with answer:
             kind, body = answer.headers.get("Content-Type", "text/plain"), answer.read()

@@ -1,4 +1,4 @@
-"""Sliders for limits and payload; each move solves the time-optimal task again."""
+"""Sliders for limits and payload; each move solves the time-optimal task again and draws it."""
 
 from __future__ import annotations
 

@@ -172,8 +172,8 @@ def _rate_beyond(robot: Robot, motion: Motion, t: FloatArray) -> FloatArray:
     """
     beyond = motion.tau - torque_along(robot, State(motion.q, motion.qd, motion.qdd))
     gaps, rates = np.flatnonzero(jump_gaps(motion.t)), np.zeros((t.size, beyond.shape[1]))
-    edges = np.concatenate([np.searchsorted(motion.t, mesh_of(motion)), gaps, gaps + 1])
-    edges = np.unique(edges)
+    mesh = np.searchsorted(motion.t, mesh_of(motion))
+    edges = np.unique(np.concatenate([mesh, gaps, gaps + 1]))
     piece = np.clip(np.searchsorted(motion.t[edges], t, side="right") - 1, 0, edges.size - 2)
     piece = piece - np.isin(edges[piece], gaps)  # at the earlier side of a jump the piece before
     for k in np.unique(piece):

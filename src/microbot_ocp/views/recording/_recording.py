@@ -188,8 +188,9 @@ class Recording:
         solid = next((arm for arm in self.arms if arm.look.solid), None)
         if solid is None or not self.spells.get(solid.name):
             return curves
-        spells = self.spells[solid.name]
-        met = sorted({_limits.lane_path(robot, solid.name, spell.joint) for spell in spells})
+        spells = sorted(self.spells[solid.name], key=lambda s: (s.joint is None, s.joint or 0))
+        paths = (_limits.lane_path(robot, solid.name, spell.joint) for spell in spells)
+        met = list(dict.fromkeys(paths))
         title = f"limits met: {solid.title}" if solid.title else "limits met"
         lanes = rrb.StateTimelineView(contents=met, name=title)
         return rrb.Vertical(curves, lanes, row_shares=[1.0, 0.13 + 0.055 * len(met)])

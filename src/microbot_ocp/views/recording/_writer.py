@@ -45,11 +45,9 @@ class Writer:
 
     stream: rr.RecordingStream
 
-    def static(
-        self, path: str, *what: rr.AsComponents | Iterable[rr.DescribedComponentBatch]
-    ) -> None:
+    def static(self, path: str, what: rr.AsComponents) -> None:
         """Log what never changes."""
-        self.stream.log(path, *what, static=True, strict=True)
+        self.stream.log(path, what, static=True, strict=True)
 
     def columns(self, path: str, times: Times, columns: Iterable[rr.ComponentColumn]) -> None:
         """Log a row for every time, in one call."""
