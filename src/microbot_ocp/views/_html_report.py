@@ -8,13 +8,15 @@ from __future__ import annotations
 import base64
 import io
 import tempfile
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from datetime import date
 from html import escape
 from importlib.metadata import version
+from importlib.resources import files
 from pathlib import Path
-from typing import Any, NamedTuple
+from string import Template
+from typing import Any
 
 import numpy as np
 
@@ -32,16 +34,6 @@ from microbot_ocp.views.tables import comparison_table
 
 DOTS = 110  # of a figure, an inch
 RATE = 12.0  # of a film, frames a second: a size that can be sent by mail
-STYLE = """
-:root { color-scheme: light dark }
-body { font: 16px/1.5 system-ui, sans-serif; max-width: 62em; margin: 2em auto; padding: 0 1em }
-h1 { font-size: 1.5em; overflow-wrap: anywhere } h2 { font-size: 1.15em; margin-top: 2em }
-td, th { font-size: .85em }
-img { max-width: 100%; background: #fff; border-radius: 6px }
-.figure { min-width: 44em } td:first-child { white-space: nowrap }
-@media (prefers-color-scheme: dark) { .figure { filter: invert(.92) hue-rotate(180deg) } }
-.wide { overflow-x: auto } footer { opacity: .7; font-size: .85em; margin-top: 3em }
-"""
 
 
 def comparison_report(comparison: Comparison, path: str | Path) -> Path:
@@ -66,15 +58,14 @@ def comparison_report(comparison: Comparison, path: str | Path) -> Path:
         (entry.title, entry.certificate.verdict if entry.certificate else entry.note)
         for entry in comparison.entries
     ]
-    parts = [
-        _words(sentences),
-        _section("The fastest motion, the usual one as a ghost", film),
-        _section("Every method", comparison_table(comparison)._repr_html_()),
-        _section("Position, velocity and torque", _figure(comparison.plot(), "Curves over time")),
-        _section("Way of the tool", _figure(comparison.plot_paths(), "Tool paths in space")),
-        _section("Is it true?", _verdicts(verdicts)),
-    ]
-    return _written(f"{robot.name}: the same task by every method", parts, path)
+    sections = {
+        "The fastest motion, the usual one as a ghost": film,
+        "Every method": comparison_table(comparison)._repr_html_(),
+        "Position, velocity and torque": _figure(comparison.plot(), "Curves over time"),
+        "Way of the tool": _figure(comparison.plot_paths(), "Tool paths in space"),
+        "Is it true?": _verdicts(verdicts),
+    }
+    return _written(f"{robot.name}: the same task by every method", sentences, sections, path)
 
 
 def cell_report(cell: Cell, path: str | Path) -> Path:
@@ -86,16 +77,16 @@ def cell_report(cell: Cell, path: str | Path) -> Path:
     cycles = [motion.duration]
     if motion.solved:  # else there is nothing to compare
         try:
-            usual = _point_to_point(cell)
+            shape, usual = _point_to_point(cell)
         except InputError as problem:
             sentences.append(f"Moves from stop to stop cannot be compared: {problem}.")
         else:
-            cycles.append(usual.duration)
-            saved = 100.0 * (1.0 - motion.duration / usual.duration)
+            cycles.append(usual)
+            saved = 100.0 * (1.0 - motion.duration / usual)
             told = f"{saved:.0f} % is saved" if saved >= 0.0 else f"{-saved:.0f} % is lost"
             sentences.append(
-                f"Moves from stop to stop, each with the fastest {usual.shape} of every joint from "
-                f"rest to rest, take {usual.duration:.3f} s{', obstacles aside' * bool(cell.scene)}"
+                f"Moves from stop to stop, each with the fastest {shape} of every joint from "
+                f"rest to rest, take {usual:.3f} s{', obstacles aside' * bool(cell.scene)}"
                 f": {told}."
             )
     if cell.task.cycle:
@@ -108,23 +99,17 @@ def cell_report(cell: Cell, path: str | Path) -> Path:
     ]
     head = ["stop", "reached [s]", "rest [s]", "then carries [kg]"]
     film = _film(lambda to: cell.export(to, RATE))
-    parts = [
-        _words(sentences),
-        _section("The motion", film),
-        _section("Stops", Table.of_text(head, stops)._repr_html_()),
-        _section("Curves and limits", _figure(cell.plot(), "Curves over time")),
-        _section("Is it true?", _verdicts([("certificate", cell.certificate.verdict)])),
-    ]
-    return _written(f"{robot.name}: a cell", parts, path)
+    sections = {
+        "The motion": film,
+        "Stops": Table.of_text(head, stops)._repr_html_(),
+        "Curves and limits": _figure(cell.plot(), "Curves over time"),
+        "Is it true?": _verdicts([("certificate", cell.certificate.verdict)]),
+    }
+    return _written(f"{robot.name}: a cell", sentences, sections, path)
 
 
-class _Usual(NamedTuple):
-    shape: str
-    duration: float
-
-
-def _point_to_point(cell: Cell) -> _Usual:
-    """Return how long the same stops take by moves from rest to rest, rests between included."""
+def _point_to_point(cell: Cell) -> tuple[str, float]:
+    """Return the shape of moves from rest to rest, and how long the stops take with their rests."""
     task, motion = cell.task, cell.motion
     smooth = task.family.jerk_matters
     name, shape = ("quintic", quintic) if smooth else ("cubic", cubic)
@@ -133,7 +118,7 @@ def _point_to_point(cell: Cell) -> _Usual:
         ends = motion.sample([arrives[place] + task.dwells[place], arrives[place + 1]]).q
         if np.ptp(ends, axis=0).any():
             times += shortest_duration(load.on(task.robot), shape(ends, [0.0, 1.0])).duration
-    return _Usual(name, times)
+    return name, times
 
 
 def certificate_report(
@@ -141,31 +126,15 @@ def certificate_report(
 ) -> Path:
     """Write a certificate as one HTML file: its words, its table, the curves of the motion."""
     verdict = "keeps every limit" if certificate.ok else "does not keep every limit"
-    parts = [
-        _words([f"The motion of the arm {robot.name}, {motion.duration:.3f} s long, {verdict}."]),
-        _section("The motion", _film(lambda to: motion.export(to, RATE, robot))),
-        _section("What was checked", escape(certificate.verdict)),
-        _section(
-            "Limits",
-            replace(view_for(certificate, "table")(certificate), title="", notes=())._repr_html_(),
-        ),
-        _section("Curves and limits", _figure(motion.plot(robot), "Curves over time")),
-    ]
-    return _written(f"{robot.name}: check of {motion.label}", parts, path)
-
-
-def _words(sentences: Iterable[str]) -> str:
-    return f"<p>{escape(' '.join(sentences))}</p>"
-
-
-def _section(title: str, body: str) -> str:
-    if not body:
-        return ""
-    name = escape(title)  # what scrolls is reached by the keyboard
-    return (
-        f'<h2>{name}</h2>\n<div class="wide" role="region" aria-label="{name}" tabindex="0">'
-        f"{body}</div>"
-    )
+    sentence = f"The motion of the arm {robot.name}, {motion.duration:.3f} s long, {verdict}."
+    table = replace(view_for(certificate, "table")(certificate), title="", notes=())
+    sections = {
+        "The motion": _film(lambda to: motion.export(to, RATE, robot)),
+        "What was checked": escape(certificate.verdict),
+        "Limits": table._repr_html_(),
+        "Curves and limits": _figure(motion.plot(robot), "Curves over time"),
+    }
+    return _written(f"{robot.name}: check of {motion.label}", [sentence], sections, path)
 
 
 def _verdicts(verdicts: Sequence[tuple[str, str]]) -> str:
@@ -195,14 +164,17 @@ def _image(kind: str, data: bytes, text: str, look: str = "film") -> str:
     return f'<img class="{look}" alt="{escape(text)}" src="data:image/{kind};base64,{source}">'
 
 
-def _written(title: str, parts: Iterable[str], path: str | Path) -> Path:
+def _written(
+    title: str, sentences: Iterable[str], sections: Mapping[str, str], path: str | Path
+) -> Path:
+    """Write sentences, then what is below each heading; a section without content is left out."""
+    parts = [f"<p>{escape(' '.join(sentences))}</p>"]
+    for heading, content in sections.items():
+        if content:
+            name = escape(heading)  # what scrolls is reached by the keyboard
+            box = f'<div class="wide" role="region" aria-label="{name}" tabindex="0">'
+            parts.append(f"<h2>{name}</h2>\n{box}{content}</div>")
     origin = f"microbot_ocp {version('microbot_ocp')}, {date.today().isoformat()}"
-    body = "\n".join(filter(None, parts))
-    page = (
-        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width">'
-        f"<title>{escape(title)}</title><style>{STYLE}</style></head>\n"
-        f"<body><main><h1>{escape(title)}</h1>\n{body}\n</main><footer>{escape(origin)}</footer>"
-        "</body></html>\n"
-    )
-    return write_whole(path, page)
+    page = Template((files("microbot_ocp.views") / "_html_report.html").read_text("utf-8"))
+    texts = {"title": escape(title), "body": "\n".join(parts), "origin": escape(origin)}
+    return write_whole(path, page.substitute(texts))

@@ -1,4 +1,4 @@
-"""Solid bodies as data: a robot's geometry, joints, obstacles and parts, for any kind of picture.
+"""Bodies as data, for any kind of picture: a robot's geometry, obstacles, parts, surroundings.
 
 Recordings write a :class:`Solid` as a shape of Rerun's, films draw its faces, and the eye of both
 asks whether it hides the arm.
@@ -7,15 +7,28 @@ asks whether it hides the arm.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp.planning import Payload
+from microbot_ocp.planning import Payload, Place, parts_of, places_along, tool_poses
 from microbot_ocp.robot import Capsule, Robot, Shape, TriangleMesh, read_mesh
-from microbot_ocp.scene import Box, ConvexMesh, Cylinder, HalfSpace, Sphere, rotation_to
+from microbot_ocp.scene import (
+    Box,
+    ConvexMesh,
+    Cylinder,
+    HalfSpace,
+    Nearest,
+    Scene,
+    Sphere,
+    contact_model,
+    has_coal,
+    rotation_to,
+)
+from microbot_ocp.tasks import Cell
 from microbot_ocp.views._scene import reach
 from microbot_ocp.views._style import STYLE, Color
 
@@ -85,9 +98,13 @@ def capsule_solid(capsule: Capsule, color: Color) -> Solid:
     """Return a capsule in the frame that it is given in."""
     along = capsule.end - capsule.start
     length = float(np.linalg.norm(along))
-    pose = frame_along(along / length if length else np.eye(3)[2])
-    pose[:3, 3] = (capsule.start + capsule.end) / 2
+    rotation = rotation_to(along / length if length else np.eye(3)[2])
+    pose = frame_at((capsule.start + capsule.end) / 2, rotation)
     return Solid("capsule", np.array([capsule.radius, length]), pose, color)
+
+
+def _ball(center: FloatArray, radius: float, color: Color) -> Solid:
+    return Solid("sphere", np.array([radius]), frame_at(center), color)
 
 
 def obstacle_solid(obstacle: Any, robot: Robot) -> Solid:
@@ -96,14 +113,12 @@ def obstacle_solid(obstacle: Any, robot: Robot) -> Solid:
     if isinstance(obstacle, Capsule):
         return capsule_solid(obstacle, color)
     if isinstance(obstacle, HalfSpace):
-        pose, base = frame_along(obstacle.normal), robot.base[:3, 3]
-        pose[:3, 3] = base + (obstacle.offset - obstacle.normal @ base) * obstacle.normal
+        normal, base = obstacle.normal, robot.base[:3, 3]
+        pose = frame_at(base + (obstacle.offset - normal @ base) * normal, rotation_to(normal))
         edges = size * np.array([2 * STYLE.plane, 2 * STYLE.plane, 0.02])
         return Solid("plane", edges, pose, (*color[:3], 90))
     if isinstance(obstacle, Sphere):
-        pose = np.eye(4)
-        pose[:3, 3] = obstacle.center
-        return Solid("sphere", np.array([obstacle.radius]), pose, color)
+        return _ball(obstacle.center, obstacle.radius, color)
     if isinstance(obstacle, Box):
         return Solid("box", obstacle.size, obstacle.pose, color)
     if isinstance(obstacle, Cylinder):
@@ -123,16 +138,14 @@ def part_solids(payload: Payload) -> list[Solid]:
     """Return the capsules of a part; of one without a shape a ball of aluminium (2700 kg/m^3)."""
     if payload.shape:
         return [capsule_solid(capsule, STYLE.part) for capsule in payload.shape]
-    pose, radius = np.eye(4), np.cbrt(3.0 * payload.mass / (4.0 * np.pi * 2700.0))
-    pose[:3, 3] = payload.center_of_mass
-    return [Solid("sphere", np.array([radius]), pose, STYLE.part)] if payload.mass else []
+    radius = np.cbrt(3.0 * payload.mass / (4.0 * np.pi * 2700.0))
+    return [_ball(payload.center_of_mass, radius, STYLE.part)] if payload.mass else []
 
 
-def frame_along(direction: FloatArray) -> FloatArray:
-    """Return a frame [4,4] at the origin whose z axis is a unit vector."""
-    pose = np.eye(4)
-    pose[:3, :3] = rotation_to(direction)
-    return pose
+def frame_at(origin: FloatArray, rotation: FloatArray | None = None) -> FloatArray:
+    """Return a frame [4,4] at a point [3], turned by a rotation [3,3] or not at all."""
+    turned = np.eye(3) if rotation is None else rotation
+    return np.vstack([np.column_stack([turned, origin]), np.eye(4)[3]])
 
 
 def is_inside(solid: Solid, points: FloatArray) -> Any:
@@ -160,3 +173,86 @@ def hidden_share(eye: FloatArray, points: FloatArray, solids: Sequence[Solid]) -
     for solid in solids:
         hidden |= is_inside(solid, between).reshape(len(along), -1).any(axis=0)
     return float(hidden.mean())
+
+
+class CarriedPart(NamedTuple):
+    """A part and the pose [N,4,4] of the tool frame that it is rigid in, at the arm's samples."""
+
+    payload: Payload
+    poses: FloatArray
+
+
+class Tube(NamedTuple):
+    """Points [k,3] of a tool line, and the radius of the tube around it, m."""
+
+    points: FloatArray
+    radius: float
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnSurroundings:
+    """What is around an arm in motion.
+
+    Attributes
+    ----------
+    scene : Scene, optional
+    stretches : tuple of Place
+        Which arm moves among what, from when to when.
+    tubes : tuple of Tube
+    stops : tuple of array [4,4]
+        Poses that the task asks for at stops.
+    parts : tuple of Carried
+        What the arm picks and puts down, lying there before and after.
+    """
+
+    scene: Scene | None = None
+    stretches: tuple[Place, ...] = ()
+    tubes: tuple[Tube, ...] = ()
+    stops: tuple[FloatArray, ...] = ()
+    parts: tuple[CarriedPart, ...] = ()
+
+    @classmethod
+    def of_scene(cls, robot: Robot, scene: Scene | None) -> DrawnSurroundings:
+        """Return the obstacles of a scene, the same at all times."""
+        return cls(scene, () if scene is None else (Place(0.0, np.inf, robot, scene),))
+
+    @classmethod
+    def of_cell(cls, cell: Cell, t: FloatArray, q: FloatArray) -> DrawnSurroundings:
+        """Return what is around an arm at q [N,n] at times t [N] that does the task of a cell."""
+        task, marks = cell.task, cell.motion.marks
+        if len(marks) != len(task.stops):
+            raise InputError("the motion of this cell has other stops than its task")
+        leaves = [mark.time + float(d) for mark, d in zip(marks, task.dwells, strict=True)]
+        at = np.minimum(np.searchsorted(t, leaves), len(t) - 1)  # samples at which stops are left
+        tool, parts = tool_poses(cell.robot, q), []
+        for part in parts_of(task, tool[at]):
+            poses = np.repeat(tool[None, at[part.carries[0][0]]], len(t), axis=0)
+            for first, end in part.carries:
+                poses[at[first] : at[end]] = tool[at[first] : at[end]]
+                poses[at[end] :] = tool[at[end]]
+            parts.append(CarriedPart(part.payload, poses))
+        poses = (stop.pose(cell.robot) for stop in task.stops)
+        stops = [frame_at(place, turned) for place, turned in poses if turned is not None]
+        tubes = [
+            Tube(curve[0].points(np.linspace(0.0, 1.0, 60)), segment.tolerance)  # type: ignore[union-attr]
+            for curve, segment in zip(task.curves, task.segments, strict=True)
+            if curve is not None
+        ]
+        stretches = () if cell.scene is None else places_along(task, cell.motion, cell.scene)
+        return cls(cell.scene, tuple(stretches), tuple(tubes), tuple(stops), tuple(parts))
+
+    def obstacles(self, robot: Robot) -> list[tuple[Any, Solid]]:
+        """Return the scene's obstacles with their bodies."""
+        every = () if self.scene is None else self.scene.obstacles
+        return [(obstacle, obstacle_solid(obstacle, robot)) for obstacle in every]
+
+    def nearest(self, t: FloatArray, q: FloatArray) -> list[Nearest]:
+        """Return where an arm at q [N,n] at times t [N] is nearest to something.
+
+        Empty without a scene, and without coal.
+        """
+        if self.scene is None or not has_coal():
+            return []
+        models = [contact_model(p.robot, p.scene.without_parts_of(p.robot)) for p in self.stretches]
+        at = np.searchsorted([place.end for place in self.stretches[:-1]], t, side="right")
+        return [models[k].nearest(pose) for k, pose in zip(at, q, strict=True)]

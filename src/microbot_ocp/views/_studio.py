@@ -22,12 +22,12 @@ from microbot_ocp._base.codegen import interpreted
 from microbot_ocp._base.needed import needed
 from microbot_ocp.inverse_kinematics import solve_ik
 from microbot_ocp.robot import Robot, joint_scale
+from microbot_ocp.scene import rotation_to
 from microbot_ocp.tasks import read_task
 from microbot_ocp.trajectories import best_split, cubic, first_splits
 from microbot_ocp.views._eye import find_eye, grid_spacing, upward
 from microbot_ocp.views._scene import link_poses, reach, tool_places
-from microbot_ocp.views._solids import frame_along
-from microbot_ocp.views._style import JOINT_LOOKS, STYLE, rgb
+from microbot_ocp.views._style import STYLE, look, rgb
 from microbot_ocp.views.animation import Faces, arm_bodies
 from microbot_ocp.views.live import LOOPBACK, InteractiveTask, NewestOnly, Setting
 from microbot_ocp.views.recording import signed_share
@@ -148,18 +148,13 @@ class Studio(InteractiveTask):
         for place, q in enumerate(self._via_q):
             joints = []
             with gui.add_folder(f"via point {place + 1}", expand_by_default=place == 1):
-                for name, kind, *ends in zip(
-                    robot.joint_names,
-                    robot.joint_types,
-                    low / scale,
-                    high / scale,
-                    q / scale,
-                    strict=True,
-                ):
-                    unit, step = ("deg", 1.0) if kind == "revolute" else ("m", 0.01)
-                    least, most, value = (round(float(end), 6) for end in ends)
+                drawn = (np.array([low, high, q]) / scale).T.tolist()
+                for joint, (name, ends) in enumerate(zip(robot.joint_names, drawn, strict=True)):
+                    revolute = robot.joint_types[joint] == "revolute"
+                    unit, step = ("deg", 1.0) if revolute else ("m", 0.01)
+                    least, most, value = (round(end, 6) for end in ends)
                     joints.append(gui.add_slider(f"{name} [{unit}]", least, most, step, value))
-                    joints[-1].on_update(partial(self._turn, place, len(joints) - 1))
+                    joints[-1].on_update(partial(self._turn, place, joint))
             self._joints.append(joints)
         panel = gui.add_panel()
         with panel.add_tab("limits"):
@@ -194,10 +189,8 @@ class Studio(InteractiveTask):
         with self._lock:
             pose = solve_ik(self._bare, dragged.position, turn, seed=self._via_q[place])
             if pose.solved:
-                self._via_q[place] = pose.q
-                for slider, value in zip(
-                    self._joints[place], pose.q / joint_scale(self._bare), strict=True
-                ):
+                self._via_q[place], shown = pose.q, pose.q / joint_scale(self._bare)
+                for slider, value in zip(self._joints[place], shown, strict=True):
                     slider.value = round(float(value), 2)
                 self._ask()
             else:
@@ -222,12 +215,11 @@ class Studio(InteractiveTask):
         names = self._bare.joint_names
         bound = {"stroke": "#888888", "dash": [6, 4], "width": 1.5, "label": "limit"}
         curves = [
-            {"stroke": color, "width": 2, "label": name}
-            for name, (color, _) in zip(names, JOINT_LOOKS * len(names), strict=False)
+            {"stroke": look(joint, joints=True)["color"], "width": 2, "label": name}
+            for joint, name in enumerate(names)
         ]
-        empty = np.zeros(2)
         return self._server.gui.add_uplot(
-            tuple([empty] * (len(names) + 3)),
+            tuple([np.zeros(2)] * (len(names) + 3)),
             ({"label": "t [s]"}, bound, {**bound, "label": "lower limit"}, *curves),
             title=title,
             scales={"x": {"time": False}, "y": {"range": (-110.0, 110.0)}},
@@ -241,7 +233,7 @@ class Studio(InteractiveTask):
         scene.set_up_direction(up)
         camera = self._server.initial_camera
         camera.up, camera.position, camera.look_at = eye.up, eye.position, eye.target
-        ground = self._quaternions(frame_along(up)[None])[0]
+        ground = self._quaternions(rotation_to(up)[None])[0]
         cell = grid_spacing(robot)
         scene.add_grid(
             "/ground", 2 * size, 2 * size, wxyz=ground, position=robot.base[:3, 3],
@@ -253,9 +245,8 @@ class Studio(InteractiveTask):
             self._add_body(f"/arm/{frame}/{place}", faces)
         self._grips = []
         for place in range(len(self._via_q)):
-            grip = scene.add_transform_controls(
-                f"/via/{place}", 0.12 * size, disable_rotations=robot.joint_count < FREE
-            )
+            fixed = {"disable_rotations": robot.joint_count < FREE}
+            grip = scene.add_transform_controls(f"/via/{place}", 0.12 * size, **fixed)
             self._grips.append(grip)
             radius, color = 1.4 * STYLE.link * size, STYLE.part[:3]
             scene.add_icosphere(f"{grip.name}/ball", radius, color=color)
@@ -275,9 +266,8 @@ class Studio(InteractiveTask):
     def _place(self, q: FloatArray) -> None:
         poses = link_poses(self._bare, q[None])[0]
         with self._server.atomic():
-            for frame, pose, turn in zip(
-                self._frames, poses, self._quaternions(poses), strict=True
-            ):
+            turns = self._quaternions(poses)
+            for frame, pose, turn in zip(self._frames, poses, turns, strict=True):
                 frame.position, frame.wxyz = pose[:3, 3], turn
             if "prismatic" in self._bare.joint_types and not self._bare.shapes:
                 for place, (frame, faces) in enumerate(arm_bodies(self._bare, poses, LINK, JOINT)):

@@ -28,10 +28,8 @@ class Style:
         Height of the lane of one joint in a chart of saturation, inches.
     small, tiny : float
         Size of notes in figures and of the text of the printed page, points.
-    line, limit : float
-        Width of a curve and of a limit's line, points.
-    beyond : float
-        Opacity of the grey beyond a limit.
+    line : float
+        Width of a curve, points.
     ink, warning : str
         Colours of limits and notes, and of what went wrong.
     dpi, screen_dpi : int
@@ -102,8 +100,7 @@ class Style:
     small: float = 7.5
     tiny: float = 6.8
     line: float = 1.6
-    limit: float = 1.0
-    beyond: float = 0.18
+
     ink: str = "0.25"
     warning: str = "#B00020"
     dpi: int = 150
@@ -162,12 +159,12 @@ class Style:
     @property
     def limit_line(self) -> dict[str, Any]:
         """A limit in figures."""
-        return {"color": self.ink, "linestyle": "--", "linewidth": self.limit, "label": "_limit"}
+        return {"color": self.ink, "linestyle": "--", "linewidth": 1.0, "label": "_limit"}
 
     @property
     def beyond_limit(self) -> dict[str, Any]:
         """The shade beyond a limit in figures."""
-        return {"facecolor": "0.5", "alpha": self.beyond, "linewidth": 0}
+        return {"facecolor": "0.5", "alpha": 0.18, "linewidth": 0}
 
 
 STYLE = Style()

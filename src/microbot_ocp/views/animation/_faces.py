@@ -13,9 +13,8 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.robot import Capsule, Robot, Shape, TriangleMesh
 from microbot_ocp.views._eye import Eye
 from microbot_ocp.views._scene import link_poses, reach
-from microbot_ocp.views._solids import Solid, capsule_solid, drawn_geometry, joint_solid
+from microbot_ocp.views._solids import Solid, Tube, capsule_solid, drawn_geometry, joint_solid
 from microbot_ocp.views._style import STYLE, Color
-from microbot_ocp.views._surroundings import Tube
 
 SQUARE = np.array([[-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]])
 CUBE = np.array([s * np.roll(SQUARE[::s], k, axis=1) for k in range(3) for s in (1, -1)])
@@ -87,19 +86,15 @@ def arm_bodies(
         return geometry
     size = reach(robot)
     edge, radius = STYLE.patch * size, STYLE.link * size
-    foot = Solid("cylinder", size * np.array([0.065, 0.02]), robot.base, joint)
-    bodies = [(0, solid_faces(foot, edge))]
+    bodies = [(0, Solid("cylinder", size * np.array([0.065, 0.02]), robot.base, joint))]
     starts = [robot.base[:3, 3], *np.zeros((robot.joint_count, 3))]
     for frame, (start, (pose, after)) in enumerate(zip(starts, pairwise(poses), strict=True)):
         end = pose[:3, :3].T @ (after[:3, 3] - pose[:3, 3])
         if np.linalg.norm(end - start) > 1e-6 * size:
-            bodies.append(
-                (frame, solid_faces(capsule_solid(Capsule(start, end, radius), link), edge))
-            )
+            bodies.append((frame, capsule_solid(Capsule(start, end, radius), link)))
     for frame, kind in enumerate(robot.joint_types, start=1):
-        drum = joint_solid(kind, STYLE.film_joint * radius, joint)
-        bodies.append((frame, solid_faces(drum, edge)))
-    return bodies
+        bodies.append((frame, joint_solid(kind, STYLE.film_joint * radius, joint)))
+    return [(frame, solid_faces(solid, edge)) for frame, solid in bodies]
 
 
 @lru_cache(maxsize=8)
@@ -110,10 +105,8 @@ def _geometry(shapes: tuple[Shape, ...]) -> tuple[tuple[int, Faces], ...]:
     finest = 0.002 * sum(float(np.ptp(mesh.vertices, axis=0).max()) for mesh in meshes)
     while True:
         faces = [(frame, solid_faces(solid, np.inf, cell)) for frame, solid in solids]
-        triangles = sum(
-            len(f.corners) for (_, f), (_, s) in zip(faces, solids, strict=True) if s.mesh
-        )
-        if triangles <= STYLE.triangles:
+        pairs = zip(faces, solids, strict=True)
+        if sum(len(f.corners) for (_, f), (_, s) in pairs if s.mesh) <= STYLE.triangles:
             return tuple(faces)
         cell = max(finest, 1.25 * cell)
 
@@ -159,9 +152,8 @@ def _corners(kind: str, size: tuple[float, ...], edge: float) -> FloatArray:
         bevel = 0.12 * min(radius, half)
         below = [(0.0, -half), (radius - bevel, -half), (radius, bevel - half)]
     else:
-        below = [
-            (radius * np.cos(v), radius * np.sin(v) - half) for v in np.linspace(-np.pi / 2, 0, 6)
-        ]
+        turns = np.linspace(-np.pi / 2, 0, 6)
+        below = [(radius * np.cos(turn), radius * np.sin(turn) - half) for turn in turns]
     profile = np.array([*below, *((r, -z) for r, z in reversed(below))])
     fine = [_along(a, b, edge)[:-1] for a, b in pairwise(profile)]
     rings = np.concatenate([*fine, profile[-1:]])

@@ -14,6 +14,7 @@ from matplotlib.patches import Rectangle
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp.limits import quantity_name
 from microbot_ocp.scene import HalfSpace
 from microbot_ocp.views._eye import grid_spacing
 from microbot_ocp.views._scene import link_origins, link_poses, reach, tool_places
@@ -133,17 +134,12 @@ class Film:
         theme, size = self.theme, reach(self.robot)
         self.space = space = self.figure.add_axes((0.0, 0.0, 1.0, 1.0), zorder=-1)
         space.axis("off")
-        self.floor, still = None, [tube_faces(tube, size) for tube in self.around.tubes]
-        for obstacle, (_, solid) in zip(
-            self.around.scene.obstacles if self.around.scene else (),
-            self.around.obstacles(self.robot),
-            strict=True,
-        ):
+        self.floor, self.still = None, [tube_faces(tube, size) for tube in self.around.tubes]
+        for obstacle, solid in self.around.obstacles(self.robot):
             if isinstance(obstacle, HalfSpace) and obstacle.normal @ self.up > 1.0 - 1e-9:
                 self.floor = obstacle.offset
             else:
-                still.append(solid_faces(solid, STYLE.patch * size))
-        self.still = joined(still) if still else None
+                self.still.append(solid_faces(solid, STYLE.patch * size))
         self._frame_space(space)
         self._draw_floor(space)
 
@@ -182,8 +178,9 @@ class Film:
         margin = (0.11 * reach(self.robot) / depth)[:, None]
         low, high = (flat - margin).min(axis=0), (flat + margin).max(axis=0)
         stage = STAGE.copy()
-        if self.still is not None:  # up to 60 % more, and room for the texts above
-            around, more = self.camera.project(self.still.corners)[0].reshape(-1, 2), high - low
+        if self.still:  # up to 60 % more, and room for the texts above
+            flat, more = self.camera.project(joined(self.still).corners)[0], high - low
+            around = flat.reshape(-1, 2)
             low = np.minimum(low, np.maximum(around.min(axis=0), low - 0.6 * more))
             high = np.maximum(high, np.minimum(around.max(axis=0), high + 0.6 * more))
             stage[1, 1] -= 0.14
@@ -195,17 +192,15 @@ class Film:
 
     def _draw_floor(self, space: Axes) -> None:
         """Draw a level disc with a grid under the base, or where the scene has a floor."""
-        base = self.robot.base[:3, 3]
+        self.base = base = self.robot.base[:3, 3]
         if self.floor is not None:
-            base = base + (self.floor - base @ self.up) * self.up
-        self.base = base
+            self.base = base = base + (self.floor - base @ self.up) * self.up
         across, along = (axis for axis in np.eye(3) if abs(axis @ self.up) < 0.5)
         step, radius = 2 * grid_spacing(self.robot), 0.8 * reach(self.robot)
         turn = np.linspace(0.0, 2 * np.pi, 121)[:, None]
         edge = base + radius * (np.cos(turn) * across + np.sin(turn) * along)
-        space.fill(
-            *self.camera.project(edge)[0].T, color=self.theme["floor"], zorder=0, linewidth=0
-        )
+        disc = self.camera.project(edge)[0].T
+        space.fill(*disc, color=self.theme["floor"], zorder=0, linewidth=0)
         ends = [
             [base + k * step * a + s * np.sqrt(radius**2 - (k * step) ** 2) * b for s in (-1, 1)]
             for k in range(-int(radius / step), int(radius / step) + 1)
@@ -218,8 +213,7 @@ class Film:
     def _draw_panels(self) -> None:
         """Draw a panel a joint: torque (or velocity) over time as a share of its limit."""
         theme, quantity = self.theme, self._quantity()
-        name = {"tau": "torque", "qd": "velocity"}[quantity]
-        heading = f"{name} within its limits (dashed)"
+        heading = f"{quantity_name(quantity)} within its limits (dashed)"
         self._text(0.70, 0.945, heading, "faint", fontsize=9.5)
         behind = Rectangle((0.69, 0.0), 0.31, 1.0, color=theme["paper"], linewidth=0, zorder=-0.5)
         self.figure.add_artist(behind)  # the floor ends beside the panels
@@ -242,8 +236,8 @@ class Film:
                 self.curves.append((curve, arm.times[TIME], share))
                 span = max(span, float(np.abs(share).max()))
             panel.set_ylim(-1.18 * span, 1.18 * span)
-            label = self.robot.joint_names[joint]
-            label = label if len(label) < 10 else f"joint {joint + 1}"
+            name = self.robot.joint_names[joint]
+            label = name if len(name) < 10 else f"joint {joint + 1}"
             panel.set_yticks([0.0], [label], fontsize=8.5)
             panel.tick_params(length=0, colors=theme["faint"], pad=4, labelsize=7.5)
             panel.tick_params(axis="y", labelcolor=theme["ink"], labelsize=8.5)
@@ -277,8 +271,7 @@ class Film:
         )
         bodies = [arm_faces(self.robot, _at(arm, t), link, joint)]
         if arm is self.solid:
-            bodies += [self.still] if self.still is not None else []
-            bodies += self._parts(t)
+            bodies += [*self.still, *self._parts(t)]
         polygons, colors = self.camera.picture(joined(bodies))
         self.bodies[place].set_verts(polygons)
         self.bodies[place].set_facecolors(colors)
@@ -304,17 +297,14 @@ class Film:
         """Show arcs around the joints of the solid arm, closed at the limit."""
         if "tau" not in self.solid.curves or not self.robot.has_dynamics:
             return
-        radius, times = (
-            STYLE.film_joint * STYLE.ring * STYLE.link * reach(self.robot),
-            self.solid.times[TIME],
-        )
+        radius = STYLE.film_joint * STYLE.ring * STYLE.link * reach(self.robot)
         poses = link_poses(self.robot, _at(self.solid, t)[None])[0]
         rings, strips, colors, widths = [], [], [], []
         for joint, kind in enumerate(self.robot.joint_types):
             if kind != "revolute":
                 continue
-            share = float(np.interp(t, times, self._share(self.solid, joint, "tau")))
-            pose = poses[joint + 1]
+            shares, pose = self._share(self.solid, joint, "tau"), poses[joint + 1]
+            share = float(np.interp(t, self.solid.times[TIME], shares))
             curves = arcs(np.array([1.0, share]), radius) @ pose[:3, :3].T + pose[:3, 3]
             (ring, strip), _ = self.camera.project(curves)
             rings.append(ring[:-3])
@@ -348,11 +338,9 @@ class Film:
             self.gap_text.set_text(f"{near.pair.label}: {how}")
         end = float(self.solid.times[TIME][-1])
         longest = max([float(a.times[TIME][-1]) for a in self.arms[:-1] if a.title], default=end)
-        if t >= end and longest > end:
-            percent = f"{100 * (longest - end) / longest:.0f} % less time"
-            self.saving.set_text(f"{percent} ({longest - end:.2f} s) under the same limits")
-        else:
-            self.saving.set_text("")
+        percent = f"{100 * (longest - end) / longest:.0f} % less time"
+        told = f"{percent} ({longest - end:.2f} s) under the same limits"
+        self.saving.set_text(told if t >= end and longest > end else "")
 
 
 def _sample(arm: AnimatedArm, t: float) -> float:

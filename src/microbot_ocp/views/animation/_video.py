@@ -84,7 +84,7 @@ def write_animation(
     frames = drawn()
     with whole_file(target) as partial:
         if target.suffix == ".gif":
-            around = film.still is not None or bool(film.around.parts)
+            around = bool(film.still or film.around.parts)
             _write_gif(partial, frames, rate, 256 if around else 128)  # colours
         else:
             _write_mp4(partial, frames, rate)

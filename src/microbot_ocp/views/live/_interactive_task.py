@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,7 +16,39 @@ from microbot_ocp.limits import limit_history
 from microbot_ocp.motion import Motion
 from microbot_ocp.planning import TimeOptimalSolver
 from microbot_ocp.robot import JointLimits, Robot
-from microbot_ocp.views.live._newest_only import NewestOnly
+
+Request = TypeVar("Request")
+
+
+class NewestOnly(Generic[Request]):
+    """Does a job in the background for the newest request; older ones that wait are dropped.
+
+    Parameters
+    ----------
+    job : callable
+        Takes a request. It runs in one thread, never twice at once; what it raises is logged.
+    """
+
+    def __init__(self, job: Callable[[Request], None]) -> None:
+        self._job = job
+        self._thread = ThreadPoolExecutor(1)
+        self._newest: Future[None] | None = None
+
+    def ask(self, request: Request) -> None:
+        """Do the job for this request as soon as the one under way is done."""
+        if self._newest is not None:
+            self._newest.cancel()  # nothing happens to the one under way
+        self._newest = self._thread.submit(self._job, request)
+        self._newest.add_done_callback(lambda job: job.cancelled() or job.result())
+
+    @property
+    def newer(self) -> bool:
+        """Whether a newer request waits for the job under way to end."""
+        return self._newest is not None and not (self._newest.running() or self._newest.done())
+
+    def wait(self, timeout: float | None = None) -> bool:
+        """Wait until nothing is left to do; False where ``timeout`` seconds were not enough."""
+        return self._newest is None or not wait([self._newest], timeout).not_done
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,13 +12,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 
 from rich.console import Console, RenderableType
-from rich.progress import (
-    BarColumn,
-    Progress,
-    SpinnerColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
+from rich.progress import BarColumn, Progress, SpinnerColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.text import Text
 
 from microbot_ocp.ocp.solution import Iteration
@@ -56,7 +50,13 @@ def show_progress(console: Console | None = None) -> Iterator[Callable[[Event], 
     """
     shown = console or Console(file=sys.stderr)
     if not shown.is_terminal:
-        yield lambda event: _print_step(shown, event)
+
+        def print_step(event: Event) -> None:
+            if not _iterates(event):
+                stage, text = _words(event)
+                shown.print(f"{stage:8s}{text}", markup=False, soft_wrap=True)
+
+        yield print_step
         return
     columns = (SpinnerColumn(), BarColumn(bar_width=30), TimeElapsedColumn(), TimeRemainingColumn())
     with _BarAndText(*columns, console=shown, transient=True) as bar:
@@ -120,13 +120,6 @@ def _iterates(event: Event) -> bool:
 def _words(event: Event) -> tuple[str, str]:
     """Return the stage of an event and what it says."""
     return (event.stage, event.text) if isinstance(event, Step) else ("solve", str(event))
-
-
-def _print_step(console: Console, event: Event) -> None:
-    if _iterates(event):
-        return
-    stage, text = _words(event)
-    console.print(f"{stage:8s}{text}", markup=False, soft_wrap=True)
 
 
 class _BarAndText(Progress):

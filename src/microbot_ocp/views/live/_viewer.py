@@ -25,10 +25,9 @@ def viewer_environment() -> dict[str, str]:
 
     Rerun sends nothing where ``CI`` is set, unless ``FORCE_RERUN_ANALYTICS`` is.
     """
-    environment = {
-        key: value for key, value in os.environ.items() if key != "FORCE_RERUN_ANALYTICS"
-    }
-    return {"RUST_LOG": "error", **environment, "CI": "1"}
+    environment = {"RUST_LOG": "error", **os.environ, "CI": "1"}
+    environment.pop("FORCE_RERUN_ANALYTICS", None)
+    return environment
 
 
 def find_viewer() -> str | None:

@@ -72,13 +72,9 @@ def show(
 
     from microbot_ocp.views.recording import Writer, of_comparison, of_motion
 
-    if isinstance(what, Comparison):
-        recording = of_comparison(what)
-    else:
-        assert robot is not None
-        recording = of_motion(robot, what)
-    address = None if os.environ.get(ASSET) else f"{_local_server()}/widget.js"
-    if address is not None:  # Rerun itself chooses once, when it is imported
+    recording = of_comparison(what) if isinstance(what, Comparison) else of_motion(robot, what)  # type: ignore[arg-type]
+    if not os.environ.get(ASSET):  # Rerun itself chooses once, when it is imported
+        address = f"{_local_server(Path(rerun_notebook.__file__).parent / 'static')}/widget.js"
         rerun_notebook.ASSET_ENV = rerun_notebook.Viewer._esm = address
     stream = rr.RecordingStream(recording.application)
     viewer = Viewer(
@@ -108,12 +104,8 @@ class _Assets(SimpleHTTPRequestHandler):
 
 
 @lru_cache(maxsize=1)
-def _local_server() -> str:
+def _local_server(folder: Path) -> str:
     """Return the address of a server of the viewer's files on this machine, up to its end."""
-    package = find_spec("rerun_notebook")
-    assert package is not None
-    assert package.origin is not None
-    folder = Path(package.origin).parent / "static"
     server = ThreadingHTTPServer(("127.0.0.1", 0), partial(_Assets, directory=str(folder)))
     threading.Thread(target=server.serve_forever, daemon=True).start()
     return f"http://127.0.0.1:{server.server_address[1]}"

@@ -7,11 +7,11 @@ from ._charts import (
     reserve as reserve,
     sparsity as sparsity,
 )
-from ._comparison import comparison as comparison
 from ._curves import Curve as Curve, curves as curves
 from ._limits import limit_use as limit_use, saturation as saturation
 from ._motion import (
     cell as cell,
+    comparison as comparison,
     motion as motion,
     tracking as tracking,
 )

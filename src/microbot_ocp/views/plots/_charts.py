@@ -36,11 +36,11 @@ def front(front: Front, axes: GivenAxes | None = None) -> AxesGrid:
         Open circles are motions that are not certified.
     """
     panels = _row(axes, 2, 1.5 * STYLE.row, "time against effort and peak torque")
-    keys = ("duration", "effort", "peak_torque")
-    time, effort, peak = ([getattr(p, key) for p in front.points] for key in keys)
+    time = [point.duration for point in front.points]
     good = [point.motion.solved and point.certificate.ok for point in front.points]
-    columns = {"effort [s]": effort, "peak torque [share of its limit]": peak}
-    for panel, (label, values) in zip(panels, columns.items(), strict=True):
+    columns = {"effort": "effort [s]", "peak_torque": "peak torque [share of its limit]"}
+    for panel, (key, label) in zip(panels, columns.items(), strict=True):
+        values = [getattr(point, key) for point in front.points]
         (line,) = panel.plot(time, values)
         faces = [line.get_color() if certified else "none" for certified in good]
         panel.scatter(time, values, facecolors=faces, edgecolors=line.get_color())
@@ -122,12 +122,10 @@ def reserve(reserve: Reserve, axes: GivenAxes | None = None) -> AxesGrid:
     """
     panels = _row(axes, 2, 1.5 * STYLE.row, "what a reserve of torque does")
     share = [100.0 * trial.reserve for trial in reserve.trials]
-    error, duration = (
-        np.array([getattr(trial, key) for trial in reserve.trials]) for key in ("error", "duration")
-    )
+    error = np.array([trial.error for trial in reserve.trials])
     panels[0].semilogy(share, np.where(np.isfinite(error), 1e3 * error, np.nan), marker="o")
     panels[0].axhline(1e3 * reserve.bound, linestyle="--", color="0.4")
-    panels[1].plot(share, duration, marker="o")
+    panels[1].plot(share, [trial.duration for trial in reserve.trials], marker="o")
     for panel, label in zip(panels, ("error of the tool [mm]", "duration [s]"), strict=True):
         panel.set(xlabel="reserve [%]", ylabel=label)
         if reserve.solved:

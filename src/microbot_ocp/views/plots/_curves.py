@@ -14,7 +14,7 @@ from matplotlib.patches import Patch
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.showing import GivenAxes
-from microbot_ocp.limits import AT_LIMIT, LimitFamily, limit_history, use_of
+from microbot_ocp.limits import AT_LIMIT, LimitFamily, limit_history, quantity_name, use_of
 from microbot_ocp.motion import Motion
 from microbot_ocp.robot import JointLimits, Robot
 from microbot_ocp.simulation import Simulation, Tracking
@@ -25,13 +25,7 @@ from microbot_ocp.views.plots._page import AxesGrid, Page, axes_page, halo, styl
 PASSED = "via point passed"
 OWN_LIMIT: dict[str, Any] = {"linestyle": ":", "linewidth": 1.2}  # of one curve
 CORNER: Any = {"xy": (1.0, 1.0), "xycoords": "axes fraction", "textcoords": "offset points"}
-NAMES = {
-    "q": "position",
-    "qd": "velocity",
-    "qdd": "acceleration",
-    "tau": "torque",
-    "error": "error",
-}
+PLAIN = ("q", "qd", "qdd", "tau", "error")  # every robot has them, with limits or without
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,21 +89,18 @@ class Curve:
         """
         label = label or str(getattr(source, "label", "simulation"))
         values = {name: getattr(source, name) for name in ("q", "qd", "qdd", "tau")}
-        bounds: Mapping[str, Sequence[FloatArray]] = {}
+        more: dict[str, Any] = {"warning": "" if source.solved else f"{label}: {source.status}"}
         if robot is not None:
-            more, bounds = _limited_values(robot, source, [q for q in quantities if q not in NAMES])
-            values |= more
-        marks: Sequence[float] = ()
-        torque_limits, warning = None, "" if source.solved else f"{label}: {source.status}"
+            keys = [quantity for quantity in quantities if quantity not in PLAIN]
+            limited, more["bounds"] = _limited_values(robot, source, keys)
+            values |= limited
         if isinstance(source, Motion):
-            marks = tuple(m.time for m in source.marks if 0 < m.time < source.duration)
-            warning = warning and f"{label}: not solved: {source.status}"
+            inner = (mark.time for mark in source.marks if 0 < mark.time < source.duration)
+            more["passages"] = tuple(inner)
+            more["warning"] = "" if source.solved else f"{label}: not solved: {source.status}"
         elif isinstance(source, Tracking):
-            values["error"], torque_limits = source.error, source.torque_limits
-        return cls(
-            label, source.t, values, passages=marks, warning=warning,
-            torque_limits=torque_limits, bounds=bounds,
-        )  # fmt: skip
+            values["error"], more["torque_limits"] = source.error, source.torque_limits
+        return cls(label, source.t, values, **more)
 
     def saturated(self, joint: int) -> list[tuple[float, float]]:
         """Return spans of time, s, in which the torque of a joint is at one of its own limits."""
@@ -126,17 +117,16 @@ def _limited_values(
     robot: Robot, source: Motion | Simulation, keys: Sequence[str]
 ) -> tuple[dict[str, FloatArray], dict[str, list[FloatArray]]]:
     """Return values at the samples of quantities that have a limit, and the bounds that vary."""
-    if not keys:
-        return {}, {}
-    motion = source if isinstance(source, Motion) else source.as_motion("")
-    history = limit_history(robot, motion)
-    at = np.searchsorted(history.t, motion.t)  # the samples are among the times of the history
-    limited = {key: history.limited[key] for key in keys if key in history.limited}
-    bounds = {
-        key: [bound[at] for bound in values[1:] if bound.shape == values.value.shape]
-        for key, values in limited.items()
-    }
-    return {key: values.value[at] for key, values in limited.items()}, bounds
+    values, bounds = {}, {}
+    if keys:
+        motion = source if isinstance(source, Motion) else source.as_motion("")
+        history = limit_history(robot, motion)
+        at = np.searchsorted(history.t, motion.t)  # the samples are among the history's times
+        for key in (key for key in keys if key in history.limited):
+            value, *sides = history.limited[key]
+            values[key] = value[at]
+            bounds[key] = [side[at] for side in sides if side.shape == value.shape]
+    return values, bounds
 
 
 @styled()
@@ -222,7 +212,7 @@ def curves(
 
 def _check_quantity(robot: Robot, quantity: str) -> None:
     family = LimitFamily.of(robot)
-    checks.one_of("quantity", quantity, dict.fromkeys([*NAMES, *family.keys]))
+    checks.one_of("quantity", quantity, dict.fromkeys([*PLAIN, *family.keys]))
     if not scene.of_joints(robot, quantity) and len(family[quantity].labels) > 1:
         raise InputError(
             f"quantity {quantity!r} has {len(family[quantity].labels)} components that are not the "
@@ -368,8 +358,9 @@ def _label_panels(
     for row, quantity in zip(grid, quantities, strict=True):
         of_joints = scene.of_joints(robot, quantity)
         units = [scene.display_unit(robot, quantity, j if of_joints else 0) for j in joints]
-        name = NAMES.get(quantity) or LimitFamily.of(robot)[quantity].name
-        name = quantity if symbols and quantity in NAMES else name
+        name = quantity if symbols else quantity_name(quantity)
+        if quantity not in PLAIN:
+            name = LimitFamily.of(robot)[quantity].name
         for panel, unit in zip(row, units, strict=True):
             repeated = page.is_new and not many and unit == units[0] and panel is not row[0]
             size = {"fontsize": 8.5} if many else {}
@@ -382,7 +373,7 @@ def _label_panels(
     for panel in grid[:, -1] if many else grid[-1]:
         panel.set_xlabel("t [s]")
     if page.is_new:
-        page.figure.align_ylabels(list(grid.flat))
+        page.axes.figure.align_ylabels(list(grid.flat))
 
 
 def _handles(curves: Sequence[Curve], marked: bool, page: Page) -> list[Any]:

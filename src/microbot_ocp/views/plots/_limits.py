@@ -15,7 +15,7 @@ from matplotlib.patches import Patch
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.showing import GivenAxes
-from microbot_ocp.limits import LimitFamily, LimitHistory, Spell, limit_history
+from microbot_ocp.limits import LimitFamily, LimitHistory, limit_history
 from microbot_ocp.motion import Motion
 from microbot_ocp.robot import JointLimits, Limits, Robot
 from microbot_ocp.tasks import Comparison
@@ -185,7 +185,10 @@ def saturation(
     else:
         motions, limits = dict(subject), robot.limits
     family = LimitFamily.of(robot, limits)
-    names = _lanes(family)
+    others = [member for member in family if not scene.of_joints(family.robot, member.key)]
+    titles = {(each.key, k): each.title(k) for each in others for k in range(len(each.labels))}
+    lane_of = {key: lane for lane, key in enumerate(titles, robot.joint_count)}
+    names = [*robot.joint_names, *titles.values()]
     lanes = len(motions) * len(names)
     size = (STYLE.width, STYLE.lane * (lanes + len(motions)) + 1.6)
     page = axes_page(axes, 1, 1, size=size, title=f"{robot.name}: which limit is used up when")
@@ -199,8 +202,12 @@ def saturation(
         panel.barh(rows, motion.duration, height=0.86, color="0.93", zorder=1)
         ticks += rows
         for spell in limit_history(robot, motion, limits).every_spell():
-            _draw_spell(panel, first, family, spell)
-            kinds.add((spell.quantity, 0 if spell.quantity == "qd" else spell.side))
+            quantity, thin = spell.quantity, spell.quantity == "qd"
+            lane = first + lane_of.get((quantity, spell.joint), spell.joint)
+            style = {"height": HEIGHTS.get(quantity, 0.78), "zorder": 3 if thin else 2}
+            style |= _face(family, quantity, spell.side)
+            panel.barh(lane, spell.end - spell.start, left=spell.start, label="_spell", **style)
+            kinds.add((quantity, 0 if thin else spell.side))
         panel.annotate(
             f"{label}, {motion.duration:.3f} s", (0.0, first - 0.55), ha="left", va="bottom",
             fontsize=font, fontweight="bold", annotation_clip=False,
@@ -215,28 +222,6 @@ def saturation(
     patches = [Patch(label=family[q].name + SIDES[s], **_face(family, q, s)) for q, s in kinds]
     page.legend(patches, 4, warnings)
     return panel
-
-
-def _lanes(family: LimitFamily) -> list[str]:
-    """Return names of the lanes of one motion: its joints, then what further limits are of."""
-    further = [member for member in family if not scene.of_joints(family.robot, member.key)]
-    titles = [member.title(k) for member in further for k in range(len(member.labels))]
-    return [*family.robot.joint_names, *titles]
-
-
-def _draw_spell(axes: Axes, first: int, family: LimitFamily, spell: Spell) -> None:
-    quantity, lane = spell.quantity, spell.joint
-    if not scene.of_joints(family.robot, quantity):
-        lane = _lanes(family).index(family[quantity].title(spell.joint))
-    axes.barh(
-        first + lane,
-        spell.end - spell.start,
-        left=spell.start,
-        height=HEIGHTS.get(quantity, 0.78),
-        zorder=3 if quantity == "qd" else 2,
-        label="_spell",
-        **_face(family, quantity, spell.side),
-    )
 
 
 def _face(family: LimitFamily, quantity: str, side: int) -> dict[str, Any]:

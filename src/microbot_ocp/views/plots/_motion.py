@@ -1,4 +1,4 @@
-"""Motions, simulations and controllers at work against time."""
+"""Motions, simulations, controllers at work and comparisons against time."""
 
 from __future__ import annotations
 
@@ -14,8 +14,9 @@ from microbot_ocp.limits import limit_history
 from microbot_ocp.motion import Motion
 from microbot_ocp.robot import JointLimits, Limits, Robot
 from microbot_ocp.simulation import Simulation, Tracking
-from microbot_ocp.tasks import Cell
-from microbot_ocp.views._style import STYLE
+from microbot_ocp.tasks import Cell, Comparison, Entry
+from microbot_ocp.views import _scene as scene
+from microbot_ocp.views._style import STYLE, entry_styles, entry_title, failures
 from microbot_ocp.views.plots._curves import PASSED, Curve, curves
 from microbot_ocp.views.plots._page import AxesGrid, halo
 
@@ -106,9 +107,8 @@ def cell(cell: Cell) -> AxesGrid:
                 panel.axvspan(start, end, 0.0, 0.035, color=color, linewidth=0, label="_load")
                 if panel is page.flat[0]:
                     note = {"fontsize": STYLE.small, "ha": "center", "va": "bottom"}
-                    place, over = (start + end) / 2, panel.get_xaxis_transform()
-                    text = f"{load.mass:g} kg"
-                    panel.text(place, 0.045, text, transform=over, path_effects=halo(), **note)
+                    note |= {"transform": panel.get_xaxis_transform(), "path_effects": halo()}
+                    panel.text((start + end) / 2, 0.045, f"{load.mass:g} kg", **note)
     (legend,) = page.figure.legends
     for text in legend.get_texts():
         if text.get_text() == PASSED:
@@ -181,3 +181,83 @@ def _common_limits(robot: Robot, runs: Sequence[Tracking]) -> JointLimits:
     if any(not np.array_equal(run.torque_limits, (lower, upper)) for run in runs):
         lower, upper = np.full_like(lower, -np.inf), np.full_like(upper, np.inf)
     return replace(robot.limits, tau_min=lower, tau_max=upper)
+
+
+def comparison(
+    comparison: Comparison,
+    axes: GivenAxes | None = None,
+    *,
+    quantities: Sequence[str] = ("q", "qd", "tau"),
+    joints: Sequence[int] | None = None,
+    methods: Sequence[str] | None = None,
+) -> AxesGrid:
+    """Draw position, velocity and torque of every method against time, with the limits.
+
+    Parameters
+    ----------
+    comparison : Comparison
+    axes : array of Axes [quantities, joints], optional
+        Default a new figure, a column for each joint (a row each for more than four).
+    quantities : sequence of str
+        Of "q", "qd", "qdd", "tau", or the key of another limit, such as "taud" or "tool_speed".
+    joints : sequence of int, optional
+        Indices from 0; default all.
+    methods : sequence of str, optional
+        Names of entries; default all.
+
+    Returns
+    -------
+    AxesGrid [quantities, joints]
+        Markers show when via points are passed. A method without a motion is named above the
+        legend, with the reason.
+
+    Raises
+    ------
+    InputError
+        A quantity or joint that is not there, axes of another shape.
+    KeyError
+        A method that is not there.
+    """
+    every = [entry.name for entry in comparison.entries]
+    names = [comparison[name].name for name in (every if methods is None else methods)]
+    return curves(
+        comparison.robot,
+        entry_curves(comparison, names, quantities),
+        quantities,
+        axes,
+        joints=joints,
+        limits=comparison.limits,
+        title=f"{comparison.robot.name}: the same task, the same limits",
+        symbols=True,
+        warnings=list(failures(comparison, names)),
+    )
+
+
+def entry_curves(
+    comparison: Comparison, names: Sequence[str], quantities: Sequence[str]
+) -> list[Curve]:
+    """Return curves of the named entries that have a motion."""
+    styles = entry_styles(comparison)
+    robot = comparison.robot.with_limits(comparison.limits)
+    return [
+        replace(
+            Curve.of(motion, legend_title(entry, motion), robot=robot, quantities=quantities),
+            color=styles[entry.name].color,
+            linestyle=styles[entry.name].linestyle,
+            passages=scene.via_passages(comparison, motion),
+            prominent=styles[entry.name].highlighted,
+            warning="",  # the label says so
+        )
+        for entry, motion in scene.solved_entries(comparison)
+        if entry.name in names
+    ]
+
+
+def legend_title(entry: Entry, motion: Motion) -> str:
+    """Return the title of an entry with its duration, and whether it may be trusted."""
+    title = f"{entry_title(entry)}, {motion.duration:.3f} s"
+    if not motion.solved:
+        return f"{title} (NOT SOLVED: {entry.status})"
+    if entry.certificate is not None and not entry.certificate.ok:
+        return f"{title} (NOT CERTIFIED)"
+    return title

@@ -125,11 +125,6 @@ class Page:
     axes: AxesGrid
     is_new: bool
 
-    @property
-    def figure(self) -> Figure:
-        """The figure of all panels."""
-        return figure_of(self.axes)
-
     def legend(self, handles: Sequence[Any], columns: int, warnings: Iterable[str] = ()) -> None:
         """Draw one legend: below the page, or in the first axes where the caller gave them.
 
@@ -141,16 +136,17 @@ class Page:
         warnings : iterable of str
             What went wrong, in red above the entries, broken where the page ends.
         """
-        width = int(13 * self.figure.get_figwidth()) if self.is_new else 40
+        figure, width = self.axes.figure, 40
+        target: Any = figure if self.is_new else self.axes.flat[0]
+        place: dict[str, Any] = {"loc": "best", "fontsize": STYLE.small}
+        if self.is_new:
+            width = int(13.0 * figure.get_figwidth())
+            widest = max((len(str(handle.get_label())) for handle in handles), default=1)
+            fit = max(1, int(13.0 * figure.get_figwidth() // (widest + 10)))
+            place = {"loc": "outside lower center", "ncols": min(columns, fit)}
         warning = "\n".join(line for text in warnings for line in textwrap.wrap(text, width))
         if not handles and not warning:
             return
-        target: Any = self.figure if self.is_new else self.axes.flat[0]
-        place: dict[str, Any] = {"loc": "best", "fontsize": STYLE.small}
-        if self.is_new:
-            widest = max((len(str(handle.get_label())) for handle in handles), default=1)
-            fit = max(1, int(13.0 * self.figure.get_figwidth() // (widest + 10)))
-            place = {"loc": "outside lower center", "ncols": min(columns, fit)}
         legend = target.legend(
             handles=list(handles), title=warning, frameon=not self.is_new, handlelength=3.6, **place
         )
@@ -208,12 +204,11 @@ def axes_page(
 
 def _checked(axes: Any, rows: int, columns: int) -> AxesGrid:
     given = _entries(axes)
-    wanted = f"{rows} x {columns}" if rows * columns > 1 else "one"
-    for entry in given:
-        if not isinstance(entry, Axes):
-            raise InputError(f"axes must be {wanted} matplotlib axes, not {shown(entry)}")
-    if given.size != rows * columns:
-        raise InputError(f"axes must be {wanted} matplotlib axes, not {given.size}")
+    strange = [shown(entry) for entry in given if not isinstance(entry, Axes)]
+    if strange or given.size != rows * columns:
+        wanted = f"{rows} x {columns}" if rows * columns > 1 else "one"
+        found = strange[0] if strange else given.size
+        raise InputError(f"axes must be {wanted} matplotlib axes, not {found}")
     return given.reshape(rows, columns).view(AxesGrid)
 
 

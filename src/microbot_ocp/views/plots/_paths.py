@@ -18,7 +18,7 @@ from microbot_ocp.robot import Robot
 from microbot_ocp.tasks import Comparison
 from microbot_ocp.views import _scene as scene
 from microbot_ocp.views._style import STYLE, EntryStyle, entry_styles, failures, look
-from microbot_ocp.views.plots._comparison import legend_title
+from microbot_ocp.views.plots._motion import legend_title
 from microbot_ocp.views.plots._page import (
     AxesGrid,
     Page,
@@ -94,13 +94,10 @@ def _page(comparison: Comparison, axes: GivenAxes | None) -> Page:
             raise InputError("axes must begin with three-dimensional ones, projection='3d'")
         return page
     figure = new_page(STYLE.landscape, f"{comparison.robot.name}: tool paths")
-    kinds = {"space": ShownAxes3D, "above": ShownAxes, "side": ShownAxes}
-    panels = figure.subplot_mosaic(
-        [["space", "above"], ["space", "side"]],
-        width_ratios=(1.35, 1.0),
-        per_subplot_kw={name: {"axes_class": kind} for name, kind in kinds.items()},
-    )
-    return Page(np.array([[panels[name] for name in kinds]]).view(AxesGrid), is_new=True)
+    grid = figure.add_gridspec(2, 2, width_ratios=(1.35, 1.0))
+    space = figure.add_subplot(grid[:, 0], axes_class=ShownAxes3D)
+    above, side = (figure.add_subplot(grid[row, 1], axes_class=ShownAxes) for row in (0, 1))
+    return Page(np.array([[space, above, side]]).view(AxesGrid), is_new=True)
 
 
 def has_vertical_waist(comparison: Comparison) -> bool:

@@ -127,8 +127,7 @@ def _draw_bounds(axes: Axes, robot: Robot, plane: PhasePlane, top: float) -> lis
     dashed: dict[str, Any] = {"color": "0.35", "label": whose, "linestyle": (0.0, (6.0, 2.0))}
     for bound, style in ((plane.torque_bound, black), (plane.velocity_bound, dashed)):
         if np.isfinite(bound).any():
-            shown = np.minimum(bound, far)
-            handles += axes.plot(s, shown, linewidth=1.3, zorder=2, **style)
+            handles += axes.plot(s, np.minimum(bound, far), linewidth=1.3, zorder=2, **style)
     _name_velocity_limits(axes, robot, plane, top)
     return handles
 

@@ -28,9 +28,9 @@ from microbot_ocp.views._style import (
     failure_sentence,
     main_methods,
 )
-from microbot_ocp.views.plots._comparison import entry_curves
 from microbot_ocp.views.plots._curves import draw_panel
 from microbot_ocp.views.plots._limits import saturation
+from microbot_ocp.views.plots._motion import entry_curves
 from microbot_ocp.views.plots._page import new_page, styled, write
 from microbot_ocp.views.plots._paths import draw_paths
 from microbot_ocp.views.tables import narrow_table
@@ -88,8 +88,11 @@ def report_figure(comparison: Comparison, *, footer: str | None = None) -> Figur
     _write(figure.add_subplot(grid[0]), f"{robot.name}: the same task by every method", **heading)
     _write(figure.add_subplot(grid[1]), task)
     _draw_table(figure.add_subplot(grid[2]), comparison, str(replace(table, title="", notes=())))
-    _draw_curves(figure, grid[3], comparison, chosen)
-    _draw_paths(figure, grid[4], comparison, chosen)
+    _draw_curves(grid[3], comparison, chosen)
+    tool: Any = grid[4].subgridspec(1, 2).subplots()
+    draw_paths(tool[0], tool[1], comparison, chosen)
+    for panel in tool:
+        panel.set_title(f"tool, {panel.get_title()}", pad=3)
     panel = figure.add_subplot(grid[5])
     saturation(comparison, panel, methods=chosen)
     panel.set_title("a limit used to 99 % or more", loc="right", pad=3)
@@ -153,18 +156,19 @@ def _draw_table(axes: Axes, comparison: Comparison, text: str) -> None:
             axes.plot([0.0, 0.04], [height] * 2, linewidth=STYLE.line, **line)
 
 
-def _draw_curves(figure: Figure, place: Any, comparison: Comparison, chosen: list[str]) -> None:
-    robot, quantities = comparison.robot, {"qd": "velocity", "tau": "torque"}
+def _draw_curves(place: Any, comparison: Comparison, chosen: list[str]) -> None:
+    robot, quantities = comparison.robot, ("qd", "tau")
     joints = _busiest(comparison, chosen)
-    shown = entry_curves(comparison, chosen, list(quantities))
+    shown = entry_curves(comparison, chosen, quantities)
     panels = place.subgridspec(2, len(joints), wspace=0.08).subplots(sharex=True, squeeze=False)
     end = max((curve.t[-1] for curve in shown), default=1.0)
-    for row, (quantity, name) in zip(panels, quantities.items(), strict=True):
+    for row, quantity in zip(panels, quantities, strict=True):
         for panel, joint in zip(row, joints, strict=True):
             draw_panel(panel, robot, shown, quantity, joint, comparison.limits)
             panel.set_xlim(-0.015 * end, 1.015 * end)
         units = {scene.display_unit(robot, quantity, j) for j in joints}
-        row[0].set_ylabel(f"{name} [{units.pop()}]" if len(units) == 1 else name)
+        name, unit = quantity_name(quantity), f" [{units.pop()}]" if len(units) == 1 else ""
+        row[0].set_ylabel(f"{name}{unit}")
     for panel, joint in zip(panels[0], joints, strict=True):
         pad = 13.0 if panel.texts else 6.0  # above a limit that is named there
         panel.set_title(robot.joint_names[joint], loc="left", fontweight="bold", pad=pad)
@@ -184,13 +188,6 @@ def _busiest(comparison: Comparison, chosen: list[str]) -> list[int]:
         if "tau" in history.use:
             peak = np.maximum(peak, history.use["tau"].max(axis=0))
     return sorted(np.argsort(-peak, kind="stable")[: STYLE.side_by_side].tolist())
-
-
-def _draw_paths(figure: Figure, place: Any, comparison: Comparison, chosen: list[str]) -> None:
-    panels = place.subgridspec(1, 2).subplots()
-    draw_paths(panels[0], panels[1], comparison, chosen)
-    for panel in panels:
-        panel.set_title(f"tool, {panel.get_title()}", pad=3)
 
 
 def _closing_text(comparison: Comparison, table: Table) -> str:

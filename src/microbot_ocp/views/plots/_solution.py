@@ -56,11 +56,8 @@ def solution(
     every = [variable_curves(each.phases, dense_times) for each in solutions.values()]
     units = {name: unit for name, _, unit in every[0]}
     chosen = [checks.one_of("name", name, units) for name in names or units]
-    columns, rows = min(3, len(chosen)), 1
-    if axes is None:
-        rows = -(-len(chosen) // columns)
-    else:
-        columns = len(chosen)
+    columns = min(3, len(chosen)) if axes is None else len(chosen)
+    rows = -(-len(chosen) // columns)
     size = (STYLE.landscape[0], STYLE.row * rows + 0.9)
     page = axes_page(axes, rows, columns, size=size, title=title, sharex=True)
     panels = page.axes.ravel()[: len(chosen)].view(AxesGrid)

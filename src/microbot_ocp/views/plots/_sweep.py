@@ -83,7 +83,7 @@ def _atlas(results: Sweep, axes: GivenAxes | None, method: str) -> Any:
     low, top = min(0.0, ends[0]), max(0.0, ends[1])  # the other method may be the faster one
     drawn = _hexagons(panels, saved, np.median, cmap="viridis", vmin=low, vmax=top)
     if drawn is not None:
-        bar = page.figure.colorbar(drawn, ax=list(page.axes[0]), shrink=0.85)
+        bar = page.axes.figure.colorbar(drawn, ax=list(page.axes[0]), shrink=0.85)
         bar.set_label("median of the time saved [%]")
     return page.axes
 
@@ -118,13 +118,13 @@ def _limits(results: Sweep, axes: GivenAxes | None, _: str | None) -> Any:
             label = f"{name.replace('_', ' ')}: {100 * decided.sum() / solved.sum():.0f} %"
             handles.append(Patch(color=colors[place], label=label))
     ends = {"vmin": -0.5, "vmax": len(names) - 0.5}
-    _hexagons(panels, places, _most_frequent, cmap=ListedColormap(colors), **ends)
+
+    def most_frequent(places: FloatArray) -> int:
+        return int(np.bincount(np.asarray(places, dtype=int)).argmax())
+
+    _hexagons(panels, places, most_frequent, cmap=ListedColormap(colors), **ends)
     page.legend(handles, 4)
     return page.axes
-
-
-def _most_frequent(places: FloatArray) -> int:
-    return int(np.bincount(np.asarray(places, dtype=int)).argmax())
 
 
 def _trends(results: Sweep, axes: GivenAxes | None, method: str) -> Any:

@@ -26,11 +26,10 @@ from microbot_ocp.views.recording._writer import (
 
 @dataclass(frozen=True)
 class Look:
-    """How one arm is drawn: its style, link radius (m) and opacity."""
+    """How one arm is drawn: its style and link radius (m)."""
 
     style: EntryStyle
     radius: float
-    alpha: int
 
     @property
     def solid(self) -> bool:
@@ -39,8 +38,8 @@ class Look:
 
     @property
     def color(self) -> Color:
-        """Colour of its surfaces."""
-        return (*self.line_color[:3], self.alpha)
+        """Colour of its surfaces; through those of a ghost one sees."""
+        return (*self.line_color[:3], 255 if self.solid else STYLE.see_through)
 
     @property
     def line_color(self) -> Color:
@@ -56,10 +55,8 @@ def looks(robot: Robot, styles: Sequence[EntryStyle]) -> list[Look]:
     """
     size, thinner = reach(robot), STYLE.ghost / 15
     return [
-        Look(style, size * STYLE.link, 255)
-        if style.highlighted
-        else Look(style, size * (STYLE.ghost - thinner * min(place, 8)), STYLE.see_through)
-        for place, style in enumerate(styles)
+        Look(style, size * (STYLE.link if style.highlighted else STYLE.ghost - thinner * min(k, 8)))
+        for k, style in enumerate(styles)
     ]
 
 
@@ -175,8 +172,8 @@ def _rate_beyond(robot: Robot, motion: Motion, t: FloatArray) -> FloatArray:
     """
     beyond = motion.tau - torque_along(robot, State(motion.q, motion.qd, motion.qdd))
     gaps, rates = np.flatnonzero(jump_gaps(motion.t)), np.zeros((t.size, beyond.shape[1]))
-    edges = np.concatenate([np.searchsorted(motion.t, mesh_of(motion)), gaps, gaps + 1])
-    edges = np.unique(edges)
+    mesh = np.searchsorted(motion.t, mesh_of(motion))
+    edges = np.unique(np.concatenate([mesh, gaps, gaps + 1]))
     piece = np.clip(np.searchsorted(motion.t[edges], t, side="right") - 1, 0, edges.size - 2)
     piece = piece - np.isin(edges[piece], gaps)  # at the earlier side of a jump the piece before
     for k in np.unique(piece):

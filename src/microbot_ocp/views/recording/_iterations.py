@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import rerun as rr
@@ -26,25 +25,12 @@ from microbot_ocp.views._style import STYLE
 from microbot_ocp.views._variables import BoundedCurve, variable_curves
 from microbot_ocp.views.recording import _blueprint as layout
 from microbot_ocp.views.recording._space import draw_base
-from microbot_ocp.views.recording._writer import (
-    MARKS,
-    WORLD,
-    Times,
-    Writer,
-    file_writer,
-    plot_path,
-)
+from microbot_ocp.views.recording._writer import MARKS, WORLD, Times, Writer, file_writer, plot_path
 
 ITERATION = "iteration"  # iterations of all solvers so far
 ARM = f"{WORLD}/iterate"
 APPLICATION = "microbot_ocp_iterations"  # a viewer keeps one layout for each
-CONVERGENCE: dict[str, tuple[str, dict[str, Any]]] = {  # title and settings of the plot
-    "cost": ("cost", {}),
-    "infeasibility": (
-        "infeasibility, power of ten",
-        {"axis_y": rrb.ScalarAxis(range=(-16.5, 4.5))},  # Rerun labels -10 and 0
-    ),
-}
+COST, INFEASIBILITY = "convergence/cost", "convergence/infeasibility"
 
 
 class IterationRecorder:
@@ -68,7 +54,9 @@ class IterationRecorder:
         iteration = event.iteration if isinstance(event, Step) else event
         if not isinstance(iteration, Iteration):
             self.finish()
-            self._say(event.text if isinstance(event, Step) else str(event))
+            text = event.text if isinstance(event, Step) else str(event)
+            row = rr.TextLog.columns(text=[text], level=["INFO"], color=[STYLE.motion])
+            self.writer.columns(MARKS, self._now, row)
             return
         if self._pending is not None and iteration.number <= self._pending.number:
             self.finish()
@@ -88,16 +76,11 @@ class IterationRecorder:
     def _now(self) -> dict[str, FloatArray]:
         return {ITERATION: np.array([max(self.count, 0)])}
 
-    def _say(self, text: str) -> None:
-        row = rr.TextLog.columns(text=[text], level=["INFO"], color=[STYLE.motion])
-        self.writer.columns(MARKS, self._now, row)
-
     def _converge(self, iteration: Iteration) -> None:
         power = np.log10(max(iteration.infeasibility, 1e-16))  # the least that is drawn
-        for name, value in (("cost", iteration.cost), ("infeasibility", power)):
+        for path, value in ((COST, iteration.cost), (INFEASIBILITY, power)):
             if np.isfinite(value):
-                row = rr.Scalars.columns(scalars=[value])
-                self.writer.columns(f"convergence/{name}", self._now, row)
+                self.writer.columns(path, self._now, rr.Scalars.columns(scalars=[value]))
 
     def _draw(self, iteration: Iteration) -> None:
         robot_moves = isinstance(iteration, MotionIteration)
@@ -113,12 +96,12 @@ class IterationRecorder:
     def _prepare(self, iteration: Iteration, curves: Mapping[str, BoundedCurve]) -> None:
         for name in curves:
             _prepare_panel(self.writer, _path(name))
-        for name in CONVERGENCE:
-            look = rr.SeriesLines(names=name, colors=STYLE.speed, widths=1.5)
-            self.writer.static(f"convergence/{name}", look)
+        for path in (COST, INFEASIBILITY):
+            name = path.removeprefix("convergence/")
+            self.writer.static(path, rr.SeriesLines(names=name, colors=STYLE.speed, widths=1.5))
         if isinstance(iteration, MotionIteration):
             _prepare_arm(self.writer, iteration)
-        self.writer.layout(_blueprint(iteration, curves))
+        self.writer.stream.send_blueprint(_blueprint(iteration, curves))
 
     def _draw_arm(self, iteration: MotionIteration) -> None:
         """Draw the arm at twelve instants, and the path of its tool."""
@@ -220,19 +203,20 @@ def _blueprint(iteration: Iteration, curves: Mapping[str, BoundedCurve]) -> rrb.
         name = f"{title} [{unit}]" if unit else title
         panel = rrb.Spatial2DView(origin=_path(key), name=name, visual_bounds=bounds)
         views.setdefault(group, []).append(panel)
-    moves, widest = isinstance(iteration, MotionIteration), max(map(len, views.values()))
+    widest = max(map(len, views.values()))
     wide = widest > STYLE.side_by_side
-    if moves and not wide:
+    if isinstance(iteration, MotionIteration) and not wide:
         shown = rrb.Grid(*(v for row in views.values() for v in row), grid_columns=widest)
     elif len(views) == 1:
         shown = rrb.Grid(*next(iter(views.values())), grid_columns=3 if wide else 2)
     else:
         shown = rrb.Tabs(*(rrb.Grid(*v, grid_columns=2, name=g) for g, v in views.items()))
-    plots = [
-        layout.plot_view(title, origin=f"convergence/{name}", **settings)
-        for name, (title, settings) in CONVERGENCE.items()
-    ]
-    whole = rrb.Vertical(shown, rrb.Horizontal(*plots), row_shares=[2.4, 1.0])
+    powers = rrb.ScalarAxis(range=(-16.5, 4.5))  # Rerun labels -10 and 0
+    plots = rrb.Horizontal(
+        layout.plot_view("cost", origin=COST),
+        layout.plot_view("infeasibility, power of ten", origin=INFEASIBILITY, axis_y=powers),
+    )
+    whole = rrb.Vertical(shown, plots, row_shares=[2.4, 1.0])
     if isinstance(iteration, MotionIteration):
         left = rrb.Vertical(_space(iteration), layout.marks_view("solves"), row_shares=[2.6, 1.0])
         whole = rrb.Horizontal(left, whole, column_shares=[1.0, 1.15])
@@ -241,11 +225,9 @@ def _blueprint(iteration: Iteration, curves: Mapping[str, BoundedCurve]) -> rrb.
 
 def _space(iteration: MotionIteration) -> rrb.Spatial3DView:
     """Return the arm in space; the tool's paths of eight earlier iterations stay, faintly."""
-    robot = iteration.robot
-    q = np.vstack([iteration.via_q, iteration.motion()[1].q])
-    eye = find_eye(
-        robot, q, scene.tool_places(robot, iteration.via_q), STYLE.label * scene.reach(robot)
-    )
+    robot, q = iteration.robot, np.vstack([iteration.via_q, iteration.motion()[1].q])
+    places = scene.tool_places(robot, iteration.via_q)
+    eye = find_eye(robot, q, places, STYLE.label * scene.reach(robot))
     behind = rrb.VisibleTimeRanges([layout.behind_cursor(ITERATION, 8)])
     return layout.space_view(robot, eye, {f"{ARM}/earlier": behind})
 

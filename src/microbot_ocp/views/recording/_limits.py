@@ -13,10 +13,11 @@ import rerun as rr
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.limits import AT_LIMIT, LIMIT_TOLERANCE, LimitValues, Member, quantity_name
+from microbot_ocp.motion import Mark
 from microbot_ocp.robot import JointLimits, Robot
 from microbot_ocp.views._eye import upward
 from microbot_ocp.views._scene import reach, tool_places
-from microbot_ocp.views._style import STYLE
+from microbot_ocp.views._style import STYLE, Color
 from microbot_ocp.views.recording._animated_arm import AnimatedArm
 from microbot_ocp.views.recording._writer import MARKS, TIME, Times, Writer, plot_path
 
@@ -39,21 +40,15 @@ def limit_spells(arm: AnimatedArm) -> list[LimitSpell]:
     if arm.history is None:
         return []
     spells = []
-    t, family = arm.history.t, arm.history.family
     for spell in arm.history.every_spell():
-        member, k = family[spell.quantity], spell.joint
-        first, last = (int(i) for i in np.searchsorted(t, [spell.start, spell.end]))
-        peak = float(arm.history.use[spell.quantity][first : last + 1, k].max())
+        member, k = arm.history.family[spell.quantity], spell.joint
+        first, last = np.searchsorted(arm.history.t, [spell.start, spell.end]).tolist()
+        peak = arm.history.use[spell.quantity][first : last + 1, k].max()
         text = member.name if member.limit is None else member.title(k)
         text += " max" if spell.side > 0 else " min"
         text += " exceeded" if peak > 1.0 + LIMIT_TOLERANCE else ""
         spells.append(LimitSpell(k if member.limit is None else None, text, first, last))
-    return sorted(spells, key=lambda spell: (spell.first, lane_order(spell.joint)))
-
-
-def lane_order(joint: int | None) -> float:
-    """Order joints as they are, then what is not of a joint."""
-    return np.inf if joint is None else joint
+    return sorted(spells, key=lambda spell: (spell.first, spell.joint is None, spell.joint or 0))
 
 
 def lane_path(robot: Robot, name: str, joint: int | None) -> str:
@@ -61,23 +56,16 @@ def lane_path(robot: Robot, name: str, joint: int | None) -> str:
 
     Lanes are shown in the order of their paths.
     """
-    count = robot.joint_count
-    number = count + 1 if joint is None else joint + 1
-    label = "other" if joint is None else robot.joint_names[joint].replace(" ", "_")
-    return rr.new_entity_path(["saturation", name, f"{number:0{len(str(count))}d}_{label}"])
+    digits, number = len(str(robot.joint_count)), robot.joint_count if joint is None else joint
+    label = [*robot.joint_names, "other"][number].replace(" ", "_")
+    return rr.new_entity_path(["saturation", name, f"{number + 1:0{digits}d}_{label}"])
 
 
 class LimitPlot(NamedTuple):
     """A plot of one component of a further limit."""
 
-    key: str
-    label: str
+    path: str  # where its curves are
     title: str
-
-    @property
-    def path(self) -> str:
-        """Where its curves are."""
-        return plot_path(self.key, self.label)
 
 
 def _further(arm: AnimatedArm) -> list[tuple[LimitPlot, int, Member, LimitValues]]:
@@ -89,8 +77,8 @@ def _further(arm: AnimatedArm) -> list[tuple[LimitPlot, int, Member, LimitValues
         member = arm.history.family[key]
         for k in np.flatnonzero(member.limited).tolist() if key not in JOINT_CURVES else ():
             unit = f" [{member.units[k]}]" if member.units[k] else ""
-            plot = LimitPlot(key, member.labels[k] or "value", f"{member.title(k)}{unit}")
-            rows.append((plot, k, member, values))
+            path = plot_path(key, member.labels[k] or "value")
+            rows.append((LimitPlot(path, f"{member.title(k)}{unit}"), k, member, values))
     return rows
 
 
@@ -120,12 +108,12 @@ def limit_notes(arm: AnimatedArm) -> list[str]:
         t, values, use = arm.history.judged(member.key)
         i, k = np.unravel_index(int(use.argmax()), use.shape)
         bound = member.nearest_bound(values)[i, k]
-        title, unit = member.title(int(k)), member.units[k]
+        title = member.title(int(k))
         asks = f"at most {100 * use[i, k]:.0f} % of its limit of"
         if i >= len(drawn.value) and use[i, k] > 1.0:
             asks = "the acceleration jumps, beyond its limit of"
-        sentence = f"{title[0].upper()}{title[1:]}: {asks} {bound:.4g} {unit}".rstrip()
-        notes.append(f"{sentence}, at {t[i]:.3f} s.")
+        value = f"{bound:.4g} {member.units[k]}".rstrip()
+        notes.append(f"{title[0].upper()}{title[1:]}: {asks} {value}, at {t[i]:.3f} s.")
     return notes
 
 
@@ -205,18 +193,17 @@ def _draw_lanes(
         states[-1] = FREE  # the lane ends where the motion does
         change = np.flatnonzero(np.append(True, states[1:] != states[:-1]))
         path, values = lane_path(robot, arm.name, joint), sorted(set(states))
-        colors = [
-            STYLE.broken
-            if "exceeded" in state
-            else STYLE.saturated
-            if quantity_name("tau") in state
-            else STYLE.speed
-            for state in values
-        ]
-        visible = [state != FREE for state in values]
-        writer.static(path, rr.StateConfiguration(values=values, colors=colors, visible=visible))
+        colors, visible = map(_lane_color, values), [state != FREE for state in values]
+        look = rr.StateConfiguration(values=values, colors=list(colors), visible=visible)
+        writer.static(path, look)
         columns = rr.StateChange.columns(state=list(states[change]))
         writer.columns(path, arm.at(change), columns)
+
+
+def _lane_color(state: str) -> Color:
+    if "exceeded" in state:
+        return STYLE.broken
+    return STYLE.saturated if quantity_name("tau") in state else STYLE.speed
 
 
 def _draw_switches(
@@ -249,17 +236,16 @@ def _draw_switches(
 def _draw_marks(writer: Writer, arm: AnimatedArm, switches: Sequence[LimitSwitch]) -> None:
     """Write a line of text for every mark and every switch; whose it is, if there are several."""
     clock = arm.times[TIME]
-    lines = [(mark.time, mark.name) for mark in arm.marks]
-    lines += [(float(clock[switch.sample]), switch.text) for switch in switches]
-    if not lines:
+    marks = [*arm.marks, *(Mark(float(clock[s.sample]), s.text) for s in switches)]
+    if not marks:
         return
-    lines.sort(key=lambda line: line[0])
+    marks.sort(key=lambda mark: mark.time)
     columns = rr.TextLog.columns(
-        text=[f"{text}: {arm.title}" if arm.title else text for _, text in lines],
-        level=["INFO"] * len(lines),
-        color=[arm.look.line_color] * len(lines),
+        text=[f"{mark.name}: {arm.title}" if arm.title else mark.name for mark in marks],
+        level=["INFO"] * len(marks),
+        color=[arm.look.line_color] * len(marks),
     )
-    t = np.array([time for time, _ in lines])
+    t = np.array([mark.time for mark in marks])
     times: Times = {
         key: t if key == TIME else np.rint(np.interp(t, clock, value))
         for key, value in arm.times.items()

@@ -116,9 +116,8 @@ def legend(robot: Robot, alone: bool, scales: Sequence[float]) -> str:
     """Say what is drawn in space; ``scales`` of velocity and force arrows, m a unit."""
     parts = []
     if robot.has_dynamics:
-        parts.append(
-            "arcs around the joints: torque, closed and pink at its limit (arrows for slides)"
-        )
+        torque = "torque, closed and pink at its limit (arrows for slides)"
+        parts.append(f"arcs around the joints: {torque}")
     if any(scales):
         arrow = "pale blue arrow" if alone else "arrow at the tool"
         parts.append(f"{arrow}: velocity, {scales[0]:.3g} m drawn per m/s")

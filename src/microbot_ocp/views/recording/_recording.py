@@ -18,10 +18,9 @@ from microbot_ocp.robot import JointLimits, Robot
 from microbot_ocp.scene import has_coal
 from microbot_ocp.views._eye import Eye, find_eye
 from microbot_ocp.views._scene import QUANTITIES, AxisLimits, display_unit, near_limits, reach
-from microbot_ocp.views._solids import drawn_geometry
+from microbot_ocp.views._solids import DrawnSurroundings, drawn_geometry
 from microbot_ocp.views._style import STYLE
-from microbot_ocp.views._surroundings import DrawnSurroundings
-from microbot_ocp.views.recording import _arm, _blueprint as layout, _limits, _loads, _space
+from microbot_ocp.views.recording import _blueprint as layout, _limits, _loads, _space
 from microbot_ocp.views.recording._animated_arm import AnimatedArm
 from microbot_ocp.views.recording._writer import (
     APPLICATION,
@@ -85,8 +84,8 @@ class Recording:
         for quantity in self.quantities:
             tables = [arm.curves[quantity] for arm in self.arms if quantity in arm.curves]
             values = np.concatenate([np.zeros((0, self.robot.joint_count)), *tables])
-            for joint in range(self.robot.joint_count):
-                near = near_limits(self.robot, self.limits, quantity, joint, values[:, joint])
+            for joint, column in enumerate(values.T):
+                near = near_limits(self.robot, self.limits, quantity, joint, column)
                 limits[quantity, joint] = near
         return limits
 
@@ -189,11 +188,11 @@ class Recording:
         solid = next((arm for arm in self.arms if arm.look.solid), None)
         if solid is None or not self.spells.get(solid.name):
             return curves
-        met = sorted({spell.joint for spell in self.spells[solid.name]}, key=_limits.lane_order)
-        lanes = rrb.StateTimelineView(
-            contents=[_limits.lane_path(robot, solid.name, joint) for joint in met],
-            name=f"limits met: {solid.title}" if solid.title else "limits met",
-        )
+        spells = sorted(self.spells[solid.name], key=lambda s: (s.joint is None, s.joint or 0))
+        paths = (_limits.lane_path(robot, solid.name, spell.joint) for spell in spells)
+        met = list(dict.fromkeys(paths))
+        title = f"limits met: {solid.title}" if solid.title else "limits met"
+        lanes = rrb.StateTimelineView(contents=met, name=title)
         return rrb.Vertical(curves, lanes, row_shares=[1.0, 0.13 + 0.055 * len(met)])
 
     def _joint_view(self, quantity: str, joint: int) -> rrb.TimeSeriesView:
@@ -215,12 +214,12 @@ class Recording:
         notes = [*self.summary.notes, *self._more_notes()]
         writer.summary(replace(self.summary, notes=notes))
         for arm in self.arms:
-            _arm.draw_arm(writer, robot, arm, end)
+            _space.draw_arm(writer, robot, arm, end)
             arm.draw_curves(writer, robot)
         if self.moving:
             _space.draw_surroundings(writer, robot, self.around, self.moving[-1])
             _space.draw_nearest(writer, robot, self.around, self.moving[-1], end)
-        _arm.draw_labels(writer, robot, self.moving, self.eye, self.places, self.place_names)
+        _space.draw_labels(writer, robot, self.moving, self.eye, self.places, self.place_names)
         for arm in self.moving:
             _limits.draw_spells(writer, robot, arm, self.spells[arm.name])
             _limits.draw_limit_curves(writer, arm, end)

@@ -1,8 +1,9 @@
-"""What stands in space around the arms: base, marked places, obstacles, tool lines and parts."""
+"""What is drawn in space: base, places, the arms, and what stands around them."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import compress
 
 import numpy as np
 import rerun as rr
@@ -10,16 +11,30 @@ import rerun as rr
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.robot import Robot
 from microbot_ocp.scene import with_arm_capsules
-from microbot_ocp.views._eye import grid_spacing, upward
-from microbot_ocp.views._scene import reach
-from microbot_ocp.views._solids import capsule_solid, part_solids
+from microbot_ocp.views._eye import Eye, grid_spacing, upward
+from microbot_ocp.views._scene import link_poses, reach, tool_places
+from microbot_ocp.views._solids import (
+    DrawnSurroundings,
+    capsule_solid,
+    drawn_geometry,
+    joint_solid,
+    part_solids,
+)
 from microbot_ocp.views._style import STYLE
-from microbot_ocp.views._surroundings import DrawnSurroundings
-from microbot_ocp.views.recording._animated_arm import AnimatedArm
+from microbot_ocp.views.recording._animated_arm import AnimatedArm, Look
 from microbot_ocp.views.recording._limits import LimitPlot
-from microbot_ocp.views.recording._writer import TIME, WORLD, Times, Writer, quaternions
+from microbot_ocp.views.recording._writer import (
+    PROGRESS,
+    TIME,
+    WORLD,
+    Times,
+    Writer,
+    along_z,
+    plot_path,
+    quaternions,
+)
 
-CLEARANCE = LimitPlot("clearance", "nearest", "clearance [mm]")
+CLEARANCE = LimitPlot(plot_path("clearance", "nearest"), "clearance [mm]")
 
 
 def draw_base(
@@ -33,11 +48,10 @@ def draw_base(
 
     Of the target [4,4] the axes are drawn.
     """
-    size, up = reach(robot), upward(robot)
+    size, up, base = reach(robot), upward(robot), robot.base[:3, 3]
     axis = int(np.abs(up).argmax())
     view = f"RIGHT_HAND_{'XYZ'[axis]}_{'UP' if up[axis] > 0 else 'DOWN'}"
     writer.static(WORLD, getattr(rr.ViewCoordinates, view))
-    base = robot.base[:3, 3]
     plate = rr.Boxes3D(
         half_sizes=[[STYLE.plate * size, STYLE.plate * size, 0.008 * size]],
         centers=[base],
@@ -53,25 +67,19 @@ def draw_base(
         writer.frame(f"{WORLD}/target", target)
         writer.static(f"{WORLD}/target", rr.TransformAxes3D(0.12 * size))
     if len(places):
-        labels = [_label(place, places, names) for place in places]
-        spheres = rr.Points3D(
-            places, radii=0.022 * size, colors=[STYLE.bright], labels=labels, show_labels=True
-        )
+        alike = np.linalg.norm(places[:, None] - places, axis=2) < 1e-6  # share their names
+        labels = [", ".join(compress(names, row)) for row in alike]
+        look = {"radii": 0.022 * size, "colors": [STYLE.bright]}
+        spheres = rr.Points3D(places, labels=labels, show_labels=True, **look)
         writer.static(f"{WORLD}/places", spheres)
-
-
-def _label(place: FloatArray, places: FloatArray, names: Sequence[str]) -> str:
-    """Join the names of all that are at one place."""
-    here = np.linalg.norm(places - place, axis=1) < 1e-6
-    return ", ".join(name for name, same in zip(names, here, strict=True) if same)
 
 
 def draw_surroundings(
     writer: Writer, robot: Robot, around: DrawnSurroundings, arm: AnimatedArm
 ) -> None:
     """Draw obstacles and capsules of the arm, tubes and frames of its task, and its parts."""
-    for name, solid in around.obstacles(robot):
-        writer.solid(rr.new_entity_path([WORLD, "scene", name]), solid)
+    for obstacle, solid in around.obstacles(robot):
+        writer.solid(rr.new_entity_path([WORLD, "scene", obstacle.name]), solid)
     if around.scene is not None:
         for number, (frame, capsule) in enumerate(with_arm_capsules(robot).capsules, start=1):
             solid = capsule_solid(capsule, STYLE.capsule)
@@ -82,8 +90,7 @@ def draw_surroundings(
         writer.static(f"{task}/tube_{number}", strip)
     for number, pose in enumerate(around.stops, start=1):
         writer.frame(f"{task}/stop_{number}", pose)
-        axes = rr.TransformAxes3D(0.5 * grid_spacing(robot))
-        writer.static(f"{task}/stop_{number}", axes)
+        writer.static(f"{task}/stop_{number}", rr.TransformAxes3D(0.5 * grid_spacing(robot)))
     for number, (payload, poses) in enumerate(around.parts, start=1):
         path, turned = f"{task}/part_{number}", quaternions(poses[:, :3, :3])
         columns = rr.Transform3D.columns(translation=poses[:, :3, 3], quaternion=turned)
@@ -114,3 +121,123 @@ def draw_nearest(
     writer.columns(at_obstacle, arm.times, points)
     arm.draw_curve(writer, CLEARANCE.path, millimetres)
     writer.level(f"{CLEARANCE.path}/limit_lower", 1e3 * around.scene.clearance, end)
+
+
+def draw_arm(writer: Writer, robot: Robot, arm: AnimatedArm, end: Times) -> None:
+    """Draw an arm along its motion; until ``end`` (last values [1]) it stays in its last pose."""
+    look, times, q = arm.look, arm.times, arm.q
+    if any(float(end[key][0]) > value[-1] for key, value in times.items()):
+        times = {key: np.append(value, end[key]) for key, value in times.items()}
+        q = np.vstack([q, q[-1:]])
+    poses = link_poses(robot, q)
+    origins, rotations = poses[:, :, :3, 3], poses[:, :, :3, :3]
+    geometry = drawn_geometry(robot.shapes).solids if look.solid else ()
+    for index, (frame, solid) in enumerate(geometry, start=1):
+        writer.solid(arm.link(frame, f"geometry_{index}"), solid)
+    if not geometry:
+        start = np.broadcast_to(robot.base[:3, 3], origins[:, 0].shape)
+        _draw_link(writer, arm.link(0, "shape"), look, times, start, origins[:, 1])
+    axes = rr.TransformAxes3D(0.07 * reach(robot))
+    radii = _mass_radii(robot)
+    for k, kind in enumerate(robot.joint_types, start=1):
+        turned = quaternions(rotations[:, k])
+        pose = rr.Transform3D.columns(translation=origins[:, k], quaternion=turned)
+        writer.columns(arm.link(k), times, pose)
+        writer.static(arm.link(k, "frame"), axes)
+        if not geometry:
+            step = np.einsum("nij,ni->nj", rotations[:, k], origins[:, k + 1] - origins[:, k])
+            _draw_link(writer, arm.link(k, "shape"), look, times, np.zeros_like(step), step)
+            writer.solid(arm.link(k, "joint"), joint_solid(kind, look.radius, look.color))
+        if radii.size:
+            place, size = robot.links[k - 1].center_of_mass, radii[k - 1] * look.radius
+            ball = rr.Points3D([place], radii=size, colors=[STYLE.ball])
+            writer.static(arm.link(k, "center_of_mass"), ball)
+    # labels and arrows hang on the tool, so it does not turn; its frame does
+    tool = origins[:, -1]
+    writer.columns(arm.tool(), times, rr.Transform3D.columns(translation=tool))
+    turned = rr.Transform3D.columns(quaternion=quaternions(rotations[:, -1]))
+    writer.columns(arm.tool("frame"), times, turned)
+    writer.static(arm.tool("frame"), axes)
+    ball = rr.Points3D([[0, 0, 0]], radii=1.4 * look.radius, colors=[look.color])
+    writer.static(arm.tool("ball"), ball)
+    # of the trail a short strip a frame: the view shows those up to its time cursor
+    writer.strips(arm.path("trail"), (0.2 if look.solid else 0.15) * look.radius, look.line_color)
+    pieces = np.stack([tool[:-1], tool[1:]], axis=1).astype(np.float32)
+    strips = rr.LineStrips3D.columns(strips=pieces)
+    writer.columns(arm.path("trail"), {key: value[1:] for key, value in times.items()}, strips)
+
+
+def _draw_link(
+    writer: Writer, path: str, look: Look, times: Times, start: FloatArray, end: FloatArray
+) -> None:
+    """Draw a capsule between points [N,3] in the link frame."""
+    vectors = end - start
+    lengths = np.linalg.norm(vectors, axis=1)
+    if lengths.max() < 1e-6:
+        return
+    fixed = np.ptp(vectors, axis=0).max() < 1e-9 * max(1.0, lengths.max())
+    shape = rr.Capsules3D.from_fields(
+        lengths=lengths[:1] if fixed else None,
+        quaternions=along_z(vectors[:1]) if fixed else None,
+        translations=start[:1],
+        radii=[look.radius],
+        colors=[look.color],
+        fill_mode="solid",
+    )
+    writer.static(path, shape)
+    if not fixed:  # a prismatic joint stretches it
+        stretched = rr.Capsules3D.columns(lengths=lengths, quaternions=along_z(vectors))
+        writer.columns(path, times, stretched)
+
+
+def _mass_radii(robot: Robot) -> FloatArray:
+    """Return radii [n] of the balls in link radii: their volumes are as the masses, down to one.
+
+    Empty for a robot without masses.
+    """
+    masses = np.array([link.mass for link in robot.links])
+    if not masses.size:
+        return masses
+    least, most = STYLE.mass
+    return np.maximum(least, most * np.cbrt(masses / masses.max()))
+
+
+def draw_labels(
+    writer: Writer,
+    robot: Robot,
+    arms: Sequence[AnimatedArm],
+    eye: Eye,
+    places: FloatArray,
+    names: Sequence[str],
+) -> None:
+    """Draw titles over the tools at such heights that from ``eye`` no text hides another one.
+
+    ``places`` [m,3] have texts already, their names. Arms that stop early come first: the later
+    ones evade those that stand still. The timelines differ in who is where at the same moment.
+    """
+    size, up, (right, above, _) = reach(robot), eye.up, eye.axes
+    step = STYLE.label * size
+    titled = [arm for arm in arms if arm.title]
+    for arm in titled:
+        look = {"radii": [1e-3 * arm.look.radius], "colors": [arm.look.line_color]}
+        label = rr.Points3D.from_fields(labels=[arm.title], show_labels=True, **look)
+        writer.static(arm.tool("label"), label)
+    for timeline in (TIME, PROGRESS):
+        taken = [
+            (np.zeros(1), place[None] @ right, place[None] @ above - step / 2, len(name))
+            for place, name in zip(places, names, strict=True)
+        ]
+        for arm in sorted(titled, key=lambda arm: (arm.times[timeline][-1], not arm.look.solid)):
+            t, tool = arm.times[timeline], tool_places(robot, arm.q)
+            across, lowest = tool @ right, tool @ above + step
+            high = lowest
+            for other_t, other_across, other_high, letters in taken * len(taken):
+                at = np.maximum(np.searchsorted(other_t, t, side="right") - 1, 0)
+                width = STYLE.letter * size * (len(arm.title) + letters) / 2
+                clash = np.abs(across - other_across[at]) < width
+                clash &= np.abs(high - other_high[at]) < 0.999 * step
+                high = np.where(clash, other_high[at] + step, high)
+            taken.append((t, across, high, len(arm.title)))
+            height = step + (high - lowest) / (above @ up)
+            columns = rr.Points3D.columns(positions=height[:, None] * up)
+            writer.columns(arm.tool("label"), {timeline: t}, columns)

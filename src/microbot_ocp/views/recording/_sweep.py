@@ -25,6 +25,7 @@ def of_sweep(results: Sweep, path: str | Path) -> Path:
 
     Where more than 200,000 cases are done it shows the first so many.
     """
+    viridis = needed("matplotlib", "atlases need").colormaps["viridis"]  # from dark to bright
     best, first = results.best, slice(MOST_POINTS)
     names = ["goal_x", "goal_y", "goal_z", f"{best}_limit", f"{best}_status"]
     *goals, limit, status = (column[first] for column in results.read(names).values())
@@ -54,7 +55,7 @@ def of_sweep(results: Sweep, path: str | Path) -> Path:
             saved = results.savings(name.removeprefix("saved_"))[first]
             shown = placed & np.isfinite(saved)
             labels = [f"case {k}: {100 * saved[k]:.1f} %" for k in np.flatnonzero(shown)]
-            colors = _viridis(saved[shown] / 0.6)
+            colors = (255 * viridis(np.clip(saved[shown] / 0.6, 0, 1))).astype(np.uint8)
             points = rr.Points3D(
                 places[shown], colors=colors, radii=radius, labels=labels, show_labels=False
             )
@@ -67,9 +68,3 @@ def of_sweep(results: Sweep, path: str | Path) -> Path:
             points = rr.Points3D(places[decided], colors=[color], radii=radius)
             writer.static(f"{WORLD}/limits/{name}", points)
     return Path(path)
-
-
-def _viridis(share: np.ndarray) -> np.ndarray:
-    """Return colours [N,4] of shares [N] from dark to bright."""
-    viridis = needed("matplotlib", "atlases need").colormaps["viridis"]
-    return (255 * viridis(np.clip(share, 0, 1))).astype(np.uint8)

@@ -45,11 +45,9 @@ class Writer:
 
     stream: rr.RecordingStream
 
-    def static(
-        self, path: str, *what: rr.AsComponents | Iterable[rr.DescribedComponentBatch]
-    ) -> None:
+    def static(self, path: str, what: rr.AsComponents) -> None:
         """Log what never changes."""
-        self.stream.log(path, *what, static=True, strict=True)
+        self.stream.log(path, what, static=True, strict=True)
 
     def columns(self, path: str, times: Times, columns: Iterable[rr.ComponentColumn]) -> None:
         """Log a row for every time, in one call."""
@@ -61,10 +59,6 @@ class Writer:
         text = replace(table, title="", notes=[note for note in table.notes if note]).markdown()
         document = rr.TextDocument(f"**{table.title}**\n\n{text}", media_type="text/markdown")
         self.static(SUMMARY, document)
-
-    def layout(self, blueprint: rrb.Blueprint) -> None:
-        """Send a layout that was not known at the start."""
-        self.stream.send_blueprint(blueprint)
 
     def curve(
         self,

@@ -1,10 +1,5 @@
 """Public names; loaded when they are first asked for."""
 
-from ._answers import (
-    front_blocks as front_blocks,
-    solutions_table as solutions_table,
-    use_blocks as use_blocks,
-)
 from ._comparison import (
     comparison_rows as comparison_rows,
     comparison_table as comparison_table,
@@ -12,14 +7,15 @@ from ._comparison import (
     write_csv as write_csv,
     write_json as write_json,
 )
-from ._robot import (
-    robot_blocks as robot_blocks,
-)
-from ._texts import (
+from ._terminal import (
+    front_blocks as front_blocks,
     in_degrees as in_degrees,
     joint_units as joint_units,
     number as number,
     point_text as point_text,
     pose_text as pose_text,
+    robot_blocks as robot_blocks,
+    solutions_table as solutions_table,
     span as span,
+    use_blocks as use_blocks,
 )

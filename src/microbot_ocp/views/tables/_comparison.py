@@ -17,7 +17,7 @@ from microbot_ocp.certificate import Certificate, LimitCheck
 from microbot_ocp.limits import JOINT_QUANTITIES, LimitFamily, not_judged, quantity_name
 from microbot_ocp.tasks import Comparison, Entry
 from microbot_ocp.views._style import STYLE, entry_title
-from microbot_ocp.views.tables._texts import in_degrees, joint_units
+from microbot_ocp.views.tables._terminal import in_degrees, joint_units
 
 JUDGED = ("certificate_ok", "verdict", "verdict_short", "unjudged", "worst_violation")
 MEASURED = (
@@ -137,13 +137,13 @@ def _row(comparison: Comparison, entry: Entry, reference: float) -> Row:
     proof: Row = dict.fromkeys((*JUDGED, *MEASURED))
     if certificate is not None:
         worst = max((c for c in checks if c.violation > 0), key=lambda c: c.violation, default=None)
-        place = worst and {key: getattr(worst, key) for key in PLACE}
         proof = {
             "certificate_ok": certificate.ok,
             "verdict": certificate.verdict,
             "verdict_short": _short_verdict(certificate, worst),
             "unjudged": list(certificate.unjudged),
-            "worst_violation": worst and place and {**place, "relative": worst.violation},
+            "worst_violation": worst
+            and {**{key: getattr(worst, key) for key in PLACE}, "relative": worst.violation},
             **{key: getattr(certificate, key) for key in MEASURED},
         }
     row = {

@@ -43,9 +43,8 @@ def html(table: Table) -> str:
     head = "".join(f"<th {_style(column)}>{escape(column.title)}</th>" for column in table.columns)
     body = ""
     for row, mark in zip(table.rows, _marks(table), strict=True):
-        cells = zip(table.columns, row, strict=True)
         row_style = f' style="{COLORS[mark]}"' if mark else ""
-        body += f"<tr{row_style}>" + "".join(_cell(*cell) for cell in cells) + "</tr>"
+        body += f"<tr{row_style}>" + "".join(map(_cell, table.columns, row)) + "</tr>"
     drawn = f'<table style="{LOOK}"><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>'
     notes = "".join(f'<div style="font-size:90%">{escape(note)}</div>' for note in table.notes)
     title = f"<b>{escape(table.title)}</b>" if table.title else ""

@@ -17,7 +17,7 @@ from microbot_ocp.robot import Robot
 from microbot_ocp.sweeps import Quartiles, Sweep, SweepSummary
 from microbot_ocp.views import _scene as scene
 from microbot_ocp.views._style import method_title
-from microbot_ocp.views.tables._robot import dh_table
+from microbot_ocp.views.tables._terminal import dh_table
 
 
 def robot(robot: Robot) -> Table:
