@@ -1,4 +1,4 @@
-"""Inputs of a simulation as signals of the time: torques, references, disturbances."""
+"""Inputs of a simulation as signals of the time: torques, references, disturbances, formulas."""
 
 from __future__ import annotations
 
@@ -13,8 +13,10 @@ from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.relations import reason_of
 from microbot_ocp.motion import (
+    SAMPLE_STEP,
     Motion,
     PiecewisePolynomial,
+    State,
     jump_gaps,
     mesh_of,
     nearest_samples,
@@ -121,6 +123,52 @@ def series_of(motion: PiecewisePolynomial) -> Pieces | None:
         series.append(of_share @ scaled / length**order)
         scaled = np.concatenate([(scaled * count)[:, 1:], np.zeros_like(scaled[:, :1])], axis=1)
     return Pieces(motion.breaks, np.concatenate(series, axis=2))
+
+
+def motion_from_formula(
+    robot: Robot, formula: Formula, duration: float, *, label: str, step: float = SAMPLE_STEP
+) -> Motion:
+    """Motion whose positions are a function of the CasADi time, with exact derivatives.
+
+    Parameters
+    ----------
+    robot : Robot
+        A robot with masses, for the torques.
+    formula : callable
+        Takes the CasADi time, s, and returns n expressions, rad (m), smooth in between.
+    duration : float
+        s.
+    label : str
+    step : float
+        Longest step between the samples, s.
+
+    Returns
+    -------
+    Motion
+
+    Examples
+    --------
+    >>> import casadi as ca
+    >>> import microbot_ocp as mo
+    >>> robot = mo.load_robot("microbot")
+    >>> wave = motion_from_formula(robot, lambda t: [ca.sin(t), 0.2 * t, 0.0], 2.0, label="wave")
+    >>> wave.qd[0].tolist()
+    [1.0, 0.2, 0.0]
+    """
+    duration = checks.number("duration", duration, "s", above=0.0)
+    step = checks.number("step", step, "s", above=0.0)
+    count = robot.joint_count
+    _, _, signal = reference_signal(formula, duration, robot)
+    t = np.linspace(0.0, duration, checks.step_count(duration, step) + 1)
+    q, qd, qdd = np.split(signal.values(t), [count, 2 * count], axis=1)
+    return Motion.from_state(
+        robot,
+        t,
+        State(q, qd, qdd),
+        label=label,
+        breaks=[0.0, duration],
+        provenance={"method": "formula"},
+    )
 
 
 def disturbance_function(given: ArrayLike | Formula | None, count: int) -> ca.Function:

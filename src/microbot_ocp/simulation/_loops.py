@@ -1,22 +1,22 @@
-"""The arm under a controller."""
+"""The arm under given torques, and under a controller."""
 
 from __future__ import annotations
 
 import time
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks, deadline
-from microbot_ocp._base.checks import InputError
+from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.fast_calls import deferred_call
 from microbot_ocp._base.relations import reason_of
 from microbot_ocp.limits import AT_LIMIT, use_of
 from microbot_ocp.motion import SAMPLE_STEP, Motion, PiecewisePolynomial, State
-from microbot_ocp.robot import Robot, forward_dynamics
+from microbot_ocp.robot import Robot, forward_dynamics, mass_matrix_condition
 from microbot_ocp.simulation._controllers import (
     GAINS,
     Controller,
@@ -28,18 +28,129 @@ from microbot_ocp.simulation._controllers import (
     torque_limits,
     with_gains,
 )
-from microbot_ocp.simulation._inputs import (
-    Integrator,
-    checked_settings,
-    checked_start,
+from microbot_ocp.simulation._integration import (
+    INTEGRATORS,
+    ForcedEquation,
+    IntegratorSettings,
+    integrate,
 )
-from microbot_ocp.simulation._integration import INTEGRATORS, ForcedEquation, integrate
-from microbot_ocp.simulation._outcome import CLOSED_LOOP, result_fields
-from microbot_ocp.simulation._result import Tracking
+from microbot_ocp.simulation._result import (
+    ARMATURE,
+    CLOSED_LOOP,
+    OPEN_LOOP,
+    SINGULAR,
+    Simulation,
+    Tracking,
+    result_fields,
+)
 from microbot_ocp.simulation._sampled import SampledLoop, Samples
-from microbot_ocp.simulation._signals import Formula, disturbance_function, reference_signal
+from microbot_ocp.simulation._signals import (
+    Formula,
+    disturbance_function,
+    reference_signal,
+    torque_signal,
+)
 
+Integrator = Literal["dop853", "cvodes", "idas", "collocation", "rk"]
+
+MOST_TURNS = 2000  # some seconds of work
 MOST_DELAY = 1000  # samples, each of which is a part of the state
+
+
+def simulate(
+    robot: Robot,
+    tau: Motion | ArrayLike | Formula | None = None,
+    q0: ArrayLike | None = None,
+    qd0: ArrayLike | None = None,
+    t: ArrayLike | None = None,
+    *,
+    integrator: Integrator = "dop853",
+    tolerance: float = 1e-10,
+    max_steps: int = 20_000,
+    time_limit: float = np.inf,
+) -> Simulation:
+    """Simulate an arm from given torques: ``M(q) qdd = tau - C(q, qd) qd - g(q) - friction``.
+
+    Craig, *Introduction to Robotics*, 3rd ed., section 6.9, with a solver that knows its error.
+
+    Parameters
+    ----------
+    robot : Robot
+        A robot with masses.
+    tau : Motion, callable, array_like [N,n] or [n], optional
+        Torques, N m (N): the stored ones of a motion (they may jump at its breaks), a function of
+        the CasADi time that returns n expressions, values on the grid ``t`` (linear between), or
+        constants; default none.
+    q0 : array_like [n]
+        Joint positions at the start, rad (prismatic: m); default those of the motion.
+    qd0 : array_like [n], optional
+        Velocities at the start, rad/s (m/s); default those of the motion, else zero.
+    t : array_like [N]
+        Strictly increasing times of the result, s, the first being that of the start; default those
+        of the motion.
+    integrator : "dop853", "cvodes", "idas", "collocation" or "rk"
+        With error control: the Runge-Kutta method of Dormand and Prince of order 8, Adams' method,
+        backward differences. Radau collocation of degree 3 or the classical Runge-Kutta method with
+        a fixed step, halved until two solutions agree within the tolerance.
+    tolerance : float
+        Absolute and relative tolerance.
+    max_steps : int
+        Most steps: from one time of the grid to the next, of a fixed step in all.
+    time_limit : float
+        Wall time, s, after which the integrator is stopped: the status is "time limit", and what it
+        has not reached, NaN. Up to a tenth of the duration that was reached may be missing.
+
+    Returns
+    -------
+    Simulation
+        After a failure its status and advice say why.
+
+    Raises
+    ------
+    InputError
+        Wrong shapes, times that do not increase, a start outside the limits or where the mass
+        matrix is singular, or so fast that a joint would turn more than 2000 times.
+
+    Examples
+    --------
+    >>> import microbot_ocp as mo
+    >>> robot = mo.load_robot("microbot")
+    >>> hold = mo.gravity_torque(robot)([0.0, 0.5, 0.5]).full().ravel()
+    >>> still = simulate(robot, hold, q0=[0.0, 0.5, 0.5], t=[0.0, 1.0])
+    >>> str(still.status), still.q[-1].round(6).tolist()
+    ('solved', [0.0, 0.5, 0.5])
+    """
+    started = time.perf_counter()
+    count = robot.joint_count
+    settings = checked_settings(integrator, tolerance, max_steps)
+    if isinstance(tau, Motion):
+        checks.joints("motion", tau.joint_count, robot)
+        q0, qd0 = tau.q[0] if q0 is None else q0, tau.qd[0] if qd0 is None else qd0
+        t = tau.t if t is None else t
+    if t is None or q0 is None:
+        raise InputError("t and q0 must be given unless tau is a Motion")
+    grid = checks.times("t", t)
+    checks.size("the number of samples", grid.size, checks.MOST_GIVEN)
+    start = checked_start(robot, q0, qd0, float(grid[-1] - grid[0]))
+    signal = torque_signal(tau, grid, count)
+
+    forced = ForcedEquation(OpenLoop(robot), 2 * count, signal, np.zeros(0))
+    with deadline.within(time_limit):
+        run = integrate(forced, start, grid, settings)
+    return Simulation(
+        **result_fields(robot, grid, run, signal.values(grid), None, settings, started, OPEN_LOOP)
+    )
+
+
+class OpenLoop(NamedTuple):
+    """An arm under torques w: ``x' = rate(t, x, w, none)``."""
+
+    arm: Robot
+
+    def __call__(self, t: ca.SX, x: ca.SX, w: ca.SX, parameters: ca.SX) -> ca.SX:
+        """Give the derivative of the state."""
+        q, qd = ca.vertsplit(x, self.arm.joint_count)
+        return ca.vertcat(qd, forward_dynamics(self.arm)(q, qd, w))
 
 
 def track(
@@ -229,3 +340,44 @@ def _law_text(controller: Controller, model: Robot) -> str:
     if tau.shape != (count, 1):
         raise InputError(f"controller must return {count} torques, not shape {tau.shape}")
     return ca.Function("law", [w, q, qd], [ca.densify(tau)]).serialize()
+
+
+# checks before any integrator starts --------------------------------------------------------------
+
+
+def checked_settings(integrator: str, tolerance: float, max_steps: int) -> IntegratorSettings:
+    checks.one_of("integrator", integrator, INTEGRATORS)
+    tolerance = checks.number("tolerance", tolerance, above=0.0, at_most=1e-2)
+    if isinstance(max_steps, bool) or not isinstance(max_steps, int) or max_steps < 1:
+        raise InputError(f"max_steps must be a whole number of at least 1, not {max_steps!r}")
+    return IntegratorSettings(integrator, tolerance, max_steps)
+
+
+def checked_start(
+    robot: Robot, q0: ArrayLike, qd0: ArrayLike | None, duration: float = 0.0
+) -> FloatArray:
+    count = robot.joint_count
+    q = checks.array("q0", q0, (count,), "rad")
+    qd = np.zeros(count) if qd0 is None else checks.array("qd0", qd0, (count,), "rad/s")
+    low, high = robot.limits.bounds("q")
+    outside = np.flatnonzero((q < low - 1e-9) | (q > high + 1e-9))
+    if outside.size:
+        j = int(outside[0])
+        raise InputError(
+            f"q0 of {robot.joint_names[j]} is {q[j]:g} {robot.unit('q', j)}, outside its limits "
+            f"[{low[j]:g}, {high[j]:g}] {robot.unit('q', j)}{checks.degrees_hint(q[j])}"
+        )
+    turns = np.abs(qd) * duration / (2.0 * np.pi) * (np.array(robot.joint_types) == "revolute")
+    if turns.max() > MOST_TURNS:
+        j = int(turns.argmax())
+        raise InputError(
+            f"qd0 of {robot.joint_names[j]} is {qd[j]:g} rad/s, {turns[j]:.3g} turns in "
+            f"{duration:g} s: at most {MOST_TURNS} are simulated"
+        )
+    condition = float(deferred_call(mass_matrix_condition(robot))(q)[0])
+    if not condition < SINGULAR:
+        raise InputError(
+            f"mass matrix is singular at q0 = {q.tolist()} (condition number {condition:.2g}): no "
+            f"torque determines the acceleration there; {ARMATURE}"
+        )
+    return np.concatenate([q, qd])
