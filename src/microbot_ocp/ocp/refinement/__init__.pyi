@@ -3,17 +3,13 @@
 from ._accuracy import (
     PASSING as PASSING,
     Accuracy as Accuracy,
-)
-from ._history import (
     History as History,
     RefinementStep as RefinementStep,
 )
-from ._improvement import (
-    improvable as improvable,
-    improved as improved,
-)
 from ._judged import (
     COST as COST,
+    improvable as improvable,
+    improved as improved,
     judged as judged,
 )
 from ._refiner import (

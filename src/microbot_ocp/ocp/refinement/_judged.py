@@ -4,6 +4,10 @@ What passes is told by the judgement that a certificate is made of; an accuracy 
 Meshes are made finer until that is met and the cost does not change any more. From a saddle the
 solve goes on below it.
 
+Steps of a solver stay in the valley that its point stands in, in every control at every point. The
+costates tell which valley is the lower one; a solve from controls that are better by Pontryagin's
+condition, which begins near its bounds so as to stay, is kept where it costs less.
+
 Theory: docs/theory/transcription.md, "Refinement".
 """
 
@@ -23,12 +27,18 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.diagnosis import BESIDE, falls_for_ever
 from microbot_ocp.ocp.mesh import Refinement, Round, refined
-from microbot_ocp.ocp.refinement._accuracy import PASSING, Accuracy
-from microbot_ocp.ocp.refinement._history import History, RefinementStep, step_of
-from microbot_ocp.ocp.refinement._improvement import improvable, improved
-from microbot_ocp.ocp.solution import Journal, Solution, StepProgress, cost_size
+from microbot_ocp.ocp.refinement._accuracy import (
+    PASSING,
+    Accuracy,
+    History,
+    RefinementStep,
+    step_of,
+)
+from microbot_ocp.ocp.solution import Attempt, Journal, Solution, StepProgress, cost_size
 from microbot_ocp.ocp.solvers import SolveContext
-from microbot_ocp.ocp.verification import Judgement, Thresholds, judge
+from microbot_ocp.ocp.starts import guess_from
+from microbot_ocp.ocp.transcription import Guess
+from microbot_ocp.ocp.verification import Judgement, Thresholds, better_controls, judge
 
 CONVERGED = (Status.SOLVED, Status.GAP_LEFT)
 FINAL = (*CONVERGED, Status.INTERRUPTED, Status.TOO_COARSE)  # no other strategy would change it
@@ -54,6 +64,30 @@ class CostSettings:
 
 
 COST = CostSettings()
+
+
+@dataclass(frozen=True)
+class Improvement:
+    """When controls with a smaller Hamiltonian are worth a solve.
+
+    Attributes
+    ----------
+    worth : share of the cost: less than this is not looked for
+    least_gain : share of what is to be saved that has to be: where controls chatter little of
+        it is
+    solves : most solves
+    barrier : parameter at which they begin: near the bounds, so as to stay
+    iterations : of a solve
+    """
+
+    worth: float = 1e-5
+    least_gain: float = 0.2
+    solves: int = 6
+    barrier: float = 1e-6
+    iterations: int = 200
+
+
+IMPROVEMENT = Improvement()
 
 
 @dataclass(frozen=True)
@@ -155,10 +189,10 @@ class _Work:
             ):
                 self._report(state)
         if state is None:
-            return _interrupted(_alone(first)), True
+            return _alone(first).ended(Status.INTERRUPTED), True
         last = state.refused
         if state.ended is None or Status.INTERRUPTED in (state.ended, last and last.status):
-            return _interrupted(self._recorded(state)), True
+            return self._recorded(state).ended(Status.INTERRUPTED), True
         if last is not None and self._at_saddle(state.measure) and _endless(last):
             self._recorded(state)
             return last, True
@@ -321,10 +355,6 @@ def _alone(solution: Solution) -> Solution:
     return replace(solution, history=History([step_of(solution, None, spent)]))
 
 
-def _interrupted(solution: Solution) -> Solution:
-    return solution.ended(Status.INTERRUPTED)
-
-
 def _by(way: str, solution: Solution) -> Solution:
     """Return the solution, whose attempts say what they were for."""
     return replace(solution, attempts=tuple(replace(a, way=way) for a in solution.attempts))
@@ -345,3 +375,33 @@ def _beside(solution: Solution, judgement: Judgement) -> Beside:
         replace(solution, variables=at, variable_multipliers=None) for at in (x + step, x - step)
     )
     return Beside(*starts)
+
+
+def improvable(solution: Solution) -> float:
+    """Return what better controls would save, to first order, relative to the cost."""
+    gain, _ = better_controls(solution)
+    return gain / cost_size(solution.cost, solution.cost_scale)
+
+
+def improved(solution: Solution, context: SolveContext) -> tuple[Solution, list[Attempt]]:
+    """Return the solution, or one on its mesh that costs less, and what was tried."""
+    attempts: list[Attempt] = []
+    most = min(context.settings.max_iterations, IMPROVEMENT.iterations)
+    how = {"solver": "ipopt", "initial_barrier": IMPROVEMENT.barrier, "max_iterations": most}
+    for _ in range(IMPROVEMENT.solves):
+        gain, controls = better_controls(solution)
+        size = cost_size(solution.cost, solution.cost_scale)
+        if not gain > IMPROVEMENT.worth * size or context.over:
+            break
+        guess = {
+            name: Guess(old.duration, {**old.values, **controls.get(name, {})})
+            for name, old in guess_from(context.transcription.problem, solution).items()
+        }
+        tried = context.solve([phase.mesh for phase in solution.phases], guess, **how)
+        attempts += [
+            replace(a, way="from controls with a smaller Hamiltonian") for a in tried.attempts
+        ]
+        if not (tried.status.solved and tried.cost < solution.cost - IMPROVEMENT.least_gain * gain):
+            break
+        solution = tried.with_rivals_of(solution)
+    return solution, attempts
