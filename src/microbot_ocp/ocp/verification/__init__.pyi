@@ -17,9 +17,6 @@ from ._conditions import (
     differentiate as differentiate,
     lagrangian_gradient as lagrangian_gradient,
 )
-from ._declared import (
-    as_declared as as_declared,
-)
 from ._hamiltonian import (
     better_controls as better_controls,
     costates_of as costates_of,
@@ -27,6 +24,7 @@ from ._hamiltonian import (
 from ._judgement import (
     Failure as Failure,
     Judgement as Judgement,
+    as_declared as as_declared,
     judge as judge,
     verify as verify,
 )

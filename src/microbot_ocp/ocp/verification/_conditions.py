@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -117,6 +117,34 @@ def lagrangian_gradient(parts: Sequence[Derivatives], lam_g: FloatArray) -> Floa
     return gradient
 
 
+class Point(NamedTuple):
+    """A solution as a point of its scaled program.
+
+    Attributes
+    ----------
+    labels : of the variables, then of the rows
+    bounds : Bounds
+    x, g : values of the variables and rows
+    gradient : ``grad f + J' lam_g``
+    lam_x, lam_g : multipliers of the bounds and rows
+    computed : whether those of the bounds had to be computed from the gradient
+    """
+
+    labels: Sequence[Label]
+    bounds: Bounds
+    x: FloatArray
+    g: FloatArray
+    gradient: FloatArray
+    lam_x: FloatArray
+    lam_g: FloatArray
+    computed: bool
+
+    @property
+    def multipliers(self) -> FloatArray:
+        """Those of the variables, then of the rows."""
+        return np.concatenate([self.lam_x, self.lam_g])
+
+
 def bound_multipliers(
     bounds: Bounds, solution: Solution, gradient: FloatArray
 ) -> tuple[FloatArray, bool]:
@@ -128,23 +156,11 @@ def bound_multipliers(
     return np.where(bounded, -gradient, 0.0), True
 
 
-def optimality_of(
-    labels: Sequence[Label],
-    bounds: Bounds,
-    x: FloatArray,
-    g: FloatArray,
-    gradient: FloatArray,
-    lam_g: FloatArray,
-    lam_x: FloatArray,
-    computed: bool,
-    cost_scale: float,
-) -> Optimality:
-    """Return the largest residual of every condition, in the scaled program and in its own unit.
-
-    Labels are of the variables x, then of the rows, whose values are g.
-    """
+def optimality_of(point: Point, cost_scale: float) -> Optimality:
+    """Return the largest residual of every condition, in the scaled program and in its own unit."""
+    labels, bounds, x, g, gradient, lam_x, _, computed = point
     scale = np.array([label.scale for label in labels])
-    value, lam = np.concatenate([x, g]), np.concatenate([lam_x, lam_g])
+    value, lam = np.concatenate([x, g]), point.multipliers
     low = np.concatenate([bounds.variable_lower, bounds.row_lower])
     high = np.concatenate([bounds.variable_upper, bounds.row_upper])
     size = max(100.0 * cost_scale, float(np.mean(np.abs(lam)))) / 100.0
@@ -181,29 +197,15 @@ def optimality_of(
 DIGITS = float(np.sqrt(np.finfo(float).eps))  # half of them: what stands for zero in the matrix
 
 
-def curvature_of(
-    solution: Solution,
-    bounds: Bounds,
-    x: FloatArray,
-    g: FloatArray,
-    lam: FloatArray,
-    gap: float,
-    size: float,
-) -> Curvature:
+def curvature_of(solution: Solution, point: Point, gap: float, size: float) -> Curvature:
     """Return the least curvature at a point, where it is negative by more than thresholds let pass.
 
-    Parameters
-    ----------
-    solution : Solution
-    bounds : Bounds
-    x, g : scaled variables and rows
-    lam : multipliers of the variables, then of the rows
-    gap : what a move by the scales of the variables may save, relative to the cost
-    size : sum of the sizes of the parts of the cost
+    ``gap`` is what a move by the scales of the variables may save, relative to the cost, ``size``
+    the sum of the sizes of the parts of the cost.
     """
     unit = cost_size(size, solution.cost_scale) / solution.cost_scale
     least = 2 * gap * unit
-    matrix = _Matrix(solution, bounds, x, g, lam, least)
+    matrix = _Matrix(solution, point, least)
     if matrix.positive(least):
         return Curvature(0.0, None)
     high = least
@@ -220,26 +222,19 @@ def curvature_of(
 class _Matrix:
     """Second derivatives of the Lagrangian, of a scaled cost, with the weights of its rows."""
 
-    def __init__(
-        self,
-        solution: Solution,
-        bounds: Bounds,
-        x: FloatArray,
-        g: FloatArray,
-        lam: FloatArray,
-        least: float,
-    ) -> None:
+    def __init__(self, solution: Solution, point: Point, least: float) -> None:
         layouts = [phase.laid_out for phase in solution.phases]
         program, scale = assemble(layouts), solution.cost_scale
+        bounds, x = point.bounds, point.x
         p = program.parameters
         self.free = np.flatnonzero(bounds.variable_lower < bounds.variable_upper)
         free = self.free.tolist()
-        lam_x, lam_g = lam[: x.size] / scale, lam[x.size :] / scale
+        lam_x, lam_g = point.lam_x / scale, point.lam_g / scale
         hessian = program.functions["hessian"](x, p, 1 / scale, lam_g)[1][free, free]
         rows = program.functions["jacobian"](x, p)[1][:, free]
         most = max(1.0, float(ca.norm_inf(hessian.nz[:]))) / DIGITS
         bends = _stiffness(lam_x, x, bounds.variable_lower, bounds.variable_upper, most)
-        keeps = _stiffness(lam_g, g, bounds.row_lower, bounds.row_upper, most)
+        keeps = _stiffness(lam_g, point.g, bounds.row_lower, bounds.row_upper, most)
         self.parts = hessian, bends[self.free], rows, keeps
         self.matrix = hessian + ca.diag(ca.DM(bends[self.free]))
         self.matrix += rows.T @ ca.diag(ca.DM(keeps)) @ rows
