@@ -415,10 +415,8 @@ def _summary(
     judged: Judgement, hamiltonians: Sequence[Hamiltonian], arcs: int, has_cost: bool
 ) -> list[str]:
     """Return what is to be said of a solution that passed."""
-    optimality, worst = (
-        judged.optimality,
-        max((use.relative for use in judged.limits), default=0.0),
-    )
+    optimality = judged.optimality
+    worst = max((use.relative for use in judged.limits), default=0.0)
     limits_kept = "is kept" if worst <= 1e-6 else f"is kept to within {100 * worst:.2g} %"
     growth = growth_said(max(check.amplification for check in judged.resimulations))
     error = max(check.error for check in judged.resimulations)

@@ -17,6 +17,7 @@ from microbot_ocp.ocp.transcription import DURATION, IntArray, Label
 from microbot_ocp.ocp.verification._certificate import Arc, OCPLimitUse
 
 POINTS = 20  # dense points to an interval
+NOT_CONTROLS = ("state", "algebraic", "parameter")  # shapes of variables that are a kind
 ALONG = ("state", "algebraic", "constraint")  # what a mesh is refined for
 
 
@@ -83,23 +84,19 @@ def dense_phase(
     sampled = interpolated(interval, place)
     t = (layout.mesh[interval] + place * steps[interval]) * phase.duration
     dense = DensePhase(phase, t, interval)
-    kinds = {id(v): "state" for v in declared.states} | {
-        id(v): "algebraic" for v in declared.algebraics
-    }
-    kinds |= {id(v): "parameter" for v in declared.free_parameters}
     for variable in declared.variables:
-        kind = kinds.get(id(variable), "control")
+        kind = variable.shape if variable.shape in NOT_CONTROLS else "control"
         dense.limited.append(_limited(kind, variable, sampled[variable.name]))
     duration = np.array([[phase.duration]])
     low, high = (np.array([d]) for d in declared.duration_bounds)
     dense.limited.append(
         Limited("duration", DURATION, "s", low, high, np.ones(1), duration, end=True)
     )
-    linear = [c for c in declared.controls if c.shape == "linear"]
+    lengths = (steps * phase.duration)[interval]
     rates = {
-        c.name: np.diff(phase.values[c.name], axis=0).T[:, interval]
-        / (steps * phase.duration)[interval]
-        for c in linear
+        c.name: np.diff(phase.values[c.name], axis=0).T[:, interval] / lengths
+        for c in declared.controls
+        if c.rate is not None
     }
     expressions = Expressions(declared)
     table = expressions.table({k: v.T for k, v in sampled.items()}, t, phase.duration, rates)
