@@ -97,6 +97,7 @@ WAY = "from another start"
 CUT_SHORT = "It was not compared with all other starts for want of time."
 ALONE = "It was compared with nothing: no other start led to an answer."
 Given = Mapping[str, Guess] | Solution | str | None
+Pair = tuple[FloatArray, FloatArray]
 
 
 def cheapest_of_starts(context: SolveContext, most: int) -> tuple[Solution | None, list[Attempt]]:
@@ -253,10 +254,11 @@ def _until_they_agree(
         costs += [answer.cost] if answer.status.solved else []
         off = (np.array(costs) - min(costs)) / size
         met = int(np.sum(off <= COMPARISON.same))
-        enough = (
-            COMPARISON.enough_different if np.any(off > COMPARISON.worth) else COMPARISON.enough
-        )
-        enough = COMPARISON.enough_alone if met < RIVALS.agreed else enough
+        enough = COMPARISON.enough
+        if met < RIVALS.agreed:
+            enough = COMPARISON.enough_alone
+        elif np.any(off > COMPARISON.worth):
+            enough = COMPARISON.enough_different
         if (met > COMPARISON.agree and simulations >= COMPARISON.simulated) or spent > enough:
             return
 
@@ -278,13 +280,14 @@ def _curves(
                 table = solved.values[state.name].reshape(-1, state.size)
                 height = share * np.ptp(table, axis=0)
                 waves = height * draw.standard_normal((COMPARISON.waves, state.size))
-                bounds = state.lower, state.upper
-                values[state.name] = partial(_curve, table[0], table[-1], waves, bounds)
+                ends, bounds = (table[0], table[-1]), (state.lower, state.upper)
+                values[state.name] = partial(_curve, ends, waves, bounds)
             for name, (low, high) in ranges[phase.name].items():
-                pushed = low + (high - low) * draw.random(low.size)
-                values[name] = (1 - COMPARISON.push) * np.clip(
-                    0.0, low, high
-                ) + COMPARISON.push * pushed
+                usually, pushed = (
+                    np.clip(0.0, low, high),
+                    low + (high - low) * draw.random(low.size),
+                )
+                values[name] = (1 - COMPARISON.push) * usually + COMPARISON.push * pushed
             values |= {v.name: drawn[v.name] for v in phase.free_parameters if v.name in drawn}
             guesses[phase.name] = Guess(float(np.clip(duration, *phase.duration_bounds)), values)
         yield guesses
@@ -293,27 +296,18 @@ def _curves(
 def _parameters(problem: OptimalControlProblem) -> Iterator[dict[str, FloatArray]]:
     """Free parameters that have both bounds, spread over these: Latin hypercubes."""
     bounded = [p for p in problem.free_parameters if np.isfinite(p.upper - p.lower).all()]
-    draw = np.random.default_rng(0)
+    draw, count = np.random.default_rng(0), COMPARISON.random
     while True:
-        strata = {p.name: np.tile(np.arange(COMPARISON.random), (p.size, 1)) for p in bounded}
-        strata = {name: draw.permuted(rows, axis=1) for name, rows in strata.items()}
-        for k in range(COMPARISON.random):
-            shares = {
-                p.name: (strata[p.name][:, k] + draw.random(p.size)) / COMPARISON.random
-                for p in bounded
-            }
-            yield {p.name: p.lower + shares[p.name] * (p.upper - p.lower) for p in bounded}
+        strata = [draw.permuted(np.tile(np.arange(count), (p.size, 1)), axis=1) for p in bounded]
+        for k in range(count):
+            shares = [(rows[:, k] + draw.random(len(rows))) / count for rows in strata]
+            pairs = zip(bounded, shares, strict=True)
+            yield {p.name: p.lower + share * (p.upper - p.lower) for p, share in pairs}
 
 
-def _curve(
-    first: FloatArray,
-    last: FloatArray,
-    waves: FloatArray,
-    bounds: tuple[FloatArray, FloatArray],
-    s: FloatArray,
-) -> FloatArray:
+def _curve(ends: Pair, waves: FloatArray, bounds: Pair, s: FloatArray) -> FloatArray:
     """Return a line with sines on it, within bounds [N, size]."""
-    share = np.asarray(s)[:, None]
+    (first, last), share = ends, np.asarray(s)[:, None]
     sines = np.sin(np.pi * share * np.arange(1, COMPARISON.waves + 1))
     return np.clip(first + (last - first) * share + sines @ waves, *bounds)
 

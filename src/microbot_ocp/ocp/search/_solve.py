@@ -12,7 +12,7 @@ Theory: docs/theory/transcription.md, "Solvers".
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple, cast
 
@@ -25,24 +25,16 @@ from microbot_ocp.ocp.diagnosis import POOR, NotFinite
 from microbot_ocp.ocp.problem import OptimalControlProblem, with_shapes
 from microbot_ocp.ocp.refinement import COST, Accuracy, improvable, judged
 from microbot_ocp.ocp.search._other_starts import (
+    Given,
     cheaper_elsewhere,
     cheapest_of_starts,
     on_any_mesh,
 )
-from microbot_ocp.ocp.solution import (
-    Attempt,
-    Journal,
-    Progress,
-    Solution,
-    StepProgress,
-    cost_size,
-)
+from microbot_ocp.ocp.solution import Attempt, Journal, Progress, Solution, StepProgress, cost_size
 from microbot_ocp.ocp.solvers import SolveContext, SolverSettings, transcribed
 from microbot_ocp.ocp.starts import Rollouts, default_guess, guess_from
-from microbot_ocp.ocp.transcription import Guess, Meshes, Transcription
+from microbot_ocp.ocp.transcription import Meshes, Transcription
 from microbot_ocp.ocp.transcription.schemes import Scheme
-
-Given = Mapping[str, Guess] | Solution | str | None
 
 CONVERGED = (Status.SOLVED, Status.GAP_LEFT)
 ENDED = (*CONVERGED, Status.INTERRUPTED)
