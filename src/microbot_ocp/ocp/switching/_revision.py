@@ -175,15 +175,13 @@ def wrong_signs(solved: ArcSolution) -> dict[str, list[WrongSign]]:
             if column.limit is not None:
                 key = ("constraint", f"{column.name}[{column.component}] met", 0)
             densities = [
-                _density(piece, multipliers[piece.name, *key])
+                (piece, arc.signature[place], *_density(piece, multipliers[piece.name, *key]))
+                for piece, arc in zip(pieces, plan.arcs, strict=True)
                 if (piece.name, *key) in multipliers
-                else (np.zeros(0), np.zeros(0))
-                for piece in pieces
             ]
-            largest = max(float(np.abs(d).max(initial=0.0)) for _, d in densities)
-            for piece, arc, (at, density) in zip(pieces, plan.arcs, densities, strict=True):
-                side = arc.signature[place]
-                if side and at.size:
+            largest = max((float(np.abs(k[-1]).max()) for k in densities), default=0.0)
+            for piece, side, at, density in densities:
+                if side:
                     spans = _negative(at, side * density, SWITCHING.wrong_sign * largest)
                     wrong.setdefault(piece.name, []).extend(WrongSign(place, *s) for s in spans)
     return {name: places for name, places in wrong.items() if places}
