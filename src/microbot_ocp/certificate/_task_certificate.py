@@ -100,19 +100,11 @@ def _part(motion: Motion, robot: Robot, start: float, end: float) -> Motion:
     added = (*between, torque_along(robot, between) + excess)
     assert motion.breaks is not None
     inner = motion.breaks[(motion.breaks > start) & (motion.breaks < end - 2 * JUMP_GAP)] - start
-    q, qd, qdd, tau = (
-        np.insert(column, 1, row, axis=0)
-        for column, row in zip((q, qd, qdd, tau), added, strict=True)
-    )
-    return Motion(
-        np.insert(times, 1, times[:2].mean()),
-        q,
-        qd,
-        qdd,
-        tau,
-        motion.label,
-        np.concatenate([[0.0], inner, [times[-1]]]),
-    )
+    pairs = zip((q, qd, qdd, tau), added, strict=True)
+    columns = [np.insert(column, 1, row, axis=0) for column, row in pairs]
+    breaks = np.concatenate([[0.0], inner, [times[-1]]])
+    t = np.insert(times, 1, times[:2].mean())
+    return Motion(t, *columns, label=motion.label, breaks=breaks)
 
 
 def _steps(motion: Motion, times: Sequence[float]) -> list[Check]:
@@ -150,7 +142,7 @@ def _check_stops(task: Task, motion: Motion) -> list[Check]:
         elif not isinstance(stop.velocity, str | None):
             velocity, unit = qd, "rad/s"
             if stop.q is None:
-                velocity, unit = _velocity(task.robot, state.q[0], qd), "m/s"
+                velocity, unit = (np.array(jacobian(task.robot)(state.q[0])) @ qd)[:3], "m/s"
             misses["velocity", unit] = float(np.abs(velocity - stop.velocity).max()) - still
         if stop.acceleration is not None and task.family.jerk_matters:
             off = np.abs(state.qdd[0] - stop.acceleration).max()
@@ -168,10 +160,6 @@ def _check_stops(task: Task, motion: Motion) -> list[Check]:
             end = motion.duration
             checks.append(Check(f"{what} of the cycle", off <= still, problem, "", end, off, still))
     return checks
-
-
-def _velocity(robot: Robot, q: FloatArray, qd: FloatArray) -> FloatArray:
-    return (np.array(jacobian(robot)(q)) @ qd)[:3]
 
 
 def stop_misses(robot: Robot, stop: Stop, q: FloatArray) -> dict[tuple[str, str], float]:

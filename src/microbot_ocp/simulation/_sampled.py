@@ -70,10 +70,8 @@ class SampledLoop(NamedTuple):
         held: list[FloatArray] = []
 
         def states(steps: int) -> FloatArray:
-            function = self._period(samples, plugin(settings, steps, samples.within[-1])).mapaccum(
-                samples.t.size
-            )
-            _, everything, torques = function(begin, *given)
+            period = self._period(samples, *plugin(settings, steps, samples.within[-1]))
+            _, everything, torques = period.mapaccum(samples.t.size)(begin, *given)
             held[:] = [np.array(torques).T]
             return np.vstack([start, np.array(everything).T.reshape(-1, 2 * count)])
 
@@ -94,7 +92,7 @@ class SampledLoop(NamedTuple):
         run = run._replace(states=run.states[keep])
         return np.minimum(grid[keep], samples.end), run, tau[keep]
 
-    def _period(self, samples: Samples, chosen: tuple[str, dict[str, Any]]) -> ca.Function:
+    def _period(self, samples: Samples, name: str, options: dict[str, Any]) -> ca.Function:
         """State, moment, reference and error to: next state, all states on the way, torque.
 
         Behind positions and velocities the state has the torques that are still to come.
@@ -104,7 +102,6 @@ class SampledLoop(NamedTuple):
         tau = u[:count] + (self.disturbance(u[count] + t) if self.disturbance else 0.0)
         qdd = forward_dynamics(self.arm)(x[:count], x[count:], tau)
         equation = {"t": t, "x": x, "u": u, "ode": ca.vertcat(x[count:], qdd)}
-        name, options = chosen
         drift = ca.integrator("drift", name, equation, 0.0, samples.within.tolist(), options)
         state, moment = ca.MX.sym("state", (2 + self.delay) * count), ca.MX.sym("moment")
         now = state[: 2 * count]

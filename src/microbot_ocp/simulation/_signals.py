@@ -160,15 +160,9 @@ def motion_from_formula(
     count = robot.joint_count
     _, _, signal = reference_signal(formula, duration, robot)
     t = np.linspace(0.0, duration, checks.step_count(duration, step) + 1)
-    q, qd, qdd = np.split(signal.values(t), [count, 2 * count], axis=1)
-    return Motion.from_state(
-        robot,
-        t,
-        State(q, qd, qdd),
-        label=label,
-        breaks=[0.0, duration],
-        provenance={"method": "formula"},
-    )
+    state = State(*np.split(signal.values(t), [count, 2 * count], axis=1))
+    made, breaks = {"method": "formula"}, [0.0, duration]
+    return Motion.from_state(robot, t, state, label=label, breaks=breaks, provenance=made)
 
 
 def disturbance_function(given: ArrayLike | Formula | None, count: int) -> ca.Function:

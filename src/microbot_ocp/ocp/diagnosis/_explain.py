@@ -247,20 +247,17 @@ class _Elastic:
         shared: dict[int, int] = {}
         self.places: list[np.ndarray] = []
         for item in self.items:
-            alone = item.equal and item.rows.size == 1
-            if alone and int(item.rows[0]) in shared:
-                self.places.append(np.array([shared[int(item.rows[0])]]))
+            first, count = int(item.rows[0]), item.rows.size
+            alone = item.equal and count == 1
+            if alone and first in shared:
+                self.places.append(np.array([shared[first]]))
                 continue
-            first = len(source)
-            shared[int(item.rows[0])] = first
-            self.places.append(np.arange(first, first + item.rows.size))
+            shared[first] = len(source)
+            self.places.append(len(source) + np.arange(count))
             source += item.rows.tolist()
-            for sides, side, limits, none in (
-                (lower, -1, self.lower, -np.inf),
-                (upper, 1, self.upper, np.inf),
-            ):
-                acts = alone or item.side == side
-                sides += list(limits[item.rows]) if acts else [none] * item.rows.size
+            acts = [alone or item.side == side for side in (-1, 1)]
+            lower += list(self.lower[item.rows]) if acts[0] else [-np.inf] * count
+            upper += list(self.upper[item.rows]) if acts[1] else [np.inf] * count
         self.source = np.array(source)
         self.row_limits = np.array(lower), np.array(upper)
 
@@ -352,9 +349,7 @@ class _Elastic:
         for group in self._groups(order)[: 0 if limits_only else ALONE]:
             if [group] == giving_groups:
                 continue  # the way out that is known
-            allowed = np.zeros(slacks, dtype=bool)
-            allowed[group] = True
-            helps, trial, _ = self.solve(best, allowed)
+            helps, trial, _ = self.solve(best, np.isin(np.arange(slacks), group))
             x, relaxations = trial[: self.count], trial[self.count :]
             alone = [
                 self._relaxation(i, relaxations[i], x, multipliers)
@@ -369,18 +364,10 @@ class _Elastic:
         return Explanation(False, True, gives, tuple(alternatives), tuple(conflicts), phases)
 
     def _groups(self, order: Sequence[int]) -> list[list[int]]:
-        """Yield both sides and all components of a limit together, in the given order."""
-        names: dict[tuple[str, str, str], list[int]] = {}
-        for i in order:
-            names.setdefault(self._name(i), [])
-        for i in range(len(self.items)):
-            if self._name(i) in names:
-                names[self._name(i)].append(i)
-        return list(names.values())
-
-    def _name(self, i: int) -> tuple[str, str, str]:
-        item = self.items[i]
-        return item.label.phase, item.kind, item.label.name
+        """Return both sides and all components of a limit together, in the given order."""
+        names = [(item.label.phase, item.kind, item.label.name) for item in self.items]
+        asked = dict.fromkeys(names[i] for i in order)
+        return [[i for i, name in enumerate(names) if name == one] for one in asked]
 
     def _relaxation(
         self, index: int, amount: float | None, x: FloatArray, multipliers: FloatArray

@@ -247,14 +247,12 @@ class Accuracy:
         )
         if whole and most <= 2:
             divided = [np.union1d(p.mesh, (p.mesh[:-1] + p.mesh[1:]) / 2) for p in phases]
-        return [
-            move_to_switches(
-                np.union1d(mesh, divide(phase.mesh, beyond, 1.0, 0)), switches, self.switches
-            )
-            for mesh, phase, beyond, switches in zip(
-                divided, phases, excess, step.switches, strict=True
-            )
-        ]
+        finer = []
+        parts = zip(phases, divided, excess, step.switches, strict=True)
+        for phase, mesh, beyond, switches in parts:
+            both = np.union1d(mesh, divide(phase.mesh, beyond, 1.0, 0))
+            finer.append(move_to_switches(both, switches, self.switches))
+        return finer
 
 
 def _where(use: OCPLimitUse | None) -> str:

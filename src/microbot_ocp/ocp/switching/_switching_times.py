@@ -295,9 +295,8 @@ class _SwitchingSearch:
         if status is not Status.INTERRUPTED:
             free = _undetermined(self.plans)
             if free:
-                where = ", ".join(
-                    f"{100 * share:.2g} % of {name!r}" for name, share in free.items()
-                )
+                shares = [f"{100 * share:.2g} % of {name!r}" for name, share in free.items()]
+                where = ", ".join(shares)
                 advice += (
                     f" Along {where} fewer limits act than there are controls: a control is "
                     "singular there, or other solutions are as good, and it has no switching times "

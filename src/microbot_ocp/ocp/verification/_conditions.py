@@ -61,13 +61,9 @@ def differentiate(phase: PhaseSolution, lam_g: FloatArray) -> Derivatives:
     run = _gradient(layout.kind.kernels.stage).map(intervals.size)
     slope, slope_of_grid = run(table.T, layout.constants(intervals), of_stages.T)
     by_grid = slope_of_grid.full()
-    last = [phase.values[v.name][-1] for v in node_variables(layout.phase)]
-    z = np.vstack(
-        [
-            phase.stages[layout.nodes[:-1] - layout.stages.start],
-            np.append(np.concatenate(last), phase.duration) / layout.node_scale,
-        ]
-    )
+    last = [*(phase.values[v.name][-1] for v in node_variables(layout.phase)), [phase.duration]]
+    inner = phase.stages[layout.nodes[:-1] - layout.stages.start]
+    z = np.vstack([inner, np.concatenate(last) / layout.node_scale])
     by_point, end_cost = np.zeros_like(z), np.zeros(layout.node_size)
     for group in layout.points:
         run = _gradient(group.kernel.point).map(group.nodes.size)
@@ -175,13 +171,8 @@ def optimality_of(point: Point, cost_scale: float) -> Optimality:
     def worst(sizes: FloatArray, factor: FloatArray, unit: str, divisor: float) -> Residual:
         sizes = np.nan_to_num(sizes, nan=np.inf)
         i = int(np.argmax(sizes))
-        unit_of_row = labels[i].unit or "1"
-        return Residual(
-            float(sizes[i] / divisor),
-            float(sizes[i] * factor[i]),
-            unit.format(unit_of_row),
-            str(labels[i]),
-        )
+        amounts = float(sizes[i] / divisor), float(sizes[i] * factor[i])
+        return Residual(*amounts, unit.format(labels[i].unit or "1"), str(labels[i]))
 
     residual = np.abs(gradient + lam_x)
     return Optimality(
