@@ -20,11 +20,7 @@ from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.check import Check, problems_of
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.growth import growth_said
-from microbot_ocp.certificate._certificate import (
-    Certificate,
-    LimitCheck,
-    ResimulationFigures,
-)
+from microbot_ocp.certificate._certificate import Certificate, LimitCheck, ResimulationFigures
 from microbot_ocp.certificate._resimulation import (
     RESIMULATION,
     Resimulation,

@@ -19,14 +19,7 @@ from microbot_ocp._base.status import Status
 from microbot_ocp.certificate._certificate import Certificate, LimitCheck
 from microbot_ocp.certificate._certification import Tolerances, certificate_of, summary
 from microbot_ocp.limits import LimitFamily
-from microbot_ocp.motion import (
-    JUMP_GAP,
-    Motion,
-    State,
-    jump_gaps,
-    nearest_samples,
-    torque_along,
-)
+from microbot_ocp.motion import JUMP_GAP, Motion, State, jump_gaps, nearest_samples, torque_along
 from microbot_ocp.planning import Circle, JointLine, Line, Stop, Task, stretches, tool_poses
 from microbot_ocp.robot import Robot, forward_kinematics, jacobian
 

@@ -17,13 +17,7 @@ from microbot_ocp._base.fast_calls import deferred_call
 from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
 from microbot_ocp._base.status import Status
 from microbot_ocp.motion import Motion, State
-from microbot_ocp.robot import (
-    JointLimits,
-    Limits,
-    Robot,
-    forward_dynamics,
-    mass_matrix_condition,
-)
+from microbot_ocp.robot import JointLimits, Limits, Robot, forward_dynamics, mass_matrix_condition
 from microbot_ocp.simulation._integration import IntegrationRun, IntegratorSettings
 
 SINGULAR = 1e12  # condition number of the mass matrix from which on torques determine nothing

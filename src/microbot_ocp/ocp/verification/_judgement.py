@@ -67,11 +67,7 @@ from microbot_ocp.ocp.verification._recomputation import (
     missed_conditions,
     scaled_rows,
 )
-from microbot_ocp.ocp.verification._reintegration import (
-    each_interval,
-    interval_errors,
-    resimulate,
-)
+from microbot_ocp.ocp.verification._reintegration import each_interval, interval_errors, resimulate
 
 JUDGED = (Status.TOO_COARSE, Status.SADDLE)  # by the same checks, which are made again
 RESIDUALS = {
