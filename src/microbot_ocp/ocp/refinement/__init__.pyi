@@ -7,10 +7,12 @@ from ._accuracy import (
     RefinementStep as RefinementStep,
 )
 from ._judged import (
+    CONVERGED as CONVERGED,
     COST as COST,
     improvable as improvable,
     improved as improved,
     judged as judged,
+    named as named,
 )
 from ._refiner import (
     WORSE as WORSE,

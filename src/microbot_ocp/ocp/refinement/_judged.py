@@ -206,9 +206,10 @@ class _Work:
     def _solved(self, best: Solution, proposal: Next) -> Solution:
         if isinstance(proposal, Beside):
             return self._below(best, proposal).with_rivals_of(best)
-        answer = _by("on a finer mesh", self._solve(proposal, best))
+        answer = self._solve(proposal, best)
+        attempts = tuple(named("on a finer mesh", answer.attempts))
         rows = answer.rows if answer.status is Status.GAP_LEFT else best.rows
-        return replace(answer, rows=rows).with_rivals_of(best)
+        return replace(answer, rows=rows, attempts=attempts).with_rivals_of(best)
 
     def _solve(self, meshes: Sequence[FloatArray], start: Solution) -> Solution:
         solver = self.context.settings.solver if self._alone else "ipopt"
@@ -230,8 +231,8 @@ class _Work:
             worth = Thresholds().gap * cost_size(saddle.cost, saddle.cost_scale)
             if not lowest.cost < saddle.cost - worth:
                 lowest = replace(lowest, status=Status.NOT_ACCEPTED)
-        attempts = tuple(a for answer in answers for a in answer.attempts)
-        return _by("from beside a saddle", replace(lowest, attempts=attempts))
+        attempts = named("from beside a saddle", [a for k in answers for a in k.attempts])
+        return replace(lowest, attempts=tuple(attempts))
 
     def _accepts(self, _: Solution, after: Solution) -> bool:
         return after.status in CONVERGED
@@ -355,9 +356,9 @@ def _alone(solution: Solution) -> Solution:
     return replace(solution, history=History([step_of(solution, None, spent)]))
 
 
-def _by(way: str, solution: Solution) -> Solution:
-    """Return the solution, whose attempts say what they were for."""
-    return replace(solution, attempts=tuple(replace(a, way=way) for a in solution.attempts))
+def named(way: str, attempts: Sequence[Attempt]) -> list[Attempt]:
+    """Return attempts that say what they were for."""
+    return [replace(attempt, way=attempt.way or way) for attempt in attempts]
 
 
 def _intervals(meshes: Sequence[FloatArray]) -> int:
@@ -398,9 +399,7 @@ def improved(solution: Solution, context: SolveContext) -> tuple[Solution, list[
             for name, old in guess_from(context.transcription.problem, solution).items()
         }
         tried = context.solve([phase.mesh for phase in solution.phases], guess, **how)
-        attempts += [
-            replace(a, way="from controls with a smaller Hamiltonian") for a in tried.attempts
-        ]
+        attempts += named("from controls with a smaller Hamiltonian", tried.attempts)
         if not (tried.status.solved and tried.cost < solution.cost - IMPROVEMENT.least_gain * gain):
             break
         solution = tried.with_rivals_of(solution)

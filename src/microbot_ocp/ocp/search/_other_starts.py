@@ -25,6 +25,7 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.diagnosis import NotFinite, finite_start
 from microbot_ocp.ocp.problem import OptimalControlProblem
+from microbot_ocp.ocp.refinement import named
 from microbot_ocp.ocp.solution import RIVALS, Attempt, Solution, StartingPoint, cost_size
 from microbot_ocp.ocp.solvers import SolveContext, Solvers, run_chain, with_cost_scale
 from microbot_ocp.ocp.starts import Ranges, Rollouts, default_guess, starting_point
@@ -104,7 +105,7 @@ def cheapest_of_starts(context: SolveContext, most: int) -> tuple[Solution | Non
     """Return the cheapest answer on a coarse mesh that any of ``most`` simulations leads to."""
     starts = islice(_starts(context.transcription.problem, most, {}), most)
     answers = list(_solved(_Coarse(context), starts))
-    attempts = [replace(a, way=WAY) for answer in answers for a in answer.attempts]
+    attempts = named(WAY, [a for answer in answers for a in answer.attempts])
     solved = (answer for answer in answers if answer.solved)
     return min(solved, key=lambda answer: answer.cost, default=None), attempts
 
@@ -162,7 +163,7 @@ def _cheapest_finalist(
             return solution.ended(Status.INTERRUPTED), []
         if finer.status.solved and finer.cost < best.cost - worth:
             best = finer
-            attempts = [replace(a, way=WAY) for k in (start, finer) for a in k.attempts]
+            attempts = named(WAY, [*start.attempts, *finer.attempts])
     return best, attempts
 
 

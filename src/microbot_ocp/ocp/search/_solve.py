@@ -12,7 +12,7 @@ Theory: docs/theory/transcription.md, "Solvers".
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import NamedTuple, cast
 
@@ -23,7 +23,7 @@ from microbot_ocp._base.checks import InputError
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.diagnosis import POOR, NotFinite
 from microbot_ocp.ocp.problem import OptimalControlProblem, with_shapes
-from microbot_ocp.ocp.refinement import COST, Accuracy, improvable, judged
+from microbot_ocp.ocp.refinement import CONVERGED, COST, Accuracy, improvable, judged, named
 from microbot_ocp.ocp.search._other_starts import (
     Given,
     cheaper_elsewhere,
@@ -36,7 +36,6 @@ from microbot_ocp.ocp.starts import Rollouts, default_guess, guess_from
 from microbot_ocp.ocp.transcription import Meshes, Transcription
 from microbot_ocp.ocp.transcription.schemes import Scheme
 
-CONVERGED = (Status.SOLVED, Status.GAP_LEFT)
 ENDED = (*CONVERGED, Status.INTERRUPTED)
 # other shapes of controls may help
 UNSETTLED = (Status.NO_PROGRESS, Status.NOT_ACCEPTED, Status.ROUND_LIMIT, Status.SIZE_LIMIT)
@@ -312,11 +311,6 @@ class SolveTask:
             return judged(solution, how, journal, finer=self.given is None)
         goal = self.accuracy
         return judged(solution, how, journal, finer=True, goal=goal, freer_cost=freer_cost)
-
-
-def named(strategy: str, attempts: Sequence[Attempt]) -> list[Attempt]:
-    """Return attempts that say what they were for."""
-    return [replace(attempt, way=attempt.way or strategy) for attempt in attempts]
 
 
 # from a first answer to a final one ---------------------------------------------------------------

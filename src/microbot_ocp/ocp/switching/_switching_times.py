@@ -35,6 +35,7 @@ from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.arcs import ArcPlan, Signature, plan_of
 from microbot_ocp.ocp.mesh import divide, state_errors
 from microbot_ocp.ocp.problem import OptimalControlProblem
+from microbot_ocp.ocp.refinement import CONVERGED
 from microbot_ocp.ocp.search import solve
 from microbot_ocp.ocp.solution import PhaseSolution, Solution, StepProgress, cost_size, quiet
 from microbot_ocp.ocp.solvers import SolverSettings, solve_on
@@ -50,7 +51,6 @@ from microbot_ocp.ocp.verification import dense_phase, limit_uses, relative_exce
 SETTINGS = SolverSettings(
     "ipopt", tolerance=1e-10, gap=1e-7, initial_barrier=1e-4, max_iterations=300
 )
-CONVERGED = (Status.SOLVED, Status.GAP_LEFT)
 
 Transcribe = Callable[..., Transcription]
 
