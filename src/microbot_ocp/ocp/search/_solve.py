@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple, cast
 
 import numpy as np
@@ -156,7 +156,8 @@ def solve(
     seconds = min(checks.time_limit(time_limit), settings.time_limit)
     until = min(time.perf_counter() + seconds, deadline.until())
     how = mesh, guess, settings, scheme, until, cast("Progress | None", progress), goal
-    task, journal = SolveTask(problem, *how), Journal()
+    task = SolveTask(problem, *how)
+    journal = task.journal
     best: Solution | None = None
     unconverged: tuple[Solution, SolveContext] | None = None
     refused: InputError | None = None
@@ -187,7 +188,7 @@ def solve(
             if unconverged is None or _keeps_more(solution, unconverged[0], settings.tolerance):
                 unconverged = solution, start.context
             continue
-        solution, final = _finished(task, journal, strategy, solution, start)
+        solution, final = _finished(task, strategy.name, solution, start)
         better = best is None or final
         journal.discard(slice(mark) if better else slice(mark, None))
         best = solution if better else best
@@ -197,7 +198,7 @@ def solve(
         if unconverged is None:
             raise cast("InputError", refused)
         solution, context = unconverged
-        best = task.judged(solution, context, journal)[0]
+        best = task.judged(solution, context)[0]
     return _ended(task, journal.closed(best))
 
 
@@ -258,6 +259,7 @@ class SolveTask:
     until: float
     progress: Progress | None
     accuracy: Accuracy | None
+    journal: Journal = field(default_factory=Journal)
 
     @property
     def mesh(self) -> Meshes:
@@ -299,52 +301,44 @@ class SolveTask:
         return Start(context, self.mesh, self.guess, uneven)
 
     def judged(
-        self,
-        solution: Solution,
-        context: SolveContext,
-        journal: Journal,
-        freer_cost: float = np.inf,
+        self, solution: Solution, context: SolveContext, freer_cost: float = np.inf
     ) -> tuple[Solution, bool]:
         """Return the solution on its way to one that passes, and whether that is final."""
         how = replace(context, settings=self.short)
         if self.accuracy is None:
-            return judged(solution, how, journal, finer=self.given is None)
+            return judged(solution, how, self.journal, finer=self.given is None)
         goal = self.accuracy
-        return judged(solution, how, journal, finer=True, goal=goal, freer_cost=freer_cost)
+        return judged(solution, how, self.journal, finer=True, goal=goal, freer_cost=freer_cost)
 
 
 # from a first answer to a final one ---------------------------------------------------------------
 
 
-def _finished(
-    task: SolveTask, journal: Journal, strategy: Strategy, solution: Solution, start: Start
-) -> tuple[Solution, bool]:
+def _finished(task: SolveTask, way: str, solution: Solution, start: Start) -> tuple[Solution, bool]:
     """Return the cheapest that an answer leads to, on meshes on which it passes, and whether it is
     final.
 
     It is compared with what other starts lead to.
     """
-    solution, start = _in_own_scales(task, journal, solution, start)
+    solution, start = _in_own_scales(task, solution, start)
     compared = task.alone or isinstance(task.guess, Solution)  # what was compared when it was found
     if not compared and solution.status in CONVERGED:
         began, before = time.perf_counter(), solution
         solution, tried = cheaper_elsewhere(solution, start.context, task.compared, task.guess)
         spent = time.perf_counter() - began
-        journal.enter(OTHER_STARTS, before, solution if tried else None, tried, spent)
+        task.journal.enter(OTHER_STARTS, before, solution if tried else None, tried, spent)
         if tried:  # another valley, of other sizes
-            solution, start = _in_own_scales(task, journal, solution, start)
-    first = f"The first try failed; this was found {strategy.name}." if strategy.name else ""
+            solution, start = _in_own_scales(task, solution, start)
+    first = f"The first try failed; this was found {way}." if way else ""
     if solution.status.solved:
         solution = solution.remarked(first, solution.several)
-    solution, final = task.judged(solution, start.context, journal)
+    solution, final = task.judged(solution, start.context)
     if solution.status in UNSETTLED and _swings(task.problem, solution):
-        return _with_constant_controls(task, journal, solution)
+        return _with_constant_controls(task, solution)
     return solution, final
 
 
-def _in_own_scales(
-    task: SolveTask, journal: Journal, solution: Solution, start: Start
-) -> tuple[Solution, Start]:
+def _in_own_scales(task: SolveTask, solution: Solution, start: Start) -> tuple[Solution, Start]:
     """Give the solution, solved again with scales of its own where these are far from the guessed.
 
     What is small beside its scale is not accurate, and a cost of such a scale seems to be
@@ -370,7 +364,7 @@ def _in_own_scales(
     most = solution.cost + COST.unmet * cost_size(answer.cost, solution.cost_scale)
     better = answer.status in CONVERGED and answer.cost <= most
     spent = time.perf_counter() - began
-    journal.enter(OWN_SCALES, solution, answer if better else None, tried, spent)
+    task.journal.enter(OWN_SCALES, solution, answer if better else None, tried, spent)
     return (answer.with_rivals_of(solution), again) if better else (solution, start)
 
 
@@ -389,9 +383,7 @@ def _swings(problem: OptimalControlProblem | Transcription, solution: Solution) 
     )
 
 
-def _with_constant_controls(
-    task: SolveTask, journal: Journal, before: Solution
-) -> tuple[Solution, bool]:
+def _with_constant_controls(task: SolveTask, before: Solution) -> tuple[Solution, bool]:
     """Return the solution with controls that are constant over every interval, where that passes.
 
     On a singular arc a control that is free at every collocation point may go to and fro
@@ -401,15 +393,16 @@ def _with_constant_controls(
     began = time.perf_counter()
     assert isinstance(task.problem, OptimalControlProblem)
     problem = with_shapes(task.problem, "constant")
-    restated = replace(task, problem=problem, guess=guess_from(problem, before), given=None)
+    guess, own = guess_from(problem, before), Journal()
+    restated = replace(task, problem=problem, guess=guess, given=None, journal=own)
     settings = task.settings if task.alone else replace(task.settings, solver="ipopt")
     start = restated.start(settings=settings)
     answer = start.context.solve(start.mesh, start.guess)
-    own = Journal(list(answer.attempts))
-    answer, final = restated.judged(answer, start.context, own, freer_cost=before.cost)
+    own.attempts.extend(answer.attempts)
+    answer, final = restated.judged(answer, start.context, before.cost)
     solved = answer if answer.status.solved else None
     tried, spent = named(CONSTANT, own.attempts), time.perf_counter() - began
-    journal.enter(CONSTANT, before, solved, tried, spent)
+    task.journal.enter(CONSTANT, before, solved, tried, spent)
     if solved is None:
         return before, False
     remark = f"With other values at every point the cost does not settle: {CONSTANT}."
