@@ -218,7 +218,7 @@ def resimulate(robot: Robot, motion: Motion, tolerance: float, first: float = 0.
             done.append(segments.where(~(good | small)))
     every = _Segments(*(np.concatenate(column) for column in zip(*done, strict=True)))
     every = every.where(np.argsort(every.start))
-    judged = _judged(robot, motion, every, size, tolerance, stuck, first)
+    judged = _judged(drive, every, size, tolerance, stuck, first)
     if not left:
         return judged
     over = deadline.over()
@@ -342,15 +342,9 @@ def _stiff_modes(
 
 
 def _judged(
-    robot: Robot,
-    motion: Motion,
-    every: _Segments,
-    size: FloatArray,
-    tolerance: float,
-    stuck: int,
-    first: float,
+    drive: _Drive, every: _Segments, size: FloatArray, tolerance: float, stuck: int, first: float
 ) -> Resimulation:
-    count = robot.joint_count
+    robot, motion, count = drive.robot, drive.motion, drive.robot.joint_count
     share = np.nan_to_num(every.torques / (size + every.unknown / tolerance), nan=np.inf)
     k, joint = np.unravel_index(int(share.argmax()), share.shape)
     lengths = every.end - every.start

@@ -38,6 +38,7 @@ Formula = Callable[[Any], Any]  # of the CasADi time, to n expressions
 # Of a sampled motion's position, velocity, acceleration: rounding of samples 1 ms apart allows no
 # more.
 SAMPLED_FIT = np.array([1e-11, 1e-10, 1e-8])
+EXACT_FIT = np.full(3, INTEGRATION.fit_error)  # of polynomials
 
 
 def torque_signal(tau: Motion | ArrayLike | Formula | None, grid: FloatArray, count: int) -> Signal:
@@ -82,10 +83,7 @@ def reference_signal(
         checks.joints("motion", motion.coefficients.shape[2], robot)
         begin, longest, breaks = float(motion.breaks[0]), motion.duration, motion.breaks
         parts = (motion, motion.derivative(), motion.derivative().derivative())
-        values, fit = (
-            (lambda times: np.hstack([part(times) for part in parts])),
-            np.full(3, INTEGRATION.fit_error),
-        )
+        values, fit = (lambda times: np.hstack([part(times) for part in parts])), EXACT_FIT
     else:
         if duration is None:
             raise InputError("duration must be given where the motion is a function of the time")

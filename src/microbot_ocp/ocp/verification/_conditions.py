@@ -81,17 +81,13 @@ def differentiate(phase: PhaseSolution, lam_g: FloatArray) -> Derivatives:
     )
 
 
-def _symbols(function: ca.Function) -> list[Any]:
-    kind = ca.SX if function.is_a("SXFunction") else ca.MX
-    return [kind.sym(f"i{k}", function.size1_in(k)) for k in range(function.n_in())]
-
-
 def _gradient(function: ca.Function) -> ca.Function:
     """Return slopes of the Lagrangian of a stage, or of points, with respect to its inputs."""
-    v, c = _symbols(function)
+    kind: Any = ca.SX if function.is_a("SXFunction") else ca.MX
+    v, c = (kind.sym(name, function.size1_in(k)) for k, name in enumerate("vc"))
     *parts, cost = function(v, c)
     signed = ca.vertcat(-parts[0], *parts[1:]) if len(parts) > 1 else parts[0]
-    lam = type(v).sym("lam", signed.shape[0])
+    lam = kind.sym("lam", signed.shape[0])
     lagrangian = cost + ca.dot(lam, signed)
     slopes = [ca.densify(ca.gradient(lagrangian, w)) for w in (v, c)]
     return ca.Function("gradient", [v, c, lam], slopes)

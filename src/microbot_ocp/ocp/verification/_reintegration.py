@@ -84,7 +84,8 @@ def each_interval(phase: PhaseSolution, *, until: float = 1.0, cost: bool = Fals
     """
     start, layout, failure = mesh_states(phase)[:-1], phase.laid_out, ""
     data = _interval_data(phase, until)
-    for method in _methods(layout.phase):
+    # Adams' method needs no Jacobian and takes longer steps; stiff dynamics are left to the next
+    for method in ("idas",) if layout.phase.algebraics else ("adams", "bdf"):
         try:
             with quiet():  # of a failure CasADi prints all inputs; the message is enough
                 run = _integrator(layout, method, cost).map(layout.intervals)
@@ -120,11 +121,6 @@ def transitions(phase: PhaseSolution) -> FloatArray:
     slopes = linear.full().T.reshape(layout.intervals, weights.size, -1).transpose(0, 2, 1)
     slopes = np.nan_to_num(slopes) * (weights[None, None, :] / weights[None, :, None])
     return transition_matrices(slopes, np.ones(layout.intervals))
-
-
-def _methods(phase: Phase) -> tuple[str, ...]:
-    # Adams' method needs no Jacobian and takes longer steps; stiff dynamics are left to the next
-    return ("idas",) if phase.algebraics else ("adams", "bdf")
 
 
 def _why(problem: RuntimeError) -> str:
