@@ -19,7 +19,7 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.mesh import Round, refined
 from microbot_ocp.ocp.solution import Solution, StepProgress, quiet
-from microbot_ocp.ocp.solvers import SolverSettings, program_on, run_chain
+from microbot_ocp.ocp.solvers import SolverSettings, solve_on
 from microbot_ocp.ocp.transcription import Guess, Meshes, MeshLike, Transcription
 
 GuessFrom = Callable[[Solution], Mapping[str, Guess]]
@@ -135,16 +135,7 @@ class Refiner:
         if self.fitted is not None:
             kernels = self.fitted(kernels, mesh, guesses)
         progress = None if self.progress is quiet else self.progress
-        program, begin, build_time = program_on(kernels, mesh, guesses, settings)
-        solution = run_chain(
-            program,
-            settings,
-            begin,
-            progress=progress,
-            build_time=build_time,
-            until=np.inf,
-            warm_only=self.once,
-        )
+        solution = solve_on(kernels, mesh, guesses, settings, np.inf, progress, self.once)
         self.history.append(
             {
                 "intervals": [phase.mesh.size - 1 for phase in solution.phases],
