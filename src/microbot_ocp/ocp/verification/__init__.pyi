@@ -24,7 +24,6 @@ from ._hamiltonian import (
 from ._judgement import (
     Failure as Failure,
     Judgement as Judgement,
-    as_declared as as_declared,
     judge as judge,
     verify as verify,
 )

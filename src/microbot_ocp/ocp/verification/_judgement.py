@@ -142,7 +142,7 @@ def judge(
     """
     passes = thresholds or Thresholds()
     declared = problem.problem if isinstance(problem, Transcription) else problem
-    phases = as_declared(problem, solution)
+    phases = as_declared(declared, solution)
     layouts = [phase.laid_out for phase in phases]
     bounds = bounds_of(layouts)
     labels = [*variable_labels(layouts), *row_labels(layouts)]
@@ -200,9 +200,7 @@ def judge(
 # the problem that was declared, not the program that was solved -----------------------------------
 
 
-def as_declared(
-    problem: OptimalControlProblem | Transcription, solution: Solution
-) -> tuple[PhaseSolution, ...]:
+def as_declared(problem: OptimalControlProblem, solution: Solution) -> tuple[PhaseSolution, ...]:
     """Return the phases of a solution with the declared expressions and the data of the solve.
 
     Limits, conditions, parameters and scales may be others than those declared, see
@@ -214,22 +212,21 @@ def as_declared(
     InputError
         The solution is of another problem.
     """
-    stated = problem.problem if isinstance(problem, Transcription) else problem
-    names = [phase.name for phase in stated.phases]
+    names = [phase.name for phase in problem.phases]
     if names != [phase.name for phase in solution.phases]:
         raise InputError(
             f"the solution has phases {[p.name for p in solution.phases]}, but problem "
-            f"{stated.name!r} has {names}"
+            f"{problem.name!r} has {names}"
         )
     restated = []
-    for declared, phase in zip(stated.phases, solution.phases, strict=True):
+    for declared, phase in zip(problem.phases, solution.phases, strict=True):
         given = phase.laid_out
         layout = _laid_out(with_problem_data(declared, problem_data(given)), given)
         same = [[block.entries for block in (*k.rows, *k.variables)] for k in (layout, given)]
         if same[0] != same[1]:
             raise InputError(
                 f"phase {declared.name!r} of the solution has other variables or constraints than "
-                f"that of problem {stated.name!r}"
+                f"that of problem {problem.name!r}"
             )
         restated.append(replace(phase, layout=layout))
     return tuple(restated)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -57,7 +57,7 @@ class DensePhase:
     phase: PhaseSolution
     t: FloatArray
     interval: np.ndarray
-    limited: list[Limited] = field(default_factory=list)
+    limited: list[Limited]
 
 
 def dense_phase(
@@ -83,15 +83,12 @@ def dense_phase(
     steps = np.diff(layout.mesh)
     sampled = interpolated(interval, place)
     t = (layout.mesh[interval] + place * steps[interval]) * phase.duration
-    dense = DensePhase(phase, t, interval)
-    for variable in declared.variables:
-        kind = variable.shape if variable.shape in NOT_CONTROLS else "control"
-        dense.limited.append(_limited(kind, variable, sampled[variable.name]))
-    duration = np.array([[phase.duration]])
-    low, high = (np.array([d]) for d in declared.duration_bounds)
-    dense.limited.append(
-        Limited("duration", DURATION, "s", low, high, np.ones(1), duration, end=True)
-    )
+    limited = [
+        _limited(v.shape if v.shape in NOT_CONTROLS else "control", v, sampled[v.name])
+        for v in declared.variables
+    ]
+    low, high, duration = (np.array([k]) for k in (*declared.duration_bounds, [phase.duration]))
+    limited.append(Limited("duration", DURATION, "s", low, high, np.ones(1), duration, end=True))
     lengths = (steps * phase.duration)[interval]
     rates = {
         c.name: np.diff(phase.values[c.name], axis=0).T[:, interval] / lengths
@@ -106,8 +103,8 @@ def dense_phase(
     ):
         for limit in limits:
             values = expressions.function([limit.expression])(table[:, rows]).full().T
-            dense.limited.append(_limited(kind, limit, values, end=kind != "constraint"))
-    return dense
+            limited.append(_limited(kind, limit, values, end=kind != "constraint"))
+    return DensePhase(phase, t, interval, limited)
 
 
 def _limited(kind: str, item: Any, values: FloatArray, end: bool = False) -> Limited:
