@@ -11,7 +11,7 @@ Theory: docs/theory/certificates.md, equation (6).
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import chain
 from typing import Any
 
@@ -24,15 +24,7 @@ from microbot_ocp.ocp.diagnosis._finiteness import finite_start
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.solution import Solution, unpack
 from microbot_ocp.ocp.starts import default_guess, rollouts, scaled, starting_point
-from microbot_ocp.ocp.transcription import (
-    EQUATIONS,
-    Guess,
-    Label,
-    Meshes,
-    Program,
-    Transcription,
-    assemble,
-)
+from microbot_ocp.ocp.transcription import EQUATIONS, Guess, Label, Meshes, Program, Transcription
 
 GIVES = 1e-4  # scaled amount below which a limit holds
 CONFLICTS = 1e-3  # multiplier, of a sum of scaled amounts, above which a limit conflicts
@@ -164,18 +156,15 @@ def explain(
     """
     if not isinstance(problem, Transcription):
         problem = Transcription(scaled(problem, guess))
-    transcription = problem
-    layouts = transcription.layouts(mesh)
-    program = assemble(layouts)
-    start = starting_point(program, transcription.problem, guess)
-    start = replace(start, x=finite_start(program, start.x))
+    program = problem.program(mesh)
+    x = finite_start(program, starting_point(program, problem.problem, guess).x)
     checks.number("max_iterations", max_iterations, at_least=0, at_most=checks.MOST_ITERATIONS)
     elastic = _Elastic(program, max_iterations)
     if limits_only:  # that cost nothing, and they would run away
-        durations = np.concatenate([layout.nodes[:, -1] for layout in layouts])
-        elastic.highest[durations] = LONGER * start.x[durations]
-    others = _simulated(program, transcription.problem) if guess is None else ()
-    return elastic.explain(chain([start.x], others), limits_only)
+        durations = np.concatenate([layout.nodes[:, -1] for layout in program.layouts])
+        elastic.highest[durations] = LONGER * x[durations]
+    others = _simulated(program, problem.problem) if guess is None else ()
+    return elastic.explain(chain([x], others), limits_only)
 
 
 def _simulated(program: Program, problem: OptimalControlProblem) -> Iterator[FloatArray]:
