@@ -378,7 +378,7 @@ def verify(
     costates = tuple(costates_of(phase, part, point.lam_g) for phase, part in pairs)
     hamiltonians = tuple(hamiltonian_of(phase, part, point.lam_x) for phase, part in pairs)
     worth = THRESHOLDS.worthless * max(abs(solution.cost), 1e-6)
-    arcs = tuple(arcs_of(judged.dense, point.labels, point.multipliers, worth))
+    arcs = tuple(arcs_of(judged.dense, point, worth))
     failures = [failure.sentence for failure in judged.failures]
     coarse = any(failure.status is Status.TOO_COARSE for failure in judged.failures)
     if coarse and (solution.solved or solution.status is Status.TOO_COARSE):

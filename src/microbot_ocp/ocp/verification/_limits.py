@@ -13,8 +13,9 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp.problem import Expressions
 from microbot_ocp.ocp.solution import PhaseSolution
-from microbot_ocp.ocp.transcription import DURATION, IntArray, Label
+from microbot_ocp.ocp.transcription import DURATION, IntArray
 from microbot_ocp.ocp.verification._certificate import Arc, OCPLimitUse
+from microbot_ocp.ocp.verification._conditions import Point
 
 POINTS = 20  # dense points to an interval
 NOT_CONTROLS = ("state", "algebraic", "parameter")  # shapes of variables that are a kind
@@ -197,35 +198,26 @@ def runs(sides: np.ndarray) -> list[SideRun]:
     return [SideRun(a, b, int(table[a, 0])) for a, b in pairs]
 
 
-def arcs_of(
-    phases: Sequence[DensePhase], labels: Sequence[Label], multipliers: FloatArray, worth: float
-) -> Iterator[Arc]:
+def arcs_of(phases: Sequence[DensePhase], point: Point, worth: float) -> Iterator[Arc]:
     """Yield stretches of the phases during which a limit acts and is worth something."""
-    prices = _prices(phases, labels, multipliers)
-    none = np.zeros((0, 3))
+    prices, none = _prices(phases, point), np.zeros((0, 3))
     for dense in phases:
-        arcs = [
-            arc
-            for limited in dense.limited
-            for i in range(0 if limited.end else limited.lower.size)
-            if limited.lower[i] != limited.upper[i]
-            for arc in _acting(
-                dense, limited, i, prices.get((dense.phase.name, limited.name, i), none)
-            )
-            if arc.price * limited.size(i) > worth
-        ]
+        arcs = []
+        for limited in (k for k in dense.limited if not k.end):
+            for i in np.flatnonzero(limited.lower != limited.upper).tolist():
+                of_limit = prices.get((dense.phase.name, limited.name, i), none)
+                acting = _acting(dense, limited, i, of_limit)
+                arcs += [arc for arc in acting if arc.price * limited.size(i) > worth]
         yield from sorted(arcs, key=lambda arc: (arc.name, arc.component, arc.start))
 
 
-def _prices(
-    phases: Sequence[DensePhase], labels: Sequence[Label], multipliers: FloatArray
-) -> dict[tuple[str, str, int], np.ndarray]:
+def _prices(phases: Sequence[DensePhase], point: Point) -> dict[tuple[str, str, int], np.ndarray]:
     """Return the place, interval and multiplier [M, 3] of bounds and path constraints, in cost per
     unit.
     """
     entries: dict[tuple[str, str, int], list[tuple[float, int, float]]] = {}
     layouts = {dense.phase.name: dense.phase.laid_out for dense in phases}
-    for label, multiplier in zip(labels, multipliers, strict=True):
+    for label, multiplier in zip(point.labels, point.multipliers, strict=True):
         if label.kind in ("state", "control", "algebraic", "bound", "constraint"):
             points = entries.setdefault((label.phase, label.name, label.component), [])
             place = layouts[label.phase].place_of(label)
