@@ -248,7 +248,7 @@ def _series(place: ca.SX, flat: ca.SX, shape: tuple[int, ...]) -> ca.SX:
     return series[:, 0] + place * later - latest
 
 
-def formula_signal(expression: ca.SX, t: ca.SX) -> Signal:
+def formula_signal(t: ca.SX, expression: ca.SX) -> Signal:
     """Signal that is an expression [m] of the time ``t``."""
     function = ca.Function("signal", [t], [ca.densify(expression)], ["t"], ["w"])
 

@@ -52,8 +52,8 @@ from microbot_ocp.simulation._result import (
 )
 from microbot_ocp.simulation._signals import (
     Formula,
-    disturbance_function,
     reference_signal,
+    torque_formula,
     torque_signal,
 )
 
@@ -254,7 +254,10 @@ def track(
     )
     step = checks.number("step", step, "s", above=0.0)
     lower, upper = torque_limits(saturation, arm)
-    load = None if disturbance is None else disturbance_function(disturbance, count)
+    load = None
+    if disturbance is not None:
+        t, expression = torque_formula("disturbance", disturbance, count)
+        load = ca.Function("disturbance", [t], [ca.densify(expression)])
     known = type(controller) in GAINS
     gains = gains_of(controller, count) if known else np.zeros(0)
     law = type(controller) if known else _law_text(controller, robot)

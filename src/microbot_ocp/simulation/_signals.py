@@ -54,14 +54,9 @@ def torque_signal(tau: Motion | ArrayLike | Formula | None, grid: FloatArray, co
         edges = np.concatenate([grid[:1], inner, grid[-1:]])
         torque = interpolated(tau, tau.tau, breaks)
         return fitted(torque, edges, INTEGRATION.fit_error * np.abs(tau.tau).max())
-    if callable(tau):
-        t, expression = symbolic("tau", tau, count)
-        return formula_signal(expression, t)
     given = np.zeros(count) if tau is None else tau
-    if np.ndim(np.asarray(given, dtype=object)) == 1:
-        constant = checks.array("tau", given, (count,), "N m")
-        t = ca.SX.sym("t")
-        return formula_signal(ca.SX(ca.DM(constant)), t)
+    if callable(given) or np.ndim(np.asarray(given, dtype=object)) == 1:
+        return formula_signal(*torque_formula("tau", given, count))
     table = checks.array("tau", given, (grid.size, count), "N m")
 
     def values(times: FloatArray) -> FloatArray:
@@ -91,7 +86,7 @@ def reference_signal(
         qd = ca.jacobian(q, t)
         qdd = ca.jacobian(qd, t)
         end = checks.number("duration", duration, "s", above=0.0, at_most=checks.LONGEST)
-        return 0.0, end, formula_signal(ca.vertcat(q, qd, qdd), t)
+        return 0.0, end, formula_signal(t, ca.vertcat(q, qd, qdd))
     if duration is None:
         duration = longest
     duration = checks.number("duration", duration, "s", above=0.0, at_most=longest * (1 + 1e-9))
@@ -163,15 +158,11 @@ def motion_from_formula(
     return Motion.from_state(robot, t, state, label=label, breaks=breaks, provenance=made)
 
 
-def disturbance_function(given: ArrayLike | Formula | None, count: int) -> ca.Function:
-    """CasADi function ``(t) -> [n]`` of what else acts on the joints."""
+def torque_formula(name: str, given: ArrayLike | Formula, count: int) -> tuple[ca.SX, ca.SX]:
+    """The time and n torques, which are constants or a user's function of it."""
     if callable(given):
-        t, expression = symbolic("disturbance", given, count)
-    else:
-        constant = np.zeros(count) if given is None else given
-        expression = ca.SX(ca.DM(checks.array("disturbance", constant, (count,), "N m")))
-        t = ca.SX.sym("t")
-    return ca.Function("disturbance", [t], [ca.densify(expression)])
+        return symbolic(name, given, count)
+    return ca.SX.sym("t"), ca.SX(ca.DM(checks.array(name, given, (count,), "N m")))
 
 
 def symbolic(name: str, formula: Formula, count: int) -> tuple[ca.SX, ca.SX]:
