@@ -16,13 +16,7 @@ from microbot_ocp._base.table import Column, Table
 from microbot_ocp.ocp.arcs import Switch, find_switches, move_to_switches
 from microbot_ocp.ocp.mesh import divide, divide_phase
 from microbot_ocp.ocp.solution import Solution
-from microbot_ocp.ocp.verification import (
-    Failure,
-    Judgement,
-    OCPLimitUse,
-    relative_excess,
-    worst_along,
-)
+from microbot_ocp.ocp.verification import Judgement, OCPLimitUse, relative_excess, worst_along
 
 COLUMNS = (
     Column("round"),
@@ -207,8 +201,8 @@ class Accuracy:
         """Return whether a mesh is good enough."""
         return not any(self.missing(step))
 
-    def missing(self, step: RefinementStep) -> Iterator[Failure]:
-        """Yield what a mesh misses."""
+    def missing(self, step: RefinementStep) -> Iterator[str]:
+        """Yield what a mesh misses, in words."""
         use = step.worst_limit
         for name, value, wanted, unit in (
             ("state error", step.state_error, self.states, ""),
@@ -218,8 +212,7 @@ class Accuracy:
         ):
             if value > wanted:
                 amount = f"{value:.1e}" if value < np.inf else "unknown"
-                sentence = f"{name} {amount} instead of {wanted:.1e}{unit}"
-                yield Failure(Status.NO_PROGRESS, sentence)
+                yield f"{name} {amount} instead of {wanted:.1e}{unit}"
 
     def finer(
         self, solution: Solution, judgement: Judgement, step: RefinementStep, *, whole: bool

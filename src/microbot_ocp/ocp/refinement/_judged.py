@@ -340,8 +340,8 @@ class _Work:
         if self.finer and status in (Status.SOLVED, Status.TOO_COARSE):
             ended = state.ended or Status.SOLVED
             status = Status.NO_PROGRESS if ended is Status.SOLVED else ended
-        parts = [*missing, *failures[:1]]
-        remarks = [f"Missing: {'; '.join(part.sentence for part in parts)}."]
+        parts = [*missing, *(failure.sentence for failure in failures[:1])]
+        remarks = [f"Missing: {'; '.join(parts)}."]
         final = status in FINAL or (goal is not PASSING and not failures)
         return solution.ended(status, *remarks, *rises), final
 
