@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import cycle, islice
@@ -103,8 +103,8 @@ Pair = tuple[FloatArray, FloatArray]
 
 def cheapest_of_starts(context: SolveContext, most: int) -> tuple[Solution | None, list[Attempt]]:
     """Return the cheapest answer on a coarse mesh that any of ``most`` simulations leads to."""
-    starts = islice(_starts(context.transcription.problem, most, {}), most)
-    answers = list(_solved(_Coarse(context), starts))
+    coarse = _Coarse(context)
+    answers = list(_solved(coarse, islice(_starts(coarse, most), most)))
     attempts = named(WAY, [a for answer in answers for a in answer.attempts])
     solved = (answer for answer in answers if answer.solved)
     return min(solved, key=lambda answer: answer.cost, default=None), attempts
@@ -216,8 +216,7 @@ def _answers(
     leads to an optimum more often comes more often.
     """
     problem = coarse.context.transcription.problem
-    starts = _starts(problem, most, _ranges(here), coarse.cost)
-    simulated = _solved(coarse, islice(starts, most))
+    simulated = _solved(coarse, islice(_starts(coarse, most, here), most))
     if most <= COMPARISON.each + 1:
         yield from ((answer, True) for answer in simulated)
         return
@@ -226,7 +225,7 @@ def _answers(
         with contextlib.suppress(NotFinite):
             elsewhere = coarse.context.solve(intervals, guess)
             yield (coarse.solved(elsewhere) if elsewhere.status.solved else elsewhere), False
-    curves = islice(_curves(problem, here, np.random.default_rng(0)), COMPARISON.random)
+    curves = islice(_curves(problem, here), COMPARISON.random)
     kinds = {True: simulated, False: _solved(coarse, curves)}
     solved, tried = dict.fromkeys(kinds, 0), dict.fromkeys(kinds, 0)
     while kinds:
@@ -264,11 +263,9 @@ def _until_they_agree(
             return
 
 
-def _curves(
-    problem: OptimalControlProblem, here: Solution, draw: np.random.Generator
-) -> Iterator[dict[str, Guess]]:
+def _curves(problem: OptimalControlProblem, here: Solution) -> Iterator[dict[str, Guess]]:
     """Smooth random curves of the states between the ends that an answer has."""
-    usual, ranges = default_guess(problem), _ranges(here)
+    usual, ranges, draw = default_guess(problem), _ranges(here), np.random.default_rng(0)
     parameters = _parameters(problem)
     for share in cycle(COMPARISON.heights):
         guesses = {}
@@ -325,13 +322,11 @@ def _ranges(solution: Solution) -> Ranges:
     }
 
 
-def _starts(
-    problem: OptimalControlProblem,
-    most: int,
-    ranges: Ranges,
-    cost: Callable[[dict[str, Guess]], float] | None = None,
-) -> Iterator[dict[str, Guess]]:
+def _starts(coarse: _Coarse, most: int, here: Solution | None = None) -> Iterator[dict[str, Guess]]:
+    """Simulations, where there is an answer with the ranges of its controls and by their costs."""
+    problem = coarse.context.transcription.problem
     ordinary = default_guess(problem)
+    ranges, cost = ({}, None) if here is None else (_ranges(here), coarse.cost)
     simulations = Rollouts(problem, ordinary, ranges)
     nearest = simulations.nearest_first(steps=most > COMPARISON.each, cost=cost) or [ordinary]
     if all(low == high for low, high in (p.duration_bounds for p in problem.phases)):
