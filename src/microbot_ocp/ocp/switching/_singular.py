@@ -303,7 +303,7 @@ class _FirstOrderConditions:
             phase.end_cost((switching[law.free] / size) ** 2)
             first = law.terms.call(values, True, False)[0]
             phase.end_cost((first * reach / size) ** 2)
-        both = self.plan.signatures[index : index + 2]
+        both = self.plan.signatures[index : index + 2]  # of the last arc there is but its own
         for i, sides in enumerate(itertools.islice(zip(*both, strict=True), self.lower.size)):
             if min(sides) * max(sides) < 0:
                 phase.end_cost((switching[i] / float(self.sizes[i])) ** 2)
