@@ -322,9 +322,8 @@ class _Work:
         """
         goal, status = self.goal, state.measure.judgement.status
         failures = state.measure.judgement.failures
-        missing = list(goal.missing(state.measure.step)) if self.finer else []
-        if goal is PASSING and state.measure.left.estimate <= COST.most_left:
-            missing = []
+        settled = goal is PASSING and state.measure.left.estimate <= COST.most_left
+        missing = list(goal.missing(state.measure.step)) if self.finer and not settled else []
         rises = [] if goal is PASSING else list(History(solution.history).rises(goal.cost))
         solution = solution.remarked(*rises)
         if not missing and not failures and saved > COST.most_left:
@@ -341,9 +340,8 @@ class _Work:
             ended = state.ended or Status.SOLVED
             status = Status.NO_PROGRESS if ended is Status.SOLVED else ended
         parts = [*missing, *(failure.sentence for failure in failures[:1])]
-        remarks = [f"Missing: {'; '.join(parts)}."]
         final = status in FINAL or (goal is not PASSING and not failures)
-        return solution.ended(status, *remarks, *rises), final
+        return solution.ended(status, f"Missing: {'; '.join(parts)}.", *rises), final
 
 
 def _endless(solution: Solution) -> bool:

@@ -136,17 +136,16 @@ class Refiner:
             kernels = self.fitted(kernels, mesh, guesses)
         progress = None if self.progress is quiet else self.progress
         solution = solve_on(kernels, mesh, guesses, settings, np.inf, progress, self.once)
-        self.history.append(
-            {
-                "intervals": [phase.mesh.size - 1 for phase in solution.phases],
-                "cost": solution.cost,
-                "duration": solution.duration,
-                "status": solution.status,
-                "accepted": solution.status.solved,
-                "build_time": solution.build_time,
-                "attempts": [attempt.as_dict() for attempt in solution.attempts],
-            }
-        )
+        entry = {
+            "intervals": [phase.mesh.size - 1 for phase in solution.phases],
+            "cost": solution.cost,
+            "duration": solution.duration,
+            "status": solution.status,
+            "accepted": solution.status.solved,
+            "build_time": solution.build_time,
+            "attempts": [attempt.as_dict() for attempt in solution.attempts],
+        }
+        self.history.append(entry)
         return solution
 
     def finished(self, solution: Solution) -> Solution:
@@ -264,8 +263,9 @@ class Refiner:
         """
 
         def done(rounds: _Rounds, _: list[FloatArray]) -> Status | None:
-            last = rounds[-1]
-            worthless = _gained(rounds) < worth * abs(last.solution.cost)
+            last, cost = rounds[-1], rounds[-1].solution.cost
+            gained = rounds[-2].solution.cost - cost if len(rounds) > 1 else np.inf
+            worthless = gained < worth * abs(cost)
             return Status.SOLVED if worthless or not last.measure.switched else None
 
         return self._refined(
@@ -303,9 +303,8 @@ class Refiner:
         self.progress(f"largest excess of a limit between mesh points: {100 * worst:.3g} %")
         gained = rounds[-1].solution.cost - solution.cost if rounds else np.inf
         sharp = gained > worth * abs(solution.cost)
-        return _Exceeded(
-            self.excess(solution), switching(solution) if switching and sharp else [], worst
-        )
+        switches = switching(solution) if switching and sharp else []
+        return _Exceeded(self.excess(solution), switches, worst)
 
     def _split_where_exceeded(self, rounds: _Rounds) -> list[FloatArray]:
         solution, seen = rounds[-1].solution, rounds[-1].measure
@@ -343,11 +342,6 @@ class _Exceeded:
 
 
 _Rounds = tuple[Round[Solution, _Exceeded], ...]
-
-
-def _gained(rounds: _Rounds) -> float:
-    """Return what the last mesh saved; infinite of the first one."""
-    return rounds[-2].solution.cost - rounds[-1].solution.cost if len(rounds) > 1 else np.inf
 
 
 def _stubborn(excess: Sequence[float]) -> int:
