@@ -346,9 +346,8 @@ def limit_checks_of(
             busy |= (history.use[member.key] >= AT_LIMIT).any(axis=1)
         i = int(use[:, peaks.argmax()].argmax())
         bound, jump = member.nearest_bound(values.row(i))[0], i >= history.t.size
-        limit_checks.append(
-            _limit_check(member, peaks, float(t[i]), values.value[i], bound, jump=jump)
-        )
+        worst = float(t[i]), values.value[i], bound
+        limit_checks.append(_limit_check(member, peaks, *worst, jump=jump))
     spans = np.diff(history.t)
     share_of_time = float((0.5 * (busy[:-1] + 0.0 + busy[1:]) * spans).sum() / spans.sum())
     return tuple(limit_checks), share_of_time

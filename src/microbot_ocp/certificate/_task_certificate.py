@@ -52,9 +52,8 @@ def certificate_of_task(
     places = stretches(task, motion)
     for start, end, robot, _ in places:
         part, states = _part(motion, robot, start, end), history.between(start, end)
-        certificate = certificate_of(
-            LimitFamily.of(robot), part, None, tolerances, states, start, simulated=simulated
-        )
+        how = None, tolerances, states, start
+        certificate = certificate_of(LimitFamily.of(robot), part, *how, simulated=simulated)
         parts.append((end - start, certificate))
         if not certificate.ok:
             sentence = certificate.verdict.removeprefix("Failed: ").rstrip(".")
@@ -114,9 +113,8 @@ def _steps(motion: Motion, times: Sequence[float]) -> list[Check]:
             step = float(np.abs(steps).max())
             problem = f"the {what} jumps by {step:.3g} at {time:.4g} s"
             passed = not step > allowed
-            checks.append(
-                Check(f"step of the {what}", passed, problem, "", time, step, allowed, unit)
-            )
+            amounts = time, step, allowed, unit
+            checks.append(Check(f"step of the {what}", passed, problem, "", *amounts))
     return checks
 
 
@@ -220,9 +218,8 @@ def _check_curve(task: Task, k: int, kind: Line | Circle, q: FloatArray) -> list
     assert oriented is not None
     curve, turning = oriented
     poses = tool_poses(task.robot, q)
-    distance, share = _to_polyline(
-        poses[:, :3, 3], curve.points(np.linspace(0.0, 1.0, SEGMENT_TOLERANCES.points))
-    )
+    line = curve.points(np.linspace(0.0, 1.0, SEGMENT_TOLERANCES.points))
+    distance, share = _to_polyline(poses[:, :3, 3], line)
     name = task.name_of(k)
     near = _near(name, "distance", distance.max(), kind.tolerance, "m")
     if turning is None:

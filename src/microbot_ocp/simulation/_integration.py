@@ -128,11 +128,10 @@ class ForcedEquation(NamedTuple):
         """Edges [K+1] of the pieces and what goes into a step in each [K,m]."""
         pieces = self.signal.pieces
         edges = np.array([start, end]) if pieces is None else pieces.edges
-        series = (
-            np.zeros((1, 0)) if pieces is None else pieces.coefficients.reshape(edges.size - 1, -1)
-        )
+        series = np.zeros((1, 0)) if pieces is None else pieces.coefficients
         known = np.broadcast_to(self.parameters, (edges.size - 1, self.parameters.size))
-        return edges, np.column_stack([edges[:-1], np.diff(edges), known, series])
+        each = [edges[:-1], np.diff(edges), known, series.reshape(edges.size - 1, -1)]
+        return edges, np.column_stack(each)
 
     def equation(self, start: float, end: float) -> tuple[dict[str, ca.SX], FloatArray, FloatArray]:
         """CasADi's dictionary of the equation in s, the edges [K+1] and the inputs [p,K]."""
@@ -267,9 +266,8 @@ def integrate(
     pieces = forced.inputs(float(grid[0]), float(grid[-1]))
     # Series of a piece are seen by the nodes of one step, a formula need not be
     longest = np.inf if forced.signal.pieces else INTEGRATION.longest_step * (grid[-1] - grid[0])
-    states, message = integrated(
-        forced.steps(), pieces, start, grid, settings.tolerance, settings.max_steps, longest
-    )
+    limits = settings.tolerance, settings.max_steps, longest
+    states, message = integrated(forced.steps(), pieces, start, grid, *limits)
     if not message:
         return IntegrationRun(Status.SOLVED, states)
     if message is OVER:
@@ -453,6 +451,5 @@ def _failed(message: str, states: FloatArray) -> IntegrationRun:
     if code:
         meanings = (meaning for part, meaning in FAILURES.items() if part in code.group(1))
         reason = next(meanings, code.group())
-    return IntegrationRun(
-        Status.INTEGRATION_FAILED, states, message=f"the integrator failed: {reason}"
-    )
+    message = f"the integrator failed: {reason}"
+    return IntegrationRun(Status.INTEGRATION_FAILED, states, message=message)

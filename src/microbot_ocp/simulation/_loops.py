@@ -249,9 +249,8 @@ def track(
     settings = checked_settings(chosen, tolerance, max_steps)
     begin, end, signal = reference_signal(motion, duration, robot)
     first = signal.values(np.array([begin]))[0]
-    start = checked_start(
-        arm, first[:count] if q0 is None else q0, first[count : 2 * count] if qd0 is None else qd0
-    )
+    q, qd = first[:count], first[count : 2 * count]
+    start = checked_start(arm, q if q0 is None else q0, qd if qd0 is None else qd0)
     step = checks.number("step", step, "s", above=0.0)
     lower, upper = torque_limits(saturation, arm)
     load = None

@@ -341,9 +341,8 @@ def _switches_of(activity: Activity, mesh: FloatArray, continuous: bool) -> list
         place = begin + _crossing(one.side, activity.means[ramp], np.diff(mesh)[ramp])
         offset = (end - begin) / 2 if continuous else float(np.abs(mesh - place).min())
         rising = other.side > 0
-        switches.append(
-            Switch(activity.name, activity.component, place, begin, end, rising, continuous, offset)
-        )
+        where = activity.name, activity.component, place, begin, end
+        switches.append(Switch(*where, rising, continuous, offset))
     return switches
 
 

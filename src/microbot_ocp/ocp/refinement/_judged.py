@@ -184,9 +184,8 @@ class _Work:
         began, state = time.perf_counter(), None
         measure = partial(self._measured, began)
         with suppress(KeyboardInterrupt):
-            for state in refined(
-                first, self._solved, measure, self._split, self._accepts, self._ended
-            ):
+            parts = self._split, self._accepts, self._ended
+            for state in refined(first, self._solved, measure, *parts):
                 self._report(state)
         if state is None:
             return _alone(first).ended(Status.INTERRUPTED), True
@@ -370,10 +369,8 @@ def _beside(solution: Solution, judgement: Judgement) -> Beside:
     assert direction is not None
     assert x is not None
     step = BESIDE / np.abs(direction).max() * direction
-    starts = (
-        replace(solution, variables=at, variable_multipliers=None) for at in (x + step, x - step)
-    )
-    return Beside(*starts)
+    from_there = replace(solution, variable_multipliers=None)
+    return Beside(*(replace(from_there, variables=at) for at in (x + step, x - step)))
 
 
 def improvable(solution: Solution) -> float:

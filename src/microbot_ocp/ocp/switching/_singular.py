@@ -315,9 +315,7 @@ class _FirstOrderConditions:
         near, declared = self.plan, self.plan.declared
         there, time = ca.MX.sym("there", self.size), ca.MX.sym("time")
         none = ca.MX.zeros(self.lower.size)
-        fixed_states = np.concatenate(
-            [self._at_end(s, s.final, near.duration)[0] for s in declared.states]
-        )
+        fixed_states = [self._at_end(s, s.final, near.duration)[0] for s in declared.states]
         rows: list[ca.MX] = []
         at_end = near.sample(np.array([near.duration]))
         value = np.concatenate([at_end[s.name][0] for s in declared.states])
@@ -339,7 +337,7 @@ class _FirstOrderConditions:
             phase.derivative(end_prices, ca.MX.zeros(len(rows)))
             phase.end_constraint("end", missed, 0.0, 0.0)
         price = costate - by_state
-        for i in np.flatnonzero(~fixed_states).tolist():
+        for i in np.flatnonzero(~np.concatenate(fixed_states)).tolist():
             phase.end_constraint(f"transversality {i}", price[i], 0.0, 0.0)
         low, high = declared.duration_bounds
         bounds = np.array([low]), np.array([high])
@@ -371,9 +369,8 @@ class _FirstOrderConditions:
     def solved(self, accuracy: float) -> SingularArcs:
         problem, guesses = self._problem(), self._guesses()
         transcription = Transcription(scaled(problem, guesses), scheme=HIGH_ORDER)
-        meshes: list[MeshLike] = [
-            max(arc.intervals, SINGULAR.least_intervals) for arc in self.plan.arcs
-        ]
+        least = SINGULAR.least_intervals
+        meshes: list[MeshLike] = [max(arc.intervals, least) for arc in self.plan.arcs]
         start: dict[str, Guess] = guesses
         for _ in range(SINGULAR.rounds):
             if deadline.over():
@@ -481,9 +478,8 @@ def _values(run: ca.Function, *tables: FloatArray) -> list[FloatArray]:
 def _parts(variables: Sequence[Variable]) -> dict[str, slice]:
     """Return the rows of every variable, one below the other."""
     edges = np.cumsum([0, *(v.size for v in variables)]).tolist()
-    return {
-        v.name: slice(a, b) for v, (a, b) in zip(variables, itertools.pairwise(edges), strict=True)
-    }
+    pairs = zip(variables, itertools.pairwise(edges), strict=True)
+    return {v.name: slice(*ends) for v, ends in pairs}
 
 
 def _along(places: FloatArray, table: FloatArray) -> Callable[[FloatArray], FloatArray]:

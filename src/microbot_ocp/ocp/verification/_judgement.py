@@ -384,9 +384,8 @@ def verify(
     if coarse and (solution.solved or solution.status is Status.TOO_COARSE):
         failures.append("the mesh is too coarse: solve(problem, accuracy=1e-6) refines it")
     declared = problem.problem if isinstance(problem, Transcription) else problem
-    sentences = failures or _summary(
-        judged, hamiltonians, len(arcs), any(phase.has_cost for phase in declared.phases)
-    )
+    has_cost = any(phase.has_cost for phase in declared.phases)
+    sentences = failures or _summary(judged, hamiltonians, len(arcs), has_cost)
     return OCPCertificate(
         problem=declared.name,
         ok=not failures,

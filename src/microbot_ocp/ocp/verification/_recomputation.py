@@ -132,9 +132,8 @@ def scaled_rows(problem: OptimalControlProblem, phases: Sequence[Recomputation])
     values = np.zeros(scale.size)
     for recomputed in phases:
         values[list(recomputed.rows)] = list(recomputed.rows.values())
-    for link, layout, before, after in zip(
-        problem.links, layouts, phases[:-1], phases[1:], strict=False
-    ):
+    pairs = zip(problem.links, layouts, phases[:-1], phases[1:], strict=False)
+    for link, layout, before, after in pairs:
         for place, entry in zip(layout.link.places[0].tolist(), layout.link.entries, strict=True):
             # the rest may jump
             carried = entry.name in link.names or entry.name in before.phase.parameters
@@ -172,9 +171,7 @@ def check_cost(
     """Return the cost of a solution evaluated again, and integrated again."""
     parts = np.concatenate([recomputed.costs for recomputed in phases])
     integrals = sum(float(recomputed.costs.sum()) for recomputed in integrated)
-    ends = sum(
-        float(recomputed.costs[recomputed.phase.mesh.size - 1 :].sum()) for recomputed in phases
-    )
+    ends = sum(float(each.costs[each.phase.mesh.size - 1 :].sum()) for each in phases)
     return CostCheck(given, float(parts.sum()), integrals + ends, max(np.abs(parts).sum(), TINY))
 
 
@@ -244,9 +241,8 @@ class _Intervals:
             else:
                 self.inside.setdefault(variable.name, {})[value.fraction] = part
         self.free = {v.name: self.node[v.name] for v in layout.phase.free_parameters}
-        self.rates = {
-            name: (end - self.node[name]) / self.length for name, end in self.arrival.items()
-        }
+        ends = self.arrival.items()
+        self.rates = {name: (end - self.node[name]) / self.length for name, end in ends}
         self.x = np.vstack([self.node[s.name] for s in self.states])
         self.step = _FORMULAS.get(type(self.kind.scheme), _integrated)(self)
 
