@@ -198,10 +198,8 @@ def resimulate(robot: Robot, motion: Motion, tolerance: float, first: float = 0.
         low = np.searchsorted(mesh, todo[:, 0] + 1e-9, side="right")
         inner = low < np.searchsorted(mesh, todo[:, 1] - 1e-9, side="left")
         segments, good, converged = _integrated(drive, size * tolerance, todo, inner)
-        small = ~inner & (
-            np.diff(todo)[:, 0]
-            <= np.where(converged, RESIMULATION.shortest_segment, RESIMULATION.shortest_stiff)
-        )
+        shortest = np.where(converged, RESIMULATION.shortest_segment, RESIMULATION.shortest_stiff)
+        small = ~inner & (np.diff(todo)[:, 0] <= shortest)
         stuck += int((small & ~good & ~converged).sum())
         done.append(segments.where(good | small))
         todo = todo[~(good | small)]

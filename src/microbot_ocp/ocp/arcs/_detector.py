@@ -282,11 +282,8 @@ def mixed_limits(phase: PhaseSolution, declared: Phase) -> list[Activity]:
     variables = [*declared.states, *declared.controls]
     others = [c.rate for c in declared.controls if c.rate is not None]
     others += [v.symbol for v in declared.variables if v not in variables]
-    chosen = [
-        c
-        for c in declared.constraints
-        if _depends(c, [u.symbol for u in jumping(declared)]) and not _depends(c, others)
-    ]
+    jumps = [u.symbol for u in jumping(declared)]
+    chosen = [c for c in declared.constraints if _depends(c, jumps) and not _depends(c, others)]
     if not chosen:
         return []
     steps = np.diff(phase.mesh)

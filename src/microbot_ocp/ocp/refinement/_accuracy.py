@@ -224,27 +224,21 @@ class Accuracy:
         leaves its limit by the step times the jump, whatever the order of the scheme.
         """
         with np.errstate(invalid="ignore"):  # infinite, where it is not asked for
-            errors = [
-                np.fmax(share, error / self.states)
-                for share, error in zip(judgement.errors, judgement.state_errors, strict=True)
-            ]
-            excess = [
-                np.fmax(share, relative_excess(dense).max(axis=1) / self.limits)
-                for share, dense in zip(judgement.excess, judgement.dense, strict=True)
-            ]
+            pairs = zip(judgement.errors, judgement.state_errors, strict=True)
+            errors = [np.fmax(share, error / self.states) for share, error in pairs]
+            beyond = [relative_excess(dense).max(axis=1) / self.limits for dense in judgement.dense]
+            excess = list(map(np.fmax, judgement.excess, beyond))
         phases = solution.phases
         divided = [divide_phase(p, e, 1.0) for p, e in zip(phases, errors, strict=True)]
-        most = max(
-            int(np.histogram(mesh[:-1], phase.mesh)[0].max())
-            for mesh, phase in zip(divided, phases, strict=True)
-        )
+        both = zip(divided, phases, strict=True)
+        most = max(int(np.histogram(mesh[:-1], phase.mesh)[0].max()) for mesh, phase in both)
         if whole and most <= 2:
             divided = [np.union1d(p.mesh, (p.mesh[:-1] + p.mesh[1:]) / 2) for p in phases]
         finer = []
         parts = zip(phases, divided, excess, step.switches, strict=True)
-        for phase, mesh, beyond, switches in parts:
-            both = np.union1d(mesh, divide(phase.mesh, beyond, 1.0, 0))
-            finer.append(move_to_switches(both, switches, self.switches))
+        for phase, mesh, each, switches in parts:
+            points = np.union1d(mesh, divide(phase.mesh, each, 1.0, 0))
+            finer.append(move_to_switches(points, switches, self.switches))
         return finer
 
 

@@ -181,13 +181,11 @@ def on_any_mesh(guess: Given, problem: OptimalControlProblem) -> Given:
     if not isinstance(guess, Mapping):
         return guess
     sizes = {p.name: {v.name: v.size for v in p.variables} for p in problem.phases}
-    return {
-        name: replace(
-            each,
-            values={k: _as_function(v, sizes[name].get(k, 1)) for k, v in each.values.items()},
-        )
-        for name, each in guess.items()
-    }
+    guesses = {}
+    for name, each in guess.items():
+        values = {k: _as_function(v, sizes[name].get(k, 1)) for k, v in each.values.items()}
+        guesses[name] = replace(each, values=values)
+    return guesses
 
 
 def _as_function(value: GuessValue, size: int) -> GuessValue:
@@ -281,10 +279,8 @@ def _curves(problem: OptimalControlProblem, here: Solution) -> Iterator[dict[str
                 ends, bounds = (table[0], table[-1]), (state.lower, state.upper)
                 values[state.name] = partial(_curve, ends, waves, bounds)
             for name, (low, high) in ranges[phase.name].items():
-                usually, pushed = (
-                    np.clip(0.0, low, high),
-                    low + (high - low) * draw.random(low.size),
-                )
+                usually = np.clip(0.0, low, high)
+                pushed = low + (high - low) * draw.random(low.size)
                 values[name] = (1 - COMPARISON.push) * usually + COMPARISON.push * pushed
             values |= {v.name: drawn[v.name] for v in phase.free_parameters if v.name in drawn}
             guesses[phase.name] = Guess(float(np.clip(duration, *phase.duration_bounds)), values)

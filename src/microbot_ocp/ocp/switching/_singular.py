@@ -220,11 +220,8 @@ class _FirstOrderConditions:
         terms = [ca.substitute(e, u, rest) for e in (first, second, factor)]
         controls = ca.MX(held)
         controls[singular] = -terms[1] / terms[2]
-        return _Law(
-            singular,
-            ca.Function("terms", self.arguments, terms),
-            ca.Function("controls", inputs, [controls]),
-        )
+        run = ca.Function("terms", self.arguments, terms)
+        return _Law(singular, run, ca.Function("controls", inputs, [controls]))
 
     def _nearby(self, arc: PlannedArc) -> list[FloatArray]:
         """Sample states, costates, controls and times along an arc of the solution that is near."""

@@ -240,10 +240,8 @@ def _laid_out(phase: Phase, given: PhaseLayout) -> PhaseLayout:
         return [function for function in functions for _ in range(3)]
 
     kind = stage_kind(phase, given.kind.scheme, float(given.node_scale[-1]), derive)
-    points = tuple(
-        PointGroup(kernel, replace(point.block, entries=kernel.rows))
-        for point, kernel in zip(given.points, kind.kernels.points, strict=True)
-    )
+    pairs = zip(kind.kernels.points, given.points, strict=True)
+    points = tuple(PointGroup(k, replace(point.block, entries=k.rows)) for k, point in pairs)
     return replace(given, phase=phase, kind=kind, points=points)
 
 
