@@ -306,12 +306,11 @@ def _by_plugin(
             send(found[-1])
         return np.vstack([start, np.vstack(found)[wanted]])
 
+    def work(send: Send) -> IntegrationRun:
+        return settled(lambda steps: states(steps, send), settings, max(stops.size, 32))
+
     arrived: list[FloatArray] = []
-    run = failed or in_time(
-        lambda send: settled(lambda steps: states(steps, send), settings, max(stops.size, 32)),
-        missing,
-        arrived.append,
-    )
+    run = failed or in_time(work, missing, arrived.append)
     if run.status is Status.TIME_LIMIT:
         known = np.full((stops.size, forced.states), np.nan)
         if by_error and arrived:

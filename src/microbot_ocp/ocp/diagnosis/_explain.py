@@ -340,11 +340,8 @@ class _Elastic:
                 continue  # the way out that is known
             helps, trial, _ = self.solve(best, np.isin(np.arange(slacks), group))
             x, relaxations = trial[: self.count], trial[self.count :]
-            alone = [
-                self._relaxation(i, relaxations[i], x, multipliers)
-                for i in group
-                if relaxations[i] > GIVES
-            ]
+            those = [i for i in group if relaxations[i] > GIVES]
+            alone = [self._relaxation(i, relaxations[i], x, multipliers) for i in those]
             if helps and alone:
                 alternatives.append(tuple(alone))
             else:
