@@ -20,11 +20,7 @@ from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.check import Check, problems_of
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.growth import growth_said
-from microbot_ocp.certificate._certificate import (
-    Certificate,
-    LimitCheck,
-    ResimulationFigures,
-)
+from microbot_ocp.certificate._certificate import Certificate, LimitCheck, ResimulationFigures
 from microbot_ocp.certificate._resimulation import (
     RESIMULATION,
     Resimulation,
@@ -350,9 +346,8 @@ def limit_checks_of(
             busy |= (history.use[member.key] >= AT_LIMIT).any(axis=1)
         i = int(use[:, peaks.argmax()].argmax())
         bound, jump = member.nearest_bound(values.row(i))[0], i >= history.t.size
-        limit_checks.append(
-            _limit_check(member, peaks, float(t[i]), values.value[i], bound, jump=jump)
-        )
+        worst = float(t[i]), values.value[i], bound
+        limit_checks.append(_limit_check(member, peaks, *worst, jump=jump))
     spans = np.diff(history.t)
     share_of_time = float((0.5 * (busy[:-1] + 0.0 + busy[1:]) * spans).sum() / spans.sum())
     return tuple(limit_checks), share_of_time
@@ -480,25 +475,17 @@ def _check_vias(motion: Motion, via: FloatArray, t: FloatArray, tolerance: float
 
 def _agrees(again: Resimulation, tolerances: Tolerances) -> Check:
     """Return whether the torques lead along the motion."""
+    solved = again.resimulation_status.solved
+    near = again.defect <= tolerances.torque and again.position_defect <= tolerances.position
     problem = (
         f"re-simulation misses the motion at {again.defect_time:.4g} s by what a torque of "
-        f"{again.defect:.2g} of the largest of {again.defect_joint} would "
-        f"explain (of {again.segments} segments one ends up to {again.position_defect:.2g} rad "
-        "off)"
+        f"{again.defect:.2g} of the largest of {again.defect_joint} would explain (of "
+        f"{again.segments} segments one ends up to {again.position_defect:.2g} rad off)"
     )
-    if not again.resimulation_status.solved:
+    if not solved:
         problem = f"re-simulation stopped: {again.message}"
-    return Check(
-        "re-simulation",
-        again.resimulation_status.solved
-        and again.defect <= tolerances.torque
-        and again.position_defect <= tolerances.position,
-        problem,
-        again.defect_joint,
-        again.defect_time,
-        again.defect,
-        tolerances.torque,
-    )
+    where = again.defect_joint, again.defect_time, again.defect, tolerances.torque
+    return Check("re-simulation", solved and near, problem, *where)
 
 
 def _limit_kept(check: LimitCheck, tolerance: float) -> Check:
@@ -516,11 +503,8 @@ def _tightest(limit_checks: tuple[LimitCheck, ...], unjudged: Sequence[str] = ()
     tightest = max(used, key=lambda check: check.largest_use)
     worst = max(check.violation for check in limit_checks)
     verdict = "is kept" if worst <= SETTINGS.rounding else f"is kept to within {100 * worst:.2g} %"
-    return (
-        f"every limit{but} {verdict}, the tightest being {tightest.title} "
-        f"with {100 * tightest.largest_use:.4g} % at "
-        f"{tightest.time:.4g} s"
-    )
+    use = f"{100 * tightest.largest_use:.4g} % at {tightest.time:.4g} s"
+    return f"every limit{but} {verdict}, the tightest being {tightest.title} with {use}"
 
 
 def summary(certificate: Certificate, *, simulated: bool) -> str:

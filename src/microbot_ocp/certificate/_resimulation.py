@@ -186,10 +186,8 @@ def resimulate(robot: Robot, motion: Motion, tolerance: float, first: float = 0.
     """
     mesh, drive = mesh_of(motion), _Drive(robot, motion)
     size = torque_sizes(robot, motion)
-    count = min(
-        int(np.ceil(motion.duration / RESIMULATION.longest_segment)), RESIMULATION.most_segments
-    )
-    edges = np.linspace(0.0, motion.duration, count + 1)
+    count = int(np.ceil(motion.duration / RESIMULATION.longest_segment))
+    edges = np.linspace(0.0, motion.duration, min(count, RESIMULATION.most_segments) + 1)
     nearest = mesh[nearest_samples(mesh, edges)]
     near = np.abs(nearest - edges) < 0.5 * edges[1]
     edges = np.unique(np.where(near, nearest, edges))
@@ -200,10 +198,8 @@ def resimulate(robot: Robot, motion: Motion, tolerance: float, first: float = 0.
         low = np.searchsorted(mesh, todo[:, 0] + 1e-9, side="right")
         inner = low < np.searchsorted(mesh, todo[:, 1] - 1e-9, side="left")
         segments, good, converged = _integrated(drive, size * tolerance, todo, inner)
-        small = ~inner & (
-            np.diff(todo)[:, 0]
-            <= np.where(converged, RESIMULATION.shortest_segment, RESIMULATION.shortest_stiff)
-        )
+        shortest = np.where(converged, RESIMULATION.shortest_segment, RESIMULATION.shortest_stiff)
+        small = ~inner & (np.diff(todo)[:, 0] <= shortest)
         stuck += int((small & ~good & ~converged).sum())
         done.append(segments.where(good | small))
         todo = todo[~(good | small)]
@@ -218,7 +214,7 @@ def resimulate(robot: Robot, motion: Motion, tolerance: float, first: float = 0.
             done.append(segments.where(~(good | small)))
     every = _Segments(*(np.concatenate(column) for column in zip(*done, strict=True)))
     every = every.where(np.argsort(every.start))
-    judged = _judged(robot, motion, every, size, tolerance, stuck, first)
+    judged = _judged(drive, every, size, tolerance, stuck, first)
     if not left:
         return judged
     over = deadline.over()
@@ -263,10 +259,8 @@ def _integrated(
     q, qd, qdd = (part.copy() for part in sampled)
     wrong = (np.abs(added) > allowed).any(axis=(1, 2))
     matrices = _mass_matrices(robot, flat.q)
-    regular: BoolArray = np.less(_condition(matrices), RESIMULATION.near_singular).reshape(
-        shape[:2]
-    )
-    determined: BoolArray = np.logical_and.reduce(regular, axis=1)
+    regular: BoolArray = np.less(_condition(matrices), RESIMULATION.near_singular)
+    determined: BoolArray = np.logical_and.reduce(regular.reshape(shape[:2]), axis=1)
     first, last = motion.sample(begin), motion.sample(spans[:, 1])
     q0, qd0 = first.q[:, None], first.qd[:, None]
     converged = ~determined
@@ -336,21 +330,14 @@ def _stiff_modes(
     slopes = _slopes(robot, state.q[middle], state.qd[middle], torque, (0.0, 1.0))
     slopes *= h[:, None, None]
     stiff: BoolArray = np.abs(slopes).max(axis=(1, 2)) > RESIMULATION.stiff
-    return stiff, np.linalg.inv(
-        np.eye(robot.joint_count) - MODES[:, None, None] * slopes[stiff, None]
-    )
+    matrices = np.eye(robot.joint_count) - MODES[:, None, None] * slopes[stiff, None]
+    return stiff, np.linalg.inv(matrices)
 
 
 def _judged(
-    robot: Robot,
-    motion: Motion,
-    every: _Segments,
-    size: FloatArray,
-    tolerance: float,
-    stuck: int,
-    first: float,
+    drive: _Drive, every: _Segments, size: FloatArray, tolerance: float, stuck: int, first: float
 ) -> Resimulation:
-    count = robot.joint_count
+    robot, motion, count = drive.robot, drive.motion, drive.robot.joint_count
     share = np.nan_to_num(every.torques / (size + every.unknown / tolerance), nan=np.inf)
     k, joint = np.unravel_index(int(share.argmax()), share.shape)
     lengths = every.end - every.start

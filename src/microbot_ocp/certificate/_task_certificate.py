@@ -19,14 +19,7 @@ from microbot_ocp._base.status import Status
 from microbot_ocp.certificate._certificate import Certificate, LimitCheck
 from microbot_ocp.certificate._certification import Tolerances, certificate_of, summary
 from microbot_ocp.limits import LimitFamily
-from microbot_ocp.motion import (
-    JUMP_GAP,
-    Motion,
-    State,
-    jump_gaps,
-    nearest_samples,
-    torque_along,
-)
+from microbot_ocp.motion import JUMP_GAP, Motion, State, jump_gaps, nearest_samples, torque_along
 from microbot_ocp.planning import Circle, JointLine, Line, Stop, Task, stretches, tool_poses
 from microbot_ocp.robot import Robot, forward_kinematics, jacobian
 
@@ -59,9 +52,8 @@ def certificate_of_task(
     places = stretches(task, motion)
     for start, end, robot, _ in places:
         part, states = _part(motion, robot, start, end), history.between(start, end)
-        certificate = certificate_of(
-            LimitFamily.of(robot), part, None, tolerances, states, start, simulated=simulated
-        )
+        how = None, tolerances, states, start
+        certificate = certificate_of(LimitFamily.of(robot), part, *how, simulated=simulated)
         parts.append((end - start, certificate))
         if not certificate.ok:
             sentence = certificate.verdict.removeprefix("Failed: ").rstrip(".")
@@ -100,19 +92,11 @@ def _part(motion: Motion, robot: Robot, start: float, end: float) -> Motion:
     added = (*between, torque_along(robot, between) + excess)
     assert motion.breaks is not None
     inner = motion.breaks[(motion.breaks > start) & (motion.breaks < end - 2 * JUMP_GAP)] - start
-    q, qd, qdd, tau = (
-        np.insert(column, 1, row, axis=0)
-        for column, row in zip((q, qd, qdd, tau), added, strict=True)
-    )
-    return Motion(
-        np.insert(times, 1, times[:2].mean()),
-        q,
-        qd,
-        qdd,
-        tau,
-        motion.label,
-        np.concatenate([[0.0], inner, [times[-1]]]),
-    )
+    pairs = zip((q, qd, qdd, tau), added, strict=True)
+    columns = [np.insert(column, 1, row, axis=0) for column, row in pairs]
+    breaks = np.concatenate([[0.0], inner, [times[-1]]])
+    t = np.insert(times, 1, times[:2].mean())
+    return Motion(t, *columns, label=motion.label, breaks=breaks)
 
 
 def _steps(motion: Motion, times: Sequence[float]) -> list[Check]:
@@ -129,9 +113,8 @@ def _steps(motion: Motion, times: Sequence[float]) -> list[Check]:
             step = float(np.abs(steps).max())
             problem = f"the {what} jumps by {step:.3g} at {time:.4g} s"
             passed = not step > allowed
-            checks.append(
-                Check(f"step of the {what}", passed, problem, "", time, step, allowed, unit)
-            )
+            amounts = time, step, allowed, unit
+            checks.append(Check(f"step of the {what}", passed, problem, "", *amounts))
     return checks
 
 
@@ -150,7 +133,7 @@ def _check_stops(task: Task, motion: Motion) -> list[Check]:
         elif not isinstance(stop.velocity, str | None):
             velocity, unit = qd, "rad/s"
             if stop.q is None:
-                velocity, unit = _velocity(task.robot, state.q[0], qd), "m/s"
+                velocity, unit = (np.array(jacobian(task.robot)(state.q[0])) @ qd)[:3], "m/s"
             misses["velocity", unit] = float(np.abs(velocity - stop.velocity).max()) - still
         if stop.acceleration is not None and task.family.jerk_matters:
             off = np.abs(state.qdd[0] - stop.acceleration).max()
@@ -168,10 +151,6 @@ def _check_stops(task: Task, motion: Motion) -> list[Check]:
             end = motion.duration
             checks.append(Check(f"{what} of the cycle", off <= still, problem, "", end, off, still))
     return checks
-
-
-def _velocity(robot: Robot, q: FloatArray, qd: FloatArray) -> FloatArray:
-    return (np.array(jacobian(robot)(q)) @ qd)[:3]
 
 
 def stop_misses(robot: Robot, stop: Stop, q: FloatArray) -> dict[tuple[str, str], float]:
@@ -239,9 +218,8 @@ def _check_curve(task: Task, k: int, kind: Line | Circle, q: FloatArray) -> list
     assert oriented is not None
     curve, turning = oriented
     poses = tool_poses(task.robot, q)
-    distance, share = _to_polyline(
-        poses[:, :3, 3], curve.points(np.linspace(0.0, 1.0, SEGMENT_TOLERANCES.points))
-    )
+    line = curve.points(np.linspace(0.0, 1.0, SEGMENT_TOLERANCES.points))
+    distance, share = _to_polyline(poses[:, :3, 3], line)
     name = task.name_of(k)
     near = _near(name, "distance", distance.max(), kind.tolerance, "m")
     if turning is None:

@@ -3,7 +3,7 @@
 In: a robot with masses, and torques (:func:`simulate`) or a reference motion and a controller
 (:func:`track`). Out: a :class:`Simulation` or :class:`Tracking` with samples, status and advice.
 Every simulation is one call of one CasADi integrator on the whole grid. Begin with
-``_open_loop.py``; ``_integration.py`` holds the equation and the integrators.
+``_loops.py``; ``_integration.py`` holds the equation and the integrators.
 """
 
 from microbot_ocp._base import border

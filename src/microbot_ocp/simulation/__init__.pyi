@@ -1,17 +1,11 @@
 """Public names; loaded when they are first asked for."""
 
-from ._closed_loop import (
-    track as track,
-)
 from ._controllers import (
     ComputedTorque as ComputedTorque,
     Controller as Controller,
     Feedforward as Feedforward,
     PDGravity as PDGravity,
     SensorNoise as SensorNoise,
-)
-from ._formula import (
-    motion_from_formula as motion_from_formula,
 )
 from ._integration import (
     INTEGRATORS as INTEGRATORS,
@@ -20,8 +14,9 @@ from ._integration import (
     fitted as fitted,
     integrate as integrate,
 )
-from ._open_loop import (
+from ._loops import (
     simulate as simulate,
+    track as track,
 )
 from ._result import (
     Simulation as Simulation,
@@ -30,4 +25,5 @@ from ._result import (
 from ._signals import (
     interpolated as interpolated,
     lagrange_weights as lagrange_weights,
+    motion_from_formula as motion_from_formula,
 )

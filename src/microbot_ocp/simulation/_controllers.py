@@ -194,14 +194,11 @@ def saturate(tau: ca.SX, lower: FloatArray, upper: FloatArray) -> ca.SX:
 
 def torque_limits(saturation: Saturation, robot: Robot) -> tuple[FloatArray, FloatArray]:
     """Lower and upper torque [n] of a ``saturation`` argument: those of the robot if True."""
-    count = robot.joint_count
     if isinstance(saturation, bool):
-        if saturation:
-            return robot.limits.bounds("tau")
-        return np.full(count, -np.inf), np.full(count, np.inf)
-    if not isinstance(saturation, Limits | JointLimits):
+        saturation = robot.limits if saturation else Limits()
+    elif not isinstance(saturation, Limits | JointLimits):
         saturation = Limits(tau_max=saturation)
-    return saturation.for_joints(count).bounds("tau")
+    return saturation.for_joints(robot.joint_count).bounds("tau")
 
 
 def widened(name: str, value: ArrayLike, count: int) -> FloatArray:

@@ -128,33 +128,27 @@ class ForcedEquation(NamedTuple):
         """Edges [K+1] of the pieces and what goes into a step in each [K,m]."""
         pieces = self.signal.pieces
         edges = np.array([start, end]) if pieces is None else pieces.edges
-        series = (
-            np.zeros((1, 0)) if pieces is None else pieces.coefficients.reshape(edges.size - 1, -1)
-        )
+        series = np.zeros((1, 0)) if pieces is None else pieces.coefficients
         known = np.broadcast_to(self.parameters, (edges.size - 1, self.parameters.size))
-        return edges, np.column_stack([edges[:-1], np.diff(edges), known, series])
+        each = [edges[:-1], np.diff(edges), known, series.reshape(edges.size - 1, -1)]
+        return edges, np.column_stack(each)
 
     def equation(self, start: float, end: float) -> tuple[dict[str, ca.SX], FloatArray, FloatArray]:
         """CasADi's dictionary of the equation in s, the edges [K+1] and the inputs [p,K]."""
-        pieces = self.signal.pieces
-        edges = np.array([start, end]) if pieces is None else pieces.edges
-        lengths = np.diff(edges)
-        inputs = np.column_stack([np.arange(float(lengths.size)), edges[:-1], lengths])
-        s, x = ca.SX.sym("s"), ca.SX.sym("x", self.states)
-        if pieces is not None:
-            inputs = np.column_stack([inputs, pieces.coefficients.reshape(lengths.size, -1)])
-        u = ca.SX.sym("u", inputs.shape[1])
-        y = s - u[0]
-        if lengths.size == 1:
+        edges, each = self.inputs(start, end)
+        inputs = np.column_stack([np.arange(float(len(each))), each])
+        s, x, u = ca.SX.sym("s"), ca.SX.sym("x", self.states), ca.SX.sym("u", inputs.shape[1])
+        y, series = s - u[0], u[3 + self.parameters.size :]
+        if len(each) == 1:
             speed, place = u[2], y
         else:
             speed, place = u[2] * 30 * y**2 * (1 - y) ** 2, y**3 * (10 - 15 * y + 6 * y**2)
         t = u[1] + u[2] * place
-        if pieces is None:
+        if self.signal.pieces is None:
             assert self.signal.formula is not None
             w = self.signal.formula(t)
         else:
-            w = _series(2 * place - 1, u[3:], pieces.coefficients.shape[1:])
+            w = _series(2 * place - 1, series, self.signal.pieces.coefficients.shape[1:])
         ode = speed * self.rate(t, x, w, ca.SX(ca.DM(self.parameters)))
         return {"t": s, "x": x, "u": u, "ode": ode}, edges, inputs.T
 
@@ -196,8 +190,8 @@ class IntegrationRun(NamedTuple):
     trace: tuple[FloatArray, FloatArray] | None = None
 
 
-def fit_pieces(values: Values, breaks: FloatArray, tolerance: ArrayLike) -> Pieces:
-    """Divide the time until a Chebyshev series follows the values on each piece.
+def fitted(values: Values, breaks: FloatArray, tolerance: ArrayLike) -> Signal:
+    """Signal of values, as a Chebyshev series on every piece of the time that follows them.
 
     Pieces start as the whole time and are divided at the break nearest to their middle, so that
     smooth stretches keep long pieces and a jump ends up between two of them.
@@ -210,11 +204,8 @@ def fit_pieces(values: Values, breaks: FloatArray, tolerance: ArrayLike) -> Piec
         Times at which the values or their derivatives may jump, both ends included, s.
     tolerance : array_like [m]
         Largest error of every column.
-
-    Returns
-    -------
-    Pieces
     """
+    tolerance = np.maximum(tolerance, 1e-17)
     probes = -np.cos((np.arange(INTEGRATION.degree) + 1) * np.pi / (INTEGRATION.degree + 1))
     probe = np.polynomial.chebyshev.chebvander(probes, INTEGRATION.degree)
     both = np.concatenate([NODES, probes])
@@ -242,7 +233,8 @@ def fit_pieces(values: Values, breaks: FloatArray, tolerance: ArrayLike) -> Piec
                 cut = float(inner[np.abs(inner - cut).argmin()])
             todo += [(start, cut), (cut, end)]
     order = np.argsort(edges)
-    return Pieces(np.append(np.array(edges)[order], breaks[-1]), np.array(coefficients)[order])
+    pieces = Pieces(np.append(np.array(edges)[order], breaks[-1]), np.array(coefficients)[order])
+    return Signal(values, None, pieces)
 
 
 def _series(place: ca.SX, flat: ca.SX, shape: tuple[int, ...]) -> ca.SX:
@@ -255,12 +247,7 @@ def _series(place: ca.SX, flat: ca.SX, shape: tuple[int, ...]) -> ca.SX:
     return series[:, 0] + place * later - latest
 
 
-def fitted(values: Values, breaks: FloatArray, tolerance: ArrayLike) -> Signal:
-    """Signal that follows values between breaks to a tolerance: see :func:`fit_pieces`."""
-    return Signal(values, None, fit_pieces(values, breaks, np.maximum(tolerance, 1e-17)))
-
-
-def formula_signal(expression: ca.SX, t: ca.SX) -> Signal:
+def formula_signal(t: ca.SX, expression: ca.SX) -> Signal:
     """Signal that is an expression [m] of the time ``t``."""
     function = ca.Function("signal", [t], [ca.densify(expression)], ["t"], ["w"])
 
@@ -279,9 +266,8 @@ def integrate(
     pieces = forced.inputs(float(grid[0]), float(grid[-1]))
     # Series of a piece are seen by the nodes of one step, a formula need not be
     longest = np.inf if forced.signal.pieces else INTEGRATION.longest_step * (grid[-1] - grid[0])
-    states, message = integrated(
-        forced.steps(), pieces, start, grid, settings.tolerance, settings.max_steps, longest
-    )
+    limits = settings.tolerance, settings.max_steps, longest
+    states, message = integrated(forced.steps(), pieces, start, grid, *limits)
     if not message:
         return IntegrationRun(Status.SOLVED, states)
     if message is OVER:
@@ -320,12 +306,11 @@ def _by_plugin(
             send(found[-1])
         return np.vstack([start, np.vstack(found)[wanted]])
 
+    def work(send: Send) -> IntegrationRun:
+        return settled(lambda steps: states(steps, send), settings, max(stops.size, 32))
+
     arrived: list[FloatArray] = []
-    run = failed or in_time(
-        lambda send: settled(lambda steps: states(steps, send), settings, max(stops.size, 32)),
-        missing,
-        arrived.append,
-    )
+    run = failed or in_time(work, missing, arrived.append)
     if run.status is Status.TIME_LIMIT:
         known = np.full((stops.size, forced.states), np.nan)
         if by_error and arrived:
@@ -465,6 +450,5 @@ def _failed(message: str, states: FloatArray) -> IntegrationRun:
     if code:
         meanings = (meaning for part, meaning in FAILURES.items() if part in code.group(1))
         reason = next(meanings, code.group())
-    return IntegrationRun(
-        Status.INTEGRATION_FAILED, states, message=f"the integrator failed: {reason}"
-    )
+    message = f"the integrator failed: {reason}"
+    return IntegrationRun(Status.INTEGRATION_FAILED, states, message=message)

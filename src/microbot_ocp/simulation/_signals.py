@@ -1,4 +1,4 @@
-"""Inputs of a simulation as signals of the time: torques, references, disturbances."""
+"""Inputs of a simulation as signals of the time: torques, references, disturbances, formulas."""
 
 from __future__ import annotations
 
@@ -13,8 +13,10 @@ from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.relations import reason_of
 from microbot_ocp.motion import (
+    SAMPLE_STEP,
     Motion,
     PiecewisePolynomial,
+    State,
     jump_gaps,
     mesh_of,
     nearest_samples,
@@ -36,6 +38,7 @@ Formula = Callable[[Any], Any]  # of the CasADi time, to n expressions
 # Of a sampled motion's position, velocity, acceleration: rounding of samples 1 ms apart allows no
 # more.
 SAMPLED_FIT = np.array([1e-11, 1e-10, 1e-8])
+EXACT_FIT = np.full(3, INTEGRATION.fit_error)  # of polynomials
 
 
 def torque_signal(tau: Motion | ArrayLike | Formula | None, grid: FloatArray, count: int) -> Signal:
@@ -51,14 +54,9 @@ def torque_signal(tau: Motion | ArrayLike | Formula | None, grid: FloatArray, co
         edges = np.concatenate([grid[:1], inner, grid[-1:]])
         torque = interpolated(tau, tau.tau, breaks)
         return fitted(torque, edges, INTEGRATION.fit_error * np.abs(tau.tau).max())
-    if callable(tau):
-        t, expression = symbolic("tau", tau, count)
-        return formula_signal(expression, t)
     given = np.zeros(count) if tau is None else tau
-    if np.ndim(np.asarray(given, dtype=object)) == 1:
-        constant = checks.array("tau", given, (count,), "N m")
-        t = ca.SX.sym("t")
-        return formula_signal(ca.SX(ca.DM(constant)), t)
+    if callable(given) or np.ndim(np.asarray(given, dtype=object)) == 1:
+        return formula_signal(*torque_formula("tau", given, count))
     table = checks.array("tau", given, (grid.size, count), "N m")
 
     def values(times: FloatArray) -> FloatArray:
@@ -80,10 +78,7 @@ def reference_signal(
         checks.joints("motion", motion.coefficients.shape[2], robot)
         begin, longest, breaks = float(motion.breaks[0]), motion.duration, motion.breaks
         parts = (motion, motion.derivative(), motion.derivative().derivative())
-        values, fit = (
-            (lambda times: np.hstack([part(times) for part in parts])),
-            np.full(3, INTEGRATION.fit_error),
-        )
+        values, fit = (lambda times: np.hstack([part(times) for part in parts])), EXACT_FIT
     else:
         if duration is None:
             raise InputError("duration must be given where the motion is a function of the time")
@@ -91,7 +86,7 @@ def reference_signal(
         qd = ca.jacobian(q, t)
         qdd = ca.jacobian(qd, t)
         end = checks.number("duration", duration, "s", above=0.0, at_most=checks.LONGEST)
-        return 0.0, end, formula_signal(ca.vertcat(q, qd, qdd), t)
+        return 0.0, end, formula_signal(t, ca.vertcat(q, qd, qdd))
     if duration is None:
         duration = longest
     duration = checks.number("duration", duration, "s", above=0.0, at_most=longest * (1 + 1e-9))
@@ -123,15 +118,51 @@ def series_of(motion: PiecewisePolynomial) -> Pieces | None:
     return Pieces(motion.breaks, np.concatenate(series, axis=2))
 
 
-def disturbance_function(given: ArrayLike | Formula | None, count: int) -> ca.Function:
-    """CasADi function ``(t) -> [n]`` of what else acts on the joints."""
+def motion_from_formula(
+    robot: Robot, formula: Formula, duration: float, *, label: str, step: float = SAMPLE_STEP
+) -> Motion:
+    """Motion whose positions are a function of the CasADi time, with exact derivatives.
+
+    Parameters
+    ----------
+    robot : Robot
+        A robot with masses, for the torques.
+    formula : callable
+        Takes the CasADi time, s, and returns n expressions, rad (m), smooth in between.
+    duration : float
+        s.
+    label : str
+    step : float
+        Longest step between the samples, s.
+
+    Returns
+    -------
+    Motion
+
+    Examples
+    --------
+    >>> import casadi as ca
+    >>> import microbot_ocp as mo
+    >>> robot = mo.load_robot("microbot")
+    >>> wave = motion_from_formula(robot, lambda t: [ca.sin(t), 0.2 * t, 0.0], 2.0, label="wave")
+    >>> wave.qd[0].tolist()
+    [1.0, 0.2, 0.0]
+    """
+    duration = checks.number("duration", duration, "s", above=0.0)
+    step = checks.number("step", step, "s", above=0.0)
+    count = robot.joint_count
+    _, _, signal = reference_signal(formula, duration, robot)
+    t = np.linspace(0.0, duration, checks.step_count(duration, step) + 1)
+    state = State(*np.split(signal.values(t), [count, 2 * count], axis=1))
+    made, breaks = {"method": "formula"}, [0.0, duration]
+    return Motion.from_state(robot, t, state, label=label, breaks=breaks, provenance=made)
+
+
+def torque_formula(name: str, given: ArrayLike | Formula, count: int) -> tuple[ca.SX, ca.SX]:
+    """The time and n torques, which are constants or a user's function of it."""
     if callable(given):
-        t, expression = symbolic("disturbance", given, count)
-    else:
-        constant = np.zeros(count) if given is None else given
-        expression = ca.SX(ca.DM(checks.array("disturbance", constant, (count,), "N m")))
-        t = ca.SX.sym("t")
-    return ca.Function("disturbance", [t], [ca.densify(expression)])
+        return symbolic(name, given, count)
+    return ca.SX.sym("t"), ca.SX(ca.DM(checks.array(name, given, (count,), "N m")))
 
 
 def symbolic(name: str, formula: Formula, count: int) -> tuple[ca.SX, ca.SX]:

@@ -57,12 +57,11 @@ def pretend(monkeypatch):
     def prepare(answers, excess=lambda _: [np.zeros(4)], **options):
         calls = []
 
-        def program_on(transcription, mesh, guesses, settings):
+        def solve_on(transcription, mesh, guesses, settings, *_):
             calls.append((mesh[0] if isinstance(mesh, list) else mesh, guesses, settings))
-            return None, None, 0.0
+            return answers[len(calls) - 1]
 
-        monkeypatch.setattr(refinement, "program_on", program_on)
-        monkeypatch.setattr(refinement, "run_chain", lambda *_, **__: answers[len(calls) - 1])
+        monkeypatch.setattr(refinement, "solve_on", solve_on)
         refiner = Refiner(None, lambda s: {"from": s.cost}, excess, 0.01, **options)
         return refiner, calls
 

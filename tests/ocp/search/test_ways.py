@@ -389,10 +389,10 @@ def test_where_optima_are_near_the_best_of_several_is_kept_and_it_is_said():
     """Newton's body of least resistance: its slopes have two valleys, and a solve ends in any."""
     newton = BY_NAME["newton"].build()
     how = None, SolverSettings(), "radau", np.inf, None, None
-    task, journal = _solve.SolveTask(newton, 20, *how), _solve.Journal()
+    task = _solve.SolveTask(newton, 20, *how)
     (start,) = _solve._moved(task, [])
     first = start.context.solve(start.mesh, start.guess)
-    solution, _ = _solve._finished(task, journal, _solve.STRATEGIES[0], first, start)
+    solution, _ = _solve._finished(task, "", first, start)
     assert solution.cost == pytest.approx(1.49926395, rel=1e-3)  # 1.50668 from the guess
     assert len(solution.rivals) > 1
     assert solution.rivals[0] == 0.0

@@ -334,12 +334,12 @@ def test_torque_limits_hold_with_friction(friction, allowed):
 
 
 def test_a_motion_that_was_not_solved_says_so(monkeypatch):
-    run_chain = refinement.run_chain
+    solve_on = refinement.solve_on
 
-    def stopped(program, settings, *given, **options):
-        return run_chain(program, replace(settings, max_iterations=2), *given, **options)
+    def stopped(transcription, mesh, guess, settings, *how):
+        return solve_on(transcription, mesh, guess, replace(settings, max_iterations=2), *how)
 
-    monkeypatch.setattr(refinement, "run_chain", stopped)
+    monkeypatch.setattr(refinement, "solve_on", stopped)
     motion = time_optimal(arm(), ARM_VIA, mesh=20, starts=2)
     assert not motion.solved
     assert motion.status == "iteration limit"

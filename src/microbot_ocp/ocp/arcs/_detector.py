@@ -91,18 +91,15 @@ class ActiveLimit:
     @property
     def bounds(self) -> tuple[float, float]:
         """The limit, lower and upper."""
-        return (
-            float(self.constraint.lower[self.component]),
-            float(self.constraint.upper[self.component]),
-        )
+        i = self.component
+        return float(self.constraint.lower[i]), float(self.constraint.upper[i])
 
     @property
     def range(self) -> float:
         """Between both sides, or its scale where there is only one."""
         low, high = self.bounds
-        return (
-            high - low if np.isfinite(high - low) else float(self.constraint.scale[self.component])
-        )
+        scale = float(self.constraint.scale[self.component])
+        return high - low if np.isfinite(high - low) else scale
 
     def met(self, side: int) -> PathConstraint:
         """Return the limit as an equation."""
@@ -256,9 +253,7 @@ def _scaled(mean: FloatArray, low: float, high: float) -> FloatArray | None:
 
 def _state_limits(phase: PhaseSolution, declared: Phase) -> list[Activity]:
     """Read limits of the states alone, active in an interval where both ends meet them."""
-    others = [v.symbol for v in declared.variables if v not in declared.states]
-    others += [c.rate for c in declared.controls if c.rate is not None]
-    others += [declared.time, declared.duration, *(p.symbol for p in declared.parameters)]
+    others = Expressions(declared).symbols[len(declared.states) :]  # the states come first
     constraints = [
         PathConstraint(s.name, s.symbol, s.lower, s.upper, s.scale, s.unit) for s in declared.states
     ]
@@ -287,11 +282,8 @@ def mixed_limits(phase: PhaseSolution, declared: Phase) -> list[Activity]:
     variables = [*declared.states, *declared.controls]
     others = [c.rate for c in declared.controls if c.rate is not None]
     others += [v.symbol for v in declared.variables if v not in variables]
-    chosen = [
-        c
-        for c in declared.constraints
-        if _depends(c, [u.symbol for u in jumping(declared)]) and not _depends(c, others)
-    ]
+    jumps = [u.symbol for u in jumping(declared)]
+    chosen = [c for c in declared.constraints if _depends(c, jumps) and not _depends(c, others)]
     if not chosen:
         return []
     steps = np.diff(phase.mesh)
@@ -346,9 +338,8 @@ def _switches_of(activity: Activity, mesh: FloatArray, continuous: bool) -> list
         place = begin + _crossing(one.side, activity.means[ramp], np.diff(mesh)[ramp])
         offset = (end - begin) / 2 if continuous else float(np.abs(mesh - place).min())
         rising = other.side > 0
-        switches.append(
-            Switch(activity.name, activity.component, place, begin, end, rising, continuous, offset)
-        )
+        where = activity.name, activity.component, place, begin, end
+        switches.append(Switch(*where, rising, continuous, offset))
     return switches
 
 

@@ -48,11 +48,8 @@ def advice(
             "limit what grows."
         )
         return *rows, Advice("unbounded", sentence)
-    rows += [
-        Advice("solver", f"The solver {attempt.solver} stopped with: {attempt.message}")
-        for attempt in attempts
-        if attempt.broke_down
-    ]
+    broken = [attempt for attempt in attempts if attempt.broke_down]
+    rows += [Advice("solver", f"The solver {a.solver} stopped with: {a.message}") for a in broken]
     if status is Status.GAP_LEFT:
         rows.append(Advice("gap", f"The cost is {attempts[-1].message}."))
     rows += [Advice("program", sentence) for sentence in _overdetermined(program)]

@@ -11,7 +11,7 @@ Theory: docs/theory/certificates.md, equation (6).
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import chain
 from typing import Any
 
@@ -24,15 +24,7 @@ from microbot_ocp.ocp.diagnosis._finiteness import finite_start
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.solution import Solution, unpack
 from microbot_ocp.ocp.starts import default_guess, rollouts, scaled, starting_point
-from microbot_ocp.ocp.transcription import (
-    EQUATIONS,
-    Guess,
-    Label,
-    Meshes,
-    Program,
-    Transcription,
-    assemble,
-)
+from microbot_ocp.ocp.transcription import EQUATIONS, Guess, Label, Meshes, Program, Transcription
 
 GIVES = 1e-4  # scaled amount below which a limit holds
 CONFLICTS = 1e-3  # multiplier, of a sum of scaled amounts, above which a limit conflicts
@@ -164,18 +156,15 @@ def explain(
     """
     if not isinstance(problem, Transcription):
         problem = Transcription(scaled(problem, guess))
-    transcription = problem
-    layouts = transcription.layouts(mesh)
-    program = assemble(layouts)
-    start = starting_point(program, transcription.problem, guess)
-    start = replace(start, x=finite_start(program, start.x))
+    program = problem.program(mesh)
+    x = finite_start(program, starting_point(program, problem.problem, guess).x)
     checks.number("max_iterations", max_iterations, at_least=0, at_most=checks.MOST_ITERATIONS)
     elastic = _Elastic(program, max_iterations)
     if limits_only:  # that cost nothing, and they would run away
-        durations = np.concatenate([layout.nodes[:, -1] for layout in layouts])
-        elastic.highest[durations] = LONGER * start.x[durations]
-    others = _simulated(program, transcription.problem) if guess is None else ()
-    return elastic.explain(chain([start.x], others), limits_only)
+        durations = np.concatenate([layout.nodes[:, -1] for layout in program.layouts])
+        elastic.highest[durations] = LONGER * x[durations]
+    others = _simulated(program, problem.problem) if guess is None else ()
+    return elastic.explain(chain([x], others), limits_only)
 
 
 def _simulated(program: Program, problem: OptimalControlProblem) -> Iterator[FloatArray]:
@@ -247,20 +236,17 @@ class _Elastic:
         shared: dict[int, int] = {}
         self.places: list[np.ndarray] = []
         for item in self.items:
-            alone = item.equal and item.rows.size == 1
-            if alone and int(item.rows[0]) in shared:
-                self.places.append(np.array([shared[int(item.rows[0])]]))
+            first, count = int(item.rows[0]), item.rows.size
+            alone = item.equal and count == 1
+            if alone and first in shared:
+                self.places.append(np.array([shared[first]]))
                 continue
-            first = len(source)
-            shared[int(item.rows[0])] = first
-            self.places.append(np.arange(first, first + item.rows.size))
+            shared[first] = len(source)
+            self.places.append(len(source) + np.arange(count))
             source += item.rows.tolist()
-            for sides, side, limits, none in (
-                (lower, -1, self.lower, -np.inf),
-                (upper, 1, self.upper, np.inf),
-            ):
-                acts = alone or item.side == side
-                sides += list(limits[item.rows]) if acts else [none] * item.rows.size
+            acts = [alone or item.side == side for side in (-1, 1)]
+            lower += list(self.lower[item.rows]) if acts[0] else [-np.inf] * count
+            upper += list(self.upper[item.rows]) if acts[1] else [np.inf] * count
         self.source = np.array(source)
         self.row_limits = np.array(lower), np.array(upper)
 
@@ -352,15 +338,10 @@ class _Elastic:
         for group in self._groups(order)[: 0 if limits_only else ALONE]:
             if [group] == giving_groups:
                 continue  # the way out that is known
-            allowed = np.zeros(slacks, dtype=bool)
-            allowed[group] = True
-            helps, trial, _ = self.solve(best, allowed)
+            helps, trial, _ = self.solve(best, np.isin(np.arange(slacks), group))
             x, relaxations = trial[: self.count], trial[self.count :]
-            alone = [
-                self._relaxation(i, relaxations[i], x, multipliers)
-                for i in group
-                if relaxations[i] > GIVES
-            ]
+            those = [i for i in group if relaxations[i] > GIVES]
+            alone = [self._relaxation(i, relaxations[i], x, multipliers) for i in those]
             if helps and alone:
                 alternatives.append(tuple(alone))
             else:
@@ -369,18 +350,10 @@ class _Elastic:
         return Explanation(False, True, gives, tuple(alternatives), tuple(conflicts), phases)
 
     def _groups(self, order: Sequence[int]) -> list[list[int]]:
-        """Yield both sides and all components of a limit together, in the given order."""
-        names: dict[tuple[str, str, str], list[int]] = {}
-        for i in order:
-            names.setdefault(self._name(i), [])
-        for i in range(len(self.items)):
-            if self._name(i) in names:
-                names[self._name(i)].append(i)
-        return list(names.values())
-
-    def _name(self, i: int) -> tuple[str, str, str]:
-        item = self.items[i]
-        return item.label.phase, item.kind, item.label.name
+        """Return both sides and all components of a limit together, in the given order."""
+        names = [(item.label.phase, item.kind, item.label.name) for item in self.items]
+        asked = dict.fromkeys(names[i] for i in order)
+        return [[i for i, name in enumerate(names) if name == one] for one in asked]
 
     def _relaxation(
         self, index: int, amount: float | None, x: FloatArray, multipliers: FloatArray

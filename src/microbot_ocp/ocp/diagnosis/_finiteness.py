@@ -11,7 +11,7 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.ocp.problem import Expressions, Phase
 from microbot_ocp.ocp.solution import PhaseSolution, unpack
-from microbot_ocp.ocp.transcription import PhaseLayout, Program
+from microbot_ocp.ocp.transcription import Program
 
 PUSH = 1e-2  # how far solvers move a guess off its bounds, as a share of their size or distance
 BESIDE = 1e-2  # of the scales: how far a start is moved from kinks and symmetry
@@ -103,9 +103,9 @@ def not_finite(program: Program, x: FloatArray, where: str) -> str | None:
     if all(np.isfinite(value.nonzeros()).all() for value in (f, slope, g, jacobian)):
         return None
     for slopes in (False, True):
-        for layout, phase in zip(program.layouts, unpack(program.layouts, x), strict=True):
-            for term in _terms(layout.phase):
-                complaint = _complaint(layout, phase, term, slopes, where)
+        for phase in unpack(program.layouts, x):
+            for term in _terms(phase.laid_out.phase):
+                complaint = _complaint(phase, term, slopes, where)
                 if complaint is not None:
                     return complaint
     bad = ~np.isfinite(np.array(g).ravel())
@@ -137,11 +137,8 @@ def _terms(phase: Phase) -> Iterator[_Term]:
             yield _Term(label.format(named), expression, at_end=kind.startswith("end"))
 
 
-def _complaint(
-    layout: PhaseLayout, values: PhaseSolution, term: _Term, slopes: bool, where: str
-) -> str | None:
-    phase = layout.phase
-    symbols, tables, times, intervals = _points(layout, values, at_end=term.at_end)
+def _complaint(values: PhaseSolution, term: _Term, slopes: bool, where: str) -> str | None:
+    symbols, tables, times, intervals = _points(values, at_end=term.at_end)
     named = [symbol for _, symbol in symbols]
     expression = term.expression
     if slopes:
@@ -156,23 +153,22 @@ def _complaint(
         place = "at its end" if term.at_end else f"in interval {intervals[column] + 1}"
         bad = result[~np.isfinite(result)][0]
         return (
-            f"the {what} of {term.label} of phase {phase.name!r} is {bad:g} at {where} {place} "
+            f"the {what} of {term.label} of phase {values.name!r} is {bad:g} at {where} {place} "
             f"(t = {times[column]:.4g} s): {_cause(function, symbols, point)}"
         )
     return None
 
 
 def _points(
-    layout: PhaseLayout, values: PhaseSolution, *, at_end: bool
+    values: PhaseSolution, *, at_end: bool
 ) -> tuple[list[tuple[str, ca.MX]], list[FloatArray], FloatArray, np.ndarray]:
     """Return symbols of a phase, their values [size, M], times and intervals of some points."""
-    phase = layout.phase
+    phase, h = values.laid_out.phase, np.diff(values.mesh)
     fractions = np.array([1.0]) if at_end else np.array([0.0, 0.25, 0.5, 0.75, 1.0])
-    intervals = np.arange(layout.intervals)[-1:] if at_end else np.arange(layout.intervals)
-    h = np.diff(values.mesh)
+    intervals = np.arange(h.size)[-1:] if at_end else np.arange(h.size)
     k = np.repeat(intervals, fractions.size)
     share = np.tile(fractions, intervals.size)
-    states = {name: table.T for name, table in _interpolated(layout, values, k, share).items()}
+    states = {name: table.T for name, table in _interpolated(values, k, share).items()}
     rates = {
         c.name: (np.diff(values[c.name], axis=0).T / (h * values.duration))[:, k]
         for c in phase.controls
@@ -185,10 +181,9 @@ def _points(
     return expressions.inputs, tables, times, k
 
 
-def _interpolated(
-    layout: PhaseLayout, values: PhaseSolution, k: np.ndarray, share: FloatArray
-) -> dict[str, FloatArray]:
+def _interpolated(values: PhaseSolution, k: np.ndarray, share: FloatArray) -> dict[str, FloatArray]:
     """Return values at fractions of intervals; states at mesh points as they are guessed."""
+    layout = values.laid_out
     assert values.stages is not None
     tables = layout.interpolated(values.stages, k, share)
     # inside an interval the state follows from the dynamics, which may be what is wrong

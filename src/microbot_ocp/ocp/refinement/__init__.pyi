@@ -3,18 +3,16 @@
 from ._accuracy import (
     PASSING as PASSING,
     Accuracy as Accuracy,
-)
-from ._history import (
     History as History,
     RefinementStep as RefinementStep,
 )
-from ._improvement import (
+from ._judged import (
+    CONVERGED as CONVERGED,
+    COST as COST,
     improvable as improvable,
     improved as improved,
-)
-from ._judged import (
-    COST as COST,
     judged as judged,
+    named as named,
 )
 from ._refiner import (
     WORSE as WORSE,

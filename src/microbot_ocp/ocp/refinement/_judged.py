@@ -4,6 +4,10 @@ What passes is told by the judgement that a certificate is made of; an accuracy 
 Meshes are made finer until that is met and the cost does not change any more. From a saddle the
 solve goes on below it.
 
+Steps of a solver stay in the valley that its point stands in, in every control at every point. The
+costates tell which valley is the lower one; a solve from controls that are better by Pontryagin's
+condition, which begins near its bounds so as to stay, is kept where it costs less.
+
 Theory: docs/theory/transcription.md, "Refinement".
 """
 
@@ -23,12 +27,18 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.diagnosis import BESIDE, falls_for_ever
 from microbot_ocp.ocp.mesh import Refinement, Round, refined
-from microbot_ocp.ocp.refinement._accuracy import PASSING, Accuracy
-from microbot_ocp.ocp.refinement._history import History, RefinementStep, step_of
-from microbot_ocp.ocp.refinement._improvement import improvable, improved
-from microbot_ocp.ocp.solution import Journal, Solution, StepProgress, cost_size
+from microbot_ocp.ocp.refinement._accuracy import (
+    PASSING,
+    Accuracy,
+    History,
+    RefinementStep,
+    step_of,
+)
+from microbot_ocp.ocp.solution import Attempt, Journal, Solution, StepProgress, cost_size
 from microbot_ocp.ocp.solvers import SolveContext
-from microbot_ocp.ocp.verification import Judgement, Thresholds, judge
+from microbot_ocp.ocp.starts import guess_from
+from microbot_ocp.ocp.transcription import Guess
+from microbot_ocp.ocp.verification import Judgement, Thresholds, better_controls, judge
 
 CONVERGED = (Status.SOLVED, Status.GAP_LEFT)
 FINAL = (*CONVERGED, Status.INTERRUPTED, Status.TOO_COARSE)  # no other strategy would change it
@@ -54,6 +64,30 @@ class CostSettings:
 
 
 COST = CostSettings()
+
+
+@dataclass(frozen=True)
+class Improvement:
+    """When controls with a smaller Hamiltonian are worth a solve.
+
+    Attributes
+    ----------
+    worth : share of the cost: less than this is not looked for
+    least_gain : share of what is to be saved that has to be: where controls chatter little of
+        it is
+    solves : most solves
+    barrier : parameter at which they begin: near the bounds, so as to stay
+    iterations : of a solve
+    """
+
+    worth: float = 1e-5
+    least_gain: float = 0.2
+    solves: int = 6
+    barrier: float = 1e-6
+    iterations: int = 200
+
+
+IMPROVEMENT = Improvement()
 
 
 @dataclass(frozen=True)
@@ -150,15 +184,14 @@ class _Work:
         began, state = time.perf_counter(), None
         measure = partial(self._measured, began)
         with suppress(KeyboardInterrupt):
-            for state in refined(
-                first, self._solved, measure, self._split, self._accepts, self._ended
-            ):
+            parts = self._split, self._accepts, self._ended
+            for state in refined(first, self._solved, measure, *parts):
                 self._report(state)
         if state is None:
-            return _interrupted(_alone(first)), True
+            return _alone(first).ended(Status.INTERRUPTED), True
         last = state.refused
         if state.ended is None or Status.INTERRUPTED in (state.ended, last and last.status):
-            return _interrupted(self._recorded(state)), True
+            return self._recorded(state).ended(Status.INTERRUPTED), True
         if last is not None and self._at_saddle(state.measure) and _endless(last):
             self._recorded(state)
             return last, True
@@ -172,9 +205,10 @@ class _Work:
     def _solved(self, best: Solution, proposal: Next) -> Solution:
         if isinstance(proposal, Beside):
             return self._below(best, proposal).with_rivals_of(best)
-        answer = _by("on a finer mesh", self._solve(proposal, best))
+        answer = self._solve(proposal, best)
+        attempts = tuple(named("on a finer mesh", answer.attempts))
         rows = answer.rows if answer.status is Status.GAP_LEFT else best.rows
-        return replace(answer, rows=rows).with_rivals_of(best)
+        return replace(answer, rows=rows, attempts=attempts).with_rivals_of(best)
 
     def _solve(self, meshes: Sequence[FloatArray], start: Solution) -> Solution:
         solver = self.context.settings.solver if self._alone else "ipopt"
@@ -196,8 +230,8 @@ class _Work:
             worth = Thresholds().gap * cost_size(saddle.cost, saddle.cost_scale)
             if not lowest.cost < saddle.cost - worth:
                 lowest = replace(lowest, status=Status.NOT_ACCEPTED)
-        attempts = tuple(a for answer in answers for a in answer.attempts)
-        return _by("from beside a saddle", replace(lowest, attempts=attempts))
+        attempts = named("from beside a saddle", [a for k in answers for a in k.attempts])
+        return replace(lowest, attempts=tuple(attempts))
 
     def _accepts(self, _: Solution, after: Solution) -> bool:
         return after.status in CONVERGED
@@ -287,9 +321,8 @@ class _Work:
         """
         goal, status = self.goal, state.measure.judgement.status
         failures = state.measure.judgement.failures
-        missing = list(goal.missing(state.measure.step)) if self.finer else []
-        if goal is PASSING and state.measure.left.estimate <= COST.most_left:
-            missing = []
+        settled = goal is PASSING and state.measure.left.estimate <= COST.most_left
+        missing = list(goal.missing(state.measure.step)) if self.finer and not settled else []
         rises = [] if goal is PASSING else list(History(solution.history).rises(goal.cost))
         solution = solution.remarked(*rises)
         if not missing and not failures and saved > COST.most_left:
@@ -305,10 +338,9 @@ class _Work:
         if self.finer and status in (Status.SOLVED, Status.TOO_COARSE):
             ended = state.ended or Status.SOLVED
             status = Status.NO_PROGRESS if ended is Status.SOLVED else ended
-        parts = [*missing, *failures[:1]]
-        remarks = [f"Missing: {'; '.join(part.sentence for part in parts)}."]
+        parts = [*missing, *(failure.sentence for failure in failures[:1])]
         final = status in FINAL or (goal is not PASSING and not failures)
-        return solution.ended(status, *remarks, *rises), final
+        return solution.ended(status, f"Missing: {'; '.join(parts)}.", *rises), final
 
 
 def _endless(solution: Solution) -> bool:
@@ -321,13 +353,9 @@ def _alone(solution: Solution) -> Solution:
     return replace(solution, history=History([step_of(solution, None, spent)]))
 
 
-def _interrupted(solution: Solution) -> Solution:
-    return solution.ended(Status.INTERRUPTED)
-
-
-def _by(way: str, solution: Solution) -> Solution:
-    """Return the solution, whose attempts say what they were for."""
-    return replace(solution, attempts=tuple(replace(a, way=way) for a in solution.attempts))
+def named(way: str, attempts: Sequence[Attempt]) -> list[Attempt]:
+    """Return attempts that say what they were for."""
+    return [replace(attempt, way=attempt.way or way) for attempt in attempts]
 
 
 def _intervals(meshes: Sequence[FloatArray]) -> int:
@@ -341,7 +369,33 @@ def _beside(solution: Solution, judgement: Judgement) -> Beside:
     assert direction is not None
     assert x is not None
     step = BESIDE / np.abs(direction).max() * direction
-    starts = (
-        replace(solution, variables=at, variable_multipliers=None) for at in (x + step, x - step)
-    )
-    return Beside(*starts)
+    from_there = replace(solution, variable_multipliers=None)
+    return Beside(*(replace(from_there, variables=at) for at in (x + step, x - step)))
+
+
+def improvable(solution: Solution) -> float:
+    """Return what better controls would save, to first order, relative to the cost."""
+    gain, _ = better_controls(solution)
+    return gain / cost_size(solution.cost, solution.cost_scale)
+
+
+def improved(solution: Solution, context: SolveContext) -> tuple[Solution, list[Attempt]]:
+    """Return the solution, or one on its mesh that costs less, and what was tried."""
+    attempts: list[Attempt] = []
+    most = min(context.settings.max_iterations, IMPROVEMENT.iterations)
+    how = {"solver": "ipopt", "initial_barrier": IMPROVEMENT.barrier, "max_iterations": most}
+    for _ in range(IMPROVEMENT.solves):
+        gain, controls = better_controls(solution)
+        size = cost_size(solution.cost, solution.cost_scale)
+        if not gain > IMPROVEMENT.worth * size or context.over:
+            break
+        guess = {
+            name: Guess(old.duration, {**old.values, **controls.get(name, {})})
+            for name, old in guess_from(context.transcription.problem, solution).items()
+        }
+        tried = context.solve([phase.mesh for phase in solution.phases], guess, **how)
+        attempts += named("from controls with a smaller Hamiltonian", tried.attempts)
+        if not (tried.status.solved and tried.cost < solution.cost - IMPROVEMENT.least_gain * gain):
+            break
+        solution = tried.with_rivals_of(solution)
+    return solution, attempts

@@ -19,7 +19,7 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.mesh import Round, refined
 from microbot_ocp.ocp.solution import Solution, StepProgress, quiet
-from microbot_ocp.ocp.solvers import SolverSettings, program_on, run_chain
+from microbot_ocp.ocp.solvers import SolverSettings, solve_on
 from microbot_ocp.ocp.transcription import Guess, Meshes, MeshLike, Transcription
 
 GuessFrom = Callable[[Solution], Mapping[str, Guess]]
@@ -135,27 +135,17 @@ class Refiner:
         if self.fitted is not None:
             kernels = self.fitted(kernels, mesh, guesses)
         progress = None if self.progress is quiet else self.progress
-        program, begin, build_time = program_on(kernels, mesh, guesses, settings)
-        solution = run_chain(
-            program,
-            settings,
-            begin,
-            progress=progress,
-            build_time=build_time,
-            until=np.inf,
-            warm_only=self.once,
-        )
-        self.history.append(
-            {
-                "intervals": [phase.mesh.size - 1 for phase in solution.phases],
-                "cost": solution.cost,
-                "duration": solution.duration,
-                "status": solution.status,
-                "accepted": solution.status.solved,
-                "build_time": solution.build_time,
-                "attempts": [attempt.as_dict() for attempt in solution.attempts],
-            }
-        )
+        solution = solve_on(kernels, mesh, guesses, settings, np.inf, progress, self.once)
+        entry = {
+            "intervals": [phase.mesh.size - 1 for phase in solution.phases],
+            "cost": solution.cost,
+            "duration": solution.duration,
+            "status": solution.status,
+            "accepted": solution.status.solved,
+            "build_time": solution.build_time,
+            "attempts": [attempt.as_dict() for attempt in solution.attempts],
+        }
+        self.history.append(entry)
         return solution
 
     def finished(self, solution: Solution) -> Solution:
@@ -273,8 +263,9 @@ class Refiner:
         """
 
         def done(rounds: _Rounds, _: list[FloatArray]) -> Status | None:
-            last = rounds[-1]
-            worthless = _gained(rounds) < worth * abs(last.solution.cost)
+            last, cost = rounds[-1], rounds[-1].solution.cost
+            gained = rounds[-2].solution.cost - cost if len(rounds) > 1 else np.inf
+            worthless = gained < worth * abs(cost)
             return Status.SOLVED if worthless or not last.measure.switched else None
 
         return self._refined(
@@ -312,9 +303,8 @@ class Refiner:
         self.progress(f"largest excess of a limit between mesh points: {100 * worst:.3g} %")
         gained = rounds[-1].solution.cost - solution.cost if rounds else np.inf
         sharp = gained > worth * abs(solution.cost)
-        return _Exceeded(
-            self.excess(solution), switching(solution) if switching and sharp else [], worst
-        )
+        switches = switching(solution) if switching and sharp else []
+        return _Exceeded(self.excess(solution), switches, worst)
 
     def _split_where_exceeded(self, rounds: _Rounds) -> list[FloatArray]:
         solution, seen = rounds[-1].solution, rounds[-1].measure
@@ -352,11 +342,6 @@ class _Exceeded:
 
 
 _Rounds = tuple[Round[Solution, _Exceeded], ...]
-
-
-def _gained(rounds: _Rounds) -> float:
-    """Return what the last mesh saved; infinite of the first one."""
-    return rounds[-2].solution.cost - rounds[-1].solution.cost if len(rounds) > 1 else np.inf
 
 
 def _stubborn(excess: Sequence[float]) -> int:

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import cycle, islice
@@ -25,6 +25,7 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.diagnosis import NotFinite, finite_start
 from microbot_ocp.ocp.problem import OptimalControlProblem
+from microbot_ocp.ocp.refinement import named
 from microbot_ocp.ocp.solution import RIVALS, Attempt, Solution, StartingPoint, cost_size
 from microbot_ocp.ocp.solvers import SolveContext, Solvers, run_chain, with_cost_scale
 from microbot_ocp.ocp.starts import Ranges, Rollouts, default_guess, starting_point
@@ -97,13 +98,14 @@ WAY = "from another start"
 CUT_SHORT = "It was not compared with all other starts for want of time."
 ALONE = "It was compared with nothing: no other start led to an answer."
 Given = Mapping[str, Guess] | Solution | str | None
+Pair = tuple[FloatArray, FloatArray]
 
 
 def cheapest_of_starts(context: SolveContext, most: int) -> tuple[Solution | None, list[Attempt]]:
     """Return the cheapest answer on a coarse mesh that any of ``most`` simulations leads to."""
-    starts = islice(_starts(context.transcription.problem, most, {}), most)
-    answers = list(_solved(_Coarse(context), starts))
-    attempts = [replace(a, way=WAY) for answer in answers for a in answer.attempts]
+    coarse = _Coarse(context)
+    answers = list(_solved(coarse, islice(_starts(coarse, most), most)))
+    attempts = named(WAY, [a for answer in answers for a in answer.attempts])
     solved = (answer for answer in answers if answer.solved)
     return min(solved, key=lambda answer: answer.cost, default=None), attempts
 
@@ -161,7 +163,7 @@ def _cheapest_finalist(
             return solution.ended(Status.INTERRUPTED), []
         if finer.status.solved and finer.cost < best.cost - worth:
             best = finer
-            attempts = [replace(a, way=WAY) for k in (start, finer) for a in k.attempts]
+            attempts = named(WAY, [*start.attempts, *finer.attempts])
     return best, attempts
 
 
@@ -179,13 +181,11 @@ def on_any_mesh(guess: Given, problem: OptimalControlProblem) -> Given:
     if not isinstance(guess, Mapping):
         return guess
     sizes = {p.name: {v.name: v.size for v in p.variables} for p in problem.phases}
-    return {
-        name: replace(
-            each,
-            values={k: _as_function(v, sizes[name].get(k, 1)) for k, v in each.values.items()},
-        )
-        for name, each in guess.items()
-    }
+    guesses = {}
+    for name, each in guess.items():
+        values = {k: _as_function(v, sizes[name].get(k, 1)) for k, v in each.values.items()}
+        guesses[name] = replace(each, values=values)
+    return guesses
 
 
 def _as_function(value: GuessValue, size: int) -> GuessValue:
@@ -214,8 +214,7 @@ def _answers(
     leads to an optimum more often comes more often.
     """
     problem = coarse.context.transcription.problem
-    starts = _starts(problem, most, _ranges(here), coarse.cost)
-    simulated = _solved(coarse, islice(starts, most))
+    simulated = _solved(coarse, islice(_starts(coarse, most, here), most))
     if most <= COMPARISON.each + 1:
         yield from ((answer, True) for answer in simulated)
         return
@@ -224,7 +223,7 @@ def _answers(
         with contextlib.suppress(NotFinite):
             elsewhere = coarse.context.solve(intervals, guess)
             yield (coarse.solved(elsewhere) if elsewhere.status.solved else elsewhere), False
-    curves = islice(_curves(problem, here, np.random.default_rng(0)), COMPARISON.random)
+    curves = islice(_curves(problem, here), COMPARISON.random)
     kinds = {True: simulated, False: _solved(coarse, curves)}
     solved, tried = dict.fromkeys(kinds, 0), dict.fromkeys(kinds, 0)
     while kinds:
@@ -253,19 +252,18 @@ def _until_they_agree(
         costs += [answer.cost] if answer.status.solved else []
         off = (np.array(costs) - min(costs)) / size
         met = int(np.sum(off <= COMPARISON.same))
-        enough = (
-            COMPARISON.enough_different if np.any(off > COMPARISON.worth) else COMPARISON.enough
-        )
-        enough = COMPARISON.enough_alone if met < RIVALS.agreed else enough
+        enough = COMPARISON.enough
+        if met < RIVALS.agreed:
+            enough = COMPARISON.enough_alone
+        elif np.any(off > COMPARISON.worth):
+            enough = COMPARISON.enough_different
         if (met > COMPARISON.agree and simulations >= COMPARISON.simulated) or spent > enough:
             return
 
 
-def _curves(
-    problem: OptimalControlProblem, here: Solution, draw: np.random.Generator
-) -> Iterator[dict[str, Guess]]:
+def _curves(problem: OptimalControlProblem, here: Solution) -> Iterator[dict[str, Guess]]:
     """Smooth random curves of the states between the ends that an answer has."""
-    usual, ranges = default_guess(problem), _ranges(here)
+    usual, ranges, draw = default_guess(problem), _ranges(here), np.random.default_rng(0)
     parameters = _parameters(problem)
     for share in cycle(COMPARISON.heights):
         guesses = {}
@@ -278,13 +276,12 @@ def _curves(
                 table = solved.values[state.name].reshape(-1, state.size)
                 height = share * np.ptp(table, axis=0)
                 waves = height * draw.standard_normal((COMPARISON.waves, state.size))
-                bounds = state.lower, state.upper
-                values[state.name] = partial(_curve, table[0], table[-1], waves, bounds)
+                ends, bounds = (table[0], table[-1]), (state.lower, state.upper)
+                values[state.name] = partial(_curve, ends, waves, bounds)
             for name, (low, high) in ranges[phase.name].items():
+                usually = np.clip(0.0, low, high)
                 pushed = low + (high - low) * draw.random(low.size)
-                values[name] = (1 - COMPARISON.push) * np.clip(
-                    0.0, low, high
-                ) + COMPARISON.push * pushed
+                values[name] = (1 - COMPARISON.push) * usually + COMPARISON.push * pushed
             values |= {v.name: drawn[v.name] for v in phase.free_parameters if v.name in drawn}
             guesses[phase.name] = Guess(float(np.clip(duration, *phase.duration_bounds)), values)
         yield guesses
@@ -293,27 +290,18 @@ def _curves(
 def _parameters(problem: OptimalControlProblem) -> Iterator[dict[str, FloatArray]]:
     """Free parameters that have both bounds, spread over these: Latin hypercubes."""
     bounded = [p for p in problem.free_parameters if np.isfinite(p.upper - p.lower).all()]
-    draw = np.random.default_rng(0)
+    draw, count = np.random.default_rng(0), COMPARISON.random
     while True:
-        strata = {p.name: np.tile(np.arange(COMPARISON.random), (p.size, 1)) for p in bounded}
-        strata = {name: draw.permuted(rows, axis=1) for name, rows in strata.items()}
-        for k in range(COMPARISON.random):
-            shares = {
-                p.name: (strata[p.name][:, k] + draw.random(p.size)) / COMPARISON.random
-                for p in bounded
-            }
-            yield {p.name: p.lower + shares[p.name] * (p.upper - p.lower) for p in bounded}
+        strata = [draw.permuted(np.tile(np.arange(count), (p.size, 1)), axis=1) for p in bounded]
+        for k in range(count):
+            shares = [(rows[:, k] + draw.random(len(rows))) / count for rows in strata]
+            pairs = zip(bounded, shares, strict=True)
+            yield {p.name: p.lower + share * (p.upper - p.lower) for p, share in pairs}
 
 
-def _curve(
-    first: FloatArray,
-    last: FloatArray,
-    waves: FloatArray,
-    bounds: tuple[FloatArray, FloatArray],
-    s: FloatArray,
-) -> FloatArray:
+def _curve(ends: Pair, waves: FloatArray, bounds: Pair, s: FloatArray) -> FloatArray:
     """Return a line with sines on it, within bounds [N, size]."""
-    share = np.asarray(s)[:, None]
+    (first, last), share = ends, np.asarray(s)[:, None]
     sines = np.sin(np.pi * share * np.arange(1, COMPARISON.waves + 1))
     return np.clip(first + (last - first) * share + sines @ waves, *bounds)
 
@@ -330,13 +318,11 @@ def _ranges(solution: Solution) -> Ranges:
     }
 
 
-def _starts(
-    problem: OptimalControlProblem,
-    most: int,
-    ranges: Ranges,
-    cost: Callable[[dict[str, Guess]], float] | None = None,
-) -> Iterator[dict[str, Guess]]:
+def _starts(coarse: _Coarse, most: int, here: Solution | None = None) -> Iterator[dict[str, Guess]]:
+    """Simulations, where there is an answer with the ranges of its controls and by their costs."""
+    problem = coarse.context.transcription.problem
     ordinary = default_guess(problem)
+    ranges, cost = ({}, None) if here is None else (_ranges(here), coarse.cost)
     simulations = Rollouts(problem, ordinary, ranges)
     nearest = simulations.nearest_first(steps=most > COMPARISON.each, cost=cost) or [ordinary]
     if all(low == high for low, high in (p.duration_bounds for p in problem.phases)):

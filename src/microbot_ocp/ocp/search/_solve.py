@@ -12,8 +12,8 @@ Theory: docs/theory/transcription.md, "Solvers".
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple, cast
 
 import numpy as np
@@ -23,28 +23,19 @@ from microbot_ocp._base.checks import InputError
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.diagnosis import POOR, NotFinite
 from microbot_ocp.ocp.problem import OptimalControlProblem, with_shapes
-from microbot_ocp.ocp.refinement import COST, Accuracy, improvable, judged
+from microbot_ocp.ocp.refinement import CONVERGED, COST, Accuracy, improvable, judged, named
 from microbot_ocp.ocp.search._other_starts import (
+    Given,
     cheaper_elsewhere,
     cheapest_of_starts,
     on_any_mesh,
 )
-from microbot_ocp.ocp.solution import (
-    Attempt,
-    Journal,
-    Progress,
-    Solution,
-    StepProgress,
-    cost_size,
-)
+from microbot_ocp.ocp.solution import Attempt, Journal, Progress, Solution, StepProgress, cost_size
 from microbot_ocp.ocp.solvers import SolveContext, SolverSettings, transcribed
 from microbot_ocp.ocp.starts import Rollouts, default_guess, guess_from
-from microbot_ocp.ocp.transcription import Guess, Meshes, Transcription
+from microbot_ocp.ocp.transcription import Meshes, Transcription
 from microbot_ocp.ocp.transcription.schemes import Scheme
 
-Given = Mapping[str, Guess] | Solution | str | None
-
-CONVERGED = (Status.SOLVED, Status.GAP_LEFT)
 ENDED = (*CONVERGED, Status.INTERRUPTED)
 # other shapes of controls may help
 UNSETTLED = (Status.NO_PROGRESS, Status.NOT_ACCEPTED, Status.ROUND_LIMIT, Status.SIZE_LIMIT)
@@ -165,7 +156,8 @@ def solve(
     seconds = min(checks.time_limit(time_limit), settings.time_limit)
     until = min(time.perf_counter() + seconds, deadline.until())
     how = mesh, guess, settings, scheme, until, cast("Progress | None", progress), goal
-    task, journal = SolveTask(problem, *how), Journal()
+    task = SolveTask(problem, *how)
+    journal = task.journal
     best: Solution | None = None
     unconverged: tuple[Solution, SolveContext] | None = None
     refused: InputError | None = None
@@ -196,7 +188,7 @@ def solve(
             if unconverged is None or _keeps_more(solution, unconverged[0], settings.tolerance):
                 unconverged = solution, start.context
             continue
-        solution, final = _finished(task, journal, strategy, solution, start)
+        solution, final = _finished(task, strategy.name, solution, start)
         better = best is None or final
         journal.discard(slice(mark) if better else slice(mark, None))
         best = solution if better else best
@@ -206,7 +198,7 @@ def solve(
         if unconverged is None:
             raise cast("InputError", refused)
         solution, context = unconverged
-        best = task.judged(solution, context, journal)[0]
+        best = task.judged(solution, context)[0]
     return _ended(task, journal.closed(best))
 
 
@@ -267,6 +259,7 @@ class SolveTask:
     until: float
     progress: Progress | None
     accuracy: Accuracy | None
+    journal: Journal = field(default_factory=Journal)
 
     @property
     def mesh(self) -> Meshes:
@@ -308,57 +301,44 @@ class SolveTask:
         return Start(context, self.mesh, self.guess, uneven)
 
     def judged(
-        self,
-        solution: Solution,
-        context: SolveContext,
-        journal: Journal,
-        freer_cost: float = np.inf,
+        self, solution: Solution, context: SolveContext, freer_cost: float = np.inf
     ) -> tuple[Solution, bool]:
         """Return the solution on its way to one that passes, and whether that is final."""
         how = replace(context, settings=self.short)
         if self.accuracy is None:
-            return judged(solution, how, journal, finer=self.given is None)
+            return judged(solution, how, self.journal, finer=self.given is None)
         goal = self.accuracy
-        return judged(solution, how, journal, finer=True, goal=goal, freer_cost=freer_cost)
-
-
-def named(strategy: str, attempts: Sequence[Attempt]) -> list[Attempt]:
-    """Return attempts that say what they were for."""
-    return [replace(attempt, way=attempt.way or strategy) for attempt in attempts]
+        return judged(solution, how, self.journal, finer=True, goal=goal, freer_cost=freer_cost)
 
 
 # from a first answer to a final one ---------------------------------------------------------------
 
 
-def _finished(
-    task: SolveTask, journal: Journal, strategy: Strategy, solution: Solution, start: Start
-) -> tuple[Solution, bool]:
+def _finished(task: SolveTask, way: str, solution: Solution, start: Start) -> tuple[Solution, bool]:
     """Return the cheapest that an answer leads to, on meshes on which it passes, and whether it is
     final.
 
     It is compared with what other starts lead to.
     """
-    solution, start = _in_own_scales(task, journal, solution, start)
+    solution, start = _in_own_scales(task, solution, start)
     compared = task.alone or isinstance(task.guess, Solution)  # what was compared when it was found
     if not compared and solution.status in CONVERGED:
         began, before = time.perf_counter(), solution
         solution, tried = cheaper_elsewhere(solution, start.context, task.compared, task.guess)
         spent = time.perf_counter() - began
-        journal.enter(OTHER_STARTS, before, solution if tried else None, tried, spent)
+        task.journal.enter(OTHER_STARTS, before, solution if tried else None, tried, spent)
         if tried:  # another valley, of other sizes
-            solution, start = _in_own_scales(task, journal, solution, start)
-    first = f"The first try failed; this was found {strategy.name}." if strategy.name else ""
+            solution, start = _in_own_scales(task, solution, start)
+    first = f"The first try failed; this was found {way}." if way else ""
     if solution.status.solved:
         solution = solution.remarked(first, solution.several)
-    solution, final = task.judged(solution, start.context, journal)
+    solution, final = task.judged(solution, start.context)
     if solution.status in UNSETTLED and _swings(task.problem, solution):
-        return _with_constant_controls(task, journal, solution)
+        return _with_constant_controls(task, solution)
     return solution, final
 
 
-def _in_own_scales(
-    task: SolveTask, journal: Journal, solution: Solution, start: Start
-) -> tuple[Solution, Start]:
+def _in_own_scales(task: SolveTask, solution: Solution, start: Start) -> tuple[Solution, Start]:
     """Give the solution, solved again with scales of its own where these are far from the guessed.
 
     What is small beside its scale is not accurate, and a cost of such a scale seems to be
@@ -384,7 +364,7 @@ def _in_own_scales(
     most = solution.cost + COST.unmet * cost_size(answer.cost, solution.cost_scale)
     better = answer.status in CONVERGED and answer.cost <= most
     spent = time.perf_counter() - began
-    journal.enter(OWN_SCALES, solution, answer if better else None, tried, spent)
+    task.journal.enter(OWN_SCALES, solution, answer if better else None, tried, spent)
     return (answer.with_rivals_of(solution), again) if better else (solution, start)
 
 
@@ -403,9 +383,7 @@ def _swings(problem: OptimalControlProblem | Transcription, solution: Solution) 
     )
 
 
-def _with_constant_controls(
-    task: SolveTask, journal: Journal, before: Solution
-) -> tuple[Solution, bool]:
+def _with_constant_controls(task: SolveTask, before: Solution) -> tuple[Solution, bool]:
     """Return the solution with controls that are constant over every interval, where that passes.
 
     On a singular arc a control that is free at every collocation point may go to and fro
@@ -415,15 +393,16 @@ def _with_constant_controls(
     began = time.perf_counter()
     assert isinstance(task.problem, OptimalControlProblem)
     problem = with_shapes(task.problem, "constant")
-    restated = replace(task, problem=problem, guess=guess_from(problem, before), given=None)
+    guess, own = guess_from(problem, before), Journal()
+    restated = replace(task, problem=problem, guess=guess, given=None, journal=own)
     settings = task.settings if task.alone else replace(task.settings, solver="ipopt")
     start = restated.start(settings=settings)
     answer = start.context.solve(start.mesh, start.guess)
-    own = Journal(list(answer.attempts))
-    answer, final = restated.judged(answer, start.context, own, freer_cost=before.cost)
+    own.attempts.extend(answer.attempts)
+    answer, final = restated.judged(answer, start.context, before.cost)
     solved = answer if answer.status.solved else None
     tried, spent = named(CONSTANT, own.attempts), time.perf_counter() - began
-    journal.enter(CONSTANT, before, solved, tried, spent)
+    task.journal.enter(CONSTANT, before, solved, tried, spent)
     if solved is None:
         return before, False
     remark = f"With other values at every point the cost does not settle: {CONSTANT}."
@@ -440,25 +419,31 @@ class Strategy:
     Attributes
     ----------
     name : in words that follow "found"
-    propose : starts of its solves, none where it does not apply; it adds what it tried for them
-    why : the kind of problem that needs it
+    propose : starts of its solves, none where it does not apply; it adds what it tried for them,
+        and says what kind of problem needs it
     """
 
     name: str
     propose: Callable[[SolveTask, list[Attempt]], Iterable[Start]]
-    why: str
 
 
 def _moved(task: SolveTask, _: list[Attempt]) -> Iterator[Start]:
+    """Start from the guess, moved off what is symmetric: most problems."""
     # where scales are wrong what is uneven is far from the guess
     yield task.start(uneven=not task.alone)
 
 
 def _as_it_is(task: SolveTask, _: list[Attempt]) -> Iterator[Start]:
+    """Start from the guess: a hundredth of scales that are far too large is far from it."""
     yield task.start()
 
 
 def _from_a_coarser_mesh(task: SolveTask, tried: list[Attempt]) -> Iterator[Start]:
+    """Start from an answer on few intervals.
+
+    Stiff reactors and long horizons take hundreds of iterations on a fine mesh, few on a coarse
+    one.
+    """
     coarser = round(SEARCH.coarser * default_mesh(task.problem))
     if isinstance(task.mesh, int) and task.mesh <= coarser:
         return
@@ -471,6 +456,11 @@ def _from_a_coarser_mesh(task: SolveTask, tried: list[Attempt]) -> Iterator[Star
 
 
 def _simulated(task: SolveTask, _: list[Attempt]) -> Iterator[Start]:
+    """Start from the simulations that end nearest.
+
+    Swinging up, and durations that are far from the guessed one: between straight lines and the
+    answer lies no trajectory.
+    """
     assert isinstance(task.problem, OptimalControlProblem)
     if task.guess is None:
         simulations = Rollouts(task.problem, default_guess(task.problem)).of_any_duration()
@@ -479,6 +469,10 @@ def _simulated(task: SolveTask, _: list[Attempt]) -> Iterator[Start]:
 
 
 def _from_many_starts(task: SolveTask, tried: list[Attempt]) -> Iterator[Start]:
+    """Start from the cheapest of several answers on a coarse mesh.
+
+    Turns of a body, to and fro, that no simulation with constant controls comes near.
+    """
     start = task.start()
     cheapest, attempts = cheapest_of_starts(start.context, SEARCH.compared)
     tried += attempts
@@ -487,39 +481,23 @@ def _from_many_starts(task: SolveTask, tried: list[Attempt]) -> Iterator[Start]:
 
 
 def _with_more_iterations(task: SolveTask, _: list[Attempt]) -> Iterator[Start]:
+    """Go on for longer: what is large or very nonlinear."""
     most = task.settings.max_iterations
     if most > task.few.max_iterations:
         yield task.start(settings=replace(task.few, max_iterations=most))
 
 
 def _by_fatrop(task: SolveTask, _: list[Attempt]) -> Iterator[Start]:
+    """Solve by fatrop: more equations than variables, which IPOPT refuses."""
     yield task.start(settings=replace(task.few, solver="fatrop"))
 
 
 STRATEGIES = (
-    Strategy("", _moved, "most problems; moved off what is symmetric"),
-    Strategy(
-        "from the guess as it is",
-        _as_it_is,
-        "scales that are far too large: a hundredth of them is far from the guess",
-    ),
-    Strategy(
-        COARSER,
-        _from_a_coarser_mesh,
-        "stiff reactors and long horizons take hundreds of iterations on a fine mesh, few on a "
-        "coarse one",
-    ),
-    Strategy(
-        "from the simulation that ends nearest",
-        _simulated,
-        "swinging up, and durations that are far from the guessed one: between straight lines and "
-        "the answer lies no trajectory",
-    ),
-    Strategy(
-        "from the cheapest of several starts on a coarse mesh",
-        _from_many_starts,
-        "turns of a body, to and fro, that no simulation with constant controls comes near",
-    ),
-    Strategy("with more iterations", _with_more_iterations, "what is large or very nonlinear"),
-    Strategy("by fatrop", _by_fatrop, "more equations than variables, which IPOPT refuses"),
+    Strategy("", _moved),
+    Strategy("from the guess as it is", _as_it_is),
+    Strategy(COARSER, _from_a_coarser_mesh),
+    Strategy("from the simulation that ends nearest", _simulated),
+    Strategy("from the cheapest of several starts on a coarse mesh", _from_many_starts),
+    Strategy("with more iterations", _with_more_iterations),
+    Strategy("by fatrop", _by_fatrop),
 )

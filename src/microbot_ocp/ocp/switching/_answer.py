@@ -59,9 +59,8 @@ def junctions_of(
             if sides[0] != sides[1]:
                 free = SINGULAR if singular and column.limit is None else NAMES[0]
                 before, after = (NAMES[side] if side else free for side in sides)
-                yield Junction(
-                    plan.declared.name, end, column.name, column.component, before, after
-                )
+                where = plan.declared.name, end, column.name, column.component
+                yield Junction(*where, before, after)
 
 
 @dataclass(frozen=True, eq=False)

@@ -87,26 +87,19 @@ def is_cuttable(declared: Phase) -> bool:
 def cut(problem: OptimalControlProblem, plans: Sequence[ArcPlan]) -> CutProblem:
     """Make a phase of every arc; the clock goes on from one to the next."""
     whole = OptimalControlProblem(f"{problem.name} in arcs")
-    conditions = [ArcConditions()]
-    for plan in plans:
-        start = plan is plans[0]
-        conditions += [
-            _conditions_on(plan, arc, start=start and arc is plan.arcs[0]) for arc in plan.arcs
-        ]
-    conditions.append(ArcConditions())
+    arcs = [(plan, arc) for plan in plans for arc in plan.arcs]
+    held = [_conditions_on(*pair, start=k == 0) for k, pair in enumerate(arcs)]
+    conditions = [ArcConditions(), *held, ArcConditions()]
     groups: list[tuple[Phase, ...]] = []
     guesses: dict[str, Guess] = {}
-    done = 0
     for plan in plans:
-        count = len(plan.arcs)
-        cutter = _Cutter(plan, conditions[done : done + count + 2])
-        pieces = [cutter.piece(index) for index in range(count)]
-        done += count
+        cutter = _Cutter(plan, conditions[len(whole.phases) :])
+        pieces = [cutter.piece(index) for index in range(len(plan.arcs))]
         groups.append(tuple(phase for phase, _ in pieces))
         guesses |= {phase.name: guess for phase, guess in pieces}
         whole.phases += groups[-1]
     whole.links = list(_links(problem, groups))
-    meshes = tuple(arc.intervals for plan in plans for arc in plan.arcs)
+    meshes = tuple(arc.intervals for _, arc in arcs)
     return CutProblem(whole, tuple(groups), guesses, meshes)
 
 

@@ -101,15 +101,10 @@ def _held_at_limits(plan: ArcPlan, arc: PlannedArc, piece: PhaseSolution) -> lis
     for k, column in enumerate(plan.columns):
         if not arc.signature[k]:
             table[:, k] = sides.get((column.name, column.component, column.limit is None), 0)
-    length = arc.end - arc.begin
-    arcs = []
-    for first, after, _ in runs(table):
-        begin, end = (arc.begin + piece.mesh[[first, after]] * length).tolist()
-        signature = tuple(int(side) for side in table[first])
-        arcs.append(
-            PlannedArc(begin, end, signature, max(after - first, SWITCHING.least_intervals))
-        )
-    return arcs
+    return [
+        _part(arc, piece.mesh[[first, after]].tolist(), table[first].tolist(), after - first)
+        for first, after, _ in runs(table)
+    ]
 
 
 @dataclass(frozen=True)
@@ -130,7 +125,6 @@ def _freed_where_wrong(
 ) -> list[PlannedArc]:
     """Divide an arc where what is held leaves its limit."""
     places = sorted({0.0, 1.0, *(w.begin for w in wrong), *(w.end for w in wrong)})
-    length = arc.end - arc.begin
     arcs = []
     for a, b in itertools.pairwise(places):
         signature = list(arc.signature)
@@ -141,10 +135,16 @@ def _freed_where_wrong(
                 if not signature[other] and instead not in beside:
                     signature = list(instead)
                     break
-        intervals = max(round((b - a) * arc.intervals), SWITCHING.least_intervals)
-        begin, end = arc.begin + a * length, arc.begin + b * length
-        arcs.append(PlannedArc(begin, end, tuple(signature), intervals))
+        arcs.append(_part(arc, (a, b), signature, round((b - a) * arc.intervals)))
     return arcs
+
+
+def _part(
+    arc: PlannedArc, places: Sequence[float], signature: Sequence[int], intervals: int
+) -> PlannedArc:
+    """Return an arc between two fractions of another."""
+    begin, end = (arc.begin + place * (arc.end - arc.begin) for place in places)
+    return PlannedArc(begin, end, tuple(signature), max(intervals, SWITCHING.least_intervals))
 
 
 def _met_on(plan: ArcPlan, piece: PhaseSolution, begin: float, end: float) -> list[tuple[int, int]]:
@@ -175,15 +175,13 @@ def wrong_signs(solved: ArcSolution) -> dict[str, list[WrongSign]]:
             if column.limit is not None:
                 key = ("constraint", f"{column.name}[{column.component}] met", 0)
             densities = [
-                _density(piece, multipliers[piece.name, *key])
+                (piece, arc.signature[place], *_density(piece, multipliers[piece.name, *key]))
+                for piece, arc in zip(pieces, plan.arcs, strict=True)
                 if (piece.name, *key) in multipliers
-                else (np.zeros(0), np.zeros(0))
-                for piece in pieces
             ]
-            largest = max(float(np.abs(d).max(initial=0.0)) for _, d in densities)
-            for piece, arc, (at, density) in zip(pieces, plan.arcs, densities, strict=True):
-                side = arc.signature[place]
-                if side and at.size:
+            largest = max((float(np.abs(k[-1]).max()) for k in densities), default=0.0)
+            for piece, side, at, density in densities:
+                if side:
                     spans = _negative(at, side * density, SWITCHING.wrong_sign * largest)
                     wrong.setdefault(piece.name, []).extend(WrongSign(place, *s) for s in spans)
     return {name: places for name, places in wrong.items() if places}

@@ -27,7 +27,7 @@ from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.arcs import ArcPlan, PlannedArc, Sample, joined
-from microbot_ocp.ocp.mesh import divide, state_errors
+from microbot_ocp.ocp.mesh import divide_phase, state_errors
 from microbot_ocp.ocp.problem import OptimalControlProblem, PathConstraint, Phase, Variable
 from microbot_ocp.ocp.solution import PhaseSolution, Solution, cost_size
 from microbot_ocp.ocp.solvers import SolverSettings, solve_on
@@ -78,12 +78,12 @@ class NotPossibleError(Exception):
     """Why the conditions were not, or could not be, solved."""
 
 
-def costate_sample(phases: Sequence[PhaseSolution], solution: Solution) -> Sample:
+def costate_sample(solution: Solution) -> Sample:
     """Sample costates at times since the start, by the multipliers of the rows of the dynamics."""
     tables: dict[str, list[FloatArray]] = {}
     times, start = [], 0.0
     multipliers = np.asarray(solution.row_multipliers, dtype=float)
-    for phase in phases:
+    for phase in solution.phases:
         costates = costates_of(phase, differentiate(phase, multipliers), multipliers)
         at_points = costates.point_t.size > 0
         times.append(start + (costates.point_t if at_points else costates.t))
@@ -114,28 +114,21 @@ def solve_conditions(
     NotPossibleError
         The problem is none of those that this is for, or the answer is not accepted.
     """
-    _refuse(problem, plan)
-    return _FirstOrderConditions(plan, solution).solved(accuracy)
-
-
-def _refuse(problem: OptimalControlProblem, plan: ArcPlan) -> None:
-    """Refuse what the conditions would have to know more of."""
     phase, controls = plan.declared, sum(c.size for c in plan.declared.controls)
-    reasons = {
+    limited = any(any(arc.signature[controls:]) for arc in plan.arcs)
+    at_points = phase.point_constraints or phase.point_costs
+    reasons = {  # of which the conditions would have to know more
         "the problem has several phases": len(problem.phases) > 1,
-        "the problem has free parameters": bool(phase.free_parameters),
-        "the problem has algebraic equations": bool(phase.algebraics),
+        "the problem has free parameters": phase.free_parameters,
+        "the problem has algebraic equations": phase.algebraics,
         "a control is continuous": any(c.shape == "linear" for c in phase.controls),
-        "something is demanded or costs at points of the phase": bool(
-            phase.point_constraints or phase.point_costs
-        ),
-        "limits of states or path constraints act on an arc": any(
-            any(arc.signature[controls:]) for arc in plan.arcs
-        ),
+        "something is demanded or costs at points of the phase": at_points,
+        "limits of states or path constraints act on an arc": limited,
     }
     for reason, holds in reasons.items():
         if holds:
             raise NotPossibleError(reason)
+    return _FirstOrderConditions(plan, solution).solved(accuracy)
 
 
 class _Law(NamedTuple):
@@ -157,7 +150,7 @@ class _FirstOrderConditions:
     def __init__(self, plan: ArcPlan, solution: Solution) -> None:
         self.plan, phase = plan, plan.declared
         self.solution = solution
-        self.costates = costate_sample(solution.phases, solution)
+        self.costates = costate_sample(solution)
         self.size = sum(s.size for s in phase.states)
         self.state_parts, self.control_parts = _parts(phase.states), _parts(phase.controls)
         self.lower = np.concatenate([c.lower for c in phase.controls])
@@ -176,10 +169,10 @@ class _FirstOrderConditions:
         along = [f, self.slope, running, hamiltonian, ca.densify(self.switching)]
         self.along = ca.Function("along", self.arguments, along)
         self.laws = [self._law(arc) for arc in plan.arcs]
+        self.near = [self._nearby(arc) for arc in plan.arcs]
         # of what switching functions are compared with, [m]
-        near = [self._nearby(arc) for arc in plan.arcs]
-        self.sizes = _largest(_values(self.along, *values)[-1] for values in near)
-        for law, values in zip(self.laws, near, strict=True):
+        self.sizes = _largest(_values(self.along, *values)[-1] for values in self.near)
+        for law, values in zip(self.laws, self.near, strict=True):
             if law.free is not None:
                 size = self.sizes[law.free] / plan.duration**2
                 if not np.abs(_values(law.terms, *values)[-1]).max() > SINGULAR.vanishing * size:
@@ -193,12 +186,8 @@ class _FirstOrderConditions:
     ) -> list[ca.MX]:
         """Write declared expressions with other symbols."""
         phase = self.plan.declared
-        symbols = [
-            *(v.symbol for v in (*phase.states, *phase.controls)),
-            phase.time,
-            phase.duration,
-        ]
-        symbols += [p.symbol for p in phase.parameters]
+        symbols = [v.symbol for v in (*phase.states, *phase.controls)]
+        symbols += [phase.time, phase.duration, *(p.symbol for p in phase.parameters)]
         run = ca.Function("declared", symbols, list(expressions))
         values = [x[part] for part in self.state_parts.values()]
         values += [u[part] for part in self.control_parts.values()]
@@ -231,33 +220,24 @@ class _FirstOrderConditions:
         terms = [ca.substitute(e, u, rest) for e in (first, second, factor)]
         controls = ca.MX(held)
         controls[singular] = -terms[1] / terms[2]
-        return _Law(
-            singular,
-            ca.Function("terms", self.arguments, terms),
-            ca.Function("controls", inputs, [controls]),
-        )
-
-    def _times(self, arc: PlannedArc) -> FloatArray:
-        """Return times at which an arc is looked at."""
-        return self.plan.duration * np.linspace(arc.begin, arc.end, SINGULAR.checked)
+        run = ca.Function("terms", self.arguments, terms)
+        return _Law(singular, run, ca.Function("controls", inputs, [controls]))
 
     def _nearby(self, arc: PlannedArc) -> list[FloatArray]:
         """Sample states, costates, controls and times along an arc of the solution that is near."""
-        t = self._times(arc)
-        values = self.plan.sample(t)
-        tables = (values, self.costates(t), values)
-        parts = (self.state_parts, self.state_parts, self.control_parts)
-        stacked = (
-            np.hstack([v[name] for name in names]).T for v, names in zip(tables, parts, strict=True)
-        )
-        return [*stacked, t[None, :]]
+        t = self.plan.duration * np.linspace(arc.begin, arc.end, SINGULAR.checked)
+        values, costates = self.plan.sample(t), self.costates(t)
+        x = np.hstack([values[name] for name in self.state_parts]).T
+        costate = np.hstack([costates[name] for name in self.state_parts]).T
+        u = np.hstack([values[name] for name in self.control_parts]).T
+        return [x, costate, u, t[None, :]]
 
     # the problem ----------------------------------------------------------------------------------
 
     def _problem(self) -> OptimalControlProblem:
         conditions = OptimalControlProblem("conditions of first order")
         before: Phase | None = None
-        for index, (arc, law) in enumerate(zip(self.plan.arcs, self.laws, strict=True)):
+        for index, law in enumerate(self.laws):
             first, last = index == 0, index == len(self.laws) - 1
             name = f"{self.plan.declared.name} {index + 1}"
             reach = self.plan.duration
@@ -273,8 +253,7 @@ class _FirstOrderConditions:
                 phase.derivative(symbols[COSTATE + state], slopes[1][part])
             phase.derivative(cost, slopes[2])
             phase.derivative(clock, ca.MX(1.0))
-            after = None if last else self.plan.arcs[index + 1]
-            self._switch(phase, law, arc, after, [x, costate, u, clock], slopes[-1])
+            self._switch(phase, index, [x, costate, u, clock], slopes[-1])
             if last:
                 self._end(phase, x, costate, clock, slopes[3])
             if before is not None:
@@ -309,31 +288,21 @@ class _FirstOrderConditions:
         low, high = given
         return _met(value, low, high, state.scale)
 
-    def _switch(
-        self,
-        phase: Phase,
-        law: _Law,
-        arc: PlannedArc,
-        after: PlannedArc | None,
-        values: list[ca.MX],
-        switching: ca.MX,
-    ) -> None:
+    def _switch(self, phase: Phase, index: int, values: list[ca.MX], switching: ca.MX) -> None:
         """Declare what vanishes where an arc ends, as squares.
 
         Where a singular arc begins or ends the motion, one of these follows from what holds there:
         as equations they would be one too many.
         """
-        reach = self.plan.duration
+        reach, law = self.plan.duration, self.laws[index]
         if law.free is not None:
             size = float(self.sizes[law.free])
             phase.end_cost((switching[law.free] / size) ** 2)
             first = law.terms.call(values, True, False)[0]
             phase.end_cost((first * reach / size) ** 2)
-        if after is None:
-            return
-        pairs = zip(arc.signature, after.signature, strict=True)
-        for i, (one, other) in enumerate(itertools.islice(pairs, self.lower.size)):
-            if one * other < 0:
+        both = self.plan.signatures[index : index + 2]  # of the last arc there is but its own
+        for i, sides in enumerate(itertools.islice(zip(*both, strict=True), self.lower.size)):
+            if min(sides) * max(sides) < 0:
                 phase.end_cost((switching[i] / float(self.sizes[i])) ** 2)
 
     def _end(
@@ -343,9 +312,7 @@ class _FirstOrderConditions:
         near, declared = self.plan, self.plan.declared
         there, time = ca.MX.sym("there", self.size), ca.MX.sym("time")
         none = ca.MX.zeros(self.lower.size)
-        fixed_states = np.concatenate(
-            [self._at_end(s, s.final, near.duration)[0] for s in declared.states]
-        )
+        fixed_states = [self._at_end(s, s.final, near.duration)[0] for s in declared.states]
         rows: list[ca.MX] = []
         at_end = near.sample(np.array([near.duration]))
         value = np.concatenate([at_end[s.name][0] for s in declared.states])
@@ -367,7 +334,7 @@ class _FirstOrderConditions:
             phase.derivative(end_prices, ca.MX.zeros(len(rows)))
             phase.end_constraint("end", missed, 0.0, 0.0)
         price = costate - by_state
-        for i in np.flatnonzero(~fixed_states).tolist():
+        for i in np.flatnonzero(~np.concatenate(fixed_states)).tolist():
             phase.end_constraint(f"transversality {i}", price[i], 0.0, 0.0)
         low, high = declared.duration_bounds
         bounds = np.array([low]), np.array([high])
@@ -379,21 +346,19 @@ class _FirstOrderConditions:
 
     def _guesses(self) -> dict[str, Guess]:
         guesses, cost = {}, 0.0
-        for index, arc in enumerate(self.plan.arcs):
-            t = self._times(arc)
-            x, costate, u, _ = self._nearby(arc)
+        for index, (x, costate, u, time) in enumerate(self.near):
+            t = time[0]
             values = {CLOCK: t[:, None]}
             for name, part in self.state_parts.items():
                 values[name], values[COSTATE + name] = x[part].T, costate[part].T
-            running = _values(self.along, x, costate, u, t[None, :])[2][0]
+            running = _values(self.along, x, costate, u, time)[2][0]
             steps = (running[1:] + running[:-1]) / 2 * np.diff(t)
             values[COST] = np.append(cost, cost + np.cumsum(steps))[:, None]
             cost = float(values[COST][-1, 0])
-            name = f"{self.plan.declared.name} {index + 1}"
-            reach = t[-1] - t[0]
             places = np.linspace(0.0, 1.0, t.size)
             curves = {key: _along(places, table) for key, table in values.items()}
-            guesses[name] = Guess(float(reach), curves)
+            name = f"{self.plan.declared.name} {index + 1}"
+            guesses[name] = Guess(float(t[-1] - t[0]), curves)
         return guesses
 
     # its solution ---------------------------------------------------------------------------------
@@ -401,9 +366,8 @@ class _FirstOrderConditions:
     def solved(self, accuracy: float) -> SingularArcs:
         problem, guesses = self._problem(), self._guesses()
         transcription = Transcription(scaled(problem, guesses), scheme=HIGH_ORDER)
-        meshes: list[MeshLike] = [
-            max(arc.intervals, SINGULAR.least_intervals) for arc in self.plan.arcs
-        ]
+        least = SINGULAR.least_intervals
+        meshes: list[MeshLike] = [max(arc.intervals, least) for arc in self.plan.arcs]
         start: dict[str, Guess] = guesses
         for _ in range(SINGULAR.rounds):
             if deadline.over():
@@ -415,10 +379,8 @@ class _FirstOrderConditions:
             error = max(float(e.max()) for e in errors)
             if error <= accuracy:
                 return self._accepted(solution, error)
-            meshes = [
-                divide(phase.mesh, error, accuracy, HIGH_ORDER.order)
-                for phase, error in zip(solution.phases, errors, strict=True)
-            ]
+            pairs = zip(solution.phases, errors, strict=True)
+            meshes = [divide_phase(phase, of_phase, accuracy) for phase, of_phase in pairs]
             start = guess_from(problem, solution)
         raise NotPossibleError(f"the canonical equations hold to {error:.1e} only")
 
@@ -427,27 +389,29 @@ class _FirstOrderConditions:
         lengths = np.array([phase.duration for phase in solution.phases])
         if lengths.min() <= 2 * SINGULAR.shortest * near.duration:
             raise NotPossibleError("an arc has no length")
-        tables = [self._along_arc(*pair) for pair in zip(solution.phases, self.laws, strict=True)]
-        largest = _largest(switching for _, switching, _ in tables)
+        pairs = list(zip(solution.phases, self.laws, strict=True))
+        tables = [
+            self._of(phase.sample(np.linspace(0.0, phase.duration, SINGULAR.checked)), law)
+            for phase, law in pairs
+        ]
         self._check_limits(tables)
-        vanishing = 0.0
-        kelley = -np.inf
-        for index, (arc, law, (_, switching, terms)) in enumerate(
-            zip(near.arcs, self.laws, tables, strict=True)
-        ):
-            sides = np.array(arc.signature[: self.lower.size])
-            against = (sides[:, None] * switching).max(axis=1) / largest
+        switching = [_values(self.along, *table)[-1] for table in tables]
+        largest = _largest(switching)
+        sides = [np.array(signature[: self.lower.size]) for signature in near.signatures]
+        vanishing, kelley = 0.0, -np.inf
+        for index, (law, along) in enumerate(zip(self.laws, switching, strict=True)):
+            against = (sides[index][:, None] * along).max(axis=1) / largest
             if against.max() > SINGULAR.violation:
                 raise NotPossibleError(
                     "a switching function of a control at a bound has the wrong sign"
                 )
             if law.free is not None:
-                vanishing = max(vanishing, np.abs(switching[law.free]).max() / largest[law.free])
-                kelley = max(kelley, float(terms[-1].max()))
+                vanishing = max(vanishing, np.abs(along[law.free]).max() / largest[law.free])
+                kelley = max(kelley, float(_values(law.terms, *tables[index])[-1].max()))
             if index + 1 < len(tables):
-                after = np.array(near.arcs[index + 1].signature[: self.lower.size])
-                jumps = np.abs(switching[:, -1]) / largest
-                vanishing = max(vanishing, float(jumps[sides * after < 0].max(initial=0.0)))
+                switches = sides[index] * sides[index + 1] < 0
+                jumps = np.abs(along[:, -1]) / largest
+                vanishing = max(vanishing, float(jumps[switches].max(initial=0.0)))
         if vanishing > SINGULAR.vanishing:
             raise NotPossibleError(
                 f"a switching function comes to {vanishing:.1e} of its largest value where it must "
@@ -462,17 +426,8 @@ class _FirstOrderConditions:
         other = self.solution
         if not abs(cost - other.cost) <= SINGULAR.agrees * cost_size(other.cost, other.cost_scale):
             raise NotPossibleError(f"their cost is {cost:.10g}, not {other.cost:.10g}")
-        samples = tuple(
-            self._sample(phase, law) for phase, law in zip(solution.phases, self.laws, strict=True)
-        )
+        samples = tuple(self._sample(*pair) for pair in pairs)
         return SingularArcs(solution, cost, lengths, kelley, float(vanishing), error, samples)
-
-    def _along_arc(
-        self, phase: PhaseSolution, law: _Law
-    ) -> tuple[list[FloatArray], FloatArray, list[FloatArray]]:
-        """Evaluate values, switching functions and terms of the law along an arc."""
-        tables = self._of(phase.sample(np.linspace(0.0, phase.duration, SINGULAR.checked)), law)
-        return tables, _values(self.along, *tables)[-1], _values(law.terms, *tables)
 
     def _of(self, values: dict[str, FloatArray], law: _Law) -> list[FloatArray]:
         """Stack states, costates, controls and times [*, M] of sampled values."""
@@ -489,7 +444,7 @@ class _FirstOrderConditions:
 
         return sample
 
-    def _check_limits(self, tables: Sequence[Any]) -> None:
+    def _check_limits(self, tables: Sequence[Sequence[FloatArray]]) -> None:
         """Demand that no limit of states, path constraint or bound of a control is exceeded."""
         phase = self.plan.declared
         limits = [*phase.states, *phase.controls, *phase.constraints]
@@ -497,16 +452,14 @@ class _FirstOrderConditions:
         expressions = [k.expression if isinstance(k, PathConstraint) else k.symbol for k in limits]
         expressions = [ca.densify(e) for e in self.declared(expressions, x, u, time)]
         run = ca.Function("limited", self.arguments, expressions)
-        for limit, *arcs in zip(
-            limits, *(_values(run, *table) for table, *_ in tables), strict=True
-        ):
+        of_arcs = [_values(run, *table) for table in tables]
+        for limit, *arcs in zip(limits, *of_arcs, strict=True):
             values = np.hstack(arcs)
             reach = limit.upper - limit.lower
             reach = np.where(np.isfinite(reach), reach, np.ptp(values, axis=1) + limit.scale)
             excess = np.maximum(values.max(axis=1) - limit.upper, limit.lower - values.min(axis=1))
-            if np.any(
-                excess > SINGULAR.violation * np.maximum(reach, SINGULAR.violation * limit.scale)
-            ):
+            size = np.maximum(reach, SINGULAR.violation * limit.scale)
+            if np.any(excess > SINGULAR.violation * size):
                 raise NotPossibleError(f"{limit.name!r} is beyond its limit along an arc")
 
 
@@ -522,9 +475,8 @@ def _values(run: ca.Function, *tables: FloatArray) -> list[FloatArray]:
 def _parts(variables: Sequence[Variable]) -> dict[str, slice]:
     """Return the rows of every variable, one below the other."""
     edges = np.cumsum([0, *(v.size for v in variables)]).tolist()
-    return {
-        v.name: slice(a, b) for v, (a, b) in zip(variables, itertools.pairwise(edges), strict=True)
-    }
+    pairs = zip(variables, itertools.pairwise(edges), strict=True)
+    return {v.name: slice(*ends) for v, ends in pairs}
 
 
 def _along(places: FloatArray, table: FloatArray) -> Callable[[FloatArray], FloatArray]:

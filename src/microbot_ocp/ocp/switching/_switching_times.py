@@ -35,6 +35,7 @@ from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.arcs import ArcPlan, Signature, plan_of
 from microbot_ocp.ocp.mesh import divide, state_errors
 from microbot_ocp.ocp.problem import OptimalControlProblem
+from microbot_ocp.ocp.refinement import CONVERGED
 from microbot_ocp.ocp.search import solve
 from microbot_ocp.ocp.solution import PhaseSolution, Solution, StepProgress, cost_size, quiet
 from microbot_ocp.ocp.solvers import SolverSettings, solve_on
@@ -50,7 +51,6 @@ from microbot_ocp.ocp.verification import dense_phase, limit_uses, relative_exce
 SETTINGS = SolverSettings(
     "ipopt", tolerance=1e-10, gap=1e-7, initial_barrier=1e-4, max_iterations=300
 )
-CONVERGED = (Status.SOLVED, Status.GAP_LEFT)
 
 Transcribe = Callable[..., Transcription]
 
@@ -169,18 +169,16 @@ class _SwitchingSearch:
         """Go round the steps of the header."""
         solved: ArcSolution | None = None
         measured, error = solved, np.inf
-        verdict = None
         until = deadline.until()
         for done in range(rounds):
-            verdict = self._stopped(until)
-            if verdict is not None:
-                break
+            stopped = self._stopped(until)
+            if stopped is not None:
+                return self._answer(measured, error, stopped)
             attempt = self._solve()
             if attempt.solution.status in CONVERGED:
                 solved = attempt
             elif solved is None or attempt.solution.status is Status.INTERRUPTED:
-                verdict = _not_solved(attempt)
-                break
+                return self._answer(measured, error, _not_solved(attempt))
             self.plans = solved.plans
             revised = solved.revised() if done < rounds // 2 else solved.plans
             if _signatures(revised) not in self.tried:
@@ -194,10 +192,9 @@ class _SwitchingSearch:
             finer = self._finer(solved, errors)
             unkept = any(finer[p.name] > p.mesh.size - 1 for p in solved.solution.phases)
             if error <= self.accuracy and not (unkept and done < rounds - 1):
-                verdict = self._judged(solved)
-                break
+                return self._answer(measured, error, self._judged(solved))
             self.plans = with_finer_meshes(solved, finer)
-        return self._answer(measured, error, verdict)
+        return self._answer(measured, error, _Verdict(Status.ROUND_LIMIT))
 
     def _stopped(self, until: float) -> _Verdict | None:
         most = 2 * CUTTER.most_arcs  # short ones may turn out to be none
@@ -286,18 +283,16 @@ class _SwitchingSearch:
         return _Verdict(Status.SOLVED)
 
     def _answer(
-        self, solved: ArcSolution | None, error: float, verdict: _Verdict | None
+        self, solved: ArcSolution | None, error: float, verdict: _Verdict
     ) -> SwitchingTimes:
-        status = Status.ROUND_LIMIT if verdict is None else verdict.status
-        advice = verdict.advice if verdict and verdict.advice else status.sentence
+        status, advice = verdict.status, verdict.advice or verdict.status.sentence
         if status is Status.ROUND_LIMIT:
             advice += f" The dynamics hold to {error:.1e}, {self.accuracy:.1e} is wanted."
         if status is not Status.INTERRUPTED:
             free = _undetermined(self.plans)
             if free:
-                where = ", ".join(
-                    f"{100 * share:.2g} % of {name!r}" for name, share in free.items()
-                )
+                shares = [f"{100 * share:.2g} % of {name!r}" for name, share in free.items()]
+                where = ", ".join(shares)
                 advice += (
                     f" Along {where} fewer limits act than there are controls: a control is "
                     "singular there, or other solutions are as good, and it has no switching times "

@@ -17,9 +17,6 @@ from ._conditions import (
     differentiate as differentiate,
     lagrangian_gradient as lagrangian_gradient,
 )
-from ._declared import (
-    as_declared as as_declared,
-)
 from ._hamiltonian import (
     better_controls as better_controls,
     costates_of as costates_of,

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -61,13 +61,9 @@ def differentiate(phase: PhaseSolution, lam_g: FloatArray) -> Derivatives:
     run = _gradient(layout.kind.kernels.stage).map(intervals.size)
     slope, slope_of_grid = run(table.T, layout.constants(intervals), of_stages.T)
     by_grid = slope_of_grid.full()
-    last = [phase.values[v.name][-1] for v in node_variables(layout.phase)]
-    z = np.vstack(
-        [
-            phase.stages[layout.nodes[:-1] - layout.stages.start],
-            np.append(np.concatenate(last), phase.duration) / layout.node_scale,
-        ]
-    )
+    last = [*(phase.values[v.name][-1] for v in node_variables(layout.phase)), [phase.duration]]
+    inner = phase.stages[layout.nodes[:-1] - layout.stages.start]
+    z = np.vstack([inner, np.concatenate(last) / layout.node_scale])
     by_point, end_cost = np.zeros_like(z), np.zeros(layout.node_size)
     for group in layout.points:
         run = _gradient(group.kernel.point).map(group.nodes.size)
@@ -85,17 +81,13 @@ def differentiate(phase: PhaseSolution, lam_g: FloatArray) -> Derivatives:
     )
 
 
-def _symbols(function: ca.Function) -> list[Any]:
-    kind = ca.SX if function.is_a("SXFunction") else ca.MX
-    return [kind.sym(f"i{k}", function.size1_in(k)) for k in range(function.n_in())]
-
-
 def _gradient(function: ca.Function) -> ca.Function:
     """Return slopes of the Lagrangian of a stage, or of points, with respect to its inputs."""
-    v, c = _symbols(function)
+    kind: Any = ca.SX if function.is_a("SXFunction") else ca.MX
+    v, c = (kind.sym(name, function.size1_in(k)) for k, name in enumerate("vc"))
     *parts, cost = function(v, c)
     signed = ca.vertcat(-parts[0], *parts[1:]) if len(parts) > 1 else parts[0]
-    lam = type(v).sym("lam", signed.shape[0])
+    lam = kind.sym("lam", signed.shape[0])
     lagrangian = cost + ca.dot(lam, signed)
     slopes = [ca.densify(ca.gradient(lagrangian, w)) for w in (v, c)]
     return ca.Function("gradient", [v, c, lam], slopes)
@@ -117,6 +109,34 @@ def lagrangian_gradient(parts: Sequence[Derivatives], lam_g: FloatArray) -> Floa
     return gradient
 
 
+class Point(NamedTuple):
+    """A solution as a point of its scaled program.
+
+    Attributes
+    ----------
+    labels : of the variables, then of the rows
+    bounds : Bounds
+    x, g : values of the variables and rows
+    gradient : ``grad f + J' lam_g``
+    lam_x, lam_g : multipliers of the bounds and rows
+    computed : whether those of the bounds had to be computed from the gradient
+    """
+
+    labels: Sequence[Label]
+    bounds: Bounds
+    x: FloatArray
+    g: FloatArray
+    gradient: FloatArray
+    lam_x: FloatArray
+    lam_g: FloatArray
+    computed: bool
+
+    @property
+    def multipliers(self) -> FloatArray:
+        """Those of the variables, then of the rows."""
+        return np.concatenate([self.lam_x, self.lam_g])
+
+
 def bound_multipliers(
     bounds: Bounds, solution: Solution, gradient: FloatArray
 ) -> tuple[FloatArray, bool]:
@@ -128,23 +148,11 @@ def bound_multipliers(
     return np.where(bounded, -gradient, 0.0), True
 
 
-def optimality_of(
-    labels: Sequence[Label],
-    bounds: Bounds,
-    x: FloatArray,
-    g: FloatArray,
-    gradient: FloatArray,
-    lam_g: FloatArray,
-    lam_x: FloatArray,
-    computed: bool,
-    cost_scale: float,
-) -> Optimality:
-    """Return the largest residual of every condition, in the scaled program and in its own unit.
-
-    Labels are of the variables x, then of the rows, whose values are g.
-    """
+def optimality_of(point: Point, cost_scale: float) -> Optimality:
+    """Return the largest residual of every condition, in the scaled program and in its own unit."""
+    labels, bounds, x, g, gradient, lam_x, _, computed = point
     scale = np.array([label.scale for label in labels])
-    value, lam = np.concatenate([x, g]), np.concatenate([lam_x, lam_g])
+    value, lam = np.concatenate([x, g]), point.multipliers
     low = np.concatenate([bounds.variable_lower, bounds.row_lower])
     high = np.concatenate([bounds.variable_upper, bounds.row_upper])
     size = max(100.0 * cost_scale, float(np.mean(np.abs(lam)))) / 100.0
@@ -159,13 +167,8 @@ def optimality_of(
     def worst(sizes: FloatArray, factor: FloatArray, unit: str, divisor: float) -> Residual:
         sizes = np.nan_to_num(sizes, nan=np.inf)
         i = int(np.argmax(sizes))
-        unit_of_row = labels[i].unit or "1"
-        return Residual(
-            float(sizes[i] / divisor),
-            float(sizes[i] * factor[i]),
-            unit.format(unit_of_row),
-            str(labels[i]),
-        )
+        amounts = float(sizes[i] / divisor), float(sizes[i] * factor[i])
+        return Residual(*amounts, unit.format(labels[i].unit or "1"), str(labels[i]))
 
     residual = np.abs(gradient + lam_x)
     return Optimality(
@@ -181,29 +184,15 @@ def optimality_of(
 DIGITS = float(np.sqrt(np.finfo(float).eps))  # half of them: what stands for zero in the matrix
 
 
-def curvature_of(
-    solution: Solution,
-    bounds: Bounds,
-    x: FloatArray,
-    g: FloatArray,
-    lam: FloatArray,
-    gap: float,
-    size: float,
-) -> Curvature:
+def curvature_of(solution: Solution, point: Point, gap: float, size: float) -> Curvature:
     """Return the least curvature at a point, where it is negative by more than thresholds let pass.
 
-    Parameters
-    ----------
-    solution : Solution
-    bounds : Bounds
-    x, g : scaled variables and rows
-    lam : multipliers of the variables, then of the rows
-    gap : what a move by the scales of the variables may save, relative to the cost
-    size : sum of the sizes of the parts of the cost
+    ``gap`` is what a move by the scales of the variables may save, relative to the cost, ``size``
+    the sum of the sizes of the parts of the cost.
     """
     unit = cost_size(size, solution.cost_scale) / solution.cost_scale
     least = 2 * gap * unit
-    matrix = _Matrix(solution, bounds, x, g, lam, least)
+    matrix = _Matrix(solution, point, least)
     if matrix.positive(least):
         return Curvature(0.0, None)
     high = least
@@ -220,26 +209,19 @@ def curvature_of(
 class _Matrix:
     """Second derivatives of the Lagrangian, of a scaled cost, with the weights of its rows."""
 
-    def __init__(
-        self,
-        solution: Solution,
-        bounds: Bounds,
-        x: FloatArray,
-        g: FloatArray,
-        lam: FloatArray,
-        least: float,
-    ) -> None:
+    def __init__(self, solution: Solution, point: Point, least: float) -> None:
         layouts = [phase.laid_out for phase in solution.phases]
         program, scale = assemble(layouts), solution.cost_scale
+        bounds, x = point.bounds, point.x
         p = program.parameters
         self.free = np.flatnonzero(bounds.variable_lower < bounds.variable_upper)
         free = self.free.tolist()
-        lam_x, lam_g = lam[: x.size] / scale, lam[x.size :] / scale
+        lam_x, lam_g = point.lam_x / scale, point.lam_g / scale
         hessian = program.functions["hessian"](x, p, 1 / scale, lam_g)[1][free, free]
         rows = program.functions["jacobian"](x, p)[1][:, free]
         most = max(1.0, float(ca.norm_inf(hessian.nz[:]))) / DIGITS
         bends = _stiffness(lam_x, x, bounds.variable_lower, bounds.variable_upper, most)
-        keeps = _stiffness(lam_g, g, bounds.row_lower, bounds.row_upper, most)
+        keeps = _stiffness(lam_g, point.g, bounds.row_lower, bounds.row_upper, most)
         self.parts = hessian, bends[self.free], rows, keeps
         self.matrix = hessian + ca.diag(ca.DM(bends[self.free]))
         self.matrix += rows.T @ ca.diag(ca.DM(keeps)) @ rows

@@ -179,9 +179,8 @@ def _of_phase(phase: PhaseSolution, multipliers: FloatArray) -> tuple[float, dic
     for control in looked_at:
         for component in np.flatnonzero(np.isfinite(control.upper - control.lower)).tolist():
             even = np.linspace(control.lower[component], control.upper[component], SETTINGS.tried)
-            quantiles = np.quantile(
-                sampled[control.name][:, component], np.linspace(0.0, 1.0, SETTINGS.tried)
-            )
+            shares = np.linspace(0.0, 1.0, SETTINGS.tried)
+            quantiles = np.quantile(sampled[control.name][:, component], shares)
             for value in np.union1d(even, quantiles):
                 tried = values[control.name].copy()
                 tried[:, component] = value

@@ -11,21 +11,25 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.growth import growth_said
 from microbot_ocp._base.status import Status
-from microbot_ocp.ocp.problem import OptimalControlProblem
+from microbot_ocp.ocp.problem import OptimalControlProblem, Phase, node_variables
 from microbot_ocp.ocp.solution import PhaseSolution, Solution, cost_size, unpack
+from microbot_ocp.ocp.starts import problem_data, with_problem_data
 from microbot_ocp.ocp.transcription import (
-    Label,
     PhaseLayout,
+    PointGroup,
     Transcription,
     bounds_of,
+    fill_transitions,
     row_labels,
+    stage_kind,
     variable_labels,
 )
 from microbot_ocp.ocp.verification._certificate import (
@@ -41,13 +45,13 @@ from microbot_ocp.ocp.verification._certificate import (
 )
 from microbot_ocp.ocp.verification._conditions import (
     Derivatives,
+    Point,
     bound_multipliers,
     curvature_of,
     differentiate,
     lagrangian_gradient,
     optimality_of,
 )
-from microbot_ocp.ocp.verification._declared import as_declared, scaled_variables
 from microbot_ocp.ocp.verification._hamiltonian import costates_of, hamiltonian_of
 from microbot_ocp.ocp.verification._limits import (
     THRESHOLDS,
@@ -63,11 +67,7 @@ from microbot_ocp.ocp.verification._recomputation import (
     missed_conditions,
     scaled_rows,
 )
-from microbot_ocp.ocp.verification._reintegration import (
-    each_interval,
-    interval_errors,
-    resimulate,
-)
+from microbot_ocp.ocp.verification._reintegration import each_interval, interval_errors, resimulate
 
 JUDGED = (Status.TOO_COARSE, Status.SADDLE)  # by the same checks, which are made again
 RESIDUALS = {
@@ -100,7 +100,7 @@ class Judgement:
         of the cost, as a share of what passes if all intervals miss as much
     excess : likewise by what it exceeds limits between its points, as a share of what passes
     passes : the thresholds
-    phases, layouts, labels, derivatives, multipliers, dense : what they were made of
+    phases, point, derivatives, dense : what they were made of
     """
 
     failures: tuple[Failure, ...]
@@ -113,10 +113,8 @@ class Judgement:
     excess: tuple[FloatArray, ...]
     passes: Thresholds
     phases: tuple[PhaseSolution, ...]
-    layouts: tuple[PhaseLayout, ...]
-    labels: tuple[Label, ...]
+    point: Point
     derivatives: tuple[Derivatives, ...]
-    multipliers: tuple[FloatArray, FloatArray]
     dense: tuple[DensePhase, ...]
 
     @property
@@ -144,7 +142,7 @@ def judge(
     """
     passes = thresholds or Thresholds()
     declared = problem.problem if isinstance(problem, Transcription) else problem
-    phases = as_declared(problem, solution)
+    phases = as_declared(declared, solution)
     layouts = [phase.laid_out for phase in phases]
     bounds = bounds_of(layouts)
     labels = [*variable_labels(layouts), *row_labels(layouts)]
@@ -155,41 +153,21 @@ def judge(
             f"problem {declared.name!r}"
         )
     x, again = scaled_variables(phases), [Recomputation(phase) for phase in phases]
-    g = scaled_rows(declared, again)
     parts = tuple(differentiate(phase, lam_g) for phase in phases)
     gradient = lagrangian_gradient(parts, lam_g)
     lam_x, computed = bound_multipliers(bounds, solution, gradient)
-    optimality = optimality_of(
-        labels, bounds, x, g, gradient, lam_g, lam_x, computed, solution.cost_scale
-    )
+    g = scaled_rows(declared, again)
+    point = Point(labels, bounds, x, g, gradient, lam_x, lam_g, computed)
     local = [each_interval(phase, cost=True) for phase in phases]
-    resimulations = tuple(map(resimulate, phases, local))
     cost = check_cost(solution.cost, again, local)
     dense = tuple(dense_phase(recomputed.phase, recomputed.interpolated) for recomputed in again)
-    uses = tuple(use for d in dense for use in limit_uses(d))
-    failures = [
-        *_problems_of(solution, unpack(layouts, x)),
-        *(Failure(Status.INFEASIBLE, k) for k in missed_conditions(again, passes.feasibility)),
-        *_failures_of(cost, resimulations, uses, optimality, passes, solution.cost_scale),
-    ]
-    curvature = None
-    if not failures:
-        curvature = curvature_of(
-            solution, bounds, x, g, np.concatenate([lam_x, lam_g]), passes.gap, cost.size
-        )
-        if not curvature.minimum:
-            sentence = (
-                "a saddle, not a minimum: where variables move by their scales along one direction "
-                f"the cost curves downwards by {-curvature.least:.2g} of itself"
-            )
-            failures.append(Failure(Status.SADDLE, sentence))
-    return Judgement(
-        failures=tuple(failures),
+    checked = Judgement(
+        failures=(),
         cost=cost,
-        resimulations=resimulations,
-        limits=uses,
-        optimality=optimality,
-        curvature=curvature,
+        resimulations=tuple(map(resimulate, phases, local)),
+        limits=tuple(use for d in dense for use in limit_uses(d)),
+        optimality=optimality_of(point, solution.cost_scale),
+        curvature=None,
         errors=tuple(
             interval_errors(phase, arrived, recomputed.costs, cost.size)
             / (passes.state_error / (phase.mesh.size - 1))
@@ -198,12 +176,86 @@ def judge(
         excess=tuple(relative_excess(d).max(axis=1) / passes.excess for d in dense),
         passes=passes,
         phases=phases,
-        layouts=tuple(layouts),
-        labels=tuple(labels),
+        point=point,
         derivatives=parts,
-        multipliers=(lam_x, lam_g),
         dense=dense,
     )
+    failures = [
+        *_problems_of(solution, unpack(layouts, x)),
+        *(Failure(Status.INFEASIBLE, k) for k in missed_conditions(again, passes.feasibility)),
+        *_failures_of(checked, solution.cost_scale),
+    ]
+    if failures:
+        return replace(checked, failures=tuple(failures))
+    curvature = curvature_of(solution, point, passes.gap, cost.size)
+    if not curvature.minimum:
+        sentence = (
+            "a saddle, not a minimum: where variables move by their scales along one direction "
+            f"the cost curves downwards by {-curvature.least:.2g} of itself"
+        )
+        failures = [Failure(Status.SADDLE, sentence)]
+    return replace(checked, failures=tuple(failures), curvature=curvature)
+
+
+# the problem that was declared, not the program that was solved -----------------------------------
+
+
+def as_declared(problem: OptimalControlProblem, solution: Solution) -> tuple[PhaseSolution, ...]:
+    """Return the phases of a solution with the declared expressions and the data of the solve.
+
+    Limits, conditions, parameters and scales may be others than those declared, see
+    :class:`~microbot_ocp.ocp.ParametricSolver`. Kernels are built anew, without derivatives; of
+    the program that was solved only the places of its rows and variables stay.
+
+    Raises
+    ------
+    InputError
+        The solution is of another problem.
+    """
+    names = [phase.name for phase in problem.phases]
+    if names != [phase.name for phase in solution.phases]:
+        raise InputError(
+            f"the solution has phases {[p.name for p in solution.phases]}, but problem "
+            f"{problem.name!r} has {names}"
+        )
+    restated = []
+    for declared, phase in zip(problem.phases, solution.phases, strict=True):
+        given = phase.laid_out
+        layout = _laid_out(with_problem_data(declared, problem_data(given)), given)
+        same = [[block.entries for block in (*k.rows, *k.variables)] for k in (layout, given)]
+        if same[0] != same[1]:
+            raise InputError(
+                f"phase {declared.name!r} of the solution has other variables or constraints than "
+                f"that of problem {problem.name!r}"
+            )
+        restated.append(replace(phase, layout=layout))
+    return tuple(restated)
+
+
+def _laid_out(phase: Phase, given: PhaseLayout) -> PhaseLayout:
+    """Return a layout with the places of another, and kernels of its own."""
+
+    def derive(functions: Sequence[ca.Function], _: object) -> Sequence[ca.Function]:
+        # differentiated here, not by the builder
+        return [function for function in functions for _ in range(3)]
+
+    kind = stage_kind(phase, given.kind.scheme, float(given.node_scale[-1]), derive)
+    pairs = zip(kind.kernels.points, given.points, strict=True)
+    points = tuple(PointGroup(k, replace(point.block, entries=k.rows)) for k, point in pairs)
+    return replace(given, phase=phase, kind=kind, points=points)
+
+
+def scaled_variables(phases: Sequence[PhaseSolution]) -> FloatArray:
+    """Return variables of the program, from the stages and the last mesh values of every phase."""
+    layouts = [phase.laid_out for phase in phases]
+    x = np.zeros(sum(layout.variable_count for layout in layouts))
+    for layout, phase in zip(layouts, phases, strict=True):
+        assert phase.stages is not None
+        end = [phase.values[v.name][-1] for v in node_variables(layout.phase)]
+        x[layout.stages] = phase.stages
+        x[layout.nodes[-1]] = np.append(np.concatenate(end), phase.duration) / layout.node_scale
+    fill_transitions(layouts, x)
+    return x
 
 
 # what did not pass --------------------------------------------------------------------------------
@@ -228,22 +280,16 @@ def _problems_of(solution: Solution, stages: Sequence[PhaseSolution]) -> list[Fa
     return failures
 
 
-def _failures_of(
-    cost: CostCheck,
-    resimulations: Sequence[ResimulationCheck],
-    uses: Sequence[OCPLimitUse],
-    optimality: Optimality,
-    passes: Thresholds,
-    cost_scale: float,
-) -> Iterator[Failure]:
+def _failures_of(checked: Judgement, cost_scale: float) -> Iterator[Failure]:
     """Yield what did not pass; nothing where all did."""
+    cost, optimality, passes = checked.cost, checked.optimality, checked.passes
     if not cost.error <= passes.cost:
         sentence = f"the cost is {cost.recomputed:.8g}, not the {cost.given:.8g} given"
         yield Failure(Status.FAILED, sentence)
     elif not cost.integration_error <= passes.state_error:
         sentence = f"the cost is {cost.integrated:.8g} when it is integrated again, not "
         yield Failure(Status.TOO_COARSE, f"{sentence}{cost.given:.8g}")
-    for check in resimulations:
+    for check in checked.resimulations:
         start = f"re-simulation of phase {check.phase!r}"
         if not check.status.solved:
             yield Failure(Status.TOO_COARSE, f"{start} stopped: {check.failure}")
@@ -255,7 +301,7 @@ def _failures_of(
                 f"intervals come to {check.error:.2g}"
             )
             yield Failure(Status.TOO_COARSE, sentence)
-    for use in uses:
+    for use in checked.limits:
         if not use.relative <= passes.excess:
             sentence = (
                 f"{use.kind} {_component(use.name, use.component)} of phase {use.phase!r} is "
@@ -326,25 +372,18 @@ def verify(
     """
     started = time.perf_counter()
     judged = judge(problem, solution, thresholds)
-    lam_x, lam_g = judged.multipliers
-    costates = tuple(
-        costates_of(phase, part, lam_g)
-        for phase, part in zip(judged.phases, judged.derivatives, strict=True)
-    )
-    hamiltonians = tuple(
-        hamiltonian_of(phase, part, lam_x)
-        for phase, part in zip(judged.phases, judged.derivatives, strict=True)
-    )
+    point, pairs = judged.point, list(zip(judged.phases, judged.derivatives, strict=True))
+    costates = tuple(costates_of(phase, part, point.lam_g) for phase, part in pairs)
+    hamiltonians = tuple(hamiltonian_of(phase, part, point.lam_x) for phase, part in pairs)
     worth = THRESHOLDS.worthless * max(abs(solution.cost), 1e-6)
-    arcs = tuple(arcs_of(judged.dense, judged.labels, np.concatenate(judged.multipliers), worth))
+    arcs = tuple(arcs_of(judged.dense, point, worth))
     failures = [failure.sentence for failure in judged.failures]
     coarse = any(failure.status is Status.TOO_COARSE for failure in judged.failures)
     if coarse and (solution.solved or solution.status is Status.TOO_COARSE):
         failures.append("the mesh is too coarse: solve(problem, accuracy=1e-6) refines it")
     declared = problem.problem if isinstance(problem, Transcription) else problem
-    sentences = failures or _summary(
-        judged, hamiltonians, len(arcs), any(phase.has_cost for phase in declared.phases)
-    )
+    has_cost = any(phase.has_cost for phase in declared.phases)
+    sentences = failures or _summary(judged, hamiltonians, len(arcs), has_cost)
     return OCPCertificate(
         problem=declared.name,
         ok=not failures,
@@ -357,7 +396,7 @@ def verify(
         costates=costates,
         hamiltonians=hamiltonians,
         arcs=arcs,
-        thresholds=thresholds or Thresholds(),
+        thresholds=judged.passes,
         wall_time=time.perf_counter() - started,
     )
 
@@ -366,10 +405,8 @@ def _summary(
     judged: Judgement, hamiltonians: Sequence[Hamiltonian], arcs: int, has_cost: bool
 ) -> list[str]:
     """Return what is to be said of a solution that passed."""
-    optimality, worst = (
-        judged.optimality,
-        max((use.relative for use in judged.limits), default=0.0),
-    )
+    optimality = judged.optimality
+    worst = max((use.relative for use in judged.limits), default=0.0)
     limits_kept = "is kept" if worst <= 1e-6 else f"is kept to within {100 * worst:.2g} %"
     growth = growth_said(max(check.amplification for check in judged.resimulations))
     error = max(check.error for check in judged.resimulations)

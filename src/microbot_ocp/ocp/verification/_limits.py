@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -13,40 +13,43 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp.problem import Expressions
 from microbot_ocp.ocp.solution import PhaseSolution
-from microbot_ocp.ocp.transcription import DURATION, IntArray, Label
+from microbot_ocp.ocp.transcription import DURATION, IntArray
 from microbot_ocp.ocp.verification._certificate import Arc, OCPLimitUse
+from microbot_ocp.ocp.verification._conditions import Point
 
 POINTS = 20  # dense points to an interval
+NOT_CONTROLS = ("state", "algebraic", "parameter")  # shapes of variables that are a kind
 ALONG = ("state", "algebraic", "constraint")  # what a mesh is refined for
 
 
 @dataclass(frozen=True, eq=False)
 class Limited:
-    """One quantity with limits [size], along a dense grid [M, size]."""
+    """One component of a quantity with limits, along a dense grid [M]."""
 
     kind: str
     name: str
+    component: int
     unit: str
-    lower: FloatArray
-    upper: FloatArray
-    scale: FloatArray
+    low: float
+    high: float
+    scale: float
     values: FloatArray
     end: bool = False  # whether it has a value at the end of the phase only
 
-    def size(self, i: int) -> float:
-        """Return what an excess is relative to: half the range, the limit, or the scale."""
-        low, high = float(self.lower[i]), float(self.upper[i])
+    @property
+    def size(self) -> float:
+        """What an excess is relative to: half the range, the limit, or the scale."""
+        low, high = self.low, self.high
         if np.isfinite(low) and np.isfinite(high) and high > low:
             return (high - low) / 2
         limit = max((abs(k) for k in (low, high) if np.isfinite(k)), default=0.0)
-        return limit if limit > 0 else float(self.scale[i])
+        return limit if limit > 0 else self.scale
 
-    def beyond(self, i: int) -> FloatArray:
-        """Return how far the values [M] are beyond a limit; infinite where they are no numbers."""
-        value = self.values[:, i]
-        return np.nan_to_num(
-            np.maximum(self.lower[i] - value, value - self.upper[i]), nan=np.inf, neginf=-np.inf
-        )
+    @property
+    def beyond(self) -> FloatArray:
+        """How far the values [M] are beyond a limit; infinite where they are no numbers."""
+        beyond = np.maximum(self.low - self.values, self.values - self.high)
+        return np.nan_to_num(beyond, nan=np.inf, neginf=-np.inf)
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +59,7 @@ class DensePhase:
     phase: PhaseSolution
     t: FloatArray
     interval: np.ndarray
-    limited: list[Limited] = field(default_factory=list)
+    limited: list[Limited]
 
 
 def dense_phase(
@@ -82,24 +85,17 @@ def dense_phase(
     steps = np.diff(layout.mesh)
     sampled = interpolated(interval, place)
     t = (layout.mesh[interval] + place * steps[interval]) * phase.duration
-    dense = DensePhase(phase, t, interval)
-    kinds = {id(v): "state" for v in declared.states} | {
-        id(v): "algebraic" for v in declared.algebraics
-    }
-    kinds |= {id(v): "parameter" for v in declared.free_parameters}
-    for variable in declared.variables:
-        kind = kinds.get(id(variable), "control")
-        dense.limited.append(_limited(kind, variable, sampled[variable.name]))
-    duration = np.array([[phase.duration]])
-    low, high = (np.array([d]) for d in declared.duration_bounds)
-    dense.limited.append(
-        Limited("duration", DURATION, "s", low, high, np.ones(1), duration, end=True)
-    )
-    linear = [c for c in declared.controls if c.shape == "linear"]
+    limited: list[Limited] = []
+    for v in declared.variables:
+        kind = v.shape if v.shape in NOT_CONTROLS else "control"
+        limited += _limited(kind, v, sampled[v.name])
+    duration, bounds = np.array([phase.duration]), declared.duration_bounds
+    limited.append(Limited("duration", DURATION, 0, "s", *bounds, 1.0, duration, end=True))
+    lengths = (steps * phase.duration)[interval]
     rates = {
-        c.name: np.diff(phase.values[c.name], axis=0).T[:, interval]
-        / (steps * phase.duration)[interval]
-        for c in linear
+        c.name: np.diff(phase.values[c.name], axis=0).T[:, interval] / lengths
+        for c in declared.controls
+        if c.rate is not None
     }
     expressions = Expressions(declared)
     table = expressions.table({k: v.T for k, v in sampled.items()}, t, phase.duration, rates)
@@ -109,40 +105,40 @@ def dense_phase(
     ):
         for limit in limits:
             values = expressions.function([limit.expression])(table[:, rows]).full().T
-            dense.limited.append(_limited(kind, limit, values, end=kind != "constraint"))
-    return dense
+            limited += _limited(kind, limit, values, end=kind != "constraint")
+    return DensePhase(phase, t, interval, limited)
 
 
-def _limited(kind: str, item: Any, values: FloatArray, end: bool = False) -> Limited:
-    return Limited(kind, item.name, item.unit, item.lower, item.upper, item.scale, values, end)
+def _limited(kind: str, item: Any, values: FloatArray, end: bool = False) -> Iterator[Limited]:
+    """Yield the components of a variable or constraint with their values [M, size]."""
+    limits = (side.tolist() for side in (item.lower, item.upper, item.scale))
+    for i, (low, high, scale, column) in enumerate(zip(*limits, values.T, strict=True)):
+        yield Limited(kind, item.name, i, item.unit, low, high, scale, column, end)
 
 
 def limit_uses(dense: DensePhase) -> list[OCPLimitUse]:
     """Return the worst point of every component that has a limit."""
     uses = []
     for limited in dense.limited:
-        for i in range(limited.lower.size):
-            low, high = float(limited.lower[i]), float(limited.upper[i])
-            if not (np.isfinite(low) or np.isfinite(high)):
-                continue
-            value = limited.values[:, i]
-            beyond = limited.beyond(i)
-            k = int(beyond.argmax())
-            excess = max(0.0, float(beyond[k]))
-            uses.append(
-                OCPLimitUse(
-                    phase=dense.phase.name,
-                    name=limited.name,
-                    component=i,
-                    kind=limited.kind,
-                    time=dense.phase.duration if limited.end else float(dense.t[k]),
-                    value=float(value[k]),
-                    limit=low if low - value[k] >= value[k] - high else high,
-                    unit=limited.unit,
-                    excess=excess,
-                    relative=excess / limited.size(i),
-                )
+        low, high, beyond = limited.low, limited.high, limited.beyond
+        if not (np.isfinite(low) or np.isfinite(high)):
+            continue
+        k = int(beyond.argmax())
+        value, excess = float(limited.values[k]), max(0.0, float(beyond[k]))
+        uses.append(
+            OCPLimitUse(
+                phase=dense.phase.name,
+                name=limited.name,
+                component=limited.component,
+                kind=limited.kind,
+                time=dense.phase.duration if limited.end else float(dense.t[k]),
+                value=value,
+                limit=low if low - value >= value - high else high,
+                unit=limited.unit,
+                excess=excess,
+                relative=excess / limited.size,
             )
+        )
     return uses
 
 
@@ -163,8 +159,7 @@ def relative_excess(dense: DensePhase) -> FloatArray:
     worst = np.zeros(dense.t.size)
     for limited in dense.limited:
         if limited.kind in ALONG:
-            for i in range(limited.lower.size):
-                np.maximum(worst, limited.beyond(i) / limited.size(i), out=worst)
+            np.maximum(worst, limited.beyond / limited.size, out=worst)
     return worst.reshape(-1, POINTS + 1)
 
 
@@ -203,35 +198,25 @@ def runs(sides: np.ndarray) -> list[SideRun]:
     return [SideRun(a, b, int(table[a, 0])) for a, b in pairs]
 
 
-def arcs_of(
-    phases: Sequence[DensePhase], labels: Sequence[Label], multipliers: FloatArray, worth: float
-) -> Iterator[Arc]:
+def arcs_of(phases: Sequence[DensePhase], point: Point, worth: float) -> Iterator[Arc]:
     """Yield stretches of the phases during which a limit acts and is worth something."""
-    prices = _prices(phases, labels, multipliers)
-    none = np.zeros((0, 3))
+    prices, none = _prices(phases, point), np.zeros((0, 3))
     for dense in phases:
-        arcs = [
-            arc
-            for limited in dense.limited
-            for i in range(0 if limited.end else limited.lower.size)
-            if limited.lower[i] != limited.upper[i]
-            for arc in _acting(
-                dense, limited, i, prices.get((dense.phase.name, limited.name, i), none)
-            )
-            if arc.price * limited.size(i) > worth
-        ]
+        arcs = []
+        for limited in (k for k in dense.limited if not k.end and k.low != k.high):
+            key = dense.phase.name, limited.name, limited.component
+            acting = _acting(dense, limited, prices.get(key, none))
+            arcs += [arc for arc in acting if arc.price * limited.size > worth]
         yield from sorted(arcs, key=lambda arc: (arc.name, arc.component, arc.start))
 
 
-def _prices(
-    phases: Sequence[DensePhase], labels: Sequence[Label], multipliers: FloatArray
-) -> dict[tuple[str, str, int], np.ndarray]:
+def _prices(phases: Sequence[DensePhase], point: Point) -> dict[tuple[str, str, int], np.ndarray]:
     """Return the place, interval and multiplier [M, 3] of bounds and path constraints, in cost per
     unit.
     """
     entries: dict[tuple[str, str, int], list[tuple[float, int, float]]] = {}
     layouts = {dense.phase.name: dense.phase.laid_out for dense in phases}
-    for label, multiplier in zip(labels, multipliers, strict=True):
+    for label, multiplier in zip(point.labels, point.multipliers, strict=True):
         if label.kind in ("state", "control", "algebraic", "bound", "constraint"):
             points = entries.setdefault((label.phase, label.name, label.component), [])
             place = layouts[label.phase].place_of(label)
@@ -239,17 +224,15 @@ def _prices(
     return {key: np.array(points, dtype=float) for key, points in entries.items()}
 
 
-def _acting(dense: DensePhase, limited: Limited, i: int, prices: np.ndarray) -> Iterator[Arc]:
-    """Yield stretches of a phase during which a component of a limit acts, and what each is
-    worth.
-    """
-    phase, size = dense.phase, limited.size(i)
+def _acting(dense: DensePhase, limited: Limited, prices: np.ndarray) -> Iterator[Arc]:
+    """Yield stretches of a phase during which a limit acts, and what each is worth."""
+    phase, size = dense.phase, limited.size
     # to the nearest dense point, as the multipliers stand at points of the mesh
     reach = 1e-9 + float(np.diff(phase.mesh).max()) / POINTS
-    for side, limit, sign in (("lower", limited.lower[i], -1.0), ("upper", limited.upper[i], 1.0)):
+    for side, limit, sign in (("lower", limited.low, -1.0), ("upper", limited.high, 1.0)):
         if not np.isfinite(limit):
             continue
-        slack = sign * (limit - limited.values[:, i]) / size
+        slack = sign * (limit - limited.values) / size
         push = np.maximum(sign * prices[:, 2], 0.0)
         strength = np.zeros(phase.mesh.size)
         np.maximum.at(strength, prices[:, 1].astype(int), push * size)
@@ -259,7 +242,7 @@ def _acting(dense: DensePhase, limited: Limited, i: int, prices: np.ndarray) -> 
             start, end = float(dense.t[first]), float(dense.t[last])
             near = prices[:, 0] >= start / phase.duration - reach
             near &= prices[:, 0] <= end / phase.duration + reach
-            what = phase.name, limited.kind, limited.name, i, side, start, end
+            what = phase.name, limited.kind, limited.name, limited.component, side, start, end
             yield Arc(*what, float(push[near].sum()), limited.unit)
 
 

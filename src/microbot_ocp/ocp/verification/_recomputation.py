@@ -56,9 +56,9 @@ class Recomputation:
         self.expressions = _Declared(layout.phase)
         self.intervals = _Intervals(phase, self.expressions)
         self.costs = self.intervals.step.running
+        self.rows: dict[int, float] = {}
         rows = self.intervals.rows(self._node(np.arange(1, layout.intervals + 1)))
-        places = layout.stage_rows.T.ravel().tolist()
-        self.rows: dict[int, float] = dict(zip(places, rows.ravel().tolist(), strict=True))
+        self._enter(layout.stage_rows.T, rows)
         self._add_ends()
         self._add_points()
 
@@ -84,16 +84,19 @@ class Recomputation:
         table = np.vstack([inner, last])[k].T
         return parts_of(nodes, table[:-1], 0), table[-1]
 
+    def _enter(self, places: IntArray, values: FloatArray) -> None:
+        self.rows |= dict(zip(places.ravel().tolist(), values.ravel().tolist(), strict=True))
+
     def _add_points(self) -> None:
         """Add costs and constraints at given times, one declaration and time after the other."""
         layout = self.phase.laid_out
         declared = layout.phase
-        rows = iter(layout.points)  # in the order of the declarations
-        for item in (*declared.point_constraints, *declared.point_costs):
+        items = (*declared.point_constraints, *declared.point_costs)
+        for item, group in zip(items, layout.points, strict=False):  # the end comes last
             data = [m for m in declared.measurements if ca.depends_on(item.expression, m.symbol)]
             expressions = Expressions(declared, data)
             function = expressions.function([item.expression])
-            places, results = next(rows).block.places, []
+            results = []
             for k, fraction in enumerate(item.fractions.tolist()):
                 node = int(np.abs(self.phase.mesh - fraction).argmin())
                 values, duration = self._node([node])
@@ -101,8 +104,7 @@ class Recomputation:
                 table = expressions.table(values, fraction * duration, duration, data=measured)
                 results.append(function(table).full().ravel())
             if isinstance(item, PointConstraint):
-                for own_places, values in zip(places.tolist(), results, strict=True):
-                    self.rows |= dict(zip(own_places, values.tolist(), strict=True))
+                self._enter(group.block.places, np.concatenate(results))
             else:
                 self.costs = np.insert(self.costs, -1, np.concatenate(results))
 
@@ -130,9 +132,8 @@ def scaled_rows(problem: OptimalControlProblem, phases: Sequence[Recomputation])
     values = np.zeros(scale.size)
     for recomputed in phases:
         values[list(recomputed.rows)] = list(recomputed.rows.values())
-    for link, layout, before, after in zip(
-        problem.links, layouts, phases[:-1], phases[1:], strict=False
-    ):
+    pairs = zip(problem.links, layouts, phases[:-1], phases[1:], strict=False)
+    for link, layout, before, after in pairs:
         for place, entry in zip(layout.link.places[0].tolist(), layout.link.entries, strict=True):
             # the rest may jump
             carried = entry.name in link.names or entry.name in before.phase.parameters
@@ -170,9 +171,7 @@ def check_cost(
     """Return the cost of a solution evaluated again, and integrated again."""
     parts = np.concatenate([recomputed.costs for recomputed in phases])
     integrals = sum(float(recomputed.costs.sum()) for recomputed in integrated)
-    ends = sum(
-        float(recomputed.costs[recomputed.phase.mesh.size - 1 :].sum()) for recomputed in phases
-    )
+    ends = sum(float(each.costs[each.phase.mesh.size - 1 :].sum()) for each in phases)
     return CostCheck(given, float(parts.sum()), integrals + ends, max(np.abs(parts).sum(), TINY))
 
 
@@ -242,9 +241,8 @@ class _Intervals:
             else:
                 self.inside.setdefault(variable.name, {})[value.fraction] = part
         self.free = {v.name: self.node[v.name] for v in layout.phase.free_parameters}
-        self.rates = {
-            name: (end - self.node[name]) / self.length for name, end in self.arrival.items()
-        }
+        ends = self.arrival.items()
+        self.rates = {name: (end - self.node[name]) / self.length for name, end in ends}
         self.x = np.vstack([self.node[s.name] for s in self.states])
         self.step = _FORMULAS.get(type(self.kind.scheme), _integrated)(self)
 
@@ -263,17 +261,17 @@ class _Intervals:
         tables = parts_of(self.states, x, 0) | self.constant | self.free
         for name, end in self.arrival.items():
             tables[name] = self.node[name] + share * (end - self.node[name])
+        limited = {control.name: control for control in applied}
         for name, points in self.inside.items():
-            if name not in tables:
-                weights = _lagrange(list(points), share)
+            if name in tables:  # a state, which is x
+                continue
+            weights, bounds = _lagrange(list(points), share), limited.get(name)
+            if bounds is None:
                 tables[name] = np.tensordot(weights, np.stack([*points.values()]), axes=1)
-        for control in applied:
-            if control.shape == "polynomial":
-                points = self.inside[control.name]
+            else:
                 values = np.stack([table.T for table in points.values()], axis=1)
-                limited = within_bounds(values, list(points), control.lower, control.upper)
-                weights = _lagrange(list(points), share)
-                tables[control.name] = np.tensordot(weights, limited, axes=(0, 1)).T
+                within = within_bounds(values, list(points), bounds.lower, bounds.upper)
+                tables[name] = np.tensordot(weights, within, axes=(0, 1)).T
         return tables
 
     def table(self, x: FloatArray, share: float) -> FloatArray:
@@ -303,10 +301,8 @@ class _Intervals:
             else:
                 if share not in places:
                     x = self.step.state(share)
-                    places[share] = (
-                        parts_of(self.states, x, 0),
-                        self.expressions.limits(self.table(x, share)),
-                    )
+                    limits = self.expressions.limits(self.table(x, share))
+                    places[share] = parts_of(self.states, x, 0), limits
                 states, limits = places[share]
                 rows.append(states[name][i] if entry.kind == "bound" else limits[entry.source][i])
         return np.array(rows)
@@ -356,13 +352,12 @@ def _trapezoidal(intervals: _Intervals) -> _Step:
     h, x, after = intervals.length, intervals.x, intervals.states_inside()[1.0]
     (f0, l0), (f1, l1) = intervals.slope(x, 0.0), intervals.slope(after, 1.0)
     defect = after - x - h / 2 * (f0 + f1)
-    # the slope is a straight line
-    return _Step(
-        after,
-        h / 2 * (l0 + l1),
-        lambda s: x + h * (s * f0 + s**2 / 2 * (f1 - f0)),
-        {0.5: defect},
-    )
+
+    def parabola(s: float) -> FloatArray:
+        """Return the integral of the slope, which is a straight line."""
+        return x + h * (s * f0 + s**2 / 2 * (f1 - f0))
+
+    return _Step(after, h / 2 * (l0 + l1), parabola, {0.5: defect})
 
 
 def _hermite_simpson(intervals: _Intervals) -> _Step:

@@ -84,7 +84,8 @@ def each_interval(phase: PhaseSolution, *, until: float = 1.0, cost: bool = Fals
     """
     start, layout, failure = mesh_states(phase)[:-1], phase.laid_out, ""
     data = _interval_data(phase, until)
-    for method in _methods(layout.phase):
+    # Adams' method needs no Jacobian and takes longer steps; stiff dynamics are left to the next
+    for method in ("idas",) if layout.phase.algebraics else ("adams", "bdf"):
         try:
             with quiet():  # of a failure CasADi prints all inputs; the message is enough
                 run = _integrator(layout, method, cost).map(layout.intervals)
@@ -120,11 +121,6 @@ def transitions(phase: PhaseSolution) -> FloatArray:
     slopes = linear.full().T.reshape(layout.intervals, weights.size, -1).transpose(0, 2, 1)
     slopes = np.nan_to_num(slopes) * (weights[None, None, :] / weights[None, :, None])
     return transition_matrices(slopes, np.ones(layout.intervals))
-
-
-def _methods(phase: Phase) -> tuple[str, ...]:
-    # Adams' method needs no Jacobian and takes longer steps; stiff dynamics are left to the next
-    return ("idas",) if phase.algebraics else ("adams", "bdf")
 
 
 def _why(problem: RuntimeError) -> str:
@@ -176,43 +172,39 @@ class _Equation(NamedTuple):
     """The dynamics on an interval, in the share of it that has gone by.
 
     ``dae`` are CasADi's, of states divided by their scales, so that one absolute tolerance suits
-    all; ``parts`` the data of the interval, of which ``guesses`` are for the algebraic variables.
+    all; its parameters are the data of the interval, of which ``guesses`` are for the algebraic
+    variables.
     """
 
     dae: dict[str, Any]
-    parts: list[ca.MX]
     guesses: ca.MX
     scale: ca.DM
 
 
 def _equation(layout: PhaseLayout, cost: bool) -> _Equation:
     phase = layout.phase
-    constant, linear = _of_shape(phase, "constant"), _of_shape(phase, "linear")
-    polynomial = _of_shape(phase, "polynomial")
+    shapes = ("constant", "linear", "polynomial")
+    constant, linear, polynomial = (_of_shape(phase, shape) for shape in shapes)
+    points = [points_of(layout.kind, v) for v in polynomial]
+    sizes = [1, 1, 1, 1, *(p.value.size for p in phase.parameters)]
+    sizes += [v.size for v in (*constant, *linear, *linear)]
+    sizes += [v.size * len(places) for v, places in zip(polynomial, points, strict=True)]
+    sizes += [v.size for v in (*phase.free_parameters, *phase.algebraics)]
+    data = ca.MX.sym("data", sum(sizes))
+    parts = iter(ca.vertsplit(data, np.cumsum([0, *sizes]).tolist()))  # in their order
+    start, length, duration, until = (next(parts) for _ in range(4))
     share = ca.MX.sym("s")
-    parts: list[ca.MX] = []
-
-    def part(size: int) -> ca.MX:
-        parts.append(ca.MX.sym(f"part{len(parts)}", size))
-        return parts[-1]
-
-    start, length, duration, until = part(1), part(1), part(1), part(1)
     s = share * until
-    values_of = [(p.symbol, part(p.value.size)) for p in phase.parameters]
-    values_of += [(v.symbol, part(v.size)) for v in constant]
-    begins, ends = [part(v.size) for v in linear], [part(v.size) for v in linear]
+    values_of = [(v.symbol, next(parts)) for v in (*phase.parameters, *constant)]
+    begins, ends = [next(parts) for _ in linear], [next(parts) for _ in linear]
     for variable, begin, end in zip(linear, begins, ends, strict=True):
         assert variable.rate is not None
-        values_of += [
-            (variable.symbol, begin + s * (end - begin)),
-            (variable.rate, (end - begin) / length),
-        ]
-    for variable in polynomial:
-        points = points_of(layout.kind, variable)
-        values = ca.reshape(part(variable.size * len(points)), variable.size, len(points))
-        values_of.append((variable.symbol, values @ ca.vertcat(*lagrange(points, s))))
-    values_of += [(v.symbol, part(v.size)) for v in phase.free_parameters]
-    guesses = [part(v.size) for v in phase.algebraics]
+        values_of.append((variable.symbol, begin + s * (end - begin)))
+        values_of.append((variable.rate, (end - begin) / length))
+    for variable, places in zip(polynomial, points, strict=True):
+        values = ca.reshape(next(parts), variable.size, len(places))
+        values_of.append((variable.symbol, values @ ca.vertcat(*lagrange(places, s))))
+    values_of += [(v.symbol, next(parts)) for v in phase.free_parameters]
     values_of += [(phase.time, start + s * length), (phase.duration, duration)]
 
     x = ca.vertcat(*(v.symbol for v in phase.states))
@@ -228,24 +220,19 @@ def _equation(layout: PhaseLayout, cost: bool) -> _Equation:
     y, inner = ca.MX.sym("y", x.shape[0]), ca.MX.sym("z", z.shape[0])
     rate, residual, slope_of_cost = physics(y * scale, inner, *(value for _, value in values_of))
     reach = until * length
-    dae: dict[str, Any] = {
-        "t": share,
-        "x": y,
-        "p": ca.vertcat(*parts),
-        "ode": reach * rate / scale,
-    }
+    dae: dict[str, Any] = {"t": share, "x": y, "p": data, "ode": reach * rate / scale}
     if cost:
         dae["quad"] = reach * slope_of_cost
     if phase.algebraics:
         dae["z"], dae["alg"] = inner, residual
-    return _Equation(dae, parts, ca.vertcat(*guesses, ca.MX(0, 1)), scale)
+    return _Equation(dae, ca.vertcat(*parts, ca.MX(0, 1)), scale)
 
 
 def _integrator(layout: PhaseLayout, method: str, cost: bool) -> ca.Function:
     """Return ``(x at the start, data of the interval) -> x at the end, integral of the running
     cost``.
     """
-    dae, parts, guesses, scale = _equation(layout, cost)
+    dae, guesses, scale = _equation(layout, cost)
     options: dict[str, Any] = {
         "abstol": REINTEGRATION.tolerance,
         "reltol": REINTEGRATION.tolerance,
@@ -260,33 +247,24 @@ def _integrator(layout: PhaseLayout, method: str, cost: bool) -> ca.Function:
     plugin = "idas" if method == "idas" else "cvodes"
     solver = ca.integrator("interval", plugin, dae, 0.0, 1.0, options)
     first = ca.MX.sym("x0", scale.shape[0])
-    result = solver(x0=first / scale, p=ca.vertcat(*parts), z0=guesses)
-    return _of_flat_data(first, parts, [result["xf"] * scale, result["qf"]])
+    result = solver(x0=first / scale, p=dae["p"], z0=guesses)
+    return ca.Function("of_interval", [first, dae["p"]], [result["xf"] * scale, result["qf"]])
 
 
 def _linearised(layout: PhaseLayout) -> ca.Function:
     """Return ``(x half-way, data of the interval) -> slopes [n,n]`` of what the integrator
     integrates.
     """
-    dae, parts, guesses, scale = _equation(layout, cost=False)
-    slopes = ca.jacobian(dae["ode"], dae["x"])
+    dae, guesses, scale = _equation(layout, cost=False)
+    slopes, first = ca.jacobian(dae["ode"], dae["x"]), ca.MX.sym("x0", scale.shape[0])
+    replaced, values = [dae["t"], dae["x"]], [ca.MX(0.5), first / scale]
     if "z" in dae:
         inner = ca.solve(ca.jacobian(dae["alg"], dae["z"]), ca.jacobian(dae["alg"], dae["x"]))
         slopes = slopes - ca.jacobian(dae["ode"], dae["z"]) @ inner
-    first = ca.MX.sym("x0", scale.shape[0])
-    replaced = [dae["t"], dae["x"], *([dae["z"]] if "z" in dae else [])]
-    values = [ca.MX(0.5), first / scale, *([guesses] if "z" in dae else [])]
+        replaced, values = [*replaced, dae["z"]], [*values, guesses]
     (at,) = ca.graph_substitute([ca.densify(slopes)], replaced, values)
     at = ca.diag(scale) @ at @ ca.diag(1 / scale)
-    return _of_flat_data(first, parts, [ca.vec(ca.densify(at))])
-
-
-def _of_flat_data(first: ca.MX, parts: list[ca.MX], results: list[ca.MX]) -> ca.Function:
-    whole = ca.Function("whole", [first, *parts], results)
-    sizes = [part.shape[0] for part in parts]
-    flat = ca.MX.sym("data", sum(sizes))
-    pieces = ca.vertsplit(flat, np.cumsum([0, *sizes]).tolist())
-    return ca.Function("of_interval", [first, flat], whole.call([first, *pieces]))
+    return ca.Function("of_interval", [first, dae["p"]], [ca.vec(ca.densify(at))])
 
 
 def resimulate(phase: PhaseSolution, intervals: Integrated) -> ResimulationCheck:
