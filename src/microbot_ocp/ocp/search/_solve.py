@@ -419,31 +419,25 @@ class Strategy:
     Attributes
     ----------
     name : in words that follow "found"
-    propose : starts of its solves, none where it does not apply; it adds what it tried for them,
-        and says what kind of problem needs it
+    propose : starts of its solves, none where it does not apply; it adds what it tried for them
+    why : the kind of problem that needs it
     """
 
     name: str
     propose: Callable[[SolveTask, list[Attempt]], Iterable[Start]]
+    why: str
 
 
 def _moved(task: SolveTask, _: list[Attempt]) -> Iterator[Start]:
-    """Start from the guess, moved off what is symmetric: most problems."""
     # where scales are wrong what is uneven is far from the guess
     yield task.start(uneven=not task.alone)
 
 
 def _as_it_is(task: SolveTask, _: list[Attempt]) -> Iterator[Start]:
-    """Start from the guess: a hundredth of scales that are far too large is far from it."""
     yield task.start()
 
 
 def _from_a_coarser_mesh(task: SolveTask, tried: list[Attempt]) -> Iterator[Start]:
-    """Start from an answer on few intervals.
-
-    Stiff reactors and long horizons take hundreds of iterations on a fine mesh, few on a coarse
-    one.
-    """
     coarser = round(SEARCH.coarser * default_mesh(task.problem))
     if isinstance(task.mesh, int) and task.mesh <= coarser:
         return
@@ -456,11 +450,6 @@ def _from_a_coarser_mesh(task: SolveTask, tried: list[Attempt]) -> Iterator[Star
 
 
 def _simulated(task: SolveTask, _: list[Attempt]) -> Iterator[Start]:
-    """Start from the simulations that end nearest.
-
-    Swinging up, and durations that are far from the guessed one: between straight lines and the
-    answer lies no trajectory.
-    """
     assert isinstance(task.problem, OptimalControlProblem)
     if task.guess is None:
         simulations = Rollouts(task.problem, default_guess(task.problem)).of_any_duration()
@@ -469,10 +458,6 @@ def _simulated(task: SolveTask, _: list[Attempt]) -> Iterator[Start]:
 
 
 def _from_many_starts(task: SolveTask, tried: list[Attempt]) -> Iterator[Start]:
-    """Start from the cheapest of several answers on a coarse mesh.
-
-    Turns of a body, to and fro, that no simulation with constant controls comes near.
-    """
     start = task.start()
     cheapest, attempts = cheapest_of_starts(start.context, SEARCH.compared)
     tried += attempts
@@ -481,23 +466,39 @@ def _from_many_starts(task: SolveTask, tried: list[Attempt]) -> Iterator[Start]:
 
 
 def _with_more_iterations(task: SolveTask, _: list[Attempt]) -> Iterator[Start]:
-    """Go on for longer: what is large or very nonlinear."""
     most = task.settings.max_iterations
     if most > task.few.max_iterations:
         yield task.start(settings=replace(task.few, max_iterations=most))
 
 
 def _by_fatrop(task: SolveTask, _: list[Attempt]) -> Iterator[Start]:
-    """Solve by fatrop: more equations than variables, which IPOPT refuses."""
     yield task.start(settings=replace(task.few, solver="fatrop"))
 
 
 STRATEGIES = (
-    Strategy("", _moved),
-    Strategy("from the guess as it is", _as_it_is),
-    Strategy(COARSER, _from_a_coarser_mesh),
-    Strategy("from the simulation that ends nearest", _simulated),
-    Strategy("from the cheapest of several starts on a coarse mesh", _from_many_starts),
-    Strategy("with more iterations", _with_more_iterations),
-    Strategy("by fatrop", _by_fatrop),
+    Strategy("", _moved, "most problems; moved off what is symmetric"),
+    Strategy(
+        "from the guess as it is",
+        _as_it_is,
+        "scales that are far too large: a hundredth of them is far from the guess",
+    ),
+    Strategy(
+        COARSER,
+        _from_a_coarser_mesh,
+        "stiff reactors and long horizons take hundreds of iterations on a fine mesh, few on a "
+        "coarse one",
+    ),
+    Strategy(
+        "from the simulation that ends nearest",
+        _simulated,
+        "swinging up, and durations that are far from the guessed one: between straight lines and "
+        "the answer lies no trajectory",
+    ),
+    Strategy(
+        "from the cheapest of several starts on a coarse mesh",
+        _from_many_starts,
+        "turns of a body, to and fro, that no simulation with constant controls comes near",
+    ),
+    Strategy("with more iterations", _with_more_iterations, "what is large or very nonlinear"),
+    Strategy("by fatrop", _by_fatrop, "more equations than variables, which IPOPT refuses"),
 )
