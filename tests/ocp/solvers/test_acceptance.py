@@ -80,7 +80,7 @@ def test_multipliers_of_equations_are_found_again():
     forgotten = np.where(equal, 0.0, solution.row_multipliers)
     found = accepted(program, solution.variables, forgotten, solution.variable_multipliers, 1e-8)
     assert found is not None
-    np.testing.assert_allclose(found.row_multipliers, solution.row_multipliers, atol=1e-7)
+    np.testing.assert_allclose(found[0].row_multipliers, solution.row_multipliers, atol=1e-7)
 
 
 def test_what_is_no_optimum_is_not_accepted():
@@ -118,7 +118,7 @@ def test_the_scale_of_the_cost_is_in_the_multipliers():
     given = (solution.variables, solution.row_multipliers, solution.variable_multipliers)
     found = accepted(scaled, *given, 1e-8)
     assert found is not None
-    np.testing.assert_allclose(found.row_multipliers, solution.row_multipliers, atol=1e-6)
+    np.testing.assert_allclose(found[0].row_multipliers, solution.row_multipliers, atol=1e-6)
 
 
 def test_an_optimum_that_is_no_trajectory_is_seen_at_once_and_by_its_certificate():

@@ -18,6 +18,7 @@ from ._items import (
     ordered as ordered,
 )
 from ._numeric import (
+    PythonFunction as PythonFunction,
     numeric_function as numeric_function,
 )
 from ._phase import (

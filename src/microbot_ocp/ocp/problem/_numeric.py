@@ -1,14 +1,38 @@
-"""Functions of numbers in expressions: what cannot be written in CasADi, by finite differences."""
+"""Functions of CasADi that Python evaluates, and those that expressions may hold."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray
+
+
+class PythonFunction(ca.Callback):
+    """A function of CasADi with one result, by their sparsities; who derives from it says how its
+    values are found, in ``eval``.
+    """
+
+    def __init__(
+        self, name: str, inputs: Sequence[ca.Sparsity], result: ca.Sparsity, **options: Any
+    ) -> None:
+        ca.Callback.__init__(self)
+        self.inputs, self.result = inputs, result
+        self.construct(name, options)
+
+    def get_n_in(self) -> int:
+        return len(self.inputs)
+
+    def get_sparsity_in(self, i: int) -> ca.Sparsity:
+        return self.inputs[i]
+
+    def get_sparsity_out(self, _: int) -> ca.Sparsity:
+        return self.result
+
 
 _KEPT: list[ca.Callback] = []  # expressions that call them do not keep them
 
@@ -61,28 +85,15 @@ def numeric_function(
     return callback
 
 
-class _Numeric(ca.Callback):
+class _Numeric(PythonFunction):
     def __init__(self, function: Callable[..., object], sizes: Sequence[int], result: int) -> None:
-        ca.Callback.__init__(self)
-        self.function, self.sizes, self.result = function, tuple(sizes), result
+        self.function = function
         # kernels are shared by what they look like: every function has a name of its own
-        self.construct(f"numeric_{len(_KEPT)}", {"enable_fd": True})
-
-    def get_n_in(self) -> int:
-        return len(self.sizes)
-
-    def get_n_out(self) -> int:
-        return 1
-
-    def get_sparsity_in(self, i: int) -> ca.Sparsity:
-        return ca.Sparsity.dense(self.sizes[i], 1)
-
-    def get_sparsity_out(self, i: int) -> ca.Sparsity:
-        return ca.Sparsity.dense(self.result, 1)
+        name, dense = f"numeric_{len(_KEPT)}", ca.Sparsity.dense
+        super().__init__(name, [dense(size) for size in sizes], dense(result), enable_fd=True)
 
     def eval(self, arg: Sequence[ca.DM]) -> list[FloatArray]:
         values = self.function(*(np.array(value).ravel() for value in arg))
         label = f"result of {getattr(self.function, '__name__', 'the function')}"
-        return [
-            checks.array(label, np.ravel(np.asarray(values, float)), (self.result,), finite=False)
-        ]
+        flat = np.ravel(np.asarray(values, float))
+        return [checks.array(label, flat, (self.result.size1(),), finite=False)]

@@ -8,24 +8,14 @@ found anew, by least squares, before the conditions of Karush, Kuhn and Tucker a
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
+from microbot_ocp.ocp.solution import StartingPoint
 from microbot_ocp.ocp.transcription import Program
 
 REGULAR = 1e-14  # against equations that say the same twice
-
-
-@dataclass(frozen=True, eq=False)
-class Accepted:
-    """Multipliers with which a point is an optimum, and the largest error of its conditions."""
-
-    row_multipliers: FloatArray
-    variable_multipliers: FloatArray
-    error: float
 
 
 def accepted(
@@ -34,8 +24,9 @@ def accepted(
     row_multipliers: FloatArray,
     variable_multipliers: FloatArray,
     tolerance: float,
-) -> Accepted | None:
-    """Return multipliers that prove x within the tolerance, or None where these do not.
+) -> tuple[StartingPoint, float] | None:
+    """Return x with multipliers that prove it an optimum within the tolerance, and the largest
+    error of its conditions; None where none do.
 
     Multipliers of inequalities stay as the solver left them, without those that are smaller than
     the distance to their limit, which a barrier leaves: they must have the right sign and vanish
@@ -70,7 +61,7 @@ def accepted(
     if not error <= tolerance:
         return None
     lam *= program.cost_scale
-    return Accepted(lam[: rows.size], lam[rows.size :], float(error))
+    return StartingPoint(x, lam[: rows.size], lam[rows.size :]), float(error)
 
 
 def _least_squares(slopes: ca.DM, given: FloatArray) -> tuple[FloatArray, FloatArray]:

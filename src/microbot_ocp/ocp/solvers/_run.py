@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import re
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from threading import get_ident
 from typing import Any
 
@@ -68,6 +69,7 @@ class _Answer:
     stats: Mapping[str, Any] = field(default_factory=dict)
     broken: str = ""
     out_of_time: bool = False
+    interrupted: bool = False  # by Ctrl-C
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,25 +102,25 @@ class Runner:
             if forks:  # it answers before its process is ended, and what it had is known then
                 left -= max(SETTINGS.earlier * left, SETTINGS.least_earlier)
                 watch = watch or LastIterate(self.program, name)
-        solver, broken = self._solver(name, variant, watch, left)
+        solver = self._solver(name, variant, watch, left)
         created = time.perf_counter()
-        arguments = arguments_of(self.program, start)
-        if solver is None:
-            answer, interrupted = _Answer(broken=broken), False
-        elif forks:
-            answer, interrupted = _answered_by_child(solver, name, arguments, watch, self.until)
+        if isinstance(solver, _Answer):
+            answer = solver
         else:
-            answer, interrupted = _answered(solver, name, arguments, watch)
+            call = partial(_called, solver, arguments_of(self.program, start))
+            answer = (
+                _answered_by_child(call, name, watch, self.until)
+                if forks
+                else _answered(call, name, watch)
+            )
         refused = answer.broken and self.settings.options.get(name)
         if refused and "option" in answer.broken.lower():
             raise InputError(f"options of {name} were refused: {answer.broken}")
         done = time.perf_counter()
         if watch is not None and watch.failure is not None:
             raise watch.failure
-        stopped = interrupted or (watch is not None and watch.stopped)
-        outcome = self._outcome(name, start, answer, watch, stopped)
-        timed = replace(outcome.attempt, wall_time=done - created, create_time=created - begin)
-        outcome = replace(outcome, attempt=timed)
+        times = {"wall_time": done - created, "create_time": created - begin}
+        outcome = self._outcome(name, start, answer, watch, times)
         return self._accepted(outcome) if answer.values else outcome
 
     def _trusted(self, name: str, size: int) -> bool:
@@ -131,7 +133,7 @@ class Runner:
 
     def _solver(
         self, name: str, variant: bool, watch: Watch | None, seconds: float
-    ) -> tuple[ca.Function | None, str]:
+    ) -> ca.Function | _Answer:
         """Return a solver, the one that is kept where there is one; or why it could not be made.
 
         One that is watched is not kept.
@@ -143,14 +145,15 @@ class Runner:
             try:
                 solvers[key] = create(*given, variant=variant, watch=watch, seconds=seconds)
             except RuntimeError as problem:
-                return None, first_cause(problem)
-        return solvers[key], ""
+                return _Answer(broken=first_cause(problem))
+        return solvers[key]
 
     def _outcome(
-        self, name: str, start: StartingPoint, answer: _Answer, watch: Watch | None, stopped: bool
+        self, name: str, start: StartingPoint, answer: _Answer, watch: Watch | None, times: Any
     ) -> SolverOutcome:
-        """Return what a call left, measured again; its times are not in it yet."""
+        """Return what a call left, measured again."""
         program, stats, result = self.program, answer.stats, answer.values
+        stopped = answer.interrupted or (watch is not None and watch.stopped)
         last = start.x if watch is None or watch.x is None else watch.x
         x = last if not result or (stopped and watch is not None) else result["x"]
         cost, infeasibility = checked(program, x)
@@ -168,8 +171,7 @@ class Runner:
             iterations=int(count),
             cost=cost,
             infeasibility=infeasibility,
-            wall_time=0.0,
-            create_time=0.0,
+            **times,
             function_time=sum(v for k, v in stats.items() if k.startswith("t_wall_nlp_")),
             broke_down=bool(answer.broken),
         )
@@ -189,10 +191,9 @@ class Runner:
         passed = accepted(self.program, point.x, *point.multipliers, self.settings.tolerance)
         if passed is None:
             return outcome
-        message = f"stopped, but its point is an optimum to {passed.error:.1e}"
-        attempt = replace(attempt, status=Status.SOLVED, message=message)
-        multipliers = passed.row_multipliers, passed.variable_multipliers
-        return SolverOutcome(attempt, StartingPoint(point.x, *multipliers))
+        point, error = passed
+        message = f"stopped, but its point is an optimum to {error:.1e}"
+        return SolverOutcome(replace(attempt, status=Status.SOLVED, message=message), point)
 
 
 def arguments_of(program: Program, start: StartingPoint) -> dict[str, Any]:
@@ -211,43 +212,42 @@ def arguments_of(program: Program, start: StartingPoint) -> dict[str, Any]:
     return arguments
 
 
-def _answered(
-    solver: ca.Function, name: str, arguments: Mapping[str, Any], watch: Watch | None
-) -> tuple[_Answer, bool]:
+def _called(solver: ca.Function, arguments: Mapping[str, Any]) -> _Answer:
+    result = solver(**arguments)
+    values = {key: np.array(result[key]).ravel() for key in ("x", "lam_g", "lam_x")}
+    try:
+        stats = solver.stats()
+    except RuntimeError:  # the SQP method's, where its quadratic program had no answer
+        stats = {}
+    plain = {k: v for k, v in stats.items() if isinstance(v, bool | int | float | str)}
+    return _Answer(values, plain)
+
+
+def _answered(call: Callable[[], _Answer], name: str, watch: Watch | None) -> _Answer:
     """Return what a solver answers, and whether Ctrl-C was pressed."""
     with watching(name) as interrupted:
         if watch is not None:
             watch.asked = interrupted
         try:
-            return _plain(solver(**arguments), solver), interrupted()
+            return replace(call(), interrupted=interrupted())
         except (KeyboardInterrupt, RuntimeError) as problem:
             asked = interrupted() or (watch is not None and watch.stopped)
             if isinstance(problem, KeyboardInterrupt) and not asked:
                 raise
             # what stops the SQP method takes its result along
-            return _Answer(broken="" if asked else first_cause(problem)), interrupted()
-
-
-def _plain(result: Mapping[str, Any], solver: ca.Function) -> _Answer:
-    values = {key: np.array(result[key]).ravel() for key in ("x", "lam_g", "lam_x")}
-    plain = {k: v for k, v in stats_of(solver).items() if isinstance(v, bool | int | float | str)}
-    return _Answer(values, plain)
+            return _Answer(broken="" if asked else first_cause(problem), interrupted=interrupted())
 
 
 def _answered_by_child(
-    solver: ca.Function,
-    name: str,
-    arguments: Mapping[str, Any],
-    watch: Watch | None,
-    until: float,
-) -> tuple[_Answer, bool]:
+    call: Callable[[], _Answer], name: str, watch: Watch | None, until: float
+) -> _Answer:
     seen = watch if isinstance(watch, LastIterate) else None
 
     def work(send: Send) -> _Answer:
         if watch is not None and seen is None:  # what it means is seen on the other side
             watch.report = lambda x, cost=None: send((x, cost)) is None
         try:
-            return _plain(solver(**arguments), solver)
+            return call()
         except (KeyboardInterrupt, RuntimeError) as problem:
             return _Answer(broken=first_cause(problem))
 
@@ -260,14 +260,14 @@ def _answered_by_child(
     silence = SETTINGS.silence if name == "fatrop" and watch is not None else np.inf
     look = None if seen is None else seen.look
     try:
-        return in_child(work, until, receive, silence=silence, steps=look), False
+        return in_child(work, until, receive, silence=silence, steps=look)
     except OutOfTime:
-        return _Answer(out_of_time=True), False
+        return _Answer(out_of_time=True)
     except Died:
-        return _Answer(broken="the process of the solver ended"), False
+        return _Answer(broken="the process of the solver ended")
     except KeyboardInterrupt:
         # of the progress function, of its error, or of the keyboard
-        return _Answer(), watch is None or watch.failure is None
+        return _Answer(interrupted=watch is None or watch.failure is None)
     finally:
         if seen is not None:
             seen.look()
@@ -300,14 +300,6 @@ def status_of(
     if "User" in message:
         return Status.INTERRUPTED
     return Status.FAILED
-
-
-def stats_of(solver: ca.Function) -> Mapping[str, Any]:
-    """Return statistics of a solver; empty where it has none."""
-    try:
-        return solver.stats()
-    except RuntimeError:  # the SQP method's, where its quadratic program had no answer
-        return {}
 
 
 def first_cause(problem: BaseException) -> str:
