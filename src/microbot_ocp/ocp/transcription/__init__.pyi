@@ -5,8 +5,8 @@ from ._assembly import (
     assemble as assemble,
 )
 from ._kernels import (
+    Kernel as Kernel,
     Kernels as Kernels,
-    PointKernel as PointKernel,
     interpolated_variables as interpolated_variables,
     joined as joined,
 )

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.child_process import spare_processor
-from microbot_ocp.ocp.transcription._kernels import joined
+from microbot_ocp.ocp.transcription._kernels import Kernel, joined
 from microbot_ocp.ocp.transcription._layout import (
     Bounds,
     PhaseLayout,
@@ -193,8 +193,7 @@ class _Piece:
 
     Attributes
     ----------
-    kernels : their values, with first and with second derivatives
-    light : their cost with its gradient, where these take next to nothing
+    kernel : Kernel
     variables : indices of what they are of [M, K]
     rows : indices of their rows [M, R]
     arrivals : indices of the next z, of which the first rows are [M, nz]; of points [M, 0]
@@ -202,8 +201,7 @@ class _Piece:
     constants : second argument of the kernels [..., M]
     """
 
-    kernels: tuple[ca.Function, ca.Function, ca.Function]
-    light: ca.Function | None
+    kernel: Kernel
     variables: np.ndarray
     rows: np.ndarray
     arrivals: np.ndarray
@@ -211,16 +209,16 @@ class _Piece:
     arrived: ca.MX
     constants: ca.MX
 
-    def called(self, order: int, *more: ca.MX) -> list[ca.MX]:
-        """Return outputs of a kernel for all stages or points at once."""
-        kernel, count = self.kernels[order], self.rows.shape[0]
+    def called(self, function: ca.Function, *more: ca.MX) -> list[ca.MX]:
+        """Return outputs of a function of the kernel for all stages or points at once."""
+        count = self.rows.shape[0]
         threads = self.v.size1() >= LARGE_STAGE and count >= MANY_STAGES and spare_processor()
-        mapped = kernel.map(count, "thread", 2) if threads else kernel.map(count)
+        mapped = function.map(count, "thread", 2) if threads else function.map(count)
         return mapped.call([self.v, self.constants, *more])
 
     def values(self, rows: _Entries) -> ca.MX:
         """Return cost; rows are added to those of the program."""
-        *parts, cost = self.called(0)
+        *parts, cost = self.called(self.kernel.value)
         if self.arrivals.size:
             parts[0] = self.arrived - parts[0]
         rows.add(self.rows, 0, ca.vertcat(*parts))
@@ -230,14 +228,14 @@ class _Piece:
         """Return cost, and its gradient where asked for, of all stages or points: those known from
         their kernels, or apart from these, so that nobody who wants no more calls them.
         """
-        if self.light is None:
+        if self.kernel.cost is None:
             return known
-        return self.light.map(self.rows.shape[0]).call([self.v, self.constants])
+        return self.kernel.cost.map(self.rows.shape[0]).call([self.v, self.constants])
 
     def first_order(self, rows: _Entries, gradient: _Entries, jacobian: _Entries) -> ca.MX:
         """Return cost; rows, its gradient and the Jacobian are added to those of the program."""
-        both, block, cost, slope = self.called(1)
-        at, column = _triplet(self.kernels[1], 1)
+        both, block, cost, slope = self.called(self.kernel.jacobian)
+        at, column = _triplet(self.kernel.jacobian, 1)
         entries, steps = block.nz[:], self.arrivals.shape[1]
         if steps:
             entries *= ca.DM(np.tile(np.where(at < steps, -1.0, 1.0), self.rows.shape[0]))
@@ -252,8 +250,9 @@ class _Piece:
     def second_order(self, lam_f: ca.MX, lam_g: ca.MX, hessian: _Entries) -> None:
         """Add the Hessian to that of the program."""
         lam = _gathered(lam_g, self.rows)
-        (block,) = self.called(2, lam, ca.repmat(lam_f, 1, self.rows.shape[0]))
-        row, column = _triplet(self.kernels[2], 0)
+        weights = lam, ca.repmat(lam_f, 1, self.rows.shape[0])
+        (block,) = self.called(self.kernel.hessian, *weights)
+        row, column = _triplet(self.kernel.hessian, 0)
         hessian.add(self.variables[:, row], self.variables[:, column], block.nz[:])
 
 
@@ -268,38 +267,19 @@ def _conditions(layout: PhaseLayout) -> Iterator[tuple[np.ndarray, np.ndarray, F
     yield layout.link.places[0], layout.sources, -layout.factors
 
 
-def _pieces(layout: PhaseLayout, x: ca.MX, constants: ca.MX) -> list[_Piece]:
-    """Return points of a phase, then its stages, as expressions of all variables."""
-    pieces, nodes = [], layout.nodes
-    grid = np.vstack([layout.mesh[:-1], np.diff(layout.mesh)])
-    fixed = constants[: layout.parameters.size]
+def _pieces(layout: PhaseLayout, x: ca.MX, constants: ca.MX) -> Iterator[_Piece]:
+    """Yield points of a phase, then its stages, as expressions of all variables."""
     for group in layout.points:
-        kernel, places = group.kernel, nodes[group.nodes]
+        fractions = ca.MX(ca.DM(layout.mesh[group.nodes]).T)
         data = _gathered(constants, layout.point_places(group).T)
-        pieces.append(
-            _Piece(
-                kernels=(kernel.point, kernel.jacobian, kernel.hessian),
-                light=kernel.cost,
-                variables=places,
-                rows=group.block.places,
-                arrivals=places[:, :0],
-                v=_gathered(x, places),
-                arrived=ca.MX(),
-                constants=ca.vertcat(ca.MX(ca.DM(layout.mesh[group.nodes]).T), data),
-            )
-        )
-    kernels = layout.kind.kernels
-    stages = _Piece(
-        kernels=(kernels.stage, kernels.stage_jacobian, kernels.stage_hessian),
-        light=kernels.cost,
-        variables=layout.stage_variables,
-        rows=layout.stage_rows,
-        arrivals=nodes[1:],
-        v=_gathered(x, layout.stage_variables),
-        arrived=_gathered(x, nodes[1:]),
-        constants=ca.vertcat(ca.MX(ca.DM(grid)), ca.repmat(fixed, 1, layout.intervals)),
-    )
-    return [*pieces, stages]
+        places = layout.nodes[group.nodes]
+        at = places, group.block.places, places[:, :0]
+        yield _Piece(group.kernel, *at, _gathered(x, places), ca.MX(), ca.vertcat(fractions, data))
+    grid = ca.MX(ca.DM(np.vstack([layout.mesh[:-1], np.diff(layout.mesh)])))
+    fixed = ca.repmat(constants[: layout.parameters.size], 1, layout.intervals)
+    at = layout.stage_variables, layout.stage_rows, layout.nodes[1:]
+    v, arrived = _gathered(x, at[0]), _gathered(x, at[2])
+    yield _Piece(layout.kind.kernels.stage, *at, v, arrived, ca.vertcat(grid, fixed))
 
 
 def _gathered(x: ca.MX, places: np.ndarray) -> ca.MX:

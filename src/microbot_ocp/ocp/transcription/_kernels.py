@@ -8,8 +8,8 @@ scaled.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
@@ -44,49 +44,44 @@ from microbot_ocp.ocp.transcription.schemes import (
 
 
 @dataclass(frozen=True, eq=False)
-class PointKernel:
-    """What is demanded or costs at some mesh points, with its derivatives, in scaled variables.
-
-    ``point(z, c) -> constraints, cost`` with c = (fraction, parameters, data).
-
-    Attributes
-    ----------
-    rows : what the constraints are, in their order
-    fractions : at which fractions [M] of the phase
-    data : names of the measurements of which c has the data
-    cost : the cost alone with its gradient, where that is light: see :class:`Kernels`
-    """
-
-    point: ca.Function
-    jacobian: ca.Function
-    hessian: ca.Function
-    rows: tuple[TableEntry, ...]
-    fractions: tuple[float, ...]
-    data: tuple[str, ...] = ()
-    cost: ca.Function | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class Kernels:
-    """Stage and point functions of a phase with their derivatives, in scaled variables.
-
-    ``stage(v, c) -> next, constraints, cost`` with v = (z, w) and c = (fraction at the start,
-    length of the interval as a fraction, parameters); ``dense(v, c, fraction) -> x, u`` in the
-    units of the declaration. The constraints of a stage are, in their order, ``stage_rows``. The
-    last of the points is the end of the phase.
+class Kernel:
+    """A stage, or what is demanded or costs at some mesh points, in scaled variables.
 
     Solvers ask for the cost and its gradient apart from the rows, at every point that they try.
     Where no heavy function is in it, as in that of a shortest duration, ``cost(v, c) -> cost,
     gradient`` spares them the dynamics: a quarter of the time of a Panda's functions.
+
+    Attributes
+    ----------
+    value : of a stage ``(v, c) -> next, constraints, cost`` with v = (z, w) and c = (fraction at
+        the start, length of the interval as a fraction, parameters); of points ``(z, c) ->
+        constraints, cost`` with c = (fraction, parameters, data)
+    jacobian, hessian : its derivatives
+    cost : the cost alone with its gradient, where that is light
+    rows : what the constraints are, in their order
+    fractions : of points, at which fractions [M] of the phase
+    data : names of the measurements of which c has the data
     """
 
-    stage: ca.Function
-    stage_jacobian: ca.Function
-    stage_hessian: ca.Function
+    value: ca.Function
+    jacobian: ca.Function
+    hessian: ca.Function
     cost: ca.Function | None
+    rows: tuple[TableEntry, ...]
+    fractions: tuple[float, ...] = ()
+    data: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Kernels:
+    """Stage and points of a phase; the last of the points is its end.
+
+    ``dense(v, c, fraction) -> x, u`` is in the units of the declaration.
+    """
+
+    stage: Kernel
+    points: tuple[Kernel, ...]
     dense: ca.Function
-    stage_rows: tuple[TableEntry, ...]
-    points: tuple[PointKernel, ...]
 
 
 def _linear(phase: Phase) -> list[Variable]:
@@ -161,20 +156,16 @@ def build_kernels(
     stage = ca.Function("stage", [v, c], [following, rows.stacked(), step.running])
     s = ca.MX.sym("s")
     dense = ca.Function("dense", [v, c, s], list(step.at(s)))
-    points = [*_points(physics), _end(physics)]
-    functions = [_expanded(stage), *(_expanded(point.point) for point in points)]
-    derived = derive(functions, [divided(stage), *(divided(_as_stage(p.point)) for p in points)])
-    costs = [light_cost(stage), *(light_cost(point.point) for point in points)]
-    first, *others = zip(derived[::3], derived[1::3], derived[2::3], costs, strict=True)
-    return Kernels(
-        *first,
-        dense=_without_repeats(_expanded(dense)),
-        stage_rows=tuple(rows.entries),
-        points=tuple(
-            replace(point, point=value, jacobian=jacobian, hessian=hessian, cost=cost)
-            for point, (value, jacobian, hessian, cost) in zip(points, others, strict=True)
-        ),
+    parts: list[_Part] = [(stage, rows), *_points(physics), _end(physics)]
+    functions = [part[0] for part in parts]
+    stages = [stage, *(_as_stage(point) for point in functions[1:])]
+    derived = derive([_expanded(function) for function in functions], [divided(k) for k in stages])
+    each = zip(derived[::3], derived[1::3], derived[2::3], parts, strict=True)
+    first, *points = (
+        Kernel(value, jacobian, hessian, light_cost(function), tuple(held.entries), *where)
+        for value, jacobian, hessian, (function, held, *where) in each
     )
+    return Kernels(first, tuple(points), _without_repeats(_expanded(dense)))
 
 
 def light_cost(function: ca.Function) -> ca.Function | None:
@@ -337,10 +328,12 @@ def _holds(
     return point == 0.0 or (limit.interior_points and point in inner)
 
 
-def _end(physics: _Physics) -> PointKernel:
-    """Return the cost, end constraints and continuous path constraints at the end, not
-    differentiated yet.
-    """
+# what is to be a kernel: its function and rows, and of points also fractions and data
+_Part = tuple[Any, ...]
+
+
+def _end(physics: _Physics) -> _Part:
+    """Return the cost, end constraints and continuous path constraints at the end."""
     phase = physics.phase
     z, c, at_end = _node(physics)
     no_rate = ca.MX.zeros(sum(v.size for v in _linear(phase)))
@@ -354,14 +347,13 @@ def _end(physics: _Physics) -> PointKernel:
     for limit, value in zip(phase.end_constraints, ends, strict=True):
         rows.add("end", [limit], value)
     cost = physics.end_cost(*at_end)
-    end = ca.Function("point", [z, c], [rows.stacked(), cost])
-    return PointKernel(end, end, end, tuple(rows.entries), (1.0,))
+    return ca.Function("point", [z, c], [rows.stacked(), cost]), rows, (1.0,)
 
 
-def _points(physics: _Physics) -> list[PointKernel]:
-    """Give what is demanded or costs at given times, one a declaration, not differentiated yet."""
-    phase, kernels = physics.phase, []
-    for item in (*phase.point_constraints, *phase.point_costs):
+def _points(physics: _Physics) -> Iterator[_Part]:
+    """Yield what is demanded or costs at given times, one a declaration."""
+    phase = physics.phase
+    for k, item in enumerate((*phase.point_constraints, *phase.point_costs)):
         data = [m for m in phase.measurements if ca.depends_on(item.expression, m.symbol)]
         symbols = ca.vertcat(*(m.symbol for m in data), ca.MX(0, 1))
         z, c, at_point = _node(physics, symbols.shape[0])
@@ -372,10 +364,8 @@ def _points(physics: _Physics) -> list[PointKernel]:
             rows.add("value" if item.defines else "point", [item], values)
         else:
             cost = values
-        point = ca.Function(f"point_{len(kernels)}", [z, c], [rows.stacked(), cost])
-        fractions, names = tuple(item.fractions.tolist()), tuple(m.name for m in data)
-        kernels.append(PointKernel(point, point, point, tuple(rows.entries), fractions, names))
-    return kernels
+        point = ca.Function(f"point_{k}", [z, c], [rows.stacked(), cost])
+        yield point, rows, tuple(item.fractions.tolist()), tuple(m.name for m in data)
 
 
 def _node(physics: _Physics, data: int = 0) -> tuple[ca.MX, ca.MX, list[ca.MX]]:

@@ -19,8 +19,8 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp.problem import Phase, Variable, node_variables
 from microbot_ocp.ocp.transcription._kernels import (
     Derive,
+    Kernel,
     Kernels,
-    PointKernel,
     build_kernels,
     interpolated_variables,
     joined,
@@ -88,7 +88,7 @@ def stage_kind(phase: Phase, scheme: Scheme, duration_scale: float, derive: Deri
         scheme=scheme,
         inner=tuple(inner),
         variables=(*node, *control),
-        rows=(*steps, *kernels.stage_rows),
+        rows=(*steps, *kernels.stage.rows),
         kernels=kernels,
         node_size=len(node),
     )
@@ -104,11 +104,11 @@ class PointGroup:
 
     Attributes
     ----------
-    kernel : PointKernel
+    kernel : Kernel
     block : its rows, with the indices of the mesh points as intervals
     """
 
-    kernel: PointKernel
+    kernel: Kernel
     block: Block
 
     @property
@@ -397,7 +397,7 @@ def fill_values(layouts: Sequence[PhaseLayout], x: FloatArray) -> None:
             if not values:
                 continue
             z = x[layout.nodes[group.nodes]].T
-            missed = group.kernel.point(z, layout.point_constants(group))[0].full()[:, 0]
+            missed = group.kernel.value(z, layout.point_constants(group))[0].full()[:, 0]
             for other in layouts:
                 node = [entry.name for entry in other.kind.node]
                 if values[0].name in node:
