@@ -22,16 +22,11 @@ from ._layout import (
     stage_kind as stage_kind,
     variable_labels as variable_labels,
 )
-from ._mesh import (
-    IntArray as IntArray,
-    Meshes as Meshes,
-    MeshLike as MeshLike,
-    mesh_of as mesh_of,
-)
 from ._table import (
     DURATION as DURATION,
     EQUATIONS as EQUATIONS,
     Block as Block,
+    IntArray as IntArray,
     Label as Label,
     TableEntry as TableEntry,
     limits_of as limits_of,
@@ -39,8 +34,11 @@ from ._table import (
 from ._transcription import (
     Guess as Guess,
     GuessValue as GuessValue,
+    Meshes as Meshes,
+    MeshLike as MeshLike,
     Transcription as Transcription,
     guess_table as guess_table,
+    mesh_of as mesh_of,
     sampled as sampled,
 )
 from .schemes import (

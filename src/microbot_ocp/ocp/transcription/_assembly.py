@@ -23,8 +23,7 @@ from microbot_ocp.ocp.transcription._layout import (
     row_labels,
     variable_labels,
 )
-from microbot_ocp.ocp.transcription._mesh import IntArray
-from microbot_ocp.ocp.transcription._table import Label
+from microbot_ocp.ocp.transcription._table import IntArray, Label
 
 # Variables of a stage and stages from which two threads evaluate them: to start one takes 30 us
 LARGE_STAGE, MANY_STAGES = 24, 40

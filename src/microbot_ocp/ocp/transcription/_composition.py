@@ -34,6 +34,11 @@ class Calls:
     def count(self) -> int:
         return self.arguments.size2_out(0)
 
+    @property
+    def results(self) -> int:
+        """Results of all calls."""
+        return sum(self.function.size1_out(k) for k in range(self.function.n_out())) * self.count
+
 
 @dataclass(frozen=True, eq=False)
 class Composition:
@@ -167,14 +172,15 @@ def _composed_hessian(
     w, through = (
         _results(stage, first, v, c) if mixed else (ca.MX(stage.outer.size1_in(2), 1), None)
     )
-    pulled = ca.vertsplit(weights(v, c, w, lam, sigma), _edges(_result_size(stage)))
+    pulled = ca.vertsplit(weights(v, c, w, lam, sigma), _edges([c.results for c in stage.calls]))
     gradients, total = [], ca.MX(v.shape[0], v.shape[0])
     for calls, function, weight in zip(stage.calls, second, pulled, strict=True):
         arguments, slopes = _slopes(calls)(v, c)
         columns = ca.reshape(weight, -1, calls.count)
         gradient, hessians = _at_every_call(function, arguments, columns)
         gradients.append(ca.vec(gradient))
-        for slope, hessian in zip(_below(slopes, calls), _beside(hessians, calls), strict=True):
+        blocks = ca.vertsplit_n(slopes, calls.count), ca.horzsplit_n(hessians, calls.count)
+        for slope, hessian in zip(*blocks, strict=True):
             total = total + slope.T @ (hessian @ slope)
     straight, by_vw, by_ww = light(v, c, w, lam, sigma, ca.vertcat(*gradients))
     total = total + straight
@@ -184,21 +190,8 @@ def _composed_hessian(
     return ca.Function("stage_hessian", [v, c, lam, sigma], [total])
 
 
-def _result_size(stage: Composition) -> list[int]:
-    return [sum(c.function.size1_out(k) for k in range(c.function.n_out())) * c.count
-            for c in stage.calls]  # fmt: skip
-
-
 def _edges(sizes: Sequence[int]) -> list[int]:
     return [0, *itertools.accumulate(sizes)]
-
-
-def _beside(matrix: ca.MX, calls: Calls) -> list[ca.MX]:
-    return ca.horzsplit(matrix, matrix.shape[1] // calls.count)
-
-
-def _below(matrix: ca.MX, calls: Calls) -> list[ca.MX]:
-    return ca.vertsplit(matrix, matrix.shape[0] // calls.count)
 
 
 def _results(
@@ -210,8 +203,8 @@ def _results(
         arguments, slopes = _slopes(calls)(v, c)
         values, inner = _at_every_call(function, arguments)
         results.append(ca.vec(values))
-        pairs = zip(_beside(inner, calls), _below(slopes, calls), strict=True)
-        through += [jacobian @ slope for jacobian, slope in pairs]
+        blocks = ca.horzsplit_n(inner, calls.count), ca.vertsplit_n(slopes, calls.count)
+        through += [jacobian @ slope for jacobian, slope in zip(*blocks, strict=True)]
     return ca.vertcat(*results), ca.vertcat(*through)
 
 

@@ -290,7 +290,8 @@ def _path_rows(
         x, u = step.at(point) if point else (interval.x, interval.control(0.0))
         if point == 0.0:
             u = ca.vertcat(u, physics.missing)
-        for state, part in zip(phase.states, _split(x, phase.states), strict=True):
+        parts = ca.vertsplit(x, np.cumsum([0, *(s.size for s in phase.states)]).tolist())
+        for state, part in zip(phase.states, parts, strict=True):
             if point in inner and state.interior_points and (state.name, point) not in held:
                 rows.add("bound", [state], part, point)
         time = interval.start + point * interval.length
@@ -301,11 +302,6 @@ def _path_rows(
         for limit, value in zip(phase.constraints, values, strict=True):
             if _holds(phase, limit, point, inner, scheme.points):
                 rows.add("constraint", [limit], value, point)
-
-
-def _split(table: ca.MX, variables: Sequence[Variable]) -> list[ca.MX]:
-    """Return parts of a column, one a variable."""
-    return ca.vertsplit(table, np.cumsum([0, *(v.size for v in variables)]).tolist())
 
 
 def _holds(

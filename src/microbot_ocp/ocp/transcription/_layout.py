@@ -9,7 +9,7 @@ of a phase are alike, and evaluated at once.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -26,10 +26,10 @@ from microbot_ocp.ocp.transcription._kernels import (
     joined,
     stage_variables,
 )
-from microbot_ocp.ocp.transcription._mesh import IntArray
 from microbot_ocp.ocp.transcription._table import (
     DURATION,
     Block,
+    IntArray,
     Label,
     TableEntry,
     conditions_of,
@@ -75,9 +75,7 @@ def stage_kind(phase: Phase, scheme: Scheme, duration_scale: float, derive: Deri
     """Return stages of a phase by one scheme, with what their kernels hold."""
     inner = stage_variables(phase, scheme)
     kernels = build_kernels(phase, duration_scale, scheme, derive)
-    node: list[TableEntry] = []
-    for variable in node_variables(phase):
-        node += entries_of(phase, _kind(variable), variable)
+    node = [e for v in node_variables(phase) for e in entries_of(phase, _kind(v), v)]
     node.append(TableEntry("duration", None, DURATION, 0, 1, 0.0, "s", duration_scale))
     control: list[TableEntry] = []
     for value in inner:
@@ -261,14 +259,8 @@ class PhaseLayout:
 
     def constants(self, intervals: IntArray) -> FloatArray:
         """Return the second argument of the kernels, for some intervals [..., M]."""
-        fixed = self.parameters
-        return np.vstack(
-            [
-                self.mesh[intervals],
-                np.diff(self.mesh)[intervals],
-                np.tile(fixed[:, None], (1, intervals.size)),
-            ]
-        )
+        fixed = np.tile(self.parameters[:, None], (1, intervals.size))
+        return np.vstack([self.mesh[intervals], np.diff(self.mesh)[intervals], fixed])
 
     def table(self, stages: FloatArray) -> FloatArray:
         """Return scaled (z, w) of every stage [N, ...] from those of all stages, in turn."""
@@ -454,19 +446,19 @@ def bounds_of(layouts: Sequence[PhaseLayout]) -> Bounds:
 
 def row_labels(layouts: Sequence[PhaseLayout]) -> list[Label]:
     """Return what every row of a program is."""
-    return _labels({layout.phase.name: layout.rows for layout in layouts})
+    return _labels(layouts, "rows")
 
 
 def variable_labels(layouts: Sequence[PhaseLayout]) -> list[Label]:
     """Return what every variable of a program is."""
-    return _labels({layout.phase.name: layout.variables for layout in layouts})
+    return _labels(layouts, "variables")
 
 
-def _labels(blocks: Mapping[str, Sequence[Block]]) -> list[Label]:
+def _labels(layouts: Sequence[PhaseLayout], what: str) -> list[Label]:
     labels: dict[int, Label] = {}
-    for phase, blocks_of_phase in blocks.items():
-        for block in blocks_of_phase:
+    for layout in layouts:
+        for block in getattr(layout, what):
             for interval, places in zip(block.intervals.tolist(), block.places, strict=True):
                 for entry, place in zip(block.entries, places.tolist(), strict=True):
-                    labels[place] = Label(**vars(entry), phase=phase, interval=interval)
+                    labels[place] = Label(**vars(entry), phase=layout.phase.name, interval=interval)
     return [labels[place] for place in range(len(labels))]

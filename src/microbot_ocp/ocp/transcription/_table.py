@@ -13,8 +13,8 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp.problem import LIMITS, VARIABLES, PathConstraint, Phase, Variable
-from microbot_ocp.ocp.transcription._mesh import IntArray
 
+IntArray = np.ndarray
 DURATION = "duration"
 EQUATIONS = ("step", "defect", "equation", "link", "value")
 """Kinds of rows that are zero; the others have declared limits."""
@@ -141,13 +141,9 @@ def entries_of(
 
 def conditions_of(phase: Phase, which: str, node: Sequence[TableEntry]) -> tuple[TableEntry, ...]:
     """Give entries of what has a condition at the start ("initial") or end ("final") of a phase."""
-    conditions = [replace(entry, kind=which) for entry in node if _item(phase, entry) is not None]
-    return tuple(
-        entry
-        for entry in conditions
-        if getattr(_item(phase, entry), which) is not None
-        and np.isfinite(_pair(phase, entry)).any()
-    )
+    has = [e for e in node if getattr(_item(phase, e), which, None) is not None]
+    conditions = (replace(entry, kind=which) for entry in has)
+    return tuple(entry for entry in conditions if np.isfinite(_pair(phase, entry)).any())
 
 
 def limits_of(phase: Phase, entries: Sequence[TableEntry]) -> tuple[FloatArray, FloatArray]:

@@ -29,9 +29,12 @@ from microbot_ocp.ocp.transcription._assembly import Program, assemble
 from microbot_ocp.ocp.transcription._composition import Composition, Derivatives, automatic
 from microbot_ocp.ocp.transcription._kernels import with_derivatives
 from microbot_ocp.ocp.transcription._layout import PhaseLayout, lay_out, stage_kind
-from microbot_ocp.ocp.transcription._mesh import Meshes, mesh_of, with_points
 from microbot_ocp.ocp.transcription.schemes import SCHEMES, Collocation, Scheme
 
+MOST_INTERVALS = 100_000
+
+MeshLike = int | ArrayLike
+Meshes = Sequence[MeshLike] | MeshLike  # one a phase, or one for all
 MakeKernels = Callable[[], Sequence[ca.Function]]
 GuessValue = ArrayLike | Callable[[FloatArray], ArrayLike]
 
@@ -76,6 +79,42 @@ def sampled(value: GuessValue | None, variable: Variable, fractions: FloatArray)
         return np.array(table)
     points = np.linspace(0.0, 1.0, len(table))
     return np.column_stack([np.interp(fractions, points, column) for column in table.T])
+
+
+def mesh_of(mesh: MeshLike) -> FloatArray:
+    """Return increasing fractions [N+1] from 0 to 1 from such, or from a number of intervals."""
+    if isinstance(mesh, (int, np.integer)):
+        if mesh < 2:
+            raise InputError(f"mesh must have at least 2 intervals, not {mesh}")
+        checks.size("the number of intervals", float(min(mesh, 10**300)), MOST_INTERVALS)
+        return np.linspace(0.0, 1.0, int(mesh) + 1)
+    if isinstance(mesh, float):
+        raise InputError(f"mesh must be a whole number of intervals or fractions, not {mesh}")
+    given = checks.array("mesh", mesh, (None,))
+    if given.size < 3 or given[0] != 0.0 or given[-1] != 1.0 or np.any(np.diff(given) <= 0):
+        raise InputError("mesh must be increasing fractions from 0 to 1, or a number of intervals")
+    return given
+
+
+def with_points(mesh: FloatArray, fractions: Sequence[float]) -> FloatArray:
+    """Return the mesh with some fractions among its points.
+
+    The nearest point of its own moves there, where it is nearer than half of the shorter interval
+    beside it; otherwise there is one more.
+    """
+    points = mesh.tolist()
+    wanted = [f for f in fractions if f not in points]
+    held = set(fractions)
+    for fraction in wanted:
+        place = int(np.searchsorted(points, fraction))
+        near = min((place - 1, place), key=lambda k: abs(points[k] - fraction))
+        movable = 0 < near < len(points) - 1 and points[near] not in held
+        gap = abs(points[near] - fraction)
+        if movable and 2 * gap < min(np.diff(points[near - 1 : near + 2])):
+            points[near] = fraction
+        else:
+            points.insert(place, fraction)
+    return np.array(points) if wanted else mesh
 
 
 class Transcription:

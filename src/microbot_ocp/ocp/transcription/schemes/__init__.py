@@ -1,4 +1,4 @@
-"""Ways to step over an interval, one file each; a problem changes its scheme by one argument."""
+"""Ways to step over an interval; a problem changes its scheme by one argument."""
 
 from microbot_ocp.ocp.transcription.schemes._base import (
     Interval as Interval,
@@ -10,13 +10,14 @@ from microbot_ocp.ocp.transcription.schemes._base import (
 )
 from microbot_ocp.ocp.transcription.schemes._collocation import (
     Collocation,
+    HermiteSimpson,
+    Trapezoidal,
     within_bounds as within_bounds,
 )
 from microbot_ocp.ocp.transcription.schemes._shooting import (
     IntegratorShooting as IntegratorShooting,
     Shooting,
 )
-from microbot_ocp.ocp.transcription.schemes._trapezoidal import HermiteSimpson, Trapezoidal
 
 SCHEMES: dict[str, Scheme] = {
     "shooting": Shooting(),
