@@ -66,15 +66,12 @@ IPOPT_OPTIONS = {
     "mumps_mem_percent": 100,
     "acceptable_iter": 0,  # an acceptable level is no optimum
 }
-WARM_PUSHES = tuple(
-    f"warm_start_{what}"
-    for what in (
-        "bound_push",
-        "bound_frac",
-        "slack_bound_push",
-        "slack_bound_frac",
-        "mult_bound_push",
-    )
+WARM_PUSHES = (
+    "warm_start_bound_push",
+    "warm_start_bound_frac",
+    "warm_start_slack_bound_push",
+    "warm_start_slack_bound_frac",
+    "warm_start_mult_bound_push",
 )
 SQP_OPTIONS = {
     "qpsol": "qrqp",
@@ -107,7 +104,9 @@ def create(
         "show_eval_warnings": False,  # the advice reports it
     }
     make = {"fatrop": _fatrop, "ipopt": _ipopt, "sqp": _sqp}[name]
-    plugin, options, cache = make(program, settings, variant)
+    functions = _with_scaled_cost(program)
+    plugin, options, cache = make(program, functions, settings, variant)
+    cache["nlp_grad"] = functions["lagrangian"]
     if name == "ipopt" and np.isfinite(seconds):
         timed = {"max_wall_time": max(seconds, 1e-3), **options["ipopt"]}
         options = {**options, "ipopt": timed}
@@ -133,13 +132,14 @@ def _keep_to_one_thread() -> None:
             ctypes.CDLL(str(library)).openblas_set_num_threads(1)
 
 
+Functions = Mapping[str, ca.Function]
 Plugin = tuple[str, dict[str, Any], dict[str, ca.Function]]
 
 # how many outputs of a function are of the cost: the first
 _OF_COST = {"lagrangian": 1, "gradient": 2, "gradient_only": 1, "hessian": 0, "hessian_upper": 0}
 
 
-def _with_scaled_cost(program: Program) -> Mapping[str, ca.Function]:
+def _with_scaled_cost(program: Program) -> Functions:
     """Return the functions of a program as solvers get them."""
     functions, scale = program.functions, program.cost_scale
     if scale == 1.0:
@@ -157,30 +157,27 @@ def _with_scaled_cost(program: Program) -> Mapping[str, ca.Function]:
     return MadeOnDemand({**changed, "jacobian": lambda: functions["jacobian"]})
 
 
-def _fatrop(program: Program, settings: SolverSettings, _: bool) -> Plugin:
-    functions = _with_scaled_cost(program)
+def _fatrop(program: Program, functions: Functions, settings: SolverSettings, _: bool) -> Plugin:
     options: dict[str, Any] = {**FATROP_OPTIONS, "tolerance": settings.tolerance}
     options["max_iter"] = settings.max_iterations
     if settings.initial_barrier is not None:
         options["mu_init"] = settings.initial_barrier
-    equal = program.row_lower == program.row_upper
-    nodes, controls, constraints = program.stage_sizes
+    nodes, controls, constraints = (sizes.tolist() for sizes in program.stage_sizes)
     structure = {
         "structure_detection": "manual",
-        "N": nodes.size - 1,
-        "nx": nodes.tolist(),
-        "nu": controls.tolist(),
-        "ng": constraints.tolist(),
-        "equality": equal.tolist(),
+        "N": len(nodes) - 1,
+        "nx": nodes,
+        "nu": controls,
+        "ng": constraints,
+        "equality": (program.row_lower == program.row_upper).tolist(),
+        "fatrop": {**options, **settings.options.get("fatrop", {})},
     }
     cache = {
-        "nlp_grad": functions["lagrangian"],
         "nlp_jac_g": _finite(functions["jacobian"]),
         "nlp_grad_f": _finite(functions["gradient_only"]),
         "nlp_hess_l": _finite(functions["hessian"]),
     }
-    merged = {**options, **settings.options.get("fatrop", {})}
-    return "fatrop", {**structure, "fatrop": merged}, cache
+    return "fatrop", structure, cache
 
 
 def _finite(function: ca.Function) -> ca.Function:
@@ -195,8 +192,7 @@ def _finite(function: ca.Function) -> ca.Function:
     return ca.Function(function.name(), inputs, outputs)
 
 
-def _ipopt(program: Program, settings: SolverSettings, warm: bool) -> Plugin:
-    functions = _with_scaled_cost(program)
+def _ipopt(_: Program, functions: Functions, settings: SolverSettings, warm: bool) -> Plugin:
     options: dict[str, Any] = {
         **IPOPT_OPTIONS,
         "tol": settings.tolerance,
@@ -207,7 +203,6 @@ def _ipopt(program: Program, settings: SolverSettings, warm: bool) -> Plugin:
         options["warm_start_init_point"] = "no"
         options["bound_push"] = options["bound_frac"] = settings.initial_barrier
     cache = {
-        "nlp_grad": functions["lagrangian"],
         "nlp_jac_g": functions["jacobian"],
         "nlp_grad_f": functions["gradient"],
         "nlp_hess_l": functions["hessian_upper"],
@@ -223,14 +218,12 @@ def _ipopt(program: Program, settings: SolverSettings, warm: bool) -> Plugin:
     return "ipopt", {"ipopt": as_ipopt_knows(options)}, cache
 
 
-def _sqp(program: Program, settings: SolverSettings, regularised: bool) -> Plugin:
-    functions = _with_scaled_cost(program)
+def _sqp(_: Program, functions: Functions, settings: SolverSettings, regularised: bool) -> Plugin:
     x, p, lam_f, lam_g = functions["hessian"].mx_in()
     g, jacobian = functions["jacobian"](x, p)
     f, slope = functions["gradient"](x, p)
     hessian = functions["hessian"](x, p, lam_f, lam_g)[1]
     cache = {
-        "nlp_grad": functions["lagrangian"],
         "nlp_jac_fg": ca.Function("nlp_jac_fg", [x, p], [f, slope, g, jacobian]),
         "nlp_hess_l": ca.Function("nlp_hess_l", [x, p, lam_f, lam_g], [hessian]),
     }
@@ -239,8 +232,8 @@ def _sqp(program: Program, settings: SolverSettings, regularised: bool) -> Plugi
         "max_iter": settings.max_iterations,
         "tol_pr": settings.tolerance,
         "tol_du": settings.tolerance,
+        **settings.options.get("sqp", {}),
     }
-    options |= settings.options.get("sqp", {})
     if regularised:
         options["convexify_strategy"] = "regularize"
     return "sqpmethod", options, cache

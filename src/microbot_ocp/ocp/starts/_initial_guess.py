@@ -29,9 +29,8 @@ def starting_point(
     """Return starting point from guesses, from an earlier solution, or from nothing."""
     if not isinstance(guess, Solution):
         return StartingPoint(pack(program, completed(problem, guess)))
-    layouts = [phase.layout for phase in guess.phases]
-    old = [layout for layout in layouts if layout is not None]
-    comparable = len(old) == len(program.layouts) == len(layouts) and all(
+    old = [phase.layout for phase in guess.phases if phase.layout is not None]
+    comparable = len(old) == len(program.layouts) == len(guess.phases) and all(
         _alike(a, b) for a, b in zip(old, program.layouts, strict=True)
     )
     if not comparable or guess.variables is None:
@@ -236,29 +235,40 @@ def _moved_multipliers(
     for before, after in zip(old, program.layouts, strict=True):
         for old_block, new_block in zip(before.rows[1:], after.rows[1:], strict=True):
             new_rows[new_block.places] = rows[old_block.places]
-        for blocks, first, values, new in (
-            ("rows", 0, rows, new_rows),
-            ("variables", before.node_size, variables, new_variables),
+        for series, values, new in (
+            (_of_rows, rows, new_rows),
+            (_of_stages, variables, new_variables),
+            (_of_nodes, variables, new_variables),
         ):
-            old_series, new_series = (
-                _series(layout, getattr(layout, blocks)[0], first) for layout in (before, after)
-            )
-            _move(old_series, new_series, values, new)
-        _move_nodes(before, after, variables, new_variables)
+            _move(series(before), series(after), values, new)
     return new_rows, new_variables
 
 
-Key = tuple[str, str, int, float]
 # Multipliers of one kind [3, M]: where they stand, as increasing fractions of the phase, their
 # indices in the program, and what they weigh against their density along the phase.
-Series = Mapping[Key, FloatArray]
+Series = Mapping[tuple[object, ...], FloatArray]
+
+
+def _of_rows(layout: PhaseLayout) -> Series:
+    return _series(layout, layout.rows[0], 0)
+
+
+def _of_stages(layout: PhaseLayout) -> Series:
+    return _series(layout, layout.variables[0], layout.node_size)
+
+
+def _of_nodes(layout: PhaseLayout) -> Series:
+    h = np.diff(layout.mesh)
+    around = (np.append(h, 0.0) + np.insert(h, 0, 0.0)) / 2
+    columns = enumerate(layout.nodes.T)
+    return {(k,): np.vstack([layout.mesh, column, around]) for k, column in columns}
 
 
 def _series(layout: PhaseLayout, block: Block, first: int) -> Series:
     """Return everything from an entry on that has the same name and stands at the same kind of
     point.
     """
-    gathered: dict[Key, list[FloatArray]] = {}
+    gathered: dict[tuple[object, ...], list[FloatArray]] = {}
     start, h, scheme = layout.mesh[:-1], np.diff(layout.mesh), layout.kind.scheme
     shares: dict[float, float] = {}
     if isinstance(scheme, Collocation):
@@ -281,15 +291,3 @@ def _move(before: Series, after: Series, values: FloatArray, new_values: FloatAr
         (old_places, old, old_weights), (places, new, weights) = before[key], after[key]
         density = values[old.astype(int)] / old_weights
         new_values[new.astype(int)] = np.interp(places, old_places, density) * weights
-
-
-def _move_nodes(
-    before: PhaseLayout, after: PhaseLayout, variables: FloatArray, new_variables: FloatArray
-) -> None:
-    old_around, new_around = (
-        (np.append(h, 0.0) + np.insert(h, 0, 0.0)) / 2
-        for h in (np.diff(before.mesh), np.diff(after.mesh))
-    )
-    for old, new in zip(before.nodes.T, after.nodes.T, strict=True):
-        density = variables[old] / old_around
-        new_variables[new] = np.interp(after.mesh, before.mesh, density) * new_around
