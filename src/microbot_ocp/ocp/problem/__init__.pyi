@@ -2,6 +2,8 @@
 
 from ._expressions import (
     Expressions as Expressions,
+    PythonFunction as PythonFunction,
+    numeric_function as numeric_function,
 )
 from ._items import (
     CONSTANTS as CONSTANTS,
@@ -16,10 +18,6 @@ from ._items import (
     Variable as Variable,
     duration_bounds as duration_bounds,
     ordered as ordered,
-)
-from ._numeric import (
-    PythonFunction as PythonFunction,
-    numeric_function as numeric_function,
 )
 from ._phase import (
     Phase as Phase,

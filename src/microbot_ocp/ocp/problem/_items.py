@@ -176,16 +176,6 @@ def condition(
     return ordered(name, low, high, size, unit)
 
 
-def positive_scale(name: str, value: ArrayLike | None, size: int) -> FloatArray:
-    """Return a declared scale, or one."""
-    if value is None:
-        return np.ones(size)
-    scale = fill(f"scale of {name}", value, size)
-    if np.any(~np.isfinite(scale)) or np.any(scale <= 0):
-        raise InputError(f"scale of {name!r} must be finite and above 0, not {value}")
-    return scale
-
-
 def limit_of(
     name: str,
     expression: ca.MX,
@@ -198,7 +188,9 @@ def limit_of(
     expression = ca.vec(expression)
     size = expression.shape[0]
     low, high = ordered(name, lower, upper, size, unit)
-    sizes = positive_scale(name, scale, size)
+    sizes = fill(f"scale of {name}", 1.0 if scale is None else scale, size)
+    if not np.all(np.isfinite(sizes) & (sizes > 0)):
+        raise InputError(f"scale of {name!r} must be finite and above 0, not {scale}")
     return PathConstraint(name, expression, low, high, sizes, unit, scaled=scale is not None)
 
 
@@ -213,10 +205,10 @@ def variable_of(
     out.
     """
     name, symbol, unit = limit.name, limit.expression, limit.unit
-    size = symbol.shape[0]
-    ends = [condition(f"initial {name}", initial, size, unit)]
-    ends.append(condition(f"final {name}", final, size, unit))
-    for where, end in zip(("initial", "final"), ends, strict=True):
+    size, ends = symbol.shape[0], []
+    for where, given in (("initial", initial), ("final", final)):
+        end = condition(f"{where} {name}", given, size, unit)
+        ends.append(end)
         if end is not None and np.any(outside := (end[0] > limit.upper) | (end[1] < limit.lower)):
             i = int(np.argmax(outside))
             value = end[0][i] if end[0][i] > limit.upper[i] else end[1][i]
@@ -225,20 +217,10 @@ def variable_of(
                 f"{limit.upper[i]:g} {unit}".rstrip()
                 + f", not {value:g}"
             )
-    return Variable(
-        name=name,
-        symbol=symbol,
-        lower=limit.lower,
-        upper=limit.upper,
-        initial=ends[0],
-        final=ends[1],
-        scale=limit.scale,
-        unit=unit,
-        shape=shape,
-        rate=ca.MX.sym(f"{symbol.name()}.rate", size) if shape == "linear" else None,
-        scaled=limit.scaled,
-        columns=columns,
-    )
+    rate = ca.MX.sym(f"{symbol.name()}.rate", size) if shape == "linear" else None
+    more: dict[str, Any] = {"rate": rate, "scaled": limit.scaled, "columns": columns}
+    low, high, scale = limit.lower, limit.upper, limit.scale
+    return Variable(name, symbol, low, high, ends[0], ends[1], scale, unit, shape, **more)
 
 
 def converted(value: Any) -> ca.MX:

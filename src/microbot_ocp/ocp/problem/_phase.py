@@ -113,6 +113,11 @@ class Phase:
         return [*self.states, *self.controls, *self.algebraics, *self.free_parameters]
 
     @property
+    def rates(self) -> dict[str, ca.MX]:
+        """Time derivatives of the linear controls, by the names of these."""
+        return {c.name: c.rate for c in self.controls if c.rate is not None}
+
+    @property
     def point_fractions(self) -> tuple[float, ...]:
         """Fractions inside the phase at which something is demanded or costs: mesh points."""
         items = (*self.point_constraints, *self.point_costs)

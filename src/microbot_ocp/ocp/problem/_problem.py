@@ -405,11 +405,10 @@ class OptimalControlProblem:
 
 def _check_symbols(phase: Phase, used: ca.MX) -> None:
     """Raise InputError for symbols that a phase cannot know, or not at its end."""
-    variables = phase.variables
-    rates = [c.rate for c in phase.controls if c.rate is not None]
+    symbols = [*(v.symbol for v in phase.variables), *phase.rates.values()]
     constants = [p.symbol for p in phase.parameters]
     data = [m.symbol for m in phase.measurements]
-    declared = [*(v.symbol for v in variables), *rates, *constants, phase.time, phase.duration]
+    declared = [*symbols, *constants, phase.time, phase.duration]
     points = ca.vertcat(*(c.expression for c in (*phase.point_constraints, *phase.point_costs)))
     for symbol in ca.symvar(ca.vertcat(used, points)):
         if any(ca.is_equal(symbol, other) for other in data):
@@ -425,10 +424,10 @@ def _check_symbols(phase: Phase, used: ca.MX) -> None:
                 "or taken at their ends with initial() and final()"
             )
     at_end = ca.vertcat(*phase.end_costs, *(c.expression for c in phase.end_constraints))
-    nodes = {v.name for v in node_variables(phase)}
-    lost = [v.symbol for v in variables if v.name not in nodes]
+    nodes = node_variables(phase)
+    lost = [v.symbol for v in phase.variables if v not in nodes]
     for where, name in ((at_end, "end"), (points, "point")):
-        for symbol in [*lost, *rates]:
+        for symbol in [*lost, *phase.rates.values()]:
             if ca.depends_on(where, symbol):
                 raise InputError(
                     f"{name} cost or {name} constraint of phase {phase.name!r} uses "

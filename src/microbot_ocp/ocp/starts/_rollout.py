@@ -228,7 +228,7 @@ class _Integrators:
         equations = ca.vertcat(*phase.algebraic_equations, ca.MX(0, 1))
         share, begin, duration = ca.MX.sym("share"), ca.MX.sym("begin"), ca.MX.sym("duration")
         pairs = [(phase.duration, duration), (phase.time, duration * (begin + share))]
-        pairs += [(c.rate, ca.MX.zeros(c.size)) for c in phase.controls if c.rate is not None]
+        pairs += [(rate, ca.MX.zeros(rate.shape[0])) for rate in phase.rates.values()]
         pairs += [(p.symbol, ca.MX(ca.DM(p.value))) for p in phase.parameters]
         pairs += [(f.symbol, ca.MX(ca.DM(_at_start(guess, f)))) for f in phase.free_parameters]
         symbols, values = ([pair[k] for pair in pairs] for k in range(2))

@@ -181,7 +181,7 @@ class _Look:
         self.sizes = {
             v.name: v.scale if v.scaled else _size(v, tables.get(v.name)) for v in self.variables
         }
-        self.rates = [c for c in phase.controls if c.rate is not None]
+        self.rates = [c for c in phase.controls if c.name in phase.rates]
         self.reached: dict[str, FloatArray] = {}  # by states, in simulations
 
     def see(self, simulated: Guess) -> None:
@@ -283,7 +283,7 @@ class _Look:
         expressions = Expressions(phase, phase.measurements)
         points = expressions.tables(values, self.duration * self.share, self.duration, speeds, data)
         moving = [v.symbol for v in self.variables]
-        moving += [c.rate for c in self.rates if rates and c.rate is not None]
+        moving += phase.rates.values() if rates else ()
         slopes = ca.densify(ca.jacobian(expression, ca.vertcat(*moving)))
         outputs = [ca.densify(expression), slopes]
         function = ca.Function("look", expressions.symbols, outputs).map(count)

@@ -224,8 +224,7 @@ class _Physics:
         x = ca.vertcat(*(s.symbol for s in phase.states))
         controls = interpolated_variables(phase)[len(phase.states) :]
         u = ca.vertcat(*(k.symbol for k in controls), ca.MX(0, 1))
-        rates = [k.rate for k in _linear(phase) if k.rate is not None]
-        rate = ca.vertcat(*rates, ca.MX(0, 1))
+        rate = ca.vertcat(*phase.rates.values(), ca.MX(0, 1))
         self.constants = ca.vertcat(*(p.symbol for p in phase.parameters), ca.MX(0, 1))
         arguments = [x, u, rate, phase.time, phase.duration, self.constants]
         slope = ca.vertcat(*(phase.derivatives[s.name] for s in phase.states))
@@ -394,9 +393,8 @@ def _continuous(phase: Phase, expression: ca.MX) -> bool:
 
 def _jumps(phase: Phase, expression: ca.MX) -> bool:
     """Return whether an expression may differ on the two sides of a mesh point."""
-    symbols = [k.symbol for k in _constant(phase)]
-    symbols += [k.rate for k in _linear(phase) if k.rate is not None]
-    return _depends(expression, symbols)
+    constant = (k.symbol for k in _constant(phase))
+    return _depends(expression, [*constant, *phase.rates.values()])
 
 
 def _as_stage(point: ca.Function) -> ca.Function:
