@@ -140,7 +140,7 @@ def assemble(layouts: Sequence[PhaseLayout], *, parametric: bool = False) -> Pro
     p = ca.MX.sym("p", parameters.size)
     offsets = np.cumsum([0, *(d.size for d in declared)]).tolist()
     lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", height)
-    cost, cost_again = ca.MX(0), ca.MX(0)
+    cost = cost_again = ca.MX(0)
     rows, rows_again, gradient, jacobian, hessian = (_Entries() for _ in range(5))
     for index, layout in enumerate(layouts):
         begin, end = offsets[index : index + 2]
@@ -162,20 +162,19 @@ def assemble(layouts: Sequence[PhaseLayout], *, parametric: bool = False) -> Pro
     g_again, slope = rows_again.vector(height), gradient.vector(width)
     jacobian_matrix = jacobian.matrix(height, width)
     stationarity = lam_f * slope + jacobian_matrix.T @ lam_g
-    empty = ca.MX(width, 1)
+    of_lagrangian = [cost_again, g_again, stationarity, slope_of_p]
+
+    def with_hessian(*before: ca.MX, upper: bool) -> ca.Function:
+        outputs = [*before, hessian.matrix(width, width, upper=upper)]
+        return ca.Function("nlp_hess_l", curvature, outputs)
+
     functions: dict[str, Callable[[], ca.Function]] = {
-        "lagrangian": lambda: ca.Function(
-            "nlp_grad", curvature, [cost_again, g_again, stationarity, slope_of_p]
-        ),
+        "lagrangian": lambda: ca.Function("nlp_grad", curvature, of_lagrangian),
         "jacobian": lambda: ca.Function("nlp_jac_g", [x, p], [g_again, jacobian_matrix]),
         "gradient": lambda: ca.Function("nlp_grad_f", [x, p], [cost_again, slope]),
         "gradient_only": lambda: ca.Function("nlp_grad_f", [x, p], [slope]),
-        "hessian": lambda: ca.Function(
-            "nlp_hess_l", curvature, [empty, hessian.matrix(width, width)]
-        ),
-        "hessian_upper": lambda: ca.Function(
-            "nlp_hess_l", curvature, [hessian.matrix(width, width, upper=True)]
-        ),
+        "hessian": lambda: with_hessian(ca.MX(width, 1), upper=False),
+        "hessian_upper": lambda: with_hessian(upper=True),
     }
     return Program(
         layouts=tuple(layouts),

@@ -33,7 +33,7 @@ from microbot_ocp.ocp.transcription._composition import (
     composed_derivatives,
     divided,
 )
-from microbot_ocp.ocp.transcription._table import TableEntry, entries_of
+from microbot_ocp.ocp.transcription._table import Item, TableEntry, entries_of
 from microbot_ocp.ocp.transcription.schemes import (
     Interval,
     IntervalStep,
@@ -135,10 +135,7 @@ def with_derivatives(
 
 
 def build_kernels(
-    phase: Phase,
-    duration_scale: float,
-    scheme: Scheme,
-    derive: Derive = with_derivatives,
+    phase: Phase, duration_scale: float, scheme: Scheme, derive: Derive = with_derivatives
 ) -> Kernels:
     """Return kernels of a phase, expanded to scalar graphs where its expressions allow it."""
     physics = _Physics(phase, duration_scale)
@@ -189,13 +186,7 @@ class _Rows:
         self.values: list[ca.MX] = []
         self.entries: list[TableEntry] = []
 
-    def add(
-        self,
-        kind: str,
-        items: Sequence[Variable | PathConstraint],
-        value: ca.MX,
-        fraction: float = 0.0,
-    ) -> None:
+    def add(self, kind: str, items: Sequence[Item], value: ca.MX, fraction: float = 0.0) -> None:
         """Add the value of variables or constraints, one below the other."""
         self.values.append(value / np.concatenate([item.scale for item in items]))
         for item in items:
@@ -230,20 +221,16 @@ class _Physics:
         slope = ca.vertcat(*(phase.derivatives[s.name] for s in phase.states))
         running = sum(phase.running_costs, ca.MX(0))
         self.dynamics = ca.Function("dynamics", arguments, [slope, running])
-        self.limits = ca.Function(
-            "limits",
-            arguments,
-            [k.expression for k in phase.constraints],
-            {"always_inline": True},  # heavy calls in it are seen in the stage
-        )
+        limits = [k.expression for k in phase.constraints]
+        inline = {"always_inline": True}  # heavy calls in it are seen in the stage
+        self.limits = ca.Function("limits", arguments, limits, inline)
         equations = ca.vertcat(*phase.algebraic_equations, ca.MX(0, 1))
         self.equations = ca.Function("equations", arguments, [equations])
         total = sum(phase.end_costs, ca.MX(0))
         self.at_point = [x, u, phase.time, phase.duration, self.constants]
         self.end_cost = ca.Function("end_cost", self.at_point, [total])
-        self.end_limits = ca.Function(
-            "end_limits", self.at_point, [k.expression for k in phase.end_constraints]
-        )
+        ends = [k.expression for k in phase.end_constraints]
+        self.end_limits = ca.Function("end_limits", self.at_point, ends)
         self.missing = ca.MX.zeros(sum(k.size for k in pointwise(phase)))
 
 
@@ -299,21 +286,17 @@ def _path_rows(
             rows.add_equations(physics.equations(*arguments), point)
         values = physics.limits.call(arguments)
         for limit, value in zip(phase.constraints, values, strict=True):
-            if _holds(phase, limit, point, inner, scheme.points):
+            if _holds(phase, limit, point, inner, scheme):
                 rows.add("constraint", [limit], value, point)
 
 
 def _holds(
-    phase: Phase,
-    limit: PathConstraint,
-    point: float,
-    inner: Sequence[float],
-    points: Sequence[float],
+    phase: Phase, limit: PathConstraint, point: float, inner: Sequence[float], scheme: Scheme
 ) -> bool:
     """Return whether a path constraint is kept at a point of the interval."""
     expression = limit.expression
     if _depends(expression, [v.symbol for v in pointwise(phase)]):
-        return point in points  # it has no value elsewhere
+        return point in scheme.points  # it has no value elsewhere
     moving = [phase.time, *(v.symbol for v in (*phase.states, *_linear(phase)))]
     if not _depends(expression, moving):
         return point == 0.0  # the same all over the interval: a second row would be dependent

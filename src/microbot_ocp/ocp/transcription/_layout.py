@@ -73,7 +73,7 @@ class StageKind:
 
 def stage_kind(phase: Phase, scheme: Scheme, duration_scale: float, derive: Derive) -> StageKind:
     """Return stages of a phase by one scheme, with what their kernels hold."""
-    inner = stage_variables(phase, scheme)
+    inner = tuple(stage_variables(phase, scheme))
     kernels = build_kernels(phase, duration_scale, scheme, derive)
     node = [e for v in node_variables(phase) for e in entries_of(phase, _kind(v), v)]
     node.append(TableEntry("duration", None, DURATION, 0, 1, 0.0, "s", duration_scale))
@@ -82,14 +82,8 @@ def stage_kind(phase: Phase, scheme: Scheme, duration_scale: float, derive: Deri
         kind = "arrival" if value.source.shape == "linear" else _kind(value.source)
         control += entries_of(phase, kind, value.source, value.fraction)
     steps = [replace(entry, kind="step", fraction=1.0) for entry in node]
-    return StageKind(
-        scheme=scheme,
-        inner=tuple(inner),
-        variables=(*node, *control),
-        rows=(*steps, *kernels.stage.rows),
-        kernels=kernels,
-        node_size=len(node),
-    )
+    variables, rows = (*node, *control), (*steps, *kernels.stage.rows)
+    return StageKind(scheme, inner, variables, rows, kernels, len(node))
 
 
 def _kind(variable: Variable) -> str:
@@ -213,11 +207,7 @@ class PhaseLayout:
         rows[0] += len(self.initial.entries)
         for group in self.points:
             rows[group.nodes] += len(group.block.entries)
-        return (
-            np.full(n + 1, nz),
-            np.append(controls, len(self.transition.entries)),
-            rows,
-        )
+        return np.full(n + 1, nz), np.append(controls, len(self.transition.entries)), rows
 
     def node_columns(self, block: Block) -> list[int]:
         """Return components of z that the rows of a block, such as the start conditions, are of."""
@@ -243,15 +233,14 @@ class PhaseLayout:
 
     def point_places(self, group: PointGroup) -> IntArray:
         """Return what of ``data`` the kernel of some points gets besides the fraction [..., M]."""
-        count, parameters = group.nodes.size, self.parameters.size
-        places_of_data = [np.tile(np.arange(parameters)[:, None], (1, count))]
-        offset = parameters
+        offset = self.parameters.size
+        places = [np.tile(np.arange(offset)[:, None], (1, group.nodes.size))]
         for measurement in self.phase.measurements:
-            places = offset + np.arange(measurement.value.size).reshape(measurement.value.shape)
-            offset += measurement.value.size
             if measurement.name in group.kernel.data:
-                places_of_data.append(places.T)
-        return np.vstack(places_of_data)
+                table = np.arange(measurement.value.size).reshape(measurement.value.shape)
+                places.append(offset + table.T)
+            offset += measurement.value.size
+        return np.vstack(places)
 
     def point_constants(self, group: PointGroup) -> FloatArray:
         """Return the second argument of the kernel of some points [..., M]."""
@@ -321,15 +310,15 @@ def lay_out(
     node, intervals = kind.node, mesh.size - 1
     initial, final = (conditions_of(phase, which, node) for which in ("initial", "final"))
     corners = variable_offset + len(kind.variables) * np.arange(intervals + 1)
-    heights = np.full(intervals, len(kind.rows))
-    heights[0] += len(initial)  # the start conditions follow the rows of the first stage
     kernels = kind.kernels.points
     where = [np.searchsorted(mesh, kernel.fractions) for kernel in kernels]
-    extra = np.zeros(intervals + 1, dtype=int)
+    # rows that stand before those of points: of every stage, and of the link
+    own = np.append(np.full(intervals, len(kind.rows)), len(following))
+    own[0] += len(initial)  # the start conditions follow the rows of the first stage
+    heights = own.copy()
     for kernel, nodes in zip(kernels, where, strict=True):
-        extra[nodes] += len(kernel.rows)
-    heights += extra[:-1]
-    first = row_offset + np.concatenate([[0], np.cumsum(heights)])
+        heights[nodes] += len(kernel.rows)
+    first = row_offset + np.cumsum(heights) - heights
 
     def block(entries: Sequence[TableEntry], begin: int, interval: int = intervals) -> Block:
         places = np.arange(begin, begin + len(entries))[None, :]
@@ -338,23 +327,17 @@ def lay_out(
     jumping = [e for e in following if e.source is None or e.name not in linked]
     transition = block([replace(e, kind="transition") for e in jumping], corners[-1] + len(node))
     link = block([replace(e, kind="link") for e in following], first[-1])
-    free_place = np.append(first[1:] - extra[:-1], first[-1] + len(following))
-    begin = int(free_place[0]) - len(initial)
-    points = []
+    points, next_row = [], first + own
     for kernel, nodes in zip(kernels, where, strict=True):
-        places = free_place[nodes][:, None] + np.arange(len(kernel.rows))
-        free_place[nodes] += len(kernel.rows)
+        places = next_row[nodes][:, None] + np.arange(len(kernel.rows))
+        next_row[nodes] += len(kernel.rows)
         points.append(PointGroup(kernel, Block(kernel.rows, nodes, places)))
-    ends = {(e.name, e.component): e for e in node if e.source is not None}
-    sources, factors, free = [], [], iter(transition.places[0])
-    for entry in following:
-        if entry in jumping:
-            sources.append(next(free))
-            factors.append(1.0)
-        else:
-            before = ends[entry.name, entry.component]
-            sources.append(corners[-1] + node.index(before))
-            factors.append(before.scale / entry.scale)
+    ends = {(e.name, e.component): k for k, e in enumerate(node) if e.source is not None}
+    tied = [None if e in jumping else ends[e.name, e.component] for e in following]
+    free = iter(transition.places[0])
+    sources = [next(free) if k is None else corners[-1] + k for k in tied]
+    pairs = zip(tied, following, strict=True)
+    factors = [1.0 if k is None else node[k].scale / entry.scale for k, entry in pairs]
     after = corners[-1] + len(node) + len(jumping)
     return PhaseLayout(
         phase=phase,
@@ -364,10 +347,10 @@ def lay_out(
         stage_rows=first[:-1, None] + np.arange(len(kind.rows)),
         nodes=corners[:, None] + np.arange(len(node)),
         transition=transition,
-        initial=block(initial, begin, 0),
+        initial=block(initial, first[0] + len(kind.rows), 0),
         link=link,
         points=tuple(points),
-        final=block(final, int(free_place[-1])),
+        final=block(final, next_row[-1]),
         targets=np.arange(after, after + len(following)),
         sources=np.array(sources, dtype=int),
         factors=np.array(factors),
@@ -385,16 +368,16 @@ def fill_values(layouts: Sequence[PhaseLayout], x: FloatArray) -> None:
     """Give the free parameters in x that stand for values of expressions these values."""
     for layout in layouts:
         for group in layout.points:
-            values = [entry for entry in group.block.entries if entry.kind == "value"]
-            if not values:
+            names = [entry.name for entry in group.block.entries if entry.kind == "value"]
+            if not names:
                 continue
             z = x[layout.nodes[group.nodes]].T
             missed = group.kernel.value(z, layout.point_constants(group))[0].full()[:, 0]
             for other in layouts:
                 node = [entry.name for entry in other.kind.node]
-                if values[0].name in node:
-                    first = node.index(values[0].name)
-                    x[other.nodes[:, first : first + len(values)]] += missed
+                if names[0] in node:
+                    first = node.index(names[0])
+                    x[other.nodes[:, first : first + len(names)]] += missed
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,6 +15,7 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp.problem import LIMITS, VARIABLES, PathConstraint, Phase, Variable
 
 IntArray = np.ndarray
+Item = Variable | PathConstraint
 DURATION = "duration"
 EQUATIONS = ("step", "defect", "equation", "link", "value")
 """Kinds of rows that are zero; the others have declared limits."""
@@ -125,9 +126,7 @@ class Block:
     places: IntArray
 
 
-def entries_of(
-    phase: Phase, kind: str, item: Variable | PathConstraint, fraction: float = 0.0
-) -> list[TableEntry]:
+def entries_of(phase: Phase, kind: str, item: Item, fraction: float = 0.0) -> list[TableEntry]:
     """Return an entry for every component of a variable or constraint of a phase."""
     source = next(
         (name, items.index(item)) for name in _LISTS if item in (items := getattr(phase, name))
@@ -153,7 +152,7 @@ def limits_of(phase: Phase, entries: Sequence[TableEntry]) -> tuple[FloatArray, 
     return low, high
 
 
-def _item(phase: Phase, entry: TableEntry) -> Variable | PathConstraint | None:
+def _item(phase: Phase, entry: TableEntry) -> Item | None:
     if entry.source is None:
         return None
     name, position = entry.source

@@ -6,7 +6,7 @@ The kernels of an interval are built once and serve every mesh.
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Iterator, Mapping, Sequence, Sized
+from collections.abc import Callable, Mapping, Sequence, Sized
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -214,12 +214,13 @@ class Transcription:
         layouts: list[PhaseLayout] = []
         variable_offset, row_offset = 0, 0
         for index, (phase, mesh) in enumerate(zip(phases, given, strict=True)):
+            kind, after = self._kinds[index], slice(index + 1, index + 2)
             layout = lay_out(
                 phase,
                 mesh,
-                self._kinds[index],
-                following=self._kinds[index + 1].node if index + 1 < len(phases) else (),
-                linked=(*links.get(phase.name, ()), *_carried(*phases[index : index + 2])),
+                kind,
+                following=[entry for other in self._kinds[after] for entry in other.node],
+                linked=(*links.get(phase.name, ()), *_carried(phase, phases[after])),
                 variable_offset=variable_offset,
                 row_offset=row_offset,
             )
@@ -229,9 +230,8 @@ class Transcription:
         return tuple(layouts)
 
 
-def _carried(before: Phase, after: Phase | None = None) -> Iterator[str]:
-    """Yield names of the free parameters that two phases share."""
-    for parameter in before.free_parameters if after is not None else ():
-        assert after is not None
-        if any(ca.is_equal(parameter.symbol, other.symbol) for other in after.free_parameters):
-            yield parameter.name
+def _carried(before: Phase, after: Sequence[Phase]) -> list[str]:
+    """Return names of the free parameters that a phase shares with those after it."""
+    others = [other.symbol for phase in after for other in phase.free_parameters]
+    free = before.free_parameters
+    return [p.name for p in free if any(ca.is_equal(p.symbol, other) for other in others)]
