@@ -99,11 +99,8 @@ class Phase:
             "parameters": [*self.parameters, *self.free_parameters],
             "constraints": [*self.constraints, *self.end_constraints, *self.point_constraints],
         }
-        lists = [
-            f"{kind} {', '.join(_named(each) for each in items)}"
-            for kind, items in declared.items()
-            if items
-        ]
+        named = {kind: ", ".join(map(_named, items)) for kind, items in declared.items()}
+        lists = [f"{kind} {names}" for kind, names in named.items() if names]
         duration = f"{low:g} s" if low == high else f"{low:g} to {high:g} s"
         return f"<Phase {self.name!r}, {duration}: {'; '.join(lists)}>"
 
