@@ -258,9 +258,8 @@ class Solution:
 
     def ended(self, status: Status, *remarks: str) -> Solution:
         """Return the same with another status, and remarks on it."""
-        return replace(
-            self, status=status, rows=Outcome.of(status).and_(*map(remark, remarks)).advice
-        )
+        rows = Outcome.of(status).and_(*map(remark, remarks)).advice
+        return replace(self, status=status, rows=rows)
 
     def remarked(self, *remarks: str) -> Solution:
         """Return the same with further remarks; empty ones are none."""
@@ -325,9 +324,8 @@ class Solution:
         nlp = assemble(layouts, parametric=True).nlp
         multipliers = ca.MX.sym("multipliers", self.row_multipliers.size)
         lagrangian = nlp["f"] + ca.dot(multipliers, nlp["g"])
-        slope = ca.Function(
-            "slope", [nlp["x"], nlp["p"], multipliers], [ca.gradient(lagrangian, nlp["p"])]
-        )
+        given = [nlp["x"], nlp["p"], multipliers]
+        slope = ca.Function("slope", given, [ca.gradient(lagrangian, nlp["p"])])
         data = np.concatenate([layout.data for layout in layouts])
         slopes = np.array(slope(self.variables, data, self.row_multipliers)).ravel()
         slopes *= -1.0 if self.maximize else 1.0
@@ -384,17 +382,11 @@ class Journal:
     ) -> None:
         """Enter what was tried by a strategy and what it led to, if to anything."""
         last = before if after is None else after
-        row = LedgerRow(
-            strategy=strategy,
-            run=1,
-            decided=after is not None,
-            cost_before=None if before is None else before.cost,
-            cost_after=None if last is None else last.cost,
-            iterations=sum(max(attempt.iterations, 0) for attempt in attempts),
-            seconds=seconds,
-        )
+        old, new = (None if each is None else each.cost for each in (before, last))
+        iterations = sum(max(attempt.iterations, 0) for attempt in attempts)
         self.attempts.extend(attempts)
-        self.rows.append(row)
+        decided = after is not None
+        self.rows.append(LedgerRow(strategy, 1, decided, old, new, iterations, seconds))
 
     def discard(self, part: slice) -> None:
         """Note that some rows did not lead to the answer."""
@@ -413,9 +405,7 @@ def unpack(layouts: Sequence[PhaseLayout], x: FloatArray) -> tuple[PhaseSolution
 def _phase_values(layout: PhaseLayout, x: FloatArray) -> PhaseSolution:
     nodes = x[layout.nodes] * layout.node_scale
     stages = x[layout.stages]
-    values: dict[str, FloatArray] = {}
-    for variable, columns in _columns(node_variables(layout.phase)):
-        values[variable.name] = nodes[:, columns]
+    values = {v.name: nodes[:, k] for v, k in _columns(node_variables(layout.phase))}
     inside: dict[str, list[FloatArray]] = {}
     controls = (x[layout.stage_variables] * layout.kind.scale)[:, layout.node_size :]
     for variable, columns in _columns([k.source for k in layout.kind.inner]):
@@ -423,15 +413,9 @@ def _phase_values(layout: PhaseLayout, x: FloatArray) -> PhaseSolution:
             inside.setdefault(variable.name, []).append(controls[:, columns])
     for name, parts in inside.items():
         values[name] = np.stack(parts, axis=1) if len(parts) > 1 else parts[0]
-    return PhaseSolution(
-        layout.phase.name,
-        float(nodes[0, -1]),
-        layout.mesh,
-        values,
-        layout,
-        stages,
-        {v.name: values[v.name][0] for v in layout.phase.free_parameters},
-    )
+    free = {v.name: values[v.name][0] for v in layout.phase.free_parameters}
+    name, duration = layout.phase.name, float(nodes[0, -1])
+    return PhaseSolution(name, duration, layout.mesh, values, layout, stages, free)
 
 
 def _columns(variables: Sequence[Variable]) -> list[tuple[Variable, slice]]:
@@ -462,20 +446,13 @@ def pack(program: Program, guesses: Mapping[str, Guess]) -> FloatArray:
         table = [_guess_table(layout, guess, v, layout.mesh) for v in node_variables(phase)]
         table.append(np.full((layout.intervals + 1, 1), duration))
         x[layout.nodes] = np.hstack(table) / layout.node_scale
-        points = layout.kind.scheme.points
-        w = [
-            _guess_table(
-                layout,
-                guess,
-                k.source,
-                layout.mesh[:-1] + k.fraction * steps,
-                points.index(k.fraction) if k.source.shape in INSIDE else None,
-            )
-            for k in layout.kind.inner
-        ]
-        if w:
-            places = layout.stage_variables[:, layout.node_size :]
-            x[places] = np.hstack(w) / layout.kind.scale[layout.node_size :]
+        points, w = layout.kind.scheme.points, [np.zeros((layout.intervals, 0))]
+        for k in layout.kind.inner:
+            which = points.index(k.fraction) if k.source.shape in INSIDE else None
+            at = layout.mesh[:-1] + k.fraction * steps
+            w.append(_guess_table(layout, guess, k.source, at, which))
+        inner = slice(layout.node_size, None)
+        x[layout.stage_variables[:, inner]] = np.hstack(w) / layout.kind.scale[inner]
     fill_values(program.layouts, x)
     fill_transitions(program.layouts, x)
     return x

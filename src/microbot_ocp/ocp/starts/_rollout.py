@@ -89,11 +89,8 @@ class Rollouts:
             for p in problem.phases
         }
         self.integrators = {p.name: _Integrators(p, ordinary[p.name]) for p in problem.phases}
-        self.bounded = any(
-            bool((np.isfinite(low) & np.isfinite(high)).any())
-            for of_phase in self.ranges.values()
-            for low, high in of_phase.values()
-        )
+        pairs = [pair for of_phase in self.ranges.values() for pair in of_phase.values()]
+        self.bounded = any(np.isfinite(pair).all(axis=0).any() for pair in pairs)
 
     def nearest_first(
         self,
@@ -119,13 +116,12 @@ class Rollouts:
 
         Where durations are fixed all of :meth:`nearest_first`.
         """
-        usual = {p.name: float(self.ordinary[p.name].duration or 1.0) for p in self.problem.phases}
+        phases = self.problem.phases
+        usual = {p.name: float(self.ordinary[p.name].duration or 1.0) for p in phases}
         tried: list[dict[str, float]] = []
         for factor in FACTORS:
-            durations = {
-                p.name: float(np.clip(factor * usual[p.name], *p.duration_bounds))
-                for p in self.problem.phases
-            }
+            limited = [(p, np.clip(factor * usual[p.name], *p.duration_bounds)) for p in phases]
+            durations = {p.name: float(duration) for p, duration in limited}
             tried += [durations] if durations not in tried else []
         best = 1 if len(tried) > 1 else None
         pairs = [pair for each in tried for pair in self._nearest(each, steps=True)[:best]]
@@ -135,12 +131,9 @@ class Rollouts:
         self, durations: Mapping[str, float], *, steps: bool
     ) -> list[tuple[dict[str, Guess], float]]:
         """Return guesses with how far they are, the nearest first."""
-        pairs = [(share, share) for share in SETTINGS.levels] + list(
-            SETTINGS.steps if steps else ()
-        )
-        tried = [
-            self._simulated(durations, share) for share in (pairs if self.bounded else pairs[:1])
-        ]
+        pairs = [*((share, share) for share in SETTINGS.levels), *(SETTINGS.steps if steps else ())]
+        shares = pairs if self.bounded else pairs[:1]
+        tried = [self._simulated(durations, pair) for pair in shares]
         return sorted((pair for pair in tried if np.isfinite(pair[1])), key=lambda pair: pair[1])
 
     def _simulated(
@@ -155,12 +148,8 @@ class Rollouts:
         for phase in self.problem.phases:
             phase_guess = self.ordinary[phase.name]
             duration = float(durations.get(phase.name, phase_guess.duration or 1.0))
-            start = {
-                s.name: last[s.name]
-                if s.name in links.get(phase.name, ()) and s.name in last
-                else _at_start(phase_guess, s)
-                for s in phase.states
-            }
+            start = {s.name: _at_start(phase_guess, s) for s in phase.states}
+            start |= {k: last[k] for k in links.get(phase.name, ()) if k in last and k in start}
             controls = {
                 name: (_constant(*bounds, shares[0]), _constant(*bounds, shares[1]))
                 for name, bounds in self.ranges[phase.name].items()

@@ -111,18 +111,13 @@ def scaled(
         look.find_sizes()
     together: dict[tuple[str, int, str], FloatArray] = {}
     for look in looks:  # phases with the same physics share kernels only if their scales agree
-        for variable in look.unscaled:
-            key = (variable.name, variable.size, variable.unit)
-            size = look.sizes[variable.name]
+        for v in look.unscaled:
+            key, size = (v.name, v.size, v.unit), look.sizes[v.name]
             together[key] = np.fmax(together.get(key, size), size)
     phases = []
     for look in looks:
-        scales = {
-            v.name: _rounded(together[v.name, v.size, v.unit])
-            if v in look.unscaled
-            else np.asarray(v.scale)
-            for v in look.variables
-        }
+        found = {v.name: _rounded(together[v.name, v.size, v.unit]) for v in look.unscaled}
+        scales = {v.name: found.get(v.name, np.asarray(v.scale)) for v in look.variables}
         phases.append(look.scaled(scales))
     return with_phases(problem, phases)
 
@@ -261,20 +256,16 @@ class _Look:
     def _stacked(self) -> FloatArray:
         return np.concatenate([self.sizes[v.name] for v in self.variables])
 
-    def _evaluated(
-        self, expression: ca.MX, *, rates: bool = False
-    ) -> tuple[FloatArray, FloatArray]:
+    def _evaluated(self, expression: ca.MX, rates: bool = False) -> tuple[FloatArray, FloatArray]:
         """Return an expression [M, rows] and its slopes [M, rows, columns] at the guess and
         around it.
         """
         random, phase = np.random.default_rng(0), self.phase
         values, speeds, count = {}, {}, SETTINGS.points
         for v in self.variables:
-            size = np.nan_to_num(self.sizes[v.name])
-            around = self.tables[v.name] + size * random.uniform(
-                -1.0, 1.0, (SETTINGS.points, v.size)
-            )
-            around[: SETTINGS.points // 4] = self.tables[v.name][: SETTINGS.points // 4]
+            table, size = self.tables[v.name], np.nan_to_num(self.sizes[v.name])
+            around = table + size * random.uniform(-1.0, 1.0, (count, v.size))
+            around[: count // 4] = table[: count // 4]
             values[v.name] = np.clip(around, v.lower, v.upper).T
         for control in self.rates:
             size = np.nan_to_num(self.sizes[control.name]) / self.duration
