@@ -17,11 +17,7 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp.solution import PhaseSolution, Solution, cost_size
-from microbot_ocp.ocp.verification import (
-    Recomputation,
-    each_interval,
-    interval_errors,
-)
+from microbot_ocp.ocp.verification import Recomputation, each_interval, interval_errors
 
 
 @dataclass(frozen=True)

@@ -195,11 +195,7 @@ def limit_of(
 
 
 def variable_of(
-    limit: PathConstraint,
-    shape: str,
-    initial: Bound = None,
-    final: Bound = None,
-    columns: int = 1,
+    limit: PathConstraint, shape: str, initial: Bound = None, final: Bound = None, columns: int = 1
 ) -> Variable:
     """Return a variable within a limit of its symbol; conditions that are expressions are left
     out.

@@ -365,6 +365,9 @@ class Solution:
         return float(sum(phase.duration for phase in self.phases))
 
 
+Given = Mapping[str, Guess] | Solution | str | None  # what a solve may start from
+
+
 @dataclass(frozen=True, eq=False)
 class Journal:
     """What a solve tried, and a row of the ledger for every strategy that was run."""
@@ -459,11 +462,7 @@ def pack(program: Program, guesses: Mapping[str, Guess]) -> FloatArray:
 
 
 def _guess_table(
-    layout: PhaseLayout,
-    guess: Guess,
-    variable: Variable,
-    points: FloatArray,
-    which: int | None = None,
+    layout: PhaseLayout, guess: Guess, variable: Variable, at: FloatArray, which: int | None = None
 ) -> FloatArray:
     """Return the guess of a variable at fractions of the phase, at a point of the scheme where it
     has some.
@@ -472,15 +471,15 @@ def _guess_table(
     if variable.name not in guess.values:
         if variable.shape in ("state", "linear", "parameter"):
             raise InputError(f"{label} is missing")
-        return np.zeros((points.size, variable.size))
-    table = guess_table(guess.values[variable.name], variable.size, points)
+        return np.zeros((at.size, variable.size))
+    table = guess_table(guess.values[variable.name], variable.size, at)
     if table.ndim == 3 and which is not None and which < table.shape[1]:
         table = table[:, which]  # of the values of an earlier solution
-    if table.shape == (layout.mesh.size, variable.size) and not np.array_equal(points, layout.mesh):
-        table = np.column_stack([np.interp(points, layout.mesh, column) for column in table.T])
-    if table.shape != (points.size, variable.size):
+    if table.shape == (layout.mesh.size, variable.size) and not np.array_equal(at, layout.mesh):
+        table = np.column_stack([np.interp(at, layout.mesh, column) for column in table.T])
+    if table.shape != (at.size, variable.size):
         raise InputError(
-            f"{label} must have shape [{points.size}, {variable.size}], not {list(table.shape)}"
+            f"{label} must have shape [{at.size}, {variable.size}], not {list(table.shape)}"
         )
     if not np.isfinite(table).all():
         raise InputError(f"{label} must be finite")

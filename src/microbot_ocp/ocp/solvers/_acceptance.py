@@ -19,28 +19,25 @@ REGULAR = 1e-14  # against equations that say the same twice
 
 
 def accepted(
-    program: Program,
-    x: FloatArray,
-    row_multipliers: FloatArray,
-    variable_multipliers: FloatArray,
-    tolerance: float,
+    program: Program, point: StartingPoint, tolerance: float
 ) -> tuple[StartingPoint, float] | None:
-    """Return x with multipliers that prove it an optimum within the tolerance, and the largest
-    error of its conditions; None where none do.
+    """Return the point with multipliers that prove it an optimum within the tolerance, and the
+    largest error of its conditions; None where none do.
 
     Multipliers of inequalities stay as the solver left them, without those that are smaller than
     the distance to their limit, which a barrier leaves: they must have the right sign and vanish
     away from their limits. Errors are of the scaled program, the cost divided by its scale,
     and judged as IPOPT does (Waechter and Biegler, 2006, equation 5).
     """
+    x, multipliers = point.x, point.multipliers
     g, jacobian = program.functions["jacobian"](x, program.parameters)
     _, slope = program.functions["gradient"](x, program.parameters)
     rows = np.array(g).ravel()
-    finite = all(np.isfinite(v).all() for v in (x, rows, row_multipliers, variable_multipliers))
+    finite = all(np.isfinite(v).all() for v in (x, rows, *multipliers))
     if not finite or not program.violations(x, rows).max() <= tolerance:
         return None
     low, high, value = program.lower, program.upper, np.concatenate([rows, x])
-    lam = np.concatenate([row_multipliers, variable_multipliers]) / program.cost_scale
+    lam = np.concatenate(multipliers) / program.cost_scale
     decided = np.flatnonzero(low == high)
     lam[decided] = 0.0
     lam[np.abs(lam) < np.where(lam > 0, high - value, value - low)] = 0.0

@@ -27,11 +27,11 @@ from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.diagnosis import advice, finite_start
-from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.solution import (
     UNKNOWN,
     Attempt,
     Gap,
+    Given,
     Progress,
     Solution,
     StartingPoint,
@@ -44,7 +44,7 @@ from microbot_ocp.ocp.solvers._plugins import WARM_PUSHES
 from microbot_ocp.ocp.solvers._run import Runner, SolverOutcome, Solvers
 from microbot_ocp.ocp.solvers._settings import SolverSettings
 from microbot_ocp.ocp.starts import cost_scale, scaled, starting_point
-from microbot_ocp.ocp.transcription import Guess, Meshes, Program, Transcription
+from microbot_ocp.ocp.transcription import AnyProblem, Meshes, Program, Transcription
 from microbot_ocp.ocp.transcription.schemes import Scheme
 from microbot_ocp.ocp.verification import Thresholds
 
@@ -54,7 +54,7 @@ UNSURE = (Status.FAILED, Status.INFEASIBLE)  # without pivots in the linear solv
 def solve_on(
     transcription: Transcription,
     mesh: Meshes,
-    guess: Mapping[str, Guess] | Solution | str | None,
+    guess: Given,
     settings: SolverSettings,
     until: float | None = None,
     progress: Progress | None = None,
@@ -73,7 +73,7 @@ def solve_on(
 def program_on(
     transcription: Transcription,
     mesh: Meshes,
-    guess: Mapping[str, Guess] | Solution | str | None,
+    guess: Given,
     settings: SolverSettings,
     uneven: bool = False,
 ) -> tuple[Program, StartingPoint, float]:
@@ -108,12 +108,7 @@ class SolveContext:
         return time.perf_counter() >= self.until
 
     def solve(
-        self,
-        mesh: Meshes,
-        guess: Mapping[str, Guess] | Solution | str | None,
-        *,
-        uneven: bool = False,
-        **settings: Any,
+        self, mesh: Meshes, guess: Given, *, uneven: bool = False, **settings: Any
     ) -> Solution:
         """Return one solve, with other settings where these are given."""
         changed = replace(self.settings, **settings)
@@ -122,11 +117,11 @@ class SolveContext:
 
 
 def transcribed(
-    problem: OptimalControlProblem | Transcription,
+    problem: AnyProblem,
     settings: SolverSettings,
     *,
     scheme: str | Scheme = "radau",
-    guess: Mapping[str, Guess] | Solution | str | None = None,
+    guess: Given = None,
 ) -> Transcription:
     """Return a transcription as it is, or that of a problem, with the scales that the settings
     want.
@@ -304,7 +299,7 @@ def _further(
     before: SolverOutcome,
     slack: float,
     tolerance: float,
-    options: Mapping[str, float],
+    options: Mapping[str, Any],
 ) -> SolverOutcome:
     program, settings = runner.program, runner.settings
     ranges = program.lower < program.upper

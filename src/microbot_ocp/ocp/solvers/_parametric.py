@@ -23,7 +23,7 @@ from microbot_ocp._base.checks import InputError
 from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
 from microbot_ocp._base.writing import write_whole
 from microbot_ocp.ocp.diagnosis import finite_start
-from microbot_ocp.ocp.problem import OptimalControlProblem, with_phases
+from microbot_ocp.ocp.problem import with_phases
 from microbot_ocp.ocp.solution import Progress, Solution
 from microbot_ocp.ocp.solvers import (
     SOLVERS,
@@ -38,10 +38,10 @@ from microbot_ocp.ocp.solvers import (
 from microbot_ocp.ocp.starts import starting_point, with_changes
 from microbot_ocp.ocp.transcription import (
     DURATION,
+    AnyProblem,
     Guess,
     Meshes,
     Program,
-    Transcription,
     assemble,
     bounds_of,
 )
@@ -67,6 +67,7 @@ class ParametricSolver:
 
     Examples
     --------
+    >>> from microbot_ocp.ocp import OptimalControlProblem
     >>> problem = OptimalControlProblem("double integrator")
     >>> phase = problem.phase("move", duration=(0.1, 10.0))
     >>> x = phase.state("x", initial=0.0, final=1.0, unit="m")
@@ -85,7 +86,7 @@ class ParametricSolver:
 
     def __init__(
         self,
-        transcription: Transcription | OptimalControlProblem,
+        transcription: AnyProblem,
         mesh: Meshes = 50,
         settings: SolverSettings | None = None,
     ) -> None:

@@ -19,12 +19,13 @@ from microbot_ocp._base.archive import no_archive, read_archive, write_archive
 from microbot_ocp._base.checks import FloatArray, InputError, shortened
 from microbot_ocp._base.outcome import Advice, Ledger, Outcome
 from microbot_ocp._base.status import Status
-from microbot_ocp.ocp.problem import OptimalControlProblem, with_phases
+from microbot_ocp.ocp.problem import with_phases
 from microbot_ocp.ocp.solution import UNKNOWN, Attempt, Gap, PhaseSolution, Solution, StartingPoint
 from microbot_ocp.ocp.solvers import SolverSettings, run_chain
 from microbot_ocp.ocp.starts import problem_data, with_problem_data
 from microbot_ocp.ocp.transcription import (
     SCHEMES,
+    AnyProblem,
     IntegratorShooting,
     PhaseLayout,
     Transcription,
@@ -36,15 +37,6 @@ from microbot_ocp.ocp.transcription import (
 SCHEMA = 1
 _SCHEMES = {type(k).__name__: type(k) for k in (*SCHEMES.values(), IntegratorShooting())}
 _OF_ROWS = ("row_multipliers", "start.rows")  # the other arrays are of the variables
-
-
-def versions() -> dict[str, str]:
-    """Return versions of CasADi, numpy and Python."""
-    return {
-        "casadi": ca.CasadiMeta.version(),
-        "numpy": np.__version__,
-        "python": platform.python_version(),
-    }
 
 
 def save_solution(solution: Solution, path: str | Path) -> Path:
@@ -88,7 +80,11 @@ def save_solution(solution: Solution, path: str | Path) -> Path:
         "ledger": solution.ledger.as_dicts(),
         "settings": dict(solution.settings),
         "phases": phases,
-        "versions": versions(),
+        "versions": {
+            "casadi": ca.CasadiMeta.version(),
+            "numpy": np.__version__,
+            "python": platform.python_version(),
+        },
     }
     return write_archive(path, arrays, metadata, "the options of a solution")
 
@@ -107,9 +103,7 @@ def _arrays_of(solution: Solution) -> dict[str, FloatArray]:
     return {name: values for name, values in arrays.items() if values is not None}
 
 
-def load_solution(
-    path: str | Path, problem: OptimalControlProblem | Transcription | None = None
-) -> Solution:
+def load_solution(path: str | Path, problem: AnyProblem | None = None) -> Solution:
     """Read a solution that :func:`save_solution` wrote.
 
     Parameters
@@ -128,9 +122,7 @@ def load_solution(
     return _read(path, problem)[0]
 
 
-def _read(
-    path: str | Path, problem: OptimalControlProblem | Transcription | None = None
-) -> tuple[Solution, dict[str, Any]]:
+def _read(path: str | Path, problem: AnyProblem | None = None) -> tuple[Solution, dict[str, Any]]:
     """Return a solution and the metadata of its file."""
     arrays, metadata = read_archive(path, "solution", SCHEMA)
     try:
@@ -143,7 +135,7 @@ def _read(
     return solution, metadata
 
 
-def repeat(path: str | Path, problem: OptimalControlProblem | Transcription) -> Solution:
+def repeat(path: str | Path, problem: AnyProblem) -> Solution:
     """Solve again as a saved solution was solved: problem data, mesh, scheme, settings and start.
 
     On the same machine with the same versions (see :func:`saved_with`) the outcome is the same.
@@ -178,9 +170,7 @@ def saved_with(path: str | Path) -> dict[str, Any]:
 
 
 def _restored(
-    metadata: dict[str, Any],
-    arrays: dict[str, FloatArray],
-    problem: OptimalControlProblem | Transcription | None,
+    metadata: dict[str, Any], arrays: dict[str, FloatArray], problem: AnyProblem | None
 ) -> Solution:
     meshes = [mesh_of(arrays[f"phase{i}.mesh"]) for i in range(len(metadata["phases"]))]
     layouts = [None] * len(meshes) if problem is None else _layouts(metadata, meshes, problem)
@@ -253,9 +243,7 @@ def _check_numbers(solution: Solution) -> None:
 
 
 def _layouts(
-    metadata: dict[str, Any],
-    meshes: list[FloatArray],
-    problem: OptimalControlProblem | Transcription,
+    metadata: dict[str, Any], meshes: list[FloatArray], problem: AnyProblem
 ) -> tuple[PhaseLayout, ...]:
     """Lay the problem out with the data, and by the scheme, of a solve."""
     given = problem.problem if isinstance(problem, Transcription) else problem

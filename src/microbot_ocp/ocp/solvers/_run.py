@@ -108,11 +108,8 @@ class Runner:
             answer = solver
         else:
             call = partial(_called, solver, arguments_of(self.program, start))
-            answer = (
-                _answered_by_child(call, name, watch, self.until)
-                if forks
-                else _answered(call, name, watch)
-            )
+            answered = partial(_answered_by_child, until=self.until) if forks else _answered
+            answer = answered(call, name, watch)
         refused = answer.broken and self.settings.options.get(name)
         if refused and "option" in answer.broken.lower():
             raise InputError(f"options of {name} were refused: {answer.broken}")
@@ -188,7 +185,7 @@ class Runner:
         stopped = attempt.status in (Status.ITERATION_LIMIT, Status.FAILED)
         if not stopped or attempt.solver == "sqp":
             return outcome
-        passed = accepted(self.program, point.x, *point.multipliers, self.settings.tolerance)
+        passed = accepted(self.program, point, self.settings.tolerance)
         if passed is None:
             return outcome
         point, error = passed

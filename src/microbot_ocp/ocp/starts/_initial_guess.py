@@ -8,24 +8,21 @@ are, those of path constraints and bounds stand for an interval and are interpol
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.ocp.problem import OptimalControlProblem, Phase, Variable, node_variables
-from microbot_ocp.ocp.solution import PhaseSolution, Solution, StartingPoint, pack
+from microbot_ocp.ocp.solution import Given, PhaseSolution, Solution, StartingPoint, pack
 from microbot_ocp.ocp.starts._measured_guess import with_measurements
 from microbot_ocp.ocp.starts._rollout import rollouts
 from microbot_ocp.ocp.transcription import Block, Guess, GuessValue, PhaseLayout, Program
 from microbot_ocp.ocp.transcription.schemes import Collocation
 
 
-def starting_point(
-    program: Program,
-    problem: OptimalControlProblem,
-    guess: Mapping[str, Guess] | Solution | str | None,
-) -> StartingPoint:
+def starting_point(program: Program, problem: OptimalControlProblem, guess: Given) -> StartingPoint:
     """Return starting point from guesses, from an earlier solution, or from nothing."""
     if not isinstance(guess, Solution):
         return StartingPoint(pack(program, completed(problem, guess)))
@@ -93,14 +90,13 @@ def completed(
     shared = {k: v for g in given.values() for k, v in g.values.items() if k in free}
     for phase in problem.phases:  # a free parameter is the same in all phases that have it
         usual = {v.name: shared[v.name] for v in phase.free_parameters if v.name in shared}
-        old = ordinary[phase.name]
-        ordinary[phase.name] = Guess(old.duration, {**old.values, **usual})
+        ordinary[phase.name] = ordinary[phase.name].with_values(usual)
     for name, value in given.items():
         if name not in ordinary:
             raise InputError(f"guess has phase {name!r}; the problem has {list(ordinary)}")
         usual = ordinary[name]
         duration = usual.duration if value.duration is None else value.duration
-        ordinary[name] = Guess(duration, {**usual.values, **value.values})
+        ordinary[name] = replace(usual.with_values(value.values), duration=duration)
     return ordinary
 
 

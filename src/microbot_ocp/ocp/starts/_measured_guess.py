@@ -33,18 +33,14 @@ def with_measurements(
     phases = [phase for phase in problem.phases if phase.name in measured]
     for phase in phases:
         states = _states(phase, completed[phase.name], measured[phase.name])
-        completed[phase.name] = _with_values(completed[phase.name], states)
+        completed[phase.name] = completed[phase.name].with_values(states)
     defined = {c.defines for phase in phases for c in phase.point_constraints}
     unknown = {v.name: v for p in phases for v in p.free_parameters if v.name not in defined}
     fitted = _fitted(phases, completed, measured, list(unknown.values())) if unknown else {}
     for phase in problem.phases:
         values = {v.name: fitted[v.name] for v in phase.free_parameters if v.name in fitted}
-        completed[phase.name] = _with_values(completed[phase.name], values)
+        completed[phase.name] = completed[phase.name].with_values(values)
     return completed
-
-
-def _with_values(guess: Guess, values: Mapping[str, GuessValue]) -> Guess:
-    return Guess(guess.duration, {**guess.values, **values})
 
 
 def _states(phase: Phase, guess: Guess, points: Points) -> dict[str, GuessValue]:

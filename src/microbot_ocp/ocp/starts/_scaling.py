@@ -32,7 +32,7 @@ from microbot_ocp.ocp.problem import (
     with_items,
     with_phases,
 )
-from microbot_ocp.ocp.solution import Solution
+from microbot_ocp.ocp.solution import Given, Solution
 from microbot_ocp.ocp.starts._initial_guess import completed, default_guess, guess_from
 from microbot_ocp.ocp.starts._rollout import rollouts
 from microbot_ocp.ocp.transcription import Guess, Program, sampled
@@ -68,9 +68,7 @@ class ScalingSettings:
 SETTINGS = ScalingSettings()
 
 
-def scaled(
-    problem: OptimalControlProblem, guess: Mapping[str, Guess] | Solution | str | None = None
-) -> OptimalControlProblem:
+def scaled(problem: OptimalControlProblem, guess: Given = None) -> OptimalControlProblem:
     """Return the problem with a scale for everything that was declared without.
 
     Parameters

@@ -32,6 +32,7 @@ from ._table import (
     limits_of as limits_of,
 )
 from ._transcription import (
+    AnyProblem as AnyProblem,
     Guess as Guess,
     GuessValue as GuessValue,
     Meshes as Meshes,

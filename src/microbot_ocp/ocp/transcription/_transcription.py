@@ -51,6 +51,10 @@ class Guess:
     duration: float | None = None
     values: Mapping[str, GuessValue] = field(default_factory=dict)
 
+    def with_values(self, values: Mapping[str, GuessValue]) -> Guess:
+        """Return the same with other or further values."""
+        return Guess(self.duration, {**self.values, **values})
+
 
 def guess_table(value: GuessValue, size: int, fractions: FloatArray) -> FloatArray:
     """Return a guess at fractions [M] of its phase: [M, size], or as it is where its shape is
@@ -228,6 +232,9 @@ class Transcription:
             variable_offset += layout.variable_count
             row_offset += layout.row_count
         return tuple(layouts)
+
+
+AnyProblem = OptimalControlProblem | Transcription
 
 
 def _carried(before: Phase, after: Sequence[Phase]) -> list[str]:
