@@ -1,8 +1,5 @@
 """Public names; loaded when they are first asked for."""
 
-from ._acceptance import (
-    accepted as accepted,
-)
 from ._chain import (
     SolveContext as SolveContext,
     program_on as program_on,
@@ -28,6 +25,7 @@ from ._plugins import (
 )
 from ._run import (
     Solvers as Solvers,
+    accepted as accepted,
     arguments_of as arguments_of,
     status_of as status_of,
 )

@@ -125,22 +125,15 @@ def cost_scale(program: Program, x: FloatArray) -> float:
     one.
 
     A barrier of the size of the tolerance at every limit is then still small, compared with the
-    cost.
-    """
-    return float(_rounded(np.array(cost_change(program, x) / SETTINGS.cost), SETTINGS.cost_band))
-
-
-def cost_change(program: Program, x: FloatArray) -> float:
-    """Return how far the cost changes when all scaled variables change by one.
-
-    Looked at at the start and a little beside it, where a quadratic cost has a slope.
+    cost. Looked at at the start and a little beside it, where a quadratic cost has a slope.
     """
     beside = np.clip(x + 0.5, program.variable_lower, program.variable_upper)
     sizes = []
     for point in (x, beside):
         slope = np.array(program.functions["gradient"](point, program.parameters)[1])
         sizes.append(float(np.abs(slope).sum()))
-    return max((size for size in sizes if np.isfinite(size)), default=SETTINGS.cost)
+    change = max((size for size in sizes if np.isfinite(size)), default=SETTINGS.cost)
+    return float(_rounded(np.array(change / SETTINGS.cost), SETTINGS.cost_band))
 
 
 def _rounded(size: FloatArray, band: float = SETTINGS.band) -> FloatArray:

@@ -209,9 +209,8 @@ class _Physics:
 
     def __init__(self, phase: Phase, duration_scale: float) -> None:
         self.phase = phase
-        self.node_scale = np.append(
-            joined([v.scale for v in node_variables(phase)]), duration_scale
-        )
+        scales = joined([v.scale for v in node_variables(phase)])
+        self.node_scale = np.append(scales, duration_scale)
         x = ca.vertcat(*(s.symbol for s in phase.states))
         controls = interpolated_variables(phase)[len(phase.states) :]
         u = ca.vertcat(*(k.symbol for k in controls), ca.MX(0, 1))
@@ -319,7 +318,8 @@ def _end(physics: _Physics) -> _Part:
     values = physics.limits.call([x, u, no_rate, *rest])
     rows = _Rows(phase)
     for limit, value in zip(phase.constraints, values, strict=True):
-        if _continuous(phase, limit.expression):
+        local = [v.symbol for v in pointwise(phase)]  # has no value at a mesh point
+        if not _depends(limit.expression, local) and not _jumps(phase, limit.expression):
             rows.add("constraint", [limit], value)
     ends = physics.end_limits.call(at_end)
     for limit, value in zip(phase.end_constraints, ends, strict=True):
@@ -366,12 +366,6 @@ def joined(parts: Sequence[ArrayLike]) -> FloatArray:
 
 def _depends(expression: ca.MX, symbols: Sequence[ca.MX]) -> bool:
     return any(ca.depends_on(expression, symbol) for symbol in symbols)
-
-
-def _continuous(phase: Phase, expression: ca.MX) -> bool:
-    """Return whether an expression has a value at a mesh point: the same on both its sides."""
-    local = [v.symbol for v in pointwise(phase)]
-    return not _depends(expression, local) and not _jumps(phase, expression)
 
 
 def _jumps(phase: Phase, expression: ca.MX) -> bool:
