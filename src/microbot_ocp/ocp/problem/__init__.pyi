@@ -25,6 +25,7 @@ from ._phase import (
 from ._problem import (
     OptimalControlProblem as OptimalControlProblem,
     node_variables as node_variables,
+    parts_of as parts_of,
     with_items as with_items,
     with_phases as with_phases,
     with_shapes as with_shapes,

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
-from microbot_ocp._base.checks import InputError
+from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.relations import Symbol
 from microbot_ocp.ocp.problem._coupling import copied, renamed
 from microbot_ocp.ocp.problem._items import (
@@ -450,6 +450,13 @@ def with_values(phase: Phase, values: Mapping[str, ArrayLike]) -> Phase:
         return item.with_value(values[item.name]) if item.name in values else item
 
     return with_items(phase, valued, CONSTANTS)
+
+
+def parts_of(variables: Sequence[Variable], table: FloatArray) -> dict[str, FloatArray]:
+    """Return columns of a table, or entries of a row, by the variables that they are of."""
+    edges = np.cumsum([variable.size for variable in variables])
+    parts = np.split(table, edges, axis=-1)[:-1]
+    return {variable.name: part for variable, part in zip(variables, parts, strict=True)}
 
 
 def node_variables(phase: Phase) -> list[Variable]:

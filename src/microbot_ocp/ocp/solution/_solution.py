@@ -15,7 +15,7 @@ from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.outcome import Advice, Ledger, LedgerRow, Outcome, remark
 from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
 from microbot_ocp._base.status import Status
-from microbot_ocp.ocp.problem import Variable, node_variables
+from microbot_ocp.ocp.problem import Variable, node_variables, parts_of
 from microbot_ocp.ocp.solution._gap import UNKNOWN, Gap
 from microbot_ocp.ocp.transcription import (
     Guess,
@@ -408,22 +408,18 @@ def unpack(layouts: Sequence[PhaseLayout], x: FloatArray) -> tuple[PhaseSolution
 def _phase_values(layout: PhaseLayout, x: FloatArray) -> PhaseSolution:
     nodes = x[layout.nodes] * layout.node_scale
     stages = x[layout.stages]
-    values = {v.name: nodes[:, k] for v, k in _columns(node_variables(layout.phase))}
+    values = parts_of(node_variables(layout.phase), nodes[:, :-1])
     inside: dict[str, list[FloatArray]] = {}
     controls = (x[layout.stage_variables] * layout.kind.scale)[:, layout.node_size :]
-    for variable, columns in _columns([k.source for k in layout.kind.inner]):
-        if variable.shape in ("constant", *INSIDE):
-            inside.setdefault(variable.name, []).append(controls[:, columns])
+    edges = np.cumsum([k.source.size for k in layout.kind.inner])
+    for k, part in zip(layout.kind.inner, np.split(controls, edges, axis=1), strict=False):
+        if k.source.shape in ("constant", *INSIDE):
+            inside.setdefault(k.source.name, []).append(part)
     for name, parts in inside.items():
         values[name] = np.stack(parts, axis=1) if len(parts) > 1 else parts[0]
     free = {v.name: values[v.name][0] for v in layout.phase.free_parameters}
     name, duration = layout.phase.name, float(nodes[0, -1])
     return PhaseSolution(name, duration, layout.mesh, values, layout, stages, free)
-
-
-def _columns(variables: Sequence[Variable]) -> list[tuple[Variable, slice]]:
-    edges = np.cumsum([0, *(v.size for v in variables)])
-    return [(v, slice(a, a + v.size)) for v, a in zip(variables, edges[:-1], strict=True)]
 
 
 def pack(program: Program, guesses: Mapping[str, Guess]) -> FloatArray:

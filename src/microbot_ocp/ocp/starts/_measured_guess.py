@@ -16,7 +16,7 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.ocp.problem import Expressions, OptimalControlProblem, Phase, Variable
+from microbot_ocp.ocp.problem import Expressions, OptimalControlProblem, Phase, Variable, parts_of
 from microbot_ocp.ocp.transcription import Guess, GuessValue, sampled
 
 Points = Mapping[int, tuple[FloatArray, FloatArray]]  # fractions [M] and values [M] by component
@@ -112,10 +112,9 @@ def _fitted(
     pairs = zip(holders, unknown, strict=True)
     values = [(guesses[p.name].values.get(v.name), v) for p, v in pairs]
     start = np.concatenate([sampled(value, v, np.zeros(1))[0] for value, v in values])
-    edges = np.cumsum([v.size for v in unknown])[:-1]
     start = np.where(start == 0, np.clip(1.0, lower, upper), start)
     x = ca.MX.sym("free", start.size)
-    parts = ca.vertsplit(x, [0, *edges.tolist(), start.size])
+    parts = ca.vertsplit(x, np.cumsum([0, *(v.size for v in unknown)]).tolist())
     free = dict(zip([v.name for v in unknown], parts, strict=True))
     rows = [row for p in phases for row in _misfits(p, guesses[p.name], measured[p.name], free)]
     residuals = ca.vertcat(*rows, ca.MX(0, 1))
@@ -126,7 +125,7 @@ def _fitted(
     if not (np.isfinite(misfit).all() and np.isfinite(slopes).all()):
         return {}
     best = np.clip(start - np.linalg.lstsq(slopes, misfit[:, 0])[0], lower, upper)
-    return dict(zip(free, np.split(best, edges), strict=True))
+    return parts_of(unknown, best)
 
 
 def _misfits(phase: Phase, guess: Guess, points: Points, free: Mapping[str, ca.MX]) -> list[ca.MX]:

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.ocp.problem import OptimalControlProblem, Phase, Variable
+from microbot_ocp.ocp.problem import OptimalControlProblem, Phase, Variable, parts_of
 from microbot_ocp.ocp.transcription import Guess, GuessValue, sampled
 
 
@@ -159,8 +159,9 @@ class Rollouts:
             for name, (before, after) in controls.items():
                 same = np.array_equal(before, after)
                 values[name] = before if same else partial(_step, before, after)
-            edges = np.cumsum([s.size for s in phase.states])[:-1]
-            for state, part in zip(phase.states, np.split(table, edges, axis=1), strict=True):
+            parts = parts_of(phase.states, table)
+            for state in phase.states:
+                part = parts[state.name]
                 clipped = np.clip(part, state.lower, state.upper)
                 values[state.name] = partial(_along, clipped)
                 last[state.name] = clipped[-1]

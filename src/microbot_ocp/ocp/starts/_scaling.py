@@ -29,6 +29,7 @@ from microbot_ocp.ocp.problem import (
     Phase,
     PointConstraint,
     Variable,
+    parts_of,
     with_items,
     with_phases,
 )
@@ -220,9 +221,7 @@ class _Look:
                 new = np.where(np.isfinite(backward) & (backward > 0), backward, np.nan)
             if not np.isfinite(new[unknown]).any():
                 return
-            edges = np.cumsum([v.size for v in self.variables])[:-1]
-            parts = np.split(np.where(unknown, new, sizes), edges)
-            self.sizes = {v.name: part for v, part in zip(self.variables, parts, strict=True)}
+            self.sizes = parts_of(self.variables, np.where(unknown, new, sizes))
 
     def scaled(self, scales: Mapping[str, FloatArray]) -> Phase:
         """Give the phase with these scales of its variables, and those of constraints for them."""

@@ -16,7 +16,7 @@ from functools import cached_property
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.ocp.problem import Phase, Variable, node_variables
+from microbot_ocp.ocp.problem import Phase, Variable, node_variables, parts_of
 from microbot_ocp.ocp.transcription._kernels import (
     Derive,
     Kernel,
@@ -263,13 +263,10 @@ class PhaseLayout:
         In some intervals [M], at fractions [M] of them, by the interpolation of the scheme;
         polynomial controls are kept within their bounds: :func:`within_bounds`.
         """
-        variables = interpolated_variables(self.phase)
         v = _within_bounds(self.phase, self.kind, self.table(stages)[intervals]).T
         dense = self.kind.kernels.dense(v, self.constants(intervals), share[None])
         table = np.vstack([part.full() for part in dense])
-        edges = np.cumsum([v.size for v in variables])[:-1]
-        parts = np.split(table.T, edges, axis=1)
-        return {v.name: part for v, part in zip(variables, parts, strict=True)}
+        return parts_of(interpolated_variables(self.phase), table.T)
 
 
 def _within_bounds(phase: Phase, kind: StageKind, table: FloatArray) -> FloatArray:
@@ -290,11 +287,9 @@ def lay_out(
     phase: Phase,
     mesh: FloatArray,
     kind: StageKind,
-    *,
-    following: Sequence[TableEntry] = (),
-    linked: Sequence[str] = (),
-    variable_offset: int = 0,
-    row_offset: int = 0,
+    following: Sequence[TableEntry],
+    linked: Sequence[str],
+    begin: IntArray,
 ) -> PhaseLayout:
     """Lay a phase out on a mesh.
 
@@ -305,11 +300,11 @@ def lay_out(
     kind : of its stages
     following : entries of the z of the next phase
     linked : names of what is continuous to the next phase
-    variable_offset, row_offset : where the phase begins in the program
+    begin : variable and row of the program with which the phase begins [2]
     """
     node, intervals = kind.node, mesh.size - 1
     initial, final = (conditions_of(phase, which, node) for which in ("initial", "final"))
-    corners = variable_offset + len(kind.variables) * np.arange(intervals + 1)
+    corners = begin[0] + len(kind.variables) * np.arange(intervals + 1)
     kernels = kind.kernels.points
     where = [np.searchsorted(mesh, kernel.fractions) for kernel in kernels]
     # rows that stand before those of points: of every stage, and of the link
@@ -318,7 +313,7 @@ def lay_out(
     heights = own.copy()
     for kernel, nodes in zip(kernels, where, strict=True):
         heights[nodes] += len(kernel.rows)
-    first = row_offset + np.cumsum(heights) - heights
+    first = begin[1] + np.cumsum(heights) - heights
 
     def block(entries: Sequence[TableEntry], begin: int, interval: int = intervals) -> Block:
         places = np.arange(begin, begin + len(entries))[None, :]

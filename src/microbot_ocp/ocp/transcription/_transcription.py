@@ -216,21 +216,14 @@ class Transcription:
         phases, given = self.problem.phases, self._points(meshes)
         links = {link.before: link.names for link in self.problem.links}
         layouts: list[PhaseLayout] = []
-        variable_offset, row_offset = 0, 0
+        begin = np.zeros(2, dtype=int)  # of the next phase: its first variable and row
         for index, (phase, mesh) in enumerate(zip(phases, given, strict=True)):
-            kind, after = self._kinds[index], slice(index + 1, index + 2)
-            layout = lay_out(
-                phase,
-                mesh,
-                kind,
-                following=[entry for other in self._kinds[after] for entry in other.node],
-                linked=(*links.get(phase.name, ()), *_carried(phase, phases[after])),
-                variable_offset=variable_offset,
-                row_offset=row_offset,
-            )
+            after = slice(index + 1, index + 2)
+            following = [entry for other in self._kinds[after] for entry in other.node]
+            linked = *links.get(phase.name, ()), *_carried(phase, phases[after])
+            layout = lay_out(phase, mesh, self._kinds[index], following, linked, begin)
             layouts.append(layout)
-            variable_offset += layout.variable_count
-            row_offset += layout.row_count
+            begin = begin + np.array([layout.variable_count, layout.row_count])
         return tuple(layouts)
 
 
