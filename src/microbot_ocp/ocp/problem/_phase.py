@@ -109,6 +109,10 @@ class Phase:
         """States, controls, algebraic variables and free parameters."""
         return [*self.states, *self.controls, *self.algebraics, *self.free_parameters]
 
+    def shaped(self, shape: str) -> list[Variable]:
+        """Return controls of a shape."""
+        return [control for control in self.controls if control.shape == shape]
+
     @property
     def rates(self) -> dict[str, ca.MX]:
         """Time derivatives of the linear controls, by the names of these."""

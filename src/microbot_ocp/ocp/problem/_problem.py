@@ -461,5 +461,4 @@ def parts_of(variables: Sequence[Variable], table: FloatArray) -> dict[str, Floa
 
 def node_variables(phase: Phase) -> list[Variable]:
     """Return states, linear controls and free parameters: what has a value at every mesh point."""
-    linear = [c for c in phase.controls if c.shape == "linear"]
-    return [*phase.states, *linear, *phase.free_parameters]
+    return [*phase.states, *phase.shaped("linear"), *phase.free_parameters]

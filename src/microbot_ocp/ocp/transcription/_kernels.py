@@ -84,26 +84,18 @@ class Kernels:
     dense: ca.Function
 
 
-def _linear(phase: Phase) -> list[Variable]:
-    return [c for c in phase.controls if c.shape == "linear"]
-
-
-def _constant(phase: Phase) -> list[Variable]:
-    return [c for c in phase.controls if c.shape == "constant"]
-
-
 def stage_variables(phase: Phase, scheme: Scheme) -> list[StageVariable]:
     """Return what w holds: constant controls, linear controls at the end, what the scheme needs."""
-    constant = [StageVariable(v, 0.5) for v in _constant(phase)]
-    linear = [StageVariable(v, 1.0) for v in _linear(phase)]
+    constant = [StageVariable(v, 0.5) for v in phase.shaped("constant")]
+    linear = [StageVariable(v, 1.0) for v in phase.shaped("linear")]
     return [*constant, *linear, *scheme.variables(phase)]
 
 
 def interpolated_variables(phase: Phase) -> list[Variable]:
     """Return what has values all along an interval: states, constant and linear controls, free
     parameters, polynomial controls, algebraic variables."""
-    ordered = [*phase.states, *_constant(phase), *_linear(phase), *phase.free_parameters]
-    return [*ordered, *pointwise(phase)]
+    controls = [*phase.shaped("constant"), *phase.shaped("linear")]
+    return [*phase.states, *controls, *phase.free_parameters, *pointwise(phase)]
 
 
 Derive = Callable[[Sequence[ca.Function], Sequence[Composition | None]], Sequence[ca.Function]]
@@ -238,11 +230,11 @@ def _interval(
 ) -> tuple[Interval, list[ca.MX]]:
     """Return symbols of the interval, and the values that its scheme asked for."""
     phase, sizes = physics.phase, [k.source.size for k in inner]
-    node = (phase.states, _linear(phase), phase.free_parameters)
+    node = (phase.states, phase.shaped("linear"), phase.free_parameters)
     head = [*(sum(v.size for v in variables) for variables in node), 1]
     edges = np.cumsum([0, *head, *sizes]).tolist()
     x, begin, free, duration, *rest = (unscaled[a:b] for a, b in itertools.pairwise(edges))
-    constants, linear = len(_constant(phase)), len(_linear(phase))
+    constants, linear = len(phase.shaped("constant")), len(phase.shaped("linear"))
     none = ca.MX(0, 1)
     end = ca.vertcat(*rest[constants : constants + linear], none)
     length = c[1] * duration
@@ -296,7 +288,7 @@ def _holds(
     expression = limit.expression
     if _depends(expression, [v.symbol for v in pointwise(phase)]):
         return point in scheme.points  # it has no value elsewhere
-    moving = [phase.time, *(v.symbol for v in (*phase.states, *_linear(phase)))]
+    moving = [phase.time, *(v.symbol for v in (*phase.states, *phase.shaped("linear")))]
     if not _depends(expression, moving):
         return point == 0.0  # the same all over the interval: a second row would be dependent
     if point == 1.0:
@@ -313,7 +305,7 @@ def _end(physics: _Physics) -> _Part:
     """Return the cost, end constraints and continuous path constraints at the end."""
     phase = physics.phase
     z, c, at_end = _node(physics)
-    no_rate = ca.MX.zeros(sum(v.size for v in _linear(phase)))
+    no_rate = ca.MX.zeros(sum(v.size for v in phase.shaped("linear")))
     x, u, *rest = at_end
     values = physics.limits.call([x, u, no_rate, *rest])
     rows = _Rows(phase)
@@ -355,7 +347,7 @@ def _node(physics: _Physics, data: int = 0) -> tuple[ca.MX, ca.MX, list[ca.MX]]:
     last = z * physics.node_scale
     states = sum(v.size for v in phase.states)
     duration = last[-1]
-    no_control = ca.MX.zeros(sum(v.size for v in _constant(phase)))
+    no_control = ca.MX.zeros(sum(v.size for v in phase.shaped("constant")))
     u = ca.vertcat(no_control, last[states:-1], physics.missing)
     return z, c, [last[:states], u, c[0] * duration, duration, c[1 : 1 + size]]
 
@@ -370,7 +362,7 @@ def _depends(expression: ca.MX, symbols: Sequence[ca.MX]) -> bool:
 
 def _jumps(phase: Phase, expression: ca.MX) -> bool:
     """Return whether an expression may differ on the two sides of a mesh point."""
-    constant = (k.symbol for k in _constant(phase))
+    constant = (k.symbol for k in phase.shaped("constant"))
     return _depends(expression, [*constant, *phase.rates.values()])
 
 

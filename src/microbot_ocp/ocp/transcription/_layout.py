@@ -271,11 +271,10 @@ class PhaseLayout:
 
 def _within_bounds(phase: Phase, kind: StageKind, table: FloatArray) -> FloatArray:
     """Return scaled (z, w) [M, ...] whose polynomial controls keep their bounds all along."""
-    limited, sources = table.copy(), [entry.source for entry in kind.variables]
-    for index, variable in enumerate(phase.controls):
-        if variable.shape != "polynomial":
-            continue
-        places = [k for k, source in enumerate(sources) if source == ("controls", index)]
+    limited = table.copy()
+    for variable in phase.shaped("polynomial"):
+        source = "controls", phase.controls.index(variable)
+        places = [k for k, entry in enumerate(kind.variables) if entry.source == source]
         columns = np.reshape(places, (-1, variable.size))
         points = [kind.variables[k].fraction for k in columns[:, 0]]
         limits = variable.lower / variable.scale, variable.upper / variable.scale
