@@ -21,6 +21,8 @@ from ._persistence import (
     saved_with as saved_with,
 )
 from ._plugins import (
+    SOLVERS as SOLVERS,
+    SolverSettings as SolverSettings,
     create as create,
 )
 from ._run import (
@@ -28,8 +30,4 @@ from ._run import (
     accepted as accepted,
     arguments_of as arguments_of,
     status_of as status_of,
-)
-from ._settings import (
-    SOLVERS as SOLVERS,
-    SolverSettings as SolverSettings,
 )

@@ -40,9 +40,8 @@ from microbot_ocp.ocp.solution import (
     unpack,
 )
 from microbot_ocp.ocp.solvers._ldl import asks_for_ldl, without_ldl
-from microbot_ocp.ocp.solvers._plugins import WARM_PUSHES
+from microbot_ocp.ocp.solvers._plugins import WARM_PUSHES, SolverSettings
 from microbot_ocp.ocp.solvers._run import Runner, SolverOutcome, Solvers
-from microbot_ocp.ocp.solvers._settings import SolverSettings
 from microbot_ocp.ocp.starts import cost_scale, scaled, starting_point
 from microbot_ocp.ocp.transcription import AnyProblem, Meshes, Program, Transcription
 from microbot_ocp.ocp.transcription.schemes import Scheme

@@ -85,10 +85,7 @@ class ParametricSolver:
     """
 
     def __init__(
-        self,
-        transcription: AnyProblem,
-        mesh: Meshes = 50,
-        settings: SolverSettings | None = None,
+        self, transcription: AnyProblem, mesh: Meshes = 50, settings: SolverSettings | None = None
     ) -> None:
         self.settings = settings or SolverSettings()
         self.transcription = transcription = transcribed(transcription, self.settings)

@@ -1,4 +1,5 @@
-"""Plugins of CasADi with their options: fatrop, IPOPT, its warm start, the SQP method.
+"""How to solve a program, and the plugins of CasADi that do it: fatrop, IPOPT, its warm start, the
+SQP method.
 
 All get the derivatives of the stage kernels instead of an automatic differentiation of the whole
 program, which would cost more time than the solve; fatrop gets the stages, too.
@@ -10,7 +11,7 @@ import contextlib
 import ctypes
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
@@ -18,11 +19,75 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import InputError
 from microbot_ocp.ocp.solution import Watch
-from microbot_ocp.ocp.solvers._ldl import as_ipopt_knows
-from microbot_ocp.ocp.solvers._settings import SolverSettings
+from microbot_ocp.ocp.solvers._ldl import as_ipopt_knows, check_linear_solver
 from microbot_ocp.ocp.transcription import Program
 from microbot_ocp.ocp.transcription._assembly import MadeOnDemand
+
+SOLVERS = ("fatrop", "ipopt", "sqp")
+SCALINGS = ("auto", "declared")
+CHAIN = ("ipopt", "fatrop")  # of "auto"
+
+
+@dataclass(frozen=True)
+class SolverSettings:
+    """How to solve a program.
+
+    Attributes
+    ----------
+    solver : "auto" (IPOPT, at last fatrop if it does not converge), "fatrop", "ipopt" or
+        "sqp", or several of them in turn
+    tolerance : optimality and feasibility of the scaled program
+    max_iterations : limit for each solver
+    initial_barrier : start of the barrier parameter; small for a warm start
+    gap : how much the cost may be above that of the local optimum, relative to it (to a thousandth
+        of its scale where it is less): a solve that converged goes on until it is known to be
+        less; infinite to leave it at that, which ``solve`` then calls "gap left" where it is more
+        than ``verify`` lets pass
+    options : further options by solver name; "ipopt warm" are those of IPOPT from a solution with
+        multipliers alone
+    scaling : "auto" (sizes that were not declared are found, see
+        ``ocp/starts/_scaling.py``) or "declared" (one where no scale was declared)
+    time_limit : wall time after which a solve is stopped, s; of all solvers together
+    """
+
+    solver: str | tuple[str, ...] = "auto"
+    tolerance: float = 1e-7
+    gap: float = 1e-6
+    max_iterations: int = 1000
+    initial_barrier: float | None = None
+    options: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    scaling: str = "auto"
+    time_limit: float = np.inf
+
+    def __post_init__(self) -> None:
+        checks.one_of("scaling", self.scaling, SCALINGS)
+        checks.time_limit(self.time_limit)
+        self.chain()
+        checks.number("tolerance", self.tolerance, above=0.0)
+        if not (isinstance(self.gap, float) and self.gap == np.inf):
+            checks.number("gap", self.gap, above=0.0)
+        most = checks.MOST_ITERATIONS
+        checks.whole("max_iterations", self.max_iterations, at_least=0, at_most=most)
+        if self.initial_barrier is not None:
+            checks.number("initial_barrier", self.initial_barrier, above=0.0)
+        if "linear_solver" in self.options.get("ipopt", {}):
+            check_linear_solver(self.options["ipopt"]["linear_solver"])
+
+    def chain(self) -> tuple[str, ...]:
+        """Return solvers to try in turn."""
+        if not isinstance(self.solver, str):
+            if not self.solver:
+                raise InputError("solver must name at least one solver, or be 'auto'")
+            return tuple(checks.one_of("solver", name, SOLVERS) for name in self.solver)
+        checks.one_of("solver", self.solver, ("auto", *SOLVERS))
+        return CHAIN if self.solver == "auto" else (self.solver,)
+
+    def as_dict(self) -> dict[str, object]:
+        """Plain values for JSON."""
+        return {**asdict(self), "options": {k: dict(v) for k, v in self.options.items()}}
 
 
 @dataclass(frozen=True)

@@ -17,8 +17,7 @@ from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.child_process import Died, OutOfTime, Send, can_fork, in_child
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.solution import Attempt, LastIterate, Progress, StartingPoint, Watch, watching
-from microbot_ocp.ocp.solvers._plugins import create
-from microbot_ocp.ocp.solvers._settings import SolverSettings
+from microbot_ocp.ocp.solvers._plugins import SolverSettings, create
 from microbot_ocp.ocp.transcription import Program
 
 
