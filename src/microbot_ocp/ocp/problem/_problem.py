@@ -23,6 +23,7 @@ from microbot_ocp.ocp.problem._coupling import copied, renamed
 from microbot_ocp.ocp.problem._items import (
     CONSTANTS,
     Parameter,
+    PathConstraint,
     PhaseLink,
     Variable,
     converted,
@@ -452,11 +453,14 @@ def with_values(phase: Phase, values: Mapping[str, ArrayLike]) -> Phase:
     return with_items(phase, valued, CONSTANTS)
 
 
-def parts_of(variables: Sequence[Variable], table: FloatArray) -> dict[str, FloatArray]:
-    """Return columns of a table, or entries of a row, by the variables that they are of."""
-    edges = np.cumsum([variable.size for variable in variables])
-    parts = np.split(table, edges, axis=-1)[:-1]
-    return {variable.name: part for variable, part in zip(variables, parts, strict=True)}
+def parts_of(
+    items: Sequence[Variable | PathConstraint], table: FloatArray, axis: int = -1
+) -> dict[str, FloatArray]:
+    """Return parts of a table, side by side or along another axis, by the names of what they are
+    of.
+    """
+    parts = np.split(table, np.cumsum([item.scale.size for item in items]), axis)
+    return {item.name: part for item, part in zip(items, parts[:-1], strict=True)}
 
 
 def node_variables(phase: Phase) -> list[Variable]:

@@ -233,7 +233,7 @@ class _Piece:
     def first_order(self, rows: _Entries, gradient: _Entries, jacobian: _Entries) -> ca.MX:
         """Return cost; rows, its gradient and the Jacobian are added to those of the program."""
         both, block, cost, slope = self.called(self.kernel.jacobian)
-        at, column = _triplet(self.kernel.jacobian, 1)
+        at, column = np.array(self.kernel.jacobian.sparsity_out(1).get_triplet(), dtype=int)
         entries, steps = block.nz[:], self.arrivals.shape[1]
         if steps:
             entries *= ca.DM(np.tile(np.where(at < steps, -1.0, 1.0), self.rows.shape[0]))
@@ -250,7 +250,7 @@ class _Piece:
         lam = _gathered(lam_g, self.rows)
         weights = lam, ca.repmat(lam_f, 1, self.rows.shape[0])
         (block,) = self.called(self.kernel.hessian, *weights)
-        row, column = _triplet(self.kernel.hessian, 0)
+        row, column = np.array(self.kernel.hessian.sparsity_out(0).get_triplet(), dtype=int)
         hessian.add(self.variables[:, row], self.variables[:, column], block.nz[:])
 
 
@@ -283,9 +283,3 @@ def _pieces(layout: PhaseLayout, x: ca.MX, constants: ca.MX) -> Iterator[_Piece]
 def _gathered(x: ca.MX, places: np.ndarray) -> ca.MX:
     """Return entries of x: a column for every row of places [M, ...]."""
     return ca.reshape(x[places.ravel().tolist()], places.shape[1], places.shape[0])
-
-
-def _triplet(function: ca.Function, output: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return rows and columns of the nonzeros of one output, in storage order."""
-    rows, columns = function.sparsity_out(output).get_triplet()
-    return np.asarray(rows, dtype=int), np.asarray(columns, dtype=int)
