@@ -15,6 +15,7 @@ from ._items import (
     PhaseLink as PhaseLink,
     PointConstraint as PointConstraint,
     PointCost as PointCost,
+    Range as Range,
     Variable as Variable,
     duration_bounds as duration_bounds,
     ordered as ordered,

@@ -17,6 +17,7 @@ VARIABLES = ("states", "controls", "algebraics", "free_parameters")
 LIMITS = ("constraints", "end_constraints", "point_constraints")
 CONSTANTS = ("parameters", "measurements")
 
+Range = tuple[FloatArray, FloatArray]  # lower and upper bounds [size]
 Bound = ArrayLike | ca.MX | tuple[ArrayLike | ca.MX, ArrayLike | ca.MX] | None
 
 
@@ -28,8 +29,8 @@ class Variable:
     symbol: ca.MX
     lower: FloatArray
     upper: FloatArray
-    initial: tuple[FloatArray, FloatArray] | None
-    final: tuple[FloatArray, FloatArray] | None
+    initial: Range | None
+    final: Range | None
     scale: FloatArray
     unit: str
     shape: str  # "state", "auto", "constant", "linear", "polynomial", "algebraic", "parameter"
@@ -147,9 +148,7 @@ def duration_bounds(phase: str, value: float | tuple[float, float]) -> tuple[flo
     return low, checks.number(f"upper duration of phase {phase!r}", high, "s", at_least=low)
 
 
-def ordered(
-    name: str, lower: ArrayLike, upper: ArrayLike, size: int, unit: str
-) -> tuple[FloatArray, FloatArray]:
+def ordered(name: str, lower: ArrayLike, upper: ArrayLike, size: int, unit: str) -> Range:
     """Return lower and upper bounds that are not crossed."""
     labels = (name, name) if lower is upper else (f"lower {name}", f"upper {name}")
     low, high = fill(labels[0], lower, size), fill(labels[1], upper, size)
@@ -160,9 +159,7 @@ def ordered(
     return low, high
 
 
-def condition(
-    name: str, value: Bound, size: int, unit: str
-) -> tuple[FloatArray, FloatArray] | None:
+def condition(name: str, value: Bound, size: int, unit: str) -> Range | None:
     """Return bounds at an end; None where there are none, or where they are expressions."""
     if value is None or moving(value):
         return None

@@ -19,6 +19,7 @@ from microbot_ocp.ocp.problem import Variable, node_variables, parts_of
 from microbot_ocp.ocp.solution._gap import UNKNOWN, Gap
 from microbot_ocp.ocp.transcription import (
     Guess,
+    Guesses,
     PhaseLayout,
     Program,
     assemble,
@@ -365,7 +366,7 @@ class Solution:
         return float(sum(phase.duration for phase in self.phases))
 
 
-Given = Mapping[str, Guess] | Solution | str | None  # what a solve may start from
+Given = Guesses | Solution | str | None  # what a solve may start from
 
 
 @dataclass(frozen=True, eq=False)
@@ -422,7 +423,7 @@ def _phase_values(layout: PhaseLayout, x: FloatArray) -> PhaseSolution:
     return PhaseSolution(name, duration, layout.mesh, values, layout, stages, free)
 
 
-def pack(program: Program, guesses: Mapping[str, Guess]) -> FloatArray:
+def pack(program: Program, guesses: Guesses) -> FloatArray:
     """Return scaled variables from a guess for every phase.
 
     Raises

@@ -39,7 +39,7 @@ from microbot_ocp.ocp.starts import starting_point, with_changes
 from microbot_ocp.ocp.transcription import (
     DURATION,
     AnyProblem,
-    Guess,
+    Guesses,
     Meshes,
     Program,
     assemble,
@@ -102,7 +102,7 @@ class ParametricSolver:
         initial: Changes | None = None,
         final: Changes | None = None,
         durations: Mapping[str, float | tuple[float, float]] | None = None,
-        guess: Mapping[str, Guess] | Solution | None = None,
+        guess: Guesses | Solution | None = None,
         progress: Progress | None = None,
     ) -> Solution:
         """Solve with some of the data changed; what is not named is as declared.
@@ -143,7 +143,7 @@ class ParametricSolver:
             program, self.settings, start, progress=progress, build_time=spent, solvers=self._cache
         )
 
-    def scale_cost(self, guess: Mapping[str, Guess] | Solution | None) -> None:
+    def scale_cost(self, guess: Guesses | Solution | None) -> None:
         """Take the scale of the cost from this guess."""
         start = self._start(self.program, guess)
         self._cost_scale = with_cost_scale(self.program, start.x, self.settings).cost_scale
@@ -200,7 +200,7 @@ class ParametricSolver:
         code.add(_values(program))
         return write_whole(path, code.dump())
 
-    def _start(self, program: Program, guess: Mapping[str, Guess] | Solution | None) -> Any:
+    def _start(self, program: Program, guess: Guesses | Solution | None) -> Any:
         phases = (layout.phase for layout in program.layouts)
         problem = with_phases(self.transcription.problem, phases)
         start = starting_point(program, problem, guess)

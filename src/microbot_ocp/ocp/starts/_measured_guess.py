@@ -17,16 +17,14 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp.problem import Expressions, OptimalControlProblem, Phase, Variable, parts_of
-from microbot_ocp.ocp.transcription import Guess, GuessValue, sampled
+from microbot_ocp.ocp.transcription import Guess, Guesses, GuessValue, sampled
 
 Points = Mapping[int, tuple[FloatArray, FloatArray]]  # fractions [M] and values [M] by component
 
 NODES = 5  # of the quadrature between two measurements
 
 
-def with_measurements(
-    problem: OptimalControlProblem, guesses: Mapping[str, Guess]
-) -> dict[str, Guess]:
+def with_measurements(problem: OptimalControlProblem, guesses: Guesses) -> dict[str, Guess]:
     """Put states, and free parameters of all phases, where measurements tell them."""
     completed = dict(guesses)
     measured = {p.name: _points(p, guesses[p.name]) for p in problem.phases if p.measurements}
@@ -102,7 +100,7 @@ def _points(phase: Phase, guess: Guess) -> Points:
 
 def _fitted(
     phases: list[Phase],
-    guesses: Mapping[str, Guess],
+    guesses: Guesses,
     measured: Mapping[str, Points],
     unknown: list[Variable],
 ) -> dict[str, FloatArray]:

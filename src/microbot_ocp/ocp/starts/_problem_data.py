@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from microbot_ocp._base import checks
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import InputError
 from microbot_ocp.ocp.problem import (
     CONSTANTS,
     LIMITS,
@@ -22,6 +22,7 @@ from microbot_ocp.ocp.problem import (
     Parameter,
     PathConstraint,
     Phase,
+    Range,
     Variable,
     duration_bounds,
     node_variables,
@@ -176,9 +177,7 @@ def _conditioned(phase: str, which: str, old: Variable, value: Any) -> Variable:
     return replace(old, **{which: (low, high)})
 
 
-def _pair(
-    name: str, pair: Any, declared: tuple[FloatArray, FloatArray], unit: str
-) -> tuple[FloatArray, FloatArray]:
+def _pair(name: str, pair: Any, declared: Range, unit: str) -> Range:
     """Return bounds from a pair in which None leaves one of them as it was declared."""
     if not isinstance(pair, tuple) or len(pair) != 2:
         raise InputError(f"bounds of {name!r} must be a pair (lower, upper), not {pair!r}")

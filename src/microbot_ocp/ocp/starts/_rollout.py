@@ -10,8 +10,8 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.ocp.problem import OptimalControlProblem, Phase, Variable, parts_of
-from microbot_ocp.ocp.transcription import Guess, GuessValue, sampled
+from microbot_ocp.ocp.problem import OptimalControlProblem, Phase, Range, Variable, parts_of
+from microbot_ocp.ocp.transcription import Guess, Guesses, GuessValue, sampled
 
 
 @dataclass(frozen=True)
@@ -41,13 +41,11 @@ SETTINGS = RolloutSettings()
 FACTORS = 10.0 ** np.arange(-6.0, 9.5, 0.5)  # times the usual durations
 POINTS = 2 * SETTINGS.middle + 1  # of every phase
 GRID = np.linspace(0.0, 1.0, POINTS)
-Range = tuple[FloatArray, FloatArray]
 Ranges = Mapping[str, Mapping[str, Range]]
+Scored = tuple[dict[str, Guess], float]  # guesses, and how far they are from bounds and conditions
 
 
-def rollouts(
-    problem: OptimalControlProblem, ordinary: Mapping[str, Guess]
-) -> list[dict[str, Guess]]:
+def rollouts(problem: OptimalControlProblem, ordinary: Guesses) -> list[dict[str, Guess]]:
     """Return guesses whose states follow the dynamics under constant controls.
 
     Controls without bounds are zero; the others are at one share of their ranges. The first guess
@@ -80,7 +78,7 @@ class Rollouts:
     def __init__(
         self,
         problem: OptimalControlProblem,
-        ordinary: Mapping[str, Guess],
+        ordinary: Guesses,
         ranges: Ranges | None = None,
     ) -> None:
         self.problem, self.ordinary = problem, ordinary
@@ -127,18 +125,14 @@ class Rollouts:
         pairs = [pair for each in tried for pair in self._nearest(each, steps=True)[:best]]
         return [guess for guess, _ in sorted(pairs, key=lambda pair: pair[1])]
 
-    def _nearest(
-        self, durations: Mapping[str, float], *, steps: bool
-    ) -> list[tuple[dict[str, Guess], float]]:
+    def _nearest(self, durations: Mapping[str, float], *, steps: bool) -> list[Scored]:
         """Return guesses with how far they are, the nearest first."""
         pairs = [*((share, share) for share in SETTINGS.levels), *(SETTINGS.steps if steps else ())]
         shares = pairs if self.bounded else pairs[:1]
         tried = [self._simulated(durations, pair) for pair in shares]
         return sorted((pair for pair in tried if np.isfinite(pair[1])), key=lambda pair: pair[1])
 
-    def _simulated(
-        self, durations: Mapping[str, float], shares: tuple[float, float]
-    ) -> tuple[dict[str, Guess], float]:
+    def _simulated(self, durations: Mapping[str, float], shares: tuple[float, float]) -> Scored:
         """Return guesses, and how far they are from bounds and conditions, relative to their
         sizes.
         """

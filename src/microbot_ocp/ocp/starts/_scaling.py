@@ -36,7 +36,7 @@ from microbot_ocp.ocp.problem import (
 from microbot_ocp.ocp.solution import Given, Solution
 from microbot_ocp.ocp.starts._initial_guess import completed, default_guess, guess_from
 from microbot_ocp.ocp.starts._rollout import rollouts
-from microbot_ocp.ocp.transcription import Guess, Program, sampled
+from microbot_ocp.ocp.transcription import Guess, Guesses, Program, sampled
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ def scaled(problem: OptimalControlProblem, guess: Given = None) -> OptimalContro
     [('height', 1000000.0), ('thrust', 0.01)]
     """
     problem.check()
-    given: Mapping[str, Guess] = {}
+    given: Guesses = {}
     if isinstance(guess, Solution):
         given = guess_from(problem, guess)
     elif guess is not None:

@@ -34,6 +34,7 @@ from ._table import (
 from ._transcription import (
     AnyProblem as AnyProblem,
     Guess as Guess,
+    Guesses as Guesses,
     GuessValue as GuessValue,
     Meshes as Meshes,
     MeshLike as MeshLike,

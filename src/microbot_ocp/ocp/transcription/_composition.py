@@ -20,6 +20,7 @@ from typing import Any
 
 import casadi as ca
 
+Functions = Sequence[ca.Function]
 HEAVY = 400  # operations from which a function is differentiated by itself
 
 
@@ -133,7 +134,7 @@ def composed_derivatives(
     )
 
 
-def _composed_stage(stage: Composition, values: Sequence[ca.Function]) -> ca.Function:
+def _composed_stage(stage: Composition, values: Functions) -> ca.Function:
     """Return ``(v, c) -> next, rows, cost``."""
     v, c = stage.outer.mx_in()[:2]
     results = []
@@ -144,7 +145,7 @@ def _composed_stage(stage: Composition, values: Sequence[ca.Function]) -> ca.Fun
     return ca.Function("stage", [v, c], list(outer(v, c, ca.vertcat(*results))))
 
 
-def _composed_jacobian(stage: Composition, first: Sequence[ca.Function]) -> ca.Function:
+def _composed_jacobian(stage: Composition, first: Functions) -> ca.Function:
     """Return ``(v, c) -> [next; rows], their Jacobian, cost, its gradient``, all by v."""
     v, c = stage.outer.mx_in()[:2]
     w, through = _results(stage, first, v, c)
@@ -158,9 +159,7 @@ def _composed_jacobian(stage: Composition, first: Sequence[ca.Function]) -> ca.F
     return ca.Function("stage_jacobian", [v, c], [both, by_v + by_w @ through, cost, gradient])
 
 
-def _composed_hessian(
-    stage: Composition, first: Sequence[ca.Function], second: Sequence[ca.Function]
-) -> ca.Function:
+def _composed_hessian(stage: Composition, first: Functions, second: Functions) -> ca.Function:
     """Return ``(v, c, lam, sigma) -> H``: of sigma times the cost plus lam times [-next; rows],
     by v.
     """
@@ -194,9 +193,7 @@ def _edges(sizes: Sequence[int]) -> list[int]:
     return [0, *itertools.accumulate(sizes)]
 
 
-def _results(
-    stage: Composition, first: Sequence[ca.Function], v: ca.MX, c: ca.MX
-) -> tuple[ca.MX, ca.MX]:
+def _results(stage: Composition, first: Functions, v: ca.MX, c: ca.MX) -> tuple[ca.MX, ca.MX]:
     """Return results w of all calls, and their derivatives by v."""
     results, through = [], []
     for calls, function in zip(stage.calls, first, strict=True):

@@ -56,6 +56,9 @@ class Guess:
         return Guess(self.duration, {**self.values, **values})
 
 
+Guesses = Mapping[str, Guess]  # by the names of the phases
+
+
 def guess_table(value: GuessValue, size: int, fractions: FloatArray) -> FloatArray:
     """Return a guess at fractions [M] of its phase: [M, size], or as it is where its shape is
     another.
