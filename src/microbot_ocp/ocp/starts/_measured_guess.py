@@ -99,10 +99,7 @@ def _points(phase: Phase, guess: Guess) -> Points:
 
 
 def _fitted(
-    phases: list[Phase],
-    guesses: Guesses,
-    measured: Mapping[str, Points],
-    unknown: list[Variable],
+    phases: list[Phase], guesses: Guesses, measured: Mapping[str, Points], unknown: list[Variable]
 ) -> dict[str, FloatArray]:
     """Free parameters with which the dynamics suit the states that are seen."""
     lower, upper = (np.concatenate([getattr(v, k) for v in unknown]) for k in ("lower", "upper"))

@@ -76,10 +76,7 @@ class Rollouts:
     """
 
     def __init__(
-        self,
-        problem: OptimalControlProblem,
-        ordinary: Guesses,
-        ranges: Ranges | None = None,
+        self, problem: OptimalControlProblem, ordinary: Guesses, ranges: Ranges | None = None
     ) -> None:
         self.problem, self.ordinary = problem, ordinary
         self.ranges = {

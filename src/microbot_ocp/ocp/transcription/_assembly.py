@@ -16,13 +16,7 @@ from numpy.typing import ArrayLike
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.child_process import spare_processor
 from microbot_ocp.ocp.transcription._kernels import Kernel, joined
-from microbot_ocp.ocp.transcription._layout import (
-    Bounds,
-    PhaseLayout,
-    bounds_of,
-    row_labels,
-    variable_labels,
-)
+from microbot_ocp.ocp.transcription._layout import Bounds, PhaseLayout, bounds_of, labels_of
 from microbot_ocp.ocp.transcription._table import IntArray, Label
 
 # Variables of a stage and stages from which two threads evaluate them: to start one takes 30 us
@@ -69,12 +63,12 @@ class Program(Bounds):
     @cached_property
     def row_labels(self) -> list[Label]:
         """What every row is."""
-        return row_labels(self.layouts)
+        return labels_of(self.layouts, "rows")
 
     @cached_property
     def variable_labels(self) -> list[Label]:
         """What every variable is."""
-        return variable_labels(self.layouts)
+        return labels_of(self.layouts, "variables")
 
     @property
     def stage_sizes(self) -> tuple[IntArray, ...]:

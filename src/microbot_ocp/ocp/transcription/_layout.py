@@ -423,15 +423,16 @@ def bounds_of(layouts: Sequence[PhaseLayout]) -> Bounds:
 
 def row_labels(layouts: Sequence[PhaseLayout]) -> list[Label]:
     """Return what every row of a program is."""
-    return _labels(layouts, "rows")
+    return labels_of(layouts, "rows")
 
 
 def variable_labels(layouts: Sequence[PhaseLayout]) -> list[Label]:
     """Return what every variable of a program is."""
-    return _labels(layouts, "variables")
+    return labels_of(layouts, "variables")
 
 
-def _labels(layouts: Sequence[PhaseLayout], what: str) -> list[Label]:
+def labels_of(layouts: Sequence[PhaseLayout], what: str) -> list[Label]:
+    """Return what the "rows" or "variables" of a program are."""
     labels: dict[int, Label] = {}
     for layout in layouts:
         for block in getattr(layout, what):
