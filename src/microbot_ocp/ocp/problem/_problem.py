@@ -331,7 +331,8 @@ class OptimalControlProblem:
             tied = {*(c.name for c in after.point_constraints), *(f"start of {k}" for k in jumps)}
             states = (v.name for v in before.states if f"start of {v.name}" not in tied)
             names = [name for name in states if name in sizes_after]
-        for name in names:
+        chosen = tuple(names)
+        for name in chosen:
             if name not in sizes or sizes[name] != sizes_after.get(name):
                 raise InputError(
                     f"{name!r} cannot be linked: phases {before.name!r} and {after.name!r} must "
@@ -342,7 +343,7 @@ class OptimalControlProblem:
             missed = state.symbol - ca.vec(before.final(landing))
             like = {"scale": state.scale if state.scaled else None, "unit": state.unit}
             after.point_constraint(f"start of {name}", missed, 0.0, 0.0, at=0.0, **like)
-        self.links.append(PhaseLink(before.name, after.name, tuple(names)))
+        self.links.append(PhaseLink(before.name, after.name, chosen))
 
     def check(self) -> None:
         """Raise InputError where the declaration is not complete."""

@@ -19,7 +19,7 @@ from microbot_ocp.ocp.solution import Given, PhaseSolution, Solution, StartingPo
 from microbot_ocp.ocp.starts._measured_guess import with_measurements
 from microbot_ocp.ocp.starts._rollout import rollouts
 from microbot_ocp.ocp.transcription import Block, Guess, GuessValue, PhaseLayout, Program
-from microbot_ocp.ocp.transcription.schemes import Collocation, Scheme
+from microbot_ocp.ocp.transcription.schemes import Collocation
 
 
 def starting_point(program: Program, problem: OptimalControlProblem, guess: Given) -> StartingPoint:
@@ -33,8 +33,7 @@ def starting_point(program: Program, problem: OptimalControlProblem, guess: Give
     if not comparable or guess.variables is None:
         missing = tuple(missing_from(problem, guess))
         return StartingPoint(pack(program, guess_from(problem, guess)), missing=missing)
-    pairs = zip(old, program.layouts, strict=True)
-    same = all(np.array_equal(a.mesh, b.mesh) and _counts(a) == _counts(b) for a, b in pairs)
+    same = all(_same_mesh(a, b) for a, b in zip(old, program.layouts, strict=True))
     x = guess.variables if same else pack(program, guess_from(problem, guess))
     rows, variables = guess.row_multipliers, guess.variable_multipliers
     if not guess.status.solved or variables is None:
@@ -58,8 +57,9 @@ def _content(layout: PhaseLayout) -> set[tuple[str, str, int, float]]:
     }
 
 
-def _counts(layout: PhaseLayout) -> tuple[Scheme, int, int]:
-    return layout.kind.scheme, layout.variable_count, layout.row_count
+def _same_mesh(a: PhaseLayout, b: PhaseLayout) -> bool:
+    contents = [(k.kind.scheme, k.variable_count, k.row_count) for k in (a, b)]
+    return np.array_equal(a.mesh, b.mesh) and contents[0] == contents[1]
 
 
 # guesses ------------------------------------------------------------------------------------------

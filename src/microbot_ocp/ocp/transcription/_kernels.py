@@ -145,14 +145,14 @@ def build_kernels(
     stage = ca.Function("stage", [v, c], [following, rows.stacked(), step.running])
     s = ca.MX.sym("s")
     dense = ca.Function("dense", [v, c, s], list(step.at(s)))
-    parts: list[_Part] = [(stage, rows), *_points(physics), _end(physics)]
+    parts: list[_Part] = [(stage, rows, (), ()), *_points(physics), _end(physics)]
     functions = [part[0] for part in parts]
     stages = [stage, *(_as_stage(point) for point in functions[1:])]
     derived = derive([_expanded(function) for function in functions], [divided(k) for k in stages])
     each = zip(derived[::3], derived[1::3], derived[2::3], parts, strict=True)
     first, *points = (
-        Kernel(value, jacobian, hessian, light_cost(function), tuple(held.entries), *where)
-        for value, jacobian, hessian, (function, held, *where) in each
+        Kernel(value, jacobian, hessian, light_cost(function), tuple(held.entries), at, data)
+        for value, jacobian, hessian, (function, held, at, data) in each
     )
     return Kernels(first, tuple(points), _without_repeats(_expanded(dense)))
 
@@ -298,7 +298,7 @@ def _holds(
 
 
 # what is to be a kernel: its function and rows, and of points also fractions and data
-_Part = tuple[Any, ...]
+_Part = tuple[ca.Function, _Rows, tuple[float, ...], tuple[str, ...]]
 
 
 def _end(physics: _Physics) -> _Part:
@@ -317,7 +317,7 @@ def _end(physics: _Physics) -> _Part:
     for limit, value in zip(phase.end_constraints, ends, strict=True):
         rows.add("end", [limit], value)
     cost = physics.end_cost(*at_end)
-    return ca.Function("point", [z, c], [rows.stacked(), cost]), rows, (1.0,)
+    return ca.Function("point", [z, c], [rows.stacked(), cost]), rows, (1.0,), ()
 
 
 def _points(physics: _Physics) -> Iterator[_Part]:
