@@ -143,8 +143,8 @@ def test_an_equation_of_a_constant_control_is_said_once_an_interval(scheme, solv
     phase.running_cost(1e-3 * ca.sumsqr(u))
     transcription = Transcription(problem, scheme=scheme)
     assert (
-        len(transcription.kernels[0].stage_rows)
-        == len(Transcription(point_without_diagonal(), scheme=scheme).kernels[0].stage_rows) + 1
+        len(transcription.kernels[0].stage.rows)
+        == len(Transcription(point_without_diagonal(), scheme=scheme).kernels[0].stage.rows) + 1
     )
     solution = solve(transcription, 5, GUESS, SolverSettings(solver=solver))
     assert solution.status.solved

@@ -400,10 +400,11 @@ def test_where_optima_are_near_the_best_of_several_is_kept_and_it_is_said():
 
 
 def test_a_solver_that_is_ended_leaves_its_last_iterate(monkeypatch):
-    def and_goes_on(result, solver):
+    def and_goes_on(solver, arguments):
+        solver(**arguments)
         time.sleep(60.0)
 
-    monkeypatch.setattr(_run, "_plain", and_goes_on)
+    monkeypatch.setattr(_run, "_called", and_goes_on)
     monkeypatch.setattr(
         _run, "SETTINGS", _run.RunSettings(large=0)
     )  # every solve in a process of its own

@@ -19,6 +19,7 @@ from microbot_ocp.ocp import (
     solve,
     verify,
 )
+from microbot_ocp.ocp.solution import StartingPoint
 from microbot_ocp.ocp.solvers import accepted
 from microbot_ocp.ocp.transcription import assemble
 
@@ -78,9 +79,11 @@ def test_multipliers_of_equations_are_found_again():
     assert solution.variable_multipliers is not None
     equal = program.row_lower == program.row_upper
     forgotten = np.where(equal, 0.0, solution.row_multipliers)
-    found = accepted(program, solution.variables, forgotten, solution.variable_multipliers, 1e-8)
+    found = accepted(
+        program, StartingPoint(solution.variables, forgotten, solution.variable_multipliers), 1e-8
+    )
     assert found is not None
-    np.testing.assert_allclose(found.row_multipliers, solution.row_multipliers, atol=1e-7)
+    np.testing.assert_allclose(found[0].row_multipliers, solution.row_multipliers, atol=1e-7)
 
 
 def test_what_is_no_optimum_is_not_accepted():
@@ -89,7 +92,7 @@ def test_what_is_no_optimum_is_not_accepted():
     x, lam_g, lam_x = solution.variables, solution.row_multipliers, solution.variable_multipliers
     assert x is not None
     assert lam_x is not None
-    assert accepted(program, x, lam_g, lam_x, 1e-8) is not None
+    assert accepted(program, StartingPoint(x, lam_g, lam_x), 1e-8) is not None
     # another feasible point, with the same multipliers and with none
     guess = solve(
         transcription,
@@ -99,14 +102,14 @@ def test_what_is_no_optimum_is_not_accepted():
     )
     assert guess.variables is not None
     for lam in (lam_x, np.zeros_like(lam_x)):
-        assert accepted(program, guess.variables, lam_g, lam, 1e-8) is None
+        assert accepted(program, StartingPoint(guess.variables, lam_g, lam), 1e-8) is None
     # multipliers of the wrong sign, multipliers away from limits, and none at all
-    assert accepted(program, x, lam_g, -lam_x, 1e-8) is None
-    assert accepted(program, x, lam_g, lam_x + 0.1, 1e-8) is None
-    assert accepted(program, x, lam_g, np.zeros_like(lam_x), 1e-8) is None
-    assert accepted(program, np.full_like(x, np.nan), lam_g, lam_x, 1e-8) is None
+    assert accepted(program, StartingPoint(x, lam_g, -lam_x), 1e-8) is None
+    assert accepted(program, StartingPoint(x, lam_g, lam_x + 0.1), 1e-8) is None
+    assert accepted(program, StartingPoint(x, lam_g, np.zeros_like(lam_x)), 1e-8) is None
+    assert accepted(program, StartingPoint(np.full_like(x, np.nan), lam_g, lam_x), 1e-8) is None
     tight = replace(program, variable_upper=np.minimum(program.variable_upper, x - 1e-3))
-    assert accepted(tight, x, lam_g, lam_x, 1e-8) is None
+    assert accepted(tight, StartingPoint(x, lam_g, lam_x), 1e-8) is None
 
 
 def test_the_scale_of_the_cost_is_in_the_multipliers():
@@ -116,9 +119,9 @@ def test_the_scale_of_the_cost_is_in_the_multipliers():
     assert solution.variable_multipliers is not None
     scaled = replace(program, cost_scale=1e3)
     given = (solution.variables, solution.row_multipliers, solution.variable_multipliers)
-    found = accepted(scaled, *given, 1e-8)
+    found = accepted(scaled, StartingPoint(*given), 1e-8)
     assert found is not None
-    np.testing.assert_allclose(found.row_multipliers, solution.row_multipliers, atol=1e-6)
+    np.testing.assert_allclose(found[0].row_multipliers, solution.row_multipliers, atol=1e-6)
 
 
 def test_an_optimum_that_is_no_trajectory_is_seen_at_once_and_by_its_certificate():

@@ -36,11 +36,11 @@ def problem(*, mixed):
 
 @pytest.mark.parametrize("mixed", [False, True])
 def test_they_are_those_of_the_stage_written_out(mixed):
-    kernels = Transcription(problem(mixed=mixed)).kernels[0]
-    assert not kernels.stage_hessian.is_a("SXFunction")  # divided
-    whole = _kernels.with_derivatives([kernels.stage])
+    stage = Transcription(problem(mixed=mixed)).kernels[0].stage
+    assert not stage.hessian.is_a("SXFunction")  # divided
+    whole = _kernels.with_derivatives([stage.value])
     random = np.random.default_rng(0)
-    for ours, theirs in ((kernels.stage_jacobian, whole[1]), (kernels.stage_hessian, whole[2])):
+    for ours, theirs in ((stage.jacobian, whole[1]), (stage.hessian, whole[2])):
         at = [random.uniform(0.1, 0.6, ours.size_in(k)) for k in range(ours.n_in())]
         for mine, other in zip(ours.call(at), theirs.call(at), strict=True):
             assert np.allclose(np.array(mine), np.array(other), rtol=1e-10, atol=1e-10)
@@ -65,7 +65,7 @@ def test_the_end_is_divided_where_all_derivatives_are_given():
     assert written.hessian.is_a("SXFunction")
     assert not end.hessian.is_a("SXFunction")
     random = np.random.default_rng(0)
-    for name in ("point", "jacobian", "hessian"):
+    for name in ("value", "jacobian", "hessian"):
         ours, theirs = getattr(end, name), getattr(written, name)
         at = [random.uniform(0.1, 0.6, ours.size_in(k)) for k in range(ours.n_in())]
         for mine, other in zip(ours.call(at), theirs.call(at), strict=True):
@@ -74,7 +74,7 @@ def test_the_end_is_divided_where_all_derivatives_are_given():
 
 def test_light_functions_are_written_out(monkeypatch):
     monkeypatch.setattr(_composition, "HEAVY", 10**9)
-    assert Transcription(problem(mixed=True)).kernels[0].stage_hessian.is_a("SXFunction")
+    assert Transcription(problem(mixed=True)).kernels[0].stage.hessian.is_a("SXFunction")
 
 
 @pytest.mark.parametrize("in_cost", [False, True])
@@ -84,12 +84,12 @@ def test_a_light_cost_is_known_without_heavy_functions(in_cost):
     x, u = (symbol.symbol for symbol in (*phase.states, *phase.controls))
     if in_cost:
         phase.running_cost(ca.sumsqr(heavy("one")(x, u)[0]))
-    kernels = Transcription(heavier).kernels[0]
-    assert (kernels.cost is None) == in_cost
-    if kernels.cost is not None:
+    stage = Transcription(heavier).kernels[0].stage
+    assert (stage.cost is None) == in_cost
+    if stage.cost is not None:
         random = np.random.default_rng(0)
-        at = [random.uniform(0.1, 0.6, kernels.cost.size_in(k)) for k in range(2)]
-        for mine, other in zip(kernels.cost(*at), kernels.stage_jacobian(*at)[2:], strict=True):
+        at = [random.uniform(0.1, 0.6, stage.cost.size_in(k)) for k in range(2)]
+        for mine, other in zip(stage.cost(*at), stage.jacobian(*at)[2:], strict=True):
             assert np.allclose(np.array(mine), np.array(other), rtol=1e-12)
 
 
@@ -101,6 +101,6 @@ def test_a_constraint_may_hold_at_mesh_points_alone():
         phase.derivative(x, phase.control("v"))
         phase.constraint("place", x**2, upper=2.0, interior_points=interior)
         kernels = Transcription(phase.problem, scheme="shooting").kernels[0]
-        rows.append([row.fraction for row in kernels.stage_rows if row.name == "place"])
+        rows.append([row.fraction for row in kernels.stage.rows if row.name == "place"])
     assert rows[1] == [0.0]
     assert len(rows[0]) > 1

@@ -126,7 +126,7 @@ def test_the_quadrature_is_exact_for_polynomials(kind, degree):
     phase = problem.phase("run", 1.0)
     phase.derivative(phase.state("x", initial=0.0), 0.0)
     phase.running_cost(phase.time ** phase.parameter("power", 1.0))
-    stage = Transcription(problem, scheme=Collocation(kind, degree)).kernels[0].stage
+    stage = Transcription(problem, scheme=Collocation(kind, degree)).kernels[0].stage.value
     for power in range(highest + 1):
         *_, cost = stage(np.ones(stage.size1_in(0)), [0.0, 1.0, power])
         assert float(cost) == pytest.approx(1 / (power + 1), abs=1e-12)
@@ -139,7 +139,7 @@ def test_an_adaptive_integrator_controls_the_error_of_the_running_cost():
     x = phase.state("x", initial=0.0)
     phase.derivative(x, 1.0)
     phase.running_cost(ca.cos(20 * x))
-    stage = Transcription(problem, scheme=IntegratorShooting()).kernels[0].stage
+    stage = Transcription(problem, scheme=IntegratorShooting()).kernels[0].stage.value
     *_, cost = stage([0.0, 1.0], [0.0, 1.0])
     assert float(cost) == pytest.approx(np.sin(20.0) / 20, abs=1e-8)
 

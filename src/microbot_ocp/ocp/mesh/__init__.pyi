@@ -2,12 +2,10 @@
 
 from ._mesh_error import (
     DIVISION as DIVISION,
-    divide as divide,
-    divide_phase as divide_phase,
-    state_errors as state_errors,
-)
-from ._refined import (
     Refinement as Refinement,
     Round as Round,
+    divide as divide,
+    divide_phase as divide_phase,
     refined as refined,
+    state_errors as state_errors,
 )

@@ -3,7 +3,8 @@
 Comes in: CasADi expressions of the symbols that the declarations return. Goes out: an
 :class:`OptimalControlProblem`, whose :class:`Phase` s hold names, units, bounds and expressions.
 Begin with ``_problem.py``; ``_phase.py`` has the words of a phase, ``_items.py`` what they leave,
-``_numeric.py`` functions that are not symbolic. Nothing here knows how a problem is solved.
+``_expressions.py`` what is between expressions and numbers. Nothing here knows how a problem is
+solved.
 """
 
 import lazy_loader

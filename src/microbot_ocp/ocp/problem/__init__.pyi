@@ -2,6 +2,8 @@
 
 from ._expressions import (
     Expressions as Expressions,
+    PythonFunction as PythonFunction,
+    numeric_function as numeric_function,
 )
 from ._items import (
     CONSTANTS as CONSTANTS,
@@ -13,12 +15,10 @@ from ._items import (
     PhaseLink as PhaseLink,
     PointConstraint as PointConstraint,
     PointCost as PointCost,
+    Range as Range,
     Variable as Variable,
     duration_bounds as duration_bounds,
     ordered as ordered,
-)
-from ._numeric import (
-    numeric_function as numeric_function,
 )
 from ._phase import (
     Phase as Phase,
@@ -26,6 +26,7 @@ from ._phase import (
 from ._problem import (
     OptimalControlProblem as OptimalControlProblem,
     node_variables as node_variables,
+    parts_of as parts_of,
     with_items as with_items,
     with_phases as with_phases,
     with_shapes as with_shapes,

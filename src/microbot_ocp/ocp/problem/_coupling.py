@@ -148,7 +148,10 @@ def copied(phase: Phase, name: str, linked: Sequence[str]) -> Phase:
 
     for kind in _SYMBOLIC:
         setattr(duplicate, kind, [fresh(item) for item in getattr(phase, kind)])
-    renewed = lambda e: ca.graph_substitute(e, old, new)  # noqa: E731
+
+    def renewed(expression: ca.MX) -> ca.MX:
+        return ca.graph_substitute(expression, old, new)
+
     duplicate.derivatives = {k: renewed(e) for k, e in phase.derivatives.items()}
     for kind in ("algebraic_equations", "running_costs", "end_costs"):
         setattr(duplicate, kind, [renewed(e) for e in getattr(phase, kind)])

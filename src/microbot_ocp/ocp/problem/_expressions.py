@@ -1,14 +1,15 @@
-"""Expressions of a phase as functions of numbers: one order of inputs for all that look at them."""
+"""Expressions of a phase as functions of numbers, and functions of numbers in expressions."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp.problem._items import Measurement
 from microbot_ocp.ocp.problem._phase import Phase
@@ -31,9 +32,7 @@ class Expressions:
     def __init__(self, phase: Phase, data: Sequence[Measurement] = ()) -> None:
         self.phase, self.data = phase, data
         self.inputs: list[tuple[str, ca.MX]] = [(v.name, v.symbol) for v in phase.variables]
-        for control in phase.controls:
-            if control.rate is not None:
-                self.inputs.append((f"the rate of {control.name}", control.rate))
+        self.inputs += [(f"the rate of {name}", rate) for name, rate in phase.rates.items()]
         self.inputs += [(m.name, m.symbol) for m in data]
         self.inputs += [("time", phase.time), ("duration", phase.duration)]
         self.inputs += [(p.name, p.symbol) for p in phase.parameters]
@@ -66,10 +65,97 @@ class Expressions:
         phase, rates = self.phase, rates or {}
         none = {v.name: np.zeros((v.size, t.size)) for v in phase.variables}
         moving = [values.get(v.name, none[v.name]) for v in phase.variables]
-        moving += [rates.get(c.name, none[c.name]) for c in phase.controls if c.rate is not None]
+        moving += [rates.get(name, none[name]) for name in phase.rates]
         fixed = [np.tile(p.value[:, None], (1, t.size)) for p in phase.parameters]
         return [*moving, *data, t[None], np.full((1, t.size), duration), *fixed]
 
     def table(self, *values: Any, **more: Any) -> FloatArray:
         """Return the same, one below the other [inputs, M]."""
         return np.vstack(self.tables(*values, **more))
+
+
+class PythonFunction(ca.Callback):
+    """A function of CasADi with one result, by their sparsities; who derives from it says how its
+    values are found, in ``eval``.
+    """
+
+    def __init__(
+        self, name: str, inputs: Sequence[ca.Sparsity], result: ca.Sparsity, **options: Any
+    ) -> None:
+        ca.Callback.__init__(self)
+        self.inputs, self.result = inputs, result
+        self.construct(name, options)
+
+    def get_n_in(self) -> int:
+        return len(self.inputs)
+
+    def get_sparsity_in(self, i: int) -> ca.Sparsity:
+        return self.inputs[i]
+
+    def get_sparsity_out(self, _: int) -> ca.Sparsity:
+        return self.result
+
+
+_KEPT: list[ca.Callback] = []  # expressions that call them do not keep them
+
+
+def numeric_function(
+    function: Callable[..., object], sizes: Sequence[int] = (1,), result: int = 1
+) -> ca.Function:
+    """Return a function of numbers, such as a table or a simulation, for expressions.
+
+    Its derivatives are central differences, those of second order differences of differences: good
+    to about 1e-6 and 1e-4, and every evaluation is a call of Python, of which an iteration needs
+    some hundreds for every interval. It must be smooth, and is evaluated a little beside where the
+    solver is. What CasADi can say (``ca.interpolant`` for tables) is better said there.
+
+    Parameters
+    ----------
+    function : callable
+        Gets an array [size] for every one of ``sizes``, returns a number or an array [result].
+    sizes : sequence of int
+    result : int
+
+    Returns
+    -------
+    casadi.Function
+
+    Raises
+    ------
+    InputError
+        A size that is no whole number from 1 up; when it is evaluated, another number of results.
+
+    Examples
+    --------
+    The fastest way over 1 m of a slope that slows down: 2 log 2 s.
+
+    >>> from microbot_ocp.ocp import OptimalControlProblem, SolverSettings, solve
+    >>> slower = numeric_function(lambda x: 1.0 - x / 2)
+    >>> problem = OptimalControlProblem("slope")
+    >>> phase = problem.phase("up", duration=(0.1, 10.0))
+    >>> x = phase.state("x", initial=0.0, final=1.0, unit="m")
+    >>> u = phase.control("u", lower=0.0, upper=1.0)
+    >>> phase.derivative(x, u * slower(x))
+    >>> phase.end_cost(phase.duration)
+    >>> round(solve(problem, mesh=3, settings=SolverSettings("ipopt")).cost, 4)
+    1.3863
+    """
+    for size in (*sizes, result):
+        checks.whole("every size", size, at_most=np.inf)
+    callback = _Numeric(function, sizes, result)
+    _KEPT.append(callback)
+    return callback
+
+
+class _Numeric(PythonFunction):
+    def __init__(self, function: Callable[..., object], sizes: Sequence[int], result: int) -> None:
+        self.function = function
+        # kernels are shared by what they look like: every function has a name of its own
+        name, dense = f"numeric_{len(_KEPT)}", ca.Sparsity.dense
+        super().__init__(name, [dense(size) for size in sizes], dense(result), enable_fd=True)
+
+    def eval(self, arg: Sequence[ca.DM]) -> list[FloatArray]:
+        values = self.function(*(np.array(value).ravel() for value in arg))
+        label = f"result of {getattr(self.function, '__name__', 'the function')}"
+        flat = np.ravel(np.asarray(values, float))
+        return [checks.array(label, flat, (self.result.size1(),), finite=False)]

@@ -17,6 +17,7 @@ VARIABLES = ("states", "controls", "algebraics", "free_parameters")
 LIMITS = ("constraints", "end_constraints", "point_constraints")
 CONSTANTS = ("parameters", "measurements")
 
+Range = tuple[FloatArray, FloatArray]  # lower and upper bounds [size]
 Bound = ArrayLike | ca.MX | tuple[ArrayLike | ca.MX, ArrayLike | ca.MX] | None
 
 
@@ -28,8 +29,8 @@ class Variable:
     symbol: ca.MX
     lower: FloatArray
     upper: FloatArray
-    initial: tuple[FloatArray, FloatArray] | None
-    final: tuple[FloatArray, FloatArray] | None
+    initial: Range | None
+    final: Range | None
     scale: FloatArray
     unit: str
     shape: str  # "state", "auto", "constant", "linear", "polynomial", "algebraic", "parameter"
@@ -147,9 +148,7 @@ def duration_bounds(phase: str, value: float | tuple[float, float]) -> tuple[flo
     return low, checks.number(f"upper duration of phase {phase!r}", high, "s", at_least=low)
 
 
-def ordered(
-    name: str, lower: ArrayLike, upper: ArrayLike, size: int, unit: str
-) -> tuple[FloatArray, FloatArray]:
+def ordered(name: str, lower: ArrayLike, upper: ArrayLike, size: int, unit: str) -> Range:
     """Return lower and upper bounds that are not crossed."""
     labels = (name, name) if lower is upper else (f"lower {name}", f"upper {name}")
     low, high = fill(labels[0], lower, size), fill(labels[1], upper, size)
@@ -160,9 +159,7 @@ def ordered(
     return low, high
 
 
-def condition(
-    name: str, value: Bound, size: int, unit: str
-) -> tuple[FloatArray, FloatArray] | None:
+def condition(name: str, value: Bound, size: int, unit: str) -> Range | None:
     """Return bounds at an end; None where there are none, or where they are expressions."""
     if value is None or moving(value):
         return None
@@ -174,16 +171,6 @@ def condition(
             f"[{low}, {high}] for the values, ([{low}] * 2, [{high}] * 2) for the range"
         )
     return ordered(name, low, high, size, unit)
-
-
-def positive_scale(name: str, value: ArrayLike | None, size: int) -> FloatArray:
-    """Return a declared scale, or one."""
-    if value is None:
-        return np.ones(size)
-    scale = fill(f"scale of {name}", value, size)
-    if np.any(~np.isfinite(scale)) or np.any(scale <= 0):
-        raise InputError(f"scale of {name!r} must be finite and above 0, not {value}")
-    return scale
 
 
 def limit_of(
@@ -198,25 +185,23 @@ def limit_of(
     expression = ca.vec(expression)
     size = expression.shape[0]
     low, high = ordered(name, lower, upper, size, unit)
-    sizes = positive_scale(name, scale, size)
+    sizes = fill(f"scale of {name}", 1.0 if scale is None else scale, size)
+    if not np.all(np.isfinite(sizes) & (sizes > 0)):
+        raise InputError(f"scale of {name!r} must be finite and above 0, not {scale}")
     return PathConstraint(name, expression, low, high, sizes, unit, scaled=scale is not None)
 
 
 def variable_of(
-    limit: PathConstraint,
-    shape: str,
-    initial: Bound = None,
-    final: Bound = None,
-    columns: int = 1,
+    limit: PathConstraint, shape: str, initial: Bound = None, final: Bound = None, columns: int = 1
 ) -> Variable:
     """Return a variable within a limit of its symbol; conditions that are expressions are left
     out.
     """
     name, symbol, unit = limit.name, limit.expression, limit.unit
-    size = symbol.shape[0]
-    ends = [condition(f"initial {name}", initial, size, unit)]
-    ends.append(condition(f"final {name}", final, size, unit))
-    for where, end in zip(("initial", "final"), ends, strict=True):
+    size, ends = symbol.shape[0], []
+    for where, given in (("initial", initial), ("final", final)):
+        end = condition(f"{where} {name}", given, size, unit)
+        ends.append(end)
         if end is not None and np.any(outside := (end[0] > limit.upper) | (end[1] < limit.lower)):
             i = int(np.argmax(outside))
             value = end[0][i] if end[0][i] > limit.upper[i] else end[1][i]
@@ -225,20 +210,10 @@ def variable_of(
                 f"{limit.upper[i]:g} {unit}".rstrip()
                 + f", not {value:g}"
             )
-    return Variable(
-        name=name,
-        symbol=symbol,
-        lower=limit.lower,
-        upper=limit.upper,
-        initial=ends[0],
-        final=ends[1],
-        scale=limit.scale,
-        unit=unit,
-        shape=shape,
-        rate=ca.MX.sym(f"{symbol.name()}.rate", size) if shape == "linear" else None,
-        scaled=limit.scaled,
-        columns=columns,
-    )
+    rate = ca.MX.sym(f"{symbol.name()}.rate", size) if shape == "linear" else None
+    more: dict[str, Any] = {"rate": rate, "scaled": limit.scaled, "columns": columns}
+    low, high, scale = limit.lower, limit.upper, limit.scale
+    return Variable(name, symbol, low, high, ends[0], ends[1], scale, unit, shape, **more)
 
 
 def converted(value: Any) -> ca.MX:

@@ -99,11 +99,8 @@ class Phase:
             "parameters": [*self.parameters, *self.free_parameters],
             "constraints": [*self.constraints, *self.end_constraints, *self.point_constraints],
         }
-        lists = [
-            f"{kind} {', '.join(_named(each) for each in items)}"
-            for kind, items in declared.items()
-            if items
-        ]
+        named = {kind: ", ".join(map(_named, items)) for kind, items in declared.items()}
+        lists = [f"{kind} {names}" for kind, names in named.items() if names]
         duration = f"{low:g} s" if low == high else f"{low:g} to {high:g} s"
         return f"<Phase {self.name!r}, {duration}: {'; '.join(lists)}>"
 
@@ -111,6 +108,15 @@ class Phase:
     def variables(self) -> list[Variable]:
         """States, controls, algebraic variables and free parameters."""
         return [*self.states, *self.controls, *self.algebraics, *self.free_parameters]
+
+    def shaped(self, shape: str) -> list[Variable]:
+        """Return controls of a shape."""
+        return [control for control in self.controls if control.shape == shape]
+
+    @property
+    def rates(self) -> dict[str, ca.MX]:
+        """Time derivatives of the linear controls, by the names of these."""
+        return {c.name: c.rate for c in self.controls if c.rate is not None}
 
     @property
     def point_fractions(self) -> tuple[float, ...]:
@@ -177,9 +183,8 @@ class Phase:
         >>> solution["second"]["m"][[0, -1], 0].round(6)
         array([2. , 1.5])
         """
-        symbol = self._declare(
-            self.states, name, size, "state", lower, upper, scale, unit, initial, final
-        )
+        ends = initial, final
+        symbol = self._declare(self.states, name, size, "state", (lower, upper), scale, unit, ends)
         self.states[-1] = replace(self.states[-1], interior_points=interior_points)
         return symbol
 
@@ -208,9 +213,8 @@ class Phase:
             shape = "linear"
         if shape != "linear" and (initial is not None or final is not None):
             raise InputError(f"control {name!r} is {shape}: initial and final need shape='linear'")
-        return self._declare(
-            self.controls, name, size, shape, lower, upper, scale, unit, initial, final
-        )
+        ends = initial, final
+        return self._declare(self.controls, name, size, shape, (lower, upper), scale, unit, ends)
 
     def algebraic(
         self,
@@ -223,7 +227,8 @@ class Phase:
         unit: str = "",
     ) -> ca.MX:
         """Declare an algebraic variable; :meth:`algebraic_equation` determines it (collocation)."""
-        return self._declare(self.algebraics, name, size, "algebraic", lower, upper, scale, unit)
+        bounds = lower, upper
+        return self._declare(self.algebraics, name, size, "algebraic", bounds, scale, unit)
 
     def algebraic_equation(self, expression: ca.MX) -> None:
         """Demand that ``expression`` be zero, or an equation ``x == y``, at collocation points."""
@@ -568,12 +573,10 @@ class Phase:
         name: str,
         size: Size,
         shape: str,
-        lower: Limit,
-        upper: Limit,
+        bounds: tuple[Limit, Limit],
         scale: ArrayLike | None,
         unit: str,
-        initial: Bound = None,
-        final: Bound = None,
+        ends: tuple[Bound, Bound] = (None, None),
     ) -> ca.MX:
         """Add a variable to a list of the phase, and what of it are expressions as constraints."""
         self._refuse_second(repr(name), name, self.variables)
@@ -581,22 +584,23 @@ class Phase:
         for each in (rows, columns):
             checks.whole(f"size of {name!r}", each, at_most=np.inf)
         places = ("lower", "upper", "initial", "final")
-        for place, given in zip(places, (lower, upper, initial, final), strict=True):
+        for place, given in zip(places, (*bounds, *ends), strict=True):
             for side in given if isinstance(given, tuple) else (given,):
                 if isinstance(side, ca.MX):
                     as_expression(side, f"{place} of {name!r}")
         symbol = ca.MX.sym(f"{self.name}.{name}", rows * columns)
         shaped = Symbol(ca.reshape(symbol, rows, columns))
+        lower, upper = bounds
         low = -np.inf if isinstance(lower, ca.MX) else lower
         high = np.inf if isinstance(upper, ca.MX) else upper
         limit = limit_of(name, symbol, low, high, scale, unit)
-        variables.append(variable_of(limit, shape, initial, final, columns))
+        variables.append(variable_of(limit, shape, *ends, columns))
         if isinstance(lower, ca.MX):
             self.constraint(f"lower bound of {name}", shaped - lower, 0.0, scale=scale, unit=unit)
         if isinstance(upper, ca.MX):
             label = f"upper bound of {name}"
             self.constraint(label, shaped - upper, upper=0.0, scale=scale, unit=unit)
-        for given, fraction, where in ((initial, 0.0, "start"), (final, 1.0, "end")):
+        for given, fraction, where in zip(ends, (0.0, 1.0), ("start", "end"), strict=True):
             for side, base, low, high in sides(given):
                 difference = owned(self, shaped - base, at=fraction)
                 limit = limit_of(f"{where} of {name}{side}", difference, low, high, scale, unit)

@@ -7,6 +7,7 @@ declaration into a nonlinear program. Nothing here knows a robot.
 from __future__ import annotations
 
 import copy
+import itertools
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -16,12 +17,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
-from microbot_ocp._base.checks import InputError
+from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.relations import Symbol
 from microbot_ocp.ocp.problem._coupling import copied, renamed
 from microbot_ocp.ocp.problem._items import (
     CONSTANTS,
     Parameter,
+    PathConstraint,
     PhaseLink,
     Variable,
     converted,
@@ -70,10 +72,8 @@ class OptimalControlProblem:
         counted = {"link": len(self.links), "free parameter": len(self.free_parameters)}
         more = "".join(f", {n} {kind}{'s' * (n > 1)}" for kind, n in counted.items() if n)
         head = f"{self.name!r}, to {'maximise' if self.maximize else 'minimise'}{more}"
-        return (
-            "\n  ".join([f"<OptimalControlProblem {head}", *(f"{p!r}"[1:-1] for p in self.phases)])
-            + ">"
-        )
+        phases = "".join(f"\n  {f'{phase!r}'[1:-1]}" for phase in self.phases)
+        return f"<OptimalControlProblem {head}{phases}>"
 
     def phase(
         self,
@@ -116,9 +116,8 @@ class OptimalControlProblem:
             before = self.phases[-1] if self.phases else None
             start = ca.MX(0.0) if before is None else before.begins + before.duration
         elif isinstance(start, tuple):
-            start = self.free_parameter(
-                f"start of {name!r}", lower=start[0], upper=start[1], unit="s"
-            )
+            low, high = start
+            start = self.free_parameter(f"start of {name!r}", lower=low, upper=high, unit="s")
         begins = as_expression(start, f"start of phase {name!r}")
         phase = Phase(name, bounds, inner, scale, problem=self, begins=begins)
         self.phases.append(phase)
@@ -194,9 +193,10 @@ class OptimalControlProblem:
         checks.whole("times", times)
         if len(parameters) not in (0, times - 1):
             raise InputError(f"parameters must be of {times - 1} copies, not {len(parameters)}")
-        linked = [v.name for v in phase.states] if names is None else list(names)
-        continuous = [name for name in linked if name not in (jumps or {})]
-        linked = [*continuous, *(jumps or {})]
+        jumps = jumps or {}
+        states = [v.name for v in phase.states] if names is None else names
+        continuous = [name for name in states if name not in jumps]
+        linked = [*continuous, *jumps]
         phases = [phase]
         for k in range(2, times + 1):
             copy = copied(phase, f"{phase.name} {k}", linked)
@@ -204,10 +204,9 @@ class OptimalControlProblem:
             self.phases.append(copy)
             copy.begins = phases[-1].begins + phases[-1].duration
             phases.append(copy)
-        landings = [
-            {n: renamed(e, phase, member) for n, e in (jumps or {}).items()} for member in phases
-        ]
-        for before, after, landing in zip(phases[:-1], phases[1:], landings[:-1], strict=True):
+        # before links add to what the phases declare
+        landings = [{k: renamed(e, phase, member) for k, e in jumps.items()} for member in phases]
+        for (before, after), landing in zip(itertools.pairwise(phases), landings, strict=False):
             self.link(before, after, continuous, jumps=landing)
         for member in phases[:-1]:
             for kind in ("states", "controls"):
@@ -325,35 +324,25 @@ class OptimalControlProblem:
                 f"phase {after.name!r} must follow {before.name!r} to be linked to it; a branch "
                 "begins with initial=before.final(state), and is linked with names=()"
             )
-        sizes_before = {v.name: v.size for v in node_variables(before)}
-        sizes_after = {v.name: v.size for v in node_variables(after)}
-        tied = {c.name for c in after.point_constraints}  # by an expression of their own
+        sizes, sizes_after = ({v.name: v.size for v in node_variables(p)} for p in (before, after))
         jumps = jumps or {}
-        states = [
-            v.name
-            for v in before.states
-            if f"start of {v.name}" not in tied and v.name not in jumps
-        ]
-        chosen = (
-            tuple(name for name in states if name in sizes_after) if names is None else tuple(names)
-        )
+        if names is None:
+            # what is not tied by an expression of its own
+            tied = {*(c.name for c in after.point_constraints), *(f"start of {k}" for k in jumps)}
+            states = (v.name for v in before.states if f"start of {v.name}" not in tied)
+            names = [name for name in states if name in sizes_after]
+        chosen = tuple(names)
         for name in chosen:
-            if sizes_before.get(name) is None or sizes_before.get(name) != sizes_after.get(name):
+            if name not in sizes or sizes[name] != sizes_after.get(name):
                 raise InputError(
                     f"{name!r} cannot be linked: phases {before.name!r} and {after.name!r} must "
                     "both have it as a state or linear control of the same size"
                 )
         for name, landing in jumps.items():
             state = checks.by_name("jumps", {v.name: v for v in after.states}, name)
-            after.point_constraint(
-                f"start of {name}",
-                state.symbol - ca.vec(before.final(landing)),
-                0.0,
-                0.0,
-                at=0.0,
-                scale=state.scale if state.scaled else None,
-                unit=state.unit,
-            )
+            missed = state.symbol - ca.vec(before.final(landing))
+            like = {"scale": state.scale if state.scaled else None, "unit": state.unit}
+            after.point_constraint(f"start of {name}", missed, 0.0, 0.0, at=0.0, **like)
         self.links.append(PhaseLink(before.name, after.name, chosen))
 
     def check(self) -> None:
@@ -372,17 +361,12 @@ class OptimalControlProblem:
                 raise InputError(f"phase {phase.name!r} has no states")
             for state in phase.states:
                 if state.name not in phase.derivatives:
-                    raise InputError(
-                        f"state {state.name!r} of phase {phase.name!r} has no dynamics"
-                    )
-            used = ca.vertcat(
-                *phase.derivatives.values(),
-                *(c.expression for c in phase.constraints),
-                *(c.expression for c in phase.end_constraints),
-                *phase.running_costs,
-                *phase.end_costs,
-                *phase.algebraic_equations,
-            )
+                    sentence = f"state {state.name!r} of phase {phase.name!r} has no dynamics"
+                    raise InputError(sentence)
+            limits = [c.expression for c in (*phase.constraints, *phase.end_constraints)]
+            costs = [*phase.running_costs, *phase.end_costs]
+            slopes = phase.derivatives.values()
+            used = ca.vertcat(*slopes, *limits, *costs, *phase.algebraic_equations)
             _check_symbols(phase, used)
             unknowns = sum(v.size for v in phase.algebraics)
             equations = sum(e.shape[0] for e in phase.algebraic_equations)
@@ -392,24 +376,23 @@ class OptimalControlProblem:
                     "algebraic equations"
                 )
             for control in phase.controls:
-                symbols = [control.symbol]
-                symbols += [] if control.rate is None else [control.rate]
-                if not any(ca.depends_on(used, symbol) for symbol in symbols):
+                rate = phase.rates.get(control.name, control.symbol)
+                if not (ca.depends_on(used, control.symbol) or ca.depends_on(used, rate)):
                     raise InputError(
                         f"control {control.name!r} of phase {phase.name!r} appears nowhere"
                     )
+        known = {v.name for phase in self.phases for v in phase.free_parameters}
         for free in self.free_parameters:
-            if not any(free.name in {v.name for v in p.free_parameters} for p in self.phases):
+            if free.name not in known:
                 raise InputError(f"free parameter {free.name!r} appears nowhere")
 
 
 def _check_symbols(phase: Phase, used: ca.MX) -> None:
     """Raise InputError for symbols that a phase cannot know, or not at its end."""
-    variables = phase.variables
-    rates = [c.rate for c in phase.controls if c.rate is not None]
+    symbols = [*(v.symbol for v in phase.variables), *phase.rates.values()]
     constants = [p.symbol for p in phase.parameters]
     data = [m.symbol for m in phase.measurements]
-    declared = [*(v.symbol for v in variables), *rates, *constants, phase.time, phase.duration]
+    declared = [*symbols, *constants, phase.time, phase.duration]
     points = ca.vertcat(*(c.expression for c in (*phase.point_constraints, *phase.point_costs)))
     for symbol in ca.symvar(ca.vertcat(used, points)):
         if any(ca.is_equal(symbol, other) for other in data):
@@ -425,10 +408,10 @@ def _check_symbols(phase: Phase, used: ca.MX) -> None:
                 "or taken at their ends with initial() and final()"
             )
     at_end = ca.vertcat(*phase.end_costs, *(c.expression for c in phase.end_constraints))
-    nodes = {v.name for v in node_variables(phase)}
-    lost = [v.symbol for v in variables if v.name not in nodes]
+    nodes = node_variables(phase)
+    lost = [v.symbol for v in phase.variables if v not in nodes]
     for where, name in ((at_end, "end"), (points, "point")):
-        for symbol in [*lost, *rates]:
+        for symbol in [*lost, *phase.rates.values()]:
             if ca.depends_on(where, symbol):
                 raise InputError(
                     f"{name} cost or {name} constraint of phase {phase.name!r} uses "
@@ -471,7 +454,16 @@ def with_values(phase: Phase, values: Mapping[str, ArrayLike]) -> Phase:
     return with_items(phase, valued, CONSTANTS)
 
 
+def parts_of(
+    items: Sequence[Variable | PathConstraint], table: FloatArray, axis: int = -1
+) -> dict[str, FloatArray]:
+    """Return parts of a table, side by side or along another axis, by the names of what they are
+    of.
+    """
+    parts = np.split(table, np.cumsum([item.scale.size for item in items]), axis)
+    return {item.name: part for item, part in zip(items, parts[:-1], strict=True)}
+
+
 def node_variables(phase: Phase) -> list[Variable]:
     """Return states, linear controls and free parameters: what has a value at every mesh point."""
-    linear = [c for c in phase.controls if c.shape == "linear"]
-    return [*phase.states, *linear, *phase.free_parameters]
+    return [*phase.states, *phase.shaped("linear"), *phase.free_parameters]

@@ -17,22 +17,11 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base.checks import InputError, shown
 from microbot_ocp._base.relations import ORDERS, RELATIONS, is_relation
-from microbot_ocp.ocp.problem._items import (
-    Bound,
-    PathConstraint,
-    converted,
-    limit_of,
-    moving,
-)
+from microbot_ocp.ocp.problem._items import Bound, PathConstraint, converted, limit_of, moving
 
 
 def declared_limits(
-    name: str,
-    given: Any,
-    lower: ArrayLike,
-    upper: ArrayLike,
-    scale: ArrayLike | None,
-    unit: str,
+    name: str, given: Any, lower: ArrayLike, upper: ArrayLike, scale: ArrayLike | None, unit: str
 ) -> list[PathConstraint]:
     """Return the limits that a constraint sets: to an expression with bounds, or by a relation.
 
@@ -65,11 +54,10 @@ def sides(given: Bound) -> Iterator[tuple[str, ca.MX, float, float]]:
     """Yield what a condition by expressions compares with, and the bounds of the difference."""
     if not moving(given):
         return
-    given_sides: tuple[Any, ...] = given if isinstance(given, tuple) else (given,)
-    bounds = ((" (lower)", 0.0, np.inf), (" (upper)", -np.inf, 0.0))
-    for base, (side, low, high) in zip(
-        given_sides, bounds if len(given_sides) > 1 else (("", 0.0, 0.0),), strict=True
-    ):
+    bases: tuple[Any, ...] = given if isinstance(given, tuple) else (given,)
+    pair = ((" (lower)", 0.0, np.inf), (" (upper)", -np.inf, 0.0))
+    bounds = pair if len(bases) > 1 else (("", 0.0, 0.0),)
+    for base, (side, low, high) in zip(bases, bounds, strict=True):
         if isinstance(base, ca.MX) or np.isfinite(base).all():
             yield side, ca.MX(base), low, high
 

@@ -18,6 +18,7 @@ from ._progress import (
 from ._solution import (
     RIVALS as RIVALS,
     Attempt as Attempt,
+    Given as Given,
     Journal as Journal,
     PhaseSolution as PhaseSolution,
     Solution as Solution,

@@ -20,6 +20,7 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
+from microbot_ocp.ocp.problem import PythonFunction
 from microbot_ocp.ocp.solution._solution import PhaseSolution, unpack
 from microbot_ocp.ocp.transcription import Program
 
@@ -114,6 +115,17 @@ class Watch:
                 self.failure = problem
         return not self.stopped
 
+    def told(self, x: Any, cost: Any = None) -> bool:
+        """Take in an iterate of a solver with the scaled cost; no interrupt goes through it."""
+        try:
+            whole = None if cost is None else float(cost) * self.program.cost_scale
+            return self.report(np.array(x).ravel(), whole)
+        except BaseException as problem:
+            if not _interrupts(problem):
+                raise
+            self.stopped = True  # by a signal: CasADi would print a traceback
+            return False
+
 
 class LastIterate(Watch):
     """Keeps the last iterate of a solve in memory that a copy of this process shares."""
@@ -137,71 +149,30 @@ class LastIterate(Watch):
         return count
 
 
-class _IterationCall(ca.Callback):
+class _IterationCall(PythonFunction):
     """What IPOPT and the SQP method call at every iteration; 1 stops them."""
 
     def __init__(self, watch: Watch) -> None:
-        ca.Callback.__init__(self)
-        self.watch = watch
-        self.sizes = {
-            "x": watch.program.variable_lower.size,
-            "f": 1,
-            "g": watch.program.row_lower.size,
-            "lam_x": watch.program.variable_lower.size,
-            "lam_g": watch.program.row_lower.size,
-            "lam_p": watch.program.parameters.size,
-        }
-        self.construct("iteration", {})
-
-    def get_n_in(self) -> int:
-        return ca.nlpsol_n_out()
-
-    def get_n_out(self) -> int:
-        return 1
-
-    def get_sparsity_in(self, i: int) -> ca.Sparsity:
-        return ca.Sparsity.dense(self.sizes[ca.nlpsol_out(i)], 1)
+        self.watch, program = watch, watch.program
+        x, g = program.variable_lower.size, program.row_lower.size
+        outputs = {"x": x, "f": 1, "g": g, "lam_x": x, "lam_g": g, "lam_p": program.parameters.size}
+        inputs = [ca.Sparsity.dense(outputs[name]) for name in ca.nlpsol_out()]
+        super().__init__("iteration", inputs, ca.Sparsity.dense(1))
 
     def eval(self, arguments: Any) -> list[float]:
-        try:
-            x, cost = np.array(arguments[0]).ravel(), float(arguments[1])
-            go_on = self.watch.report(x, cost * self.watch.program.cost_scale)
-            return [0.0 if go_on else 1.0]
-        except BaseException as problem:
-            if not _interrupts(problem):
-                raise
-            self.watch.stopped = True  # by a signal: CasADi would print a traceback
-            return [1.0]
+        return [0.0 if self.watch.told(*arguments[:2]) else 1.0]
 
 
-class _GradientCall(ca.Callback):
+class _GradientCall(PythonFunction):
     """The gradient of the cost of a program, which tells its watch where it was asked for."""
 
     def __init__(self, watch: Watch, gradient: ca.Function) -> None:
-        ca.Callback.__init__(self)
         self.watch, self.inner = watch, gradient
-        self.construct("nlp_grad_f", {})
-
-    def get_n_in(self) -> int:
-        return 2
-
-    def get_n_out(self) -> int:
-        return 1
-
-    def get_sparsity_in(self, i: int) -> ca.Sparsity:
-        return self.inner.sparsity_in(i)
-
-    def get_sparsity_out(self, i: int) -> ca.Sparsity:
-        return self.inner.sparsity_out(i)
+        inputs = [gradient.sparsity_in(k) for k in range(gradient.n_in())]
+        super().__init__("nlp_grad_f", inputs, gradient.sparsity_out(0))
 
     def eval(self, arguments: Any) -> list[ca.DM]:
-        # fatrop cannot be stopped from here, so it gets its gradient
-        try:
-            self.watch.report(np.array(arguments[0]).ravel())
-        except BaseException as problem:
-            if not _interrupts(problem):
-                raise
-            self.watch.stopped = True
+        self.watch.told(arguments[0])  # fatrop cannot be stopped from here: it gets its gradient
         return self.inner.call(arguments)
 
 
@@ -229,15 +200,14 @@ def watching(solver: str) -> Iterator[Callable[[], bool]]:
         if solver != "fatrop":
             raise KeyboardInterrupt
 
-    if threading.current_thread() is not threading.main_thread():  # signals go to the main thread
-        yield lambda: seen
-        return
-    previous = signal.getsignal(signal.SIGINT)
-    if previous is not signal.default_int_handler:  # another handler is installed
-        yield lambda: seen
-        return
-    signal.signal(signal.SIGINT, note)
+    usual = signal.default_int_handler
+    # signals go to the main thread, and another handler may be installed
+    in_main = threading.current_thread() is threading.main_thread()
+    noted = in_main and signal.getsignal(signal.SIGINT) is usual
+    if noted:
+        signal.signal(signal.SIGINT, note)
     try:
         yield lambda: seen
     finally:
-        signal.signal(signal.SIGINT, previous)
+        if noted:
+            signal.signal(signal.SIGINT, usual)

@@ -15,10 +15,11 @@ from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.outcome import Advice, Ledger, LedgerRow, Outcome, remark
 from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
 from microbot_ocp._base.status import Status
-from microbot_ocp.ocp.problem import Variable, node_variables
+from microbot_ocp.ocp.problem import Variable, node_variables, parts_of
 from microbot_ocp.ocp.solution._gap import UNKNOWN, Gap
 from microbot_ocp.ocp.transcription import (
     Guess,
+    Guesses,
     PhaseLayout,
     Program,
     assemble,
@@ -258,9 +259,8 @@ class Solution:
 
     def ended(self, status: Status, *remarks: str) -> Solution:
         """Return the same with another status, and remarks on it."""
-        return replace(
-            self, status=status, rows=Outcome.of(status).and_(*map(remark, remarks)).advice
-        )
+        rows = Outcome.of(status).and_(*map(remark, remarks)).advice
+        return replace(self, status=status, rows=rows)
 
     def remarked(self, *remarks: str) -> Solution:
         """Return the same with further remarks; empty ones are none."""
@@ -325,9 +325,8 @@ class Solution:
         nlp = assemble(layouts, parametric=True).nlp
         multipliers = ca.MX.sym("multipliers", self.row_multipliers.size)
         lagrangian = nlp["f"] + ca.dot(multipliers, nlp["g"])
-        slope = ca.Function(
-            "slope", [nlp["x"], nlp["p"], multipliers], [ca.gradient(lagrangian, nlp["p"])]
-        )
+        given = [nlp["x"], nlp["p"], multipliers]
+        slope = ca.Function("slope", given, [ca.gradient(lagrangian, nlp["p"])])
         data = np.concatenate([layout.data for layout in layouts])
         slopes = np.array(slope(self.variables, data, self.row_multipliers)).ravel()
         slopes *= -1.0 if self.maximize else 1.0
@@ -367,6 +366,9 @@ class Solution:
         return float(sum(phase.duration for phase in self.phases))
 
 
+Given = Guesses | Solution | str | None  # what a solve may start from
+
+
 @dataclass(frozen=True, eq=False)
 class Journal:
     """What a solve tried, and a row of the ledger for every strategy that was run."""
@@ -384,17 +386,11 @@ class Journal:
     ) -> None:
         """Enter what was tried by a strategy and what it led to, if to anything."""
         last = before if after is None else after
-        row = LedgerRow(
-            strategy=strategy,
-            run=1,
-            decided=after is not None,
-            cost_before=None if before is None else before.cost,
-            cost_after=None if last is None else last.cost,
-            iterations=sum(max(attempt.iterations, 0) for attempt in attempts),
-            seconds=seconds,
-        )
+        old, new = (None if each is None else each.cost for each in (before, last))
+        iterations = sum(max(attempt.iterations, 0) for attempt in attempts)
         self.attempts.extend(attempts)
-        self.rows.append(row)
+        decided = after is not None
+        self.rows.append(LedgerRow(strategy, 1, decided, old, new, iterations, seconds))
 
     def discard(self, part: slice) -> None:
         """Note that some rows did not lead to the answer."""
@@ -413,33 +409,21 @@ def unpack(layouts: Sequence[PhaseLayout], x: FloatArray) -> tuple[PhaseSolution
 def _phase_values(layout: PhaseLayout, x: FloatArray) -> PhaseSolution:
     nodes = x[layout.nodes] * layout.node_scale
     stages = x[layout.stages]
-    values: dict[str, FloatArray] = {}
-    for variable, columns in _columns(node_variables(layout.phase)):
-        values[variable.name] = nodes[:, columns]
+    values = parts_of(node_variables(layout.phase), nodes[:, :-1])
     inside: dict[str, list[FloatArray]] = {}
     controls = (x[layout.stage_variables] * layout.kind.scale)[:, layout.node_size :]
-    for variable, columns in _columns([k.source for k in layout.kind.inner]):
-        if variable.shape in ("constant", *INSIDE):
-            inside.setdefault(variable.name, []).append(controls[:, columns])
+    edges = np.cumsum([k.source.size for k in layout.kind.inner])
+    for k, part in zip(layout.kind.inner, np.split(controls, edges, axis=1), strict=False):
+        if k.source.shape in ("constant", *INSIDE):
+            inside.setdefault(k.source.name, []).append(part)
     for name, parts in inside.items():
         values[name] = np.stack(parts, axis=1) if len(parts) > 1 else parts[0]
-    return PhaseSolution(
-        layout.phase.name,
-        float(nodes[0, -1]),
-        layout.mesh,
-        values,
-        layout,
-        stages,
-        {v.name: values[v.name][0] for v in layout.phase.free_parameters},
-    )
+    free = {v.name: values[v.name][0] for v in layout.phase.free_parameters}
+    name, duration = layout.phase.name, float(nodes[0, -1])
+    return PhaseSolution(name, duration, layout.mesh, values, layout, stages, free)
 
 
-def _columns(variables: Sequence[Variable]) -> list[tuple[Variable, slice]]:
-    edges = np.cumsum([0, *(v.size for v in variables)])
-    return [(v, slice(a, a + v.size)) for v, a in zip(variables, edges[:-1], strict=True)]
-
-
-def pack(program: Program, guesses: Mapping[str, Guess]) -> FloatArray:
+def pack(program: Program, guesses: Guesses) -> FloatArray:
     """Return scaled variables from a guess for every phase.
 
     Raises
@@ -462,31 +446,20 @@ def pack(program: Program, guesses: Mapping[str, Guess]) -> FloatArray:
         table = [_guess_table(layout, guess, v, layout.mesh) for v in node_variables(phase)]
         table.append(np.full((layout.intervals + 1, 1), duration))
         x[layout.nodes] = np.hstack(table) / layout.node_scale
-        points = layout.kind.scheme.points
-        w = [
-            _guess_table(
-                layout,
-                guess,
-                k.source,
-                layout.mesh[:-1] + k.fraction * steps,
-                points.index(k.fraction) if k.source.shape in INSIDE else None,
-            )
-            for k in layout.kind.inner
-        ]
-        if w:
-            places = layout.stage_variables[:, layout.node_size :]
-            x[places] = np.hstack(w) / layout.kind.scale[layout.node_size :]
+        points, w = layout.kind.scheme.points, [np.zeros((layout.intervals, 0))]
+        for k in layout.kind.inner:
+            which = points.index(k.fraction) if k.source.shape in INSIDE else None
+            at = layout.mesh[:-1] + k.fraction * steps
+            w.append(_guess_table(layout, guess, k.source, at, which))
+        inner = slice(layout.node_size, None)
+        x[layout.stage_variables[:, inner]] = np.hstack(w) / layout.kind.scale[inner]
     fill_values(program.layouts, x)
     fill_transitions(program.layouts, x)
     return x
 
 
 def _guess_table(
-    layout: PhaseLayout,
-    guess: Guess,
-    variable: Variable,
-    points: FloatArray,
-    which: int | None = None,
+    layout: PhaseLayout, guess: Guess, variable: Variable, at: FloatArray, which: int | None = None
 ) -> FloatArray:
     """Return the guess of a variable at fractions of the phase, at a point of the scheme where it
     has some.
@@ -495,15 +468,15 @@ def _guess_table(
     if variable.name not in guess.values:
         if variable.shape in ("state", "linear", "parameter"):
             raise InputError(f"{label} is missing")
-        return np.zeros((points.size, variable.size))
-    table = guess_table(guess.values[variable.name], variable.size, points)
+        return np.zeros((at.size, variable.size))
+    table = guess_table(guess.values[variable.name], variable.size, at)
     if table.ndim == 3 and which is not None and which < table.shape[1]:
         table = table[:, which]  # of the values of an earlier solution
-    if table.shape == (layout.mesh.size, variable.size) and not np.array_equal(points, layout.mesh):
-        table = np.column_stack([np.interp(points, layout.mesh, column) for column in table.T])
-    if table.shape != (points.size, variable.size):
+    if table.shape == (layout.mesh.size, variable.size) and not np.array_equal(at, layout.mesh):
+        table = np.column_stack([np.interp(at, layout.mesh, column) for column in table.T])
+    if table.shape != (at.size, variable.size):
         raise InputError(
-            f"{label} must have shape [{points.size}, {variable.size}], not {list(table.shape)}"
+            f"{label} must have shape [{at.size}, {variable.size}], not {list(table.shape)}"
         )
     if not np.isfinite(table).all():
         raise InputError(f"{label} must be finite")

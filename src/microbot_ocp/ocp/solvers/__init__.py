@@ -2,9 +2,8 @@
 
 Comes in: a problem or transcription, a mesh, a guess and :class:`SolverSettings`. Goes out: a
 :class:`Solution`, converged or not. Begin with :func:`solve_on` in ``_chain.py``, which runs
-solvers in turn; ``_run.py`` runs one of them, ``_plugins.py`` has their options,
-``_acceptance.py`` judges the point, ``_parametric.py`` solves with changed data,
-``_persistence.py`` saves and loads.
+solvers in turn; ``_run.py`` runs one of them and judges its point, ``_plugins.py`` has their
+options, ``_parametric.py`` solves with changed data, ``_persistence.py`` saves and loads.
 """
 
 import lazy_loader

@@ -1,8 +1,5 @@
 """Public names; loaded when they are first asked for."""
 
-from ._acceptance import (
-    accepted as accepted,
-)
 from ._chain import (
     SolveContext as SolveContext,
     program_on as program_on,
@@ -24,14 +21,13 @@ from ._persistence import (
     saved_with as saved_with,
 )
 from ._plugins import (
+    SOLVERS as SOLVERS,
+    SolverSettings as SolverSettings,
     create as create,
 )
 from ._run import (
     Solvers as Solvers,
+    accepted as accepted,
     arguments_of as arguments_of,
     status_of as status_of,
-)
-from ._settings import (
-    SOLVERS as SOLVERS,
-    SolverSettings as SolverSettings,
 )

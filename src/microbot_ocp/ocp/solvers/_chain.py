@@ -1,10 +1,16 @@
-"""Solvers in turn until one converges.
+"""Solvers in turn until one converges, and on until its answer is as near the optimum as wanted.
 
 The chain of "auto" is: from an earlier solution with multipliers IPOPT, warm; then IPOPT; then
-fatrop. The first that converges ends it; from there the solve goes on until the gap is as small as
-wanted. The solution lists every attempt. The SQP method is active-set: good for small programs and
-for solves from a neighbouring solution, never chosen by itself; it clips the eigenvalues of the
-Hessian, and where that fails it tries once more with a regularised one.
+fatrop. The first that converges ends it. The solution lists every attempt. The SQP method is
+active-set: good for small programs and for solves from a neighbouring solution, never chosen by
+itself; it clips the eigenvalues of the Hessian, and where that fails it tries once more with a
+regularised one.
+
+Solvers stop at a barrier parameter that belongs to their tolerance, whatever that costs: on a flat
+problem with many limits much more than the tolerance. The gap tells how much, and the solve goes on
+from there with the barrier that the wanted gap asks for. IPOPT's tolerance is of rows divided by
+their slopes, too, and it moves bounds by a share of their size: what it calls solved may miss a row
+or bound of the program by a thousand times the tolerance.
 """
 
 from __future__ import annotations
@@ -14,19 +20,32 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+import casadi as ca
+import numpy as np
+
 from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.diagnosis import advice, finite_start
-from microbot_ocp.ocp.problem import OptimalControlProblem
-from microbot_ocp.ocp.solution import Attempt, Progress, Solution, StartingPoint, unpack
+from microbot_ocp.ocp.solution import (
+    UNKNOWN,
+    Attempt,
+    Gap,
+    Given,
+    Progress,
+    Solution,
+    StartingPoint,
+    cost_size,
+    gap_of,
+    unpack,
+)
 from microbot_ocp.ocp.solvers._ldl import asks_for_ldl, without_ldl
+from microbot_ocp.ocp.solvers._plugins import WARM_PUSHES, SolverSettings
 from microbot_ocp.ocp.solvers._run import Runner, SolverOutcome, Solvers
-from microbot_ocp.ocp.solvers._settings import SolverSettings
-from microbot_ocp.ocp.solvers._tightening import tightened
 from microbot_ocp.ocp.starts import cost_scale, scaled, starting_point
-from microbot_ocp.ocp.transcription import Guess, Meshes, Program, Transcription
+from microbot_ocp.ocp.transcription import AnyProblem, Meshes, Program, Transcription
 from microbot_ocp.ocp.transcription.schemes import Scheme
+from microbot_ocp.ocp.verification import Thresholds
 
 UNSURE = (Status.FAILED, Status.INFEASIBLE)  # without pivots in the linear solver
 
@@ -34,34 +53,26 @@ UNSURE = (Status.FAILED, Status.INFEASIBLE)  # without pivots in the linear solv
 def solve_on(
     transcription: Transcription,
     mesh: Meshes,
-    guess: Mapping[str, Guess] | Solution | str | None,
+    guess: Given,
     settings: SolverSettings,
     until: float | None = None,
     progress: Progress | None = None,
-    warm_only: bool = False,
     uneven: bool = False,
 ) -> Solution:
     """Solve on a mesh from a guess, by the solvers of the settings in turn.
 
-    With ``warm_only`` it ends where the warm start from a solution does not converge. With
-    ``uneven`` a guess that is no solution is moved off what is symmetric.
+    With ``uneven`` a guess that is no solution is moved off what is symmetric.
     """
     program, begin, build_time = program_on(transcription, mesh, guess, settings, uneven)
     return run_chain(
-        program,
-        settings,
-        begin,
-        progress=progress,
-        build_time=build_time,
-        until=until,
-        warm_only=warm_only,
+        program, settings, begin, progress=progress, build_time=build_time, until=until
     )
 
 
 def program_on(
     transcription: Transcription,
     mesh: Meshes,
-    guess: Mapping[str, Guess] | Solution | str | None,
+    guess: Given,
     settings: SolverSettings,
     uneven: bool = False,
 ) -> tuple[Program, StartingPoint, float]:
@@ -96,12 +107,7 @@ class SolveContext:
         return time.perf_counter() >= self.until
 
     def solve(
-        self,
-        mesh: Meshes,
-        guess: Mapping[str, Guess] | Solution | str | None,
-        *,
-        uneven: bool = False,
-        **settings: Any,
+        self, mesh: Meshes, guess: Given, *, uneven: bool = False, **settings: Any
     ) -> Solution:
         """Return one solve, with other settings where these are given."""
         changed = replace(self.settings, **settings)
@@ -110,11 +116,11 @@ class SolveContext:
 
 
 def transcribed(
-    problem: OptimalControlProblem | Transcription,
+    problem: AnyProblem,
     settings: SolverSettings,
     *,
     scheme: str | Scheme = "radau",
-    guess: Mapping[str, Guess] | Solution | str | None = None,
+    guess: Given = None,
 ) -> Transcription:
     """Return a transcription as it is, or that of a problem, with the scales that the settings
     want.
@@ -147,6 +153,7 @@ def run_chain(
 
     ``solvers`` keeps them for further solves of the same program; ``until`` is when the time of all
     is over, by the clock of ``time.perf_counter``: by default the limit of the settings from now.
+    With ``warm_only`` it ends where the warm start from a solution does not converge.
     """
     until = time.perf_counter() + settings.time_limit if until is None else until
     until = min(until, deadline.until())
@@ -176,7 +183,7 @@ def run_chain(
     outcome, gap, further = tightened(runner, outcome)
     attempts += further
     ended = [*(a for a in attempts if a is not outcome.attempt), outcome.attempt]
-    point = outcome.point
+    point, problem = outcome.point, program.layouts[0].phase.problem
     return Solution(
         status=outcome.attempt.status,
         cost=outcome.attempt.cost,
@@ -191,7 +198,7 @@ def run_chain(
         gap=gap,
         start=start,
         rows=advice(program, start, point.x, ended),
-        maximize=_maximizes(program),
+        maximize=problem is not None and problem.maximize,
     )
 
 
@@ -201,6 +208,118 @@ def _rank(status: Status) -> int:
     return order.index(status) if status in order else len(order)
 
 
-def _maximizes(program: Program) -> bool:
-    problem = program.layouts[0].phase.problem
-    return problem is not None and problem.maximize
+# going on until the gap is small ------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Tightening:
+    """How far a barrier is lowered for a small gap.
+
+    Attributes
+    ----------
+    ratio : of the wanted gap that the barrier may take
+    least_barrier : parameter below which no solver gets
+    """
+
+    ratio: float = 0.5
+    least_barrier: float = 1e-15
+
+
+TIGHTENING = Tightening()
+
+# Tolerance of every further solve and its options. The second moves what the first cannot: IPOPT
+# exceeds bounds by 1e-8 of their size unless it is told not to, which takes a larger barrier.
+FURTHER: tuple[tuple[float, dict[str, float]], ...] = (
+    (1e-8, {}),
+    (1e-10, {"bound_relax_factor": 1e-10, "mu_init": 1e-6}),
+)
+
+
+def gap_at(program: Program, outcome: SolverOutcome) -> Gap:
+    """Return the gap of what a solver left; not a number where it is none."""
+    x, lam_g, lam_x = outcome.point.x, *outcome.point.multipliers
+    if not all(np.isfinite(k).all() for k in (x, lam_g, lam_x)):
+        return UNKNOWN
+    rows, jacobian = program.functions["jacobian"](x, program.parameters)
+    _, slope = program.functions["gradient"](x, program.parameters)
+    slope = np.array(slope + ca.mtimes(jacobian.T, ca.DM(lam_g))).ravel() + lam_x
+    return gap_of(program, x, np.array(rows).ravel(), slope, np.concatenate([lam_x, lam_g]))
+
+
+def wanted_gap(program: Program, settings: SolverSettings, cost: float) -> float:
+    """Return the gap that the settings allow, in the unit of the cost."""
+    return settings.gap * cost_size(cost, program.cost_scale)
+
+
+def tightened(runner: Runner, outcome: SolverOutcome) -> tuple[SolverOutcome, Gap, list[Attempt]]:
+    """Return an outcome as near its optimum as wanted, its gap, and the further attempts that it
+    took.
+
+    What did not converge stays as it is. Where the gap stays larger than wanted, that is the status
+    of the last attempt. Where no gap is wanted no more is done.
+    """
+    if outcome.attempt.status is not Status.SOLVED:
+        return outcome, UNKNOWN, []
+    program, settings = runner.program, runner.settings
+    best, gap = outcome, gap_at(program, outcome)
+    attempts: list[Attempt] = []
+    wanted = wanted_gap(program, settings, best.attempt.cost)
+    for tolerance, options in FURTHER:
+        near = not gap.total > wanted and (wanted == np.inf or _keeps_all(best))
+        if near or time.perf_counter() > runner.until:
+            break
+        tried = _further(runner, best, min(wanted, gap.slack), tolerance, options)
+        attempts.append(tried.attempt)
+        if tried.attempt.status is Status.INTERRUPTED:
+            return tried, UNKNOWN, attempts
+        gap_there = gap_at(program, tried)
+        nearer = gap_there.total < gap.total or (gap_there.total <= wanted and not _keeps_all(best))
+        allowed = max(settings.tolerance, best.attempt.infeasibility)
+        if nearer and tried.attempt.infeasibility <= allowed:
+            best = replace(tried, attempt=replace(tried.attempt, status=Status.SOLVED))
+            gap, attempts[-1] = gap_there, best.attempt
+        wanted = wanted_gap(program, settings, best.attempt.cost)
+    if not gap.total <= wanted:
+        message = f"at most {gap.total:.2g} above the optimum, {wanted:.2g} is wanted"
+        left = replace(
+            best.attempt, status=Status.GAP_LEFT, message=message, iterations=0, wall_time=0.0
+        )
+        return replace(best, attempt=left), gap, [*attempts, left]
+    return best, gap, attempts
+
+
+def _keeps_all(outcome: SolverOutcome) -> bool:
+    """Return whether rows and bounds are kept to what passes."""
+    return outcome.attempt.infeasibility <= Thresholds().feasibility
+
+
+def _further(
+    runner: Runner,
+    before: SolverOutcome,
+    slack: float,
+    tolerance: float,
+    options: Mapping[str, Any],
+) -> SolverOutcome:
+    program, settings = runner.program, runner.settings
+    ranges = program.lower < program.upper
+    count = sum(int(np.sum(np.isfinite(k) & ranges)) for k in (program.lower, program.upper))
+    barrier = max(
+        TIGHTENING.ratio * slack / program.cost_scale / max(count, 1), TIGHTENING.least_barrier
+    )
+    closer: dict[str, Any] = {
+        "compl_inf_tol": barrier,
+        "constr_viol_tol": settings.tolerance,
+        "mu_init": barrier,
+        **dict.fromkeys(WARM_PUSHES, 1e-16),
+        **options,
+        **settings.options.get("ipopt", {}),
+    }
+    finer = replace(
+        settings,
+        solver="ipopt",
+        tolerance=min(settings.tolerance, tolerance),
+        initial_barrier=None,
+        options={**settings.options, "ipopt": closer},
+    )
+    # not kept for other solves: it has the barrier of this one
+    return replace(runner, settings=finer, solvers=None).run("ipopt", before.point, variant=True)

@@ -6,13 +6,11 @@ neighbouring problem starts from its multipliers, too, and takes a few iteration
 
 from __future__ import annotations
 
-import copy
 import pickle
 import re
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from threading import RLock
 from typing import Any
@@ -21,24 +19,11 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp._base import checks
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import InputError
 from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
 from microbot_ocp._base.writing import write_whole
 from microbot_ocp.ocp.diagnosis import finite_start
-from microbot_ocp.ocp.problem import (
-    CONSTANTS,
-    LIMITS,
-    VARIABLES,
-    OptimalControlProblem,
-    Parameter,
-    Phase,
-    Variable,
-    duration_bounds,
-    node_variables,
-    ordered,
-    with_items,
-    with_phases,
-)
+from microbot_ocp.ocp.problem import with_phases
 from microbot_ocp.ocp.solution import Progress, Solution
 from microbot_ocp.ocp.solvers import (
     SOLVERS,
@@ -50,13 +35,13 @@ from microbot_ocp.ocp.solvers import (
     transcribed,
     with_cost_scale,
 )
-from microbot_ocp.ocp.starts import starting_point
+from microbot_ocp.ocp.starts import starting_point, with_changes
 from microbot_ocp.ocp.transcription import (
     DURATION,
-    Guess,
+    AnyProblem,
+    Guesses,
     Meshes,
     Program,
-    Transcription,
     assemble,
     bounds_of,
 )
@@ -82,6 +67,7 @@ class ParametricSolver:
 
     Examples
     --------
+    >>> from microbot_ocp.ocp import OptimalControlProblem
     >>> problem = OptimalControlProblem("double integrator")
     >>> phase = problem.phase("move", duration=(0.1, 10.0))
     >>> x = phase.state("x", initial=0.0, final=1.0, unit="m")
@@ -99,10 +85,7 @@ class ParametricSolver:
     """
 
     def __init__(
-        self,
-        transcription: Transcription | OptimalControlProblem,
-        mesh: Meshes = 50,
-        settings: SolverSettings | None = None,
+        self, transcription: AnyProblem, mesh: Meshes = 50, settings: SolverSettings | None = None
     ) -> None:
         self.settings = settings or SolverSettings()
         self.transcription = transcription = transcribed(transcription, self.settings)
@@ -119,7 +102,7 @@ class ParametricSolver:
         initial: Changes | None = None,
         final: Changes | None = None,
         durations: Mapping[str, float | tuple[float, float]] | None = None,
-        guess: Mapping[str, Guess] | Solution | None = None,
+        guess: Guesses | Solution | None = None,
         progress: Progress | None = None,
     ) -> Solution:
         """Solve with some of the data changed; what is not named is as declared.
@@ -160,7 +143,7 @@ class ParametricSolver:
             program, self.settings, start, progress=progress, build_time=spent, solvers=self._cache
         )
 
-    def scale_cost(self, guess: Mapping[str, Guess] | Solution | None) -> None:
+    def scale_cost(self, guess: Guesses | Solution | None) -> None:
         """Take the scale of the cost from this guess."""
         start = self._start(self.program, guess)
         self._cost_scale = with_cost_scale(self.program, start.x, self.settings).cost_scale
@@ -217,7 +200,7 @@ class ParametricSolver:
         code.add(_values(program))
         return write_whole(path, code.dump())
 
-    def _start(self, program: Program, guess: Mapping[str, Guess] | Solution | None) -> Any:
+    def _start(self, program: Program, guess: Guesses | Solution | None) -> Any:
         phases = (layout.phase for layout in program.layouts)
         problem = with_phases(self.transcription.problem, phases)
         start = starting_point(program, problem, guess)
@@ -232,7 +215,7 @@ class ParametricSolver:
         layouts = []
         for layout in self.program.layouts:
             of_phase = {what: changes.get(layout.phase.name) for what, changes in given.items()}
-            layouts.append(replace(layout, phase=_with_changes(layout.phase, of_phase)))
+            layouts.append(replace(layout, phase=with_changes(layout.phase, of_phase)))
         return replace(
             self.program,
             layouts=tuple(layouts),
@@ -275,79 +258,3 @@ def _restored(state: bytes) -> ParametricSolver:
     solver = ParametricSolver(transcription, mesh, settings)
     solver._cost_scale = cost_scale
     return solver
-
-
-def _with_changes(phase: Phase, changes: Mapping[str, Any]) -> Phase:
-    """Return a copy of a phase with the same expressions and other limits and parameters."""
-    changed, nodes = copy.copy(phase), {v.name for v in node_variables(phase)}
-    for name, value in (changes["parameters"] or {}).items():
-        new = partial(Parameter.with_value, value=value)
-        changed = _changed(changed, "parameter", [CONSTANTS], name, new)
-    for name, pair in (changes["bounds"] or {}).items():
-        changed = _changed(changed, "limit", [LIMITS, VARIABLES], name, partial(_bounded, pair))
-    for which in ("initial", "final"):
-        for name, value in (changes[which] or {}).items():
-            new = partial(_conditioned, phase.name, which, value)
-            changed = _changed(changed, which, [VARIABLES], name, new, nodes)
-    if changes["durations"] is not None:
-        if phase.point_fractions:
-            raise InputError(
-                f"phase {phase.name!r} has costs or constraints at given times: its duration is "
-                "as declared"
-            )
-        changed.duration_bounds = duration_bounds(phase.name, changes["durations"])
-    return changed
-
-
-def _changed(
-    phase: Phase,
-    what: str,
-    groups: Sequence[Sequence[str]],
-    name: str,
-    new: Callable[[Any], Any],
-    among: set[str] | None = None,
-) -> Phase:
-    """Return the phase with what bears a name changed, in those lists of the first group that
-    have it.
-    """
-    there: set[str] = set()
-    for group in groups:
-        names = {item.name for kind in group for item in getattr(phase, kind)}
-        names &= names if among is None else among
-        there |= names
-        if name in names:
-            return with_items(phase, lambda item: new(item) if item.name == name else item, group)
-    raise InputError(f"phase {phase.name!r} has no {what} {name!r}; it has {sorted(there)}")
-
-
-def _bounded(pair: Any, old: Any) -> Any:
-    low, high = _pair(old.name, pair, (old.lower, old.upper), old.unit)
-    return replace(old, lower=low, upper=high)
-
-
-def _conditioned(phase: str, which: str, value: Any, old: Variable) -> Variable:
-    declared = getattr(old, which)
-    if declared is None:
-        raise InputError(
-            f"{old.name!r} of phase {phase!r} was declared without {which}: the program has "
-            f"no row for it; declare a range that always holds"
-        )
-    pair = value if isinstance(value, tuple) and len(value) == 2 else (value, value)
-    low, high = _pair(f"{which} {old.name}", pair, declared, old.unit)
-    free = np.isinf(declared[0]) & np.isinf(declared[1])
-    if np.any(free & (np.isfinite(low) | np.isfinite(high))):
-        raise InputError(
-            f"{which} {old.name!r} of phase {phase!r} was declared free in entry "
-            f"{int(np.argmax(free))}: the program has no row for it"
-        )
-    return replace(old, **{which: (low, high)})
-
-
-def _pair(
-    name: str, pair: Any, declared: tuple[FloatArray, FloatArray], unit: str
-) -> tuple[FloatArray, FloatArray]:
-    """Return bounds from a pair in which None leaves one of them as it was declared."""
-    if not isinstance(pair, tuple) or len(pair) != 2:
-        raise InputError(f"bounds of {name!r} must be a pair (lower, upper), not {pair!r}")
-    low, high = (old if new is None else new for new, old in zip(pair, declared, strict=True))
-    return ordered(name, low, high, declared[0].size, unit)

@@ -7,7 +7,6 @@ settings of the solver and the versions of the packages.
 from __future__ import annotations
 
 import platform
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,41 +19,24 @@ from microbot_ocp._base.archive import no_archive, read_archive, write_archive
 from microbot_ocp._base.checks import FloatArray, InputError, shortened
 from microbot_ocp._base.outcome import Advice, Ledger, Outcome
 from microbot_ocp._base.status import Status
-from microbot_ocp.ocp.problem import OptimalControlProblem, with_phases
+from microbot_ocp.ocp.problem import with_phases
 from microbot_ocp.ocp.solution import UNKNOWN, Attempt, Gap, PhaseSolution, Solution, StartingPoint
 from microbot_ocp.ocp.solvers import SolverSettings, run_chain
 from microbot_ocp.ocp.starts import problem_data, with_problem_data
 from microbot_ocp.ocp.transcription import (
+    SCHEMES,
+    AnyProblem,
+    IntegratorShooting,
     PhaseLayout,
     Transcription,
     assemble,
     bounds_of,
     mesh_of,
 )
-from microbot_ocp.ocp.transcription.schemes import (
-    Collocation,
-    HermiteSimpson,
-    IntegratorShooting,
-    Scheme,
-    Shooting,
-    Trapezoidal,
-)
 
 SCHEMA = 1
-_SCHEMES: dict[str, Callable[..., Scheme]] = {
-    kind.__name__: kind
-    for kind in (Collocation, HermiteSimpson, IntegratorShooting, Shooting, Trapezoidal)
-}
+_SCHEMES = {type(k).__name__: type(k) for k in (*SCHEMES.values(), IntegratorShooting())}
 _OF_ROWS = ("row_multipliers", "start.rows")  # the other arrays are of the variables
-
-
-def versions() -> dict[str, str]:
-    """Return versions of CasADi, numpy and Python."""
-    return {
-        "casadi": ca.CasadiMeta.version(),
-        "numpy": np.__version__,
-        "python": platform.python_version(),
-    }
 
 
 def save_solution(solution: Solution, path: str | Path) -> Path:
@@ -98,7 +80,11 @@ def save_solution(solution: Solution, path: str | Path) -> Path:
         "ledger": solution.ledger.as_dicts(),
         "settings": dict(solution.settings),
         "phases": phases,
-        "versions": versions(),
+        "versions": {
+            "casadi": ca.CasadiMeta.version(),
+            "numpy": np.__version__,
+            "python": platform.python_version(),
+        },
     }
     return write_archive(path, arrays, metadata, "the options of a solution")
 
@@ -117,9 +103,7 @@ def _arrays_of(solution: Solution) -> dict[str, FloatArray]:
     return {name: values for name, values in arrays.items() if values is not None}
 
 
-def load_solution(
-    path: str | Path, problem: OptimalControlProblem | Transcription | None = None
-) -> Solution:
+def load_solution(path: str | Path, problem: AnyProblem | None = None) -> Solution:
     """Read a solution that :func:`save_solution` wrote.
 
     Parameters
@@ -138,9 +122,7 @@ def load_solution(
     return _read(path, problem)[0]
 
 
-def _read(
-    path: str | Path, problem: OptimalControlProblem | Transcription | None = None
-) -> tuple[Solution, dict[str, Any]]:
+def _read(path: str | Path, problem: AnyProblem | None = None) -> tuple[Solution, dict[str, Any]]:
     """Return a solution and the metadata of its file."""
     arrays, metadata = read_archive(path, "solution", SCHEMA)
     try:
@@ -153,7 +135,7 @@ def _read(
     return solution, metadata
 
 
-def repeat(path: str | Path, problem: OptimalControlProblem | Transcription) -> Solution:
+def repeat(path: str | Path, problem: AnyProblem) -> Solution:
     """Solve again as a saved solution was solved: problem data, mesh, scheme, settings and start.
 
     On the same machine with the same versions (see :func:`saved_with`) the outcome is the same.
@@ -188,38 +170,31 @@ def saved_with(path: str | Path) -> dict[str, Any]:
 
 
 def _restored(
-    metadata: dict[str, Any],
-    arrays: dict[str, FloatArray],
-    problem: OptimalControlProblem | Transcription | None,
+    metadata: dict[str, Any], arrays: dict[str, FloatArray], problem: AnyProblem | None
 ) -> Solution:
     meshes = [mesh_of(arrays[f"phase{i}.mesh"]) for i in range(len(metadata["phases"]))]
-    layouts: tuple[PhaseLayout | None, ...] = (None,) * len(meshes)
-    if problem is not None:
-        transcription = _as_solved(metadata, problem)
-        layouts = _layouts(metadata, arrays, meshes, transcription)
-    phases = tuple(
-        PhaseSolution(
-            name=described["name"],
-            duration=float(described["duration"]),
-            mesh=meshes[i],
-            values={
-                name: arrays[f"phase{i}.value{k}"] for k, name in enumerate(described["values"])
-            },
-            layout=layouts[i],
-            stages=arrays.get(f"phase{i}.stages"),
-            parameters={k: np.array(v, float) for k, v in described.get("free", {}).items()},
-        )
-        for i, described in enumerate(metadata["phases"])
-    )
-    attempts = tuple(
-        Attempt(**{**entry, "status": Status[entry["status"]]}) for entry in metadata["attempts"]
-    )
+    layouts = [None] * len(meshes) if problem is None else _layouts(metadata, meshes, problem)
+    phases = []
+    for i, (described, layout) in enumerate(zip(metadata["phases"], layouts, strict=True)):
+        stages = arrays.get(f"phase{i}.stages")
+        count = None if layout is None else layout.stages.stop - layout.stages.start
+        if stages is not None and count not in (None, stages.size):
+            raise InputError(
+                f"phase {described['name']!r} of the solution has other variables than the "
+                "transcription"
+            )
+        values = {name: arrays[f"phase{i}.value{k}"] for k, name in enumerate(described["values"])}
+        free = {k: np.array(v, float) for k, v in described.get("free", {}).items()}
+        named = described["name"], float(described["duration"]), meshes[i]
+        phases.append(PhaseSolution(*named, values, layout, stages, free))
+    attempts = (Attempt(**{**a, "status": Status[a["status"]]}) for a in metadata["attempts"])
     status = Status[metadata["status"]]
+    x, rows, variables = (arrays.get(f"start.{what}") for what in ("x", "rows", "variables"))
     return Solution(
         status=status,
         cost=float(metadata["cost"]),
-        phases=phases,
-        attempts=attempts,
+        phases=tuple(phases),
+        attempts=tuple(attempts),
         row_multipliers=arrays["row_multipliers"],
         build_time=float(metadata["build_time"]),
         variable_multipliers=arrays.get("variable_multipliers"),
@@ -230,11 +205,7 @@ def _restored(
         maximize=bool(metadata.get("maximize", False)),
         gap=Gap(**metadata["gap"]) if metadata.get("gap") else UNKNOWN,
         rows=_advice(metadata.get("advice"), status),
-        start=StartingPoint(
-            arrays["start.x"], arrays.get("start.rows"), arrays.get("start.variables")
-        )
-        if "start.x" in arrays
-        else None,
+        start=None if x is None else StartingPoint(x, rows, variables),
     )
 
 
@@ -271,10 +242,10 @@ def _check_numbers(solution: Solution) -> None:
     checks.number("cost_scale", solution.cost_scale, above=0.0)
 
 
-def _as_solved(
-    metadata: dict[str, Any], problem: OptimalControlProblem | Transcription
-) -> Transcription:
-    """Return the problem with the data, and by the scheme, of a solve."""
+def _layouts(
+    metadata: dict[str, Any], meshes: list[FloatArray], problem: AnyProblem
+) -> tuple[PhaseLayout, ...]:
+    """Lay the problem out with the data, and by the scheme, of a solve."""
     given = problem.problem if isinstance(problem, Transcription) else problem
     described = metadata["phases"]
     names, declared = [d["name"] for d in described], [phase.name for phase in given.phases]
@@ -282,31 +253,16 @@ def _as_solved(
         raise InputError(f"the solution has the phases {names}, the problem {declared}")
     if not all("numbers" in d for d in described):
         if isinstance(problem, Transcription):
-            return problem
+            return problem.layouts(meshes)
         raise InputError("the solution has no problem data: give its transcription")
     pairs = zip(given.phases, described, strict=True)
     solved = with_phases(given, (with_problem_data(phase, d["numbers"]) for phase, d in pairs))
     if isinstance(problem, Transcription):
-        return Transcription(solved, scheme=problem.scheme)
-    name, settings = described[0]["scheme"]
-    return Transcription(solved, scheme=_SCHEMES[name](**settings))
-
-
-def _layouts(
-    metadata: dict[str, Any],
-    arrays: dict[str, FloatArray],
-    meshes: list[FloatArray],
-    transcription: Transcription,
-) -> tuple[PhaseLayout, ...]:
-    names = [described["name"] for described in metadata["phases"]]
-    layouts = transcription.layouts(meshes)
-    for i, layout in enumerate(layouts):
-        stages = arrays.get(f"phase{i}.stages")
-        if stages is not None and stages.size != layout.stages.stop - layout.stages.start:
-            raise InputError(
-                f"phase {names[i]!r} of the solution has other variables than the transcription"
-            )
-    return layouts
+        scheme = problem.scheme
+    else:
+        name, settings = described[0]["scheme"]
+        scheme = _SCHEMES[name](**settings)
+    return Transcription(solved, scheme=scheme).layouts(meshes)
 
 
 def _advice(saved: Any, status: Status) -> tuple[Advice, ...]:

@@ -1,4 +1,5 @@
-"""Plugins of CasADi with their options: fatrop, IPOPT, its warm start, the SQP method.
+"""How to solve a program, and the plugins of CasADi that do it: fatrop, IPOPT, its warm start, the
+SQP method.
 
 All get the derivatives of the stage kernels instead of an automatic differentiation of the whole
 program, which would cost more time than the solve; fatrop gets the stages, too.
@@ -10,7 +11,7 @@ import contextlib
 import ctypes
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
@@ -18,11 +19,75 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import InputError
 from microbot_ocp.ocp.solution import Watch
-from microbot_ocp.ocp.solvers._ldl import as_ipopt_knows
-from microbot_ocp.ocp.solvers._settings import SolverSettings
+from microbot_ocp.ocp.solvers._ldl import as_ipopt_knows, check_linear_solver
 from microbot_ocp.ocp.transcription import Program
 from microbot_ocp.ocp.transcription._assembly import MadeOnDemand
+
+SOLVERS = ("fatrop", "ipopt", "sqp")
+SCALINGS = ("auto", "declared")
+CHAIN = ("ipopt", "fatrop")  # of "auto"
+
+
+@dataclass(frozen=True)
+class SolverSettings:
+    """How to solve a program.
+
+    Attributes
+    ----------
+    solver : "auto" (IPOPT, at last fatrop if it does not converge), "fatrop", "ipopt" or
+        "sqp", or several of them in turn
+    tolerance : optimality and feasibility of the scaled program
+    max_iterations : limit for each solver
+    initial_barrier : start of the barrier parameter; small for a warm start
+    gap : how much the cost may be above that of the local optimum, relative to it (to a thousandth
+        of its scale where it is less): a solve that converged goes on until it is known to be
+        less; infinite to leave it at that, which ``solve`` then calls "gap left" where it is more
+        than ``verify`` lets pass
+    options : further options by solver name; "ipopt warm" are those of IPOPT from a solution with
+        multipliers alone
+    scaling : "auto" (sizes that were not declared are found, see
+        ``ocp/starts/_scaling.py``) or "declared" (one where no scale was declared)
+    time_limit : wall time after which a solve is stopped, s; of all solvers together
+    """
+
+    solver: str | tuple[str, ...] = "auto"
+    tolerance: float = 1e-7
+    gap: float = 1e-6
+    max_iterations: int = 1000
+    initial_barrier: float | None = None
+    options: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    scaling: str = "auto"
+    time_limit: float = np.inf
+
+    def __post_init__(self) -> None:
+        checks.one_of("scaling", self.scaling, SCALINGS)
+        checks.time_limit(self.time_limit)
+        self.chain()
+        checks.number("tolerance", self.tolerance, above=0.0)
+        if not (isinstance(self.gap, float) and self.gap == np.inf):
+            checks.number("gap", self.gap, above=0.0)
+        most = checks.MOST_ITERATIONS
+        checks.whole("max_iterations", self.max_iterations, at_least=0, at_most=most)
+        if self.initial_barrier is not None:
+            checks.number("initial_barrier", self.initial_barrier, above=0.0)
+        if "linear_solver" in self.options.get("ipopt", {}):
+            check_linear_solver(self.options["ipopt"]["linear_solver"])
+
+    def chain(self) -> tuple[str, ...]:
+        """Return solvers to try in turn."""
+        if not isinstance(self.solver, str):
+            if not self.solver:
+                raise InputError("solver must name at least one solver, or be 'auto'")
+            return tuple(checks.one_of("solver", name, SOLVERS) for name in self.solver)
+        checks.one_of("solver", self.solver, ("auto", *SOLVERS))
+        return CHAIN if self.solver == "auto" else (self.solver,)
+
+    def as_dict(self) -> dict[str, object]:
+        """Plain values for JSON."""
+        return {**asdict(self), "options": {k: dict(v) for k, v in self.options.items()}}
 
 
 @dataclass(frozen=True)
@@ -66,15 +131,12 @@ IPOPT_OPTIONS = {
     "mumps_mem_percent": 100,
     "acceptable_iter": 0,  # an acceptable level is no optimum
 }
-WARM_PUSHES = tuple(
-    f"warm_start_{what}"
-    for what in (
-        "bound_push",
-        "bound_frac",
-        "slack_bound_push",
-        "slack_bound_frac",
-        "mult_bound_push",
-    )
+WARM_PUSHES = (
+    "warm_start_bound_push",
+    "warm_start_bound_frac",
+    "warm_start_slack_bound_push",
+    "warm_start_slack_bound_frac",
+    "warm_start_mult_bound_push",
 )
 SQP_OPTIONS = {
     "qpsol": "qrqp",
@@ -107,7 +169,9 @@ def create(
         "show_eval_warnings": False,  # the advice reports it
     }
     make = {"fatrop": _fatrop, "ipopt": _ipopt, "sqp": _sqp}[name]
-    plugin, options, cache = make(program, settings, variant)
+    functions = _with_scaled_cost(program)
+    plugin, options, cache = make(program, functions, settings, variant)
+    cache["nlp_grad"] = functions["lagrangian"]
     if name == "ipopt" and np.isfinite(seconds):
         timed = {"max_wall_time": max(seconds, 1e-3), **options["ipopt"]}
         options = {**options, "ipopt": timed}
@@ -133,13 +197,14 @@ def _keep_to_one_thread() -> None:
             ctypes.CDLL(str(library)).openblas_set_num_threads(1)
 
 
+Functions = Mapping[str, ca.Function]
 Plugin = tuple[str, dict[str, Any], dict[str, ca.Function]]
 
 # how many outputs of a function are of the cost: the first
 _OF_COST = {"lagrangian": 1, "gradient": 2, "gradient_only": 1, "hessian": 0, "hessian_upper": 0}
 
 
-def _with_scaled_cost(program: Program) -> Mapping[str, ca.Function]:
+def _with_scaled_cost(program: Program) -> Functions:
     """Return the functions of a program as solvers get them."""
     functions, scale = program.functions, program.cost_scale
     if scale == 1.0:
@@ -157,30 +222,27 @@ def _with_scaled_cost(program: Program) -> Mapping[str, ca.Function]:
     return MadeOnDemand({**changed, "jacobian": lambda: functions["jacobian"]})
 
 
-def _fatrop(program: Program, settings: SolverSettings, _: bool) -> Plugin:
-    functions = _with_scaled_cost(program)
+def _fatrop(program: Program, functions: Functions, settings: SolverSettings, _: bool) -> Plugin:
     options: dict[str, Any] = {**FATROP_OPTIONS, "tolerance": settings.tolerance}
     options["max_iter"] = settings.max_iterations
     if settings.initial_barrier is not None:
         options["mu_init"] = settings.initial_barrier
-    equal = program.row_lower == program.row_upper
-    nodes, controls, constraints = program.stage_sizes
+    nodes, controls, constraints = (sizes.tolist() for sizes in program.stage_sizes)
     structure = {
         "structure_detection": "manual",
-        "N": nodes.size - 1,
-        "nx": nodes.tolist(),
-        "nu": controls.tolist(),
-        "ng": constraints.tolist(),
-        "equality": equal.tolist(),
+        "N": len(nodes) - 1,
+        "nx": nodes,
+        "nu": controls,
+        "ng": constraints,
+        "equality": (program.row_lower == program.row_upper).tolist(),
+        "fatrop": {**options, **settings.options.get("fatrop", {})},
     }
     cache = {
-        "nlp_grad": functions["lagrangian"],
         "nlp_jac_g": _finite(functions["jacobian"]),
         "nlp_grad_f": _finite(functions["gradient_only"]),
         "nlp_hess_l": _finite(functions["hessian"]),
     }
-    merged = {**options, **settings.options.get("fatrop", {})}
-    return "fatrop", {**structure, "fatrop": merged}, cache
+    return "fatrop", structure, cache
 
 
 def _finite(function: ca.Function) -> ca.Function:
@@ -195,8 +257,7 @@ def _finite(function: ca.Function) -> ca.Function:
     return ca.Function(function.name(), inputs, outputs)
 
 
-def _ipopt(program: Program, settings: SolverSettings, warm: bool) -> Plugin:
-    functions = _with_scaled_cost(program)
+def _ipopt(_: Program, functions: Functions, settings: SolverSettings, warm: bool) -> Plugin:
     options: dict[str, Any] = {
         **IPOPT_OPTIONS,
         "tol": settings.tolerance,
@@ -207,7 +268,6 @@ def _ipopt(program: Program, settings: SolverSettings, warm: bool) -> Plugin:
         options["warm_start_init_point"] = "no"
         options["bound_push"] = options["bound_frac"] = settings.initial_barrier
     cache = {
-        "nlp_grad": functions["lagrangian"],
         "nlp_jac_g": functions["jacobian"],
         "nlp_grad_f": functions["gradient"],
         "nlp_hess_l": functions["hessian_upper"],
@@ -223,14 +283,12 @@ def _ipopt(program: Program, settings: SolverSettings, warm: bool) -> Plugin:
     return "ipopt", {"ipopt": as_ipopt_knows(options)}, cache
 
 
-def _sqp(program: Program, settings: SolverSettings, regularised: bool) -> Plugin:
-    functions = _with_scaled_cost(program)
+def _sqp(_: Program, functions: Functions, settings: SolverSettings, regularised: bool) -> Plugin:
     x, p, lam_f, lam_g = functions["hessian"].mx_in()
     g, jacobian = functions["jacobian"](x, p)
     f, slope = functions["gradient"](x, p)
     hessian = functions["hessian"](x, p, lam_f, lam_g)[1]
     cache = {
-        "nlp_grad": functions["lagrangian"],
         "nlp_jac_fg": ca.Function("nlp_jac_fg", [x, p], [f, slope, g, jacobian]),
         "nlp_hess_l": ca.Function("nlp_hess_l", [x, p, lam_f, lam_g], [hessian]),
     }
@@ -239,8 +297,8 @@ def _sqp(program: Program, settings: SolverSettings, regularised: bool) -> Plugi
         "max_iter": settings.max_iterations,
         "tol_pr": settings.tolerance,
         "tol_du": settings.tolerance,
+        **settings.options.get("sqp", {}),
     }
-    options |= settings.options.get("sqp", {})
     if regularised:
         options["convexify_strategy"] = "regularize"
     return "sqpmethod", options, cache

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import re
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from threading import get_ident
 from typing import Any
 
@@ -16,9 +17,7 @@ from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.child_process import Died, OutOfTime, Send, can_fork, in_child
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.solution import Attempt, LastIterate, Progress, StartingPoint, Watch, watching
-from microbot_ocp.ocp.solvers._acceptance import accepted
-from microbot_ocp.ocp.solvers._plugins import create
-from microbot_ocp.ocp.solvers._settings import SolverSettings
+from microbot_ocp.ocp.solvers._plugins import SolverSettings, create
 from microbot_ocp.ocp.transcription import Program
 
 
@@ -68,6 +67,7 @@ class _Answer:
     stats: Mapping[str, Any] = field(default_factory=dict)
     broken: str = ""
     out_of_time: bool = False
+    interrupted: bool = False  # by Ctrl-C
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,25 +100,22 @@ class Runner:
             if forks:  # it answers before its process is ended, and what it had is known then
                 left -= max(SETTINGS.earlier * left, SETTINGS.least_earlier)
                 watch = watch or LastIterate(self.program, name)
-        solver, broken = self._solver(name, variant, watch, left)
+        solver = self._solver(name, variant, watch, left)
         created = time.perf_counter()
-        arguments = arguments_of(self.program, start)
-        if solver is None:
-            answer, interrupted = _Answer(broken=broken), False
-        elif forks:
-            answer, interrupted = _answered_by_child(solver, name, arguments, watch, self.until)
+        if isinstance(solver, _Answer):
+            answer = solver
         else:
-            answer, interrupted = _answered(solver, name, arguments, watch)
+            call = partial(_called, solver, arguments_of(self.program, start))
+            answered = partial(_answered_by_child, until=self.until) if forks else _answered
+            answer = answered(call, name, watch)
         refused = answer.broken and self.settings.options.get(name)
         if refused and "option" in answer.broken.lower():
             raise InputError(f"options of {name} were refused: {answer.broken}")
         done = time.perf_counter()
         if watch is not None and watch.failure is not None:
             raise watch.failure
-        stopped = interrupted or (watch is not None and watch.stopped)
-        outcome = self._outcome(name, start, answer, watch, stopped)
-        timed = replace(outcome.attempt, wall_time=done - created, create_time=created - begin)
-        outcome = replace(outcome, attempt=timed)
+        times = {"wall_time": done - created, "create_time": created - begin}
+        outcome = self._outcome(name, start, answer, watch, times)
         return self._accepted(outcome) if answer.values else outcome
 
     def _trusted(self, name: str, size: int) -> bool:
@@ -131,7 +128,7 @@ class Runner:
 
     def _solver(
         self, name: str, variant: bool, watch: Watch | None, seconds: float
-    ) -> tuple[ca.Function | None, str]:
+    ) -> ca.Function | _Answer:
         """Return a solver, the one that is kept where there is one; or why it could not be made.
 
         One that is watched is not kept.
@@ -143,14 +140,15 @@ class Runner:
             try:
                 solvers[key] = create(*given, variant=variant, watch=watch, seconds=seconds)
             except RuntimeError as problem:
-                return None, first_cause(problem)
-        return solvers[key], ""
+                return _Answer(broken=first_cause(problem))
+        return solvers[key]
 
     def _outcome(
-        self, name: str, start: StartingPoint, answer: _Answer, watch: Watch | None, stopped: bool
+        self, name: str, start: StartingPoint, answer: _Answer, watch: Watch | None, times: Any
     ) -> SolverOutcome:
-        """Return what a call left, measured again; its times are not in it yet."""
+        """Return what a call left, measured again."""
         program, stats, result = self.program, answer.stats, answer.values
+        stopped = answer.interrupted or (watch is not None and watch.stopped)
         last = start.x if watch is None or watch.x is None else watch.x
         x = last if not result or (stopped and watch is not None) else result["x"]
         cost, infeasibility = checked(program, x)
@@ -168,8 +166,7 @@ class Runner:
             iterations=int(count),
             cost=cost,
             infeasibility=infeasibility,
-            wall_time=0.0,
-            create_time=0.0,
+            **times,
             function_time=sum(v for k, v in stats.items() if k.startswith("t_wall_nlp_")),
             broke_down=bool(answer.broken),
         )
@@ -186,13 +183,12 @@ class Runner:
         stopped = attempt.status in (Status.ITERATION_LIMIT, Status.FAILED)
         if not stopped or attempt.solver == "sqp":
             return outcome
-        passed = accepted(self.program, point.x, *point.multipliers, self.settings.tolerance)
+        passed = accepted(self.program, point, self.settings.tolerance)
         if passed is None:
             return outcome
-        message = f"stopped, but its point is an optimum to {passed.error:.1e}"
-        attempt = replace(attempt, status=Status.SOLVED, message=message)
-        multipliers = passed.row_multipliers, passed.variable_multipliers
-        return SolverOutcome(attempt, StartingPoint(point.x, *multipliers))
+        point, error = passed
+        message = f"stopped, but its point is an optimum to {error:.1e}"
+        return SolverOutcome(replace(attempt, status=Status.SOLVED, message=message), point)
 
 
 def arguments_of(program: Program, start: StartingPoint) -> dict[str, Any]:
@@ -211,43 +207,42 @@ def arguments_of(program: Program, start: StartingPoint) -> dict[str, Any]:
     return arguments
 
 
-def _answered(
-    solver: ca.Function, name: str, arguments: Mapping[str, Any], watch: Watch | None
-) -> tuple[_Answer, bool]:
+def _called(solver: ca.Function, arguments: Mapping[str, Any]) -> _Answer:
+    result = solver(**arguments)
+    values = {key: np.array(result[key]).ravel() for key in ("x", "lam_g", "lam_x")}
+    try:
+        stats = solver.stats()
+    except RuntimeError:  # the SQP method's, where its quadratic program had no answer
+        stats = {}
+    plain = {k: v for k, v in stats.items() if isinstance(v, bool | int | float | str)}
+    return _Answer(values, plain)
+
+
+def _answered(call: Callable[[], _Answer], name: str, watch: Watch | None) -> _Answer:
     """Return what a solver answers, and whether Ctrl-C was pressed."""
     with watching(name) as interrupted:
         if watch is not None:
             watch.asked = interrupted
         try:
-            return _plain(solver(**arguments), solver), interrupted()
+            return replace(call(), interrupted=interrupted())
         except (KeyboardInterrupt, RuntimeError) as problem:
             asked = interrupted() or (watch is not None and watch.stopped)
             if isinstance(problem, KeyboardInterrupt) and not asked:
                 raise
             # what stops the SQP method takes its result along
-            return _Answer(broken="" if asked else first_cause(problem)), interrupted()
-
-
-def _plain(result: Mapping[str, Any], solver: ca.Function) -> _Answer:
-    values = {key: np.array(result[key]).ravel() for key in ("x", "lam_g", "lam_x")}
-    plain = {k: v for k, v in stats_of(solver).items() if isinstance(v, bool | int | float | str)}
-    return _Answer(values, plain)
+            return _Answer(broken="" if asked else first_cause(problem), interrupted=interrupted())
 
 
 def _answered_by_child(
-    solver: ca.Function,
-    name: str,
-    arguments: Mapping[str, Any],
-    watch: Watch | None,
-    until: float,
-) -> tuple[_Answer, bool]:
+    call: Callable[[], _Answer], name: str, watch: Watch | None, until: float
+) -> _Answer:
     seen = watch if isinstance(watch, LastIterate) else None
 
     def work(send: Send) -> _Answer:
         if watch is not None and seen is None:  # what it means is seen on the other side
             watch.report = lambda x, cost=None: send((x, cost)) is None
         try:
-            return _plain(solver(**arguments), solver)
+            return call()
         except (KeyboardInterrupt, RuntimeError) as problem:
             return _Answer(broken=first_cause(problem))
 
@@ -260,14 +255,14 @@ def _answered_by_child(
     silence = SETTINGS.silence if name == "fatrop" and watch is not None else np.inf
     look = None if seen is None else seen.look
     try:
-        return in_child(work, until, receive, silence=silence, steps=look), False
+        return in_child(work, until, receive, silence=silence, steps=look)
     except OutOfTime:
-        return _Answer(out_of_time=True), False
+        return _Answer(out_of_time=True)
     except Died:
-        return _Answer(broken="the process of the solver ended"), False
+        return _Answer(broken="the process of the solver ended")
     except KeyboardInterrupt:
         # of the progress function, of its error, or of the keyboard
-        return _Answer(), watch is None or watch.failure is None
+        return _Answer(interrupted=watch is None or watch.failure is None)
     finally:
         if seen is not None:
             seen.look()
@@ -302,14 +297,6 @@ def status_of(
     return Status.FAILED
 
 
-def stats_of(solver: ca.Function) -> Mapping[str, Any]:
-    """Return statistics of a solver; empty where it has none."""
-    try:
-        return solver.stats()
-    except RuntimeError:  # the SQP method's, where its quadratic program had no answer
-        return {}
-
-
 def first_cause(problem: BaseException) -> str:
     """Return the innermost line of an error of CasADi, without the places in its source."""
     lines = [line.strip() for line in str(problem).splitlines() if line.strip()]
@@ -324,3 +311,68 @@ def checked(program: Program, x: FloatArray) -> tuple[float, float]:
     cost = float(program.functions["gradient"](x, program.parameters)[0])
     worst = float(program.violations(x, program.row_values(x)).max())
     return cost, worst if np.isfinite(cost) else np.inf
+
+
+# an optimum all the same --------------------------------------------------------------------------
+
+# fatrop leaves the multipliers of equations as they are once its steps have become zero, and goes
+# on to its limit of iterations, or gives up: of a linear-quadratic problem without inequalities it
+# has the solution after one iteration and never knows. Its multipliers of the equations are
+# therefore found anew, by least squares, before the conditions of Karush, Kuhn and Tucker are
+# judged.
+
+REGULAR = 1e-14  # against equations that say the same twice
+
+
+def accepted(
+    program: Program, point: StartingPoint, tolerance: float
+) -> tuple[StartingPoint, float] | None:
+    """Return the point with multipliers that prove it an optimum within the tolerance, and the
+    largest error of its conditions; None where none do.
+
+    Multipliers of inequalities stay as the solver left them, without those that are smaller than
+    the distance to their limit, which a barrier leaves: they must have the right sign and vanish
+    away from their limits. Errors are of the scaled program, the cost divided by its scale,
+    and judged as IPOPT does (Waechter and Biegler, 2006, equation 5).
+    """
+    x, multipliers = point.x, point.multipliers
+    g, jacobian = program.functions["jacobian"](x, program.parameters)
+    _, slope = program.functions["gradient"](x, program.parameters)
+    rows = np.array(g).ravel()
+    finite = all(np.isfinite(v).all() for v in (x, rows, *multipliers))
+    if not finite or not program.violations(x, rows).max() <= tolerance:
+        return None
+    low, high, value = program.lower, program.upper, np.concatenate([rows, x])
+    lam = np.concatenate(multipliers) / program.cost_scale
+    decided = np.flatnonzero(low == high)
+    lam[decided] = 0.0
+    lam[np.abs(lam) < np.where(lam > 0, high - value, value - low)] = 0.0
+    given = np.array(slope).ravel() / program.cost_scale
+    given = given + np.array(ca.mtimes(jacobian.T, ca.DM(lam[: rows.size]))).ravel()
+    given = given + lam[rows.size :]
+    slopes = ca.vertcat(jacobian, ca.DM.eye(x.size))[decided.tolist(), :]
+    try:
+        lam[decided], left = _least_squares(slopes, given)
+    except RuntimeError:  # the matrix has no factors
+        return None
+    # a multiplier times the distance to its limit, or one of a limit that is none
+    distance = np.where(lam > 0, high - value, value - low)
+    weight = np.where(np.isfinite(distance), np.maximum(distance, 0.0), 1.0)
+    acts = (lam != 0) & (low < high)
+    error = max(np.abs(left).max(), np.max(np.abs(lam) * weight, where=acts, initial=0.0))
+    error /= max(100.0, np.mean(np.abs(lam))) / 100.0
+    if not error <= tolerance:
+        return None
+    lam *= program.cost_scale
+    return StartingPoint(x, lam[: rows.size], lam[rows.size :]), float(error)
+
+
+def _least_squares(slopes: ca.DM, given: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return multipliers of equations and fixed variables that leave least of a slope, and the
+    rest.
+    """
+    count = slopes.shape[0]
+    matrix = ca.blockcat([[ca.DM.eye(given.size), slopes.T], [slopes, -REGULAR * ca.DM.eye(count)]])
+    right = ca.DM(np.concatenate([-given, np.zeros(count)]))
+    lam = np.array(ca.solve(matrix, right, "qr")).ravel()[given.size :]
+    return lam, given + np.array(ca.mtimes(slopes.T, ca.DM(lam))).ravel()

@@ -8,6 +8,7 @@ from ._initial_guess import (
 )
 from ._problem_data import (
     problem_data as problem_data,
+    with_changes as with_changes,
     with_problem_data as with_problem_data,
 )
 from ._rollout import (

@@ -8,30 +8,26 @@ are, those of path constraints and bounds stand for an interval and are interpol
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.ocp.problem import OptimalControlProblem, Phase, Variable, node_variables
-from microbot_ocp.ocp.solution import PhaseSolution, Solution, StartingPoint, pack
+from microbot_ocp.ocp.solution import Given, PhaseSolution, Solution, StartingPoint, pack
 from microbot_ocp.ocp.starts._measured_guess import with_measurements
 from microbot_ocp.ocp.starts._rollout import rollouts
 from microbot_ocp.ocp.transcription import Block, Guess, GuessValue, PhaseLayout, Program
 from microbot_ocp.ocp.transcription.schemes import Collocation
 
 
-def starting_point(
-    program: Program,
-    problem: OptimalControlProblem,
-    guess: Mapping[str, Guess] | Solution | str | None,
-) -> StartingPoint:
+def starting_point(program: Program, problem: OptimalControlProblem, guess: Given) -> StartingPoint:
     """Return starting point from guesses, from an earlier solution, or from nothing."""
     if not isinstance(guess, Solution):
         return StartingPoint(pack(program, completed(problem, guess)))
-    layouts = [phase.layout for phase in guess.phases]
-    old = [layout for layout in layouts if layout is not None]
-    comparable = len(old) == len(program.layouts) == len(layouts) and all(
+    old = [phase.layout for phase in guess.phases if phase.layout is not None]
+    comparable = len(old) == len(program.layouts) == len(guess.phases) and all(
         _alike(a, b) for a, b in zip(old, program.layouts, strict=True)
     )
     if not comparable or guess.variables is None:
@@ -94,14 +90,13 @@ def completed(
     shared = {k: v for g in given.values() for k, v in g.values.items() if k in free}
     for phase in problem.phases:  # a free parameter is the same in all phases that have it
         usual = {v.name: shared[v.name] for v in phase.free_parameters if v.name in shared}
-        old = ordinary[phase.name]
-        ordinary[phase.name] = Guess(old.duration, {**old.values, **usual})
+        ordinary[phase.name] = ordinary[phase.name].with_values(usual)
     for name, value in given.items():
         if name not in ordinary:
             raise InputError(f"guess has phase {name!r}; the problem has {list(ordinary)}")
         usual = ordinary[name]
         duration = usual.duration if value.duration is None else value.duration
-        ordinary[name] = Guess(duration, {**usual.values, **value.values})
+        ordinary[name] = replace(usual.with_values(value.values), duration=duration)
     return ordinary
 
 
@@ -236,29 +231,40 @@ def _moved_multipliers(
     for before, after in zip(old, program.layouts, strict=True):
         for old_block, new_block in zip(before.rows[1:], after.rows[1:], strict=True):
             new_rows[new_block.places] = rows[old_block.places]
-        for blocks, first, values, new in (
-            ("rows", 0, rows, new_rows),
-            ("variables", before.node_size, variables, new_variables),
+        for series, values, new in (
+            (_of_rows, rows, new_rows),
+            (_of_stages, variables, new_variables),
+            (_of_nodes, variables, new_variables),
         ):
-            old_series, new_series = (
-                _series(layout, getattr(layout, blocks)[0], first) for layout in (before, after)
-            )
-            _move(old_series, new_series, values, new)
-        _move_nodes(before, after, variables, new_variables)
+            _move(series(before), series(after), values, new)
     return new_rows, new_variables
 
 
-Key = tuple[str, str, int, float]
 # Multipliers of one kind [3, M]: where they stand, as increasing fractions of the phase, their
 # indices in the program, and what they weigh against their density along the phase.
-Series = Mapping[Key, FloatArray]
+Series = Mapping[tuple[object, ...], FloatArray]
+
+
+def _of_rows(layout: PhaseLayout) -> Series:
+    return _series(layout, layout.rows[0], 0)
+
+
+def _of_stages(layout: PhaseLayout) -> Series:
+    return _series(layout, layout.variables[0], layout.node_size)
+
+
+def _of_nodes(layout: PhaseLayout) -> Series:
+    h = np.diff(layout.mesh)
+    around = (np.append(h, 0.0) + np.insert(h, 0, 0.0)) / 2
+    columns = enumerate(layout.nodes.T)
+    return {(k,): np.vstack([layout.mesh, column, around]) for k, column in columns}
 
 
 def _series(layout: PhaseLayout, block: Block, first: int) -> Series:
     """Return everything from an entry on that has the same name and stands at the same kind of
     point.
     """
-    gathered: dict[Key, list[FloatArray]] = {}
+    gathered: dict[tuple[object, ...], list[FloatArray]] = {}
     start, h, scheme = layout.mesh[:-1], np.diff(layout.mesh), layout.kind.scheme
     shares: dict[float, float] = {}
     if isinstance(scheme, Collocation):
@@ -281,15 +287,3 @@ def _move(before: Series, after: Series, values: FloatArray, new_values: FloatAr
         (old_places, old, old_weights), (places, new, weights) = before[key], after[key]
         density = values[old.astype(int)] / old_weights
         new_values[new.astype(int)] = np.interp(places, old_places, density) * weights
-
-
-def _move_nodes(
-    before: PhaseLayout, after: PhaseLayout, variables: FloatArray, new_variables: FloatArray
-) -> None:
-    old_around, new_around = (
-        (np.append(h, 0.0) + np.insert(h, 0, 0.0)) / 2
-        for h in (np.diff(before.mesh), np.diff(after.mesh))
-    )
-    for old, new in zip(before.nodes.T, after.nodes.T, strict=True):
-        density = variables[old] / old_around
-        new_variables[new] = np.interp(after.mesh, before.mesh, density) * new_around

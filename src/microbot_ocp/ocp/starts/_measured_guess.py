@@ -16,35 +16,29 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.ocp.problem import Expressions, OptimalControlProblem, Phase, Variable
-from microbot_ocp.ocp.transcription import Guess, GuessValue, sampled
+from microbot_ocp.ocp.problem import Expressions, OptimalControlProblem, Phase, Variable, parts_of
+from microbot_ocp.ocp.transcription import Guess, Guesses, GuessValue, sampled
 
 Points = Mapping[int, tuple[FloatArray, FloatArray]]  # fractions [M] and values [M] by component
 
 NODES = 5  # of the quadrature between two measurements
 
 
-def with_measurements(
-    problem: OptimalControlProblem, guesses: Mapping[str, Guess]
-) -> dict[str, Guess]:
+def with_measurements(problem: OptimalControlProblem, guesses: Guesses) -> dict[str, Guess]:
     """Put states, and free parameters of all phases, where measurements tell them."""
     completed = dict(guesses)
     measured = {p.name: _points(p, guesses[p.name]) for p in problem.phases if p.measurements}
     phases = [phase for phase in problem.phases if phase.name in measured]
     for phase in phases:
         states = _states(phase, completed[phase.name], measured[phase.name])
-        completed[phase.name] = _with_values(completed[phase.name], states)
+        completed[phase.name] = completed[phase.name].with_values(states)
     defined = {c.defines for phase in phases for c in phase.point_constraints}
     unknown = {v.name: v for p in phases for v in p.free_parameters if v.name not in defined}
     fitted = _fitted(phases, completed, measured, list(unknown.values())) if unknown else {}
     for phase in problem.phases:
         values = {v.name: fitted[v.name] for v in phase.free_parameters if v.name in fitted}
-        completed[phase.name] = _with_values(completed[phase.name], values)
+        completed[phase.name] = completed[phase.name].with_values(values)
     return completed
-
-
-def _with_values(guess: Guess, values: Mapping[str, GuessValue]) -> Guess:
-    return Guess(guess.duration, {**guess.values, **values})
 
 
 def _states(phase: Phase, guess: Guess, points: Points) -> dict[str, GuessValue]:
@@ -105,10 +99,7 @@ def _points(phase: Phase, guess: Guess) -> Points:
 
 
 def _fitted(
-    phases: list[Phase],
-    guesses: Mapping[str, Guess],
-    measured: Mapping[str, Points],
-    unknown: list[Variable],
+    phases: list[Phase], guesses: Guesses, measured: Mapping[str, Points], unknown: list[Variable]
 ) -> dict[str, FloatArray]:
     """Free parameters with which the dynamics suit the states that are seen."""
     lower, upper = (np.concatenate([getattr(v, k) for v in unknown]) for k in ("lower", "upper"))
@@ -116,10 +107,9 @@ def _fitted(
     pairs = zip(holders, unknown, strict=True)
     values = [(guesses[p.name].values.get(v.name), v) for p, v in pairs]
     start = np.concatenate([sampled(value, v, np.zeros(1))[0] for value, v in values])
-    edges = np.cumsum([v.size for v in unknown])[:-1]
     start = np.where(start == 0, np.clip(1.0, lower, upper), start)
     x = ca.MX.sym("free", start.size)
-    parts = ca.vertsplit(x, [0, *edges.tolist(), start.size])
+    parts = ca.vertsplit(x, np.cumsum([0, *(v.size for v in unknown)]).tolist())
     free = dict(zip([v.name for v in unknown], parts, strict=True))
     rows = [row for p in phases for row in _misfits(p, guesses[p.name], measured[p.name], free)]
     residuals = ca.vertcat(*rows, ca.MX(0, 1))
@@ -130,7 +120,7 @@ def _fitted(
     if not (np.isfinite(misfit).all() and np.isfinite(slopes).all()):
         return {}
     best = np.clip(start - np.linalg.lstsq(slopes, misfit[:, 0])[0], lower, upper)
-    return dict(zip(free, np.split(best, edges), strict=True))
+    return parts_of(unknown, best)
 
 
 def _misfits(phase: Phase, guess: Guess, points: Points, free: Mapping[str, ca.MX]) -> list[ca.MX]:

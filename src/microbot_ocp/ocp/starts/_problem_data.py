@@ -1,4 +1,4 @@
-"""The data of a phase as plain values: limits, conditions, scales, parameters.
+"""The data of a phase, limits, conditions, scales and parameters: as plain values, and changed.
 
 A solve may have been made with other data than those declared; expressions stay.
 """
@@ -6,16 +6,32 @@ A solve may have been made with other data than those declared; expressions stay
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import InputError
-from microbot_ocp.ocp.problem import CONSTANTS, LIMITS, VARIABLES, PathConstraint, Phase, Variable
+from microbot_ocp.ocp.problem import (
+    CONSTANTS,
+    LIMITS,
+    VARIABLES,
+    Parameter,
+    PathConstraint,
+    Phase,
+    Range,
+    Variable,
+    duration_bounds,
+    node_variables,
+    ordered,
+    with_items,
+)
 from microbot_ocp.ocp.transcription import PhaseLayout
+
+SIDES, ENDS = ("lower", "upper", "scale"), ("initial", "final")
 
 
 def problem_data(layout: PhaseLayout) -> dict[str, Any]:
@@ -25,8 +41,7 @@ def problem_data(layout: PhaseLayout) -> dict[str, Any]:
         "duration": list(phase.duration_bounds),
         "duration_scale": float(layout.node_scale[-1]),
         **{kind: {p.name: p.value.tolist() for p in getattr(phase, kind)} for kind in CONSTANTS},
-        **{kind: [_of_variable(v) for v in getattr(phase, kind)] for kind in VARIABLES},
-        **{kind: [_of_limit(c) for c in getattr(phase, kind)] for kind in LIMITS},
+        **{kind: [_plain(each) for each in getattr(phase, kind)] for kind in (*VARIABLES, *LIMITS)},
     }
 
 
@@ -70,32 +85,101 @@ def with_problem_data(phase: Phase, data: Mapping[str, Any]) -> Phase:
     return changed
 
 
-def _of_limit(limit: PathConstraint | Variable) -> dict[str, Any]:
-    sides = {side: getattr(limit, side).tolist() for side in ("lower", "upper", "scale")}
-    return {"name": limit.name, **sides}
-
-
-def _of_variable(variable: Variable) -> dict[str, Any]:
-    ends: dict[str, Any] = {}
-    for which in ("initial", "final"):
-        condition: Sequence[Any] | None = getattr(variable, which)
-        ends[which] = None if condition is None else [side.tolist() for side in condition]
-    return {**_of_limit(variable), "shape": variable.shape, **ends}
+def _plain(item: PathConstraint | Variable) -> dict[str, Any]:
+    plain = {"name": item.name, **{side: getattr(item, side).tolist() for side in SIDES}}
+    if isinstance(item, Variable):
+        plain["shape"] = item.shape
+        for which in ENDS:
+            condition = getattr(item, which)
+            plain[which] = None if condition is None else [side.tolist() for side in condition]
+    return plain
 
 
 def _changed(item: Any, given: Mapping[str, Any]) -> Any:
-    new: dict[str, Any] = {k: np.array(given[k], dtype=float) for k in ("lower", "upper", "scale")}
+    new: dict[str, Any] = {side: np.array(given[side], dtype=float) for side in SIDES}
     if getattr(item, "shape", "") == "auto":
         new["shape"] = given.get("shape", "constant")
-    for which in ("initial", "final"):
+    for which in ENDS:
         if which in given:
             pair = given[which]
             new[which] = None if pair is None else tuple(np.array(side, float) for side in pair)
-    for low, high in filter(
-        None, ((new["lower"], new["upper"]), new.get("initial"), new.get("final"))
-    ):
+    ranges = (new["lower"], new["upper"]), *(new.get(which) for which in ENDS)
+    for low, high in filter(None, ranges):
         if low.shape != high.shape or not (low <= high).all():  # false of what is no number, too
             raise InputError(f"{item.name!r} of the solution has impossible limits")
     if not (np.isfinite(new["scale"]) & (new["scale"] > 0)).all():
         raise InputError(f"{item.name!r} of the solution has a scale that is not above 0")
     return replace(item, **new)
+
+
+# changes ----------------------------------------------------------------------------------------
+
+
+def with_changes(phase: Phase, changes: Mapping[str, Any]) -> Phase:
+    """Return a copy of a phase with the same expressions and other limits and parameters."""
+    conditioned = {which: partial(_conditioned, phase.name, which) for which in ENDS}
+    kinds: dict[str, tuple[str, Sequence[Sequence[str]], Callable[..., Any]]] = {
+        "parameters": ("parameter", [CONSTANTS], Parameter.with_value),
+        "bounds": ("limit", [LIMITS, VARIABLES], _bounded),
+        **{which: (which, [VARIABLES], new) for which, new in conditioned.items()},
+    }
+    changed = copy.copy(phase)
+    for kind, (what, groups, new) in kinds.items():
+        for name, value in (changes[kind] or {}).items():
+            changed = _renewed(changed, what, groups, name, partial(new, value=value))
+    if changes["durations"] is not None:
+        if phase.point_fractions:
+            raise InputError(
+                f"phase {phase.name!r} has costs or constraints at given times: its duration is "
+                "as declared"
+            )
+        changed.duration_bounds = duration_bounds(phase.name, changes["durations"])
+    return changed
+
+
+def _renewed(
+    phase: Phase, what: str, groups: Sequence[Sequence[str]], name: str, new: Callable[[Any], Any]
+) -> Phase:
+    """Return the phase with what bears a name changed, in those lists of the first group that
+    have it.
+    """
+    there: set[str] = set()
+    for group in groups:
+        names = {item.name for kind in group for item in getattr(phase, kind)}
+        if what in ENDS:
+            names &= {variable.name for variable in node_variables(phase)}
+        there |= names
+        if name in names:
+            return with_items(phase, lambda item: new(item) if item.name == name else item, group)
+    raise InputError(f"phase {phase.name!r} has no {what} {name!r}; it has {sorted(there)}")
+
+
+def _bounded(old: Any, value: Any) -> Any:
+    low, high = _pair(old.name, value, (old.lower, old.upper), old.unit)
+    return replace(old, lower=low, upper=high)
+
+
+def _conditioned(phase: str, which: str, old: Variable, value: Any) -> Variable:
+    declared = getattr(old, which)
+    if declared is None:
+        raise InputError(
+            f"{old.name!r} of phase {phase!r} was declared without {which}: the program has "
+            f"no row for it; declare a range that always holds"
+        )
+    pair = value if isinstance(value, tuple) and len(value) == 2 else (value, value)
+    low, high = _pair(f"{which} {old.name}", pair, declared, old.unit)
+    free = np.isinf(declared[0]) & np.isinf(declared[1])
+    if np.any(free & (np.isfinite(low) | np.isfinite(high))):
+        raise InputError(
+            f"{which} {old.name!r} of phase {phase!r} was declared free in entry "
+            f"{int(np.argmax(free))}: the program has no row for it"
+        )
+    return replace(old, **{which: (low, high)})
+
+
+def _pair(name: str, pair: Any, declared: Range, unit: str) -> Range:
+    """Return bounds from a pair in which None leaves one of them as it was declared."""
+    if not isinstance(pair, tuple) or len(pair) != 2:
+        raise InputError(f"bounds of {name!r} must be a pair (lower, upper), not {pair!r}")
+    low, high = (old if new is None else new for new, old in zip(pair, declared, strict=True))
+    return ordered(name, low, high, declared[0].size, unit)

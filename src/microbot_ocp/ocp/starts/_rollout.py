@@ -10,8 +10,8 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.ocp.problem import OptimalControlProblem, Phase, Variable
-from microbot_ocp.ocp.transcription import Guess, GuessValue, sampled
+from microbot_ocp.ocp.problem import OptimalControlProblem, Phase, Range, Variable, parts_of
+from microbot_ocp.ocp.transcription import Guess, Guesses, GuessValue, sampled
 
 
 @dataclass(frozen=True)
@@ -41,13 +41,11 @@ SETTINGS = RolloutSettings()
 FACTORS = 10.0 ** np.arange(-6.0, 9.5, 0.5)  # times the usual durations
 POINTS = 2 * SETTINGS.middle + 1  # of every phase
 GRID = np.linspace(0.0, 1.0, POINTS)
-Range = tuple[FloatArray, FloatArray]
 Ranges = Mapping[str, Mapping[str, Range]]
+Scored = tuple[dict[str, Guess], float]  # guesses, and how far they are from bounds and conditions
 
 
-def rollouts(
-    problem: OptimalControlProblem, ordinary: Mapping[str, Guess]
-) -> list[dict[str, Guess]]:
+def rollouts(problem: OptimalControlProblem, ordinary: Guesses) -> list[dict[str, Guess]]:
     """Return guesses whose states follow the dynamics under constant controls.
 
     Controls without bounds are zero; the others are at one share of their ranges. The first guess
@@ -78,10 +76,7 @@ class Rollouts:
     """
 
     def __init__(
-        self,
-        problem: OptimalControlProblem,
-        ordinary: Mapping[str, Guess],
-        ranges: Ranges | None = None,
+        self, problem: OptimalControlProblem, ordinary: Guesses, ranges: Ranges | None = None
     ) -> None:
         self.problem, self.ordinary = problem, ordinary
         self.ranges = {
@@ -89,11 +84,8 @@ class Rollouts:
             for p in problem.phases
         }
         self.integrators = {p.name: _Integrators(p, ordinary[p.name]) for p in problem.phases}
-        self.bounded = any(
-            bool((np.isfinite(low) & np.isfinite(high)).any())
-            for of_phase in self.ranges.values()
-            for low, high in of_phase.values()
-        )
+        pairs = [pair for of_phase in self.ranges.values() for pair in of_phase.values()]
+        self.bounded = any(np.isfinite(pair).all(axis=0).any() for pair in pairs)
 
     def nearest_first(
         self,
@@ -119,33 +111,25 @@ class Rollouts:
 
         Where durations are fixed all of :meth:`nearest_first`.
         """
-        usual = {p.name: float(self.ordinary[p.name].duration or 1.0) for p in self.problem.phases}
+        phases = self.problem.phases
+        usual = {p.name: float(self.ordinary[p.name].duration or 1.0) for p in phases}
         tried: list[dict[str, float]] = []
         for factor in FACTORS:
-            durations = {
-                p.name: float(np.clip(factor * usual[p.name], *p.duration_bounds))
-                for p in self.problem.phases
-            }
+            limited = [(p, np.clip(factor * usual[p.name], *p.duration_bounds)) for p in phases]
+            durations = {p.name: float(duration) for p, duration in limited}
             tried += [durations] if durations not in tried else []
         best = 1 if len(tried) > 1 else None
         pairs = [pair for each in tried for pair in self._nearest(each, steps=True)[:best]]
         return [guess for guess, _ in sorted(pairs, key=lambda pair: pair[1])]
 
-    def _nearest(
-        self, durations: Mapping[str, float], *, steps: bool
-    ) -> list[tuple[dict[str, Guess], float]]:
+    def _nearest(self, durations: Mapping[str, float], *, steps: bool) -> list[Scored]:
         """Return guesses with how far they are, the nearest first."""
-        pairs = [(share, share) for share in SETTINGS.levels] + list(
-            SETTINGS.steps if steps else ()
-        )
-        tried = [
-            self._simulated(durations, share) for share in (pairs if self.bounded else pairs[:1])
-        ]
+        pairs = [*((share, share) for share in SETTINGS.levels), *(SETTINGS.steps if steps else ())]
+        shares = pairs if self.bounded else pairs[:1]
+        tried = [self._simulated(durations, pair) for pair in shares]
         return sorted((pair for pair in tried if np.isfinite(pair[1])), key=lambda pair: pair[1])
 
-    def _simulated(
-        self, durations: Mapping[str, float], shares: tuple[float, float]
-    ) -> tuple[dict[str, Guess], float]:
+    def _simulated(self, durations: Mapping[str, float], shares: tuple[float, float]) -> Scored:
         """Return guesses, and how far they are from bounds and conditions, relative to their
         sizes.
         """
@@ -155,12 +139,8 @@ class Rollouts:
         for phase in self.problem.phases:
             phase_guess = self.ordinary[phase.name]
             duration = float(durations.get(phase.name, phase_guess.duration or 1.0))
-            start = {
-                s.name: last[s.name]
-                if s.name in links.get(phase.name, ()) and s.name in last
-                else _at_start(phase_guess, s)
-                for s in phase.states
-            }
+            start = {s.name: _at_start(phase_guess, s) for s in phase.states}
+            start |= {k: last[k] for k in links.get(phase.name, ()) if k in last and k in start}
             controls = {
                 name: (_constant(*bounds, shares[0]), _constant(*bounds, shares[1]))
                 for name, bounds in self.ranges[phase.name].items()
@@ -170,8 +150,9 @@ class Rollouts:
             for name, (before, after) in controls.items():
                 same = np.array_equal(before, after)
                 values[name] = before if same else partial(_step, before, after)
-            edges = np.cumsum([s.size for s in phase.states])[:-1]
-            for state, part in zip(phase.states, np.split(table, edges, axis=1), strict=True):
+            parts = parts_of(phase.states, table)
+            for state in phase.states:
+                part = parts[state.name]
                 clipped = np.clip(part, state.lower, state.upper)
                 values[state.name] = partial(_along, clipped)
                 last[state.name] = clipped[-1]
@@ -228,7 +209,7 @@ class _Integrators:
         equations = ca.vertcat(*phase.algebraic_equations, ca.MX(0, 1))
         share, begin, duration = ca.MX.sym("share"), ca.MX.sym("begin"), ca.MX.sym("duration")
         pairs = [(phase.duration, duration), (phase.time, duration * (begin + share))]
-        pairs += [(c.rate, ca.MX.zeros(c.size)) for c in phase.controls if c.rate is not None]
+        pairs += [(rate, ca.MX.zeros(rate.shape[0])) for rate in phase.rates.values()]
         pairs += [(p.symbol, ca.MX(ca.DM(p.value))) for p in phase.parameters]
         pairs += [(f.symbol, ca.MX(ca.DM(_at_start(guess, f)))) for f in phase.free_parameters]
         symbols, values = ([pair[k] for pair in pairs] for k in range(2))

@@ -29,13 +29,14 @@ from microbot_ocp.ocp.problem import (
     Phase,
     PointConstraint,
     Variable,
+    parts_of,
     with_items,
     with_phases,
 )
-from microbot_ocp.ocp.solution import Solution
+from microbot_ocp.ocp.solution import Given, Solution
 from microbot_ocp.ocp.starts._initial_guess import completed, default_guess, guess_from
 from microbot_ocp.ocp.starts._rollout import rollouts
-from microbot_ocp.ocp.transcription import Guess, Program, sampled
+from microbot_ocp.ocp.transcription import Guess, Guesses, Program, sampled
 
 
 @dataclass(frozen=True)
@@ -68,9 +69,7 @@ class ScalingSettings:
 SETTINGS = ScalingSettings()
 
 
-def scaled(
-    problem: OptimalControlProblem, guess: Mapping[str, Guess] | Solution | str | None = None
-) -> OptimalControlProblem:
+def scaled(problem: OptimalControlProblem, guess: Given = None) -> OptimalControlProblem:
     """Return the problem with a scale for everything that was declared without.
 
     Parameters
@@ -96,7 +95,7 @@ def scaled(
     [('height', 1000000.0), ('thrust', 0.01)]
     """
     problem.check()
-    given: Mapping[str, Guess] = {}
+    given: Guesses = {}
     if isinstance(guess, Solution):
         given = guess_from(problem, guess)
     elif guess is not None:
@@ -111,18 +110,13 @@ def scaled(
         look.find_sizes()
     together: dict[tuple[str, int, str], FloatArray] = {}
     for look in looks:  # phases with the same physics share kernels only if their scales agree
-        for variable in look.unscaled:
-            key = (variable.name, variable.size, variable.unit)
-            size = look.sizes[variable.name]
+        for v in look.unscaled:
+            key, size = (v.name, v.size, v.unit), look.sizes[v.name]
             together[key] = np.fmax(together.get(key, size), size)
     phases = []
     for look in looks:
-        scales = {
-            v.name: _rounded(together[v.name, v.size, v.unit])
-            if v in look.unscaled
-            else np.asarray(v.scale)
-            for v in look.variables
-        }
+        found = {v.name: _rounded(together[v.name, v.size, v.unit]) for v in look.unscaled}
+        scales = {v.name: found.get(v.name, np.asarray(v.scale)) for v in look.variables}
         phases.append(look.scaled(scales))
     return with_phases(problem, phases)
 
@@ -132,22 +126,15 @@ def cost_scale(program: Program, x: FloatArray) -> float:
     one.
 
     A barrier of the size of the tolerance at every limit is then still small, compared with the
-    cost.
-    """
-    return float(_rounded(np.array(cost_change(program, x) / SETTINGS.cost), SETTINGS.cost_band))
-
-
-def cost_change(program: Program, x: FloatArray) -> float:
-    """Return how far the cost changes when all scaled variables change by one.
-
-    Looked at at the start and a little beside it, where a quadratic cost has a slope.
+    cost. Looked at at the start and a little beside it, where a quadratic cost has a slope.
     """
     beside = np.clip(x + 0.5, program.variable_lower, program.variable_upper)
     sizes = []
     for point in (x, beside):
         slope = np.array(program.functions["gradient"](point, program.parameters)[1])
         sizes.append(float(np.abs(slope).sum()))
-    return max((size for size in sizes if np.isfinite(size)), default=SETTINGS.cost)
+    change = max((size for size in sizes if np.isfinite(size)), default=SETTINGS.cost)
+    return float(_rounded(np.array(change / SETTINGS.cost), SETTINGS.cost_band))
 
 
 def _rounded(size: FloatArray, band: float = SETTINGS.band) -> FloatArray:
@@ -181,7 +168,7 @@ class _Look:
         self.sizes = {
             v.name: v.scale if v.scaled else _size(v, tables.get(v.name)) for v in self.variables
         }
-        self.rates = [c for c in phase.controls if c.rate is not None]
+        self.rates = [c for c in phase.controls if c.name in phase.rates]
         self.reached: dict[str, FloatArray] = {}  # by states, in simulations
 
     def see(self, simulated: Guess) -> None:
@@ -234,9 +221,7 @@ class _Look:
                 new = np.where(np.isfinite(backward) & (backward > 0), backward, np.nan)
             if not np.isfinite(new[unknown]).any():
                 return
-            edges = np.cumsum([v.size for v in self.variables])[:-1]
-            parts = np.split(np.where(unknown, new, sizes), edges)
-            self.sizes = {v.name: part for v, part in zip(self.variables, parts, strict=True)}
+            self.sizes = parts_of(self.variables, np.where(unknown, new, sizes))
 
     def scaled(self, scales: Mapping[str, FloatArray]) -> Phase:
         """Give the phase with these scales of its variables, and those of constraints for them."""
@@ -261,20 +246,16 @@ class _Look:
     def _stacked(self) -> FloatArray:
         return np.concatenate([self.sizes[v.name] for v in self.variables])
 
-    def _evaluated(
-        self, expression: ca.MX, *, rates: bool = False
-    ) -> tuple[FloatArray, FloatArray]:
+    def _evaluated(self, expression: ca.MX, rates: bool = False) -> tuple[FloatArray, FloatArray]:
         """Return an expression [M, rows] and its slopes [M, rows, columns] at the guess and
         around it.
         """
         random, phase = np.random.default_rng(0), self.phase
         values, speeds, count = {}, {}, SETTINGS.points
         for v in self.variables:
-            size = np.nan_to_num(self.sizes[v.name])
-            around = self.tables[v.name] + size * random.uniform(
-                -1.0, 1.0, (SETTINGS.points, v.size)
-            )
-            around[: SETTINGS.points // 4] = self.tables[v.name][: SETTINGS.points // 4]
+            table, size = self.tables[v.name], np.nan_to_num(self.sizes[v.name])
+            around = table + size * random.uniform(-1.0, 1.0, (count, v.size))
+            around[: count // 4] = table[: count // 4]
             values[v.name] = np.clip(around, v.lower, v.upper).T
         for control in self.rates:
             size = np.nan_to_num(self.sizes[control.name]) / self.duration
@@ -283,7 +264,7 @@ class _Look:
         expressions = Expressions(phase, phase.measurements)
         points = expressions.tables(values, self.duration * self.share, self.duration, speeds, data)
         moving = [v.symbol for v in self.variables]
-        moving += [c.rate for c in self.rates if rates and c.rate is not None]
+        moving += phase.rates.values() if rates else ()
         slopes = ca.densify(ca.jacobian(expression, ca.vertcat(*moving)))
         outputs = [ca.densify(expression), slopes]
         function = ca.Function("look", expressions.symbols, outputs).map(count)

@@ -5,8 +5,8 @@ from ._assembly import (
     assemble as assemble,
 )
 from ._kernels import (
+    Kernel as Kernel,
     Kernels as Kernels,
-    PointKernel as PointKernel,
     interpolated_variables as interpolated_variables,
     joined as joined,
 )
@@ -22,25 +22,25 @@ from ._layout import (
     stage_kind as stage_kind,
     variable_labels as variable_labels,
 )
-from ._mesh import (
-    IntArray as IntArray,
-    Meshes as Meshes,
-    MeshLike as MeshLike,
-    mesh_of as mesh_of,
-)
 from ._table import (
     DURATION as DURATION,
     EQUATIONS as EQUATIONS,
     Block as Block,
+    IntArray as IntArray,
     Label as Label,
     TableEntry as TableEntry,
     limits_of as limits_of,
 )
 from ._transcription import (
+    AnyProblem as AnyProblem,
     Guess as Guess,
+    Guesses as Guesses,
     GuessValue as GuessValue,
+    Meshes as Meshes,
+    MeshLike as MeshLike,
     Transcription as Transcription,
     guess_table as guess_table,
+    mesh_of as mesh_of,
     sampled as sampled,
 )
 from .schemes import (

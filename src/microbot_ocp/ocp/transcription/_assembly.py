@@ -15,16 +15,9 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.child_process import spare_processor
-from microbot_ocp.ocp.transcription._kernels import joined
-from microbot_ocp.ocp.transcription._layout import (
-    Bounds,
-    PhaseLayout,
-    bounds_of,
-    row_labels,
-    variable_labels,
-)
-from microbot_ocp.ocp.transcription._mesh import IntArray
-from microbot_ocp.ocp.transcription._table import Label
+from microbot_ocp.ocp.transcription._kernels import Kernel, joined
+from microbot_ocp.ocp.transcription._layout import Bounds, PhaseLayout, bounds_of, labels_of
+from microbot_ocp.ocp.transcription._table import IntArray, Label
 
 # Variables of a stage and stages from which two threads evaluate them: to start one takes 30 us
 LARGE_STAGE, MANY_STAGES = 24, 40
@@ -70,12 +63,12 @@ class Program(Bounds):
     @cached_property
     def row_labels(self) -> list[Label]:
         """What every row is."""
-        return row_labels(self.layouts)
+        return labels_of(self.layouts, "rows")
 
     @cached_property
     def variable_labels(self) -> list[Label]:
         """What every variable is."""
-        return variable_labels(self.layouts)
+        return labels_of(self.layouts, "variables")
 
     @property
     def stage_sizes(self) -> tuple[IntArray, ...]:
@@ -141,7 +134,7 @@ def assemble(layouts: Sequence[PhaseLayout], *, parametric: bool = False) -> Pro
     p = ca.MX.sym("p", parameters.size)
     offsets = np.cumsum([0, *(d.size for d in declared)]).tolist()
     lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", height)
-    cost, cost_again = ca.MX(0), ca.MX(0)
+    cost = cost_again = ca.MX(0)
     rows, rows_again, gradient, jacobian, hessian = (_Entries() for _ in range(5))
     for index, layout in enumerate(layouts):
         begin, end = offsets[index : index + 2]
@@ -163,20 +156,19 @@ def assemble(layouts: Sequence[PhaseLayout], *, parametric: bool = False) -> Pro
     g_again, slope = rows_again.vector(height), gradient.vector(width)
     jacobian_matrix = jacobian.matrix(height, width)
     stationarity = lam_f * slope + jacobian_matrix.T @ lam_g
-    empty = ca.MX(width, 1)
+    of_lagrangian = [cost_again, g_again, stationarity, slope_of_p]
+
+    def with_hessian(*before: ca.MX, upper: bool) -> ca.Function:
+        outputs = [*before, hessian.matrix(width, width, upper=upper)]
+        return ca.Function("nlp_hess_l", curvature, outputs)
+
     functions: dict[str, Callable[[], ca.Function]] = {
-        "lagrangian": lambda: ca.Function(
-            "nlp_grad", curvature, [cost_again, g_again, stationarity, slope_of_p]
-        ),
+        "lagrangian": lambda: ca.Function("nlp_grad", curvature, of_lagrangian),
         "jacobian": lambda: ca.Function("nlp_jac_g", [x, p], [g_again, jacobian_matrix]),
         "gradient": lambda: ca.Function("nlp_grad_f", [x, p], [cost_again, slope]),
         "gradient_only": lambda: ca.Function("nlp_grad_f", [x, p], [slope]),
-        "hessian": lambda: ca.Function(
-            "nlp_hess_l", curvature, [empty, hessian.matrix(width, width)]
-        ),
-        "hessian_upper": lambda: ca.Function(
-            "nlp_hess_l", curvature, [hessian.matrix(width, width, upper=True)]
-        ),
+        "hessian": lambda: with_hessian(ca.MX(width, 1), upper=False),
+        "hessian_upper": lambda: with_hessian(upper=True),
     }
     return Program(
         layouts=tuple(layouts),
@@ -193,8 +185,7 @@ class _Piece:
 
     Attributes
     ----------
-    kernels : their values, with first and with second derivatives
-    light : their cost with its gradient, where these take next to nothing
+    kernel : Kernel
     variables : indices of what they are of [M, K]
     rows : indices of their rows [M, R]
     arrivals : indices of the next z, of which the first rows are [M, nz]; of points [M, 0]
@@ -202,8 +193,7 @@ class _Piece:
     constants : second argument of the kernels [..., M]
     """
 
-    kernels: tuple[ca.Function, ca.Function, ca.Function]
-    light: ca.Function | None
+    kernel: Kernel
     variables: np.ndarray
     rows: np.ndarray
     arrivals: np.ndarray
@@ -211,16 +201,16 @@ class _Piece:
     arrived: ca.MX
     constants: ca.MX
 
-    def called(self, order: int, *more: ca.MX) -> list[ca.MX]:
-        """Return outputs of a kernel for all stages or points at once."""
-        kernel, count = self.kernels[order], self.rows.shape[0]
+    def called(self, function: ca.Function, *more: ca.MX) -> list[ca.MX]:
+        """Return outputs of a function of the kernel for all stages or points at once."""
+        count = self.rows.shape[0]
         threads = self.v.size1() >= LARGE_STAGE and count >= MANY_STAGES and spare_processor()
-        mapped = kernel.map(count, "thread", 2) if threads else kernel.map(count)
+        mapped = function.map(count, "thread", 2) if threads else function.map(count)
         return mapped.call([self.v, self.constants, *more])
 
     def values(self, rows: _Entries) -> ca.MX:
         """Return cost; rows are added to those of the program."""
-        *parts, cost = self.called(0)
+        *parts, cost = self.called(self.kernel.value)
         if self.arrivals.size:
             parts[0] = self.arrived - parts[0]
         rows.add(self.rows, 0, ca.vertcat(*parts))
@@ -230,14 +220,14 @@ class _Piece:
         """Return cost, and its gradient where asked for, of all stages or points: those known from
         their kernels, or apart from these, so that nobody who wants no more calls them.
         """
-        if self.light is None:
+        if self.kernel.cost is None:
             return known
-        return self.light.map(self.rows.shape[0]).call([self.v, self.constants])
+        return self.kernel.cost.map(self.rows.shape[0]).call([self.v, self.constants])
 
     def first_order(self, rows: _Entries, gradient: _Entries, jacobian: _Entries) -> ca.MX:
         """Return cost; rows, its gradient and the Jacobian are added to those of the program."""
-        both, block, cost, slope = self.called(1)
-        at, column = _triplet(self.kernels[1], 1)
+        both, block, cost, slope = self.called(self.kernel.jacobian)
+        at, column = np.array(self.kernel.jacobian.sparsity_out(1).get_triplet(), dtype=int)
         entries, steps = block.nz[:], self.arrivals.shape[1]
         if steps:
             entries *= ca.DM(np.tile(np.where(at < steps, -1.0, 1.0), self.rows.shape[0]))
@@ -252,8 +242,9 @@ class _Piece:
     def second_order(self, lam_f: ca.MX, lam_g: ca.MX, hessian: _Entries) -> None:
         """Add the Hessian to that of the program."""
         lam = _gathered(lam_g, self.rows)
-        (block,) = self.called(2, lam, ca.repmat(lam_f, 1, self.rows.shape[0]))
-        row, column = _triplet(self.kernels[2], 0)
+        weights = lam, ca.repmat(lam_f, 1, self.rows.shape[0])
+        (block,) = self.called(self.kernel.hessian, *weights)
+        row, column = np.array(self.kernel.hessian.sparsity_out(0).get_triplet(), dtype=int)
         hessian.add(self.variables[:, row], self.variables[:, column], block.nz[:])
 
 
@@ -268,46 +259,21 @@ def _conditions(layout: PhaseLayout) -> Iterator[tuple[np.ndarray, np.ndarray, F
     yield layout.link.places[0], layout.sources, -layout.factors
 
 
-def _pieces(layout: PhaseLayout, x: ca.MX, constants: ca.MX) -> list[_Piece]:
-    """Return points of a phase, then its stages, as expressions of all variables."""
-    pieces, nodes = [], layout.nodes
-    grid = np.vstack([layout.mesh[:-1], np.diff(layout.mesh)])
-    fixed = constants[: layout.parameters.size]
+def _pieces(layout: PhaseLayout, x: ca.MX, constants: ca.MX) -> Iterator[_Piece]:
+    """Yield points of a phase, then its stages, as expressions of all variables."""
     for group in layout.points:
-        kernel, places = group.kernel, nodes[group.nodes]
+        fractions = ca.MX(ca.DM(layout.mesh[group.nodes]).T)
         data = _gathered(constants, layout.point_places(group).T)
-        pieces.append(
-            _Piece(
-                kernels=(kernel.point, kernel.jacobian, kernel.hessian),
-                light=kernel.cost,
-                variables=places,
-                rows=group.block.places,
-                arrivals=places[:, :0],
-                v=_gathered(x, places),
-                arrived=ca.MX(),
-                constants=ca.vertcat(ca.MX(ca.DM(layout.mesh[group.nodes]).T), data),
-            )
-        )
-    kernels = layout.kind.kernels
-    stages = _Piece(
-        kernels=(kernels.stage, kernels.stage_jacobian, kernels.stage_hessian),
-        light=kernels.cost,
-        variables=layout.stage_variables,
-        rows=layout.stage_rows,
-        arrivals=nodes[1:],
-        v=_gathered(x, layout.stage_variables),
-        arrived=_gathered(x, nodes[1:]),
-        constants=ca.vertcat(ca.MX(ca.DM(grid)), ca.repmat(fixed, 1, layout.intervals)),
-    )
-    return [*pieces, stages]
+        places = layout.nodes[group.nodes]
+        at = places, group.block.places, places[:, :0]
+        yield _Piece(group.kernel, *at, _gathered(x, places), ca.MX(), ca.vertcat(fractions, data))
+    grid = ca.MX(ca.DM(np.vstack([layout.mesh[:-1], np.diff(layout.mesh)])))
+    fixed = ca.repmat(constants[: layout.parameters.size], 1, layout.intervals)
+    at = layout.stage_variables, layout.stage_rows, layout.nodes[1:]
+    v, arrived = _gathered(x, at[0]), _gathered(x, at[2])
+    yield _Piece(layout.kind.kernels.stage, *at, v, arrived, ca.vertcat(grid, fixed))
 
 
 def _gathered(x: ca.MX, places: np.ndarray) -> ca.MX:
     """Return entries of x: a column for every row of places [M, ...]."""
     return ca.reshape(x[places.ravel().tolist()], places.shape[1], places.shape[0])
-
-
-def _triplet(function: ca.Function, output: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return rows and columns of the nonzeros of one output, in storage order."""
-    rows, columns = function.sparsity_out(output).get_triplet()
-    return np.asarray(rows, dtype=int), np.asarray(columns, dtype=int)

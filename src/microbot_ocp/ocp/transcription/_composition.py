@@ -20,6 +20,7 @@ from typing import Any
 
 import casadi as ca
 
+Functions = Sequence[ca.Function]
 HEAVY = 400  # operations from which a function is differentiated by itself
 
 
@@ -33,6 +34,11 @@ class Calls:
     @property
     def count(self) -> int:
         return self.arguments.size2_out(0)
+
+    @property
+    def results(self) -> int:
+        """Results of all calls."""
+        return sum(self.function.size1_out(k) for k in range(self.function.n_out())) * self.count
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +134,7 @@ def composed_derivatives(
     )
 
 
-def _composed_stage(stage: Composition, values: Sequence[ca.Function]) -> ca.Function:
+def _composed_stage(stage: Composition, values: Functions) -> ca.Function:
     """Return ``(v, c) -> next, rows, cost``."""
     v, c = stage.outer.mx_in()[:2]
     results = []
@@ -139,7 +145,7 @@ def _composed_stage(stage: Composition, values: Sequence[ca.Function]) -> ca.Fun
     return ca.Function("stage", [v, c], list(outer(v, c, ca.vertcat(*results))))
 
 
-def _composed_jacobian(stage: Composition, first: Sequence[ca.Function]) -> ca.Function:
+def _composed_jacobian(stage: Composition, first: Functions) -> ca.Function:
     """Return ``(v, c) -> [next; rows], their Jacobian, cost, its gradient``, all by v."""
     v, c = stage.outer.mx_in()[:2]
     w, through = _results(stage, first, v, c)
@@ -153,9 +159,7 @@ def _composed_jacobian(stage: Composition, first: Sequence[ca.Function]) -> ca.F
     return ca.Function("stage_jacobian", [v, c], [both, by_v + by_w @ through, cost, gradient])
 
 
-def _composed_hessian(
-    stage: Composition, first: Sequence[ca.Function], second: Sequence[ca.Function]
-) -> ca.Function:
+def _composed_hessian(stage: Composition, first: Functions, second: Functions) -> ca.Function:
     """Return ``(v, c, lam, sigma) -> H``: of sigma times the cost plus lam times [-next; rows],
     by v.
     """
@@ -167,14 +171,15 @@ def _composed_hessian(
     w, through = (
         _results(stage, first, v, c) if mixed else (ca.MX(stage.outer.size1_in(2), 1), None)
     )
-    pulled = ca.vertsplit(weights(v, c, w, lam, sigma), _edges(_result_size(stage)))
+    pulled = ca.vertsplit(weights(v, c, w, lam, sigma), _edges([c.results for c in stage.calls]))
     gradients, total = [], ca.MX(v.shape[0], v.shape[0])
     for calls, function, weight in zip(stage.calls, second, pulled, strict=True):
         arguments, slopes = _slopes(calls)(v, c)
         columns = ca.reshape(weight, -1, calls.count)
         gradient, hessians = _at_every_call(function, arguments, columns)
         gradients.append(ca.vec(gradient))
-        for slope, hessian in zip(_below(slopes, calls), _beside(hessians, calls), strict=True):
+        blocks = ca.vertsplit_n(slopes, calls.count), ca.horzsplit_n(hessians, calls.count)
+        for slope, hessian in zip(*blocks, strict=True):
             total = total + slope.T @ (hessian @ slope)
     straight, by_vw, by_ww = light(v, c, w, lam, sigma, ca.vertcat(*gradients))
     total = total + straight
@@ -184,34 +189,19 @@ def _composed_hessian(
     return ca.Function("stage_hessian", [v, c, lam, sigma], [total])
 
 
-def _result_size(stage: Composition) -> list[int]:
-    return [sum(c.function.size1_out(k) for k in range(c.function.n_out())) * c.count
-            for c in stage.calls]  # fmt: skip
-
-
 def _edges(sizes: Sequence[int]) -> list[int]:
     return [0, *itertools.accumulate(sizes)]
 
 
-def _beside(matrix: ca.MX, calls: Calls) -> list[ca.MX]:
-    return ca.horzsplit(matrix, matrix.shape[1] // calls.count)
-
-
-def _below(matrix: ca.MX, calls: Calls) -> list[ca.MX]:
-    return ca.vertsplit(matrix, matrix.shape[0] // calls.count)
-
-
-def _results(
-    stage: Composition, first: Sequence[ca.Function], v: ca.MX, c: ca.MX
-) -> tuple[ca.MX, ca.MX]:
+def _results(stage: Composition, first: Functions, v: ca.MX, c: ca.MX) -> tuple[ca.MX, ca.MX]:
     """Return results w of all calls, and their derivatives by v."""
     results, through = [], []
     for calls, function in zip(stage.calls, first, strict=True):
         arguments, slopes = _slopes(calls)(v, c)
         values, inner = _at_every_call(function, arguments)
         results.append(ca.vec(values))
-        pairs = zip(_beside(inner, calls), _below(slopes, calls), strict=True)
-        through += [jacobian @ slope for jacobian, slope in pairs]
+        blocks = ca.horzsplit_n(inner, calls.count), ca.vertsplit_n(slopes, calls.count)
+        through += [jacobian @ slope for jacobian, slope in zip(*blocks, strict=True)]
     return ca.vertcat(*results), ca.vertcat(*through)
 
 

@@ -8,8 +8,8 @@ scaled.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
@@ -33,7 +33,7 @@ from microbot_ocp.ocp.transcription._composition import (
     composed_derivatives,
     divided,
 )
-from microbot_ocp.ocp.transcription._table import TableEntry, entries_of
+from microbot_ocp.ocp.transcription._table import Item, TableEntry, entries_of
 from microbot_ocp.ocp.transcription.schemes import (
     Interval,
     IntervalStep,
@@ -44,71 +44,58 @@ from microbot_ocp.ocp.transcription.schemes import (
 
 
 @dataclass(frozen=True, eq=False)
-class PointKernel:
-    """What is demanded or costs at some mesh points, with its derivatives, in scaled variables.
-
-    ``point(z, c) -> constraints, cost`` with c = (fraction, parameters, data).
-
-    Attributes
-    ----------
-    rows : what the constraints are, in their order
-    fractions : at which fractions [M] of the phase
-    data : names of the measurements of which c has the data
-    cost : the cost alone with its gradient, where that is light: see :class:`Kernels`
-    """
-
-    point: ca.Function
-    jacobian: ca.Function
-    hessian: ca.Function
-    rows: tuple[TableEntry, ...]
-    fractions: tuple[float, ...]
-    data: tuple[str, ...] = ()
-    cost: ca.Function | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class Kernels:
-    """Stage and point functions of a phase with their derivatives, in scaled variables.
-
-    ``stage(v, c) -> next, constraints, cost`` with v = (z, w) and c = (fraction at the start,
-    length of the interval as a fraction, parameters); ``dense(v, c, fraction) -> x, u`` in the
-    units of the declaration. The constraints of a stage are, in their order, ``stage_rows``. The
-    last of the points is the end of the phase.
+class Kernel:
+    """A stage, or what is demanded or costs at some mesh points, in scaled variables.
 
     Solvers ask for the cost and its gradient apart from the rows, at every point that they try.
     Where no heavy function is in it, as in that of a shortest duration, ``cost(v, c) -> cost,
     gradient`` spares them the dynamics: a quarter of the time of a Panda's functions.
+
+    Attributes
+    ----------
+    value : of a stage ``(v, c) -> next, constraints, cost`` with v = (z, w) and c = (fraction at
+        the start, length of the interval as a fraction, parameters); of points ``(z, c) ->
+        constraints, cost`` with c = (fraction, parameters, data)
+    jacobian, hessian : its derivatives
+    cost : the cost alone with its gradient, where that is light
+    rows : what the constraints are, in their order
+    fractions : of points, at which fractions [M] of the phase
+    data : names of the measurements of which c has the data
     """
 
-    stage: ca.Function
-    stage_jacobian: ca.Function
-    stage_hessian: ca.Function
+    value: ca.Function
+    jacobian: ca.Function
+    hessian: ca.Function
     cost: ca.Function | None
+    rows: tuple[TableEntry, ...]
+    fractions: tuple[float, ...] = ()
+    data: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Kernels:
+    """Stage and points of a phase; the last of the points is its end.
+
+    ``dense(v, c, fraction) -> x, u`` is in the units of the declaration.
+    """
+
+    stage: Kernel
+    points: tuple[Kernel, ...]
     dense: ca.Function
-    stage_rows: tuple[TableEntry, ...]
-    points: tuple[PointKernel, ...]
-
-
-def _linear(phase: Phase) -> list[Variable]:
-    return [c for c in phase.controls if c.shape == "linear"]
-
-
-def _constant(phase: Phase) -> list[Variable]:
-    return [c for c in phase.controls if c.shape == "constant"]
 
 
 def stage_variables(phase: Phase, scheme: Scheme) -> list[StageVariable]:
     """Return what w holds: constant controls, linear controls at the end, what the scheme needs."""
-    constant = [StageVariable(v, 0.5) for v in _constant(phase)]
-    linear = [StageVariable(v, 1.0) for v in _linear(phase)]
+    constant = [StageVariable(v, 0.5) for v in phase.shaped("constant")]
+    linear = [StageVariable(v, 1.0) for v in phase.shaped("linear")]
     return [*constant, *linear, *scheme.variables(phase)]
 
 
 def interpolated_variables(phase: Phase) -> list[Variable]:
     """Return what has values all along an interval: states, constant and linear controls, free
     parameters, polynomial controls, algebraic variables."""
-    ordered = [*phase.states, *_constant(phase), *_linear(phase), *phase.free_parameters]
-    return [*ordered, *pointwise(phase)]
+    controls = [*phase.shaped("constant"), *phase.shaped("linear")]
+    return [*phase.states, *controls, *phase.free_parameters, *pointwise(phase)]
 
 
 Derive = Callable[[Sequence[ca.Function], Sequence[Composition | None]], Sequence[ca.Function]]
@@ -140,10 +127,7 @@ def with_derivatives(
 
 
 def build_kernels(
-    phase: Phase,
-    duration_scale: float,
-    scheme: Scheme,
-    derive: Derive = with_derivatives,
+    phase: Phase, duration_scale: float, scheme: Scheme, derive: Derive = with_derivatives
 ) -> Kernels:
     """Return kernels of a phase, expanded to scalar graphs where its expressions allow it."""
     physics = _Physics(phase, duration_scale)
@@ -161,20 +145,16 @@ def build_kernels(
     stage = ca.Function("stage", [v, c], [following, rows.stacked(), step.running])
     s = ca.MX.sym("s")
     dense = ca.Function("dense", [v, c, s], list(step.at(s)))
-    points = [*_points(physics), _end(physics)]
-    functions = [_expanded(stage), *(_expanded(point.point) for point in points)]
-    derived = derive(functions, [divided(stage), *(divided(_as_stage(p.point)) for p in points)])
-    costs = [light_cost(stage), *(light_cost(point.point) for point in points)]
-    first, *others = zip(derived[::3], derived[1::3], derived[2::3], costs, strict=True)
-    return Kernels(
-        *first,
-        dense=_without_repeats(_expanded(dense)),
-        stage_rows=tuple(rows.entries),
-        points=tuple(
-            replace(point, point=value, jacobian=jacobian, hessian=hessian, cost=cost)
-            for point, (value, jacobian, hessian, cost) in zip(points, others, strict=True)
-        ),
+    parts: list[_Part] = [(stage, rows, (), ()), *_points(physics), _end(physics)]
+    functions = [part[0] for part in parts]
+    stages = [stage, *(_as_stage(point) for point in functions[1:])]
+    derived = derive([_expanded(function) for function in functions], [divided(k) for k in stages])
+    each = zip(derived[::3], derived[1::3], derived[2::3], parts, strict=True)
+    first, *points = (
+        Kernel(value, jacobian, hessian, light_cost(function), tuple(held.entries), at, data)
+        for value, jacobian, hessian, (function, held, at, data) in each
     )
+    return Kernels(first, tuple(points), _without_repeats(_expanded(dense)))
 
 
 def light_cost(function: ca.Function) -> ca.Function | None:
@@ -198,13 +178,7 @@ class _Rows:
         self.values: list[ca.MX] = []
         self.entries: list[TableEntry] = []
 
-    def add(
-        self,
-        kind: str,
-        items: Sequence[Variable | PathConstraint],
-        value: ca.MX,
-        fraction: float = 0.0,
-    ) -> None:
+    def add(self, kind: str, items: Sequence[Item], value: ca.MX, fraction: float = 0.0) -> None:
         """Add the value of variables or constraints, one below the other."""
         self.values.append(value / np.concatenate([item.scale for item in items]))
         for item in items:
@@ -227,33 +201,27 @@ class _Physics:
 
     def __init__(self, phase: Phase, duration_scale: float) -> None:
         self.phase = phase
-        self.node_scale = np.append(
-            joined([v.scale for v in node_variables(phase)]), duration_scale
-        )
+        scales = joined([v.scale for v in node_variables(phase)])
+        self.node_scale = np.append(scales, duration_scale)
         x = ca.vertcat(*(s.symbol for s in phase.states))
         controls = interpolated_variables(phase)[len(phase.states) :]
         u = ca.vertcat(*(k.symbol for k in controls), ca.MX(0, 1))
-        rates = [k.rate for k in _linear(phase) if k.rate is not None]
-        rate = ca.vertcat(*rates, ca.MX(0, 1))
+        rate = ca.vertcat(*phase.rates.values(), ca.MX(0, 1))
         self.constants = ca.vertcat(*(p.symbol for p in phase.parameters), ca.MX(0, 1))
         arguments = [x, u, rate, phase.time, phase.duration, self.constants]
         slope = ca.vertcat(*(phase.derivatives[s.name] for s in phase.states))
         running = sum(phase.running_costs, ca.MX(0))
         self.dynamics = ca.Function("dynamics", arguments, [slope, running])
-        self.limits = ca.Function(
-            "limits",
-            arguments,
-            [k.expression for k in phase.constraints],
-            {"always_inline": True},  # heavy calls in it are seen in the stage
-        )
+        limits = [k.expression for k in phase.constraints]
+        inline = {"always_inline": True}  # heavy calls in it are seen in the stage
+        self.limits = ca.Function("limits", arguments, limits, inline)
         equations = ca.vertcat(*phase.algebraic_equations, ca.MX(0, 1))
         self.equations = ca.Function("equations", arguments, [equations])
         total = sum(phase.end_costs, ca.MX(0))
         self.at_point = [x, u, phase.time, phase.duration, self.constants]
         self.end_cost = ca.Function("end_cost", self.at_point, [total])
-        self.end_limits = ca.Function(
-            "end_limits", self.at_point, [k.expression for k in phase.end_constraints]
-        )
+        ends = [k.expression for k in phase.end_constraints]
+        self.end_limits = ca.Function("end_limits", self.at_point, ends)
         self.missing = ca.MX.zeros(sum(k.size for k in pointwise(phase)))
 
 
@@ -262,11 +230,11 @@ def _interval(
 ) -> tuple[Interval, list[ca.MX]]:
     """Return symbols of the interval, and the values that its scheme asked for."""
     phase, sizes = physics.phase, [k.source.size for k in inner]
-    node = (phase.states, _linear(phase), phase.free_parameters)
+    node = (phase.states, phase.shaped("linear"), phase.free_parameters)
     head = [*(sum(v.size for v in variables) for variables in node), 1]
     edges = np.cumsum([0, *head, *sizes]).tolist()
     x, begin, free, duration, *rest = (unscaled[a:b] for a, b in itertools.pairwise(edges))
-    constants, linear = len(_constant(phase)), len(_linear(phase))
+    constants, linear = len(phase.shaped("constant")), len(phase.shaped("linear"))
     none = ca.MX(0, 1)
     end = ca.vertcat(*rest[constants : constants + linear], none)
     length = c[1] * duration
@@ -299,7 +267,8 @@ def _path_rows(
         x, u = step.at(point) if point else (interval.x, interval.control(0.0))
         if point == 0.0:
             u = ca.vertcat(u, physics.missing)
-        for state, part in zip(phase.states, _split(x, phase.states), strict=True):
+        parts = ca.vertsplit(x, np.cumsum([0, *(s.size for s in phase.states)]).tolist())
+        for state, part in zip(phase.states, parts, strict=True):
             if point in inner and state.interior_points and (state.name, point) not in held:
                 rows.add("bound", [state], part, point)
         time = interval.start + point * interval.length
@@ -308,27 +277,18 @@ def _path_rows(
             rows.add_equations(physics.equations(*arguments), point)
         values = physics.limits.call(arguments)
         for limit, value in zip(phase.constraints, values, strict=True):
-            if _holds(phase, limit, point, inner, scheme.points):
+            if _holds(phase, limit, point, inner, scheme):
                 rows.add("constraint", [limit], value, point)
 
 
-def _split(table: ca.MX, variables: Sequence[Variable]) -> list[ca.MX]:
-    """Return parts of a column, one a variable."""
-    return ca.vertsplit(table, np.cumsum([0, *(v.size for v in variables)]).tolist())
-
-
 def _holds(
-    phase: Phase,
-    limit: PathConstraint,
-    point: float,
-    inner: Sequence[float],
-    points: Sequence[float],
+    phase: Phase, limit: PathConstraint, point: float, inner: Sequence[float], scheme: Scheme
 ) -> bool:
     """Return whether a path constraint is kept at a point of the interval."""
     expression = limit.expression
     if _depends(expression, [v.symbol for v in pointwise(phase)]):
-        return point in points  # it has no value elsewhere
-    moving = [phase.time, *(v.symbol for v in (*phase.states, *_linear(phase)))]
+        return point in scheme.points  # it has no value elsewhere
+    moving = [phase.time, *(v.symbol for v in (*phase.states, *phase.shaped("linear")))]
     if not _depends(expression, moving):
         return point == 0.0  # the same all over the interval: a second row would be dependent
     if point == 1.0:
@@ -337,31 +297,33 @@ def _holds(
     return point == 0.0 or (limit.interior_points and point in inner)
 
 
-def _end(physics: _Physics) -> PointKernel:
-    """Return the cost, end constraints and continuous path constraints at the end, not
-    differentiated yet.
-    """
+# what is to be a kernel: its function and rows, and of points also fractions and data
+_Part = tuple[ca.Function, _Rows, tuple[float, ...], tuple[str, ...]]
+
+
+def _end(physics: _Physics) -> _Part:
+    """Return the cost, end constraints and continuous path constraints at the end."""
     phase = physics.phase
     z, c, at_end = _node(physics)
-    no_rate = ca.MX.zeros(sum(v.size for v in _linear(phase)))
+    no_rate = ca.MX.zeros(sum(v.size for v in phase.shaped("linear")))
     x, u, *rest = at_end
     values = physics.limits.call([x, u, no_rate, *rest])
     rows = _Rows(phase)
     for limit, value in zip(phase.constraints, values, strict=True):
-        if _continuous(phase, limit.expression):
+        local = [v.symbol for v in pointwise(phase)]  # has no value at a mesh point
+        if not _depends(limit.expression, local) and not _jumps(phase, limit.expression):
             rows.add("constraint", [limit], value)
     ends = physics.end_limits.call(at_end)
     for limit, value in zip(phase.end_constraints, ends, strict=True):
         rows.add("end", [limit], value)
     cost = physics.end_cost(*at_end)
-    end = ca.Function("point", [z, c], [rows.stacked(), cost])
-    return PointKernel(end, end, end, tuple(rows.entries), (1.0,))
+    return ca.Function("point", [z, c], [rows.stacked(), cost]), rows, (1.0,), ()
 
 
-def _points(physics: _Physics) -> list[PointKernel]:
-    """Give what is demanded or costs at given times, one a declaration, not differentiated yet."""
-    phase, kernels = physics.phase, []
-    for item in (*phase.point_constraints, *phase.point_costs):
+def _points(physics: _Physics) -> Iterator[_Part]:
+    """Yield what is demanded or costs at given times, one a declaration."""
+    phase = physics.phase
+    for k, item in enumerate((*phase.point_constraints, *phase.point_costs)):
         data = [m for m in phase.measurements if ca.depends_on(item.expression, m.symbol)]
         symbols = ca.vertcat(*(m.symbol for m in data), ca.MX(0, 1))
         z, c, at_point = _node(physics, symbols.shape[0])
@@ -372,10 +334,8 @@ def _points(physics: _Physics) -> list[PointKernel]:
             rows.add("value" if item.defines else "point", [item], values)
         else:
             cost = values
-        point = ca.Function(f"point_{len(kernels)}", [z, c], [rows.stacked(), cost])
-        fractions, names = tuple(item.fractions.tolist()), tuple(m.name for m in data)
-        kernels.append(PointKernel(point, point, point, tuple(rows.entries), fractions, names))
-    return kernels
+        point = ca.Function(f"point_{k}", [z, c], [rows.stacked(), cost])
+        yield point, rows, tuple(item.fractions.tolist()), tuple(m.name for m in data)
 
 
 def _node(physics: _Physics, data: int = 0) -> tuple[ca.MX, ca.MX, list[ca.MX]]:
@@ -387,7 +347,7 @@ def _node(physics: _Physics, data: int = 0) -> tuple[ca.MX, ca.MX, list[ca.MX]]:
     last = z * physics.node_scale
     states = sum(v.size for v in phase.states)
     duration = last[-1]
-    no_control = ca.MX.zeros(sum(v.size for v in _constant(phase)))
+    no_control = ca.MX.zeros(sum(v.size for v in phase.shaped("constant")))
     u = ca.vertcat(no_control, last[states:-1], physics.missing)
     return z, c, [last[:states], u, c[0] * duration, duration, c[1 : 1 + size]]
 
@@ -400,17 +360,10 @@ def _depends(expression: ca.MX, symbols: Sequence[ca.MX]) -> bool:
     return any(ca.depends_on(expression, symbol) for symbol in symbols)
 
 
-def _continuous(phase: Phase, expression: ca.MX) -> bool:
-    """Return whether an expression has a value at a mesh point: the same on both its sides."""
-    local = [v.symbol for v in pointwise(phase)]
-    return not _depends(expression, local) and not _jumps(phase, expression)
-
-
 def _jumps(phase: Phase, expression: ca.MX) -> bool:
     """Return whether an expression may differ on the two sides of a mesh point."""
-    symbols = [k.symbol for k in _constant(phase)]
-    symbols += [k.rate for k in _linear(phase) if k.rate is not None]
-    return _depends(expression, symbols)
+    constant = (k.symbol for k in phase.shaped("constant"))
+    return _depends(expression, [*constant, *phase.rates.values()])
 
 
 def _as_stage(point: ca.Function) -> ca.Function:

@@ -9,27 +9,27 @@ of a phase are alike, and evaluated at once.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.ocp.problem import Phase, Variable, node_variables
+from microbot_ocp.ocp.problem import Phase, Variable, node_variables, parts_of
 from microbot_ocp.ocp.transcription._kernels import (
     Derive,
+    Kernel,
     Kernels,
-    PointKernel,
     build_kernels,
     interpolated_variables,
     joined,
     stage_variables,
 )
-from microbot_ocp.ocp.transcription._mesh import IntArray
 from microbot_ocp.ocp.transcription._table import (
     DURATION,
     Block,
+    IntArray,
     Label,
     TableEntry,
     conditions_of,
@@ -73,25 +73,17 @@ class StageKind:
 
 def stage_kind(phase: Phase, scheme: Scheme, duration_scale: float, derive: Derive) -> StageKind:
     """Return stages of a phase by one scheme, with what their kernels hold."""
-    inner = stage_variables(phase, scheme)
+    inner = tuple(stage_variables(phase, scheme))
     kernels = build_kernels(phase, duration_scale, scheme, derive)
-    node: list[TableEntry] = []
-    for variable in node_variables(phase):
-        node += entries_of(phase, _kind(variable), variable)
+    node = [e for v in node_variables(phase) for e in entries_of(phase, _kind(v), v)]
     node.append(TableEntry("duration", None, DURATION, 0, 1, 0.0, "s", duration_scale))
     control: list[TableEntry] = []
     for value in inner:
         kind = "arrival" if value.source.shape == "linear" else _kind(value.source)
         control += entries_of(phase, kind, value.source, value.fraction)
     steps = [replace(entry, kind="step", fraction=1.0) for entry in node]
-    return StageKind(
-        scheme=scheme,
-        inner=tuple(inner),
-        variables=(*node, *control),
-        rows=(*steps, *kernels.stage_rows),
-        kernels=kernels,
-        node_size=len(node),
-    )
+    variables, rows = (*node, *control), (*steps, *kernels.stage.rows)
+    return StageKind(scheme, inner, variables, rows, kernels, len(node))
 
 
 def _kind(variable: Variable) -> str:
@@ -104,11 +96,11 @@ class PointGroup:
 
     Attributes
     ----------
-    kernel : PointKernel
+    kernel : Kernel
     block : its rows, with the indices of the mesh points as intervals
     """
 
-    kernel: PointKernel
+    kernel: Kernel
     block: Block
 
     @property
@@ -215,11 +207,7 @@ class PhaseLayout:
         rows[0] += len(self.initial.entries)
         for group in self.points:
             rows[group.nodes] += len(group.block.entries)
-        return (
-            np.full(n + 1, nz),
-            np.append(controls, len(self.transition.entries)),
-            rows,
-        )
+        return np.full(n + 1, nz), np.append(controls, len(self.transition.entries)), rows
 
     def node_columns(self, block: Block) -> list[int]:
         """Return components of z that the rows of a block, such as the start conditions, are of."""
@@ -245,15 +233,14 @@ class PhaseLayout:
 
     def point_places(self, group: PointGroup) -> IntArray:
         """Return what of ``data`` the kernel of some points gets besides the fraction [..., M]."""
-        count, parameters = group.nodes.size, self.parameters.size
-        places_of_data = [np.tile(np.arange(parameters)[:, None], (1, count))]
-        offset = parameters
+        offset = self.parameters.size
+        places = [np.tile(np.arange(offset)[:, None], (1, group.nodes.size))]
         for measurement in self.phase.measurements:
-            places = offset + np.arange(measurement.value.size).reshape(measurement.value.shape)
-            offset += measurement.value.size
             if measurement.name in group.kernel.data:
-                places_of_data.append(places.T)
-        return np.vstack(places_of_data)
+                table = np.arange(measurement.value.size).reshape(measurement.value.shape)
+                places.append(offset + table.T)
+            offset += measurement.value.size
+        return np.vstack(places)
 
     def point_constants(self, group: PointGroup) -> FloatArray:
         """Return the second argument of the kernel of some points [..., M]."""
@@ -261,14 +248,8 @@ class PhaseLayout:
 
     def constants(self, intervals: IntArray) -> FloatArray:
         """Return the second argument of the kernels, for some intervals [..., M]."""
-        fixed = self.parameters
-        return np.vstack(
-            [
-                self.mesh[intervals],
-                np.diff(self.mesh)[intervals],
-                np.tile(fixed[:, None], (1, intervals.size)),
-            ]
-        )
+        fixed = np.tile(self.parameters[:, None], (1, intervals.size))
+        return np.vstack([self.mesh[intervals], np.diff(self.mesh)[intervals], fixed])
 
     def table(self, stages: FloatArray) -> FloatArray:
         """Return scaled (z, w) of every stage [N, ...] from those of all stages, in turn."""
@@ -282,22 +263,18 @@ class PhaseLayout:
         In some intervals [M], at fractions [M] of them, by the interpolation of the scheme;
         polynomial controls are kept within their bounds: :func:`within_bounds`.
         """
-        variables = interpolated_variables(self.phase)
         v = _within_bounds(self.phase, self.kind, self.table(stages)[intervals]).T
         dense = self.kind.kernels.dense(v, self.constants(intervals), share[None])
         table = np.vstack([part.full() for part in dense])
-        edges = np.cumsum([v.size for v in variables])[:-1]
-        parts = np.split(table.T, edges, axis=1)
-        return {v.name: part for v, part in zip(variables, parts, strict=True)}
+        return parts_of(interpolated_variables(self.phase), table.T)
 
 
 def _within_bounds(phase: Phase, kind: StageKind, table: FloatArray) -> FloatArray:
     """Return scaled (z, w) [M, ...] whose polynomial controls keep their bounds all along."""
-    limited, sources = table.copy(), [entry.source for entry in kind.variables]
-    for index, variable in enumerate(phase.controls):
-        if variable.shape != "polynomial":
-            continue
-        places = [k for k, source in enumerate(sources) if source == ("controls", index)]
+    limited = table.copy()
+    for variable in phase.shaped("polynomial"):
+        source = "controls", phase.controls.index(variable)
+        places = [k for k, entry in enumerate(kind.variables) if entry.source == source]
         columns = np.reshape(places, (-1, variable.size))
         points = [kind.variables[k].fraction for k in columns[:, 0]]
         limits = variable.lower / variable.scale, variable.upper / variable.scale
@@ -309,11 +286,9 @@ def lay_out(
     phase: Phase,
     mesh: FloatArray,
     kind: StageKind,
-    *,
-    following: Sequence[TableEntry] = (),
-    linked: Sequence[str] = (),
-    variable_offset: int = 0,
-    row_offset: int = 0,
+    following: Sequence[TableEntry],
+    linked: Sequence[str],
+    begin: IntArray,
 ) -> PhaseLayout:
     """Lay a phase out on a mesh.
 
@@ -324,20 +299,20 @@ def lay_out(
     kind : of its stages
     following : entries of the z of the next phase
     linked : names of what is continuous to the next phase
-    variable_offset, row_offset : where the phase begins in the program
+    begin : variable and row of the program with which the phase begins [2]
     """
     node, intervals = kind.node, mesh.size - 1
     initial, final = (conditions_of(phase, which, node) for which in ("initial", "final"))
-    corners = variable_offset + len(kind.variables) * np.arange(intervals + 1)
-    heights = np.full(intervals, len(kind.rows))
-    heights[0] += len(initial)  # the start conditions follow the rows of the first stage
+    corners = begin[0] + len(kind.variables) * np.arange(intervals + 1)
     kernels = kind.kernels.points
     where = [np.searchsorted(mesh, kernel.fractions) for kernel in kernels]
-    extra = np.zeros(intervals + 1, dtype=int)
+    # rows that stand before those of points: of every stage, and of the link
+    own = np.append(np.full(intervals, len(kind.rows)), len(following))
+    own[0] += len(initial)  # the start conditions follow the rows of the first stage
+    heights = own.copy()
     for kernel, nodes in zip(kernels, where, strict=True):
-        extra[nodes] += len(kernel.rows)
-    heights += extra[:-1]
-    first = row_offset + np.concatenate([[0], np.cumsum(heights)])
+        heights[nodes] += len(kernel.rows)
+    first = begin[1] + np.cumsum(heights) - heights
 
     def block(entries: Sequence[TableEntry], begin: int, interval: int = intervals) -> Block:
         places = np.arange(begin, begin + len(entries))[None, :]
@@ -346,23 +321,17 @@ def lay_out(
     jumping = [e for e in following if e.source is None or e.name not in linked]
     transition = block([replace(e, kind="transition") for e in jumping], corners[-1] + len(node))
     link = block([replace(e, kind="link") for e in following], first[-1])
-    free_place = np.append(first[1:] - extra[:-1], first[-1] + len(following))
-    begin = int(free_place[0]) - len(initial)
-    points = []
+    points, next_row = [], first + own
     for kernel, nodes in zip(kernels, where, strict=True):
-        places = free_place[nodes][:, None] + np.arange(len(kernel.rows))
-        free_place[nodes] += len(kernel.rows)
+        places = next_row[nodes][:, None] + np.arange(len(kernel.rows))
+        next_row[nodes] += len(kernel.rows)
         points.append(PointGroup(kernel, Block(kernel.rows, nodes, places)))
-    ends = {(e.name, e.component): e for e in node if e.source is not None}
-    sources, factors, free = [], [], iter(transition.places[0])
-    for entry in following:
-        if entry in jumping:
-            sources.append(next(free))
-            factors.append(1.0)
-        else:
-            before = ends[entry.name, entry.component]
-            sources.append(corners[-1] + node.index(before))
-            factors.append(before.scale / entry.scale)
+    ends = {(e.name, e.component): k for k, e in enumerate(node) if e.source is not None}
+    tied = [None if e in jumping else ends[e.name, e.component] for e in following]
+    free = iter(transition.places[0])
+    sources = [next(free) if k is None else corners[-1] + k for k in tied]
+    pairs = zip(tied, following, strict=True)
+    factors = [1.0 if k is None else node[k].scale / entry.scale for k, entry in pairs]
     after = corners[-1] + len(node) + len(jumping)
     return PhaseLayout(
         phase=phase,
@@ -372,10 +341,10 @@ def lay_out(
         stage_rows=first[:-1, None] + np.arange(len(kind.rows)),
         nodes=corners[:, None] + np.arange(len(node)),
         transition=transition,
-        initial=block(initial, begin, 0),
+        initial=block(initial, first[0] + len(kind.rows), 0),
         link=link,
         points=tuple(points),
-        final=block(final, int(free_place[-1])),
+        final=block(final, next_row[-1]),
         targets=np.arange(after, after + len(following)),
         sources=np.array(sources, dtype=int),
         factors=np.array(factors),
@@ -393,16 +362,16 @@ def fill_values(layouts: Sequence[PhaseLayout], x: FloatArray) -> None:
     """Give the free parameters in x that stand for values of expressions these values."""
     for layout in layouts:
         for group in layout.points:
-            values = [entry for entry in group.block.entries if entry.kind == "value"]
-            if not values:
+            names = [entry.name for entry in group.block.entries if entry.kind == "value"]
+            if not names:
                 continue
             z = x[layout.nodes[group.nodes]].T
-            missed = group.kernel.point(z, layout.point_constants(group))[0].full()[:, 0]
+            missed = group.kernel.value(z, layout.point_constants(group))[0].full()[:, 0]
             for other in layouts:
                 node = [entry.name for entry in other.kind.node]
-                if values[0].name in node:
-                    first = node.index(values[0].name)
-                    x[other.nodes[:, first : first + len(values)]] += missed
+                if names[0] in node:
+                    first = node.index(names[0])
+                    x[other.nodes[:, first : first + len(names)]] += missed
 
 
 @dataclass(frozen=True, eq=False)
@@ -454,19 +423,20 @@ def bounds_of(layouts: Sequence[PhaseLayout]) -> Bounds:
 
 def row_labels(layouts: Sequence[PhaseLayout]) -> list[Label]:
     """Return what every row of a program is."""
-    return _labels({layout.phase.name: layout.rows for layout in layouts})
+    return labels_of(layouts, "rows")
 
 
 def variable_labels(layouts: Sequence[PhaseLayout]) -> list[Label]:
     """Return what every variable of a program is."""
-    return _labels({layout.phase.name: layout.variables for layout in layouts})
+    return labels_of(layouts, "variables")
 
 
-def _labels(blocks: Mapping[str, Sequence[Block]]) -> list[Label]:
+def labels_of(layouts: Sequence[PhaseLayout], what: str) -> list[Label]:
+    """Return what the "rows" or "variables" of a program are."""
     labels: dict[int, Label] = {}
-    for phase, blocks_of_phase in blocks.items():
-        for block in blocks_of_phase:
+    for layout in layouts:
+        for block in getattr(layout, what):
             for interval, places in zip(block.intervals.tolist(), block.places, strict=True):
                 for entry, place in zip(block.entries, places.tolist(), strict=True):
-                    labels[place] = Label(**vars(entry), phase=phase, interval=interval)
+                    labels[place] = Label(**vars(entry), phase=layout.phase.name, interval=interval)
     return [labels[place] for place in range(len(labels))]

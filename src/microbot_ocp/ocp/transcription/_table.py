@@ -13,8 +13,9 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp.problem import LIMITS, VARIABLES, PathConstraint, Phase, Variable
-from microbot_ocp.ocp.transcription._mesh import IntArray
 
+IntArray = np.ndarray
+Item = Variable | PathConstraint
 DURATION = "duration"
 EQUATIONS = ("step", "defect", "equation", "link", "value")
 """Kinds of rows that are zero; the others have declared limits."""
@@ -125,9 +126,7 @@ class Block:
     places: IntArray
 
 
-def entries_of(
-    phase: Phase, kind: str, item: Variable | PathConstraint, fraction: float = 0.0
-) -> list[TableEntry]:
+def entries_of(phase: Phase, kind: str, item: Item, fraction: float = 0.0) -> list[TableEntry]:
     """Return an entry for every component of a variable or constraint of a phase."""
     source = next(
         (name, items.index(item)) for name in _LISTS if item in (items := getattr(phase, name))
@@ -141,13 +140,9 @@ def entries_of(
 
 def conditions_of(phase: Phase, which: str, node: Sequence[TableEntry]) -> tuple[TableEntry, ...]:
     """Give entries of what has a condition at the start ("initial") or end ("final") of a phase."""
-    conditions = [replace(entry, kind=which) for entry in node if _item(phase, entry) is not None]
-    return tuple(
-        entry
-        for entry in conditions
-        if getattr(_item(phase, entry), which) is not None
-        and np.isfinite(_pair(phase, entry)).any()
-    )
+    has = [e for e in node if getattr(_item(phase, e), which, None) is not None]
+    conditions = (replace(entry, kind=which) for entry in has)
+    return tuple(entry for entry in conditions if np.isfinite(_pair(phase, entry)).any())
 
 
 def limits_of(phase: Phase, entries: Sequence[TableEntry]) -> tuple[FloatArray, FloatArray]:
@@ -157,7 +152,7 @@ def limits_of(phase: Phase, entries: Sequence[TableEntry]) -> tuple[FloatArray, 
     return low, high
 
 
-def _item(phase: Phase, entry: TableEntry) -> Variable | PathConstraint | None:
+def _item(phase: Phase, entry: TableEntry) -> Item | None:
     if entry.source is None:
         return None
     name, position = entry.source

@@ -6,7 +6,7 @@ The kernels of an interval are built once and serve every mesh.
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Iterator, Mapping, Sequence, Sized
+from collections.abc import Callable, Mapping, Sequence, Sized
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -29,9 +29,12 @@ from microbot_ocp.ocp.transcription._assembly import Program, assemble
 from microbot_ocp.ocp.transcription._composition import Composition, Derivatives, automatic
 from microbot_ocp.ocp.transcription._kernels import with_derivatives
 from microbot_ocp.ocp.transcription._layout import PhaseLayout, lay_out, stage_kind
-from microbot_ocp.ocp.transcription._mesh import Meshes, mesh_of, with_points
 from microbot_ocp.ocp.transcription.schemes import SCHEMES, Collocation, Scheme
 
+MOST_INTERVALS = 100_000
+
+MeshLike = int | ArrayLike
+Meshes = Sequence[MeshLike] | MeshLike  # one a phase, or one for all
 MakeKernels = Callable[[], Sequence[ca.Function]]
 GuessValue = ArrayLike | Callable[[FloatArray], ArrayLike]
 
@@ -47,6 +50,13 @@ class Guess:
 
     duration: float | None = None
     values: Mapping[str, GuessValue] = field(default_factory=dict)
+
+    def with_values(self, values: Mapping[str, GuessValue]) -> Guess:
+        """Return the same with other or further values."""
+        return Guess(self.duration, {**self.values, **values})
+
+
+Guesses = Mapping[str, Guess]  # by the names of the phases
 
 
 def guess_table(value: GuessValue, size: int, fractions: FloatArray) -> FloatArray:
@@ -76,6 +86,42 @@ def sampled(value: GuessValue | None, variable: Variable, fractions: FloatArray)
         return np.array(table)
     points = np.linspace(0.0, 1.0, len(table))
     return np.column_stack([np.interp(fractions, points, column) for column in table.T])
+
+
+def mesh_of(mesh: MeshLike) -> FloatArray:
+    """Return increasing fractions [N+1] from 0 to 1 from such, or from a number of intervals."""
+    if isinstance(mesh, (int, np.integer)):
+        if mesh < 2:
+            raise InputError(f"mesh must have at least 2 intervals, not {mesh}")
+        checks.size("the number of intervals", float(min(mesh, 10**300)), MOST_INTERVALS)
+        return np.linspace(0.0, 1.0, int(mesh) + 1)
+    if isinstance(mesh, float):
+        raise InputError(f"mesh must be a whole number of intervals or fractions, not {mesh}")
+    given = checks.array("mesh", mesh, (None,))
+    if given.size < 3 or given[0] != 0.0 or given[-1] != 1.0 or np.any(np.diff(given) <= 0):
+        raise InputError("mesh must be increasing fractions from 0 to 1, or a number of intervals")
+    return given
+
+
+def with_points(mesh: FloatArray, fractions: Sequence[float]) -> FloatArray:
+    """Return the mesh with some fractions among its points.
+
+    The nearest point of its own moves there, where it is nearer than half of the shorter interval
+    beside it; otherwise there is one more.
+    """
+    points = mesh.tolist()
+    wanted = [f for f in fractions if f not in points]
+    held = set(fractions)
+    for fraction in wanted:
+        place = int(np.searchsorted(points, fraction))
+        near = min((place - 1, place), key=lambda k: abs(points[k] - fraction))
+        movable = 0 < near < len(points) - 1 and points[near] not in held
+        gap = abs(points[near] - fraction)
+        if movable and 2 * gap < min(np.diff(points[near - 1 : near + 2])):
+            points[near] = fraction
+        else:
+            points.insert(place, fraction)
+    return np.array(points) if wanted else mesh
 
 
 class Transcription:
@@ -173,26 +219,22 @@ class Transcription:
         phases, given = self.problem.phases, self._points(meshes)
         links = {link.before: link.names for link in self.problem.links}
         layouts: list[PhaseLayout] = []
-        variable_offset, row_offset = 0, 0
+        begin = np.zeros(2, dtype=int)  # of the next phase: its first variable and row
         for index, (phase, mesh) in enumerate(zip(phases, given, strict=True)):
-            layout = lay_out(
-                phase,
-                mesh,
-                self._kinds[index],
-                following=self._kinds[index + 1].node if index + 1 < len(phases) else (),
-                linked=(*links.get(phase.name, ()), *_carried(*phases[index : index + 2])),
-                variable_offset=variable_offset,
-                row_offset=row_offset,
-            )
+            after = slice(index + 1, index + 2)
+            following = [entry for other in self._kinds[after] for entry in other.node]
+            linked = *links.get(phase.name, ()), *_carried(phase, phases[after])
+            layout = lay_out(phase, mesh, self._kinds[index], following, linked, begin)
             layouts.append(layout)
-            variable_offset += layout.variable_count
-            row_offset += layout.row_count
+            begin = begin + np.array([layout.variable_count, layout.row_count])
         return tuple(layouts)
 
 
-def _carried(before: Phase, after: Phase | None = None) -> Iterator[str]:
-    """Yield names of the free parameters that two phases share."""
-    for parameter in before.free_parameters if after is not None else ():
-        assert after is not None
-        if any(ca.is_equal(parameter.symbol, other.symbol) for other in after.free_parameters):
-            yield parameter.name
+AnyProblem = OptimalControlProblem | Transcription
+
+
+def _carried(before: Phase, after: Sequence[Phase]) -> list[str]:
+    """Return names of the free parameters that a phase shares with those after it."""
+    others = [other.symbol for phase in after for other in phase.free_parameters]
+    free = before.free_parameters
+    return [p.name for p in free if any(ca.is_equal(p.symbol, other) for other in others)]

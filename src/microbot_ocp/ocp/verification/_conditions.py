@@ -58,7 +58,7 @@ def differentiate(phase: PhaseSolution, lam_g: FloatArray) -> Derivatives:
     assert phase.stages is not None
     intervals, of_stages = np.arange(layout.intervals), lam_g[layout.stage_rows]
     table = layout.table(phase.stages)
-    run = _gradient(layout.kind.kernels.stage).map(intervals.size)
+    run = _gradient(layout.kind.kernels.stage.value).map(intervals.size)
     slope, slope_of_grid = run(table.T, layout.constants(intervals), of_stages.T)
     by_grid = slope_of_grid.full()
     last = [*(phase.values[v.name][-1] for v in node_variables(layout.phase)), [phase.duration]]
@@ -66,7 +66,7 @@ def differentiate(phase: PhaseSolution, lam_g: FloatArray) -> Derivatives:
     z = np.vstack([inner, np.concatenate(last) / layout.node_scale])
     by_point, end_cost = np.zeros_like(z), np.zeros(layout.node_size)
     for group in layout.points:
-        run = _gradient(group.kernel.point).map(group.nodes.size)
+        run = _gradient(group.kernel.value).map(group.nodes.size)
         constants, lam = layout.point_constants(group), lam_g[group.block.places].T
         by_point[group.nodes] += run(z[group.nodes].T, constants, lam)[0].full().T
         end_cost = run(z[group.nodes].T, constants, 0 * lam)[0].full()[:, -1]  # the end comes last

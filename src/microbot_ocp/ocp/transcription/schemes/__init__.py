@@ -1,27 +1,9 @@
-"""Ways to step over an interval, one file each; a problem changes its scheme by one argument."""
+"""Ways to step over an interval; a problem changes its scheme by one argument.
 
-from microbot_ocp.ocp.transcription.schemes._base import (
-    Interval as Interval,
-    IntervalStep as IntervalStep,
-    Scheme,
-    StageVariable as StageVariable,
-    lagrange as lagrange,
-    pointwise as pointwise,
-)
-from microbot_ocp.ocp.transcription.schemes._collocation import (
-    Collocation,
-    within_bounds as within_bounds,
-)
-from microbot_ocp.ocp.transcription.schemes._shooting import (
-    IntegratorShooting as IntegratorShooting,
-    Shooting,
-)
-from microbot_ocp.ocp.transcription.schemes._trapezoidal import HermiteSimpson, Trapezoidal
+Comes in: the symbols of one interval. Goes out: the step over it. Begin with ``_base.py``, which
+says what a scheme is; ``_schemes.py`` has their names.
+"""
 
-SCHEMES: dict[str, Scheme] = {
-    "shooting": Shooting(),
-    "radau": Collocation("radau", 3),
-    "gauss": Collocation("legendre", 3),
-    "trapezoidal": Trapezoidal(),
-    "hermite_simpson": HermiteSimpson(),
-}
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -117,7 +117,7 @@ def lagrange(points: Sequence[float], s: Any) -> list[Any]:
 
 def pointwise(phase: Phase) -> list[Variable]:
     """Return variables that have values at the points of a scheme only."""
-    return [*(c for c in phase.controls if c.shape == "polynomial"), *phase.algebraics]
+    return [*phase.shaped("polynomial"), *phase.algebraics]
 
 
 def refuse_pointwise(phase: Phase, scheme: str) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -46,8 +46,13 @@ class Shooting:
                 cost = cost + added
             return x, cost
 
-        arrived, running = after(1.0)
-        return IntervalStep(arrived, running, (), lambda s: (after(s)[0], interval.control(s)))
+        return _shot(interval, after)
+
+
+def _shot(interval: Interval, after: Callable[[Fraction], tuple[ca.MX, ca.MX]]) -> IntervalStep:
+    """Return the step of which one knows state and running cost after any part of it."""
+    arrived, running = after(1.0)
+    return IntervalStep(arrived, running, (), lambda s: (after(s)[0], interval.control(s)))
 
 
 def _runge_kutta(
@@ -105,8 +110,7 @@ class IntegratorShooting:
             result = run(x0=interval.x, p=ca.vertcat(*inputs, fraction))
             return result["xf"], result["qf"]
 
-        arrived, running = after(1.0)
-        return IntervalStep(arrived, running, (), lambda s: (after(s)[0], interval.control(s)))
+        return _shot(interval, after)
 
 
 _ADAPTIVE = ("cvodes", "idas")
