@@ -239,7 +239,6 @@ class _Override:
             along,
             start_free=self.rests,
             end_free=along.s.size > last,
-            fast=self.fast,
             fastest=np.where(before | (speed == 0.0), max(self.current, speed), speed),
             ends=(self.current, 0.0),
         )
@@ -255,7 +254,7 @@ class _Override:
         ends = [0] * self.rests + [-1] * (timing.s.size == self.along.s.size)
         timing = with_steady_ends(timing, ends)
         along = CurveLimits.of(self.along.limits.family, self.curve, timing.s, self.fast)
-        return timing, along.excess(timing, self.curve)
+        return timing, along.excess(timing)
 
     def finer(self, cut: np.ndarray) -> _Override:
         """The same with these of the first intervals cut in two."""

@@ -53,25 +53,18 @@ def blocking_limit(family: LimitFamily, curve: PathCurve, fast: bool) -> Blocked
     """
     along = CurveLimits.of(family, curve, GRID, fast)
     rows, limits = along.rows, along.limits
-    bounds = (
-        [
-            np.stack(
-                [getattr(limits.half_planes[key], side)[:, j] for key, j in rows.names], axis=1
-            )
-            for side in ("lower", "upper")
-        ]
-        if rows.names
-        else []
-    )
-    if not bounds:
+    if not rows.names:
         return None
-    lower, upper = bounds
-    size = np.maximum(*(np.where(np.isfinite(b), np.abs(b), 0.0) for b in bounds))
+    lower, upper = (
+        np.stack([getattr(limits.half_planes[key], side)[:, j] for key, j in rows.names], axis=1)
+        for side in ("lower", "upper")
+    )
+    size = np.maximum(*(np.where(np.isfinite(b), np.abs(b), 0.0) for b in (lower, upper)))
     count, width = along.s.size - 1, len(rows.names)
     step = np.diff(along.s)
     # a typical x, so that the program is of order one
     room = np.where(np.isfinite(size), size, np.inf) / np.maximum(np.abs(rows.per_x), 1e-300)
-    most = limits.speed_limit(along.nodes, count + 1)
+    most = along.speed_limit
     unit_x = float(np.median(np.minimum(room.min(axis=1)[: count + 1], most)))
     unit_u = unit_x / float(along.s[-1] - along.s[0])
     # unknowns: x at the points, u at the start and at the end of every interval, the share

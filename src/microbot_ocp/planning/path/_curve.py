@@ -14,7 +14,7 @@ Theory: docs/theory/path_timing.md, equation (4).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import comb, perm, prod
@@ -245,27 +245,20 @@ class PathCurve:
     def parameter(self, r: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Give the path's own parameter s since the start of the curve, and ds/dr, both [N]."""
         s, slope, begin = np.zeros_like(r), np.zeros_like(r), 0.0
-        for piece, here, local in self._by_piece(r):
+        index = self._piece_of(r, False)
+        for i, piece in enumerate(self.pieces):
+            here = index == i
+            local = r[here] - self.breaks[i] + piece.limits[0]
             place, slopes = local, 1.0
             if piece.bent:
                 at_end = float(piece.bent_at_end)
                 x, per_r = _from_the_bent_end(piece.length, at_end, piece.powers, local)
                 way, rise = (piece.length * _bent_power(x, piece.powers, 1, k) for k in (0, 1))
-                place, slopes = (
-                    at_end * piece.length + (1.0 - 2.0 * at_end) * way,
-                    np.abs(rise * per_r),
-                )
+                place = at_end * piece.length + (1.0 - 2.0 * at_end) * way
+                slopes = np.abs(rise * per_r)
             s[here], slope[here] = begin + place, slopes
             begin += piece.length
         return s, slope
-
-    def _by_piece(self, r: FloatArray) -> Iterator[tuple[CurvePiece, Any, Any]]:
-        """Give every piece with the places of its parameters and their values within it."""
-        breaks = self.breaks
-        index = self._piece_of(r, False)
-        for i, piece in enumerate(self.pieces):
-            here = index == i
-            yield piece, here, r[here] - breaks[i] + piece.limits[0]
 
 
 def _bent_pieces(

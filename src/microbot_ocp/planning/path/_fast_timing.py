@@ -197,12 +197,10 @@ def _timed(
         if index and deadline.over():
             break
         along = CurveLimits.of(moving, curve, grid, fast)
-        first, last = index == 0, index == len(curves) - 1
         reached = reach(
             along,
-            start_free=curve.start_free if start_free is None or not first else start_free,
-            end_free=curve.end_free if end_free is None or not last else end_free,
-            fast=fast,
+            start_free=start_free if index == 0 else None,
+            end_free=end_free if index == len(curves) - 1 else None,
         )
         kept_by = kept_by or limits_kept_by(along.limits)
         parts.append((curve, reached))

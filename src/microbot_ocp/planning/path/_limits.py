@@ -17,7 +17,7 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.fast_calls import deferred_call
-from microbot_ocp.limits import ROUNDING, LimitFamily, LimitValues, MotionSamples
+from microbot_ocp.limits import ROUNDING, LimitFamily, LimitValues, Member, MotionSamples
 from microbot_ocp.planning.path._curve import PathCurve
 from microbot_ocp.robot import COULOMB_SMOOTHING, Robot, inverse_dynamics
 
@@ -82,6 +82,14 @@ class Coefficients(NamedTuple):
     lower: FloatArray
     upper: FloatArray
 
+    @classmethod
+    def within(
+        cls, bounds: Member | LimitValues, per_u: Any, per_x: Any, constant: Any
+    ) -> Coefficients:
+        """Give a quantity the bounds of a limit at every node."""
+        every = (np.broadcast_to(b, per_u.shape) for b in (bounds.lower, bounds.upper))
+        return cls(per_u, per_x, constant, *every)
+
 
 @dataclass(frozen=True, eq=False)
 class PathLimits:
@@ -110,22 +118,16 @@ class PathLimits:
         for member in family:
             key = member.key
             if key == "tau":
-                half_planes[key] = _torque(family, nodes, fast)
+                torque = torque_coefficients(family.robot, nodes, fast)
+                half_planes[key] = Coefficients.within(member, *torque)
             elif key == "qdd":
-                bounds = (
-                    np.broadcast_to(b, nodes.tangent.shape) for b in (member.lower, member.upper)
-                )
-                zero = np.zeros_like(nodes.tangent)
-                half_planes[key] = Coefficients(nodes.tangent, nodes.curvature, zero, *bounds)
+                shape = nodes.tangent, nodes.curvature, np.zeros_like(nodes.tangent)
+                half_planes[key] = Coefficients.within(member, *shape)
             elif member.order == 2 and (planes := _half_planes(family, key, nodes)) is not None:
                 half_planes[key] = planes
             elif member.order > 1:
                 later.append(key)
         return cls(family, half_planes, _speed_limits(family, nodes), tuple(later))
-
-    def speed_limit(self, nodes: Nodes, count: int) -> FloatArray:
-        """Give the largest x [N+1] that the limits of the velocity leave at the grid points."""
-        return least_bound(self.speed, nodes, count)
 
 
 def largest_speeds(family: LimitFamily, curve: PathCurve, s: FloatArray) -> FloatArray:
@@ -170,14 +172,6 @@ def _along(family: LimitFamily, nodes: Nodes, key: str, u: Any, v: Any) -> Limit
     return family.values(samples, [key])[key]
 
 
-def _torque(family: LimitFamily, nodes: Nodes, fast: bool) -> Coefficients:
-    """Give the torque as half planes."""
-    robot, member = family.robot, family["tau"]
-    per_u, per_x, at_rest = torque_coefficients(robot, nodes, fast)
-    bounds = (np.broadcast_to(b, per_u.shape) for b in (member.lower, member.upper))
-    return Coefficients(per_u, per_x, at_rest, *bounds)
-
-
 @lru_cache(maxsize=64)
 def frictionless(robot: Robot) -> Robot:
     """Leave out the friction of a robot."""
@@ -216,8 +210,7 @@ def _half_planes(family: LimitFamily, key: str, nodes: Nodes) -> Coefficients | 
         for bound, usual in ((tried.lower, rest.lower), (tried.upper, rest.upper)):
             if not np.array_equal(bound, usual):
                 return None
-    bounds = (np.broadcast_to(b, rest.value.shape) for b in (rest.lower, rest.upper))
-    return Coefficients(per_u, per_x, rest.value, *bounds)
+    return Coefficients.within(rest, per_u, per_x, rest.value)
 
 
 def speed_bound(family: LimitFamily, key: str, nodes: Nodes) -> FloatArray:

@@ -215,9 +215,8 @@ def phase_plane(
 
 def _segment(family: LimitFamily, curve: PathCurve, begin: float, grid: int) -> PhasePlane:
     """Compute the phase plane between two stops, first in the regular parameter of the curve."""
-    fast = compiles()
-    along = CurveLimits.of(family, curve, grid, fast)
-    timing = reach(along, start_free=curve.start_free, end_free=curve.end_free, fast=fast)
+    along = CurveLimits.of(family, curve, grid, compiles())
+    timing = reach(along)
     nodes, rows = along.nodes, along.rows
     friction = np.zeros_like(rows.per_x)
     columns, joints = rows.torques
@@ -225,11 +224,9 @@ def _segment(family: LimitFamily, curve: PathCurve, begin: float, grid: int) -> 
     friction[:, columns] = viscous[joints] * nodes.tangent[:, joints]
     least, most = speed_range(rows, friction)
     size = timing.s.size
-    least, most = (
-        _at_points(nodes, size, least, np.maximum),
-        _at_points(nodes, size, most, np.minimum),
-    )
-    fastest = np.sqrt(along.limits.speed_limit(nodes, size))
+    least = _at_points(nodes, size, least, np.maximum)
+    most = _at_points(nodes, size, most, np.minimum)
+    fastest = np.sqrt(along.speed_limit)
     place, slope = curve.parameter(timing.s)
     scale = np.abs(slope)
     profile = np.sqrt(timing.speed_squared) if timing.feasible else np.full(size, np.nan)
@@ -242,12 +239,10 @@ def _segment(family: LimitFamily, curve: PathCurve, begin: float, grid: int) -> 
         torque_bound=most * scale,
         velocity_bound=np.where(fastest >= np.sqrt(FAR), np.inf, fastest * scale),
         least=least * scale,
-        velocity_joint=_fastest_joint(along.limits)[:size],
+        velocity_joint=_fastest_joint(along.limits, size),
         arcs=tuple(_arcs(s, timing, rows, nodes, along.limits)) if timing.feasible else (),
         duration=timing.duration if timing.feasible else float("nan"),
-        blocked_at=float("nan")
-        if timing.feasible
-        else float(np.interp(timing.blocked_at, timing.s, s)),
+        blocked_at=float(np.interp(timing.blocked_at, timing.s, s)),
     )
 
 
@@ -331,18 +326,15 @@ def _at_points(nodes: Nodes, size: int, values: FloatArray, choose: np.ufunc) ->
     return result
 
 
-def _fastest_joint(limits: PathLimits) -> np.ndarray:
-    """Give the joint whose velocity limit leaves the least speed, at every node, or -1."""
+def _fastest_joint(limits: PathLimits, size: int) -> np.ndarray:
+    """Give the joint whose velocity limit leaves the least speed, at grid points [size], or -1."""
     joints = limits.speed.get("qd")
     if joints is None:
-        some = next(iter(limits.half_planes.values()), None)
-        count = len(some.per_u) if some else len(next(iter(limits.speed.values())))
-        return np.full(count, -1)
+        return np.full(size, -1)
     nearest, least = joints.argmin(axis=1), joints.min(axis=1)
-    for key, bound in limits.speed.items():
-        if key != "qd":
-            nearest = np.where(bound.min(axis=1) < least, -1, nearest)
-    return nearest
+    for bound in limits.speed.values():
+        nearest = np.where(bound.min(axis=1) < least, -1, nearest)
+    return nearest[:size]
 
 
 def _arcs(
@@ -373,39 +365,31 @@ def _room(
 
     As a share of its range, the lesser of both ends of every grid interval.
     """
-    x = timing.speed_squared
+    x = timing.speed_squared[:, None]
+    ends = (
+        (rows.left, x[:-1], timing.start[:, None]),
+        (rows.right, x[1:], timing.end[:, None]),
+    )
     names: list[PathLimit] = []
-    columns = []
+    rooms = []  # at both ends
     span = rows.upper - rows.lower
     for side, bound in ((1, rows.upper), (-1, rows.lower)):
         size = np.where(np.isfinite(span), span, 1.0 + np.abs(bound))
-        rooms = []
-        for at, speed, u in (
-            (rows.left, x[:-1], timing.start[:, None]),
-            (rows.right, x[1:], timing.end[:, None]),
-        ):
-            value = rows.per_u[at] * u + rows.per_x[at] * speed[:, None]
-            rooms.append(side * (bound[at] - value) / size[at])
-        columns.append(np.minimum(*rooms))
+        values = ((at, rows.per_u[at] * u + rows.per_x[at] * speed) for at, speed, u in ends)
+        rooms.append([side * (bound[at] - value) / size[at] for at, value in values])
         names += [PathLimit(quantity, joint, side) for quantity, joint in rows.names]
-    ends = ((nodes.left, x[:-1]), (nodes.right, x[1:]))
-    for quantity, bound in limits.speed.items():
-        if quantity == "qd":
-            continue
-        for component in range(bound.shape[1]):
-            with np.errstate(invalid="ignore", divide="ignore"):
-                rooms = [1.0 - np.sqrt(speed / bound[at, component]) for at, speed in ends]
-            columns.append(np.minimum(*rooms)[:, None])
-            names.append(PathLimit(quantity, component, 1))
-    if "qd" in limits.speed:
-        member = limits.family["qd"]
-        for joint in range(nodes.tangent.shape[1]):
-            for side, limit in ((1, member.upper[joint]), (-1, member.lower[joint])):
-                with np.errstate(invalid="ignore", divide="ignore"):
-                    rooms = [
-                        1.0 - nodes.tangent[at, joint] * np.sqrt(speed) / limit
-                        for at, speed in ends
-                    ]
-                columns.append(np.minimum(*rooms)[:, None])
-                names.append(PathLimit("qd", joint, side))
-    return names, np.nan_to_num(np.hstack(columns), nan=np.inf, posinf=np.inf)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        for quantity, bound in limits.speed.items():
+            if quantity != "qd":
+                rooms.append([1.0 - np.sqrt(speed / bound[at]) for at, speed, _ in ends])
+                names += [PathLimit(quantity, k, 1) for k in range(bound.shape[1])]
+        if "qd" in limits.speed:
+            member = limits.family["qd"]
+            sides = np.stack([member.upper, member.lower], axis=1)
+            velocities = (nodes.tangent[at] * np.sqrt(speed) for at, speed, _ in ends)
+            rooms.append([(1.0 - v[..., None] / sides).reshape(len(v), -1) for v in velocities])
+            names += [
+                PathLimit("qd", joint, side) for joint in range(len(sides)) for side in (1, -1)
+            ]
+    room = np.hstack([np.minimum(*pair) for pair in rooms])
+    return names, np.nan_to_num(room, nan=np.inf, posinf=np.inf)

@@ -178,6 +178,8 @@ def _sinh_over(z: FloatArray) -> FloatArray:
 class CurveLimits:
     """What the passes need of a curve: its grid, its nodes, its limits at them."""
 
+    curve: PathCurve
+    fast: bool  # use compiled functions
     s: FloatArray
     nodes: Nodes
     limits: PathLimits
@@ -195,7 +197,12 @@ class CurveLimits:
         has_friction = "tau" in limits.half_planes and any(
             link.viscous_friction or link.coulomb_friction for link in family.robot.links
         )
-        return cls(s, nodes, limits, LimitRows.of(nodes, limits), has_friction)
+        return cls(curve, fast, s, nodes, limits, LimitRows.of(nodes, limits), has_friction)
+
+    @property
+    def speed_limit(self) -> FloatArray:
+        """The largest x [N+1] that the limits of the velocity leave at the grid points."""
+        return least_bound(self.limits.speed, self.nodes, self.s.size)
 
     def steady_speed(self) -> FloatArray:
         """Give the speed s' [N+1] up to which further limits are kept without s'' and s'''.
@@ -207,13 +214,13 @@ class CurveLimits:
         bounds = {key: speed_bound(family, key, self.nodes) for key in keys}
         return np.sqrt(least_bound(bounds, self.nodes, self.s.size))
 
-    def excess(self, timing: Reached, curve: PathCurve) -> FloatArray:
+    def excess(self, timing: Reached) -> FloatArray:
         """Give the largest relative excess [N] over any of these limits inside every interval."""
         family, worst = self.limits.family, np.full(self.s.size - 1, -1.0)
         i = np.arange(worst.size)
         for share in REACHABILITY.places:
             r, v, u = timing.inside(i, np.full(i.size, share))
-            q, tangent, curvature = curve.evaluate(r)
+            q, tangent, curvature = self.curve.evaluate(r)
             v, u = v[:, None], u[:, None]
             qdd = tangent * u + curvature * v**2
             samples = MotionSamples(q, tangent * v, qdd, np.zeros_like(q))
@@ -226,9 +233,8 @@ class CurveLimits:
 def reach(
     along: CurveLimits,
     *,
-    start_free: bool,
-    end_free: bool,
-    fast: bool,
+    start_free: bool | None = None,
+    end_free: bool | None = None,
     fastest: float | FloatArray = np.inf,
     ends: tuple[float, float] = (0.0, 0.0),
 ) -> Reached:
@@ -236,19 +242,22 @@ def reach(
 
     With ds/dt at most ``fastest`` [N+1]; docs/theory/path_timing.md, "Reachability".
 
-    ``start_free`` and ``end_free`` leave ds/dt free at an end where the tangent vanishes, as the
-    arm rests there all the same. Friction goes with the root of x and is linearised around the
-    timing found last.
+    ``start_free`` and ``end_free`` leave ds/dt free at an end, by default where the tangent
+    vanishes, as the arm rests there all the same. Friction goes with the root of x and is
+    linearised around the timing found last.
     """
-    free = (start_free, end_free)
-    speed_limit = np.minimum(along.limits.speed_limit(along.nodes, along.s.size), fastest**2)
-    timing = _passes(along.s, along.rows, speed_limit, free, fast, ends)
+    free = (
+        along.curve.start_free if start_free is None else start_free,
+        along.curve.end_free if end_free is None else end_free,
+    )
+    speed_limit = np.minimum(along.speed_limit, fastest**2)
+    timing = _passes(along, along.rows, speed_limit, free, ends)
     x, before = timing.speed_squared, timing.duration
     for _ in range(REACHABILITY.friction_passes if along.has_friction and timing.feasible else 0):
         if deadline.over():
             break
         bent = along.rows.with_friction(along.nodes, along.limits.family.robot, x)
-        timing = _passes(along.s, bent, speed_limit, free, fast, ends)
+        timing = _passes(along, bent, speed_limit, free, ends)
         if not timing.feasible:  # at a speed at which friction alone takes more than the limits
             x = 0.25 * x
             continue
@@ -275,10 +284,10 @@ def settled(
     s, duration = path_grid(curve, grid), np.inf
     for last in range(most - 1, -1, -1):
         along = CurveLimits.of(family, curve, s, fast)
-        timing = reach(along, start_free=curve.start_free, end_free=curve.end_free, fast=fast)
+        timing = reach(along)
         if not timing.feasible:
             return timing, along, np.inf
-        excess = along.excess(timing, curve)
+        excess = along.excess(timing)
         apart = abs(timing.duration - duration) > REACHABILITY.settled * timing.duration
         cut = (excess > tolerance) | (apart and s.size <= REACHABILITY.most_settling)
         cut &= np.diff(timing.t) > min(
@@ -305,13 +314,13 @@ def path_grid(path: PathCurve, count: int) -> FloatArray:
 
 
 def _passes(
-    s: FloatArray,
+    along: CurveLimits,
     rows: LimitRows,
     speed_limit: FloatArray,
     free: tuple[bool, bool],
-    fast: bool,
     ends: tuple[float, float],
 ) -> Reached:
+    s, fast = along.s, along.fast
     begins, finishes = (speed**2 for speed in ends)
     step = np.diff(s)
     steps, width = step[:, None], rows.per_u.shape[1]

@@ -229,7 +229,7 @@ class _PathSearch:
             timings = [self._walk(k, timing) for k, timing in enumerate(timings)]
             if rows:
                 excess = [
-                    CurveLimits.of(self.family, curve, timing.s, self.fast).excess(timing, curve)
+                    CurveLimits.of(self.family, curve, timing.s, self.fast).excess(timing)
                     for curve, timing in zip(self.passed, timings, strict=True)
                 ]
                 return self._reached_motion(
@@ -293,13 +293,7 @@ class _PathSearch:
                     jerk, more = rates_alone(family, passed.evaluate(timing.s)[0])
                     family = LimitFamily.of(self.robot, self.robot.limits.changed(more))
                 along = CurveLimits.of(family, passed, self.settings.grid, self.fast)
-                gentle = reach(
-                    along,
-                    start_free=passed.start_free,
-                    end_free=passed.end_free,
-                    fast=self.fast,
-                    fastest=along.steady_speed(),
-                )
+                gentle = reach(along, fastest=along.steady_speed())
                 _, tangent, curvature = passed.evaluate(gentle.s)
                 rises = np.append(gentle.start, gentle.end[-1])[:, None]
                 qdd = tangent * rises + curvature * gentle.speed_squared[:, None]
