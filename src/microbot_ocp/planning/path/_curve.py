@@ -97,30 +97,24 @@ class CurvePiece:
         margin = CURVE.margin * self.span
         return (0.0, self.span - margin) if self.bent_at_end else (margin, self.span)
 
+    def from_the_bent_end(self, r: FloatArray) -> tuple[FloatArray, float]:
+        """Give the share x of the way from the bent end, 0 to 1, and its derivative by r."""
+        span, sign = self.span, -1.0 if self.bent_at_end else 1.0
+        return (float(self.bent_at_end) * span + sign * r) / span, sign / span
 
-def derivatives(
-    table: Any, length: Any, at_end: Any, powers: tuple[int, int], r: Any, *, highest: int = 3
-) -> list[Any]:
-    """Give position and its derivatives with respect to r, up to ``highest`` <= 3.
+
+def _near_a_bent_end(piece: CurvePiece, r: FloatArray, highest: int) -> list[FloatArray]:
+    """Give position and derivatives by r, each [N,n], at parameters r [N,1] of a bent piece.
 
     docs/theory/path_timing.md, "Ends at rest".
-
-    Parameters
-    ----------
-    table : [degree+1][n], columns of coefficients (numpy or CasADi, any that multiply and add)
-    length, at_end : length of the piece; 1 where its end is bent, 0 where its start is
-    powers : p and m + 1
-    r : parameter, a number or a symbol
     """
-    if powers[0] == powers[1]:
-        return [_power_sum(table, r, order) for order in range(highest + 1)]
-    x, slope = _from_the_bent_end(length, at_end, powers, r)
-    result = []
+    x, slope = piece.from_the_bent_end(r)
+    table, powers, result = piece.coefficients, piece.powers, []
     for order in range(highest + 1):
         total = table[0] if order == 0 else 0.0 * table[0]
         # what lies between vanishes with the first m derivatives
         for k in range(powers[1], len(table)):
-            total = total + table[k] * length**k * _bent_power(x, powers, k, order)
+            total = total + table[k] * piece.length**k * _bent_power(x, powers, k, order)
         result.append(total * slope**order)
     return result
 
@@ -130,15 +124,7 @@ def _span(powers: tuple[int, int]) -> float:
     return 0.5 * (1.0 + powers[0] / powers[1])
 
 
-def _from_the_bent_end(
-    length: Any, at_end: Any, powers: tuple[int, int], r: Any
-) -> tuple[Any, Any]:
-    """Give the share x of the way from the bent end, 0 to 1, and its derivative by r."""
-    span, sign = length * _span(powers), 1.0 - 2.0 * at_end
-    return (at_end * span + sign * r) / span, sign / span
-
-
-def _bent_power(x: Any, powers: tuple[int, int], k: int, order: int) -> Any:
+def _bent_power(x: FloatArray, powers: tuple[int, int], k: int, order: int) -> Any:
     """Give a derivative by x of the way from the bent end, as a share of L, to the k."""
     low = _span(powers)
     rest, power = 1.0 - low, k * powers[0] / powers[1]
@@ -156,22 +142,13 @@ def _falling(power: float, count: int) -> float:
     return float(prod(power - k for k in range(count)))
 
 
-def _power_sum(table: Any, s: Any, order: int) -> Any:
+def _power_sum(table: Sequence[FloatArray], s: FloatArray, order: int) -> FloatArray:
     """Differentiate the polynomial by Horner's rule."""
     degree = len(table) - 1
     total = perm(degree, order) * table[degree]
     for power in range(degree - 1, order - 1, -1):
         total = total * s + perm(power, order) * table[power]
     return total
-
-
-def evaluate(piece: CurvePiece, r: FloatArray, *, highest: int = 2) -> list[FloatArray]:
-    """Give position and derivatives with respect to r, each [N,n], at parameters r [N]."""
-    column = np.asarray(r, dtype=float)[:, None]
-    table = [row[None, :] for row in piece.coefficients]
-    at_end = float(piece.bent_at_end)
-    tables = derivatives(table, piece.length, at_end, piece.powers, column, highest=highest)
-    return [values * np.ones_like(column) for values in tables]
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,12 +210,12 @@ class PathCurve:
         local = r - self.breaks[index] + begins[index]
         coefficients = np.array([piece.coefficients for piece in self.pieces])
         table = [coefficients[index, power] for power in range(coefficients.shape[1])]
-        tables = derivatives(table, 0.0, 0.0, (1, 1), local[:, None], highest=highest)
+        tables = [_power_sum(table, local[:, None], order) for order in range(highest + 1)]
         for k in (0, len(self.pieces) - 1):
             if self.pieces[k].bent:
                 here = index == k
-                local_tables = evaluate(self.pieces[k], local[here], highest=highest)
-                for whole, values in zip(tables, local_tables, strict=True):
+                bent = _near_a_bent_end(self.pieces[k], local[here, None], highest)
+                for whole, values in zip(tables, bent, strict=True):
                     whole[here] = values
         return tuple(tables)
 
@@ -251,10 +228,9 @@ class PathCurve:
             local = r[here] - self.breaks[i] + piece.limits[0]
             place, slopes = local, 1.0
             if piece.bent:
-                at_end = float(piece.bent_at_end)
-                x, per_r = _from_the_bent_end(piece.length, at_end, piece.powers, local)
+                x, per_r = piece.from_the_bent_end(local)
                 way, rise = (piece.length * _bent_power(x, piece.powers, 1, k) for k in (0, 1))
-                place = at_end * piece.length + (1.0 - 2.0 * at_end) * way
+                place = piece.length - way if piece.bent_at_end else way
                 slopes = np.abs(rise * per_r)
             s[here], slope[here] = begin + place, slopes
             begin += piece.length
@@ -272,10 +248,11 @@ def _bent_pieces(
         CurvePiece(table, float(length), leaves_like=leaves_like)
         for table, length in zip(path.coefficients, np.diff(path.breaks), strict=True)
     ]
-    orders = start, end
-    bent = [replace(pieces[0], order=order).bent for order in orders]
+    bent = [replace(pieces[0], order=order).bent for order in (start, end)]
     if len(pieces) == 1 and all(bent):
-        pieces = _halves(pieces[0])
+        first = replace(pieces[0], length=pieces[0].length / 2, halved=True)
+        second = _shifted(first.coefficients, first.length)
+        pieces = [first, replace(first, coefficients=second, halved=False)]
     if bent[0]:
         pieces[0] = replace(pieces[0], order=start)
     if bent[1]:
@@ -298,14 +275,6 @@ def vanishing_orders(path: PiecewisePolynomial, s: FloatArray, *, from_left: boo
         if not vanish.any():
             break
     return orders.tolist()
-
-
-def _halves(piece: CurvePiece) -> list[CurvePiece]:
-    """Divide a piece in two."""
-    half = piece.length / 2
-    second = _shifted(piece.coefficients, half)
-    first = replace(piece, length=half, halved=True)
-    return [first, replace(piece, coefficients=second, length=half)]
 
 
 def _shifted(table: FloatArray, by: float) -> FloatArray:

@@ -176,47 +176,29 @@ def time_path(
     checks.whole("grid", grid, "points", at_least=10)
     family = check_limits(robot, limits)
     curves = segments(path, check_path(family, path))
-    with deadline.within(time_limit):
-        return _timed(family, path, curves, grid, (start_free, end_free), compiled)
-
-
-def _timed(
-    family: LimitFamily,
-    path: PiecewisePolynomial,
-    curves: list[PathCurve],
-    grid: int,
-    free: tuple[bool | None, bool | None],
-    compiled: bool,
-) -> PathTiming:
-    moving = with_locked_joints_held(family, None)
-    fast = compiles(compiled)
-    parts, s, speed, t, kept_by = [], [], [], [], {}
+    moving, fast = with_locked_joints_held(family, None), compiles(compiled)
+    parts, s, speed, t, blocked, kept_by = [], [], [], [], [], {}
     begin, start = float(path.breaks[0]), 0.0
-    start_free, end_free = free
-    for index, curve in enumerate(curves):
-        if index and deadline.over():
-            break
-        along = CurveLimits.of(moving, curve, grid, fast)
-        reached = reach(
-            along,
-            start_free=start_free if index == 0 else None,
-            end_free=end_free if index == len(curves) - 1 else None,
-        )
-        kept_by = kept_by or limits_kept_by(along.limits)
-        parts.append((curve, reached))
-        place, slope = curve.parameter(reached.s)
-        s.append(begin + place)
-        unknown = np.full(reached.s.size, np.nan)
-        speed.append(
-            np.sqrt(reached.speed_squared) * np.abs(slope) if reached.feasible else unknown
-        )
-        t.append(start + (reached.t if reached.feasible else unknown))
-        begin, start = float(s[-1][-1]), float(t[-1][-1])
-    blocked = [
-        float(np.interp(reached.blocked_at, reached.s, place))
-        for (_, reached), place in zip(parts, s, strict=True)
-        if not reached.feasible
-    ]
+    with deadline.within(time_limit):
+        for index, curve in enumerate(curves):
+            if index and deadline.over():
+                break
+            along = CurveLimits.of(moving, curve, grid, fast)
+            reached = reach(
+                along,
+                start_free=start_free if index == 0 else None,
+                end_free=end_free if index == len(curves) - 1 else None,
+            )
+            kept_by = kept_by or limits_kept_by(along.limits)
+            parts.append((curve, reached))
+            place, slope = curve.parameter(reached.s)
+            s.append(begin + place)
+            known = 1.0 if reached.feasible else np.nan
+            speed.append(known * np.sqrt(reached.speed_squared) * slope)
+            t.append(start + known * reached.t)
+            if not reached.feasible:
+                blocked.append(float(np.interp(reached.blocked_at, reached.s, s[-1])))
+            begin, start = float(s[-1][-1]), float(t[-1][-1])
     status = Status.SOLVED if len(parts) == len(curves) else Status.TIME_LIMIT
     status = Status.INFEASIBLE if blocked else status
     return PathTiming(

@@ -227,8 +227,7 @@ def _segment(family: LimitFamily, curve: PathCurve, begin: float, grid: int) -> 
     least = _at_points(nodes, size, least, np.maximum)
     most = _at_points(nodes, size, most, np.minimum)
     fastest = np.sqrt(along.speed_limit)
-    place, slope = curve.parameter(timing.s)
-    scale = np.abs(slope)
+    place, scale = curve.parameter(timing.s)
     profile = np.sqrt(timing.speed_squared) if timing.feasible else np.full(size, np.nan)
     if timing.feasible and along.has_friction:
         rows = rows.with_friction(nodes, family.robot, timing.speed_squared)
