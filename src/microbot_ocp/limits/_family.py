@@ -37,6 +37,12 @@ class MotionSamples(NamedTuple):
     qdd: FloatArray
     qddd: FloatArray
 
+    @classmethod
+    def at_rest(cls, q: FloatArray) -> MotionSamples:
+        """Return poses [N,n] or [n] with all derivatives zero."""
+        poses = np.atleast_2d(q)
+        return cls(poses, *3 * [np.zeros_like(poses)])
+
 
 class LimitValues(NamedTuple):
     """Values [N,k] of a limited quantity, with its bounds, [k] or [N,k]."""

@@ -300,8 +300,7 @@ class _SplitSearch:
     ) -> tuple[FloatArray, FloatArray]:
         """Use [S, ...] of the limits at any duration, and of those of the motion."""
         samples = samples_of(orders_of(shape), piece, np.diff(shape.breaks)[piece] * fraction)
-        rest = MotionSamples(samples.q, *(np.zeros_like(samples.q),) * 3)
-        limited = self.family.of_order(1, 2, 3)
+        rest, limited = MotionSamples.at_rest(samples.q), self.family.of_order(1, 2, 3)
         held = [key for key in limited if key not in ("qd", "qdd", "qddd", "taud")]
         lasting = self.family.use(samples, self.family.of_order(0)) | self.family.use(rest, held)
         empty = np.empty((len(piece), 0))

@@ -15,7 +15,6 @@ from ._fast_timing import (
 )
 from ._limits import (
     LATER as LATER,
-    frictionless as frictionless,
     largest_speeds as largest_speeds,
     limits_kept_by as limits_kept_by,
 )

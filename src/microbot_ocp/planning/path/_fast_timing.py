@@ -12,7 +12,7 @@ from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.codegen import compiles
 from microbot_ocp._base.status import Status
-from microbot_ocp.limits import JointLimits, LimitFamily, Limits
+from microbot_ocp.limits import JointLimits, Limits
 from microbot_ocp.motion import JUMP_GAP, SAMPLE_STEP, Motion, PiecewisePolynomial, State
 from microbot_ocp.planning.path._curve import PathCurve
 from microbot_ocp.planning.path._limits import LATER, limits_kept_by

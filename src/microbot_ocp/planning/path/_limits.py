@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,6 +18,7 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.fast_calls import deferred_call
 from microbot_ocp.limits import ROUNDING, LimitFamily, LimitValues, Member, MotionSamples
 from microbot_ocp.planning.path._curve import PathCurve
+from microbot_ocp.planning.task import DRY, VISCOUS, dry_friction, friction, frictionless
 from microbot_ocp.robot import COULOMB_SMOOTHING, Robot, inverse_dynamics
 
 FAR = 1e12  # stands for "no such limit"
@@ -172,27 +172,17 @@ def _along(family: LimitFamily, nodes: Nodes, key: str, u: Any, v: Any) -> Limit
     return family.values(samples, [key])[key]
 
 
-@lru_cache(maxsize=64)
-def frictionless(robot: Robot) -> Robot:
-    """Leave out the friction of a robot."""
-    return robot.with_links(
-        [replace(k, viscous_friction=0.0, coulomb_friction=0.0) for k in robot.links]
-    )
-
-
 def torque_coefficients(robot: Robot, nodes: Nodes, fast: bool) -> tuple[FloatArray, ...]:
     """Give the torque per u, per x and at rest, each [N,n]; dry friction counts as at rest.
 
     docs/theory/path_timing.md, "Along a path".
     """
-    smooth = frictionless(robot)
-    tau = deferred_call(inverse_dynamics(smooth), compiled=fast)
+    tau = deferred_call(inverse_dynamics(frictionless(robot)), compiled=fast)
     q, tangent, curvature = nodes.position, nodes.tangent, nodes.curvature
     zero = np.zeros_like(q)
     at_rest = tau(q, zero, zero)
     per_u, per_x = tau(q, zero, tangent) - at_rest, tau(q, tangent, curvature) - at_rest
-    coulomb = np.array([link.coulomb_friction for link in robot.links])
-    return per_u, per_x, at_rest + coulomb * np.sign(nodes.tangent)
+    return per_u, per_x, at_rest + dry_friction(robot) * np.sign(nodes.tangent)
 
 
 def _half_planes(family: LimitFamily, key: str, nodes: Nodes) -> Coefficients | None:
@@ -281,14 +271,12 @@ class LimitRows:
 
         docs/theory/path_timing.md, "Reachability".
         """
-        at_nodes = self._spread(x)
+        at_nodes = np.zeros(len(self.per_u))
+        at_nodes[: x.size], at_nodes[self.right] = x, x[1:]
         v = np.sqrt(np.maximum(at_nodes, 1e-9 * max(float(x.max()), 1e-12)))[:, None]
         columns, joints = self.torques
         tangent = nodes.tangent[:, joints]
-        viscous, dry = (
-            np.array([getattr(link, name) for link in robot.links])[joints]
-            for name in ("viscous_friction", "coulomb_friction")
-        )
+        viscous, dry = (friction(robot, kind)[joints] for kind in (VISCOUS, DRY))
         share = np.tanh(tangent * v / COULOMB_SMOOTHING)
         slope = tangent * (viscous + dry * (1.0 - share**2) / COULOMB_SMOOTHING) / (2.0 * v)
         # what the coefficients hold already, the whole of dry friction, is taken out
@@ -301,10 +289,3 @@ class LimitRows:
         lower[:, columns] -= np.where(still, least, constant)
         upper[:, columns] -= np.where(still, most, constant)
         return replace(self, per_x=per_x, lower=lower, upper=upper)
-
-    def _spread(self, x: FloatArray) -> FloatArray:
-        """Give values at grid points, repeated for the left sides of breaks."""
-        full = np.zeros(self.per_u.shape[0])
-        full[: x.size] = x
-        full[self.right] = x[1:]
-        return full

@@ -28,7 +28,7 @@ from microbot_ocp.planning.path._curve import PathCurve
 from microbot_ocp.planning.path._limits import FAR, LimitRows, Nodes, PathLimits
 from microbot_ocp.planning.path._paths import segments, stops
 from microbot_ocp.planning.path._reachability import CurveLimits, Reached, reach
-from microbot_ocp.planning.task import check_limits
+from microbot_ocp.planning.task import VISCOUS, check_limits, friction
 from microbot_ocp.robot import Robot
 
 
@@ -218,11 +218,10 @@ def _segment(family: LimitFamily, curve: PathCurve, begin: float, grid: int) -> 
     along = CurveLimits.of(family, curve, grid, compiles())
     timing = reach(along)
     nodes, rows = along.nodes, along.rows
-    friction = np.zeros_like(rows.per_x)
+    viscous = np.zeros_like(rows.per_x)
     columns, joints = rows.torques
-    viscous = np.array([link.viscous_friction for link in family.robot.links])
-    friction[:, columns] = viscous[joints] * nodes.tangent[:, joints]
-    least, most = speed_range(rows, friction)
+    viscous[:, columns] = friction(family.robot, VISCOUS)[joints] * nodes.tangent[:, joints]
+    least, most = speed_range(rows, viscous)
     size = timing.s.size
     least = _at_points(nodes, size, least, np.maximum)
     most = _at_points(nodes, size, most, np.minimum)

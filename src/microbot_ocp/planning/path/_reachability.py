@@ -39,6 +39,7 @@ from microbot_ocp.planning.path._limits import (
     nodes_of,
     speed_bound,
 )
+from microbot_ocp.planning.task import DRY, VISCOUS, friction
 
 
 @dataclass(frozen=True)
@@ -194,9 +195,8 @@ class CurveLimits:
         s = path_grid(curve, grid) if isinstance(grid, int) else grid
         nodes = nodes_of(curve, s)
         limits = PathLimits.of(family, nodes, fast)
-        has_friction = "tau" in limits.half_planes and any(
-            link.viscous_friction or link.coulomb_friction for link in family.robot.links
-        )
+        sizes = [friction(family.robot, kind) for kind in (VISCOUS, DRY)]
+        has_friction = "tau" in limits.half_planes and bool(np.any(sizes))
         return cls(curve, fast, s, nodes, limits, LimitRows.of(nodes, limits), has_friction)
 
     @property

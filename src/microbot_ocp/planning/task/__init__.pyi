@@ -36,9 +36,13 @@ from ._conditions import (
     passing as passing,
 )
 from ._friction import (
+    DRY as DRY,
     FRICTION_WINDOWS as FRICTION_WINDOWS,
     SMOOTHING as SMOOTHING,
+    VISCOUS as VISCOUS,
     dry_friction as dry_friction,
+    friction as friction,
+    frictionless as frictionless,
     has_windows as has_windows,
     kept_torques as kept_torques,
     rates_at_reversals as rates_at_reversals,

@@ -305,7 +305,7 @@ def check_pace(family: LimitFamily, places: FloatArray, at_rest: bool = True) ->
     way = np.ptp(places, axis=0)
     ways = [(key, way) for key in STATE[1:]]
     if at_rest and "taud" in family:
-        held = robot.torques_along(*_at_rest(places[[0, -1]])[:3])["tau"]
+        held = robot.torques_along(*MotionSamples.at_rest(places[[0, -1]])[:3])["tau"]
         ways.append(("taud", np.ptp(held, axis=0)))
     for key, way in ways:
         low, high = robot.limits.bounds(key)
@@ -375,7 +375,7 @@ def check_position(family: LimitFamily, what: str, q: FloatArray) -> None:
 def check_positions(family: LimitFamily, what: Callable[[int], str], q: FloatArray) -> None:
     """Raise InputError where one of several poses [N,n] is outside the limits of the pose."""
     robot, keys = family.robot, family.of_order(0)
-    for key, values in family.values(_at_rest(q), keys).items():
+    for key, values in family.values(MotionSamples.at_rest(q), keys).items():
         member = family[key]
         slack = 1e-9
         outside = (values.value < values.lower - slack) | (values.value > values.upper + slack)
@@ -398,7 +398,7 @@ def check_rest(family: LimitFamily, what: Callable[[int], str], q: FloatArray) -
     """Raise InputError where the arm cannot rest in one of several poses [N,n]: gravity asks for
     more torque than a joint has.
     """
-    for key, values in family.values(_at_rest(q), family.of_order(1, 2, 3)).items():
+    for key, values in family.values(MotionSamples.at_rest(q), family.of_order(1, 2, 3)).items():
         member = family[key]
         if np.all((values.value >= values.lower) & (values.value <= values.upper)):
             continue
@@ -412,12 +412,6 @@ def check_rest(family: LimitFamily, what: Callable[[int], str], q: FloatArray) -
                 )
             reason = _broken(member, j, value[i], low[i], high[i])
             raise InputError(f"{what(i)} cannot be held at rest: {reason}")
-
-
-def _at_rest(q: FloatArray) -> MotionSamples:
-    rows = np.atleast_2d(q)
-    zero = np.zeros_like(rows)
-    return MotionSamples(rows, zero, zero, zero)
 
 
 def _broken(member: Member, j: Any, value: FloatArray, low: FloatArray, high: FloatArray) -> str:
@@ -545,7 +539,7 @@ def declare_limits(
     )
     for key in alone:  # a function of its own, whose derivatives it knows
         expressions |= family.expressions([key], state)
-    usual = family.values(_at_rest(reference), further)
+    usual = family.values(MotionSamples.at_rest(reference), further)
     for key in keys:
         member = family[key]
         # what depends on positions alone changes as little as they between mesh points

@@ -51,11 +51,19 @@ LEAST_REACH = 0.1 * COULOMB_SMOOTHING  # rad/s
 MOVES = 2.0 * COULOMB_SMOOTHING  # change of a velocity within an interval that is a reversal
 
 
-def dry_friction(robot: Robot) -> FloatArray:
-    """Return sizes [n] of dry friction, N m (N); zero without masses."""
+VISCOUS, DRY = "viscous_friction", "coulomb_friction"  # of a link
+
+
+def friction(robot: Robot, kind: str) -> FloatArray:
+    """Return sizes [n] of one kind of friction, SI; zero without masses."""
     if not robot.has_dynamics:
         return np.zeros(robot.joint_count)
-    return np.array([link.coulomb_friction for link in robot.links])
+    return np.array([getattr(link, kind) for link in robot.links])
+
+
+def dry_friction(robot: Robot) -> FloatArray:
+    """Return sizes [n] of dry friction, N m (N); zero without masses."""
+    return friction(robot, DRY)
 
 
 def has_windows(family: LimitFamily) -> bool:
@@ -64,11 +72,16 @@ def has_windows(family: LimitFamily) -> bool:
 
 
 @lru_cache(maxsize=64)
+def frictionless(robot: Robot, kinds: tuple[str, ...] = (VISCOUS, DRY)) -> Robot:
+    """Return the same robot, its joints without friction of these kinds."""
+    if not any(friction(robot, kind).any() for kind in kinds):
+        return robot
+    return robot.with_links([replace(link, **dict.fromkeys(kinds, 0.0)) for link in robot.links])
+
+
 def without_dry_friction(robot: Robot) -> Robot:
     """Return the same robot, its joints without dry friction."""
-    if not dry_friction(robot).any():
-        return robot
-    return robot.with_links([replace(link, coulomb_friction=0.0) for link in robot.links])
+    return frictionless(robot, (DRY,))
 
 
 def kept_torques(

@@ -34,11 +34,17 @@ from microbot_ocp.ocp.transcription import Bounds
 from microbot_ocp.planning.path import (
     PathCurve,
     Reached,
-    frictionless,
     largest_speeds,
     samples_along,
 )
-from microbot_ocp.planning.task import CHECKS_PER_INTERVAL, dry_friction
+from microbot_ocp.planning.task import (
+    CHECKS_PER_INTERVAL,
+    DRY,
+    VISCOUS,
+    dry_friction,
+    friction,
+    frictionless,
+)
 from microbot_ocp.planning.timing._places_program import (
     PROGRAM,
     LimitBounds,
@@ -384,7 +390,8 @@ class _Timing:
         steps = np.diff(start.s)[:, None] / self.unit
         in_intervals = np.hstack([right[:-1], left[1:], within, steps])
         varying = [key for key in self.kinds.further if family[key].varies]
-        usual = family.values(_resting(curve.evaluate(middle[n // 2 : n // 2 + 1])[0]), varying)
+        resting = MotionSamples.at_rest(curve.evaluate(middle[n // 2 : n // 2 + 1])[0])
+        usual = family.values(resting, varying)
         self.of_acceleration, self.of_rates = (
             LimitBounds.of(family, keys, usual)
             for keys in (self.kinds.of_acceleration, self.kinds.of_rates)
@@ -392,7 +399,7 @@ class _Timing:
         self.numbers = np.concatenate(
             [
                 [self.time, smoothing],
-                *(_friction(robot, name) for name in ("viscous_friction", "coulomb_friction")),
+                *(friction(robot, kind) for kind in (VISCOUS, DRY)),
                 self.of_acceleration.size,
                 self.of_rates.size,
                 at_points[:, self.program.used[0]].ravel(),
@@ -541,15 +548,3 @@ def _torques(robot: Robot, shape: Sequence[FloatArray], fast: bool) -> tuple[Flo
 @lru_cache(maxsize=16)
 def _rates(robot: Robot, count: int, fast: bool) -> Any:
     return buffered_call(maybe_compiled(torque_and_rate(frictionless(robot)), fast).map(count))
-
-
-def _friction(robot: Robot, name: str) -> FloatArray:
-    """Give the sizes [n] of one kind of friction; zero without masses."""
-    if not robot.has_dynamics:
-        return np.zeros(robot.joint_count)
-    return np.array([getattr(link, name) for link in robot.links])
-
-
-def _resting(q: FloatArray) -> MotionSamples:
-    zero = np.zeros_like(q)
-    return MotionSamples(q, zero, zero, zero)
