@@ -10,7 +10,7 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.limits._family import LimitFamily, MotionSamples
-from microbot_ocp.limits._jumps import jumps_between
+from microbot_ocp.limits._history import jumps_between
 
 
 @dataclass(frozen=True)
