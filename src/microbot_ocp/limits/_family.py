@@ -55,6 +55,10 @@ class LimitValues(NamedTuple):
         """Return those of one time, each [1,k]."""
         return LimitValues(*(np.broadcast_to(each, self.value.shape)[[i]] for each in self))
 
+    def entry(self, i: int, j: int) -> tuple[float, ...]:
+        """Return value, lower and upper bound of one component at one time."""
+        return tuple(float(np.broadcast_to(each, self.value.shape)[i, j]) for each in self)
+
 
 @dataclass(frozen=True, eq=False)
 class Member:

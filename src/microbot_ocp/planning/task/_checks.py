@@ -276,9 +276,14 @@ def check_via(family: LimitFamily, via_q: ArrayLike, *, moving: bool = False) ->
                 "be a duration of zero"
             )
     for joint in np.flatnonzero(locked_joints(family)).tolist():
-        moved = np.flatnonzero(np.diff(via[:, joint]))
-        if moved.size:
-            raise InputError(_cannot_move(family.robot, joint, via, int(moved[0])))
+        for index in np.flatnonzero(np.diff(via[:, joint])).tolist():
+            robot = family.robot
+            start, end = (robot.position_text(joint, q) for q in via[index : index + 2, joint])
+            raise InputError(
+                f"joint {robot.joint_names[joint]!r} cannot move, as a limit of its velocity, "
+                f"acceleration or jerk is 0, but is at {start} at via point {index + 1} and at "
+                f"{end} at the next"
+            )
     check_pace(family, via, at_rest=not moving)
     for index in (len(via) - 1,) if moving else (0, len(via) - 1):
         check_rest(family, lambda _, k=index: f"via point {k + 1}", via[[index]])
@@ -359,14 +364,6 @@ def with_locked_joints_held(family: LimitFamily, bounded: str | None = "qdd") ->
     return LimitFamily.of(family.robot, family.robot.limits.changed(changes))
 
 
-def _cannot_move(robot: Robot, joint: int, via: FloatArray, index: int) -> str:
-    start, end = (robot.position_text(joint, via[k, joint]) for k in (index, index + 1))
-    return (
-        f"joint {robot.joint_names[joint]!r} cannot move, as a limit of its velocity, acceleration "
-        f"or jerk is 0, but is at {start} at via point {index + 1} and at {end} at the next"
-    )
-
-
 def check_position(family: LimitFamily, what: str, q: FloatArray) -> None:
     """Raise InputError where a pose is outside the limits of the pose."""
     check_positions(family, lambda _: what, q[None])
@@ -379,19 +376,15 @@ def check_positions(family: LimitFamily, what: Callable[[int], str], q: FloatArr
         member = family[key]
         slack = 1e-9
         outside = (values.value < values.lower - slack) | (values.value > values.upper + slack)
-        if not outside.any():
-            continue
-        value, low, high = (np.broadcast_to(v, outside.shape) for v in values)
         for i, j in np.argwhere(outside):
             if key == "q":
+                at, low, high = (robot.position_text(j, v) for v in values.entry(i, j))
                 raise InputError(
                     f"{what(i)} is outside the position limits: joint {robot.joint_names[j]!r} at "
-                    f"{robot.position_text(j, value[i, j])}, allowed "
-                    f"{robot.position_text(j, low[i, j])} to {robot.position_text(j, high[i, j])}"
+                    f"{at}, allowed {low} to {high}"
                     f"{checks.degrees_hint(q[i, j]) if robot.joint_types[j] == 'revolute' else ''}"
                 )
-            broken = _broken(member, j, value[i], low[i], high[i])
-            raise InputError(f"{what(i)} breaks a limit: {broken}")
+            raise InputError(f"{what(i)} breaks a limit: {_broken(member, j, values.entry(i, j))}")
 
 
 def check_rest(family: LimitFamily, what: Callable[[int], str], q: FloatArray) -> None:
@@ -402,23 +395,20 @@ def check_rest(family: LimitFamily, what: Callable[[int], str], q: FloatArray) -
         member = family[key]
         if np.all((values.value >= values.lower) & (values.value <= values.upper)):
             continue
-        value, low, high = (np.broadcast_to(v, values.value.shape) for v in values)
         for i, j in np.argwhere(member.use(values) > 1.0 + ROUNDING):
+            reason = _broken(member, j, values.entry(i, j))
             if key == "tau":
-                raise InputError(
-                    f"{what(i)} cannot be held at rest: joint {member.labels[j]!r} needs "
-                    f"{value[i, j]:.6g} {member.units[j]} against gravity, allowed {low[i, j]:.6g} "
-                    f"to {high[i, j]:.6g} {member.units[j]}"
+                value, low, high = values.entry(i, j)
+                reason = (
+                    f"joint {member.labels[j]!r} needs {value:.6g} {member.units[j]} against "
+                    f"gravity, allowed {low:.6g} to {high:.6g} {member.units[j]}"
                 )
-            reason = _broken(member, j, value[i], low[i], high[i])
             raise InputError(f"{what(i)} cannot be held at rest: {reason}")
 
 
-def _broken(member: Member, j: Any, value: FloatArray, low: FloatArray, high: FloatArray) -> str:
-    unit = member.units[j]
-    return (
-        f"{member.title(j)} is {value[j]:.6g} {unit}, allowed {low[j]:.6g} to {high[j]:.6g} {unit}"
-    )
+def _broken(member: Member, j: int, entry: tuple[float, ...]) -> str:
+    (value, low, high), unit = entry, member.units[j]
+    return f"{member.title(j)} is {value:.6g} {unit}, allowed {low:.6g} to {high:.6g} {unit}"
 
 
 def rate_switches(rate: FloatArray, member: Member) -> np.ndarray:
@@ -441,26 +431,20 @@ def torques_of(robot: Robot, keys: Sequence[str], payload: bool = False) -> Call
 
     The rate is None where no key asks for it.
     """
+    make = torque_and_rate if "taud" in keys else inverse_dynamics
+    torques = _with_payload(make, robot) if payload else make(robot)
     if "taud" in keys:
-        return torque_and_rate_with_payload(robot) if payload else torque_and_rate(robot)
-    make = torque_with_payload if payload else inverse_dynamics
-    return lambda q, qd, qdd, _, *held: (make(robot)(q, qd, qdd, *held), None)
+        return torques
+    return lambda q, qd, qdd, _, *held: (torques(q, qd, qdd, *held), None)
 
 
-@lru_cache(maxsize=64)
-def torque_with_payload(robot: Robot) -> ca.Function:
-    """Do as :func:`inverse_dynamics`, with the mass of a payload as the last argument."""
-    return _with_payload(inverse_dynamics(robot), inverse_dynamics(robot.with_payload(1.0)))
+@lru_cache(maxsize=128)
+def _with_payload(make: Callable[[Robot], ca.Function], robot: Robot) -> ca.Function:
+    """Return a function of a robot's torques with the mass of a payload as the last argument.
 
-
-@lru_cache(maxsize=64)
-def torque_and_rate_with_payload(robot: Robot) -> ca.Function:
-    """Do as :func:`torque_and_rate`, with the mass of a payload as the last argument."""
-    return _with_payload(torque_and_rate(robot), torque_and_rate(robot.with_payload(1.0)))
-
-
-def _with_payload(empty: ca.Function, holding_one: ca.Function) -> ca.Function:
-    """Return torques are linear in the mass."""
+    Torques are linear in it.
+    """
+    empty, holding_one = make(robot), make(robot.with_payload(1.0))
     state = [ca.SX.sym(empty.name_in(k), empty.size1_in(k)) for k in range(empty.n_in())]
     payload = ca.SX.sym("payload")
     pairs = zip(*(function.call(state) for function in (empty, holding_one)), strict=True)
@@ -474,19 +458,15 @@ def derivatives_for(*robots: Robot, compiled: bool = False) -> Callable[[ca.Func
 
     They are ``compiled`` where the stages that call them are not.
     """
-    kinds = (
-        (inverse_dynamics, False, False),
-        (torque_and_rate, True, False),
-        (torque_with_payload, False, True),
-        (torque_and_rate_with_payload, True, True),
-    )
 
     def find(function: ca.Function) -> Any:
         held = "payload" in function.name_in()
         for robot in robots:
-            for make, rates, payload in kinds if robot.has_dynamics else ():
-                if payload == held and make(robot).__hash__() == function.__hash__():
-                    derive = partial(torque_derivatives, robot, rates=rates, payload=payload)
+            for make in (inverse_dynamics, torque_and_rate) if robot.has_dynamics else ():
+                torques = _with_payload(make, robot) if held else make(robot)
+                if torques.__hash__() == function.__hash__():
+                    rates = make is torque_and_rate
+                    derive = partial(torque_derivatives, robot, rates=rates, payload=held)
                     if not compiled or not has_torque_derivatives(robot):
                         return derive()
                     recipe = f"parts of {function.serialize()}"
@@ -532,7 +512,7 @@ def declare_limits(
     if {"tau", "taud"} & set(keys) and torque_values is None:
         joint_values["tau"], joint_values["taud"] = torques(*state, *held)
     further = [key for key in keys if family[key].limit is not None]
-    payload = torque_and_rate_with_payload(family.robot) if held and further else None
+    payload = _with_payload(torque_and_rate, family.robot) if held and further else None
     alone = [key for key in further if knows_derivatives(family[key].limit)]
     expressions = family.expressions(
         [key for key in further if key not in alone], (*state, *held), payload

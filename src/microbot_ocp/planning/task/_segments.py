@@ -265,13 +265,7 @@ class Turning:
         """Return that from one rotation [3,3] to another, or from free axis to free axis."""
         if free is None:
             change = end @ start.T
-            sine = 0.5 * np.array(
-                [
-                    change[2, 1] - change[1, 2],
-                    change[0, 2] - change[2, 0],
-                    change[1, 0] - change[0, 1],
-                ]
-            )
+            sine = np.array(ca.inv_skew(ca.DM(change))).ravel()
             cosine = 0.5 * (np.trace(change) - 1.0)
         else:
             sine = np.cross(start[:, free], end[:, free])
@@ -371,9 +365,7 @@ def orientation_error(wanted: Any, orientation: Any, free: int | None) -> Any:
     if free is not None:
         others = [k for k in range(3) if k != free]
         return ca.vertcat(*(change[k, free] for k in others))
-    return 0.5 * ca.vertcat(
-        change[2, 1] - change[1, 2], change[0, 2] - change[2, 0], change[1, 0] - change[0, 1]
-    )
+    return ca.inv_skew(change)
 
 
 def curve_between(kind: Curved, start: FloatArray, end: FloatArray) -> Curve:

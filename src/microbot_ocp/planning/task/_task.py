@@ -461,11 +461,8 @@ def _check_stops(
 ) -> None:
     count = family.robot.joint_count
     for (before, after), kind in zip(itertools.pairwise(stops), kinds, strict=True):
-        if not isinstance(kind, Circle) and (before.q, before.position, before.orientation) == (
-            after.q,
-            after.position,
-            after.orientation,
-        ):
+        places = [(stop.q, stop.position, stop.orientation) for stop in (before, after)]
+        if places[0] == places[1] and not isinstance(kind, Circle):
             if cycle and len(stops) == 2:
                 raise InputError("a cycle needs at least two stops, not one")
             advice = ": a cycle returns to its first stop by itself" if cycle else ""
