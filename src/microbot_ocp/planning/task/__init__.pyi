@@ -30,11 +30,6 @@ from ._checks import (
     with_drives_noted as with_drives_noted,
     with_locked_joints_held as with_locked_joints_held,
 )
-from ._conditions import (
-    Bounds as Bounds,
-    Conditions as Conditions,
-    passing as passing,
-)
 from ._friction import (
     DRY as DRY,
     FRICTION_WINDOWS as FRICTION_WINDOWS,
@@ -71,8 +66,11 @@ from ._segments import (
 )
 from ._stops import (
     STOP_SIZES as STOP_SIZES,
+    Bounds as Bounds,
+    Conditions as Conditions,
     Payload as Payload,
     Stop as Stop,
+    passing as passing,
 )
 from ._task import (
     EMPTY as EMPTY,

@@ -23,7 +23,6 @@ from microbot_ocp.planning.task._checks import (
     farthest_tool,
     fastest_tool,
 )
-from microbot_ocp.planning.task._conditions import Bounds, Conditions, EndConditions, Row
 from microbot_ocp.planning.task._segments import (
     Circle,
     Corner,
@@ -38,7 +37,7 @@ from microbot_ocp.planning.task._segments import (
     joint_line_limits,
     orientation_error,
 )
-from microbot_ocp.planning.task._stops import Payload, Stop
+from microbot_ocp.planning.task._stops import Bounds, Conditions, EndConditions, Payload, Row, Stop
 from microbot_ocp.robot import Robot, forward_kinematics, jacobian
 
 

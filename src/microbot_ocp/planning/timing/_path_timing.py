@@ -9,7 +9,7 @@ the arm has to stop. Where no timing keeps the limits those that decide are name
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -36,7 +36,6 @@ from microbot_ocp.planning.path import (
     LATER,
     REACHABILITY,
     CurveLimits,
-    PathCurve,
     Reached,
     blocking_limit,
     check_path,
@@ -184,33 +183,33 @@ def best_timing(
     progress: StepProgress,
 ) -> Motion:
     """Do as :func:`time_optimal_path` with a path that is checked."""
+    moving = with_locked_joints_held(family, None)
     with deadline.within(settings.time_limit):
-        motion = _PathSearch(family, path, settings, label, progress).run()
+        motion = _PathSearch(moving, path, settings, label, progress).run()
     return with_drives_noted(family.robot, motion)
 
 
+@dataclass
 class _PathSearch:
     """Reachability on every smooth segment, then, where it leaves a limit, the program on places.
 
     docs/theory/path_timing.md, "Reachability" and "One program on places".
     """
 
-    def __init__(
-        self,
-        family: LimitFamily,
-        path: PiecewisePolynomial,
-        settings: PathTimingSettings,
-        label: str,
-        progress: StepProgress,
-    ) -> None:
-        self.family, self.path = with_locked_joints_held(family, None), path
-        self.settings = settings
-        self.fast = compiles(settings.compiled)
-        self.robot: Robot = family.robot
-        self.label, self.progress = label, progress
-        self.stops = stops(path, self.family)
-        self.passed = segments(path, self.stops)  # as the passes of reachability take them
-        self.curves = segments(path, self.stops, 3) if self.family.jerk_matters else self.passed
+    family: LimitFamily
+    path: PiecewisePolynomial
+    settings: PathTimingSettings
+    label: str
+    progress: StepProgress
+
+    def __post_init__(self) -> None:
+        self.fast = compiles(self.settings.compiled)
+        self.robot: Robot = self.family.robot
+        self.stops = stops(self.path, self.family)
+        self.passed = segments(self.path, self.stops)  # as the passes of reachability take them
+        self.curves = self.passed
+        if self.family.jerk_matters:
+            self.curves = segments(self.path, self.stops, 3)
 
     def run(self) -> Motion:
         """Time the path."""
@@ -232,13 +231,9 @@ class _PathSearch:
                     CurveLimits.of(self.family, curve, timing.s, self.fast).excess(timing)
                     for curve, timing in zip(self.passed, timings, strict=True)
                 ]
-                return self._reached_motion(
-                    timings,
-                    Outcome.of(Status.INFEASIBLE, BLOCKED, *rows),
-                    WALK,
-                    excess=float(np.max(np.concatenate(excess))),
-                    least_violation=entries,
-                )
+                worst = float(np.max(np.concatenate(excess)))
+                outcome = Outcome.of(Status.INFEASIBLE, BLOCKED, *rows)
+                return self._motion(timings, WALK, outcome, excess=worst, least_violation=entries)
         else:
             self.progress(f"reachability on a grid: {self.reached:.6f} s")
             complete = not self.limits_kept_by[LATER] and excess <= self.settings.limit_tolerance
@@ -320,13 +315,7 @@ class _PathSearch:
             left = self.limits_kept_by[LATER]
             advice = TOO_LATE.format(", ".join(left)) if left else LATE
             outcome = Outcome.of(Status.TIME_LIMIT, advice)
-        return self._reached_motion(timings, outcome, PASSES, excess=excess)
-
-    def _reached_motion(
-        self, timings: list[Reached], outcome: Outcome, how: str, **more: Any
-    ) -> Motion:
-        samples = sampled(list(zip(self.passed, timings, strict=True)))
-        return self._with_provenance(samples, self.passed, timings, how, outcome, **more)
+        return self._motion(timings, PASSES, outcome, excess=excess)
 
     def _profile_motion(self, profiles: list[SpeedProfile]) -> Motion:
         """Give profiles of all segments as a motion, and judge them."""
@@ -345,9 +334,7 @@ class _PathSearch:
             if not excess <= self.settings.limit_tolerance:
                 status, advice = Status.LIMITS_EXCEEDED, EXCEEDED.format(100 * excess)
         profiles = [profile.without_gaps() for profile in profiles]
-        return self._with_provenance(
-            self._samples(profiles),
-            self.curves,
+        return self._motion(
             profiles,
             PLACES_METHOD,
             Outcome.of(status, advice),
@@ -358,7 +345,7 @@ class _PathSearch:
             solves=[attempt.as_dict() for attempt in attempts],
         )
 
-    def _samples(self, profiles: list[SpeedProfile]) -> tuple[FloatArray, State, FloatArray]:
+    def _samples(self, profiles: Sequence[SpeedProfile]) -> tuple[FloatArray, State, FloatArray]:
         """Give times, states and breaks of profiles; s'' may jump at corners and breaks."""
         begins = np.cumsum([0.0, *(profile.duration for profile in profiles)])
         breaks = [np.zeros(1)]
@@ -377,17 +364,17 @@ class _PathSearch:
             first += profile.a.size
         return t, State(*(np.concatenate(parts) for parts in zip(*states, strict=True))), edges
 
-    def _with_provenance(
-        self,
-        samples: tuple[FloatArray, State, FloatArray],
-        curves: Sequence[PathCurve],
-        parts: Sequence[Reached | SpeedProfile],
-        how: str,
-        outcome: Outcome,
-        **more: Any,
-    ) -> Motion:
-        """Give samples as a motion that says how it was found."""
-        t, state, breaks = samples
+    def _motion(self, parts: Sequence[Any], how: str, outcome: Outcome, **more: Any) -> Motion:
+        """Give timings of all segments as a motion that says how it was found."""
+        if how == PLACES_METHOD:
+            curves, (t, state, breaks) = self.curves, self._samples(parts)
+        else:
+            curves = self.passed
+            t, state, breaks = sampled(list(zip(curves, parts, strict=True)))
+        blocked = [
+            Advice("blocked", f"the end cannot be reached from s = {at:g}", "s", at)
+            for at in self.blocked_at[:1]
+        ]
         durations = [part.duration for part in parts]
         passed = [0.0]
         for begin, curve, part in zip(np.cumsum([0.0, *durations]), curves, parts, strict=False):
@@ -413,13 +400,7 @@ class _PathSearch:
                 **more,
             },
             remark=self._remark(how),
-        ).ended(outcome if outcome.solved else outcome.and_(*self._blocked()))
-
-    def _blocked(self) -> Iterator[Advice]:
-        """Say from where on the end cannot be reached."""
-        for at in self.blocked_at[:1]:
-            sentence = f"the end cannot be reached from s = {at:g}"
-            yield Advice("blocked", sentence, "s", at)
+        ).ended(outcome if outcome.solved else outcome.and_(*blocked))
 
     def _remark(self, how: str) -> str:
         count = self.stops.size
