@@ -301,11 +301,9 @@ class _PathSearch:
         profiles: list[SpeedProfile] = []
         tolerance = self.settings.limit_tolerance
         for curve, start in zip(self.curves, starts, strict=True):
-            profile = SpeedProfile.of(start)
+            profile = SpeedProfile.of(curve, start)
             if all(earlier.solved for earlier in profiles):
-                profile = timed_on_places(
-                    self.family, curve, profile, tolerance, self.fast, self.progress
-                )
+                profile = timed_on_places(self.family, profile, tolerance, self.fast, self.progress)
             profiles.append(profile)
         return profiles
 
@@ -320,10 +318,7 @@ class _PathSearch:
     def _profile_motion(self, profiles: list[SpeedProfile]) -> Motion:
         """Give profiles of all segments as a motion, and judge them."""
         attempts = [attempt for profile in profiles for attempt in profile.attempts]
-        excess = max(
-            float(excess_of(self.family, curve, profile).max())
-            for curve, profile in zip(self.curves, profiles, strict=True)
-        )
+        excess = max(float(excess_of(self.family, profile).max()) for profile in profiles)
         status = attempts[-1].status
         names = ", ".join(self.limits_kept_by[LATER]) or "every limit"
         advice = UNSOLVED.format(str(status), names, 100 * excess)
@@ -358,9 +353,9 @@ class _PathSearch:
         t = sample_times(edges, np.concatenate(jumps), SAMPLE_STEP, least=5)
         i = np.clip(np.searchsorted(edges, t, side="right") - 1, 0, edges.size - 2)
         states, first = [], 0
-        for curve, profile in zip(self.curves, profiles, strict=True):
+        for profile in profiles:
             here = (i >= first) & (i < first + profile.a.size)
-            states.append(profile.samples(curve, i[here] - first, t[here] - edges[i[here]])[:3])
+            states.append(profile.samples(i[here] - first, t[here] - edges[i[here]])[:3])
             first += profile.a.size
         return t, State(*(np.concatenate(parts) for parts in zip(*states, strict=True))), edges
 

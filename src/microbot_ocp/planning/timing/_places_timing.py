@@ -112,6 +112,7 @@ class SpeedProfile:
 
     Attributes
     ----------
+    curve : PathCurve
     s, v, t : arrays [N+1]
         Places, s', and the times at which they are passed, s.
     a, a_end : arrays [N]
@@ -124,6 +125,7 @@ class SpeedProfile:
         Solves that led to it.
     """
 
+    curve: PathCurve
     s: FloatArray
     v: FloatArray
     t: FloatArray
@@ -134,12 +136,12 @@ class SpeedProfile:
     attempts: tuple[Attempt, ...] = ()
 
     @classmethod
-    def of(cls, timing: Reached) -> SpeedProfile:
+    def of(cls, curve: PathCurve, timing: Reached) -> SpeedProfile:
         """Make the acceleration of the parameter of a timing continuous."""
         rise = timing.start
         a = 0.5 * (np.append(rise, rise[-1]) + np.append(rise[0], rise))
         v = np.sqrt(timing.speed_squared)
-        return cls(timing.s, v, timing.t, a[:-1], a[1:], np.zeros_like(rise))
+        return cls(curve, timing.s, v, timing.t, a[:-1], a[1:], np.zeros_like(rise))
 
     @property
     def duration(self) -> float:
@@ -159,10 +161,10 @@ class SpeedProfile:
         s = self.s[i] + after * (self.v[i] + after * (a / 2.0 + after * (j / 6.0 + k / 24.0)))
         return s, v, a + after * (j + k / 2.0), j + k
 
-    def samples(self, curve: PathCurve, i: np.ndarray, after: FloatArray) -> MotionSamples:
+    def samples(self, i: np.ndarray, after: FloatArray) -> MotionSamples:
         """Give the motion of the joints at times since the start of intervals i."""
         s, *rates = self.inside(i, after)
-        return samples_along(curve.inside(s, i, self.s, highest=3), rates)
+        return samples_along(self.curve.inside(s, i, self.s, highest=3), rates)
 
     def at_times(self, t: FloatArray) -> SpeedProfile:
         """Give the same motion more mesh points, at times among which are those that it has."""
@@ -190,12 +192,7 @@ class SpeedProfile:
 
 
 def timed_on_places(
-    family: LimitFamily,
-    curve: PathCurve,
-    start: SpeedProfile,
-    tolerance: float,
-    fast: bool,
-    progress: StepProgress,
+    family: LimitFamily, start: SpeedProfile, tolerance: float, fast: bool, progress: StepProgress
 ) -> SpeedProfile:
     """Find the fastest profile of a curve, on a mesh that is refined until all limits hold inside.
 
@@ -204,7 +201,6 @@ def timed_on_places(
     Parameters
     ----------
     family : LimitFamily
-    curve : PathCurve
     start : SpeedProfile
     tolerance : float
         Largest relative excess of a limit between mesh points.
@@ -212,14 +208,14 @@ def timed_on_places(
         Whether functions are compiled.
     progress : callable
     """
-    profile = _Timing(family, curve, start, fast).solved(PLACES.barriers[0])
-    excess = excess_of(family, curve, profile)
-    smoothing = _first_smoothing(family, curve, start)
+    profile = _Timing(family, start, fast).solved(PLACES.barriers[0])
+    excess = excess_of(family, profile)
+    smoothing = _first_smoothing(family, start)
     leaps = not profile.solved or float(excess.max()) > PLACES.leapt
     has_friction = smoothing > COULOMB_SMOOTHING and leaps
     if has_friction and not deadline.over():
-        profile = _with_friction(family, curve, start, fast, smoothing)
-        excess = excess_of(family, curve, profile)
+        profile = _with_friction(family, start, fast, smoothing)
+        excess = excess_of(family, profile)
     before, parents = np.inf, np.full(len(excess), np.inf)
     for _ in range(PLACES.most_meshes):
         if not profile.solved or deadline.over():
@@ -238,12 +234,12 @@ def timed_on_places(
             parts = np.maximum(parts, 1 + _switching(profile))
         parents = np.repeat(worst_in, parts)
         finer = profile.at_times(_with_parts(profile.t, parts))
-        finer = _Timing(family, curve, finer, fast).solved(PLACES.barriers[1], bent=True)
+        finer = _Timing(family, finer, fast).solved(PLACES.barriers[1], bent=True)
         if within and not finer.solved:
             break
         before = profile.duration
         profile = finer if finer.solved else replace(profile, attempts=finer.attempts)
-        excess = excess_of(family, curve, profile)
+        excess = excess_of(family, profile)
     return profile
 
 
@@ -289,15 +285,15 @@ def _with_parts(t: FloatArray, parts: np.ndarray) -> FloatArray:
 
 
 def _with_friction(
-    family: LimitFamily, curve: PathCurve, start: SpeedProfile, fast: bool, smoothing: float
+    family: LimitFamily, start: SpeedProfile, fast: bool, smoothing: float
 ) -> SpeedProfile:
     """Find a profile for dry friction of its own suddenness, by way of gentler ones."""
     first, _, gentler = PLACES.barriers
     profile, barrier, last, sharper = start, first, np.inf, PLACES.sharper
-    widest = float(np.abs(curve.evaluate(start.s)[1] * start.v[:, None]).max())
+    widest = float(np.abs(start.curve.evaluate(start.s)[1] * start.v[:, None]).max())
     while True:
-        closer = _closer_at_reversals(family, curve, profile, smoothing)
-        closer = _Timing(family, curve, closer, fast, smoothing).solved(barrier)
+        closer = _closer_at_reversals(family, profile, smoothing)
+        closer = _Timing(family, closer, fast, smoothing).solved(barrier)
         profile = closer if closer.solved else replace(profile, attempts=closer.attempts)
         if closer.solved:
             last, barrier = smoothing, gentler
@@ -310,7 +306,7 @@ def _with_friction(
         smoothing = max(wider, COULOMB_SMOOTHING)
 
 
-def _first_smoothing(family: LimitFamily, curve: PathCurve, start: SpeedProfile) -> float:
+def _first_smoothing(family: LimitFamily, start: SpeedProfile) -> float:
     """Give a velocity, rad/s (m/s), within which dry friction may turn for the start to be good.
 
     There the friction alone all but keeps the limits of the torque rate. Not less than the robot's.
@@ -320,20 +316,20 @@ def _first_smoothing(family: LimitFamily, curve: PathCurve, start: SpeedProfile)
     rated = (dry > 0) & np.isfinite(limit) & (limit > 0)
     if "taud" not in family or not rated.any():
         return COULOMB_SMOOTHING
-    _, tangent, curvature = curve.evaluate(start.s[:-1])
+    _, tangent, curvature = start.curve.evaluate(start.s[:-1])
     qdd = np.abs(tangent * start.a[:, None] + curvature * start.v[:-1, None] ** 2)
     turned = dry[rated] * np.percentile(qdd[:, rated], PLACES.usual, axis=0) / limit[rated]
     return max(float(turned.max()), COULOMB_SMOOTHING)
 
 
 def _closer_at_reversals(
-    family: LimitFamily, curve: PathCurve, profile: SpeedProfile, smoothing: float
+    family: LimitFamily, profile: SpeedProfile, smoothing: float
 ) -> SpeedProfile:
     """Give the same motion more mesh points where the dry friction of a joint turns."""
     dry = dry_friction(family.robot) > 0
     if "taud" not in family or not dry.any():
         return profile
-    velocity = (curve.evaluate(profile.s)[1] * profile.v[:, None])[:, dry]
+    velocity = (profile.curve.evaluate(profile.s)[1] * profile.v[:, None])[:, dry]
     before, after = velocity[:-1], velocity[1:]
     slow = np.minimum(np.abs(before), np.abs(after)) < PLACES.turned * smoothing
     slow |= before * after < 0
@@ -342,12 +338,12 @@ def _closer_at_reversals(
     return profile.at_times(_with_parts(profile.t, parts.astype(int)))
 
 
-def excess_of(family: LimitFamily, curve: PathCurve, profile: SpeedProfile) -> FloatArray:
+def excess_of(family: LimitFamily, profile: SpeedProfile) -> FloatArray:
     """Give the largest relative excess [N,K] of any limit at K places of every interval."""
     shares = np.linspace(0.0, 1.0, CHECKS_PER_INTERVAL + 1)
     steps = np.diff(profile.t)
     i = np.repeat(np.arange(steps.size), shares.size)
-    samples = profile.samples(curve, i, (steps[:, None] * shares).ravel())
+    samples = profile.samples(i, (steps[:, None] * shares).ravel())
     return family.excess(samples).reshape(-1, shares.size)
 
 
@@ -361,12 +357,11 @@ class _Timing:
     def __init__(
         self,
         family: LimitFamily,
-        curve: PathCurve,
         start: SpeedProfile,
         fast: bool,
         smoothing: float = COULOMB_SMOOTHING,
     ) -> None:
-        self.start, self.family = start, family
+        self.start, self.family, curve = start, family, start.curve
         self.free = curve.start_free, curve.end_free
         speed = max(float(start.v.max()), 1e-12)
         self.time = speed / max(float(np.percentile(np.abs(start.a), 90)), 1e-6 * speed)
@@ -382,7 +377,9 @@ class _Timing:
             for x in (0.5, *PROGRAM.speed_places)
         )
         right, left, within = (
-            _numbers(self.kinds, robot, curve, s, self.unit, fast, from_left=side)
+            _numbers(
+                self.kinds, robot, curve.evaluate(s, from_left=side, highest=3), self.unit, fast
+            )
             for s, side in ((start.s, False), (start.s, True), (middle, False))
         )
         self.program = program_of(self.kinds, n, tuple(self.breaks.tolist()), fast)
@@ -410,7 +407,6 @@ class _Timing:
         self.speed, self.inner_speed = (
             largest_speeds(family, curve, s) / v for s in (start.s, np.stack(inner, axis=1).ravel())
         )
-        self.fast = fast
 
     def solved(self, barrier: float, bent: bool = False) -> SpeedProfile:
         """Solve; with another linear solver from the start where the first one fails.
@@ -504,17 +500,12 @@ class _Timing:
 
 
 def _numbers(
-    kinds: LimitKinds,
-    robot: Robot,
-    curve: PathCurve,
-    s: FloatArray,
-    unit: float,
-    fast: bool,
-    *,
-    from_left: bool,
+    kinds: LimitKinds, robot: Robot, shape: Sequence[FloatArray], unit: float, fast: bool
 ) -> FloatArray:
-    """Give the numbers [N,K] that limits at places s follow from, for s in this unit."""
-    shape = curve.evaluate(s, from_left=from_left, highest=3)
+    """Give the numbers [N,K] that limits at places follow from, for s in this unit.
+
+    ``shape`` is the pose and its three derivatives there, each [N,n].
+    """
     parts = [derivative * unit**k for k, derivative in enumerate(shape)]
     if kinds.dynamics:
         parts += _torques(robot, parts, fast)
