@@ -285,25 +285,20 @@ def _limit_rows(
             + viscous * qdd
             + dry * (1.0 - side**2) * qdd / smoothing
         )
-    rows, first = [numbers[:0]], 2 + 2 * n
-    expressions: dict[str, tuple[Any, Any, Any]] = {}
+    columns = {key: [value] for key, value in values.items()}
     if kinds.family is not None:
-        state = [q, qd, qdd, qddd]
+        state, function = [q, qd, qdd, qddd], None
         if kinds.dynamics:
-            torques = ca.vertsplit(ca.vertcat(values["tau"], values["taud"]))
-            expressions = kinds.family.expressions(
-                kinds.further, [*state, *torques], _given_torques(n)
-            )
-        else:
-            expressions = kinds.family.expressions(kinds.further, state)
+            state += ca.vertsplit(ca.vertcat(values["tau"], values["taud"]))
+            function = _given_torques(n)
+        expressions = kinds.family.expressions(kinds.further, state, function)
+        for key, (value, lower, upper) in expressions.items():
+            member, bounds = kinds.family[key], {"lower": lower, "upper": upper}
+            sides = [value - bounds[side] for side in _sides(member)]
+            columns[key] = sides if member.varies else [value]
+    rows, first = [numbers[:0]], 2 + 2 * n
     for key in (*kinds.of_acceleration, *kinds.of_rates):
-        columns = [values[key]] if key not in expressions else []
-        if kinds.family is not None and not columns:
-            value, *bounds = expressions[key]
-            member = kinds.family[key]
-            either: dict[str, Any] = dict(zip(("lower", "upper"), bounds, strict=True))
-            columns = [value - either[k] for k in _sides(member)] if member.varies else [value]
-        for column in columns:
+        for column in columns[key]:
             size = common[first : first + column.shape[0]]
             first += column.shape[0]
             if key in keys:
