@@ -48,11 +48,7 @@ def nearest_bound(
 
 
 def _side(
-    excess: FloatArray,
-    bound: FloatArray,
-    lower: FloatArray,
-    upper: FloatArray,
-    from_middle: bool,
+    excess: FloatArray, bound: FloatArray, lower: FloatArray, upper: FloatArray, from_middle: bool
 ) -> FloatArray:
     scale = np.where(np.isfinite(bound) & (bound != 0), np.abs(bound), 1.0)
     if from_middle:

@@ -26,7 +26,7 @@ from microbot_ocp._base.status import Status
 from microbot_ocp.limits import MotionSamples, StateHistory
 from microbot_ocp.motion._export import export
 from microbot_ocp.motion._polynomial import PiecewisePolynomial, State, quintic_between
-from microbot_ocp.motion._sampling import JUMP_GAP, dense_times, history_of, jump_gaps
+from microbot_ocp.motion._sampling import JUMP_GAP, dense_times, history_of, jump_gaps, numbered
 from microbot_ocp.motion._sensitivities import Sensitivities, sensitivities_of
 from microbot_ocp.robot import Robot
 
@@ -558,11 +558,8 @@ def sample_times(breaks: FloatArray, jumps: FloatArray, step: float, least: int 
     count[0] = max(count[0], 2 if length[0] > 6 * JUMP_GAP else 1)
     jumping = np.isin(breaks[1:], jumps)
     last = breaks[1:] - np.where(jumping, np.minimum(JUMP_GAP, 0.01 * length / count), 0.0)
-    samples = count + jumping
-    first = np.repeat(np.cumsum(samples) - samples, samples)
-    share = (np.arange(samples.sum()) - first) / np.repeat(count, samples)
-    t = np.repeat(start, samples) + share * np.repeat(last - start, samples)
-    return np.append(t, breaks[-1])
+    i, k = numbered(count + jumping)
+    return np.append(start[i] + k / count[i] * (last - start)[i], breaks[-1])
 
 
 @lru_cache(maxsize=1)  # they are asked for several times

@@ -86,6 +86,18 @@ def quadrature(t: FloatArray) -> tuple[FloatArray, FloatArray]:
     return (t[:-1, None] + half * (1.0 + points)).ravel(), (half * weights).ravel()
 
 
+def numbered(counts: NDArray[np.int_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the interval, and the number within it, of each of so many places in intervals [N]."""
+    i = np.repeat(np.arange(counts.size), counts)
+    return i, np.arange(i.size) - (np.cumsum(counts) - counts)[i]
+
+
+def with_parts(t: FloatArray, parts: NDArray[np.int_]) -> FloatArray:
+    """Divide intervals between times [N+1] into so many equal parts [N] each."""
+    i, k = numbered(parts)
+    return np.append(t[i] + k / parts[i] * np.diff(t)[i], t[-1])
+
+
 def dense_times(motion: Motion) -> tuple[FloatArray, float]:
     """Return dense grid and its least number of points to a mesh interval."""
     mesh = mesh_of(motion)
@@ -95,12 +107,10 @@ def dense_times(motion: Motion) -> tuple[FloatArray, float]:
         np.clip(DENSE_GRID.many_points // lengths.size, DENSE_GRID.least_ratio, DENSE_GRID.ratio)
     )
     points = np.maximum(ratio, np.ceil(lengths / step - 1e-9)).astype(int)
-    first = np.repeat(np.cumsum(points) - points, points)
-    place = (np.arange(points.sum()) - first) / np.repeat(points, points)
-    grid = np.repeat(mesh[:-1], points) + place * np.repeat(lengths, points)
     # Just before each break as well, for the limits from the left.
     before = mesh[1:-1] - np.minimum(2 * JUMP_GAP, 1e-3 * lengths[:-1])
-    return np.unique(np.concatenate([grid, before, motion.t])), float(points.min())
+    grid = np.concatenate([with_parts(mesh, points), before, motion.t])
+    return np.unique(grid), float(points.min())
 
 
 def history_of(motion: Motion, t: FloatArray, cycle: bool = False) -> StateHistory:

@@ -13,7 +13,7 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.codegen import compiles
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import JointLimits, Limits
-from microbot_ocp.motion import JUMP_GAP, SAMPLE_STEP, Motion, PiecewisePolynomial, State
+from microbot_ocp.motion import JUMP_GAP, SAMPLE_STEP, Motion, PiecewisePolynomial, State, numbered
 from microbot_ocp.planning.path._curve import PathCurve
 from microbot_ocp.planning.path._limits import LATER, limits_kept_by
 from microbot_ocp.planning.path._paths import check_path, segments
@@ -230,8 +230,7 @@ def sampled(
         bent[[0, -1]] = True
         least = np.where(bent, SAMPLES.bent, SAMPLES.least - 1)
         count = finer * np.maximum(least, np.ceil(lengths / step - 1e-9)).astype(int)
-        i = np.repeat(np.arange(count.size), count + 1)
-        k = np.arange(i.size) - np.repeat(np.cumsum(count + 1) - count - 1, count + 1)
+        i, k = numbered(count + 1)
         early = np.minimum(JUMP_GAP, 0.01 * lengths / count)[i]
         local = k / count[i] * lengths[i] - np.where(k == count[i], early, 0.0)
         if len(times) == len(parts) - 1:

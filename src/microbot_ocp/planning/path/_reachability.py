@@ -29,6 +29,7 @@ from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.fast_calls import deferred_call
 from microbot_ocp.limits import LimitFamily, MotionSamples
+from microbot_ocp.motion import numbered
 from microbot_ocp.planning.path._curve import PathCurve
 from microbot_ocp.planning.path._limits import (
     FAR,
@@ -307,9 +308,9 @@ def path_grid(path: PathCurve, count: int) -> FloatArray:
     """
     lengths = np.diff(path.breaks)
     shares = np.maximum(2, np.round(count * lengths / lengths.sum()).astype(int))
-    begins, spans, n = (np.repeat(each, shares) for each in (path.breaks[:-1], lengths, shares))
-    k = np.arange(n.size) - np.repeat(np.cumsum(shares) - shares, shares)
-    grid = begins + spans * (0.1 * k / n + 0.45 * (1.0 - np.cos(np.pi * k / n)))
+    i, k = numbered(shares)
+    n = shares[i]
+    grid = path.breaks[i] + lengths[i] * (0.1 * k / n + 0.45 * (1.0 - np.cos(np.pi * k / n)))
     return np.append(grid, path.breaks[-1])
 
 

@@ -89,10 +89,7 @@ def with_drives_noted(
 
 
 def verdict(
-    family: LimitFamily,
-    solution: Solution,
-    excess: Sequence[FloatArray],
-    limit_tolerance: float,
+    family: LimitFamily, solution: Solution, excess: Sequence[FloatArray], limit_tolerance: float
 ) -> Outcome:
     """Return the status and advice of a motion, by the excess of its limits between mesh points.
 

@@ -23,14 +23,7 @@ from microbot_ocp._base.codegen import compiles
 from microbot_ocp._base.outcome import Advice, Outcome
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import JointLimits, LimitFamily, Limits, with_reserve
-from microbot_ocp.motion import (
-    SAMPLE_STEP,
-    Mark,
-    Motion,
-    PiecewisePolynomial,
-    State,
-    sample_times,
-)
+from microbot_ocp.motion import SAMPLE_STEP, Mark, Motion, PiecewisePolynomial, State, sample_times
 from microbot_ocp.ocp.solution import StepProgress, quiet
 from microbot_ocp.planning.path import (
     LATER,

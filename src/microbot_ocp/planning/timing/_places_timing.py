@@ -28,15 +28,11 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.codegen import maybe_compiled
 from microbot_ocp._base.fast_calls import buffered_call
 from microbot_ocp.limits import LimitFamily, MotionSamples
+from microbot_ocp.motion import with_parts
 from microbot_ocp.ocp.solution import Attempt, StepProgress, gap_of
 from microbot_ocp.ocp.solvers import SolverSettings, status_of
 from microbot_ocp.ocp.transcription import Bounds
-from microbot_ocp.planning.path import (
-    PathCurve,
-    Reached,
-    largest_speeds,
-    samples_along,
-)
+from microbot_ocp.planning.path import PathCurve, Reached, largest_speeds, samples_along
 from microbot_ocp.planning.task import (
     CHECKS_PER_INTERVAL,
     DRY,
@@ -233,7 +229,7 @@ def timed_on_places(
         if not settled:
             parts = np.maximum(parts, 1 + _switching(profile))
         parents = np.repeat(worst_in, parts)
-        finer = profile.at_times(_with_parts(profile.t, parts))
+        finer = profile.at_times(with_parts(profile.t, parts))
         finer = _Timing(family, finer, fast).solved(PLACES.barriers[1], bent=True)
         if within and not finer.solved:
             break
@@ -275,13 +271,6 @@ def _parts_for(excess: FloatArray, parents: FloatArray) -> np.ndarray:
         np.cbrt(np.maximum(excess, 0.0) / PLACES.aimed),
     )
     return np.clip(np.ceil(parts), 1, PLACES.most_parts).astype(int)
-
-
-def _with_parts(t: FloatArray, parts: np.ndarray) -> FloatArray:
-    """Divide intervals between times [N+1] into so many parts [N] each."""
-    first = np.repeat(np.cumsum(parts) - parts, parts)
-    share = (np.arange(parts.sum()) - first) / np.repeat(parts, parts)
-    return np.append(np.repeat(t[:-1], parts) + share * np.repeat(np.diff(t), parts), t[-1])
 
 
 def _with_friction(
@@ -335,7 +324,7 @@ def _closer_at_reversals(
     slow |= before * after < 0
     change = np.where(slow, np.abs(after - before), 0.0).max(axis=1)
     parts = np.clip(np.ceil(change / (PLACES.step * smoothing)), 1, PLACES.most_parts)
-    return profile.at_times(_with_parts(profile.t, parts.astype(int)))
+    return profile.at_times(with_parts(profile.t, parts.astype(int)))
 
 
 def excess_of(family: LimitFamily, profile: SpeedProfile) -> FloatArray:
