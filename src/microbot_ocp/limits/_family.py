@@ -391,7 +391,7 @@ def _further_member(robot: Any, limit: Limit) -> Member:
 def _function(
     robot: Any, keys: tuple[str, ...], torques: ca.Function | None = None
 ) -> tuple[ca.Function, tuple[tuple[str, int], ...], tuple[int, ...]]:
-    """Return one function of the state [n] each for the values (and bounds) of some limits.
+    """Return one function of the state [n] each for values (and bounds) of further limits.
 
     Returns
     -------
@@ -420,7 +420,7 @@ def _function(
         if function.is_a("SXFunction"):
             function = with_finite_slopes(function)
         return function, tuple(names), used
-    named = ", ".join(repr(further[key].name) for key in keys if key in further)
+    named = ", ".join(repr(further[key].name) for key in keys)
     raise InputError(f"the expression of limit {named} cannot be evaluated: {reasons[0]}")
 
 
@@ -429,10 +429,6 @@ def _outputs(
 ) -> tuple[list[Any], list[tuple[str, int]]]:
     outputs, names = [], []
     for key in keys:
-        if key not in further:
-            outputs.append(ca.densify(getattr(state, key)))
-            names.append((key, 0))
-            continue
         limit = further[key]
         value = _column(limit.expression(state))
         if not isinstance(value, ca.DM) and any(map(is_relation, ca.vertsplit(value))):

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
-from microbot_ocp._base.checks import FloatArray, InputError, shown
+from microbot_ocp._base.checks import FloatArray, InputError
 
 Expression = Callable[[Any], Any]  # a motion's state -> a CasADi expression or a number
 Bound = ArrayLike | Expression | None
@@ -297,8 +297,6 @@ def limits_to_table(limits: Iterable[Limit]) -> dict[str, Any]:
     """
     table: dict[str, Any] = {}
     for limit in limits:
-        if not isinstance(limit, Limit):
-            raise InputError(f"limits must be a list, each entry a Limit, not {shown(limits)}")
         sides = {side: limit.constant(side) for side in ("lower", "upper")}
         given = {side: value for side, value in sides.items() if value is not None}
         written = {

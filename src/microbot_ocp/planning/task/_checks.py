@@ -429,10 +429,10 @@ def torques_of(robot: Robot, keys: Sequence[str], payload: bool = False) -> Call
     The rate is None where no key asks for it.
     """
     make = torque_and_rate if "taud" in keys else inverse_dynamics
-    torques = _with_payload(make, robot) if payload else make(robot)
+    torques = partial(_with_payload, make, robot) if payload else partial(make, robot)
     if "taud" in keys:
-        return torques
-    return lambda q, qd, qdd, _, *held: (torques(q, qd, qdd, *held), None)
+        return torques()
+    return lambda q, qd, qdd, _, *held: (torques()(q, qd, qdd, *held), None)
 
 
 @lru_cache(maxsize=128)

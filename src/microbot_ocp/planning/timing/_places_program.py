@@ -186,17 +186,15 @@ def kernels(kinds: LimitKinds, fast: bool) -> tuple[_Kernel, _Kernel]:
     InputError
         The expression of a further limit has no derivatives.
     """
-    problem: Exception | None = None
-    for symbol in (ca.SX, ca.MX) if kinds.further else (ca.SX,):  # a table or a spline is no SX
+    if kinds.family is None:
+        return _kernels_of(ca.SX, kinds, fast)
+    for symbol in (ca.SX, ca.MX):  # a table or a spline is no SX
         try:
             return _kernels_of(symbol, kinds, fast)
         except deadline.Over:
             raise
         except Exception as error:  # the expression is the user's
             problem = error
-    if not kinds.further:
-        raise problem or RuntimeError
-    assert kinds.family is not None
     names = ", ".join(repr(kinds.family[key].name) for key in kinds.further)
     reason = str(problem).strip().splitlines()[-1:] or [type(problem).__name__]
     raise InputError(
