@@ -190,8 +190,7 @@ class _SplitSearch:
         limits: Limits | JointLimits | None,
         tolerance: float = 1e-4,
     ) -> None:
-        chosen = robot.limits if limits is None else limits.for_joints(robot.joint_count)
-        self.family = LimitFamily.of(robot, chosen)
+        self.family = LimitFamily.of(robot, limits)
         self.family.refuse_means()
         self.make = make
         self.tolerance = checks.number("tolerance", tolerance, above=0.0, at_most=0.1)

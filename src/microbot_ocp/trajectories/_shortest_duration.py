@@ -173,8 +173,7 @@ class _DurationSearch:
     ) -> None:
         self.robot = robot
         self.tolerance = checks.number("tolerance", tolerance, above=0.0, at_most=1e-3)
-        chosen = robot.limits if limits is None else limits.for_joints(robot.joint_count)
-        self.family = LimitFamily.of(robot, chosen)
+        self.family = LimitFamily.of(robot, limits)
         self.family.refuse_means()
         self.kinds = self.family.of_order(1, 2, 3)
         if not self.kinds:

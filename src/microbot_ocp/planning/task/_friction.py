@@ -111,10 +111,8 @@ def kept_torques(
     _, qd, qdd, _ = state
     window, smoothing = phase.parameter(WINDOW, 0.0), phase.parameter(SMOOTHING, COULOMB_SMOOTHING)
     near = ca.sqrt((qdd * window * phase.duration) ** 2 + LEAST_REACH**2)
-    width, far = (
-        smoothing + FRICTION_WINDOWS.spread * near,
-        (1.0 + FRICTION_WINDOWS.spread**2) * near,
-    )
+    width = smoothing + FRICTION_WINDOWS.spread * near
+    far = (1.0 + FRICTION_WINDOWS.spread**2) * near
     ahead, behind = ca.tanh((qd + far) / width), ca.tanh((qd - far) / width)
     tau, taud = torques(*state, *held)
     bounds = robot.limits.bounds("tau")
@@ -189,11 +187,13 @@ def with_windows(
     values = {}
     for name, phase_mesh in zip(names, given, strict=True):
         mesh = mesh_of(phase_mesh)
-        if isinstance(start, Solution) and np.array_equal(start[name].mesh, mesh):
-            values[name] = {WINDOW: _window_of(start[name])}
-            continue
         if isinstance(start, Solution):
-            velocity = _interpolated(start[name].mesh, start[name]["qd"], mesh)
+            before = start[name]
+            if np.array_equal(before.mesh, mesh):
+                values[name] = {WINDOW: _window_of(before)}
+                continue
+            columns = (np.interp(mesh, before.mesh, column) for column in before["qd"].T)
+            velocity = np.column_stack(list(columns))
         else:
             guess = start[name].values["qd"]
             velocity = np.asarray(guess(mesh)) if callable(guess) else np.asarray(guess)
@@ -218,7 +218,3 @@ def rounded(transcription: Transcription, velocity: FloatArray) -> Transcription
     smoothing = max(COULOMB_SMOOTHING, FRICTION_WINDOWS.rounded * float(velocity.min()))
     names = [phase.name for phase in transcription.problem.phases]
     return transcription.with_parameters({name: {SMOOTHING: smoothing} for name in names})
-
-
-def _interpolated(mesh: FloatArray, values: FloatArray, at: FloatArray) -> FloatArray:
-    return np.column_stack([np.interp(at, mesh, column) for column in values.T])

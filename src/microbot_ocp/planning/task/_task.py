@@ -205,8 +205,8 @@ class Task:
             first = self.stops[0]
             fixed = first.q is not None and first.box is not None and not first.box.any()
             moves = not self.at_rest(0)
-            closed = (*(() if fixed else ("q",)), *(("qd",) if moves else ()))
-            closed = (*closed, "qdd") if moves and self.family.jerk_matters else closed
+            demanded = {"q": not fixed, "qd": moves, "qdd": moves and self.family.jerk_matters}
+            closed = tuple(key for key, is_closed in demanded.items() if is_closed)
             # what is closed is demanded once
             given = ends[0]
             free = np.full(self.robot.joint_count, np.inf)
