@@ -265,10 +265,8 @@ class _SplitSearch:
         self.tried += 1
         shape = self.make(np.exp(logs))
         count, points = len(shape.breaks) - 1, PEAK_SEARCH.points_per_piece + 1
-        piece, fraction = (
-            np.repeat(np.arange(count), points),
-            np.tile(np.linspace(0, 1, points), count),
-        )
+        piece = np.repeat(np.arange(count), points)
+        fraction = np.tile(np.linspace(0, 1, points), count)
         lasting, moving = self.uses_at(shape, piece, fraction)
         use = np.hstack([lasting, moving]).reshape(count, points, -1)
         beside = np.pad(use, ((0, 0), (1, 1), (0, 0)), constant_values=-np.inf)

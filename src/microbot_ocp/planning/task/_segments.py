@@ -261,8 +261,15 @@ class Turning:
     free: int | None = None
 
     @classmethod
-    def between(cls, start: FloatArray, end: FloatArray, free: int | None) -> Turning:
-        """Return that from one rotation [3,3] to another, or from free axis to free axis."""
+    def between(
+        cls, start: FloatArray | None, end: FloatArray | None, free: int | None
+    ) -> Turning | None:
+        """Return that from one rotation [3,3] to another, or from free axis to free axis.
+
+        None where an end has no orientation.
+        """
+        if start is None or end is None:
+            return None
         if free is None:
             change = end @ start.T
             sine = np.array(ca.inv_skew(ca.DM(change))).ravel()
@@ -403,23 +410,17 @@ def curve_limits(kind: Curved, curve: Curve, turning: Turning | None) -> tuple[L
     name = "tool line" if isinstance(kind, Line) else "tool circle"
     side = SIDE * kind.tolerance
     degrees = tuple(f"{np.degrees(a):.0f} deg across" for a in DIRECTIONS)
+    beyond = _Beyond(curve, kind.tolerance)
     limits = [
         Limit(name, _Across(curve), lower=-side, upper=side, unit="m", labels=degrees),
-        Limit(
-            f"{name} beyond its ends",
-            _Beyond(curve, kind.tolerance),
-            upper=kind.tolerance,
-            unit="m",
-        ),
+        Limit(f"{name} beyond its ends", beyond, upper=kind.tolerance, unit="m"),
     ]
     if turning is not None:
         axes = ["xyz"[k] for k in range(3) if k != turning.free]
         size = float(np.sin(kind.orientation_tolerance) / np.sqrt(len(axes)))
         angle = _Angle(curve, turning)
         labels = tuple(f"tool {axis}" for axis in axes)
-        limits.append(
-            Limit("tool orientation", angle, lower=-size, upper=size, unit="rad", labels=labels)
-        )
+        limits.append(Limit("tool orientation", angle, -size, size, unit="rad", labels=labels))
     return tuple(limits)
 
 
@@ -431,16 +432,8 @@ def joint_line_limits(kind: JointLine, start: FloatArray, end: FloatArray) -> tu
     if start.size > 1:
         size = kind.tolerance / np.sqrt(start.size - 1)
         labels = tuple(f"{k + 1} across" for k in range(start.size - 1))
-        limits.append(
-            Limit(
-                "joint line",
-                _JointsAcross(curve),
-                lower=-size,
-                upper=size,
-                unit="rad",
-                labels=labels,
-            )
-        )
+        across = _JointsAcross(curve)
+        limits.append(Limit("joint line", across, -size, size, unit="rad", labels=labels))
     return tuple(limits)
 
 

@@ -12,9 +12,9 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp._base import checks
-from microbot_ocp._base.checks import FloatArray, InputError, naming, warn_user
+from microbot_ocp._base.checks import FloatArray, InputError, warn_user
 from microbot_ocp.limits import JointLimits, LimitFamily, Limits
-from microbot_ocp.planning.task._blending import segment_name, with_corners_cut
+from microbot_ocp.planning.task._blending import curve_of, segment_name, with_corners_cut
 from microbot_ocp.planning.task._checks import (
     check_limits,
     check_pace,
@@ -32,7 +32,6 @@ from microbot_ocp.planning.task._segments import (
     Segment,
     Turning,
     corner_limit,
-    curve_between,
     curve_limits,
     joint_line_limits,
     orientation_error,
@@ -142,19 +141,13 @@ class Task:
         if not isinstance(kind, Line | Circle):
             return None
         before, after = self.stops[index], self.stops[index + 1]
-        (start, turned), (end, turned_after) = (s.pose(self.robot) for s in (before, after))
         for stop in (before, after):
             if stop.q is None and np.any(np.isinf(np.array(stop.tolerance))):
                 raise InputError(
                     f"{self.name_of(index)}: it needs both ends, but a coordinate of stop "
                     f"{stop.name!r} is free"
                 )
-        with naming(f"{self.name_of(index)}: "):
-            curve = curve_between(kind, start, end)
-            if turned is None or turned_after is None:
-                return curve, None
-            free = [s.free_axis for s in (before, after) if s.free_axis is not None]
-            return curve, Turning.between(turned, turned_after, free[0] if free else None)
+        return curve_of(self.robot, kind, before, after)
 
     @cached_property
     def robots(self) -> tuple[Robot, ...]:

@@ -74,11 +74,8 @@ UNSOLVED = (
     "one exceeds limits by {:.3g} %"
 )
 # what found a motion, as its provenance says
-PASSES, PLACES_METHOD, WALK = (
-    "reachability",
-    "one program on its places",
-    "harmonic in its parameter",
-)
+PASSES, WALK = "reachability", "harmonic in its parameter"
+PLACES_METHOD = "one program on its places"
 
 
 @dataclass(frozen=True)
