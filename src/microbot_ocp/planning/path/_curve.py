@@ -30,21 +30,8 @@ from microbot_ocp.motion import PiecewisePolynomial
 IntArray = NDArray[np.intp]
 
 
-@dataclass(frozen=True)
-class CurveSettings:
-    """Settings of curves.
-
-    Attributes
-    ----------
-    vanishing : relative size of a derivative that counts as zero
-    margin : ratio of a bent piece by which it starts inside, where powers of r are finite
-    """
-
-    vanishing: float = 1e-9
-    margin: float = 1e-10
-
-
-CURVE = CurveSettings()
+VANISHING = 1e-9  # relative size of a derivative that counts as zero
+MARGIN = 1e-10  # ratio of a bent piece by which it starts inside, where powers of r are finite
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +81,7 @@ class CurvePiece:
         """First and last r that are used."""
         if not self.bent:
             return 0.0, self.span
-        margin = CURVE.margin * self.span
+        margin = MARGIN * self.span
         return (0.0, self.span - margin) if self.bent_at_end else (margin, self.span)
 
     def from_the_bent_end(self, r: FloatArray) -> tuple[FloatArray, float]:
@@ -270,7 +257,7 @@ def vanishing_orders(path: PiecewisePolynomial, s: FloatArray, *, from_left: boo
     for _ in range(path.coefficients.shape[1] - 2):
         curve = curve.derivative()
         sizes = np.abs(curve(places, from_left=from_left)).max(axis=1)
-        vanish &= sizes[-s.size :] <= CURVE.vanishing * max(sizes.max(), 1e-300)
+        vanish &= sizes[-s.size :] <= VANISHING * max(sizes.max(), 1e-300)
         orders += vanish
         if not vanish.any():
             break

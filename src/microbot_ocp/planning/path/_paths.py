@@ -11,7 +11,7 @@ from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.limits import LimitFamily
 from microbot_ocp.motion import PiecewisePolynomial
-from microbot_ocp.planning.path._curve import CURVE, PathCurve, vanishing_orders
+from microbot_ocp.planning.path._curve import VANISHING, PathCurve, vanishing_orders
 from microbot_ocp.planning.task import check_pace, check_positions, check_rest, locked_joints
 
 CORNER = 1e-6  # relative jump of the tangent that counts as a corner
@@ -63,7 +63,7 @@ def check_path(family: LimitFamily, path: PiecewisePolynomial) -> FloatArray:
 def corners(path: PiecewisePolynomial) -> FloatArray:
     """Find the breaks at which the tangent jumps, or vanishes while its direction jumps."""
     before, after, size = _at_breaks(path, path.derivative())
-    rests = np.maximum(np.abs(before), np.abs(after)).max(axis=1) <= CURVE.vanishing * size
+    rests = np.maximum(np.abs(before), np.abs(after)).max(axis=1) <= VANISHING * size
     turns = [
         bool(rest) and _turns(path, float(s))
         for s, rest in zip(path.breaks[1:-1], rests, strict=True)
