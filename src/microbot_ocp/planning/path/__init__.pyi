@@ -6,7 +6,13 @@ from ._blocked_path import (
 from ._curve import (
     CurvePiece as CurvePiece,
     PathCurve as PathCurve,
+    check_path as check_path,
+    corners as corners,
     samples_along as samples_along,
+    segments as segments,
+    stops as stops,
+    straight_path as straight_path,
+    straight_through as straight_through,
 )
 from ._fast_timing import (
     PathTiming as PathTiming,
@@ -17,14 +23,6 @@ from ._limits import (
     LATER as LATER,
     largest_speeds as largest_speeds,
     limits_kept_by as limits_kept_by,
-)
-from ._paths import (
-    check_path as check_path,
-    corners as corners,
-    segments as segments,
-    stops as stops,
-    straight_path as straight_path,
-    straight_through as straight_through,
 )
 from ._phase_plane import (
     PathLimit as PathLimit,

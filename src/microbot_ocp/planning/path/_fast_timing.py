@@ -14,9 +14,8 @@ from microbot_ocp._base.codegen import compiles
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import JointLimits, Limits
 from microbot_ocp.motion import JUMP_GAP, SAMPLE_STEP, Motion, PiecewisePolynomial, State, numbered
-from microbot_ocp.planning.path._curve import PathCurve
+from microbot_ocp.planning.path._curve import PathCurve, check_path, segments
 from microbot_ocp.planning.path._limits import LATER, limits_kept_by
-from microbot_ocp.planning.path._paths import check_path, segments
 from microbot_ocp.planning.path._reachability import CurveLimits, Reached, reach
 from microbot_ocp.planning.task import check_limits, with_locked_joints_held
 from microbot_ocp.robot import Robot

@@ -24,9 +24,8 @@ from microbot_ocp._base.codegen import compiles
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import JointLimits, LimitFamily, Limits
 from microbot_ocp.motion import PiecewisePolynomial
-from microbot_ocp.planning.path._curve import PathCurve
+from microbot_ocp.planning.path._curve import PathCurve, segments, stops
 from microbot_ocp.planning.path._limits import FAR, LimitRows, Nodes, PathLimits
-from microbot_ocp.planning.path._paths import segments, stops
 from microbot_ocp.planning.path._reachability import CurveLimits, Reached, reach
 from microbot_ocp.planning.task import VISCOUS, check_limits, friction
 from microbot_ocp.robot import Robot
