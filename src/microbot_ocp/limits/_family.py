@@ -256,12 +256,10 @@ class LimitFamily:
             jerk = samples.qddd if "taud" in torques else None
             given = self.robot.torques_along(*samples[:3], jerk) | given
         entries = {key: [given.get(key), self[key].lower, self[key].upper] for key in wanted}
-        if computed := tuple(key for key in wanted if key not in given):
-            for key in computed:  # what knows its derivatives is compiled, part by part
-                if parts := _parts_of(self[key].limit):
-                    entries[key][0] = np.array(parts(self.robot, compiles())[-1](samples.q.T)).T
-            computed = tuple(key for key in computed if entries[key][0] is None)
-        if computed:
+        for key in wanted:  # what knows its derivatives is compiled, part by part
+            if key not in given and (parts := _parts_of(self[key].limit)):
+                entries[key][0] = np.array(parts(self.robot, compiles())[-1](samples.q.T)).T
+        if computed := tuple(key for key in wanted if entries[key][0] is None):
             function, names, used = _function(self.robot, computed)
             arrays = deferred_call(function)(*(samples[k] for k in used))
             for (key, side), array in zip(names, _as_tuple(arrays), strict=True):

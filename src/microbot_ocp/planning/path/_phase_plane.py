@@ -223,7 +223,7 @@ def _segment(family: LimitFamily, curve: PathCurve, begin: float, grid: int) -> 
         velocity_bound=np.where(fastest >= np.sqrt(FAR), np.inf, fastest * scale),
         least=least * scale,
         velocity_joint=_fastest_joint(along.limits, size),
-        arcs=tuple(_arcs(s, timing, rows, nodes, along.limits)) if timing.feasible else (),
+        arcs=tuple(_arcs(s, timing, rows, along)) if timing.feasible else (),
         duration=timing.duration if timing.feasible else float("nan"),
         blocked_at=float(np.interp(timing.blocked_at, timing.s, s)),
     )
@@ -291,12 +291,8 @@ def _refused(b: FloatArray, f: FloatArray, h: FloatArray) -> tuple[FloatArray, F
     outside = (b >= 0) & ~always & ~constant
     between = (b < 0) & (square > 0)
     empty = np.inf
-    start = np.hstack(
-        [
-            np.where(always | outside, -1.0, empty),
-            np.where(outside, high, np.where(between, low, empty)),
-        ]
-    )
+    second = np.where(outside, high, np.where(between, low, empty))
+    start = np.hstack([np.where(always | outside, -1.0, empty), second])
     end = np.hstack([np.where(outside, low, empty), np.where(between, high, empty)])
     none = np.hstack([np.isinf(h)] * 2) | (end <= 0)
     return np.where(none, empty, start), np.where(none, empty, end)
@@ -320,11 +316,9 @@ def _fastest_joint(limits: PathLimits, size: int) -> np.ndarray:
     return nearest[:size]
 
 
-def _arcs(
-    s: FloatArray, timing: Reached, rows: LimitRows, nodes: Nodes, limits: PathLimits
-) -> list[LimitArc]:
+def _arcs(s: FloatArray, timing: Reached, rows: LimitRows, along: CurveLimits) -> list[LimitArc]:
     """Find the runs of grid intervals on the same limit."""
-    names, room = _room(timing, rows, nodes, limits)
+    names, room = _room(timing, rows, along.nodes, along.limits)
     nearest = room.argmin(axis=1)
     on = np.where(room[np.arange(len(room)), nearest] <= ACTIVE, nearest, -1)
     runs = [(key, len(list(group))) for key, group in groupby(on.tolist())]

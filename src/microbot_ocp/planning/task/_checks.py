@@ -1,4 +1,4 @@
-"""What every time-optimal solve checks of its task before a solver starts, and how it ends."""
+"""What every time-optimal solve checks of its task before a solver starts, and its limits then."""
 
 from __future__ import annotations
 
@@ -11,11 +11,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from microbot_ocp._base import checks, deadline
+from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.codegen import compile_recipe
-from microbot_ocp._base.outcome import Advice, Outcome
-from microbot_ocp._base.status import Status
 from microbot_ocp.limits import (
     ROUNDING,
     JointLimits,
@@ -24,15 +22,11 @@ from microbot_ocp.limits import (
     Limits,
     Member,
     MotionSamples,
-    not_judged,
 )
-from microbot_ocp.motion import Motion
-from microbot_ocp.ocp import Phase, Solution
-from microbot_ocp.planning.task._multipliers import multipliers_of
+from microbot_ocp.ocp import Phase
 from microbot_ocp.planning.task._scale import TaskScale
 from microbot_ocp.robot import (
     Robot,
-    drive_advice,
     has_torque_derivatives,
     inverse_dynamics,
     torque_and_rate,
@@ -69,120 +63,6 @@ def with_changes(settings: Settings, changes: Mapping[str, Any]) -> Settings:
             hint = checks.did_you_mean(name, names)
             raise TypeError(f"there is no setting {name!r}{hint} (settings: {', '.join(names)})")
     return replace(settings, **changes)  # type: ignore[type-var]
-
-
-def with_drives_noted(
-    robot: Robot, motion: Motion, limits: Limits | JointLimits | None = None
-) -> Motion:
-    """Return the motion, whose note and outcome say what of the drives nothing is known of.
-
-    These are limits of torques without masses, and torques on light links that alone decide how
-    fast it begins.
-    """
-    family = LimitFamily.of(robot, limits)
-    advice = drive_advice(family.robot, motion.qdd)
-    rows = [("drives", advice), ("not judged", not_judged(family.unjudged))]
-    rows = [Advice(kind, text) for kind, text in rows if text]
-    new = [row for row in rows if row not in motion.outcome.advice]
-    remark = "; ".join(filter(None, [motion.remark, *(row.sentence for row in new)]))
-    return replace(motion, remark=remark, outcome=motion.outcome.and_(*new))
-
-
-def verdict(
-    family: LimitFamily, solution: Solution, excess: Sequence[FloatArray], limit_tolerance: float
-) -> Outcome:
-    """Return the status and advice of a motion, by the excess of its limits between mesh points.
-
-    A solver that converged on the mesh points is not believed where limits are exceeded in between
-    by more than was asked for.
-    """
-    worst = largest(excess)
-    if deadline.over() and solution.status is not Status.INTERRUPTED:
-        return Outcome.of(Status.TIME_LIMIT)
-    if solution.status.solved and not worst <= limit_tolerance:
-        return Outcome.of(
-            Status.LIMITS_EXCEEDED,
-            f"limits are exceeded by {100 * worst:.3g} % between mesh points, and refinement ended "
-            "there: give a finer mesh, or look for a place that cannot be passed",
-        )
-    names = [phase.name for phase in solution.phases]
-    rows = (
-        row.named(place_in_task(family, *_of_row(row), names)) if row.at else row
-        for row in solution.rows
-        if row.kind != "program"
-    )
-    return Outcome(solution.status, tuple(rows))
-
-
-def largest(excess: Sequence[FloatArray]) -> float:
-    """Return the largest excess of all phases, relative to its limit."""
-    return max(float(e.max()) for e in excess)
-
-
-def _of_row(row: Advice) -> tuple[str, str, int, str, float]:
-    assert row.at is not None
-    label, at = row.at
-    return label.kind, label.name, label.component, label.phase, at
-
-
-_QUANTITIES = {"q": "position", "qd": "velocity", "qdd": "acceleration"}
-
-
-def place_in_task(
-    family: LimitFamily,
-    kind: str,
-    name: str,
-    component: int,
-    phase: str,
-    at: float | None,
-    phases: Sequence[str],
-) -> str:
-    """Name a row of a program by via points, joints and limits.
-
-    Parameters
-    ----------
-    family : LimitFamily
-    kind, name, component, phase : as in the label of the row
-    at : s, since the start of its phase; None leaves it out
-    phases : names of all phases
-    """
-    members = {member.name: member for member in family}
-    if name in members:
-        what = members[name].title(component)
-    elif name in _QUANTITIES:
-        what = f"{_QUANTITIES[name]} of {family.robot.joint_names[component]}"
-    else:
-        what = name
-    number = phases.index(phase) + 1
-    if kind in ("initial", "final"):
-        return f"{what} at via point {number + (kind == 'final')}"
-    where = f"between via points {number} and {number + 1}"
-    return f"{what} {where}" + ("" if at is None else f", {at:.4g} s after the first of them")
-
-
-def provenance_of(
-    method: str,
-    family: LimitFamily,
-    solution: Solution,
-    excess: float,
-    wall_time: float,
-    smoothing: float,
-    **more: Any,
-) -> dict[str, Any]:
-    """Return how a motion was made: what every time-optimal motion says, and ``more``."""
-    return {
-        "method": method,
-        "excess": excess,
-        "solver": solution.attempts[-1].solver,
-        "gap": solution.gap.total,  # s: from the local optimum of the smoothed task, at most
-        "intervals": [phase.mesh.size - 1 for phase in solution.phases],
-        "phase_durations": [phase.duration for phase in solution.phases],
-        "multipliers": multipliers_of(solution, family),
-        **more,
-        "wall_time": wall_time,
-        "smoothing": smoothing,
-        "casadi": ca.CasadiMeta.version(),
-    }
 
 
 def reach_of(robot: Robot) -> float:

@@ -172,12 +172,9 @@ class Stop:
         if self.free_turn is not None:
             checks.one_of(f"free_turn of {where}", self.free_turn, AXES)
         put(self, "tolerance", self._checked_tolerance(where))
-        turn = self.orientation_tolerance
-        checks.number(f"orientation_tolerance of {where}", turn, "rad", at_least=0.0, at_most=1.5)
-        checks.number(
-            f"dwell of {where}", self.dwell, "s", at_least=0.0, at_most=STOP_SIZES.longest_dwell
-        )
-        checks.number(f"blend of {where}", self.blend, "m", at_least=0.0)
+        sizes = {"orientation_tolerance": ("rad", 1.5), "dwell": ("s", STOP_SIZES.longest_dwell)}
+        for key, (unit, most) in {**sizes, "blend": ("m", None)}.items():
+            checks.number(f"{key} of {where}", getattr(self, key), unit, at_least=0.0, at_most=most)
         if self.payload is not None and not isinstance(self.payload, Payload):
             with naming(f"{where}: "):
                 put(self, "payload", Payload(self.payload))
@@ -240,9 +237,8 @@ class Stop:
         """
         if self.q is not None:
             tool = np.array(forward_kinematics(robot)(np.array(self.q)))
-            return tool[:3, 3], tool[
-                :3, :3
-            ] if robot.joint_count >= STOP_SIZES.pose_joints else None
+            holds = robot.joint_count >= STOP_SIZES.pose_joints
+            return tool[:3, 3], tool[:3, :3] if holds else None
         turned = None if self.orientation is None else np.array(self.orientation)
         return np.array(self.position), turned
 
