@@ -34,6 +34,6 @@ from ._reachability import (
     CurveLimits as CurveLimits,
     Reached as Reached,
     harmonic as harmonic,
+    path_grid as path_grid,
     reach as reach,
-    settled as settled,
 )

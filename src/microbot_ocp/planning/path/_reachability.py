@@ -268,39 +268,6 @@ def reach(
     return timing
 
 
-def settled(
-    family: LimitFamily,
-    curve: PathCurve,
-    grid: int,
-    tolerance: float,
-    fast: bool,
-    most: int = REACHABILITY.most_grids,
-) -> tuple[Reached, CurveLimits, float]:
-    """Refine the grid of a timing until its duration settles and limits hold in between.
-
-    ``grid`` is the number of intervals to begin with, ``tolerance`` the largest relative excess
-    over a limit inside an interval, ``most`` the number of grids. The last number returned is what
-    the excess is in the end.
-    """
-    s, duration = path_grid(curve, grid), np.inf
-    for last in range(most - 1, -1, -1):
-        along = CurveLimits.of(family, curve, s, fast)
-        timing = reach(along)
-        if not timing.feasible:
-            return timing, along, np.inf
-        excess = along.excess(timing)
-        apart = abs(timing.duration - duration) > REACHABILITY.settled * timing.duration
-        cut = (excess > tolerance) | (apart and s.size <= REACHABILITY.most_settling)
-        cut &= np.diff(timing.t) > min(
-            REACHABILITY.shortest, REACHABILITY.shortest_ratio * timing.duration
-        )
-        if not cut.any() or not last or s.size > REACHABILITY.most_points or deadline.over():
-            break
-        duration = timing.duration
-        s = np.sort(np.concatenate([s, (0.5 * (s[1:] + s[:-1]))[cut]]))
-    return timing, along, float(excess.max())
-
-
 def path_grid(path: PathCurve, count: int) -> FloatArray:
     """Make a grid [N+1] of about ``count`` intervals with the breaks of the path among its points.
 

@@ -29,16 +29,17 @@ from microbot_ocp.planning.path import (
     LATER,
     REACHABILITY,
     CurveLimits,
+    PathCurve,
     Reached,
     blocking_limit,
     check_path,
     corners,
     harmonic,
     limits_kept_by,
+    path_grid,
     reach,
     sampled,
     segments,
-    settled,
     stops,
 )
 from microbot_ocp.planning.task import (
@@ -237,20 +238,40 @@ class _PathSearch:
         return self._profile_motion(profiles)
 
     def _reach(self) -> tuple[list[Reached], float]:
-        """Time every segment, and tell the largest excess; who keeps which limit is noted.
-
-        With rates the timing is a start alone: one grid is enough.
-        """
-        grids = 1 if self.family.jerk_matters else REACHABILITY.most_grids
+        """Time every segment, and tell the largest excess; who keeps which limit is noted."""
         timings, worst = [], -1.0
         self.limits_kept_by: dict[str, list[str]] = {}
         for curve in self.passed:
-            count, tolerance = self.settings.grid, self.settings.limit_tolerance
-            timing, along, excess = settled(self.family, curve, count, tolerance, self.fast, grids)
+            timing, along, excess = self._settled(curve)
             timings.append(timing)
             worst = max(worst, excess)
             self.limits_kept_by = self.limits_kept_by or limits_kept_by(along.limits)
         return timings, worst
+
+    def _settled(self, curve: PathCurve) -> tuple[Reached, CurveLimits, float]:
+        """Refine the grid of a timing until its duration settles and limits hold in between.
+
+        With rates the timing is a start alone: one grid is enough. The last number returned is the
+        largest relative excess over a limit inside an interval in the end.
+        """
+        s, duration = path_grid(curve, self.settings.grid), np.inf
+        for left in range(0 if self.family.jerk_matters else REACHABILITY.most_grids - 1, -1, -1):
+            along = CurveLimits.of(self.family, curve, s, self.fast)
+            timing = reach(along)
+            if not timing.feasible:
+                return timing, along, np.inf
+            excess = along.excess(timing)
+            apart = abs(timing.duration - duration) > REACHABILITY.settled * timing.duration
+            cut = excess > self.settings.limit_tolerance
+            cut |= apart and s.size <= REACHABILITY.most_settling
+            cut &= np.diff(timing.t) > min(
+                REACHABILITY.shortest, REACHABILITY.shortest_ratio * timing.duration
+            )
+            if not cut.any() or not left or s.size > REACHABILITY.most_points or deadline.over():
+                break
+            duration = timing.duration
+            s = np.sort(np.concatenate([s, (0.5 * (s[1:] + s[:-1]))[cut]]))
+        return timing, along, float(excess.max())
 
     def _walk(self, segment: int, timing: Reached) -> Reached:
         """Give a slow timing where there is none, as long as its slowest joint takes."""
