@@ -10,9 +10,13 @@ from ._family import (
 from ._history import (
     JUMP_TIME as JUMP_TIME,
     LimitHistory as LimitHistory,
+    Peak as Peak,
     Spell as Spell,
     StateHistory as StateHistory,
     jumps_between as jumps_between,
+    jumps_of as jumps_of,
+    largest_jump as largest_jump,
+    largest_use as largest_use,
     limit_history as limit_history,
 )
 from ._joint_limits import (
@@ -37,12 +41,6 @@ from ._limit import (
     tool_jerk as tool_jerk,
     tool_speed as tool_speed,
     total_power as total_power,
-)
-from ._peaks import (
-    Peak as Peak,
-    jumps_of as jumps_of,
-    largest_jump as largest_jump,
-    largest_use as largest_use,
 )
 from ._use import (
     AT_LIMIT as AT_LIMIT,

@@ -52,7 +52,7 @@ def random_interval(seed):
     if not seed % 3:  # the last limit of an end contradicts the first
         m[0, -1], c[0, -1] = m[0, 0], c[0, 0]
         low[0, -1], high[0, -1] = high[0, 0] + size[0, 0], high[0, 0] + 2 * size[0, 0]
-    rows = LimitRows(m, c, low, high, np.array([0]), np.array([1]), ())
+    rows = LimitRows(m, c, low, high, np.array([1]), ())
     target = np.sort(random.uniform(0.0, 4.0, 2))
     if seed % 3:
         target = np.array([min(target[0], x[1]), max(target[1], x[1])])

@@ -72,7 +72,7 @@ def blocking_limit(family: LimitFamily, curve: PathCurve, fast: bool) -> Blocked
     entries: list[tuple[Any, Any, Any]] = []
     highest, limited, first = [], [], 0
     for ends, x_at, u_at in (
-        (rows.left, np.arange(count), count + 1 + np.arange(count)),
+        (np.arange(count), np.arange(count), count + 1 + np.arange(count)),
         (rows.right, np.arange(1, count + 1), 2 * count + 1 + np.arange(count)),
     ):
         scale = np.maximum(size[ends], 1e-12)

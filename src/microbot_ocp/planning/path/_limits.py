@@ -39,8 +39,7 @@ class Nodes:
     position: FloatArray
     tangent: FloatArray
     curvature: FloatArray
-    left: np.ndarray  # index of the start of every interval
-    right: np.ndarray  # index of its end
+    right: np.ndarray  # index of the end of every interval; that of its start is its own
 
 
 def nodes_of(path: PathCurve, s: FloatArray) -> Nodes:
@@ -54,7 +53,7 @@ def nodes_of(path: PathCurve, s: FloatArray) -> Nodes:
     tables = path.on_both_sides(s, inner)
     right = np.arange(1, s.size)
     right[inner - 1] = s.size + np.arange(inner.size)
-    return Nodes(*tables, left=np.arange(s.size - 1), right=right)
+    return Nodes(*tables, right=right)
 
 
 class Coefficients(NamedTuple):
@@ -224,7 +223,6 @@ class LimitRows:
     per_x: FloatArray
     lower: FloatArray
     upper: FloatArray
-    left: np.ndarray
     right: np.ndarray
     names: tuple[tuple[str, int], ...]  # key of the limit and component, a row each
 
@@ -241,7 +239,7 @@ class LimitRows:
         tables = np.concatenate([np.zeros((4, len(nodes.position), 0)), *parts], axis=2)
         per_u = np.abs(tables[0])
         tables[0, per_u < 1e-12 * per_u.max(axis=0, initial=0.0)] = 0.0
-        return cls(*tables, left=nodes.left, right=nodes.right, names=tuple(names))
+        return cls(*tables, right=nodes.right, names=tuple(names))
 
     @property
     def torques(self) -> tuple[np.ndarray, np.ndarray]:

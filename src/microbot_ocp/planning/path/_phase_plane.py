@@ -343,7 +343,8 @@ def _room(
     As a share of its range, the lesser of both ends of every grid interval.
     """
     x = timing.speed_squared[:, None]
-    ends = ((rows.left, x[:-1], timing.start[:, None]), (rows.right, x[1:], timing.end[:, None]))
+    first = np.arange(rows.right.size)
+    ends = ((first, x[:-1], timing.start[:, None]), (rows.right, x[1:], timing.end[:, None]))
     names: list[PathLimit] = []
     rooms = []  # at both ends
     span = rows.upper - rows.lower

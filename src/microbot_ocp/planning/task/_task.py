@@ -164,9 +164,8 @@ class Task:
         """Return whether the arm rests at a stop."""
         stop, last = self.stops[index], len(self.stops) - 1
         if stop.velocity is not None:
-            return stop.velocity == "rest" or (
-                not isinstance(stop.velocity, str) and not np.any(stop.velocity)
-            )
+            still = isinstance(stop.velocity, tuple) and not any(stop.velocity)
+            return stop.velocity == "rest" or still
         ends = index in (0, last) and not self.cycle
         return ends or bool(stop.dwell) or stop.payload is not None
 
@@ -204,22 +203,19 @@ class Task:
             )
         else:
             rows += pose_rows(robot, stop)
-        rest = self.at_rest(index)
-        if rest:
-            qd = (np.zeros(robot.joint_count), np.zeros(robot.joint_count))
-        elif not isinstance(stop.velocity, str | None):
-            given = np.array(stop.velocity)
-            if stop.q is not None:
+        rest, zero = self.at_rest(index), np.zeros(robot.joint_count)
+        stated = rest or isinstance(stop.velocity, tuple)
+        if stated:
+            given = zero if rest else np.array(stop.velocity)
+            if rest or stop.q is not None:
                 qd = (given, given)
             else:
                 speed = partial(_tool_velocity, robot)
                 rows.append(Row("velocity of the tool", speed, (given, given)))
         rated, qdd = self.family.jerk_matters, None
         if rated and (rest or stop.acceleration is not None):
-            given = np.zeros(robot.joint_count)
-            given = given if stop.acceleration is None else np.array(stop.acceleration)
+            given = zero if stop.acceleration is None else np.array(stop.acceleration)
             qdd = (given, given)
-        stated = rest or not isinstance(stop.velocity, str | None)
         felt = (_felt(robot, stop, row) for row in rows)
         return EndConditions(q, qd, tuple(filter(None, felt)), qdd=qdd, leaps=stated and not rated)
 

@@ -49,57 +49,28 @@ from microbot_ocp.planning.timing._places_program import (
 )
 from microbot_ocp.robot import COULOMB_SMOOTHING, Robot, torque_and_rate
 
-
-@dataclass(frozen=True)
-class PlacesSettings:
-    """Settings of the timing on places.
-
-    Attributes
-    ----------
-    mesh, mesh_sum, least_mesh : intervals of each piece of a path to begin with, of all together,
-        and of each at least
-    barriers : of a first solve, of one from a coarser mesh, and of one from dry friction that
-        turns less suddenly
-    linear_solvers : in turn: without pivots factors are cheap, but their rounding may hide negative
-        curvature
-    most_meshes : solves on finer meshes at most
-    settled : change of the duration from mesh to mesh, relative, that ends the refinement
-    most_parts : parts of an interval from one mesh to the next at most
-    aimed : ratio of the accepted excess that the next mesh goes for; the excess falls with the
-        third power of the intervals
-    sudden : ratio of the excess of a part to that of the whole from which more parts are needed at
-        once
-    most_loss : ratio of the losses at jumps of s''' that the next mesh goes for: those of a tenth
-        of all intervals
-    leapt : excess of a limit from which a profile is taken to leap over a place where dry friction
-        turns
-    usual : percentile of the accelerations at which joints turn back, as the start has it
-    sharper, least_sharper : factor from one smoothing of dry friction to the next, and the least
-        that is tried where the solver fails
-    turned : smoothings: velocity at which the friction has all but turned
-    step : smoothings: change of velocity in an interval while the friction turns
-    """
-
-    mesh: int = 100
-    mesh_sum: int = 200
-    least_mesh: int = 20
-    barriers: tuple[float, float, float] = (1e-3, 1e-7, 1e-3)
-    linear_solvers: tuple[str, str] = ("ldl", "mumps")
-    most_meshes: int = 10
-    settled: float = 5e-5
-    most_parts: int = 8
-    aimed: float = 0.5
-    sudden: float = 0.5
-    most_loss: float = 0.8
-    leapt: float = 0.1
-    usual: float = 90.0
-    sharper: float = 2.0
-    least_sharper: float = 1.08
-    turned: float = 2.0
-    step: float = 0.7
-
-
-PLACES = PlacesSettings()
+FIRST_BARRIER = 1e-3  # of a first solve
+FINER_BARRIER = 1e-7  # of one from a coarser mesh
+GENTLE_BARRIER = 1e-3  # of one from dry friction that turns less suddenly
+# in turn: without pivots factors are cheap, but their rounding may hide negative curvature
+LINEAR_SOLVERS = ("ldl", "mumps")
+MOST_MESHES = 10  # solves on finer meshes at most
+SETTLED = 5e-5  # relative change of the duration from mesh to mesh that ends the refinement
+MOST_PARTS = 8  # of an interval from one mesh to the next
+# ratio of the accepted excess that the next mesh goes for; the excess falls with the third power of
+# the intervals
+AIMED = 0.5
+# ratio of the excess of a part to that of the whole from which more parts are needed at once
+SUDDEN = 0.5
+# ratio of the losses at jumps of s''' that the next mesh goes for: a tenth of all intervals has it
+MOST_LOSS = 0.8
+# excess of a limit from which a profile is taken to leap over a place where dry friction turns
+LEAPT = 0.1
+USUAL = 90.0  # percentile of the accelerations at which joints turn back, as the start has it
+# factor from one smoothing of dry friction to the next, and the least, tried where solvers fail
+SHARPER, LEAST_SHARPER = 2.0, 1.08
+TURNED = 2.0  # smoothings: velocity at which the friction has all but turned
+STEP = 0.7  # smoothings: change of velocity in an interval while the friction turns
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,16 +175,16 @@ def timed_on_places(
         Whether functions are compiled.
     progress : callable
     """
-    profile = _Timing(family, start, fast).solved(PLACES.barriers[0])
+    profile = _Timing(family, start, fast).solved(FIRST_BARRIER)
     excess = excess_of(family, profile)
     smoothing = _first_smoothing(family, start)
-    leaps = not profile.solved or float(excess.max()) > PLACES.leapt
+    leaps = not profile.solved or float(excess.max()) > LEAPT
     has_friction = smoothing > COULOMB_SMOOTHING and leaps
     if has_friction and not deadline.over():
         profile = _with_friction(family, start, fast, smoothing)
         excess = excess_of(family, profile)
     before, parents = np.inf, np.full(len(excess), np.inf)
-    for _ in range(PLACES.most_meshes):
+    for _ in range(MOST_MESHES):
         if not profile.solved or deadline.over():
             break
         worst = float(excess.max())
@@ -230,7 +201,7 @@ def timed_on_places(
             parts = np.maximum(parts, 1 + _switching(profile))
         parents = np.repeat(worst_in, parts)
         finer = profile.at_times(with_parts(profile.t, parts))
-        finer = _Timing(family, finer, fast).solved(PLACES.barriers[1], bent=True)
+        finer = _Timing(family, finer, fast).solved(FINER_BARRIER, bent=True)
         if within and not finer.solved:
             break
         before = profile.duration
@@ -240,7 +211,7 @@ def timed_on_places(
 
 
 def _alike(before: float, after: float) -> bool:
-    return abs(after - before) <= PLACES.settled * after
+    return abs(after - before) <= SETTLED * after
 
 
 def _switching(profile: SpeedProfile) -> np.ndarray:
@@ -253,7 +224,7 @@ def _switching(profile: SpeedProfile) -> np.ndarray:
     jumps = np.abs(np.diff(mean) - 0.5 * (profile.d[1:] + profile.d[:-1]))
     loss = (np.maximum(np.append(jumps, 0.0), np.append(0.0, jumps)) + np.abs(profile.d)) * h**2
     order = np.argsort(-loss)
-    count = np.searchsorted(np.cumsum(loss[order]), PLACES.most_loss * loss.sum()) + 1
+    count = np.searchsorted(np.cumsum(loss[order]), MOST_LOSS * loss.sum()) + 1
     chosen = np.zeros(h.size, dtype=bool)
     chosen[order[:count]] = True
     return chosen
@@ -266,29 +237,28 @@ def _parts_for(excess: FloatArray, parents: FloatArray) -> np.ndarray:
     where a torque goes to its limit faster than an interval lasts, as many as there may be.
     """
     parts = np.where(
-        (excess > 1.0) & (excess > PLACES.sudden * parents),
-        PLACES.most_parts,
-        np.cbrt(np.maximum(excess, 0.0) / PLACES.aimed),
+        (excess > 1.0) & (excess > SUDDEN * parents),
+        MOST_PARTS,
+        np.cbrt(np.maximum(excess, 0.0) / AIMED),
     )
-    return np.clip(np.ceil(parts), 1, PLACES.most_parts).astype(int)
+    return np.clip(np.ceil(parts), 1, MOST_PARTS).astype(int)
 
 
 def _with_friction(
     family: LimitFamily, start: SpeedProfile, fast: bool, smoothing: float
 ) -> SpeedProfile:
     """Find a profile for dry friction of its own suddenness, by way of gentler ones."""
-    first, _, gentler = PLACES.barriers
-    profile, barrier, last, sharper = start, first, np.inf, PLACES.sharper
+    profile, barrier, last, sharper = start, FIRST_BARRIER, np.inf, SHARPER
     widest = float(np.abs(start.curve.evaluate(start.s)[1] * start.v[:, None]).max())
     while True:
         closer = _closer_at_reversals(family, profile, smoothing)
         closer = _Timing(family, closer, fast, smoothing).solved(barrier)
         profile = closer if closer.solved else replace(profile, attempts=closer.attempts)
         if closer.solved:
-            last, barrier = smoothing, gentler
+            last, barrier = smoothing, GENTLE_BARRIER
         elif np.isfinite(last):
             sharper = np.sqrt(sharper)  # less at a time
-        ended = last == COULOMB_SMOOTHING or smoothing > widest or sharper < PLACES.least_sharper
+        ended = last == COULOMB_SMOOTHING or smoothing > widest or sharper < LEAST_SHARPER
         if ended or deadline.over():
             return profile
         wider = smoothing * sharper if np.isinf(last) else last / sharper
@@ -307,7 +277,7 @@ def _first_smoothing(family: LimitFamily, start: SpeedProfile) -> float:
         return COULOMB_SMOOTHING
     _, tangent, curvature = start.curve.evaluate(start.s[:-1])
     qdd = np.abs(tangent * start.a[:, None] + curvature * start.v[:-1, None] ** 2)
-    turned = dry[rated] * np.percentile(qdd[:, rated], PLACES.usual, axis=0) / limit[rated]
+    turned = dry[rated] * np.percentile(qdd[:, rated], USUAL, axis=0) / limit[rated]
     return max(float(turned.max()), COULOMB_SMOOTHING)
 
 
@@ -320,10 +290,10 @@ def _closer_at_reversals(
         return profile
     velocity = (profile.curve.evaluate(profile.s)[1] * profile.v[:, None])[:, dry]
     before, after = velocity[:-1], velocity[1:]
-    slow = np.minimum(np.abs(before), np.abs(after)) < PLACES.turned * smoothing
+    slow = np.minimum(np.abs(before), np.abs(after)) < TURNED * smoothing
     slow |= before * after < 0
     change = np.where(slow, np.abs(after - before), 0.0).max(axis=1)
-    parts = np.clip(np.ceil(change / (PLACES.step * smoothing)), 1, PLACES.most_parts)
+    parts = np.clip(np.ceil(change / (STEP * smoothing)), 1, MOST_PARTS)
     return profile.at_times(with_parts(profile.t, parts.astype(int)))
 
 
@@ -425,7 +395,7 @@ class _Timing:
         rows = np.flatnonzero(np.isfinite(lower) | np.isfinite(upper))
         attempts, gap = list(start.attempts), float("nan")
         guess = np.clip(x, low, high)
-        for linear_solver in PLACES.linear_solvers:
+        for linear_solver in LINEAR_SOLVERS:
             solver = self.program.solver(rows, barrier, linear_solver)
             created = time.perf_counter()
             answer = solver(
@@ -441,7 +411,7 @@ class _Timing:
             gap = gap_of(bounds, x, values, np.zeros(1), np.concatenate(lam)).total
             if attempts[-1].status.solved or deadline.over():
                 break
-            barrier = PLACES.barriers[0]
+            barrier = FIRST_BARRIER
         if not attempts[-1].status.solved:
             return replace(start, attempts=tuple(attempts))
         points = x[n + 1 : n + 1 + count] * a
