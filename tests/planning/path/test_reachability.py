@@ -15,12 +15,12 @@ from microbot_ocp._base import fast_calls
 from microbot_ocp._base.fast_calls import deferred_call
 from microbot_ocp.motion import PiecewisePolynomial
 from microbot_ocp.planning import straight_path, time_path
+from microbot_ocp.planning.path import path_grid
 from microbot_ocp.planning.path._limits import FAR, LimitRows
 from microbot_ocp.planning.path._reachability import (
     _at_ends,
     _backward,
     _range,
-    path_grid,
 )
 
 ARM = two_link_arm(1.0, 0.8).with_limits(mo.Limits(tau_max=[60.0, 25.0], qd_max=3.0))

@@ -287,23 +287,16 @@ class Turning:
 
 @dataclass(frozen=True)
 class _Across:
-    """Offsets of the tool's origin across a curve in four directions, m."""
+    """Offsets across a curve: of the tool's origin in four directions, m, or of the joints, rad."""
 
     curve: Curve
+    of_joints: bool = False
 
     def __call__(self, state: Any) -> Any:
+        if self.of_joints:
+            return ca.vertcat(*self.curve.across(state.q))
         u, v = self.curve.across(state.tool[:3, 3])
         return ca.vertcat(*(np.cos(a) * u + np.sin(a) * v for a in DIRECTIONS))
-
-
-@dataclass(frozen=True)
-class _JointsAcross:
-    """Offsets of the joints across a straight line in joint space, rad."""
-
-    curve: Straight
-
-    def __call__(self, state: Any) -> Any:
-        return ca.vertcat(*self.curve.across(state.q))
 
 
 @dataclass(frozen=True)
@@ -418,7 +411,7 @@ def joint_line_limits(kind: JointLine, start: FloatArray, end: FloatArray) -> tu
     if start.size > 1:
         size = kind.tolerance / np.sqrt(start.size - 1)
         labels = tuple(f"{k + 1} across" for k in range(start.size - 1))
-        across = _JointsAcross(curve)
+        across = _Across(curve, of_joints=True)
         limits.append(Limit("joint line", across, -size, size, unit="rad", labels=labels))
     return tuple(limits)
 

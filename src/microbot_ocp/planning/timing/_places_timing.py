@@ -192,7 +192,8 @@ def timed_on_places(
             f"mesh {profile.s.size - 1}: {profile.duration:.6f} s; largest excess of a limit "
             f"between mesh points: {100 * worst:.3g} %"
         )
-        within, settled = worst <= tolerance, has_friction or _alike(before, profile.duration)
+        change = abs(profile.duration - before)
+        within, settled = worst <= tolerance, has_friction or change <= SETTLED * profile.duration
         if within and settled:
             break
         worst_in = excess.max(axis=1) / tolerance
@@ -208,10 +209,6 @@ def timed_on_places(
         profile = finer if finer.solved else replace(profile, attempts=finer.attempts)
         excess = excess_of(family, profile)
     return profile
-
-
-def _alike(before: float, after: float) -> bool:
-    return abs(after - before) <= SETTLED * after
 
 
 def _switching(profile: SpeedProfile) -> np.ndarray:
