@@ -276,20 +276,19 @@ def _shifted(table: FloatArray, by: float) -> FloatArray:
     return shifted
 
 
-def samples_along(shape: Sequence[FloatArray], rates: Sequence[FloatArray]) -> MotionSamples:
+def samples_along(shape: Sequence[FloatArray], rates: Sequence[ArrayLike]) -> MotionSamples:
     """Return the motion of the joints along a path.
 
     ``shape`` is the pose and its three derivatives by the place, each [N,n], ``rates`` the three
-    derivatives [N] of the place by the time.
+    derivatives of the place by the time, [N] or numbers. Without the third ones the jerk is zero.
     """
-    q, tangent, curvature, bend = shape
-    v, a, j = (rate[:, None] for rate in rates)
-    return MotionSamples(
-        q,
-        tangent * v,
-        tangent * a + curvature * v**2,
-        tangent * j + 3 * curvature * v * a + bend * v**3,
-    )
+    q, tangent, curvature, *bend = shape
+    v, a, *j = (np.reshape(rate, (-1, 1)) for rate in rates)
+    qd = tangent * v
+    qdd, qddd = tangent * a + curvature * v**2, np.zeros_like(qd)
+    if bend and j:
+        qddd = tangent * j[0] + 3 * curvature * v * a + bend[0] * v**3
+    return MotionSamples(q, qd, qdd, qddd)
 
 
 # paths as they are given --------------------------------------------------------------------------

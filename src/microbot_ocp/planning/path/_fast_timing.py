@@ -14,7 +14,7 @@ from microbot_ocp._base.codegen import compiles
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import JointLimits, Limits
 from microbot_ocp.motion import JUMP_GAP, SAMPLE_STEP, Motion, PiecewisePolynomial, State, numbered
-from microbot_ocp.planning.path._curve import PathCurve, check_path, segments
+from microbot_ocp.planning.path._curve import PathCurve, check_path, samples_along, segments
 from microbot_ocp.planning.path._limits import LATER, limits_kept_by
 from microbot_ocp.planning.path._reachability import CurveLimits, Reached, reach
 from microbot_ocp.planning.task import check_limits, with_locked_joints_held
@@ -232,9 +232,8 @@ def sampled(
 
 def _state(curve: PathCurve, reached: Reached, i: np.ndarray, local: FloatArray) -> State:
     """Give the state [K,n] at times since the start of intervals i."""
-    r, v, u = (values[:, None] for values in reached.after(i, local))
-    q, tangent, curvature = curve.inside(r.ravel(), i, reached.s)
-    return State(q, tangent * v, tangent * u + curvature * v**2)
+    r, v, u = reached.after(i, local)
+    return State(*samples_along(curve.inside(r, i, reached.s), (v, u))[:3])
 
 
 def _bent(curve: PathCurve, reached: Reached, lengths: FloatArray) -> NDArray[np.bool_]:

@@ -16,8 +16,8 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.fast_calls import deferred_call
-from microbot_ocp.limits import ROUNDING, LimitFamily, LimitValues, Member, MotionSamples
-from microbot_ocp.planning.path._curve import PathCurve
+from microbot_ocp.limits import ROUNDING, LimitFamily, LimitValues, Member
+from microbot_ocp.planning.path._curve import PathCurve, samples_along
 from microbot_ocp.planning.task import DRY, VISCOUS, dry_friction, friction, frictionless
 from microbot_ocp.robot import COULOMB_SMOOTHING, Robot, inverse_dynamics
 
@@ -148,10 +148,7 @@ def limits_kept_by(limits: PathLimits) -> dict[str, list[str]]:
 
 def _along(family: LimitFamily, nodes: Nodes, key: str, u: Any, v: Any) -> LimitValues:
     """Give values of a limit at the nodes for s'' = u and s' = v, numbers or [N]."""
-    u, v = (np.reshape(number, (-1, 1)) for number in (u, v))
-    qd = nodes.tangent * v
-    qdd = nodes.tangent * u + nodes.curvature * v**2
-    samples = MotionSamples(nodes.position, qd, qdd, np.zeros_like(qd))
+    samples = samples_along((nodes.position, nodes.tangent, nodes.curvature), (v, u))
     return family.values(samples, [key])[key]
 
 

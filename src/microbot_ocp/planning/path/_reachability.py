@@ -28,9 +28,9 @@ import numpy as np
 from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.fast_calls import deferred_call
-from microbot_ocp.limits import LimitFamily, MotionSamples
+from microbot_ocp.limits import LimitFamily
 from microbot_ocp.motion import numbered
-from microbot_ocp.planning.path._curve import PathCurve
+from microbot_ocp.planning.path._curve import PathCurve, samples_along
 from microbot_ocp.planning.path._limits import (
     FAR,
     LimitRows,
@@ -190,10 +190,7 @@ class CurveLimits:
         i = np.arange(worst.size)
         for share in PLACES:
             r, v, u = timing.inside(i, np.full(i.size, share))
-            q, tangent, curvature = self.curve.evaluate(r)
-            v, u = v[:, None], u[:, None]
-            qdd = tangent * u + curvature * v**2
-            samples = MotionSamples(q, tangent * v, qdd, np.zeros_like(q))
+            samples = samples_along(self.curve.evaluate(r), (v, u))
             keys = [*self.limits.half_planes, *self.limits.speed]
             for key, values in family.values(samples, keys).items():
                 worst = np.maximum(worst, family[key].use(values).max(axis=1) - 1.0)

@@ -272,8 +272,8 @@ def _first_smoothing(family: LimitFamily, start: SpeedProfile) -> float:
     rated = (dry > 0) & np.isfinite(limit) & (limit > 0)
     if "taud" not in family or not rated.any():
         return COULOMB_SMOOTHING
-    _, tangent, curvature = start.curve.evaluate(start.s[:-1])
-    qdd = np.abs(tangent * start.a[:, None] + curvature * start.v[:-1, None] ** 2)
+    shape = start.curve.evaluate(start.s[:-1])
+    qdd = np.abs(samples_along(shape, (start.v[:-1], start.a)).qdd)
     turned = dry[rated] * np.percentile(qdd[:, rated], USUAL, axis=0) / limit[rated]
     return max(float(turned.max()), COULOMB_SMOOTHING)
 
