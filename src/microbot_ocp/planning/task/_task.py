@@ -46,7 +46,6 @@ STATES = 3  # at which slopes are looked at
 FLAT = 1e-9  # relative size of a slope that is none
 APART = 1e-6  # m (m/s, rad): what is farther off is not met
 
-TURN = 2 * np.pi
 EMPTY = Payload(0.0)
 
 
@@ -368,7 +367,7 @@ def _check_tolerance(robot: Robot, where: str, tolerance: Any, of_joints: bool) 
     """Raise InputError where a finite tolerance leaves everything free that the arm can do."""
     finite = np.array(tolerance)[np.isfinite(tolerance)]
     largest = float(np.max(finite, initial=0.0))
-    if of_joints and largest > TURN and set(robot.joint_types) == {"revolute"}:
+    if of_joints and largest > 2 * np.pi and set(robot.joint_types) == {"revolute"}:
         raise InputError(f"tolerance of {where} is {largest:g} rad, more than a whole turn")
     is_box = np.ndim(tolerance) > 0
     reach = farthest_tool(robot)

@@ -90,19 +90,15 @@ class LimitBounds:
     @classmethod
     def of(cls, family: LimitFamily, keys: Sequence[str], usual: dict[str, Any]) -> LimitBounds:
         """Give the bounds of the rows of limits; ``usual`` tells the size of varying ones."""
-        parts: list[tuple[FloatArray, FloatArray, FloatArray]] = []
+        parts: list[tuple[FloatArray, ...]] = [(np.zeros(0),) * 3]
         for key in keys:
             member = family[key]
-            if not member.varies:
-                size = _finite_size(np.stack([member.lower, member.upper]))
-                parts.append((member.lower, member.upper, size))
-                continue
-            size = _finite_size(np.vstack([usual[key].lower, usual[key].upper]))
+            bounds = usual[key] if member.varies else member
+            size = _finite_size(np.vstack([bounds.lower, bounds.upper]))
             zero, none = np.zeros_like(size), np.full_like(size, np.inf)
             either = {"lower": (zero, none, size), "upper": (-none, zero, size)}
-            parts += [either[side] for side in _sides(member)]
-        if not parts:
-            return cls(*(np.zeros(0) for _ in range(3)))
+            sides = [either[side] for side in _sides(member)]
+            parts += sides if member.varies else [(member.lower, member.upper, size)]
         lower, upper, size = (np.concatenate(column) for column in zip(*parts, strict=True))
         return cls(lower / size, upper / size, size)
 
