@@ -71,23 +71,18 @@ def verdict(
             "there: give a finer mesh, or look for a place that cannot be passed",
         )
     names = [phase.name for phase in solution.phases]
-    rows = (
-        row.named(place_in_task(family, *_of_row(row), names)) if row.at else row
-        for row in solution.rows
-        if row.kind != "program"
-    )
+    rows = [row for row in solution.rows if row.kind != "program"]
+    for k, row in enumerate(rows):
+        if row.at is not None:
+            label, at = row.at
+            where = label.kind, label.name, label.component, label.phase
+            rows[k] = row.named(place_in_task(family, *where, at, names))
     return Outcome(solution.status, tuple(rows))
 
 
 def largest(excess: Sequence[FloatArray]) -> float:
     """Return the largest excess of all phases, relative to its limit."""
     return max(float(e.max()) for e in excess)
-
-
-def _of_row(row: Advice) -> tuple[str, str, int, str, float]:
-    assert row.at is not None
-    label, at = row.at
-    return label.kind, label.name, label.component, label.phase, at
 
 
 _QUANTITIES = {"q": "position", "qd": "velocity", "qdd": "acceleration"}

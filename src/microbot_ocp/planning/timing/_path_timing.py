@@ -221,7 +221,7 @@ class _PathSearch:
             self.progress(f"reachability: the end cannot be reached from s = {at:g}")
         if self.blocked_at:
             rows, entries = self._blocking(timings)
-            timings = [self._walk(k, timing) for k, timing in enumerate(timings)]
+            timings = [self._walk(*each) for each in zip(self.passed, timings, strict=True)]
             if rows:
                 excess = [
                     CurveLimits.of(self.family, curve, timing.s, self.fast).excess(timing)
@@ -244,14 +244,9 @@ class _PathSearch:
 
     def _reach(self) -> tuple[list[Reached], float]:
         """Time every segment, and tell the largest excess; who keeps which limit is noted."""
-        timings, worst = [], -1.0
-        self.limits_kept_by: dict[str, list[str]] = {}
-        for curve in self.passed:
-            timing, along, excess = self._settled(curve)
-            timings.append(timing)
-            worst = max(worst, excess)
-            self.limits_kept_by = self.limits_kept_by or limits_kept_by(along.limits)
-        return timings, worst
+        found = [self._settled(curve) for curve in self.passed]
+        self.limits_kept_by = limits_kept_by(found[0][1].limits)
+        return [timing for timing, _, _ in found], max(excess for _, _, excess in found)
 
     def _settled(self, curve: PathCurve) -> tuple[Reached, CurveLimits, float]:
         """Refine the grid of a timing until its duration settles and limits hold in between.
@@ -276,11 +271,10 @@ class _PathSearch:
             s = np.sort(np.concatenate([s, (0.5 * (s[1:] + s[:-1]))[cut]]))
         return timing, along, float(excess.max())
 
-    def _walk(self, segment: int, timing: Reached) -> Reached:
+    def _walk(self, curve: PathCurve, timing: Reached) -> Reached:
         """Give a slow timing where there is none, as long as its slowest joint takes."""
         if timing.feasible:
             return timing
-        curve = self.passed[segment]
         shares = np.linspace(curve.breaks[0], curve.breaks[-1], 2 * len(curve.pieces) + 1)
         lasts = float(TaskScale.of(self.family, curve.evaluate(shares)[0]).durations.sum())
         return harmonic(timing.s, lasts)
@@ -373,13 +367,15 @@ class _PathSearch:
             first += profile.a.size
         return t, State(*(np.concatenate(parts) for parts in zip(*states, strict=True))), edges
 
-    def _motion(self, parts: Sequence[Any], how: str, outcome: Outcome, **more: Any) -> Motion:
+    def _motion(
+        self, parts: Sequence[Reached | SpeedProfile], how: str, outcome: Outcome, **more: Any
+    ) -> Motion:
         """Give timings of all segments as a motion that says how it was found."""
-        if how == PLACES_METHOD:
-            curves, (t, state, breaks) = self.curves, self._samples(parts)
-        else:
-            curves = self.passed
-            t, state, breaks = sampled(list(zip(curves, parts, strict=True)))
+        profiles = [part for part in parts if isinstance(part, SpeedProfile)]
+        timings = [part for part in parts if isinstance(part, Reached)]
+        curves = self.curves if profiles else self.passed
+        reached = list(zip(self.passed, timings, strict=bool(timings)))
+        t, state, breaks = self._samples(profiles) if profiles else sampled(reached)
         blocked = [
             Advice("blocked", f"the end cannot be reached from s = {at:g}", "s", at)
             for at in self.blocked_at[:1]
