@@ -371,11 +371,11 @@ class _PathSearch:
         self, parts: Sequence[Reached | SpeedProfile], how: str, outcome: Outcome, **more: Any
     ) -> Motion:
         """Give timings of all segments as a motion that says how it was found."""
-        profiles = [part for part in parts if isinstance(part, SpeedProfile)]
-        timings = [part for part in parts if isinstance(part, Reached)]
-        curves = self.curves if profiles else self.passed
-        reached = list(zip(self.passed, timings, strict=bool(timings)))
-        t, state, breaks = self._samples(profiles) if profiles else sampled(reached)
+        if profiles := [part for part in parts if isinstance(part, SpeedProfile)]:
+            curves, (t, state, breaks) = self.curves, self._samples(profiles)
+        else:
+            curves, timings = self.passed, [part for part in parts if isinstance(part, Reached)]
+            t, state, breaks = sampled(list(zip(curves, timings, strict=True)))
         blocked = [
             Advice("blocked", f"the end cannot be reached from s = {at:g}", "s", at)
             for at in self.blocked_at[:1]
