@@ -240,7 +240,6 @@ class _Override:
             along,
             start_free=self.rests,
             end_free=along.s.size > last,
-            fast=self.fast,
             fastest=np.where(before | (speed == 0.0), max(self.current, speed), speed),
             ends=(self.current, 0.0),
         )
@@ -254,7 +253,7 @@ class _Override:
         """The timing with steady ends, and the excess of limits in each of its intervals."""
         ends = [0] * self.rests + [-1] * (timing.s.size == self.s.size)
         timing = with_steady_ends(timing, ends)
-        return timing, self._limits_at(timing.s).excess(timing, self.curve)
+        return timing, self._limits_at(timing.s).excess(timing)
 
     def finer(self, cut: np.ndarray) -> _Override:
         """The same with these of the first intervals cut in two."""

@@ -8,8 +8,15 @@ from ._family import (
     not_judged as not_judged,
 )
 from ._history import (
+    JUMP_TIME as JUMP_TIME,
     LimitHistory as LimitHistory,
+    Peak as Peak,
     Spell as Spell,
+    StateHistory as StateHistory,
+    jumps_between as jumps_between,
+    jumps_of as jumps_of,
+    largest_jump as largest_jump,
+    largest_use as largest_use,
     limit_history as limit_history,
 )
 from ._joint_limits import (
@@ -21,17 +28,10 @@ from ._joint_limits import (
     quantity_name as quantity_name,
     with_reserve as with_reserve,
 )
-from ._jumps import (
-    JUMP_TIME as JUMP_TIME,
-    StateHistory as StateHistory,
-    jumps_between as jumps_between,
-)
 from ._limit import (
-    Limit as Limit,
-)
-from ._members import (
     MEMBER_KEYS as MEMBER_KEYS,
     MEMBERS as MEMBERS,
+    Limit as Limit,
     changes_by_name as changes_by_name,
     limits_from_table as limits_from_table,
     limits_to_table as limits_to_table,
@@ -41,12 +41,6 @@ from ._members import (
     tool_jerk as tool_jerk,
     tool_speed as tool_speed,
     total_power as total_power,
-)
-from ._peaks import (
-    Peak as Peak,
-    jumps_of as jumps_of,
-    largest_jump as largest_jump,
-    largest_use as largest_use,
 )
 from ._use import (
     AT_LIMIT as AT_LIMIT,

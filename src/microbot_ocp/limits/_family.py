@@ -37,6 +37,12 @@ class MotionSamples(NamedTuple):
     qdd: FloatArray
     qddd: FloatArray
 
+    @classmethod
+    def at_rest(cls, q: FloatArray) -> MotionSamples:
+        """Return poses [N,n] or [n] with all derivatives zero."""
+        poses = np.atleast_2d(q)
+        return cls(poses, *3 * [np.zeros_like(poses)])
+
 
 class LimitValues(NamedTuple):
     """Values [N,k] of a limited quantity, with its bounds, [k] or [N,k]."""
@@ -48,6 +54,10 @@ class LimitValues(NamedTuple):
     def row(self, i: int) -> LimitValues:
         """Return those of one time, each [1,k]."""
         return LimitValues(*(np.broadcast_to(each, self.value.shape)[[i]] for each in self))
+
+    def entry(self, i: int, j: int) -> tuple[float, ...]:
+        """Return value, lower and upper bound of one component at one time."""
+        return tuple(float(np.broadcast_to(each, self.value.shape)[i, j]) for each in self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,12 +256,10 @@ class LimitFamily:
             jerk = samples.qddd if "taud" in torques else None
             given = self.robot.torques_along(*samples[:3], jerk) | given
         entries = {key: [given.get(key), self[key].lower, self[key].upper] for key in wanted}
-        if computed := tuple(key for key in wanted if key not in given):
-            for key in computed:  # what knows its derivatives is compiled, part by part
-                if parts := _parts_of(self[key].limit):
-                    entries[key][0] = np.array(parts(self.robot, compiles())[-1](samples.q.T)).T
-            computed = tuple(key for key in computed if entries[key][0] is None)
-        if computed:
+        for key in wanted:  # what knows its derivatives is compiled, part by part
+            if key not in given and (parts := _parts_of(self[key].limit)):
+                entries[key][0] = np.array(parts(self.robot, compiles())[-1](samples.q.T)).T
+        if computed := tuple(key for key in wanted if entries[key][0] is None):
             function, names, used = _function(self.robot, computed)
             arrays = deferred_call(function)(*(samples[k] for k in used))
             for (key, side), array in zip(names, _as_tuple(arrays), strict=True):
@@ -381,7 +389,7 @@ def _further_member(robot: Any, limit: Limit) -> Member:
 def _function(
     robot: Any, keys: tuple[str, ...], torques: ca.Function | None = None
 ) -> tuple[ca.Function, tuple[tuple[str, int], ...], tuple[int, ...]]:
-    """Return one function of the state [n] each for the values (and bounds) of some limits.
+    """Return one function of the state [n] each for values (and bounds) of further limits.
 
     Returns
     -------
@@ -410,7 +418,7 @@ def _function(
         if function.is_a("SXFunction"):
             function = with_finite_slopes(function)
         return function, tuple(names), used
-    named = ", ".join(repr(further[key].name) for key in keys if key in further)
+    named = ", ".join(repr(further[key].name) for key in keys)
     raise InputError(f"the expression of limit {named} cannot be evaluated: {reasons[0]}")
 
 
@@ -419,10 +427,6 @@ def _outputs(
 ) -> tuple[list[Any], list[tuple[str, int]]]:
     outputs, names = [], []
     for key in keys:
-        if key not in further:
-            outputs.append(ca.densify(getattr(state, key)))
-            names.append((key, 0))
-            continue
         limit = further[key]
         value = _column(limit.expression(state))
         if not isinstance(value, ca.DM) and any(map(is_relation, ca.vertsplit(value))):

@@ -1,23 +1,97 @@
-"""How much of every limit a motion uses, moment by moment: which actuator saturates when.
+"""How much of every limit a motion uses: moment by moment, and the largest of a polynomial one.
 
-Theory: docs/theory/certificates.md, equation (1).
+Jumps of the acceleration, which limits of its rate do not allow, count too: what rest means for
+them is told here only. Theory: docs/theory/certificates.md, equation (1).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError, shown
-from microbot_ocp.limits._family import LimitFamily, LimitValues
+from microbot_ocp.limits._family import LimitFamily, LimitValues, MotionSamples
 from microbot_ocp.limits._joint_limits import JointLimits, Limits
-from microbot_ocp.limits._jumps import StateHistory
 from microbot_ocp.limits._use import AT_LIMIT
 
+JUMP_TIME = 1e-6  # s: a jump of the acceleration counts as if it took so long
 SHORTEST = 2e-3  # s: gaps and spells shorter than this are put down to the solver's mesh
+POINTS_PER_PIECE = 200  # of the first grid for the maxima, before they are refined
+ROUNDS = 8  # each divides the grid step around a maximum by four
+CANDIDATES = 60  # most maxima that are refined at a time
+
+
+class StateHistory(NamedTuple):
+    """States along a motion, with the jumps of the acceleration at its ends and inside of it.
+
+    Attributes
+    ----------
+    t : array [N], s
+    samples : MotionSamples [N]
+        Without the jumps: at both sides of one the jerk is that of its side.
+    jump_t : array [J], s
+    jumps : MotionSamples [J]
+        As of :func:`jumps_between`.
+    """
+
+    t: FloatArray
+    samples: MotionSamples
+    jump_t: FloatArray
+    jumps: MotionSamples
+
+    def between(self, start: float, end: float) -> StateHistory:
+        """Return the part from one of its times to another, with the jumps at both.
+
+        What is at its end belongs to what follows.
+        """
+        first, last = (int(np.abs(self.t - at).argmin()) for at in (start, end))
+        here = slice(first, last + (last == self.t.size - 1))
+        near = (self.jump_t >= self.t[first]) & (self.jump_t <= self.t[last])
+        return StateHistory(
+            self.t[here],
+            MotionSamples(*(each[here] for each in self.samples)),
+            self.jump_t[near],
+            MotionSamples(*(each[near] for each in self.jumps)),
+        )
+
+
+def jumps_between(
+    starts: MotionSamples, ends: MotionSamples, *, cycle: bool = False
+) -> MotionSamples:
+    """Return what jumps [K+1] there are before, between and after K pieces of one history.
+
+    An arm that is at rest where its motion begins or ends is held there: before and after the
+    acceleration is zero, and the torque what gravity asks for. An end that moves on has no history
+    beyond it, but that of a cycle. At rest is what a jump from standing still comes to while it
+    lasts.
+
+    Parameters
+    ----------
+    starts, ends : MotionSamples [K]
+        States at the starts and ends of the pieces.
+    cycle : bool
+        Whether the motion goes on at its start where it ends moving.
+
+    Returns
+    -------
+    MotionSamples [K+1]
+        States before the jumps (at the start of the motion after it), with the jump of the
+        acceleration over its time as the jerk.
+    """
+    first, last = starts.qdd[:1], ends.qdd[-1:]
+    before = np.concatenate([_beyond(starts, 0, last if cycle else first), ends.qdd])
+    after = np.concatenate([starts.qdd, _beyond(ends, -1, first if cycle else last)])
+    q, qd = (np.concatenate([a[:1], b]) for a, b in zip(starts[:2], ends[:2], strict=True))
+    return MotionSamples(q, qd, before, (after - before) / JUMP_TIME)
+
+
+def _beyond(states: MotionSamples, row: int, moving: FloatArray) -> FloatArray:
+    """Return the acceleration [1,n] beyond an end of the motion: zero at rest, else that given."""
+    rests = np.abs(states.qd[row]).max() <= JUMP_TIME * np.abs(states.qdd[row]).max()
+    return np.zeros_like(moving) if rests else moving
 
 
 class Spell(NamedTuple):
@@ -167,3 +241,171 @@ def _runs(t: FloatArray, busy: np.ndarray) -> list[tuple[float, float]]:
         else:
             joined.append([start, end])
     return [(start, end) for start, end in joined if end - start >= SHORTEST]
+
+
+# largest use of a piecewise polynomial motion ----------------------------------------------------
+
+
+class Polynomial(Protocol):
+    """What is asked of a piecewise polynomial."""
+
+    @property
+    def breaks(self) -> FloatArray: ...
+    @property
+    def coefficients(self) -> FloatArray: ...
+    def derivative(self) -> Polynomial: ...
+
+
+@dataclass(frozen=True)
+class Peak:
+    """Where a motion uses most of its limits.
+
+    Attributes
+    ----------
+    use : float
+        1 at the limit; infinite where the acceleration jumps though its rate is limited.
+    quantity : str
+        Key of the limit; "shape" where no limit was looked at.
+    joint : int
+        Index of the component, from 0.
+    time : float
+        s.
+    value, limit : float
+        Value there, and the bound that it is nearer to or beyond.
+    """
+
+    use: float
+    quantity: str = "shape"
+    joint: int = 0
+    time: float = 0.0
+    value: float = np.nan
+    limit: float = np.nan
+
+
+def largest_use(
+    family: LimitFamily, polynomial: Polynomial, keys: Iterable[str], *, at_rest: bool = False
+) -> Peak:
+    """Return the largest use of the limits of these keys along a motion.
+
+    Every piece is evaluated with both its ends, so both one-sided values at a break count. The
+    grid's largest local maxima are then refined by sampling ever closer around them. ``at_rest``
+    takes the poses of the motion with all derivatives zero.
+    """
+    wanted = [key for key in keys if key in family]
+    if not wanted:
+        return Peak(-np.inf)
+    orders = orders_of(polynomial)
+    jump = None if at_rest else largest_jump(family, polynomial, wanted)
+    if jump is not None:
+        return jump
+    if at_rest:
+        orders = [orders[0], *(np.zeros_like(c) for c in orders[1:])]
+    lengths = np.diff(polynomial.breaks)
+    pieces, points = lengths.size, POINTS_PER_PIECE
+    fraction = np.linspace(0.0, 1.0, points + 1)
+    piece = np.repeat(np.arange(pieces), points + 1)
+
+    def use_at(which: np.ndarray, local: FloatArray) -> FloatArray:
+        use = family.use(samples_of(orders, which, local), wanted)
+        return np.hstack([use[key] for key in wanted])
+
+    local = (lengths[:, None] * fraction).ravel()
+    use = use_at(piece, local).reshape(pieces, points + 1, -1)
+    k, i, channel = _candidates(use)
+    center, best = lengths[k] * fraction[i], use[k, i, channel]
+    reach = lengths[k] / points
+    offsets = np.linspace(-1.0, 1.0, 9)
+    for _ in range(ROUNDS):
+        around = np.clip(center[:, None] + reach[:, None] * offsets, 0.0, lengths[k][:, None])
+        uses = use_at(np.repeat(k, offsets.size), around.ravel())
+        uses = uses.reshape(k.size, offsets.size, -1)
+        component = np.take_along_axis(uses, channel[:, None, None], axis=2)[:, :, 0]
+        pick = component.argmax(axis=1)
+        row = np.arange(k.size)
+        center, best = around[row, pick], np.maximum(best, component[row, pick])
+        reach = reach / 4.0
+    top = int(best.argmax())
+    channels = [(key, joint) for key in wanted for joint in range(len(family[key].labels))]
+    quantity, joint = channels[int(channel[top])]
+    values = family.values(samples_of(orders, k[[top]], center[[top]]), [quantity])[quantity]
+    return Peak(
+        use=float(best[top]),
+        quantity=quantity,
+        joint=joint,
+        time=float(polynomial.breaks[k[top]] + center[top]),
+        value=float(values.value[0, joint]),
+        limit=float(family[quantity].nearest_bound(values)[0, joint]),
+    )
+
+
+def jumps_of(polynomial: Polynomial) -> MotionSamples:
+    """Return jumps of the acceleration [K+1] at the breaks of a motion, both ends included."""
+    orders, lengths = orders_of(polynomial), np.diff(polynomial.breaks)
+    pieces = np.arange(lengths.size)
+    starts, ends = (samples_of(orders, pieces, local) for local in (0.0 * lengths, lengths))
+    return jumps_between(starts, ends)
+
+
+def largest_jump(family: LimitFamily, polynomial: Polynomial, keys: Iterable[str]) -> Peak | None:
+    """Return a jump of the acceleration that no limit of its rate allows, as an infinite use,
+    or None.
+    """
+    rated = [key for key in keys if key in family and family[key].order == 3]
+    if not rated:
+        return None
+    values = family.values(jumps_of(polynomial), rated)
+    worst: Peak | None = None
+    largest = 1.0
+    for key in rated:
+        use = family[key].use(values[key])
+        k, joint = np.unravel_index(int(use.argmax()), use.shape)
+        if use[k, joint] > largest:
+            largest = float(use[k, joint])
+            bound = family[key].nearest_bound(values[key])[k, joint]
+            worst = Peak(
+                use=np.inf,
+                quantity=key,
+                joint=int(joint),
+                time=float(polynomial.breaks[k]),
+                value=float(np.copysign(np.inf, values[key].value[k, joint])),
+                limit=float(bound),
+            )
+    return worst
+
+
+def samples_of(orders: Sequence[FloatArray], piece: np.ndarray, local: FloatArray) -> MotionSamples:
+    """Return the state at ``local`` seconds [S] after the start of the pieces [S]."""
+    return MotionSamples(*(_horner(coefficients[piece], local) for coefficients in orders))
+
+
+def orders_of(polynomial: Polynomial) -> list[FloatArray]:
+    """Return coefficients of position, velocity, acceleration and jerk."""
+    orders = [polynomial]
+    for _ in range(3):
+        orders.append(orders[-1].derivative())
+    return [order.coefficients for order in orders]
+
+
+def _horner(coefficients: FloatArray, local: FloatArray) -> FloatArray:
+    value = np.zeros((local.size, coefficients.shape[2]))
+    for power in reversed(range(coefficients.shape[1])):
+        value = value * local[:, None] + coefficients[:, power]
+    return value
+
+
+def _candidates(use: FloatArray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return local maxima of ``use`` [pieces, points, channels] that may hold the overall one."""
+    finite = np.where(np.isfinite(use), use, -1e300)
+    left = np.full_like(finite, -np.inf)
+    right = np.full_like(finite, -np.inf)
+    left[:, 1:], right[:, :-1] = finite[:, :-1], finite[:, 1:]
+    curvature = np.zeros_like(finite)
+    curvature[:, 1:-1] = np.abs(finite[:, :-2] - 2 * finite[:, 1:-1] + finite[:, 2:])
+    curvature[:, 0], curvature[:, -1] = curvature[:, 1], curvature[:, -2]
+    # A smooth maximum between grid points lies an eighth of the second difference above them.
+    hope = finite + curvature
+    peaks = (finite >= left) & (finite > right) & (hope >= finite.max())
+    places = np.argwhere(peaks)
+    order = np.argsort(-hope[tuple(places.T)], kind="stable")[:CANDIDATES]
+    k, i, channel = places[order].T
+    return k, i, channel

@@ -31,9 +31,7 @@ def use_of(
     except (TypeError, ValueError) as problem:
         raise InputError(f"values and bounds must be arrays that fit together: {problem}") from None
     with np.errstate(invalid="ignore"):  # a diverged value may be infinite, as its bound
-        above = _side(values - upper, upper, lower, upper, from_middle)
-        below = _side(lower - values, lower, lower, upper, from_middle)
-    use = np.maximum(above, below)
+        use = np.maximum(*_sides(values, lower, upper, from_middle))
     limited = ~(np.isneginf(lower) & np.isposinf(upper))
     return np.maximum(use, 0.0) if np.all(limited) else np.where(limited, np.maximum(use, 0.0), use)
 
@@ -42,21 +40,20 @@ def nearest_bound(
     values: FloatArray, lower: FloatArray, upper: FloatArray, *, from_middle: bool = False
 ) -> FloatArray:
     """Return the bound, lower or upper, that each value is nearer to or beyond."""
-    above = _side(values - upper, upper, lower, upper, from_middle)
-    below = _side(lower - values, lower, lower, upper, from_middle)
+    above, below = _sides(values, lower, upper, from_middle)
     return np.where(above >= below, upper, lower)
 
 
-def _side(
-    excess: FloatArray,
-    bound: FloatArray,
-    lower: FloatArray,
-    upper: FloatArray,
-    from_middle: bool,
-) -> FloatArray:
+def _sides(
+    values: FloatArray, lower: FloatArray, upper: FloatArray, from_middle: bool
+) -> tuple[FloatArray, FloatArray]:
+    span = upper - lower if from_middle else None
+    return _side(values - upper, upper, span), _side(lower - values, lower, span)
+
+
+def _side(excess: FloatArray, bound: FloatArray, span: FloatArray | None) -> FloatArray:
     scale = np.where(np.isfinite(bound) & (bound != 0), np.abs(bound), 1.0)
-    if from_middle:
-        span = upper - lower
+    if span is not None:
         two_sided = np.isfinite(span) & (span > 0)
         return 1.0 + excess / np.where(two_sided, 0.5 * span, scale)
     excess /= scale  # of the caller no longer

@@ -30,7 +30,9 @@ from ._sampling import (
     jump_gaps as jump_gaps,
     mesh_of as mesh_of,
     nearest_samples as nearest_samples,
+    numbered as numbered,
     quadrature as quadrature,
+    with_parts as with_parts,
 )
 from ._sensitivities import (
     DurationLine as DurationLine,

@@ -73,12 +73,7 @@ class Columns(NamedTuple):
 
 
 def export(
-    motion: Any,
-    path: str | Path,
-    rate: float | None,
-    robot: Robot | None,
-    theme: str,
-    scene: Any,
+    motion: Any, path: str | Path, rate: float | None, robot: Robot | None, theme: str, scene: Any
 ) -> Path:
     """Write a motion; see :meth:`microbot_ocp.Motion.export`."""
     target = Path(path)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,32 +17,13 @@ if TYPE_CHECKING:
 JUMP_GAP = JUMP_TIME  # s between the two samples that stand for a jump of the acceleration
 
 
-@dataclass(frozen=True)
-class DenseGrid:
-    """Settings of the grid on which limits are looked at between samples.
-
-    Attributes
-    ----------
-    step : s, the longest step
-    most_steps : steps at most: those of 100 s; longer motions have longer ones
-    jump_ratio : of the interval before it: a longer gap is an interval of a short motion, no
-        jump
-    even : relative difference of steps that count as equal
-    ratio : grid points to each mesh interval, at least
-    least_ratio : the same where there would be more than many_points
-    many_points : points from which least_ratio holds
-    """
-
-    step: float = 0.25e-3
-    most_steps: int = 400_000
-    jump_ratio: float = 0.02
-    even: float = 1e-3
-    ratio: int = 20
-    least_ratio: int = 5
-    many_points: int = 100_000
-
-
-DENSE_GRID = DenseGrid()
+DENSE_STEP = 0.25e-3  # s, the longest on the grid on which limits are looked at between samples
+MOST_STEPS = 400_000  # those of 100 s; longer motions have longer ones
+JUMP_RATIO = 0.02  # of the interval before it: a longer gap is one of a short motion, no jump
+EVEN = 1e-3  # relative difference of steps that count as equal
+RATIO = 20  # grid points to each mesh interval, at least
+LEAST_RATIO = 5  # the same where there would be more than MANY_POINTS
+MANY_POINTS = 100_000
 
 
 def jump_gaps(t: FloatArray, i: NDArray[np.intp] | None = None) -> NDArray[np.bool_]:
@@ -56,8 +36,8 @@ def jump_gaps(t: FloatArray, i: NDArray[np.intp] | None = None) -> NDArray[np.bo
     last = np.minimum(first + 2, t.size - 1)
     gap = t[first + 1] - t[first]
     before = np.where(first > 0, t[first] - t[np.maximum(first - 1, 0)], 0.0)
-    even = np.abs(t[last] - t[first + 1] - gap) <= DENSE_GRID.even * gap
-    return (gap <= np.minimum(2 * JUMP_GAP, DENSE_GRID.jump_ratio * before)) & ~even
+    even = np.abs(t[last] - t[first + 1] - gap) <= EVEN * gap
+    return (gap <= np.minimum(2 * JUMP_GAP, JUMP_RATIO * before)) & ~even
 
 
 def nearest_samples(t: FloatArray, times: FloatArray) -> NDArray[np.intp]:
@@ -86,21 +66,29 @@ def quadrature(t: FloatArray) -> tuple[FloatArray, FloatArray]:
     return (t[:-1, None] + half * (1.0 + points)).ravel(), (half * weights).ravel()
 
 
+def numbered(counts: NDArray[np.int_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the interval, and the number within it, of each of so many places in intervals [N]."""
+    i = np.repeat(np.arange(counts.size), counts)
+    return i, np.arange(i.size) - (np.cumsum(counts) - counts)[i]
+
+
+def with_parts(t: FloatArray, parts: NDArray[np.int_]) -> FloatArray:
+    """Divide intervals between times [N+1] into so many equal parts [N] each."""
+    i, k = numbered(parts)
+    return np.append(t[i] + k / parts[i] * np.diff(t)[i], t[-1])
+
+
 def dense_times(motion: Motion) -> tuple[FloatArray, float]:
     """Return dense grid and its least number of points to a mesh interval."""
     mesh = mesh_of(motion)
     lengths = np.diff(mesh)
-    step = max(DENSE_GRID.step, checks.longest_step(motion.duration, DENSE_GRID.most_steps))
-    ratio = int(
-        np.clip(DENSE_GRID.many_points // lengths.size, DENSE_GRID.least_ratio, DENSE_GRID.ratio)
-    )
+    step = max(DENSE_STEP, checks.longest_step(motion.duration, MOST_STEPS))
+    ratio = int(np.clip(MANY_POINTS // lengths.size, LEAST_RATIO, RATIO))
     points = np.maximum(ratio, np.ceil(lengths / step - 1e-9)).astype(int)
-    first = np.repeat(np.cumsum(points) - points, points)
-    place = (np.arange(points.sum()) - first) / np.repeat(points, points)
-    grid = np.repeat(mesh[:-1], points) + place * np.repeat(lengths, points)
     # Just before each break as well, for the limits from the left.
     before = mesh[1:-1] - np.minimum(2 * JUMP_GAP, 1e-3 * lengths[:-1])
-    return np.unique(np.concatenate([grid, before, motion.t])), float(points.min())
+    grid = np.concatenate([with_parts(mesh, points), before, motion.t])
+    return np.unique(grid), float(points.min())
 
 
 def history_of(motion: Motion, t: FloatArray, cycle: bool = False) -> StateHistory:

@@ -14,11 +14,11 @@ from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import ROUNDING, LimitFamily, MotionSamples
-from microbot_ocp.limits._peaks import PEAK_SEARCH, orders_of, samples_of
+from microbot_ocp.limits._history import POINTS_PER_PIECE, orders_of, samples_of
 from microbot_ocp.motion import PiecewisePolynomial
 from microbot_ocp.robot import JointLimits, Limits, Robot
 from microbot_ocp.trajectories._shortest_duration import (
-    DURATION_SEARCH,
+    LONGEST,
     Scaled,
     checked_shape,
     shortest_duration,
@@ -190,8 +190,7 @@ class _SplitSearch:
         limits: Limits | JointLimits | None,
         tolerance: float = 1e-4,
     ) -> None:
-        chosen = robot.limits if limits is None else limits.for_joints(robot.joint_count)
-        self.family = LimitFamily.of(robot, chosen)
+        self.family = LimitFamily.of(robot, limits)
         self.family.refuse_means()
         self.make = make
         self.tolerance = checks.number("tolerance", tolerance, above=0.0, at_most=0.1)
@@ -248,13 +247,13 @@ class _SplitSearch:
             slower = split.shape.stretched(1.0 + DIFFERENCE)
             slope = (self.uses(slower, split)[moving] - use) / DIFFERENCE
             here, double = float(logs[0]), float(np.log(2.0))
-            if here - first > np.log(DURATION_SEARCH.longest):
+            if here - first > np.log(LONGEST):
                 return replace(split, violation=float(use.max()) - 1.0)
             too_short, enough = (here, enough) if use.max() > 1.0 else (too_short, here)
             held = np.where(use > 1.0, double, -np.inf)  # slower is not less here
             falls = slope < 0.0
             wanted = np.where(falls, -use * np.log(use) / np.where(falls, slope, 1.0), held)
-            change = float(np.clip(wanted.max(), -double, np.log(DURATION_SEARCH.longest)))
+            change = float(np.clip(wanted.max(), -double, np.log(LONGEST)))
             if abs(change) <= self.tolerance or enough - too_short <= self.tolerance:
                 return replace(split, log_duration=split.log_duration + change)
             if not too_short < here + change < enough:
@@ -265,11 +264,9 @@ class _SplitSearch:
         """Look for the maxima at these durations."""
         self.tried += 1
         shape = self.make(np.exp(logs))
-        count, points = len(shape.breaks) - 1, PEAK_SEARCH.points_per_piece + 1
-        piece, fraction = (
-            np.repeat(np.arange(count), points),
-            np.tile(np.linspace(0, 1, points), count),
-        )
+        count, points = len(shape.breaks) - 1, POINTS_PER_PIECE + 1
+        piece = np.repeat(np.arange(count), points)
+        fraction = np.tile(np.linspace(0, 1, points), count)
         lasting, moving = self.uses_at(shape, piece, fraction)
         use = np.hstack([lasting, moving]).reshape(count, points, -1)
         beside = np.pad(use, ((0, 0), (1, 1), (0, 0)), constant_values=-np.inf)
@@ -300,8 +297,7 @@ class _SplitSearch:
     ) -> tuple[FloatArray, FloatArray]:
         """Use [S, ...] of the limits at any duration, and of those of the motion."""
         samples = samples_of(orders_of(shape), piece, np.diff(shape.breaks)[piece] * fraction)
-        rest = MotionSamples(samples.q, *(np.zeros_like(samples.q),) * 3)
-        limited = self.family.of_order(1, 2, 3)
+        rest, limited = MotionSamples.at_rest(samples.q), self.family.of_order(1, 2, 3)
         held = [key for key in limited if key not in ("qd", "qdd", "qddd", "taud")]
         lasting = self.family.use(samples, self.family.of_order(0)) | self.family.use(rest, held)
         empty = np.empty((len(piece), 0))

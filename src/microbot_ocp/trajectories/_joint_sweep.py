@@ -8,7 +8,7 @@ import numpy as np
 
 from microbot_ocp.motion import SAMPLE_STEP, Motion
 from microbot_ocp.robot import Robot, rest_pose
-from microbot_ocp.trajectories._quintic import quintic
+from microbot_ocp.trajectories._through_points import quintic
 
 
 def joint_sweep(

@@ -18,23 +18,9 @@ from microbot_ocp.robot import JointLimits, Limits, Robot
 MakeMotion = Callable[[float], PiecewisePolynomial]
 
 
-@dataclass(frozen=True)
-class DurationSearch:
-    """Settings of the search for the shortest duration.
-
-    Attributes
-    ----------
-    scan_ratio : step of the search from above, where the feasible set may have gaps
-    longest : times the first duration: no longer one is tried
-    shortest : times the first duration: no shorter one is tried
-    """
-
-    scan_ratio: float = 1.05
-    longest: float = 1e6
-    shortest: float = 1e-9
-
-
-DURATION_SEARCH = DurationSearch()
+SCAN_RATIO = 1.05  # step of the search from above, where the feasible set may have gaps
+LONGEST = 1e6  # times the first duration: no longer one is tried
+SHORTEST = 1e-9  # times the first duration: no shorter one is tried
 
 
 @dataclass(frozen=True)
@@ -173,8 +159,7 @@ class _DurationSearch:
     ) -> None:
         self.robot = robot
         self.tolerance = checks.number("tolerance", tolerance, above=0.0, at_most=1e-3)
-        chosen = robot.limits if limits is None else limits.for_joints(robot.joint_count)
-        self.family = LimitFamily.of(robot, chosen)
+        self.family = LimitFamily.of(robot, limits)
         self.family.refuse_means()
         self.kinds = self.family.of_order(1, 2, 3)
         if not self.kinds:
@@ -208,7 +193,7 @@ class _DurationSearch:
         try:
             polynomial = self.make(duration)
         except InputError as problem:
-            if duration > 0.1 * DURATION_SEARCH.longest * self.first:
+            if duration > 0.1 * LONGEST * self.first:
                 raise InputError(f"make_motion refuses every duration: {problem}") from problem
             return Peak(np.inf)
         if self.shape is None:
@@ -255,7 +240,7 @@ class _DurationSearch:
         while peak.use > 1.0:
             bad = (duration, peak)
             duration *= float(np.clip(peak.use, 1.3, 4.0))
-            if duration > DURATION_SEARCH.longest * self.first:
+            if duration > LONGEST * self.first:
                 raise InputError(self._no_duration(bad))
             if self.shape is None and deadline.over():
                 return bad, bad
@@ -269,11 +254,11 @@ class _DurationSearch:
             duration, peak = good
             if deadline.over():
                 return good, good
-            if duration < DURATION_SEARCH.shortest * self.first:
+            if duration < SHORTEST * self.first:
                 raise InputError(
                     "make_motion meets no limit, however short it is: no joint with a limit moves"
                 )
-            shorter = duration / DURATION_SEARCH.scan_ratio
+            shorter = duration / SCAN_RATIO
             if not self.from_above or peak.use < 0.1:
                 shorter = duration * float(np.clip(0.95 * peak.use, 0.1, 0.9))
             trial = (shorter, self.evaluate(shorter))

@@ -15,12 +15,12 @@ from microbot_ocp._base import fast_calls
 from microbot_ocp._base.fast_calls import deferred_call
 from microbot_ocp.motion import PiecewisePolynomial
 from microbot_ocp.planning import straight_path, time_path
+from microbot_ocp.planning.path import path_grid
 from microbot_ocp.planning.path._limits import FAR, LimitRows
 from microbot_ocp.planning.path._reachability import (
     _at_ends,
     _backward,
     _range,
-    path_grid,
 )
 
 ARM = two_link_arm(1.0, 0.8).with_limits(mo.Limits(tau_max=[60.0, 25.0], qd_max=3.0))
@@ -52,7 +52,7 @@ def random_interval(seed):
     if not seed % 3:  # the last limit of an end contradicts the first
         m[0, -1], c[0, -1] = m[0, 0], c[0, 0]
         low[0, -1], high[0, -1] = high[0, 0] + size[0, 0], high[0, 0] + 2 * size[0, 0]
-    rows = LimitRows(m, c, low, high, np.array([0]), np.array([1]), ())
+    rows = LimitRows(m, c, low, high, np.array([1]), ())
     target = np.sort(random.uniform(0.0, 4.0, 2))
     if seed % 3:
         target = np.array([min(target[0], x[1]), max(target[1], x[1])])

@@ -131,14 +131,13 @@ def within_limits(
             along,
             start_free=not moving,
             end_free=True,
-            fast=fast,
             fastest=1.0,
             ends=(float(moving), 0.0),
         )
         if not timing.feasible:
             return None
         timing = with_steady_ends(timing, (-1,) if moving else (0, -1))
-        excess = along.excess(timing, curve)
+        excess = along.excess(timing)
         cut = excess > tolerance
         if not cut.any() or (deadline.over() and number >= SLOWING.least_rounds):
             break

@@ -6,7 +6,13 @@ from ._blocked_path import (
 from ._curve import (
     CurvePiece as CurvePiece,
     PathCurve as PathCurve,
+    check_path as check_path,
+    corners as corners,
     samples_along as samples_along,
+    segments as segments,
+    stops as stops,
+    straight_path as straight_path,
+    straight_through as straight_through,
 )
 from ._fast_timing import (
     PathTiming as PathTiming,
@@ -15,17 +21,8 @@ from ._fast_timing import (
 )
 from ._limits import (
     LATER as LATER,
-    frictionless as frictionless,
     largest_speeds as largest_speeds,
     limits_kept_by as limits_kept_by,
-)
-from ._paths import (
-    check_path as check_path,
-    corners as corners,
-    segments as segments,
-    stops as stops,
-    straight_path as straight_path,
-    straight_through as straight_through,
 )
 from ._phase_plane import (
     PathLimit as PathLimit,
@@ -33,10 +30,10 @@ from ._phase_plane import (
     phase_plane as phase_plane,
 )
 from ._reachability import (
-    REACHABILITY as REACHABILITY,
+    SETTLED as SETTLED,
     CurveLimits as CurveLimits,
     Reached as Reached,
     harmonic as harmonic,
+    path_grid as path_grid,
     reach as reach,
-    settled as settled,
 )

@@ -53,50 +53,40 @@ def blocking_limit(family: LimitFamily, curve: PathCurve, fast: bool) -> Blocked
     """
     along = CurveLimits.of(family, curve, GRID, fast)
     rows, limits = along.rows, along.limits
-    bounds = (
-        [
-            np.stack(
-                [getattr(limits.half_planes[key], side)[:, j] for key, j in rows.names], axis=1
-            )
-            for side in ("lower", "upper")
-        ]
-        if rows.names
-        else []
-    )
-    if not bounds:
+    if not rows.names:
         return None
-    lower, upper = bounds
-    size = np.maximum(*(np.where(np.isfinite(b), np.abs(b), 0.0) for b in bounds))
-    count, width = along.s.size - 1, len(rows.names)
+    lower, upper = (
+        np.stack([getattr(limits.half_planes[key], side)[:, j] for key, j in rows.names], axis=1)
+        for side in ("lower", "upper")
+    )
+    size = np.maximum(*(np.where(np.isfinite(b), np.abs(b), 0.0) for b in (lower, upper)))
+    count = along.s.size - 1
     step = np.diff(along.s)
     # a typical x, so that the program is of order one
     room = np.where(np.isfinite(size), size, np.inf) / np.maximum(np.abs(rows.per_x), 1e-300)
-    most = limits.speed_limit(along.nodes, count + 1)
+    most = along.speed_limit
     unit_x = float(np.median(np.minimum(room.min(axis=1)[: count + 1], most)))
     unit_u = unit_x / float(along.s[-1] - along.s[0])
     # unknowns: x at the points, u at the start and at the end of every interval, the share
     columns = 3 * count + 2
     entries: list[tuple[Any, Any, Any]] = []
-    row_lower, row_upper, rows_by_number = [], [], []
-    first = 0
+    highest, limited, first = [], [], 0
     for ends, x_at, u_at in (
-        (rows.left, np.arange(count), count + 1 + np.arange(count)),
+        (np.arange(count), np.arange(count), count + 1 + np.arange(count)),
         (rows.right, np.arange(1, count + 1), 2 * count + 1 + np.arange(count)),
     ):
-        for k in range(width):
-            scale = np.maximum(size[ends, k], 1e-12)
-            for sign, bound in ((1.0, rows.upper[ends, k]), (-1.0, -rows.lower[ends, k])):
-                bounded = np.flatnonzero(np.isfinite(bound))
-                at = first + np.arange(bounded.size)
-                entries += [
-                    (at, x_at[bounded], sign * (rows.per_x[ends, k] / scale)[bounded] * unit_x),
-                    (at, u_at[bounded], sign * (rows.per_u[ends, k] / scale)[bounded] * unit_u),
-                    (at, np.full(bounded.size, columns - 1), np.full(bounded.size, -1.0)),
-                ]
-                row_lower.append(np.full(bounded.size, -np.inf))
-                row_upper.append((bound / scale)[bounded])
-                rows_by_number += [(k, int(ends[i]), sign) for i in bounded]
-                first += bounded.size
+        scale = np.maximum(size[ends], 1e-12)
+        bounds = np.stack([rows.upper[ends] / scale, -rows.lower[ends] / scale]).transpose(2, 0, 1)
+        k, side, i = np.nonzero(np.isfinite(bounds))
+        at, sign = first + np.arange(k.size), 1.0 - 2.0 * side
+        entries += [
+            (at, x_at[i], sign * (rows.per_x[ends] / scale)[i, k] * unit_x),
+            (at, u_at[i], sign * (rows.per_u[ends] / scale)[i, k] * unit_u),
+            (at, np.full(k.size, columns - 1), np.full(k.size, -1.0)),
+        ]
+        highest.append(bounds[k, side, i])
+        limited.append((k, ends[i], sign))
+        first += k.size
     # x at the end of an interval is that at its start and the mean of u times twice its length
     at = first + np.arange(count)
     share = step * unit_u / unit_x
@@ -106,8 +96,6 @@ def blocking_limit(family: LimitFamily, curve: PathCurve, fast: bool) -> Blocked
         (at, count + 1 + np.arange(count), share),
         (at, 2 * count + 1 + np.arange(count), share),
     ]
-    row_lower.append(np.zeros(count))
-    row_upper.append(np.zeros(count))
     i, j, values = (np.concatenate([e[k] for e in entries]) for k in range(3))
     matrix = ca.DM.triplet(i.tolist(), j.tolist(), values, first + count, columns)
     below, above = np.full(columns, -np.inf), np.full(columns, np.inf)
@@ -126,8 +114,8 @@ def blocking_limit(family: LimitFamily, curve: PathCurve, fast: bool) -> Blocked
     answer = solver(
         g=objective,
         a=matrix,
-        lba=np.concatenate(row_lower),
-        uba=np.concatenate(row_upper),
+        lba=np.append(np.full(first, -np.inf), np.zeros(count)),
+        uba=np.concatenate([*highest, np.zeros(count)]),
         lbx=below,
         ubx=above,
     )
@@ -135,7 +123,7 @@ def blocking_limit(family: LimitFamily, curve: PathCurve, fast: bool) -> Blocked
     if not solver.stats()["success"] or gives <= NOTHING:
         return None
     decides = int(np.abs(np.array(answer["lam_a"]).ravel()[:first]).argmax())
-    k, node, sign = rows_by_number[decides]
+    k, node, sign = (np.concatenate(parts)[decides] for parts in zip(*limited, strict=True))
     key, component = rows.names[k]
     point = node if node <= count else int(np.flatnonzero(rows.right == node)[0]) + 1
     return Blocked(

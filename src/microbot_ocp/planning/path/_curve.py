@@ -1,4 +1,4 @@
-"""A joint path ready for timing: pieces whose ends at rest have been given a regular parameter.
+"""Joint paths to be timed: their checks and stops, and in between a regular parameter.
 
 A trajectory that starts from rest, such as a cubic or a quintic, has a vanishing tangent there:
 q - q(0) ~ s^(m+1), m = 1 for a cubic, 2 for a quintic. The arm leaves like t^p, with p = 2 where
@@ -14,37 +14,27 @@ Theory: docs/theory/path_timing.md, equation (4).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import comb, perm, prod
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.limits import MotionSamples
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp.limits import LimitFamily, MotionSamples
 from microbot_ocp.motion import PiecewisePolynomial
+from microbot_ocp.planning.task import check_pace, check_positions, check_rest, locked_joints
 
 IntArray = NDArray[np.intp]
 
-
-@dataclass(frozen=True)
-class CurveSettings:
-    """Settings of curves.
-
-    Attributes
-    ----------
-    vanishing : relative size of a derivative that counts as zero
-    margin : ratio of a bent piece by which it starts inside, where powers of r are finite
-    """
-
-    vanishing: float = 1e-9
-    margin: float = 1e-10
-
-
-CURVE = CurveSettings()
+VANISHING = 1e-9  # relative size of a derivative that counts as zero
+CORNER = 1e-6  # relative jump of the tangent that counts as a corner
+MARGIN = 1e-10  # ratio of a bent piece by which it starts inside, where powers of r are finite
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,33 +84,27 @@ class CurvePiece:
         """First and last r that are used."""
         if not self.bent:
             return 0.0, self.span
-        margin = CURVE.margin * self.span
+        margin = MARGIN * self.span
         return (0.0, self.span - margin) if self.bent_at_end else (margin, self.span)
 
+    def from_the_bent_end(self, r: FloatArray) -> tuple[FloatArray, float]:
+        """Give the share x of the way from the bent end, 0 to 1, and its derivative by r."""
+        span, sign = self.span, -1.0 if self.bent_at_end else 1.0
+        return (float(self.bent_at_end) * span + sign * r) / span, sign / span
 
-def derivatives(
-    table: Any, length: Any, at_end: Any, powers: tuple[int, int], r: Any, *, highest: int = 3
-) -> list[Any]:
-    """Give position and its derivatives with respect to r, up to ``highest`` <= 3.
+
+def _near_a_bent_end(piece: CurvePiece, r: FloatArray, highest: int) -> list[FloatArray]:
+    """Give position and derivatives by r, each [N,n], at parameters r [N,1] of a bent piece.
 
     docs/theory/path_timing.md, "Ends at rest".
-
-    Parameters
-    ----------
-    table : [degree+1][n], columns of coefficients (numpy or CasADi, any that multiply and add)
-    length, at_end : length of the piece; 1 where its end is bent, 0 where its start is
-    powers : p and m + 1
-    r : parameter, a number or a symbol
     """
-    if powers[0] == powers[1]:
-        return [_power_sum(table, r, order) for order in range(highest + 1)]
-    x, slope = _from_the_bent_end(length, at_end, powers, r)
-    result = []
+    x, slope = piece.from_the_bent_end(r)
+    table, powers, result = piece.coefficients, piece.powers, []
     for order in range(highest + 1):
         total = table[0] if order == 0 else 0.0 * table[0]
         # what lies between vanishes with the first m derivatives
         for k in range(powers[1], len(table)):
-            total = total + table[k] * length**k * _bent_power(x, powers, k, order)
+            total = total + table[k] * piece.length**k * _bent_power(x, powers, k, order)
         result.append(total * slope**order)
     return result
 
@@ -130,15 +114,7 @@ def _span(powers: tuple[int, int]) -> float:
     return 0.5 * (1.0 + powers[0] / powers[1])
 
 
-def _from_the_bent_end(
-    length: Any, at_end: Any, powers: tuple[int, int], r: Any
-) -> tuple[Any, Any]:
-    """Give the share x of the way from the bent end, 0 to 1, and its derivative by r."""
-    span, sign = length * _span(powers), 1.0 - 2.0 * at_end
-    return (at_end * span + sign * r) / span, sign / span
-
-
-def _bent_power(x: Any, powers: tuple[int, int], k: int, order: int) -> Any:
+def _bent_power(x: FloatArray, powers: tuple[int, int], k: int, order: int) -> Any:
     """Give a derivative by x of the way from the bent end, as a share of L, to the k."""
     low = _span(powers)
     rest, power = 1.0 - low, k * powers[0] / powers[1]
@@ -156,22 +132,13 @@ def _falling(power: float, count: int) -> float:
     return float(prod(power - k for k in range(count)))
 
 
-def _power_sum(table: Any, s: Any, order: int) -> Any:
+def _power_sum(table: Sequence[FloatArray], s: FloatArray, order: int) -> FloatArray:
     """Differentiate the polynomial by Horner's rule."""
     degree = len(table) - 1
     total = perm(degree, order) * table[degree]
     for power in range(degree - 1, order - 1, -1):
         total = total * s + perm(power, order) * table[power]
     return total
-
-
-def evaluate(piece: CurvePiece, r: FloatArray, *, highest: int = 2) -> list[FloatArray]:
-    """Give position and derivatives with respect to r, each [N,n], at parameters r [N]."""
-    column = np.asarray(r, dtype=float)[:, None]
-    table = [row[None, :] for row in piece.coefficients]
-    at_end = float(piece.bent_at_end)
-    tables = derivatives(table, piece.length, at_end, piece.powers, column, highest=highest)
-    return [values * np.ones_like(column) for values in tables]
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,39 +200,31 @@ class PathCurve:
         local = r - self.breaks[index] + begins[index]
         coefficients = np.array([piece.coefficients for piece in self.pieces])
         table = [coefficients[index, power] for power in range(coefficients.shape[1])]
-        tables = derivatives(table, 0.0, 0.0, (1, 1), local[:, None], highest=highest)
+        tables = [_power_sum(table, local[:, None], order) for order in range(highest + 1)]
         for k in (0, len(self.pieces) - 1):
             if self.pieces[k].bent:
                 here = index == k
-                local_tables = evaluate(self.pieces[k], local[here], highest=highest)
-                for whole, values in zip(tables, local_tables, strict=True):
+                bent = _near_a_bent_end(self.pieces[k], local[here, None], highest)
+                for whole, values in zip(tables, bent, strict=True):
                     whole[here] = values
         return tuple(tables)
 
     def parameter(self, r: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Give the path's own parameter s since the start of the curve, and ds/dr, both [N]."""
         s, slope, begin = np.zeros_like(r), np.zeros_like(r), 0.0
-        for piece, here, local in self._by_piece(r):
-            place, slopes = local, 1.0
-            if piece.bent:
-                at_end = float(piece.bent_at_end)
-                x, per_r = _from_the_bent_end(piece.length, at_end, piece.powers, local)
-                way, rise = (piece.length * _bent_power(x, piece.powers, 1, k) for k in (0, 1))
-                place, slopes = (
-                    at_end * piece.length + (1.0 - 2.0 * at_end) * way,
-                    np.abs(rise * per_r),
-                )
-            s[here], slope[here] = begin + place, slopes
-            begin += piece.length
-        return s, slope
-
-    def _by_piece(self, r: FloatArray) -> Iterator[tuple[CurvePiece, Any, Any]]:
-        """Give every piece with the places of its parameters and their values within it."""
-        breaks = self.breaks
         index = self._piece_of(r, False)
         for i, piece in enumerate(self.pieces):
             here = index == i
-            yield piece, here, r[here] - breaks[i] + piece.limits[0]
+            local = r[here] - self.breaks[i] + piece.limits[0]
+            place, slopes = local, 1.0
+            if piece.bent:
+                x, per_r = piece.from_the_bent_end(local)
+                way, rise = (piece.length * _bent_power(x, piece.powers, 1, k) for k in (0, 1))
+                place = piece.length - way if piece.bent_at_end else way
+                slopes = np.abs(rise * per_r)
+            s[here], slope[here] = begin + place, slopes
+            begin += piece.length
+        return s, slope
 
 
 def _bent_pieces(
@@ -279,10 +238,11 @@ def _bent_pieces(
         CurvePiece(table, float(length), leaves_like=leaves_like)
         for table, length in zip(path.coefficients, np.diff(path.breaks), strict=True)
     ]
-    orders = start, end
-    bent = [replace(pieces[0], order=order).bent for order in orders]
+    bent = [replace(pieces[0], order=order).bent for order in (start, end)]
     if len(pieces) == 1 and all(bent):
-        pieces = _halves(pieces[0])
+        first = replace(pieces[0], length=pieces[0].length / 2, halved=True)
+        second = _shifted(first.coefficients, first.length)
+        pieces = [first, replace(first, coefficients=second, halved=False)]
     if bent[0]:
         pieces[0] = replace(pieces[0], order=start)
     if bent[1]:
@@ -300,19 +260,11 @@ def vanishing_orders(path: PiecewisePolynomial, s: FloatArray, *, from_left: boo
     for _ in range(path.coefficients.shape[1] - 2):
         curve = curve.derivative()
         sizes = np.abs(curve(places, from_left=from_left)).max(axis=1)
-        vanish &= sizes[-s.size :] <= CURVE.vanishing * max(sizes.max(), 1e-300)
+        vanish &= sizes[-s.size :] <= VANISHING * max(sizes.max(), 1e-300)
         orders += vanish
         if not vanish.any():
             break
     return orders.tolist()
-
-
-def _halves(piece: CurvePiece) -> list[CurvePiece]:
-    """Divide a piece in two."""
-    half = piece.length / 2
-    second = _shifted(piece.coefficients, half)
-    first = replace(piece, length=half, halved=True)
-    return [first, replace(piece, coefficients=second, length=half)]
 
 
 def _shifted(table: FloatArray, by: float) -> FloatArray:
@@ -324,17 +276,132 @@ def _shifted(table: FloatArray, by: float) -> FloatArray:
     return shifted
 
 
-def samples_along(shape: Sequence[FloatArray], rates: Sequence[FloatArray]) -> MotionSamples:
+def samples_along(shape: Sequence[FloatArray], rates: Sequence[ArrayLike]) -> MotionSamples:
     """Return the motion of the joints along a path.
 
     ``shape`` is the pose and its three derivatives by the place, each [N,n], ``rates`` the three
-    derivatives [N] of the place by the time.
+    derivatives of the place by the time, [N] or numbers. Without the third ones the jerk is zero.
     """
-    q, tangent, curvature, bend = shape
-    v, a, j = (rate[:, None] for rate in rates)
-    return MotionSamples(
-        q,
-        tangent * v,
-        tangent * a + curvature * v**2,
-        tangent * j + 3 * curvature * v * a + bend * v**3,
-    )
+    q, tangent, curvature, *bend = shape
+    v, a, *j = (np.reshape(rate, (-1, 1)) for rate in rates)
+    qd = tangent * v
+    qdd, qddd = tangent * a + curvature * v**2, np.zeros_like(qd)
+    if bend and j:
+        qddd = tangent * j[0] + 3 * curvature * v * a + bend[0] * v**3
+    return MotionSamples(q, qd, qdd, qddd)
+
+
+# paths as they are given --------------------------------------------------------------------------
+
+
+def straight_path(via_q: ArrayLike) -> PiecewisePolynomial:
+    """Draw straight lines in joint space through via points [m,n]; s is the distance, rad."""
+    via = checks.array("via_q", via_q, (None, None), "rad")
+    if via.shape[0] < 2:
+        raise InputError(f"via_q must have at least 2 points, not {via.shape[0]}")
+    return straight_through(via)
+
+
+def straight_through(via: FloatArray) -> PiecewisePolynomial:
+    """Do as :func:`straight_path` with via points [m,n] that are checked."""
+    steps = np.diff(via, axis=0)
+    lengths = np.linalg.norm(steps, axis=1)
+    if np.any(lengths == 0):
+        i = int(np.argmax(lengths == 0)) + 1
+        raise InputError(f"via points {i} and {i + 1} are the same: no path between them")
+    breaks = np.concatenate([[0.0], np.cumsum(lengths)])
+    return PiecewisePolynomial(breaks, np.stack([via[:-1], steps / lengths[:, None]], axis=1))
+
+
+def check_path(family: LimitFamily, path: PiecewisePolynomial) -> FloatArray:
+    """Raise InputError where a path cannot be timed, whatever the timing; else give its stops."""
+    robot = family.robot
+    if path.coefficients.shape[2] != robot.joint_count:
+        raise InputError(
+            f"path must have {robot.joint_count} joints, not {path.coefficients.shape[2]}"
+        )
+    if not np.isfinite(path.coefficients).all():
+        raise InputError("path must be finite")
+    places = path(np.linspace(path.breaks[0], path.breaks[-1], 101))
+    check_pace(family, places)
+    for joint in np.flatnonzero(locked_joints(family) & (np.ptp(places, axis=0) > 0)):
+        raise InputError(
+            f"path moves joint {robot.joint_names[joint]!r}, which cannot move: a limit of its "
+            "velocity, acceleration or jerk is 0"
+        )
+    s = np.linspace(path.breaks[:-1], path.breaks[1:], 51, axis=1).ravel()
+    check_positions(family, lambda i: f"path at s = {s[i]:g}", path(s, from_left=True))
+    between = stops(path, family)
+    rests = np.array([path.breaks[0], *between, path.breaks[-1]])
+    check_rest(family, lambda i: f"path at s = {rests[i]:g}", path(rests))
+    return between
+
+
+def corners(path: PiecewisePolynomial) -> FloatArray:
+    """Find the breaks at which the tangent jumps, or vanishes while its direction jumps."""
+    before, after, size = _at_breaks(path, path.derivative())
+    rests = np.maximum(np.abs(before), np.abs(after)).max(axis=1) <= VANISHING * size
+    turns = [
+        bool(rest) and _turns(path, float(s))
+        for s, rest in zip(path.breaks[1:-1], rests, strict=True)
+    ]
+    return path.breaks[1:-1][_jumps(before, after, size) | np.array(turns, dtype=bool)]
+
+
+def stops(path: PiecewisePolynomial, family: LimitFamily) -> FloatArray:
+    """Find the breaks at which the arm has to stop.
+
+    At corners, and under limits of the jerk or the torque rate wherever the curvature jumps, too:
+    in motion the acceleration would jump with it.
+    """
+    turns = corners(path)
+    if not family.jerk_matters:
+        return turns
+    bends = _jumps(*_at_breaks(path, path.derivative().derivative()))
+    return np.union1d(turns, path.breaks[1:-1][bends])
+
+
+def segments(
+    path: PiecewisePolynomial, between: FloatArray, leaves_like: int = 2
+) -> list[PathCurve]:
+    """Give what lies between two stops, with a parameter of which an end at rest is this power."""
+    if not between.size:
+        return [PathCurve.of(path, leaves_like)]
+    ends = [path.breaks[0], *between, path.breaks[-1]]
+    curves = []
+    for before, after in itertools.pairwise(ends):
+        keep = (path.breaks[:-1] >= before) & (path.breaks[:-1] < after)
+        breaks = np.append(path.breaks[:-1][keep], after)
+        curves.append(
+            PathCurve.of(PiecewisePolynomial(breaks, path.coefficients[keep]), leaves_like)
+        )
+    return curves
+
+
+def _turns(path: PiecewisePolynomial, s: float) -> bool:
+    """Tell whether the path comes to rest by itself at a break and goes on in another direction."""
+    directions = []
+    for from_left, sign in ((False, 1.0), (True, -1.0)):
+        (order,) = vanishing_orders(path, np.array([s]), from_left=from_left)
+        if order == 0:
+            return False
+        curve = path
+        for _ in range(order + 1):
+            curve = curve.derivative()
+        direction = sign**order * curve(s, from_left=from_left)[0]
+        directions.append(direction / np.linalg.norm(direction))
+    return bool(np.abs(directions[0] - directions[1]).max() > CORNER)
+
+
+def _at_breaks(
+    path: PiecewisePolynomial, curve: PiecewisePolynomial
+) -> tuple[FloatArray, FloatArray, float]:
+    """Give a derivative of the path before and after inner breaks [K-1,n], and its largest size."""
+    inner, places = path.breaks[1:-1], np.linspace(path.breaks[0], path.breaks[-1], 101)
+    size = float(np.abs(curve(places)).max())
+    return curve(inner, from_left=True), curve(inner), size
+
+
+def _jumps(before: FloatArray, after: FloatArray, size: float) -> NDArray[np.bool_]:
+    """Tell at which breaks a derivative of the path jumps."""
+    return np.abs(after - before).max(axis=1) > CORNER * size

@@ -12,35 +12,19 @@ from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.codegen import compiles
 from microbot_ocp._base.status import Status
-from microbot_ocp.limits import JointLimits, LimitFamily, Limits
-from microbot_ocp.motion import JUMP_GAP, SAMPLE_STEP, Motion, PiecewisePolynomial, State
-from microbot_ocp.planning.path._curve import PathCurve
+from microbot_ocp.limits import JointLimits, Limits
+from microbot_ocp.motion import JUMP_GAP, SAMPLE_STEP, Motion, PiecewisePolynomial, State, numbered
+from microbot_ocp.planning.path._curve import PathCurve, check_path, samples_along, segments
 from microbot_ocp.planning.path._limits import LATER, limits_kept_by
-from microbot_ocp.planning.path._paths import check_path, segments
 from microbot_ocp.planning.path._reachability import CurveLimits, Reached, reach
 from microbot_ocp.planning.task import check_limits, with_locked_joints_held
 from microbot_ocp.robot import Robot
 
-
-@dataclass(frozen=True)
-class SampleSettings:
-    """Settings of the samples of a timing.
-
-    Attributes
-    ----------
-    least : samples of an interval, so that they tell how the acceleration curves
-    bent : the same where these do not tell it, and of intervals next to stops
-    together : ratio of the duration: samples so near to one another are one
-    cubic : ratio of a joint's largest acceleration: fourth differences that ``least`` may miss
-    """
-
-    least: int = 4
-    bent: int = 12
-    together: float = 1e-14
-    cubic: float = 1e-5
-
-
-SAMPLES = SampleSettings()
+LEAST_SAMPLES = 4  # of an interval, so that they tell how the acceleration curves
+BENT_SAMPLES = 12  # the same where these do not tell it, and of intervals next to stops
+TOGETHER = 1e-14  # ratio of the duration: samples so near to one another are one
+# ratio of a joint's largest acceleration: fourth differences that LEAST_SAMPLES may miss
+CUBIC = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,49 +160,29 @@ def time_path(
     checks.whole("grid", grid, "points", at_least=10)
     family = check_limits(robot, limits)
     curves = segments(path, check_path(family, path))
-    with deadline.within(time_limit):
-        return _timed(family, path, curves, grid, (start_free, end_free), compiled)
-
-
-def _timed(
-    family: LimitFamily,
-    path: PiecewisePolynomial,
-    curves: list[PathCurve],
-    grid: int,
-    free: tuple[bool | None, bool | None],
-    compiled: bool,
-) -> PathTiming:
-    moving = with_locked_joints_held(family, None)
-    fast = compiles(compiled)
-    parts, s, speed, t, kept_by = [], [], [], [], {}
+    moving, fast = with_locked_joints_held(family, None), compiles(compiled)
+    parts, s, speed, t, blocked, kept_by = [], [], [], [], [], {}
     begin, start = float(path.breaks[0]), 0.0
-    start_free, end_free = free
-    for index, curve in enumerate(curves):
-        if index and deadline.over():
-            break
-        along = CurveLimits.of(moving, curve, grid, fast)
-        first, last = index == 0, index == len(curves) - 1
-        reached = reach(
-            along,
-            start_free=curve.start_free if start_free is None or not first else start_free,
-            end_free=curve.end_free if end_free is None or not last else end_free,
-            fast=fast,
-        )
-        kept_by = kept_by or limits_kept_by(along.limits)
-        parts.append((curve, reached))
-        place, slope = curve.parameter(reached.s)
-        s.append(begin + place)
-        unknown = np.full(reached.s.size, np.nan)
-        speed.append(
-            np.sqrt(reached.speed_squared) * np.abs(slope) if reached.feasible else unknown
-        )
-        t.append(start + (reached.t if reached.feasible else unknown))
-        begin, start = float(s[-1][-1]), float(t[-1][-1])
-    blocked = [
-        float(np.interp(reached.blocked_at, reached.s, place))
-        for (_, reached), place in zip(parts, s, strict=True)
-        if not reached.feasible
-    ]
+    with deadline.within(time_limit):
+        for index, curve in enumerate(curves):
+            if index and deadline.over():
+                break
+            along = CurveLimits.of(moving, curve, grid, fast)
+            reached = reach(
+                along,
+                start_free=start_free if index == 0 else None,
+                end_free=end_free if index == len(curves) - 1 else None,
+            )
+            kept_by = kept_by or limits_kept_by(along.limits)
+            parts.append((curve, reached))
+            place, slope = curve.parameter(reached.s)
+            s.append(begin + place)
+            known = 1.0 if reached.feasible else np.nan
+            speed.append(known * np.sqrt(reached.speed_squared) * slope)
+            t.append(start + known * reached.t)
+            if not reached.feasible:
+                blocked.append(float(np.interp(reached.blocked_at, reached.s, s[-1])))
+            begin, start = float(s[-1][-1]), float(t[-1][-1])
     status = Status.SOLVED if len(parts) == len(curves) else Status.TIME_LIMIT
     status = Status.INFEASIBLE if blocked else status
     return PathTiming(
@@ -248,10 +212,9 @@ def sampled(
         bent = _bent(curve, reached, lengths)
         # powers of the parameter at ends where the tangent vanishes are not those of a polynomial
         bent[[0, -1]] = True
-        least = np.where(bent, SAMPLES.bent, SAMPLES.least - 1)
+        least = np.where(bent, BENT_SAMPLES, LEAST_SAMPLES - 1)
         count = finer * np.maximum(least, np.ceil(lengths / step - 1e-9)).astype(int)
-        i = np.repeat(np.arange(count.size), count + 1)
-        k = np.arange(i.size) - np.repeat(np.cumsum(count + 1) - count - 1, count + 1)
+        i, k = numbered(count + 1)
         early = np.minimum(JUMP_GAP, 0.01 * lengths / count)[i]
         local = k / count[i] * lengths[i] - np.where(k == count[i], early, 0.0)
         if len(times) == len(parts) - 1:
@@ -261,7 +224,7 @@ def sampled(
         breaks.append(begin + reached.t[1:])
         begin += reached.duration
     t = np.concatenate(times)
-    keep = np.append(True, np.diff(t) > SAMPLES.together * t[-1])
+    keep = np.append(True, np.diff(t) > TOGETHER * t[-1])
     keep[-1] = True
     joined = (np.concatenate(parts)[keep] for parts in zip(*states, strict=True))
     return t[keep], State(*joined), np.concatenate(breaks)
@@ -269,9 +232,8 @@ def sampled(
 
 def _state(curve: PathCurve, reached: Reached, i: np.ndarray, local: FloatArray) -> State:
     """Give the state [K,n] at times since the start of intervals i."""
-    r, v, u = (values[:, None] for values in reached.after(i, local))
-    q, tangent, curvature = curve.inside(r.ravel(), i, reached.s)
-    return State(q, tangent * v, tangent * u + curvature * v**2)
+    r, v, u = reached.after(i, local)
+    return State(*samples_along(curve.inside(r, i, reached.s), (v, u))[:3])
 
 
 def _bent(curve: PathCurve, reached: Reached, lengths: FloatArray) -> NDArray[np.bool_]:
@@ -280,4 +242,4 @@ def _bent(curve: PathCurve, reached: Reached, lengths: FloatArray) -> NDArray[np
     local = np.linspace(0.0, 1.0, 5) * lengths[:, None]
     qdd = _state(curve, reached, i, local.ravel()).qdd.reshape(lengths.size, 5, -1)
     largest = np.abs(qdd).max(axis=(0, 1))
-    return (np.abs(np.diff(qdd, 4, axis=1)[:, 0]) > SAMPLES.cubic * largest).any(axis=1)
+    return (np.abs(np.diff(qdd, 4, axis=1)[:, 0]) > CUBIC * largest).any(axis=1)

@@ -10,41 +10,25 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.fast_calls import deferred_call
-from microbot_ocp.limits import ROUNDING, LimitFamily, LimitValues, MotionSamples
-from microbot_ocp.planning.path._curve import PathCurve
+from microbot_ocp.limits import ROUNDING, LimitFamily, LimitValues, Member
+from microbot_ocp.planning.path._curve import PathCurve, samples_along
+from microbot_ocp.planning.task import DRY, VISCOUS, dry_friction, friction, frictionless
 from microbot_ocp.robot import COULOMB_SMOOTHING, Robot, inverse_dynamics
 
 FAR = 1e12  # stands for "no such limit"
 
 
-@dataclass(frozen=True)
-class PathLimitSettings:
-    """Settings by which limits are told apart.
-
-    Attributes
-    ----------
-    tried : s'' and s' at which a half plane is tested
-    affine : relative distance from the half plane that is rounding
-    speeds, bisections : speeds that are tried on the way up to the first that breaks a limit, and
-        halvings of the step in which it lies
-    still : ratio of the largest x that counts as a stop
-    """
-
-    tried: tuple[tuple[float, float], ...] = ((-3.0, 0.7), (2.0, 1.9), (50.0, 4.0))
-    affine: float = 1e-9
-    speeds: int = 50
-    bisections: int = 60
-    still: float = 1e-12
-
-
-PATH_LIMITS = PathLimitSettings()
+TRIED = ((-3.0, 0.7), (2.0, 1.9), (50.0, 4.0))  # s'' and s' at which a half plane is tested
+AFFINE = 1e-9  # relative distance from the half plane that is rounding
+SPEEDS = 50  # that are tried on the way up to the first that breaks a limit
+BISECTIONS = 60  # of the step in which that lies
+STILL = 1e-12  # ratio of the largest x that counts as a stop
 LATER = "program on places"  # keeps what reachability cannot
 
 
@@ -55,8 +39,7 @@ class Nodes:
     position: FloatArray
     tangent: FloatArray
     curvature: FloatArray
-    left: np.ndarray  # index of the start of every interval
-    right: np.ndarray  # index of its end
+    right: np.ndarray  # index of the end of every interval; that of its start is its own
 
 
 def nodes_of(path: PathCurve, s: FloatArray) -> Nodes:
@@ -70,7 +53,7 @@ def nodes_of(path: PathCurve, s: FloatArray) -> Nodes:
     tables = path.on_both_sides(s, inner)
     right = np.arange(1, s.size)
     right[inner - 1] = s.size + np.arange(inner.size)
-    return Nodes(*tables, left=np.arange(s.size - 1), right=right)
+    return Nodes(*tables, right=right)
 
 
 class Coefficients(NamedTuple):
@@ -81,6 +64,14 @@ class Coefficients(NamedTuple):
     constant: FloatArray
     lower: FloatArray
     upper: FloatArray
+
+    @classmethod
+    def within(
+        cls, bounds: Member | LimitValues, per_u: Any, per_x: Any, constant: Any
+    ) -> Coefficients:
+        """Give a quantity the bounds of a limit at every node."""
+        every = (np.broadcast_to(b, per_u.shape) for b in (bounds.lower, bounds.upper))
+        return cls(per_u, per_x, constant, *every)
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,22 +101,16 @@ class PathLimits:
         for member in family:
             key = member.key
             if key == "tau":
-                half_planes[key] = _torque(family, nodes, fast)
+                torque = torque_coefficients(family.robot, nodes, fast)
+                half_planes[key] = Coefficients.within(member, *torque)
             elif key == "qdd":
-                bounds = (
-                    np.broadcast_to(b, nodes.tangent.shape) for b in (member.lower, member.upper)
-                )
-                zero = np.zeros_like(nodes.tangent)
-                half_planes[key] = Coefficients(nodes.tangent, nodes.curvature, zero, *bounds)
+                shape = nodes.tangent, nodes.curvature, np.zeros_like(nodes.tangent)
+                half_planes[key] = Coefficients.within(member, *shape)
             elif member.order == 2 and (planes := _half_planes(family, key, nodes)) is not None:
                 half_planes[key] = planes
             elif member.order > 1:
                 later.append(key)
         return cls(family, half_planes, _speed_limits(family, nodes), tuple(later))
-
-    def speed_limit(self, nodes: Nodes, count: int) -> FloatArray:
-        """Give the largest x [N+1] that the limits of the velocity leave at the grid points."""
-        return least_bound(self.speed, nodes, count)
 
 
 def largest_speeds(family: LimitFamily, curve: PathCurve, s: FloatArray) -> FloatArray:
@@ -163,27 +148,8 @@ def limits_kept_by(limits: PathLimits) -> dict[str, list[str]]:
 
 def _along(family: LimitFamily, nodes: Nodes, key: str, u: Any, v: Any) -> LimitValues:
     """Give values of a limit at the nodes for s'' = u and s' = v, numbers or [N]."""
-    u, v = (np.reshape(number, (-1, 1)) for number in (u, v))
-    qd = nodes.tangent * v
-    qdd = nodes.tangent * u + nodes.curvature * v**2
-    samples = MotionSamples(nodes.position, qd, qdd, np.zeros_like(qd))
+    samples = samples_along((nodes.position, nodes.tangent, nodes.curvature), (v, u))
     return family.values(samples, [key])[key]
-
-
-def _torque(family: LimitFamily, nodes: Nodes, fast: bool) -> Coefficients:
-    """Give the torque as half planes."""
-    robot, member = family.robot, family["tau"]
-    per_u, per_x, at_rest = torque_coefficients(robot, nodes, fast)
-    bounds = (np.broadcast_to(b, per_u.shape) for b in (member.lower, member.upper))
-    return Coefficients(per_u, per_x, at_rest, *bounds)
-
-
-@lru_cache(maxsize=64)
-def frictionless(robot: Robot) -> Robot:
-    """Leave out the friction of a robot."""
-    return robot.with_links(
-        [replace(k, viscous_friction=0.0, coulomb_friction=0.0) for k in robot.links]
-    )
 
 
 def torque_coefficients(robot: Robot, nodes: Nodes, fast: bool) -> tuple[FloatArray, ...]:
@@ -191,14 +157,12 @@ def torque_coefficients(robot: Robot, nodes: Nodes, fast: bool) -> tuple[FloatAr
 
     docs/theory/path_timing.md, "Along a path".
     """
-    smooth = frictionless(robot)
-    tau = deferred_call(inverse_dynamics(smooth), compiled=fast)
+    tau = deferred_call(inverse_dynamics(frictionless(robot)), compiled=fast)
     q, tangent, curvature = nodes.position, nodes.tangent, nodes.curvature
     zero = np.zeros_like(q)
     at_rest = tau(q, zero, zero)
     per_u, per_x = tau(q, zero, tangent) - at_rest, tau(q, tangent, curvature) - at_rest
-    coulomb = np.array([link.coulomb_friction for link in robot.links])
-    return per_u, per_x, at_rest + coulomb * np.sign(nodes.tangent)
+    return per_u, per_x, at_rest + dry_friction(robot) * np.sign(nodes.tangent)
 
 
 def _half_planes(family: LimitFamily, key: str, nodes: Nodes) -> Coefficients | None:
@@ -208,16 +172,15 @@ def _half_planes(family: LimitFamily, key: str, nodes: Nodes) -> Coefficients | 
     with_x = _along(family, nodes, key, 0.0, 1.0)
     per_u, per_x = with_u.value - rest.value, with_x.value - rest.value
     size = 1.0 + np.abs(rest.value) + np.abs(per_u) + np.abs(per_x)
-    for u, v in PATH_LIMITS.tried:
+    for u, v in TRIED:
         tried = _along(family, nodes, key, u, v)
         line = rest.value + u * per_u + v**2 * per_x
-        if np.any(np.abs(tried.value - line) > PATH_LIMITS.affine * size * (1 + abs(u) + v**2)):
+        if np.any(np.abs(tried.value - line) > AFFINE * size * (1 + abs(u) + v**2)):
             return None
         for bound, usual in ((tried.lower, rest.lower), (tried.upper, rest.upper)):
             if not np.array_equal(bound, usual):
                 return None
-    bounds = (np.broadcast_to(b, rest.value.shape) for b in (rest.lower, rest.upper))
-    return Coefficients(per_u, per_x, rest.value, *bounds)
+    return Coefficients.within(rest, per_u, per_x, rest.value)
 
 
 def speed_bound(family: LimitFamily, key: str, nodes: Nodes) -> FloatArray:
@@ -229,12 +192,12 @@ def speed_bound(family: LimitFamily, key: str, nodes: Nodes) -> FloatArray:
 
     count = len(nodes.position)
     low, high = np.zeros(count), np.full(count, np.inf)
-    for v in np.geomspace(1e-6, np.sqrt(FAR), PATH_LIMITS.speeds):
+    for v in np.geomspace(1e-6, np.sqrt(FAR), SPEEDS):
         good, unknown = within(np.full(count, v)), np.isinf(high)
         low, high = np.where(unknown & good, v, low), np.where(unknown & ~good, v, high)
     free = np.isinf(high)
     high = np.where(free, low, high)
-    for _ in range(PATH_LIMITS.bisections):
+    for _ in range(BISECTIONS):
         middle = 0.5 * (low + high)
         good = within(middle)
         low, high = np.where(good, middle, low), np.where(good, high, middle)
@@ -257,7 +220,6 @@ class LimitRows:
     per_x: FloatArray
     lower: FloatArray
     upper: FloatArray
-    left: np.ndarray
     right: np.ndarray
     names: tuple[tuple[str, int], ...]  # key of the limit and component, a row each
 
@@ -274,7 +236,7 @@ class LimitRows:
         tables = np.concatenate([np.zeros((4, len(nodes.position), 0)), *parts], axis=2)
         per_u = np.abs(tables[0])
         tables[0, per_u < 1e-12 * per_u.max(axis=0, initial=0.0)] = 0.0
-        return cls(*tables, left=nodes.left, right=nodes.right, names=tuple(names))
+        return cls(*tables, right=nodes.right, names=tuple(names))
 
     @property
     def torques(self) -> tuple[np.ndarray, np.ndarray]:
@@ -288,30 +250,21 @@ class LimitRows:
 
         docs/theory/path_timing.md, "Reachability".
         """
-        at_nodes = self._spread(x)
+        at_nodes = np.zeros(len(self.per_u))
+        at_nodes[: x.size], at_nodes[self.right] = x, x[1:]
         v = np.sqrt(np.maximum(at_nodes, 1e-9 * max(float(x.max()), 1e-12)))[:, None]
         columns, joints = self.torques
         tangent = nodes.tangent[:, joints]
-        viscous, dry = (
-            np.array([getattr(link, name) for link in robot.links])[joints]
-            for name in ("viscous_friction", "coulomb_friction")
-        )
+        viscous, dry = (friction(robot, kind)[joints] for kind in (VISCOUS, DRY))
         share = np.tanh(tangent * v / COULOMB_SMOOTHING)
         slope = tangent * (viscous + dry * (1.0 - share**2) / COULOMB_SMOOTHING) / (2.0 * v)
         # what the coefficients hold already, the whole of dry friction, is taken out
         constant = viscous * tangent * v + dry * (share - np.sign(tangent)) - slope * v**2
         # right after a stop the whole of it acts, right at it nothing: there both must do
-        still = at_nodes[:, None] <= PATH_LIMITS.still * float(x.max())
+        still = at_nodes[:, None] <= STILL * float(x.max())
         least, most = np.minimum(constant, 0.0), np.maximum(constant, 0.0)
         per_x, lower, upper = self.per_x.copy(), self.lower.copy(), self.upper.copy()
         per_x[:, columns] += np.where(still, 0.0, slope)
         lower[:, columns] -= np.where(still, least, constant)
         upper[:, columns] -= np.where(still, most, constant)
         return replace(self, per_x=per_x, lower=lower, upper=upper)
-
-    def _spread(self, x: FloatArray) -> FloatArray:
-        """Give values at grid points, repeated for the left sides of breaks."""
-        full = np.zeros(self.per_u.shape[0])
-        full[: x.size] = x
-        full[self.right] = x[1:]
-        return full

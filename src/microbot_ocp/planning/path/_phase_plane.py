@@ -24,29 +24,14 @@ from microbot_ocp._base.codegen import compiles
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import JointLimits, LimitFamily, Limits
 from microbot_ocp.motion import PiecewisePolynomial
-from microbot_ocp.planning.path._curve import PathCurve
+from microbot_ocp.planning.path._curve import PathCurve, segments, stops
 from microbot_ocp.planning.path._limits import FAR, LimitRows, Nodes, PathLimits
-from microbot_ocp.planning.path._paths import segments, stops
 from microbot_ocp.planning.path._reachability import CurveLimits, Reached, reach
-from microbot_ocp.planning.task import check_limits
+from microbot_ocp.planning.task import VISCOUS, check_limits, friction
 from microbot_ocp.robot import Robot
 
-
-@dataclass(frozen=True)
-class ArcSettings:
-    """Settings by which arcs are told.
-
-    Attributes
-    ----------
-    active : room below a limit, as a ratio of its range, that counts as on the limit
-    fewest : grid intervals of an arc; on fewer it is a touch between two others
-    """
-
-    active: float = 0.005
-    fewest: int = 3
-
-
-ARCS = ArcSettings()
+ACTIVE = 0.005  # room below a limit, as a ratio of its range, that counts as on the limit
+FEWEST = 3  # grid intervals of an arc; on fewer it is a touch between two others
 
 
 class PathLimit(NamedTuple):
@@ -215,23 +200,18 @@ def phase_plane(
 
 def _segment(family: LimitFamily, curve: PathCurve, begin: float, grid: int) -> PhasePlane:
     """Compute the phase plane between two stops, first in the regular parameter of the curve."""
-    fast = compiles()
-    along = CurveLimits.of(family, curve, grid, fast)
-    timing = reach(along, start_free=curve.start_free, end_free=curve.end_free, fast=fast)
+    along = CurveLimits.of(family, curve, grid, compiles())
+    timing = reach(along)
     nodes, rows = along.nodes, along.rows
-    friction = np.zeros_like(rows.per_x)
+    viscous = np.zeros_like(rows.per_x)
     columns, joints = rows.torques
-    viscous = np.array([link.viscous_friction for link in family.robot.links])
-    friction[:, columns] = viscous[joints] * nodes.tangent[:, joints]
-    least, most = speed_range(rows, friction)
+    viscous[:, columns] = friction(family.robot, VISCOUS)[joints] * nodes.tangent[:, joints]
+    least, most = speed_range(rows, viscous)
     size = timing.s.size
-    least, most = (
-        _at_points(nodes, size, least, np.maximum),
-        _at_points(nodes, size, most, np.minimum),
-    )
-    fastest = np.sqrt(along.limits.speed_limit(nodes, size))
-    place, slope = curve.parameter(timing.s)
-    scale = np.abs(slope)
+    least = _at_points(nodes, size, least, np.maximum)
+    most = _at_points(nodes, size, most, np.minimum)
+    fastest = np.sqrt(along.speed_limit)
+    place, scale = curve.parameter(timing.s)
     profile = np.sqrt(timing.speed_squared) if timing.feasible else np.full(size, np.nan)
     if timing.feasible and along.has_friction:
         rows = rows.with_friction(nodes, family.robot, timing.speed_squared)
@@ -242,12 +222,10 @@ def _segment(family: LimitFamily, curve: PathCurve, begin: float, grid: int) -> 
         torque_bound=most * scale,
         velocity_bound=np.where(fastest >= np.sqrt(FAR), np.inf, fastest * scale),
         least=least * scale,
-        velocity_joint=_fastest_joint(along.limits)[:size],
-        arcs=tuple(_arcs(s, timing, rows, nodes, along.limits)) if timing.feasible else (),
+        velocity_joint=_fastest_joint(along.limits, size),
+        arcs=tuple(_arcs(s, timing, rows, along)) if timing.feasible else (),
         duration=timing.duration if timing.feasible else float("nan"),
-        blocked_at=float("nan")
-        if timing.feasible
-        else float(np.interp(timing.blocked_at, timing.s, s)),
+        blocked_at=float(np.interp(timing.blocked_at, timing.s, s)),
     )
 
 
@@ -313,12 +291,8 @@ def _refused(b: FloatArray, f: FloatArray, h: FloatArray) -> tuple[FloatArray, F
     outside = (b >= 0) & ~always & ~constant
     between = (b < 0) & (square > 0)
     empty = np.inf
-    start = np.hstack(
-        [
-            np.where(always | outside, -1.0, empty),
-            np.where(outside, high, np.where(between, low, empty)),
-        ]
-    )
+    second = np.where(outside, high, np.where(between, low, empty))
+    start = np.hstack([np.where(always | outside, -1.0, empty), second])
     end = np.hstack([np.where(outside, low, empty), np.where(between, high, empty)])
     none = np.hstack([np.isinf(h)] * 2) | (end <= 0)
     return np.where(none, empty, start), np.where(none, empty, end)
@@ -331,31 +305,26 @@ def _at_points(nodes: Nodes, size: int, values: FloatArray, choose: np.ufunc) ->
     return result
 
 
-def _fastest_joint(limits: PathLimits) -> np.ndarray:
-    """Give the joint whose velocity limit leaves the least speed, at every node, or -1."""
+def _fastest_joint(limits: PathLimits, size: int) -> np.ndarray:
+    """Give the joint whose velocity limit leaves the least speed, at grid points [size], or -1."""
     joints = limits.speed.get("qd")
     if joints is None:
-        some = next(iter(limits.half_planes.values()), None)
-        count = len(some.per_u) if some else len(next(iter(limits.speed.values())))
-        return np.full(count, -1)
+        return np.full(size, -1)
     nearest, least = joints.argmin(axis=1), joints.min(axis=1)
-    for key, bound in limits.speed.items():
-        if key != "qd":
-            nearest = np.where(bound.min(axis=1) < least, -1, nearest)
-    return nearest
+    for bound in limits.speed.values():
+        nearest = np.where(bound.min(axis=1) < least, -1, nearest)
+    return nearest[:size]
 
 
-def _arcs(
-    s: FloatArray, timing: Reached, rows: LimitRows, nodes: Nodes, limits: PathLimits
-) -> list[LimitArc]:
+def _arcs(s: FloatArray, timing: Reached, rows: LimitRows, along: CurveLimits) -> list[LimitArc]:
     """Find the runs of grid intervals on the same limit."""
-    names, room = _room(timing, rows, nodes, limits)
+    names, room = _room(timing, rows, along.nodes, along.limits)
     nearest = room.argmin(axis=1)
-    on = np.where(room[np.arange(len(room)), nearest] <= ARCS.active, nearest, -1)
+    on = np.where(room[np.arange(len(room)), nearest] <= ACTIVE, nearest, -1)
     runs = [(key, len(list(group))) for key, group in groupby(on.tolist())]
     merged: list[tuple[int, int]] = []
     for key, length in runs:
-        if merged and (length < ARCS.fewest or merged[-1][0] == key):
+        if merged and (length < FEWEST or merged[-1][0] == key):
             merged[-1] = (merged[-1][0], merged[-1][1] + length)
         else:
             merged.append((key, length))
@@ -373,39 +342,29 @@ def _room(
 
     As a share of its range, the lesser of both ends of every grid interval.
     """
-    x = timing.speed_squared
+    x = timing.speed_squared[:, None]
+    first = np.arange(rows.right.size)
+    ends = ((first, x[:-1], timing.start[:, None]), (rows.right, x[1:], timing.end[:, None]))
     names: list[PathLimit] = []
-    columns = []
+    rooms = []  # at both ends
     span = rows.upper - rows.lower
     for side, bound in ((1, rows.upper), (-1, rows.lower)):
         size = np.where(np.isfinite(span), span, 1.0 + np.abs(bound))
-        rooms = []
-        for at, speed, u in (
-            (rows.left, x[:-1], timing.start[:, None]),
-            (rows.right, x[1:], timing.end[:, None]),
-        ):
-            value = rows.per_u[at] * u + rows.per_x[at] * speed[:, None]
-            rooms.append(side * (bound[at] - value) / size[at])
-        columns.append(np.minimum(*rooms))
+        values = ((at, rows.per_u[at] * u + rows.per_x[at] * speed) for at, speed, u in ends)
+        rooms.append([side * (bound[at] - value) / size[at] for at, value in values])
         names += [PathLimit(quantity, joint, side) for quantity, joint in rows.names]
-    ends = ((nodes.left, x[:-1]), (nodes.right, x[1:]))
-    for quantity, bound in limits.speed.items():
-        if quantity == "qd":
-            continue
-        for component in range(bound.shape[1]):
-            with np.errstate(invalid="ignore", divide="ignore"):
-                rooms = [1.0 - np.sqrt(speed / bound[at, component]) for at, speed in ends]
-            columns.append(np.minimum(*rooms)[:, None])
-            names.append(PathLimit(quantity, component, 1))
-    if "qd" in limits.speed:
-        member = limits.family["qd"]
-        for joint in range(nodes.tangent.shape[1]):
-            for side, limit in ((1, member.upper[joint]), (-1, member.lower[joint])):
-                with np.errstate(invalid="ignore", divide="ignore"):
-                    rooms = [
-                        1.0 - nodes.tangent[at, joint] * np.sqrt(speed) / limit
-                        for at, speed in ends
-                    ]
-                columns.append(np.minimum(*rooms)[:, None])
-                names.append(PathLimit("qd", joint, side))
-    return names, np.nan_to_num(np.hstack(columns), nan=np.inf, posinf=np.inf)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        for quantity, bound in limits.speed.items():
+            if quantity != "qd":
+                rooms.append([1.0 - np.sqrt(speed / bound[at]) for at, speed, _ in ends])
+                names += [PathLimit(quantity, k, 1) for k in range(bound.shape[1])]
+        if "qd" in limits.speed:
+            member = limits.family["qd"]
+            sides = np.stack([member.upper, member.lower], axis=1)
+            velocities = (nodes.tangent[at] * np.sqrt(speed) for at, speed, _ in ends)
+            rooms.append([(1.0 - v[..., None] / sides).reshape(len(v), -1) for v in velocities])
+            names += [
+                PathLimit("qd", joint, side) for joint in range(len(sides)) for side in (1, -1)
+            ]
+    room = np.hstack([np.minimum(*pair) for pair in rooms])
+    return names, np.nan_to_num(room, nan=np.inf, posinf=np.inf)

@@ -28,8 +28,9 @@ import numpy as np
 from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.fast_calls import deferred_call
-from microbot_ocp.limits import LimitFamily, MotionSamples
-from microbot_ocp.planning.path._curve import PathCurve
+from microbot_ocp.limits import LimitFamily
+from microbot_ocp.motion import numbered
+from microbot_ocp.planning.path._curve import PathCurve, samples_along
 from microbot_ocp.planning.path._limits import (
     FAR,
     LimitRows,
@@ -39,48 +40,18 @@ from microbot_ocp.planning.path._limits import (
     nodes_of,
     speed_bound,
 )
+from microbot_ocp.planning.task import DRY, VISCOUS, friction
 
-
-@dataclass(frozen=True)
-class ReachabilitySettings:
-    """Settings of the passes.
-
-    Attributes
-    ----------
-    rounding : relative violation of a limit that is none
-    friction_passes : linearisations of friction, which goes with the root of x, at most
-    settled : relative change of a duration that ends the doubling of the grid
-    most_grids, most_points : grids at most, and points above which there is no finer one
-    most_settling : points above which the duration alone asks for no finer grid
-    shortest, shortest_ratio : s, and ratio to the duration: the least interval that is halved
-    places : shares of an interval at which limits are looked at
-    alike : relative change of an inertia along an interval up to which one end stands for it
-    steep : least relative size of a coefficient that is divided by
-    flat : relative size of a coefficient that counts as zero
-    starts, starts_over : free starts that are compared, and intervals over which they are
-    tiny : of a speed: what is divided by in the place of zero
-    short : of k t^2, below which a series replaces sinh and sin
-    """
-
-    rounding: float = 1e-9
-    friction_passes: int = 6
-    settled: float = 1e-4
-    most_grids: int = 9
-    most_points: int = 40_000
-    most_settling: int = 8000
-    shortest: float = 2e-5
-    shortest_ratio: float = 1e-4
-    places: tuple[float, ...] = (1e-6, 0.25, 0.5, 0.75, 1.0 - 1e-6)
-    alike: float = 0.1
-    steep: float = 1e-8
-    flat: float = 1e-12
-    starts: int = 1001
-    starts_over: int = 8
-    tiny: float = 1e-30
-    short: float = 1e-4
-
-
-REACHABILITY = ReachabilitySettings()
+ROUNDING = 1e-9  # relative violation of a limit that is none
+FRICTION_PASSES = 6  # linearisations of friction, which goes with the root of x, at most
+SETTLED = 1e-4  # relative change of a duration that ends the doubling of the grid
+PLACES = (1e-6, 0.25, 0.5, 0.75, 1.0 - 1e-6)  # of an interval at which limits are looked at
+ALIKE = 0.1  # relative change of an inertia along an interval up to which one end stands for it
+STEEP = 1e-8  # least relative size of a coefficient that is divided by
+FLAT = 1e-12  # relative size of a coefficient that counts as zero
+STARTS, STARTS_OVER = 1001, 8  # free starts that are compared, and intervals over which they are
+TINY = 1e-30  # of a speed: what is divided by in the place of zero
+SHORT = 1e-4  # of k t^2, below which a series replaces sinh and sin
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,13 +142,15 @@ def _sinh_over(z: FloatArray) -> FloatArray:
     r = np.sqrt(np.abs(z))
     with np.errstate(divide="ignore", invalid="ignore"):
         far = np.where(z > 0, np.sinh(r), np.sin(r)) / r
-    return np.where(r**2 < REACHABILITY.short, 1.0 + z / 6.0 * (1.0 + z / 20.0), far)
+    return np.where(r**2 < SHORT, 1.0 + z / 6.0 * (1.0 + z / 20.0), far)
 
 
 @dataclass(frozen=True, eq=False)
 class CurveLimits:
     """What the passes need of a curve: its grid, its nodes, its limits at them."""
 
+    curve: PathCurve
+    fast: bool  # use compiled functions
     s: FloatArray
     nodes: Nodes
     limits: PathLimits
@@ -192,10 +165,14 @@ class CurveLimits:
         s = path_grid(curve, grid) if isinstance(grid, int) else grid
         nodes = nodes_of(curve, s)
         limits = PathLimits.of(family, nodes, fast)
-        has_friction = "tau" in limits.half_planes and any(
-            link.viscous_friction or link.coulomb_friction for link in family.robot.links
-        )
-        return cls(s, nodes, limits, LimitRows.of(nodes, limits), has_friction)
+        sizes = [friction(family.robot, kind) for kind in (VISCOUS, DRY)]
+        has_friction = "tau" in limits.half_planes and bool(np.any(sizes))
+        return cls(curve, fast, s, nodes, limits, LimitRows.of(nodes, limits), has_friction)
+
+    @property
+    def speed_limit(self) -> FloatArray:
+        """The largest x [N+1] that the limits of the velocity leave at the grid points."""
+        return least_bound(self.limits.speed, self.nodes, self.s.size)
 
     def steady_speed(self) -> FloatArray:
         """Give the speed s' [N+1] up to which further limits are kept without s'' and s'''.
@@ -207,16 +184,13 @@ class CurveLimits:
         bounds = {key: speed_bound(family, key, self.nodes) for key in keys}
         return np.sqrt(least_bound(bounds, self.nodes, self.s.size))
 
-    def excess(self, timing: Reached, curve: PathCurve) -> FloatArray:
+    def excess(self, timing: Reached) -> FloatArray:
         """Give the largest relative excess [N] over any of these limits inside every interval."""
         family, worst = self.limits.family, np.full(self.s.size - 1, -1.0)
         i = np.arange(worst.size)
-        for share in REACHABILITY.places:
+        for share in PLACES:
             r, v, u = timing.inside(i, np.full(i.size, share))
-            q, tangent, curvature = curve.evaluate(r)
-            v, u = v[:, None], u[:, None]
-            qdd = tangent * u + curvature * v**2
-            samples = MotionSamples(q, tangent * v, qdd, np.zeros_like(q))
+            samples = samples_along(self.curve.evaluate(r), (v, u))
             keys = [*self.limits.half_planes, *self.limits.speed]
             for key, values in family.values(samples, keys).items():
                 worst = np.maximum(worst, family[key].use(values).max(axis=1) - 1.0)
@@ -226,9 +200,8 @@ class CurveLimits:
 def reach(
     along: CurveLimits,
     *,
-    start_free: bool,
-    end_free: bool,
-    fast: bool,
+    start_free: bool | None = None,
+    end_free: bool | None = None,
     fastest: float | FloatArray = np.inf,
     ends: tuple[float, float] = (0.0, 0.0),
 ) -> Reached:
@@ -236,59 +209,29 @@ def reach(
 
     With ds/dt at most ``fastest`` [N+1]; docs/theory/path_timing.md, "Reachability".
 
-    ``start_free`` and ``end_free`` leave ds/dt free at an end where the tangent vanishes, as the
-    arm rests there all the same. Friction goes with the root of x and is linearised around the
-    timing found last.
+    ``start_free`` and ``end_free`` leave ds/dt free at an end, by default where the tangent
+    vanishes, as the arm rests there all the same. Friction goes with the root of x and is
+    linearised around the timing found last.
     """
-    free = (start_free, end_free)
-    speed_limit = np.minimum(along.limits.speed_limit(along.nodes, along.s.size), fastest**2)
-    timing = _passes(along.s, along.rows, speed_limit, free, fast, ends)
+    free = (
+        along.curve.start_free if start_free is None else start_free,
+        along.curve.end_free if end_free is None else end_free,
+    )
+    speed_limit = np.minimum(along.speed_limit, fastest**2)
+    timing = _passes(along, along.rows, speed_limit, free, ends)
     x, before = timing.speed_squared, timing.duration
-    for _ in range(REACHABILITY.friction_passes if along.has_friction and timing.feasible else 0):
+    for _ in range(FRICTION_PASSES if along.has_friction and timing.feasible else 0):
         if deadline.over():
             break
         bent = along.rows.with_friction(along.nodes, along.limits.family.robot, x)
-        timing = _passes(along.s, bent, speed_limit, free, fast, ends)
+        timing = _passes(along, bent, speed_limit, free, ends)
         if not timing.feasible:  # at a speed at which friction alone takes more than the limits
             x = 0.25 * x
             continue
-        if abs(timing.duration - before) < 0.01 * REACHABILITY.settled * timing.duration:
+        if abs(timing.duration - before) < 0.01 * SETTLED * timing.duration:
             break
         x, before = timing.speed_squared, timing.duration
     return timing
-
-
-def settled(
-    family: LimitFamily,
-    curve: PathCurve,
-    grid: int,
-    tolerance: float,
-    fast: bool,
-    most: int = REACHABILITY.most_grids,
-) -> tuple[Reached, CurveLimits, float]:
-    """Refine the grid of a timing until its duration settles and limits hold in between.
-
-    ``grid`` is the number of intervals to begin with, ``tolerance`` the largest relative excess
-    over a limit inside an interval, ``most`` the number of grids. The last number returned is what
-    the excess is in the end.
-    """
-    s, duration = path_grid(curve, grid), np.inf
-    for last in range(most - 1, -1, -1):
-        along = CurveLimits.of(family, curve, s, fast)
-        timing = reach(along, start_free=curve.start_free, end_free=curve.end_free, fast=fast)
-        if not timing.feasible:
-            return timing, along, np.inf
-        excess = along.excess(timing, curve)
-        apart = abs(timing.duration - duration) > REACHABILITY.settled * timing.duration
-        cut = (excess > tolerance) | (apart and s.size <= REACHABILITY.most_settling)
-        cut &= np.diff(timing.t) > min(
-            REACHABILITY.shortest, REACHABILITY.shortest_ratio * timing.duration
-        )
-        if not cut.any() or not last or s.size > REACHABILITY.most_points or deadline.over():
-            break
-        duration = timing.duration
-        s = np.sort(np.concatenate([s, (0.5 * (s[1:] + s[:-1]))[cut]]))
-    return timing, along, float(excess.max())
 
 
 def path_grid(path: PathCurve, count: int) -> FloatArray:
@@ -298,20 +241,20 @@ def path_grid(path: PathCurve, count: int) -> FloatArray:
     """
     lengths = np.diff(path.breaks)
     shares = np.maximum(2, np.round(count * lengths / lengths.sum()).astype(int))
-    begins, spans, n = (np.repeat(each, shares) for each in (path.breaks[:-1], lengths, shares))
-    k = np.arange(n.size) - np.repeat(np.cumsum(shares) - shares, shares)
-    grid = begins + spans * (0.1 * k / n + 0.45 * (1.0 - np.cos(np.pi * k / n)))
+    i, k = numbered(shares)
+    n = shares[i]
+    grid = path.breaks[i] + lengths[i] * (0.1 * k / n + 0.45 * (1.0 - np.cos(np.pi * k / n)))
     return np.append(grid, path.breaks[-1])
 
 
 def _passes(
-    s: FloatArray,
+    along: CurveLimits,
     rows: LimitRows,
     speed_limit: FloatArray,
     free: tuple[bool, bool],
-    fast: bool,
     ends: tuple[float, float],
 ) -> Reached:
+    s, fast = along.s, along.fast
     begins, finishes = (speed**2 for speed in ends)
     step = np.diff(s)
     steps, width = step[:, None], rows.per_u.shape[1]
@@ -344,14 +287,12 @@ def _passes(
     intervals = left, right, steps, np.column_stack([low[1:], high[1:]])
     first = max(high[0], 0.0)
     if free[0]:  # the largest x_0 may bar larger ones soon after, a small one loses time at once
-        tried = [np.linspace(low[0], high[0], REACHABILITY.starts)]
+        tried = [np.linspace(low[0], high[0], STARTS)]
         onward = deferred_call(_onward(size), compiled=fast)
-        for interval in zip(
-            *(table[: REACHABILITY.starts_over] for table in intervals), strict=True
-        ):
+        for interval in zip(*(table[:STARTS_OVER] for table in intervals), strict=True):
             tried.append(onward(tried[-1][:, None], *interval)[:, 0])
         v = np.sqrt(tried)
-        spent = step[: len(v) - 1, None] / np.maximum(v[1:] + v[:-1], REACHABILITY.tiny)
+        spent = step[: len(v) - 1, None] / np.maximum(v[1:] + v[:-1], TINY)
         first = tried[0][np.argmin(spent.sum(axis=0))]
     after, u = deferred_call(_forward(size), kept=True, compiled=fast)([first], *intervals)
     x, (start, finish) = np.append(first, after[:, 0]), u.T
@@ -375,7 +316,7 @@ def _durations(x: FloatArray, step: FloatArray, start: FloatArray, end: FloatArr
         circular = np.arctan2(start * w * v1 * -1.0 + end * w * v0, start * end + w * v0 * w * v1)
         exact = np.where(k > 0, hyperbolic, np.abs(circular)) / w
         series = usual * (1.0 + k * usual**2 / 12.0)
-        return np.where(np.abs(k) * usual**2 < REACHABILITY.short, series, exact)
+        return np.where(np.abs(k) * usual**2 < SHORT, series, exact)
 
 
 class _Lines(NamedTuple):
@@ -400,7 +341,7 @@ class _Lines(NamedTuple):
         """Bound x given ``w = x + way u``, where these bound u."""
         ratio = 1.0 + way * self.slope
         # not so steep that what is no limit becomes one
-        tiny = REACHABILITY.steep * (1.0 + ca.fabs(way * self.slope))
+        tiny = STEEP * (1.0 + ca.fabs(way * self.slope))
         ratio = 1.0 / ca.if_else(ca.fabs(ratio) <= tiny, tiny, ratio)
         one, other = -way * ratio * self.top, -way * ratio * self.bottom
         return _Lines(ratio, ca.fmax(one, other), ca.fmin(one, other))
@@ -424,7 +365,7 @@ class _Lines(NamedTuple):
             above, rise = _lowest(x, self.slope, self.top)
             below, fall = _lowest(x, -self.slope, -self.bottom)
             room, opening = above + below, rise + fall
-            slack = REACHABILITY.rounding * (1.0 + ca.fabs(above) + ca.fabs(below))
+            slack = ROUNDING * (1.0 + ca.fabs(above) + ca.fabs(below))
             missing = -room - opening * x
             nearer = ca.if_else(missing > slack, side * FAR, x)  # there is no such x
             nearer = ca.if_else(side * opening > 0.0, -room / opening, nearer)
@@ -458,12 +399,12 @@ def _at_ends(width: int) -> ca.Function:
     ends, step = [ca.SX.sym(name, 4 * width) for name in ("left", "right")], ca.SX.sym("step")
     rows = [[end[k * width : (k + 1) * width] for k in range(4)] for end in ends]
     sizes = [ca.fabs(row[0]) for row in rows]
-    unlike = ca.fabs(rows[1][0] - rows[0][0]) > REACHABILITY.alike * ca.fmax(*sizes)
+    unlike = ca.fabs(rows[1][0] - rows[0][0]) > ALIKE * ca.fmax(*sizes)
     counts = ca.vertcat(ca.SX.ones(width), unlike)
     lines, ranges = [], []
     for pair in (rows, rows[::-1]):
         m, c, *bounds = (ca.vertcat(*both) for both in zip(*pair, strict=True))
-        flat = ca.fabs(m) <= REACHABILITY.flat * (ca.fabs(m) + step * ca.fabs(c))
+        flat = ca.fabs(m) <= FLAT * (ca.fabs(m) + step * ca.fabs(c))
         alone = ca.logic_and(ca.logic_and(counts, flat), c != 0.0)
         felt = ca.logic_and(counts, ca.logic_not(flat))
         one, other = (b / ca.if_else(felt, m, ca.if_else(alone, c, 1.0)) for b in bounds)
@@ -503,7 +444,7 @@ def _backward(size: int) -> ca.Function:
     x = _Lines.of(left).moved(step).between(w[0], w[1], x[0], x[1])
     empty = ca.SX(0)
     for low, high in (y, w, x):
-        crossed = high < low - REACHABILITY.rounding * (1.0 + ca.fabs(low))
+        crossed = high < low - ROUNDING * (1.0 + ca.fabs(low))
         empty = ca.logic_or(empty, crossed)
     # an empty set is passed on as one with its ends crossed
     result = ca.if_else(empty, ca.vertcat(1.0, -1.0), ca.vertcat(*x))
@@ -536,7 +477,7 @@ def _forward(size: int) -> ca.Function:
     x, left, right, step, _ = given
     ranges = []
     for lines, at in ((_Lines.of(left), x), (_Lines.of(right), y)):
-        slack = REACHABILITY.rounding * (1.0 + ca.fabs(lines.slope * at))
+        slack = ROUNDING * (1.0 + ca.fabs(lines.slope * at))
         wider = _Lines(lines.slope, lines.top + slack, lines.bottom - slack)
         ranges.append(wider.between(at, at, -FAR, FAR))
     (low, high), (end_low, end_high) = ranges

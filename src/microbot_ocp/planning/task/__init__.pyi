@@ -16,29 +16,31 @@ from ._checks import (
     derivatives_for as derivatives_for,
     fastest_tool as fastest_tool,
     knows_derivatives as knows_derivatives,
-    largest as largest,
     length_text as length_text,
     locked_joints as locked_joints,
-    place_in_task as place_in_task,
-    provenance_of as provenance_of,
     rate_switches as rate_switches,
     reach_of as reach_of,
     too_near as too_near,
     torques_of as torques_of,
-    verdict as verdict,
     with_changes as with_changes,
-    with_drives_noted as with_drives_noted,
     with_locked_joints_held as with_locked_joints_held,
 )
-from ._conditions import (
-    Bounds as Bounds,
-    Conditions as Conditions,
-    passing as passing,
+from ._ending import (
+    largest as largest,
+    multipliers_of as multipliers_of,
+    place_in_task as place_in_task,
+    provenance_of as provenance_of,
+    verdict as verdict,
+    with_drives_noted as with_drives_noted,
 )
 from ._friction import (
+    DRY as DRY,
     FRICTION_WINDOWS as FRICTION_WINDOWS,
     SMOOTHING as SMOOTHING,
+    VISCOUS as VISCOUS,
     dry_friction as dry_friction,
+    friction as friction,
+    frictionless as frictionless,
     has_windows as has_windows,
     kept_torques as kept_torques,
     rates_at_reversals as rates_at_reversals,
@@ -46,9 +48,6 @@ from ._friction import (
     rounded as rounded,
     with_windows as with_windows,
     without_dry_friction as without_dry_friction,
-)
-from ._multipliers import (
-    multipliers_of as multipliers_of,
 )
 from ._robust import (
     checked_box as checked_box,
@@ -67,8 +66,11 @@ from ._segments import (
 )
 from ._stops import (
     STOP_SIZES as STOP_SIZES,
+    Bounds as Bounds,
+    Conditions as Conditions,
     Payload as Payload,
     Stop as Stop,
+    passing as passing,
 )
 from ._task import (
     EMPTY as EMPTY,

@@ -11,6 +11,7 @@ from microbot_ocp._base.checks import FloatArray, InputError, naming
 from microbot_ocp.planning.task._segments import (
     Circle,
     Corner,
+    Curve,
     JointLine,
     Line,
     Segment,
@@ -27,6 +28,16 @@ def segment_name(kind: Segment, before: Stop, after: Stop) -> str:
     names = {Line: "tool line", Circle: "tool circle", JointLine: "joint line"}
     what = names.get(type(kind), "way")
     return f"{what} from stop {before.name!r} to stop {after.name!r}"
+
+
+def curve_of(
+    robot: Robot, kind: Line | Circle, before: Stop, after: Stop
+) -> tuple[Curve, Turning | None]:
+    """Return the curve of the tool from stop to stop, and the orientation along it, if any."""
+    (start, turned), (end, turned_after) = before.pose(robot), after.pose(robot)
+    free = before.free_axis if before.free_axis is not None else after.free_axis
+    with naming(f"{segment_name(kind, before, after)}: "):
+        return curve_between(kind, start, end), Turning.between(turned, turned_after, free)
 
 
 def with_corners_cut(
@@ -86,26 +97,20 @@ def _in_parts(
     robot: Robot, kind: Circle, before: Stop, after: Stop
 ) -> tuple[list[Stop], list[Segment]]:
     """Return stops on a long arc, and the parts of it between them."""
-    (start, turned), (end, turned_after) = before.pose(robot), after.pose(robot)
-    with naming(f"{segment_name(kind, before, after)}: "):
-        curve = curve_between(kind, start, end)
-        parts = parts_of(kind, curve)
-        free = before.free_axis if before.free_axis is not None else after.free_axis
-        turning = None
-        if turned is not None and turned_after is not None:
-            turning = Turning.between(turned, turned_after, free)
-    places = []
+    curve, turning = curve_of(robot, kind, before, after)
+    parts, places = parts_of(kind, curve), []
     for number, (share, _) in enumerate(parts[:-1], 1):
-        held = None if turning is None else np.array(turning.rotation(share))
-        point = curve.points(np.array([share]))[0]
-        place = _passed(point, held, free)
+        place = _passed(curve.points(np.array([share]))[0], turning, share)
         places.append(_within(place, kind, f"{before.name}, {number}/{len(parts)} of the circle"))
     return places, [part for _, part in parts]
 
 
-def _passed(point: FloatArray, orientation: FloatArray | None, free: int | None) -> Stop:
+def _passed(point: FloatArray, turning: Turning | None, share: float) -> Stop:
     """Return a place on a tool line or circle that the arm passes at any velocity."""
-    turn = None if orientation is None or free is None else AXES[free]
+    if turning is None:
+        return Stop(position=point, velocity="any")
+    turn = None if turning.free is None else AXES[turning.free]
+    orientation = np.array(turning.rotation(share))
     return Stop(position=point, orientation=orientation, free_turn=turn, velocity="any")
 
 
@@ -131,9 +136,5 @@ def _on_the_way(robot: Robot, corner: Stop, other: Stop) -> Stop:
             f"{other.name!r}, {500 * length:.4g} mm, not {1000 * corner.blend:.4g} mm"
         )
     share = corner.blend / length
-    point = place + share * (far - place)
-    orientation = None
-    if turned is not None and turned_far is not None:
-        turning = Turning.between(turned, turned_far, corner.free_axis)
-        orientation = np.array(turning.rotation(share))
-    return _passed(point, orientation, corner.free_axis)
+    turning = Turning.between(turned, turned_far, corner.free_axis)
+    return _passed(place + share * (far - place), turning, share)

@@ -1,4 +1,4 @@
-"""What every time-optimal solve checks of its task before a solver starts, and how it ends."""
+"""What every time-optimal solve checks of its task before a solver starts, and its limits then."""
 
 from __future__ import annotations
 
@@ -11,11 +11,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from microbot_ocp._base import checks, deadline
+from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.codegen import compile_recipe
-from microbot_ocp._base.outcome import Advice, Outcome
-from microbot_ocp._base.status import Status
 from microbot_ocp.limits import (
     ROUNDING,
     JointLimits,
@@ -24,15 +22,11 @@ from microbot_ocp.limits import (
     Limits,
     Member,
     MotionSamples,
-    not_judged,
 )
-from microbot_ocp.motion import Motion
-from microbot_ocp.ocp import Phase, Solution
-from microbot_ocp.planning.task._multipliers import multipliers_of
+from microbot_ocp.ocp import Phase
 from microbot_ocp.planning.task._scale import TaskScale
 from microbot_ocp.robot import (
     Robot,
-    drive_advice,
     has_torque_derivatives,
     inverse_dynamics,
     torque_and_rate,
@@ -69,123 +63,6 @@ def with_changes(settings: Settings, changes: Mapping[str, Any]) -> Settings:
             hint = checks.did_you_mean(name, names)
             raise TypeError(f"there is no setting {name!r}{hint} (settings: {', '.join(names)})")
     return replace(settings, **changes)  # type: ignore[type-var]
-
-
-def with_drives_noted(
-    robot: Robot, motion: Motion, limits: Limits | JointLimits | None = None
-) -> Motion:
-    """Return the motion, whose note and outcome say what of the drives nothing is known of.
-
-    These are limits of torques without masses, and torques on light links that alone decide how
-    fast it begins.
-    """
-    family = LimitFamily.of(robot, limits)
-    advice = drive_advice(family.robot, motion.qdd)
-    rows = [("drives", advice), ("not judged", not_judged(family.unjudged))]
-    rows = [Advice(kind, text) for kind, text in rows if text]
-    new = [row for row in rows if row not in motion.outcome.advice]
-    remark = "; ".join(filter(None, [motion.remark, *(row.sentence for row in new)]))
-    return replace(motion, remark=remark, outcome=motion.outcome.and_(*new))
-
-
-def verdict(
-    family: LimitFamily,
-    solution: Solution,
-    excess: Sequence[FloatArray],
-    limit_tolerance: float,
-) -> Outcome:
-    """Return the status and advice of a motion, by the excess of its limits between mesh points.
-
-    A solver that converged on the mesh points is not believed where limits are exceeded in between
-    by more than was asked for.
-    """
-    worst = largest(excess)
-    if deadline.over() and solution.status is not Status.INTERRUPTED:
-        return Outcome.of(Status.TIME_LIMIT)
-    if solution.status.solved and not worst <= limit_tolerance:
-        return Outcome.of(
-            Status.LIMITS_EXCEEDED,
-            f"limits are exceeded by {100 * worst:.3g} % between mesh points, and refinement ended "
-            "there: give a finer mesh, or look for a place that cannot be passed",
-        )
-    names = [phase.name for phase in solution.phases]
-    rows = (
-        row.named(place_in_task(family, *_of_row(row), names)) if row.at else row
-        for row in solution.rows
-        if row.kind != "program"
-    )
-    return Outcome(solution.status, tuple(rows))
-
-
-def largest(excess: Sequence[FloatArray]) -> float:
-    """Return the largest excess of all phases, relative to its limit."""
-    return max(float(e.max()) for e in excess)
-
-
-def _of_row(row: Advice) -> tuple[str, str, int, str, float]:
-    assert row.at is not None
-    label, at = row.at
-    return label.kind, label.name, label.component, label.phase, at
-
-
-_QUANTITIES = {"q": "position", "qd": "velocity", "qdd": "acceleration"}
-
-
-def place_in_task(
-    family: LimitFamily,
-    kind: str,
-    name: str,
-    component: int,
-    phase: str,
-    at: float | None,
-    phases: Sequence[str],
-) -> str:
-    """Name a row of a program by via points, joints and limits.
-
-    Parameters
-    ----------
-    family : LimitFamily
-    kind, name, component, phase : as in the label of the row
-    at : s, since the start of its phase; None leaves it out
-    phases : names of all phases
-    """
-    members = {member.name: member for member in family}
-    if name in members:
-        what = members[name].title(component)
-    elif name in _QUANTITIES:
-        what = f"{_QUANTITIES[name]} of {family.robot.joint_names[component]}"
-    else:
-        what = name
-    number = phases.index(phase) + 1
-    if kind in ("initial", "final"):
-        return f"{what} at via point {number + (kind == 'final')}"
-    where = f"between via points {number} and {number + 1}"
-    return f"{what} {where}" + ("" if at is None else f", {at:.4g} s after the first of them")
-
-
-def provenance_of(
-    method: str,
-    family: LimitFamily,
-    solution: Solution,
-    excess: float,
-    wall_time: float,
-    smoothing: float,
-    **more: Any,
-) -> dict[str, Any]:
-    """Return how a motion was made: what every time-optimal motion says, and ``more``."""
-    return {
-        "method": method,
-        "excess": excess,
-        "solver": solution.attempts[-1].solver,
-        "gap": solution.gap.total,  # s: from the local optimum of the smoothed task, at most
-        "intervals": [phase.mesh.size - 1 for phase in solution.phases],
-        "phase_durations": [phase.duration for phase in solution.phases],
-        "multipliers": multipliers_of(solution, family),
-        **more,
-        "wall_time": wall_time,
-        "smoothing": smoothing,
-        "casadi": ca.CasadiMeta.version(),
-    }
 
 
 def reach_of(robot: Robot) -> float:
@@ -276,9 +153,14 @@ def check_via(family: LimitFamily, via_q: ArrayLike, *, moving: bool = False) ->
                 "be a duration of zero"
             )
     for joint in np.flatnonzero(locked_joints(family)).tolist():
-        moved = np.flatnonzero(np.diff(via[:, joint]))
-        if moved.size:
-            raise InputError(_cannot_move(family.robot, joint, via, int(moved[0])))
+        for index in np.flatnonzero(np.diff(via[:, joint])).tolist():
+            robot = family.robot
+            start, end = (robot.position_text(joint, q) for q in via[index : index + 2, joint])
+            raise InputError(
+                f"joint {robot.joint_names[joint]!r} cannot move, as a limit of its velocity, "
+                f"acceleration or jerk is 0, but is at {start} at via point {index + 1} and at "
+                f"{end} at the next"
+            )
     check_pace(family, via, at_rest=not moving)
     for index in (len(via) - 1,) if moving else (0, len(via) - 1):
         check_rest(family, lambda _, k=index: f"via point {k + 1}", via[[index]])
@@ -305,7 +187,7 @@ def check_pace(family: LimitFamily, places: FloatArray, at_rest: bool = True) ->
     way = np.ptp(places, axis=0)
     ways = [(key, way) for key in STATE[1:]]
     if at_rest and "taud" in family:
-        held = robot.torques_along(*_at_rest(places[[0, -1]])[:3])["tau"]
+        held = robot.torques_along(*MotionSamples.at_rest(places[[0, -1]])[:3])["tau"]
         ways.append(("taud", np.ptp(held, axis=0)))
     for key, way in ways:
         low, high = robot.limits.bounds(key)
@@ -359,14 +241,6 @@ def with_locked_joints_held(family: LimitFamily, bounded: str | None = "qdd") ->
     return LimitFamily.of(family.robot, family.robot.limits.changed(changes))
 
 
-def _cannot_move(robot: Robot, joint: int, via: FloatArray, index: int) -> str:
-    start, end = (robot.position_text(joint, via[k, joint]) for k in (index, index + 1))
-    return (
-        f"joint {robot.joint_names[joint]!r} cannot move, as a limit of its velocity, acceleration "
-        f"or jerk is 0, but is at {start} at via point {index + 1} and at {end} at the next"
-    )
-
-
 def check_position(family: LimitFamily, what: str, q: FloatArray) -> None:
     """Raise InputError where a pose is outside the limits of the pose."""
     check_positions(family, lambda _: what, q[None])
@@ -375,56 +249,43 @@ def check_position(family: LimitFamily, what: str, q: FloatArray) -> None:
 def check_positions(family: LimitFamily, what: Callable[[int], str], q: FloatArray) -> None:
     """Raise InputError where one of several poses [N,n] is outside the limits of the pose."""
     robot, keys = family.robot, family.of_order(0)
-    for key, values in family.values(_at_rest(q), keys).items():
+    for key, values in family.values(MotionSamples.at_rest(q), keys).items():
         member = family[key]
         slack = 1e-9
         outside = (values.value < values.lower - slack) | (values.value > values.upper + slack)
-        if not outside.any():
-            continue
-        value, low, high = (np.broadcast_to(v, outside.shape) for v in values)
         for i, j in np.argwhere(outside):
             if key == "q":
+                at, low, high = (robot.position_text(j, v) for v in values.entry(i, j))
                 raise InputError(
                     f"{what(i)} is outside the position limits: joint {robot.joint_names[j]!r} at "
-                    f"{robot.position_text(j, value[i, j])}, allowed "
-                    f"{robot.position_text(j, low[i, j])} to {robot.position_text(j, high[i, j])}"
+                    f"{at}, allowed {low} to {high}"
                     f"{checks.degrees_hint(q[i, j]) if robot.joint_types[j] == 'revolute' else ''}"
                 )
-            broken = _broken(member, j, value[i], low[i], high[i])
-            raise InputError(f"{what(i)} breaks a limit: {broken}")
+            raise InputError(f"{what(i)} breaks a limit: {_broken(member, j, values.entry(i, j))}")
 
 
 def check_rest(family: LimitFamily, what: Callable[[int], str], q: FloatArray) -> None:
     """Raise InputError where the arm cannot rest in one of several poses [N,n]: gravity asks for
     more torque than a joint has.
     """
-    for key, values in family.values(_at_rest(q), family.of_order(1, 2, 3)).items():
+    for key, values in family.values(MotionSamples.at_rest(q), family.of_order(1, 2, 3)).items():
         member = family[key]
         if np.all((values.value >= values.lower) & (values.value <= values.upper)):
             continue
-        value, low, high = (np.broadcast_to(v, values.value.shape) for v in values)
         for i, j in np.argwhere(member.use(values) > 1.0 + ROUNDING):
+            reason = _broken(member, j, values.entry(i, j))
             if key == "tau":
-                raise InputError(
-                    f"{what(i)} cannot be held at rest: joint {member.labels[j]!r} needs "
-                    f"{value[i, j]:.6g} {member.units[j]} against gravity, allowed {low[i, j]:.6g} "
-                    f"to {high[i, j]:.6g} {member.units[j]}"
+                value, low, high = values.entry(i, j)
+                reason = (
+                    f"joint {member.labels[j]!r} needs {value:.6g} {member.units[j]} against "
+                    f"gravity, allowed {low:.6g} to {high:.6g} {member.units[j]}"
                 )
-            reason = _broken(member, j, value[i], low[i], high[i])
             raise InputError(f"{what(i)} cannot be held at rest: {reason}")
 
 
-def _at_rest(q: FloatArray) -> MotionSamples:
-    rows = np.atleast_2d(q)
-    zero = np.zeros_like(rows)
-    return MotionSamples(rows, zero, zero, zero)
-
-
-def _broken(member: Member, j: Any, value: FloatArray, low: FloatArray, high: FloatArray) -> str:
-    unit = member.units[j]
-    return (
-        f"{member.title(j)} is {value[j]:.6g} {unit}, allowed {low[j]:.6g} to {high[j]:.6g} {unit}"
-    )
+def _broken(member: Member, j: int, entry: tuple[float, ...]) -> str:
+    (value, low, high), unit = entry, member.units[j]
+    return f"{member.title(j)} is {value:.6g} {unit}, allowed {low:.6g} to {high:.6g} {unit}"
 
 
 def rate_switches(rate: FloatArray, member: Member) -> np.ndarray:
@@ -447,26 +308,20 @@ def torques_of(robot: Robot, keys: Sequence[str], payload: bool = False) -> Call
 
     The rate is None where no key asks for it.
     """
+    make = torque_and_rate if "taud" in keys else inverse_dynamics
+    torques = partial(_with_payload, make, robot) if payload else partial(make, robot)
     if "taud" in keys:
-        return torque_and_rate_with_payload(robot) if payload else torque_and_rate(robot)
-    make = torque_with_payload if payload else inverse_dynamics
-    return lambda q, qd, qdd, _, *held: (make(robot)(q, qd, qdd, *held), None)
+        return torques()
+    return lambda q, qd, qdd, _, *held: (torques()(q, qd, qdd, *held), None)
 
 
-@lru_cache(maxsize=64)
-def torque_with_payload(robot: Robot) -> ca.Function:
-    """Do as :func:`inverse_dynamics`, with the mass of a payload as the last argument."""
-    return _with_payload(inverse_dynamics(robot), inverse_dynamics(robot.with_payload(1.0)))
+@lru_cache(maxsize=128)
+def _with_payload(make: Callable[[Robot], ca.Function], robot: Robot) -> ca.Function:
+    """Return a function of a robot's torques with the mass of a payload as the last argument.
 
-
-@lru_cache(maxsize=64)
-def torque_and_rate_with_payload(robot: Robot) -> ca.Function:
-    """Do as :func:`torque_and_rate`, with the mass of a payload as the last argument."""
-    return _with_payload(torque_and_rate(robot), torque_and_rate(robot.with_payload(1.0)))
-
-
-def _with_payload(empty: ca.Function, holding_one: ca.Function) -> ca.Function:
-    """Return torques are linear in the mass."""
+    Torques are linear in it.
+    """
+    empty, holding_one = make(robot), make(robot.with_payload(1.0))
     state = [ca.SX.sym(empty.name_in(k), empty.size1_in(k)) for k in range(empty.n_in())]
     payload = ca.SX.sym("payload")
     pairs = zip(*(function.call(state) for function in (empty, holding_one)), strict=True)
@@ -480,19 +335,15 @@ def derivatives_for(*robots: Robot, compiled: bool = False) -> Callable[[ca.Func
 
     They are ``compiled`` where the stages that call them are not.
     """
-    kinds = (
-        (inverse_dynamics, False, False),
-        (torque_and_rate, True, False),
-        (torque_with_payload, False, True),
-        (torque_and_rate_with_payload, True, True),
-    )
 
     def find(function: ca.Function) -> Any:
         held = "payload" in function.name_in()
         for robot in robots:
-            for make, rates, payload in kinds if robot.has_dynamics else ():
-                if payload == held and make(robot).__hash__() == function.__hash__():
-                    derive = partial(torque_derivatives, robot, rates=rates, payload=payload)
+            for make in (inverse_dynamics, torque_and_rate) if robot.has_dynamics else ():
+                torques = _with_payload(make, robot) if held else make(robot)
+                if torques.__hash__() == function.__hash__():
+                    rates = make is torque_and_rate
+                    derive = partial(torque_derivatives, robot, rates=rates, payload=held)
                     if not compiled or not has_torque_derivatives(robot):
                         return derive()
                     recipe = f"parts of {function.serialize()}"
@@ -538,14 +389,14 @@ def declare_limits(
     if {"tau", "taud"} & set(keys) and torque_values is None:
         joint_values["tau"], joint_values["taud"] = torques(*state, *held)
     further = [key for key in keys if family[key].limit is not None]
-    payload = torque_and_rate_with_payload(family.robot) if held and further else None
+    payload = _with_payload(torque_and_rate, family.robot) if held and further else None
     alone = [key for key in further if knows_derivatives(family[key].limit)]
     expressions = family.expressions(
         [key for key in further if key not in alone], (*state, *held), payload
     )
     for key in alone:  # a function of its own, whose derivatives it knows
         expressions |= family.expressions([key], state)
-    usual = family.values(_at_rest(reference), further)
+    usual = family.values(MotionSamples.at_rest(reference), further)
     for key in keys:
         member = family[key]
         # what depends on positions alone changes as little as they between mesh points

@@ -51,11 +51,19 @@ LEAST_REACH = 0.1 * COULOMB_SMOOTHING  # rad/s
 MOVES = 2.0 * COULOMB_SMOOTHING  # change of a velocity within an interval that is a reversal
 
 
-def dry_friction(robot: Robot) -> FloatArray:
-    """Return sizes [n] of dry friction, N m (N); zero without masses."""
+VISCOUS, DRY = "viscous_friction", "coulomb_friction"  # of a link
+
+
+def friction(robot: Robot, kind: str) -> FloatArray:
+    """Return sizes [n] of one kind of friction, SI; zero without masses."""
     if not robot.has_dynamics:
         return np.zeros(robot.joint_count)
-    return np.array([link.coulomb_friction for link in robot.links])
+    return np.array([getattr(link, kind) for link in robot.links])
+
+
+def dry_friction(robot: Robot) -> FloatArray:
+    """Return sizes [n] of dry friction, N m (N); zero without masses."""
+    return friction(robot, DRY)
 
 
 def has_windows(family: LimitFamily) -> bool:
@@ -64,11 +72,16 @@ def has_windows(family: LimitFamily) -> bool:
 
 
 @lru_cache(maxsize=64)
+def frictionless(robot: Robot, kinds: tuple[str, ...] = (VISCOUS, DRY)) -> Robot:
+    """Return the same robot, its joints without friction of these kinds."""
+    if not any(friction(robot, kind).any() for kind in kinds):
+        return robot
+    return robot.with_links([replace(link, **dict.fromkeys(kinds, 0.0)) for link in robot.links])
+
+
 def without_dry_friction(robot: Robot) -> Robot:
     """Return the same robot, its joints without dry friction."""
-    if not dry_friction(robot).any():
-        return robot
-    return robot.with_links([replace(link, coulomb_friction=0.0) for link in robot.links])
+    return frictionless(robot, (DRY,))
 
 
 def kept_torques(
@@ -98,10 +111,8 @@ def kept_torques(
     _, qd, qdd, _ = state
     window, smoothing = phase.parameter(WINDOW, 0.0), phase.parameter(SMOOTHING, COULOMB_SMOOTHING)
     near = ca.sqrt((qdd * window * phase.duration) ** 2 + LEAST_REACH**2)
-    width, far = (
-        smoothing + FRICTION_WINDOWS.spread * near,
-        (1.0 + FRICTION_WINDOWS.spread**2) * near,
-    )
+    width = smoothing + FRICTION_WINDOWS.spread * near
+    far = (1.0 + FRICTION_WINDOWS.spread**2) * near
     ahead, behind = ca.tanh((qd + far) / width), ca.tanh((qd - far) / width)
     tau, taud = torques(*state, *held)
     bounds = robot.limits.bounds("tau")
@@ -176,11 +187,13 @@ def with_windows(
     values = {}
     for name, phase_mesh in zip(names, given, strict=True):
         mesh = mesh_of(phase_mesh)
-        if isinstance(start, Solution) and np.array_equal(start[name].mesh, mesh):
-            values[name] = {WINDOW: _window_of(start[name])}
-            continue
         if isinstance(start, Solution):
-            velocity = _interpolated(start[name].mesh, start[name]["qd"], mesh)
+            before = start[name]
+            if np.array_equal(before.mesh, mesh):
+                values[name] = {WINDOW: _window_of(before)}
+                continue
+            columns = (np.interp(mesh, before.mesh, column) for column in before["qd"].T)
+            velocity = np.column_stack(list(columns))
         else:
             guess = start[name].values["qd"]
             velocity = np.asarray(guess(mesh)) if callable(guess) else np.asarray(guess)
@@ -205,7 +218,3 @@ def rounded(transcription: Transcription, velocity: FloatArray) -> Transcription
     smoothing = max(COULOMB_SMOOTHING, FRICTION_WINDOWS.rounded * float(velocity.min()))
     names = [phase.name for phase in transcription.problem.phases]
     return transcription.with_parameters({name: {SMOOTHING: smoothing} for name in names})
-
-
-def _interpolated(mesh: FloatArray, values: FloatArray, at: FloatArray) -> FloatArray:
-    return np.column_stack([np.interp(at, mesh, column) for column in values.T])

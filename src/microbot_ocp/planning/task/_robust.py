@@ -17,6 +17,7 @@ import numpy as np
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import InputError
 from microbot_ocp.limits import JointLimits, Limit, Limits
+from microbot_ocp.planning.task._friction import frictionless
 from microbot_ocp.robot import Robot, inverse_dynamics
 
 ROUNDED = 1e-3  # of the torque limits: sizes are by less than that too large, and have no kink
@@ -43,7 +44,7 @@ class _Extreme:
         def size(value: Any) -> Any:
             return ca.sqrt(value**2 + ca.DM(self.near) ** 2)
 
-        smooth, whole = _without_friction(self.robot), state.tau
+        smooth, whole = frictionless(self.robot), state.tau
         moved = torque(smooth)
         spread = self.friction * size(torque(self.robot) - moved)
         if self.mass:
@@ -55,11 +56,6 @@ class _Extreme:
             whole += 0.5 * (low + high) * a_kilogram
             spread += 0.5 * (high - low) * size(a_kilogram)
         return whole + self.sign * spread
-
-
-def _without_friction(robot: Robot) -> Robot:
-    still = {"viscous_friction": 0.0, "coulomb_friction": 0.0}
-    return robot.with_links([replace(link, **still) for link in robot.links])
 
 
 def _link_alone(robot: Robot, kept: int) -> Robot:

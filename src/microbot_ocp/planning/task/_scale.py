@@ -195,10 +195,8 @@ def rates_alone(family: LimitFamily, q: FloatArray) -> tuple[FloatArray, dict[st
     for key, size in most.items():
         low, high = family.robot.limits.bounds(key)
         size = np.where((ways > 0) & np.isfinite(jerk), size, np.inf)
-        changes[f"{key}_min"], changes[f"{key}_max"] = (
-            np.maximum(low, -size),
-            np.minimum(high, size),
-        )
+        changes[f"{key}_min"] = np.maximum(low, -size)
+        changes[f"{key}_max"] = np.minimum(high, size)
     return jerk, changes
 
 
@@ -230,11 +228,8 @@ def _alone(family: LimitFamily, poses: FloatArray) -> tuple[FloatArray, FloatArr
         ordered = np.sort(inertia, axis=1)
         middle = 0.5 * (ordered[:, (q.shape[1] - 1) // 2] + ordered[:, q.shape[1] // 2])
         middle = np.maximum(middle, 0.0)
-        return (
-            np.minimum(acceleration, torque / middle),
-            np.minimum(jerk, rate / middle),
-            change / rate,
-        )
+        acceleration = np.minimum(acceleration, torque / middle)
+        return acceleration, np.minimum(jerk, rate / middle), change / rate
 
 
 def _power(size: FloatArray) -> FloatArray:

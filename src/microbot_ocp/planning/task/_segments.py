@@ -23,23 +23,9 @@ DIRECTIONS = np.array([0.0, 0.25, 0.5, 0.75]) * np.pi  # across a tube
 SIDE = float(np.cos(np.pi / 8))  # of a tolerance: distance of the eight sides
 
 
-@dataclass(frozen=True)
-class SegmentSettings:
-    """Largest values of segments.
-
-    Attributes
-    ----------
-    largest_turn : rad, of a tolerance of the orientation
-    most_turns : of one circle
-    largest_arc : rad: beside more of a circle a place on it is not unique
-    """
-
-    largest_turn: float = 1.0
-    most_turns: int = 20
-    largest_arc: float = 0.75 * 2 * np.pi
-
-
-SEGMENTS = SegmentSettings()
+LARGEST_TURN = 1.0  # rad, of a tolerance of the orientation
+MOST_TURNS = 20  # of one circle
+LARGEST_ARC = 0.75 * 2 * np.pi  # rad: beside more of a circle a place on it is not unique
 
 Numbers = tuple[float, ...]
 
@@ -102,7 +88,7 @@ class Circle:
         point = checks.array("through", self.through, (2, 3) if two else (3,), "m")
         points = tuple(map(tuple, point.tolist())) if two else tuple(point.tolist())
         object.__setattr__(self, "through", points)
-        checks.whole("turns of a circle", self.turns, at_least=0, at_most=SEGMENTS.most_turns)
+        checks.whole("turns of a circle", self.turns, at_least=0, at_most=MOST_TURNS)
         checks.number("tolerance of a circle", self.tolerance, "m", above=0.0)
         _check_turn(self.orientation_tolerance)
 
@@ -141,7 +127,7 @@ Curved = Line | Circle
 
 
 def _check_turn(value: float) -> None:
-    checks.number("orientation_tolerance", value, "rad", above=0.0, at_most=SEGMENTS.largest_turn)
+    checks.number("orientation_tolerance", value, "rad", above=0.0, at_most=LARGEST_TURN)
 
 
 # curves -------------------------------------------------------------------------------------------
@@ -261,17 +247,18 @@ class Turning:
     free: int | None = None
 
     @classmethod
-    def between(cls, start: FloatArray, end: FloatArray, free: int | None) -> Turning:
-        """Return that from one rotation [3,3] to another, or from free axis to free axis."""
+    def between(
+        cls, start: FloatArray | None, end: FloatArray | None, free: int | None
+    ) -> Turning | None:
+        """Return that from one rotation [3,3] to another, or from free axis to free axis.
+
+        None where an end has no orientation.
+        """
+        if start is None or end is None:
+            return None
         if free is None:
             change = end @ start.T
-            sine = 0.5 * np.array(
-                [
-                    change[2, 1] - change[1, 2],
-                    change[0, 2] - change[2, 0],
-                    change[1, 0] - change[0, 1],
-                ]
-            )
+            sine = np.array(ca.inv_skew(ca.DM(change))).ravel()
             cosine = 0.5 * (np.trace(change) - 1.0)
         else:
             sine = np.cross(start[:, free], end[:, free])
@@ -300,23 +287,16 @@ class Turning:
 
 @dataclass(frozen=True)
 class _Across:
-    """Offsets of the tool's origin across a curve in four directions, m."""
+    """Offsets across a curve: of the tool's origin in four directions, m, or of the joints, rad."""
 
     curve: Curve
+    of_joints: bool = False
 
     def __call__(self, state: Any) -> Any:
+        if self.of_joints:
+            return ca.vertcat(*self.curve.across(state.q))
         u, v = self.curve.across(state.tool[:3, 3])
         return ca.vertcat(*(np.cos(a) * u + np.sin(a) * v for a in DIRECTIONS))
-
-
-@dataclass(frozen=True)
-class _JointsAcross:
-    """Offsets of the joints across a straight line in joint space, rad."""
-
-    curve: Straight
-
-    def __call__(self, state: Any) -> Any:
-        return ca.vertcat(*self.curve.across(state.q))
 
 
 @dataclass(frozen=True)
@@ -371,9 +351,7 @@ def orientation_error(wanted: Any, orientation: Any, free: int | None) -> Any:
     if free is not None:
         others = [k for k in range(3) if k != free]
         return ca.vertcat(*(change[k, free] for k in others))
-    return 0.5 * ca.vertcat(
-        change[2, 1] - change[1, 2], change[0, 2] - change[2, 0], change[1, 0] - change[0, 1]
-    )
+    return ca.inv_skew(change)
 
 
 def curve_between(kind: Curved, start: FloatArray, end: FloatArray) -> Curve:
@@ -395,9 +373,9 @@ def curve_between(kind: Curved, start: FloatArray, end: FloatArray) -> Curve:
 
 def parts_of(kind: Curved, curve: Curve) -> list[tuple[float, Curved]]:
     """Give a curve in parts beside which a place on it is unique: the share at the end of each."""
-    if not isinstance(curve, CircleArc) or curve.angle <= SEGMENTS.largest_arc:
+    if not isinstance(curve, CircleArc) or curve.angle <= LARGEST_ARC:
         return [(1.0, kind)]
-    count = int(np.ceil(curve.angle / SEGMENTS.largest_arc))
+    count = int(np.ceil(curve.angle / LARGEST_ARC))
     middles = curve.points((np.arange(count) + 0.5) / count)
     assert isinstance(kind, Circle)
     return [
@@ -411,23 +389,17 @@ def curve_limits(kind: Curved, curve: Curve, turning: Turning | None) -> tuple[L
     name = "tool line" if isinstance(kind, Line) else "tool circle"
     side = SIDE * kind.tolerance
     degrees = tuple(f"{np.degrees(a):.0f} deg across" for a in DIRECTIONS)
+    beyond = _Beyond(curve, kind.tolerance)
     limits = [
         Limit(name, _Across(curve), lower=-side, upper=side, unit="m", labels=degrees),
-        Limit(
-            f"{name} beyond its ends",
-            _Beyond(curve, kind.tolerance),
-            upper=kind.tolerance,
-            unit="m",
-        ),
+        Limit(f"{name} beyond its ends", beyond, upper=kind.tolerance, unit="m"),
     ]
     if turning is not None:
         axes = ["xyz"[k] for k in range(3) if k != turning.free]
         size = float(np.sin(kind.orientation_tolerance) / np.sqrt(len(axes)))
         angle = _Angle(curve, turning)
         labels = tuple(f"tool {axis}" for axis in axes)
-        limits.append(
-            Limit("tool orientation", angle, lower=-size, upper=size, unit="rad", labels=labels)
-        )
+        limits.append(Limit("tool orientation", angle, -size, size, unit="rad", labels=labels))
     return tuple(limits)
 
 
@@ -439,16 +411,8 @@ def joint_line_limits(kind: JointLine, start: FloatArray, end: FloatArray) -> tu
     if start.size > 1:
         size = kind.tolerance / np.sqrt(start.size - 1)
         labels = tuple(f"{k + 1} across" for k in range(start.size - 1))
-        limits.append(
-            Limit(
-                "joint line",
-                _JointsAcross(curve),
-                lower=-size,
-                upper=size,
-                unit="rad",
-                labels=labels,
-            )
-        )
+        across = _Across(curve, of_joints=True)
+        limits.append(Limit("joint line", across, -size, size, unit="rad", labels=labels))
     return tuple(limits)
 
 

@@ -1,8 +1,11 @@
-"""Stops of a task: where the arm has to be, how exactly, how fast, and what it holds from there."""
+"""Stops of a task: where the arm has to be, how exactly, how fast, and what it holds from there.
+
+At the end what holds at the via points of a free motion, and which robot moves between them.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -10,6 +13,7 @@ import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError, naming
+from microbot_ocp.limits import LimitFamily
 from microbot_ocp.robot import Capsule, Link, Robot, forward_kinematics, is_rotation
 
 AXES = ("x", "y", "z")
@@ -168,12 +172,9 @@ class Stop:
         if self.free_turn is not None:
             checks.one_of(f"free_turn of {where}", self.free_turn, AXES)
         put(self, "tolerance", self._checked_tolerance(where))
-        turn = self.orientation_tolerance
-        checks.number(f"orientation_tolerance of {where}", turn, "rad", at_least=0.0, at_most=1.5)
-        checks.number(
-            f"dwell of {where}", self.dwell, "s", at_least=0.0, at_most=STOP_SIZES.longest_dwell
-        )
-        checks.number(f"blend of {where}", self.blend, "m", at_least=0.0)
+        sizes = {"orientation_tolerance": ("rad", 1.5), "dwell": ("s", STOP_SIZES.longest_dwell)}
+        for key, (unit, most) in {**sizes, "blend": ("m", None)}.items():
+            checks.number(f"{key} of {where}", getattr(self, key), unit, at_least=0.0, at_most=most)
         if self.payload is not None and not isinstance(self.payload, Payload):
             with naming(f"{where}: "):
                 put(self, "payload", Payload(self.payload))
@@ -236,9 +237,8 @@ class Stop:
         """
         if self.q is not None:
             tool = np.array(forward_kinematics(robot)(np.array(self.q)))
-            return tool[:3, 3], tool[
-                :3, :3
-            ] if robot.joint_count >= STOP_SIZES.pose_joints else None
+            holds = robot.joint_count >= STOP_SIZES.pose_joints
+            return tool[:3, 3], tool[:3, :3] if holds else None
         turned = None if self.orientation is None else np.array(self.orientation)
         return np.array(self.position), turned
 
@@ -272,3 +272,71 @@ def _rotation(what: str, given: Any) -> tuple[Numbers, ...]:
     if not is_rotation(matrix):
         raise InputError(f"{what} must be a rotation matrix, not {matrix.tolist()}")
     return tuple(tuple(row) for row in matrix.tolist())
+
+
+# conditions ---------------------------------------------------------------------------------------
+
+Bounds = tuple[FloatArray, FloatArray]
+
+
+@dataclass(frozen=True)
+class Row:
+    """A condition on the state at a via point: ``expression(q, qd)`` [k] within bounds [k]."""
+
+    name: str
+    expression: Callable[[Any, Any], Any]
+    bounds: Bounds
+
+
+@dataclass(frozen=True)
+class EndConditions:
+    """What holds at one via point.
+
+    Attributes
+    ----------
+    q, qd : (lower, upper), each [n]
+        Infinite where a joint is free.
+    rows : tuple of Row
+    qdd : (lower, upper), each [n], optional
+        None where the acceleration is free.
+    leaps : bool
+        Whether the acceleration may jump there.
+    """
+
+    q: Bounds
+    qd: Bounds
+    rows: tuple[Row, ...] = ()
+    qdd: Bounds | None = None
+    leaps: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Conditions:
+    """Conditions of a whole motion.
+
+    Attributes
+    ----------
+    robots : tuple of Robot, one a segment
+        With the limits that hold there.
+    ends : tuple of EndConditions, one a via point
+    closed : tuple of str
+        Which of "q", "qd", "qdd" are at the end what they are at the start.
+    """
+
+    robots: tuple[Robot, ...]
+    ends: tuple[EndConditions, ...]
+    closed: tuple[str, ...] = ()
+
+
+def passing(robot: Robot, via: FloatArray) -> Conditions:
+    """Return rest at both ends of via points [m,n], and any velocity at the others."""
+    free, rest = np.full(via.shape[1], np.inf), np.zeros(via.shape[1])
+    still = (rest, rest) if LimitFamily.of(robot).jerk_matters else None
+    last = len(via) - 1
+    ends = tuple(
+        EndConditions((q, q), (rest, rest), qdd=still)
+        if k in (0, last)
+        else EndConditions((q, q), (-free, free))
+        for k, q in enumerate(via)
+    )
+    return Conditions((robot,) * last, ends)

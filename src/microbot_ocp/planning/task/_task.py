@@ -12,9 +12,9 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp._base import checks
-from microbot_ocp._base.checks import FloatArray, InputError, naming, warn_user
+from microbot_ocp._base.checks import FloatArray, InputError, warn_user
 from microbot_ocp.limits import JointLimits, LimitFamily, Limits
-from microbot_ocp.planning.task._blending import segment_name, with_corners_cut
+from microbot_ocp.planning.task._blending import curve_of, segment_name, with_corners_cut
 from microbot_ocp.planning.task._checks import (
     check_limits,
     check_pace,
@@ -23,7 +23,6 @@ from microbot_ocp.planning.task._checks import (
     farthest_tool,
     fastest_tool,
 )
-from microbot_ocp.planning.task._conditions import Bounds, Conditions, EndConditions, Row
 from microbot_ocp.planning.task._segments import (
     Circle,
     Corner,
@@ -33,40 +32,20 @@ from microbot_ocp.planning.task._segments import (
     Segment,
     Turning,
     corner_limit,
-    curve_between,
     curve_limits,
     joint_line_limits,
     orientation_error,
 )
-from microbot_ocp.planning.task._stops import Payload, Stop
+from microbot_ocp.planning.task._stops import Bounds, Conditions, EndConditions, Payload, Row, Stop
 from microbot_ocp.robot import Robot, forward_kinematics, jacobian
 
+MOST_STOPS = 200
+LOOSEST = 0.1  # of the reach, for the radius of a ball or a tube
+HEAVIEST = 1000.0  # times the arm's own mass
+STATES = 3  # at which slopes are looked at
+FLAT = 1e-9  # relative size of a slope that is none
+APART = 1e-6  # m (m/s, rad): what is farther off is not met
 
-@dataclass(frozen=True)
-class TaskSizes:
-    """Largest values of a task of stops, and what counts as none.
-
-    Attributes
-    ----------
-    stops : at most
-    loosest : of the reach, for the radius of a ball or a tube
-    heaviest : times the arm's own mass
-    states : at which slopes are looked at
-    flat : relative size of a slope that is none
-    apart : m (m/s, rad): what is farther off is not met
-    """
-
-    stops: int = 200
-    loosest: float = 0.1
-    heaviest: float = 1000.0
-    states: int = 3
-    flat: float = 1e-9
-    apart: float = 1e-6
-
-
-TASK_SIZES = TaskSizes()
-
-TURN = 2 * np.pi
 EMPTY = Payload(0.0)
 
 
@@ -143,19 +122,13 @@ class Task:
         if not isinstance(kind, Line | Circle):
             return None
         before, after = self.stops[index], self.stops[index + 1]
-        (start, turned), (end, turned_after) = (s.pose(self.robot) for s in (before, after))
         for stop in (before, after):
             if stop.q is None and np.any(np.isinf(np.array(stop.tolerance))):
                 raise InputError(
                     f"{self.name_of(index)}: it needs both ends, but a coordinate of stop "
                     f"{stop.name!r} is free"
                 )
-        with naming(f"{self.name_of(index)}: "):
-            curve = curve_between(kind, start, end)
-            if turned is None or turned_after is None:
-                return curve, None
-            free = [s.free_axis for s in (before, after) if s.free_axis is not None]
-            return curve, Turning.between(turned, turned_after, free[0] if free else None)
+        return curve_of(self.robot, kind, before, after)
 
     @cached_property
     def robots(self) -> tuple[Robot, ...]:
@@ -190,9 +163,8 @@ class Task:
         """Return whether the arm rests at a stop."""
         stop, last = self.stops[index], len(self.stops) - 1
         if stop.velocity is not None:
-            return stop.velocity == "rest" or (
-                not isinstance(stop.velocity, str) and not np.any(stop.velocity)
-            )
+            still = isinstance(stop.velocity, tuple) and not any(stop.velocity)
+            return stop.velocity == "rest" or still
         ends = index in (0, last) and not self.cycle
         return ends or bool(stop.dwell) or stop.payload is not None
 
@@ -206,8 +178,8 @@ class Task:
             first = self.stops[0]
             fixed = first.q is not None and first.box is not None and not first.box.any()
             moves = not self.at_rest(0)
-            closed = (*(() if fixed else ("q",)), *(("qd",) if moves else ()))
-            closed = (*closed, "qdd") if moves and self.family.jerk_matters else closed
+            demanded = {"q": not fixed, "qd": moves, "qdd": moves and self.family.jerk_matters}
+            closed = tuple(key for key, is_closed in demanded.items() if is_closed)
             # what is closed is demanded once
             given = ends[0]
             free = np.full(self.robot.joint_count, np.inf)
@@ -230,22 +202,19 @@ class Task:
             )
         else:
             rows += pose_rows(robot, stop)
-        rest = self.at_rest(index)
-        if rest:
-            qd = (np.zeros(robot.joint_count), np.zeros(robot.joint_count))
-        elif not isinstance(stop.velocity, str | None):
-            given = np.array(stop.velocity)
-            if stop.q is not None:
+        rest, zero = self.at_rest(index), np.zeros(robot.joint_count)
+        stated = rest or isinstance(stop.velocity, tuple)
+        if stated:
+            given = zero if rest else np.array(stop.velocity)
+            if rest or stop.q is not None:
                 qd = (given, given)
             else:
                 speed = partial(_tool_velocity, robot)
                 rows.append(Row("velocity of the tool", speed, (given, given)))
         rated, qdd = self.family.jerk_matters, None
         if rated and (rest or stop.acceleration is not None):
-            given = np.zeros(robot.joint_count)
-            given = given if stop.acceleration is None else np.array(stop.acceleration)
+            given = zero if stop.acceleration is None else np.array(stop.acceleration)
             qdd = (given, given)
-        stated = rest or not isinstance(stop.velocity, str | None)
         felt = (_felt(robot, stop, row) for row in rows)
         return EndConditions(q, qd, tuple(filter(None, felt)), qdd=qdd, leaps=stated and not rated)
 
@@ -312,12 +281,12 @@ def _felt(robot: Robot, stop: Stop, row: Row) -> Row | None:
     q, qd = (ca.SX.sym(name, robot.joint_count) for name in ("q", "qd"))
     value, state = row.expression(q, qd), ca.vertcat(q, qd)
     along = ca.Function("along", [state], [value, ca.jacobian(value, state)])
-    states = np.random.default_rng(0).uniform(-1.0, 1.0, (TASK_SIZES.states, 2 * robot.joint_count))
+    states = np.random.default_rng(0).uniform(-1.0, 1.0, (STATES, 2 * robot.joint_count))
     values, slopes = zip(*(map(np.array, along(x)) for x in states), strict=True)
     size = np.max([np.abs(slope).max(axis=1) for slope in slopes], axis=0)
-    fixed = (size <= TASK_SIZES.flat * max(1.0, size.max())) & (low == high)
+    fixed = (size <= FLAT * max(1.0, size.max())) & (low == high)
     off = np.abs(values[0][:, 0] - low)[fixed]
-    if off.size and off.max() > TASK_SIZES.apart:
+    if off.size and off.max() > APART:
         raise InputError(
             f"{row.name} of stop {stop.name!r} is off by {off.max():.3g} whatever the joints do"
         )
@@ -361,8 +330,8 @@ def task_of(
     if len(set(names)) < len(names):
         raise InputError(f"the names of stops must differ: {', '.join(names)}")
     least = 1 if cycle else 2
-    if not least <= len(given) <= TASK_SIZES.stops:
-        raise InputError(f"a task must have {least} to {TASK_SIZES.stops} stops, not {len(given)}")
+    if not least <= len(given) <= MOST_STOPS:
+        raise InputError(f"a task must have {least} to {MOST_STOPS} stops, not {len(given)}")
     if cycle:
         given.append(given[0])
     kinds = list(segments) if segments is not None else [None] * (len(given) - 1)
@@ -398,11 +367,11 @@ def _check_tolerance(robot: Robot, where: str, tolerance: Any, of_joints: bool) 
     """Raise InputError where a finite tolerance leaves everything free that the arm can do."""
     finite = np.array(tolerance)[np.isfinite(tolerance)]
     largest = float(np.max(finite, initial=0.0))
-    if of_joints and largest > TURN and set(robot.joint_types) == {"revolute"}:
+    if of_joints and largest > 2 * np.pi and set(robot.joint_types) == {"revolute"}:
         raise InputError(f"tolerance of {where} is {largest:g} rad, more than a whole turn")
     is_box = np.ndim(tolerance) > 0
     reach = farthest_tool(robot)
-    if not of_joints and largest > (reach if is_box else TASK_SIZES.loosest * reach):
+    if not of_joints and largest > (reach if is_box else LOOSEST * reach):
         share = "" if is_box else "a tenth of what "
         free = "; inf, in a tolerance of three numbers, leaves a coordinate free"
         raise InputError(
@@ -420,7 +389,7 @@ def _check_payload(robot: Robot, stop: Stop) -> None:
         )
     mass = sum(link.mass for link in robot.links)
     sentence = f"payload of stop {stop.name!r} is {stop.payload.mass:g} kg, more than "
-    times, weight = TASK_SIZES.heaviest, f"what the arm weighs itself ({mass:.3g} kg)"
+    times, weight = HEAVIEST, f"what the arm weighs itself ({mass:.3g} kg)"
     if stop.payload.mass > times * mass > 0.0:
         raise InputError(f"{sentence}{times:g} times {weight}; that looks like grams")
     if stop.payload.mass > mass > 0.0:
@@ -461,11 +430,8 @@ def _check_stops(
 ) -> None:
     count = family.robot.joint_count
     for (before, after), kind in zip(itertools.pairwise(stops), kinds, strict=True):
-        if not isinstance(kind, Circle) and (before.q, before.position, before.orientation) == (
-            after.q,
-            after.position,
-            after.orientation,
-        ):
+        places = [(stop.q, stop.position, stop.orientation) for stop in (before, after)]
+        if places[0] == places[1] and not isinstance(kind, Circle):
             if cycle and len(stops) == 2:
                 raise InputError("a cycle needs at least two stops, not one")
             advice = ": a cycle returns to its first stop by itself" if cycle else ""

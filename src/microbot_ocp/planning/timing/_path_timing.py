@@ -9,7 +9,7 @@ the arm has to stop. Where no timing keeps the limits those that decide are name
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,18 +23,11 @@ from microbot_ocp._base.codegen import compiles
 from microbot_ocp._base.outcome import Advice, Outcome
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import JointLimits, LimitFamily, Limits, with_reserve
-from microbot_ocp.motion import (
-    SAMPLE_STEP,
-    Mark,
-    Motion,
-    PiecewisePolynomial,
-    State,
-    sample_times,
-)
+from microbot_ocp.motion import SAMPLE_STEP, Mark, Motion, PiecewisePolynomial, State, sample_times
 from microbot_ocp.ocp.solution import StepProgress, quiet
 from microbot_ocp.planning.path import (
     LATER,
-    REACHABILITY,
+    SETTLED,
     CurveLimits,
     PathCurve,
     Reached,
@@ -43,10 +36,10 @@ from microbot_ocp.planning.path import (
     corners,
     harmonic,
     limits_kept_by,
+    path_grid,
     reach,
     sampled,
     segments,
-    settled,
     stops,
 )
 from microbot_ocp.planning.task import (
@@ -58,9 +51,8 @@ from microbot_ocp.planning.task import (
     with_drives_noted,
     with_locked_joints_held,
 )
-from microbot_ocp.planning.timing._places_program import PROGRAM
+from microbot_ocp.planning.timing._places_program import SMOOTHING
 from microbot_ocp.planning.timing._places_timing import (
-    PLACES,
     SpeedProfile,
     excess_of,
     timed_on_places,
@@ -81,12 +73,15 @@ UNSOLVED = (
     "The program on places of the path ended with {!r}: no timing was found that keeps {}. This "
     "one exceeds limits by {:.3g} %"
 )
+MOST_GRIDS, MOST_POINTS = 9, 40_000  # of a segment, and points above which there is no finer grid
+MOST_SETTLING = 8000  # points above which the duration alone asks for no finer grid
+# s, and ratio to the duration: the least interval that is halved
+SHORTEST, SHORTEST_RATIO = 2e-5, 1e-4
+# intervals of each piece of a path to begin with, of all together, and of each at least
+MESH, MESH_SUM, LEAST_MESH = 100, 200, 20
 # what found a motion, as its provenance says
-PASSES, PLACES_METHOD, WALK = (
-    "reachability",
-    "one program on its places",
-    "harmonic in its parameter",
-)
+PASSES, WALK = "reachability", "harmonic in its parameter"
+PLACES_METHOD = "one program on its places"
 
 
 @dataclass(frozen=True)
@@ -184,33 +179,33 @@ def best_timing(
     progress: StepProgress,
 ) -> Motion:
     """Do as :func:`time_optimal_path` with a path that is checked."""
+    moving = with_locked_joints_held(family, None)
     with deadline.within(settings.time_limit):
-        motion = _PathSearch(family, path, settings, label, progress).run()
+        motion = _PathSearch(moving, path, settings, label, progress).run()
     return with_drives_noted(family.robot, motion)
 
 
+@dataclass
 class _PathSearch:
     """Reachability on every smooth segment, then, where it leaves a limit, the program on places.
 
     docs/theory/path_timing.md, "Reachability" and "One program on places".
     """
 
-    def __init__(
-        self,
-        family: LimitFamily,
-        path: PiecewisePolynomial,
-        settings: PathTimingSettings,
-        label: str,
-        progress: StepProgress,
-    ) -> None:
-        self.family, self.path = with_locked_joints_held(family, None), path
-        self.settings = settings
-        self.fast = compiles(settings.compiled)
-        self.robot: Robot = family.robot
-        self.label, self.progress = label, progress
-        self.stops = stops(path, self.family)
-        self.passed = segments(path, self.stops)  # as the passes of reachability take them
-        self.curves = segments(path, self.stops, 3) if self.family.jerk_matters else self.passed
+    family: LimitFamily
+    path: PiecewisePolynomial
+    settings: PathTimingSettings
+    label: str
+    progress: StepProgress
+
+    def __post_init__(self) -> None:
+        self.fast = compiles(self.settings.compiled)
+        self.robot: Robot = self.family.robot
+        self.stops = stops(self.path, self.family)
+        self.passed = segments(self.path, self.stops)  # as the passes of reachability take them
+        self.curves = self.passed
+        if self.family.jerk_matters:
+            self.curves = segments(self.path, self.stops, 3)
 
     def run(self) -> Motion:
         """Time the path."""
@@ -226,19 +221,15 @@ class _PathSearch:
             self.progress(f"reachability: the end cannot be reached from s = {at:g}")
         if self.blocked_at:
             rows, entries = self._blocking(timings)
-            timings = [self._walk(k, timing) for k, timing in enumerate(timings)]
+            timings = [self._walk(*each) for each in zip(self.passed, timings, strict=True)]
             if rows:
                 excess = [
-                    CurveLimits.of(self.family, curve, timing.s, self.fast).excess(timing, curve)
+                    CurveLimits.of(self.family, curve, timing.s, self.fast).excess(timing)
                     for curve, timing in zip(self.passed, timings, strict=True)
                 ]
-                return self._reached_motion(
-                    timings,
-                    Outcome.of(Status.INFEASIBLE, BLOCKED, *rows),
-                    WALK,
-                    excess=float(np.max(np.concatenate(excess))),
-                    least_violation=entries,
-                )
+                worst = float(np.max(np.concatenate(excess)))
+                outcome = Outcome.of(Status.INFEASIBLE, BLOCKED, *rows)
+                return self._motion(timings, WALK, outcome, excess=worst, least_violation=entries)
         else:
             self.progress(f"reachability on a grid: {self.reached:.6f} s")
             complete = not self.limits_kept_by[LATER] and excess <= self.settings.limit_tolerance
@@ -252,26 +243,38 @@ class _PathSearch:
         return self._profile_motion(profiles)
 
     def _reach(self) -> tuple[list[Reached], float]:
-        """Time every segment, and tell the largest excess; who keeps which limit is noted.
+        """Time every segment, and tell the largest excess; who keeps which limit is noted."""
+        found = [self._settled(curve) for curve in self.passed]
+        self.limits_kept_by = limits_kept_by(found[0][1].limits)
+        return [timing for timing, _, _ in found], max(excess for _, _, excess in found)
 
-        With rates the timing is a start alone: one grid is enough.
+    def _settled(self, curve: PathCurve) -> tuple[Reached, CurveLimits, float]:
+        """Refine the grid of a timing until its duration settles and limits hold in between.
+
+        With rates the timing is a start alone: one grid is enough. The last number returned is the
+        largest relative excess over a limit inside an interval in the end.
         """
-        grids = 1 if self.family.jerk_matters else REACHABILITY.most_grids
-        timings, worst = [], -1.0
-        self.limits_kept_by: dict[str, list[str]] = {}
-        for curve in self.passed:
-            count, tolerance = self.settings.grid, self.settings.limit_tolerance
-            timing, along, excess = settled(self.family, curve, count, tolerance, self.fast, grids)
-            timings.append(timing)
-            worst = max(worst, excess)
-            self.limits_kept_by = self.limits_kept_by or limits_kept_by(along.limits)
-        return timings, worst
+        s, duration = path_grid(curve, self.settings.grid), np.inf
+        for left in range(0 if self.family.jerk_matters else MOST_GRIDS - 1, -1, -1):
+            along = CurveLimits.of(self.family, curve, s, self.fast)
+            timing = reach(along)
+            if not timing.feasible:
+                return timing, along, np.inf
+            excess = along.excess(timing)
+            apart = abs(timing.duration - duration) > SETTLED * timing.duration
+            cut = excess > self.settings.limit_tolerance
+            cut |= apart and s.size <= MOST_SETTLING
+            cut &= np.diff(timing.t) > min(SHORTEST, SHORTEST_RATIO * timing.duration)
+            if not cut.any() or not left or s.size > MOST_POINTS or deadline.over():
+                break
+            duration = timing.duration
+            s = np.sort(np.concatenate([s, (0.5 * (s[1:] + s[:-1]))[cut]]))
+        return timing, along, float(excess.max())
 
-    def _walk(self, segment: int, timing: Reached) -> Reached:
+    def _walk(self, curve: PathCurve, timing: Reached) -> Reached:
         """Give a slow timing where there is none, as long as its slowest joint takes."""
         if timing.feasible:
             return timing
-        curve = self.passed[segment]
         shares = np.linspace(curve.breaks[0], curve.breaks[-1], 2 * len(curve.pieces) + 1)
         lasts = float(TaskScale.of(self.family, curve.evaluate(shares)[0]).durations.sum())
         return harmonic(timing.s, lasts)
@@ -284,7 +287,7 @@ class _PathSearch:
         """
         starts = []
         pieces = sum(len(curve.pieces) for curve in self.curves)
-        count = max(min(PLACES.mesh, PLACES.mesh_sum // pieces), PLACES.least_mesh)
+        count = max(min(MESH, MESH_SUM // pieces), LEAST_MESH)
         for passed, curve, timing in zip(self.passed, self.curves, timings, strict=True):
             rise, gentle = 0.0, timing
             if not self.blocked_at:
@@ -293,13 +296,7 @@ class _PathSearch:
                     jerk, more = rates_alone(family, passed.evaluate(timing.s)[0])
                     family = LimitFamily.of(self.robot, self.robot.limits.changed(more))
                 along = CurveLimits.of(family, passed, self.settings.grid, self.fast)
-                gentle = reach(
-                    along,
-                    start_free=passed.start_free,
-                    end_free=passed.end_free,
-                    fast=self.fast,
-                    fastest=along.steady_speed(),
-                )
+                gentle = reach(along, fastest=along.steady_speed())
                 _, tangent, curvature = passed.evaluate(gentle.s)
                 rises = np.append(gentle.start, gentle.end[-1])[:, None]
                 qdd = tangent * rises + curvature * gentle.speed_squared[:, None]
@@ -312,11 +309,9 @@ class _PathSearch:
         profiles: list[SpeedProfile] = []
         tolerance = self.settings.limit_tolerance
         for curve, start in zip(self.curves, starts, strict=True):
-            profile = SpeedProfile.of(start)
+            profile = SpeedProfile.of(curve, start)
             if all(earlier.solved for earlier in profiles):
-                profile = timed_on_places(
-                    self.family, curve, profile, tolerance, self.fast, self.progress
-                )
+                profile = timed_on_places(self.family, profile, tolerance, self.fast, self.progress)
             profiles.append(profile)
         return profiles
 
@@ -326,21 +321,12 @@ class _PathSearch:
             left = self.limits_kept_by[LATER]
             advice = TOO_LATE.format(", ".join(left)) if left else LATE
             outcome = Outcome.of(Status.TIME_LIMIT, advice)
-        return self._reached_motion(timings, outcome, PASSES, excess=excess)
-
-    def _reached_motion(
-        self, timings: list[Reached], outcome: Outcome, how: str, **more: Any
-    ) -> Motion:
-        samples = sampled(list(zip(self.passed, timings, strict=True)))
-        return self._with_provenance(samples, self.passed, timings, how, outcome, **more)
+        return self._motion(timings, PASSES, outcome, excess=excess)
 
     def _profile_motion(self, profiles: list[SpeedProfile]) -> Motion:
         """Give profiles of all segments as a motion, and judge them."""
         attempts = [attempt for profile in profiles for attempt in profile.attempts]
-        excess = max(
-            float(excess_of(self.family, curve, profile).max())
-            for curve, profile in zip(self.curves, profiles, strict=True)
-        )
+        excess = max(float(excess_of(self.family, profile).max()) for profile in profiles)
         status = attempts[-1].status
         names = ", ".join(self.limits_kept_by[LATER]) or "every limit"
         advice = UNSOLVED.format(str(status), names, 100 * excess)
@@ -351,20 +337,18 @@ class _PathSearch:
             if not excess <= self.settings.limit_tolerance:
                 status, advice = Status.LIMITS_EXCEEDED, EXCEEDED.format(100 * excess)
         profiles = [profile.without_gaps() for profile in profiles]
-        return self._with_provenance(
-            self._samples(profiles),
-            self.curves,
+        return self._motion(
             profiles,
             PLACES_METHOD,
             Outcome.of(status, advice),
             excess=excess,
             solver=attempts[-1].solver,
             gap=sum(profile.gap for profile in profiles),  # s: from the local optimum, at most
-            smoothing=PROGRAM.smoothing,
+            smoothing=SMOOTHING,
             solves=[attempt.as_dict() for attempt in attempts],
         )
 
-    def _samples(self, profiles: list[SpeedProfile]) -> tuple[FloatArray, State, FloatArray]:
+    def _samples(self, profiles: Sequence[SpeedProfile]) -> tuple[FloatArray, State, FloatArray]:
         """Give times, states and breaks of profiles; s'' may jump at corners and breaks."""
         begins = np.cumsum([0.0, *(profile.duration for profile in profiles)])
         breaks = [np.zeros(1)]
@@ -377,23 +361,25 @@ class _PathSearch:
         t = sample_times(edges, np.concatenate(jumps), SAMPLE_STEP, least=5)
         i = np.clip(np.searchsorted(edges, t, side="right") - 1, 0, edges.size - 2)
         states, first = [], 0
-        for curve, profile in zip(self.curves, profiles, strict=True):
+        for profile in profiles:
             here = (i >= first) & (i < first + profile.a.size)
-            states.append(profile.samples(curve, i[here] - first, t[here] - edges[i[here]])[:3])
+            states.append(profile.samples(i[here] - first, t[here] - edges[i[here]])[:3])
             first += profile.a.size
         return t, State(*(np.concatenate(parts) for parts in zip(*states, strict=True))), edges
 
-    def _with_provenance(
-        self,
-        samples: tuple[FloatArray, State, FloatArray],
-        curves: Sequence[PathCurve],
-        parts: Sequence[Reached | SpeedProfile],
-        how: str,
-        outcome: Outcome,
-        **more: Any,
+    def _motion(
+        self, parts: Sequence[Reached | SpeedProfile], how: str, outcome: Outcome, **more: Any
     ) -> Motion:
-        """Give samples as a motion that says how it was found."""
-        t, state, breaks = samples
+        """Give timings of all segments as a motion that says how it was found."""
+        if profiles := [part for part in parts if isinstance(part, SpeedProfile)]:
+            curves, (t, state, breaks) = self.curves, self._samples(profiles)
+        else:
+            curves, timings = self.passed, [part for part in parts if isinstance(part, Reached)]
+            t, state, breaks = sampled(list(zip(curves, timings, strict=True)))
+        blocked = [
+            Advice("blocked", f"the end cannot be reached from s = {at:g}", "s", at)
+            for at in self.blocked_at[:1]
+        ]
         durations = [part.duration for part in parts]
         passed = [0.0]
         for begin, curve, part in zip(np.cumsum([0.0, *durations]), curves, parts, strict=False):
@@ -419,13 +405,7 @@ class _PathSearch:
                 **more,
             },
             remark=self._remark(how),
-        ).ended(outcome if outcome.solved else outcome.and_(*self._blocked()))
-
-    def _blocked(self) -> Iterator[Advice]:
-        """Say from where on the end cannot be reached."""
-        for at in self.blocked_at[:1]:
-            sentence = f"the end cannot be reached from s = {at:g}"
-            yield Advice("blocked", sentence, "s", at)
+        ).ended(outcome if outcome.solved else outcome.and_(*blocked))
 
     def _remark(self, how: str) -> str:
         count = self.stops.size

@@ -23,27 +23,12 @@ from microbot_ocp._base.codegen import compile_functions
 from microbot_ocp.limits import LimitFamily, Member
 from microbot_ocp.ocp.solvers import as_ipopt_knows
 
-
-@dataclass(frozen=True)
-class ProgramSettings:
-    """Settings of the program.
-
-    Attributes
-    ----------
-    smoothing : weight of the squared s''': picks one timing where many are equally fast
-    tolerance : of IPOPT
-    most_iterations : of IPOPT; 25 to 45 are usual
-    speed_places : shares of an interval at which the limit of s' is kept. On a stretch at the
-        limit its middle alone would leave s'' an error that is the same in every interval
-    """
-
-    smoothing: float = 1e-8
-    tolerance: float = 1e-7
-    most_iterations: int = 120
-    speed_places: tuple[float, float] = (1 / 3, 2 / 3)
-
-
-PROGRAM = ProgramSettings()
+SMOOTHING = 1e-8  # weight of the squared s''': picks one timing where many are equally fast
+TOLERANCE = 1e-7  # of IPOPT
+MOST_ITERATIONS = 120  # of IPOPT; 25 to 45 are usual
+# shares of an interval at which the limit of s' is kept: on a stretch at the limit its middle alone
+# would leave s'' an error that is the same in every interval
+SPEED_PLACES = (1 / 3, 2 / 3)
 TORQUE_PARTS = 6  # torque per s'', per s'^2 and at rest, and how each changes along s
 
 
@@ -105,19 +90,15 @@ class LimitBounds:
     @classmethod
     def of(cls, family: LimitFamily, keys: Sequence[str], usual: dict[str, Any]) -> LimitBounds:
         """Give the bounds of the rows of limits; ``usual`` tells the size of varying ones."""
-        parts: list[tuple[FloatArray, FloatArray, FloatArray]] = []
+        parts: list[tuple[FloatArray, ...]] = [(np.zeros(0),) * 3]
         for key in keys:
             member = family[key]
-            if not member.varies:
-                size = _finite_size(np.stack([member.lower, member.upper]))
-                parts.append((member.lower, member.upper, size))
-                continue
-            size = _finite_size(np.vstack([usual[key].lower, usual[key].upper]))
+            bounds = usual[key] if member.varies else member
+            size = _finite_size(np.vstack([bounds.lower, bounds.upper]))
             zero, none = np.zeros_like(size), np.full_like(size, np.inf)
             either = {"lower": (zero, none, size), "upper": (-none, zero, size)}
-            parts += [either[side] for side in _sides(member)]
-        if not parts:
-            return cls(*(np.zeros(0) for _ in range(3)))
+            sides = [either[side] for side in _sides(member)]
+            parts += sides if member.varies else [(member.lower, member.upper, size)]
         lower, upper, size = (np.concatenate(column) for column in zip(*parts, strict=True))
         return cls(lower / size, upper / size, size)
 
@@ -186,17 +167,15 @@ def kernels(kinds: LimitKinds, fast: bool) -> tuple[_Kernel, _Kernel]:
     InputError
         The expression of a further limit has no derivatives.
     """
-    problem: Exception | None = None
-    for symbol in (ca.SX, ca.MX) if kinds.further else (ca.SX,):  # a table or a spline is no SX
+    if kinds.family is None:
+        return _kernels_of(ca.SX, kinds, fast)
+    for symbol in (ca.SX, ca.MX):  # a table or a spline is no SX
         try:
             return _kernels_of(symbol, kinds, fast)
         except deadline.Over:
             raise
         except Exception as error:  # the expression is the user's
             problem = error
-    if not kinds.further:
-        raise problem or RuntimeError
-    assert kinds.family is not None
     names = ", ".join(repr(kinds.family[key].name) for key in kinds.further)
     reason = str(problem).strip().splitlines()[-1:] or [type(problem).__name__]
     raise InputError(
@@ -235,14 +214,11 @@ def _kernels_of(symbol: Any, kinds: LimitKinds, fast: bool) -> tuple[_Kernel, _K
         _limit_rows(kinds, three, end, common, (v_end, a_end, j + 0.5 * d)),
         _limit_rows(kinds, three, middle, common, (v_middle, a_middle, j)),
         _limit_rows(kinds, one, middle, common, (v_middle, a_middle, 0.0)),
-        *(
-            v + h * x * (a + h * x * (0.5 * (j - 0.5 * d) + x * d / 6.0))
-            for x in PROGRAM.speed_places
-        ),
+        *(v + h * x * (a + h * x * (0.5 * (j - 0.5 * d) + x * d / 6.0)) for x in SPEED_PLACES),
     )
     # the integral of the squared s'''
     rough = h * (j**2 + d**2 / 12.0)
-    cost = h + PROGRAM.smoothing * rough
+    cost = h + SMOOTHING * rough
     return point, _Kernel.of(w, numbers, common, values, cost, fast)
 
 
@@ -285,25 +261,20 @@ def _limit_rows(
             + viscous * qdd
             + dry * (1.0 - side**2) * qdd / smoothing
         )
-    rows, first = [numbers[:0]], 2 + 2 * n
-    expressions: dict[str, tuple[Any, Any, Any]] = {}
+    columns = {key: [value] for key, value in values.items()}
     if kinds.family is not None:
-        state = [q, qd, qdd, qddd]
+        state, function = [q, qd, qdd, qddd], None
         if kinds.dynamics:
-            torques = ca.vertsplit(ca.vertcat(values["tau"], values["taud"]))
-            expressions = kinds.family.expressions(
-                kinds.further, [*state, *torques], _given_torques(n)
-            )
-        else:
-            expressions = kinds.family.expressions(kinds.further, state)
+            state += ca.vertsplit(ca.vertcat(values["tau"], values["taud"]))
+            function = _given_torques(n)
+        expressions = kinds.family.expressions(kinds.further, state, function)
+        for key, (value, lower, upper) in expressions.items():
+            member, bounds = kinds.family[key], {"lower": lower, "upper": upper}
+            sides = [value - bounds[side] for side in _sides(member)]
+            columns[key] = sides if member.varies else [value]
+    rows, first = [numbers[:0]], 2 + 2 * n
     for key in (*kinds.of_acceleration, *kinds.of_rates):
-        columns = [values[key]] if key not in expressions else []
-        if kinds.family is not None and not columns:
-            value, *bounds = expressions[key]
-            member = kinds.family[key]
-            either: dict[str, Any] = dict(zip(("lower", "upper"), bounds, strict=True))
-            columns = [value - either[k] for k in _sides(member)] if member.varies else [value]
-        for column in columns:
+        for column in columns[key]:
             size = common[first : first + column.shape[0]]
             first += column.shape[0]
             if key in keys:
@@ -364,8 +335,8 @@ class PlacesProgram:
         options: dict[str, Any] = {
             "print_level": 0,
             "sb": "yes",
-            "tol": PROGRAM.tolerance,
-            "max_iter": PROGRAM.most_iterations,
+            "tol": TOLERANCE,
+            "max_iter": MOST_ITERATIONS,
             "mumps_permuting_scaling": 0,
             "mumps_pivot_order": 0,
             "acceptable_iter": 0,

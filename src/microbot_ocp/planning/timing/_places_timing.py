@@ -28,76 +28,49 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.codegen import maybe_compiled
 from microbot_ocp._base.fast_calls import buffered_call
 from microbot_ocp.limits import LimitFamily, MotionSamples
+from microbot_ocp.motion import with_parts
 from microbot_ocp.ocp.solution import Attempt, StepProgress, gap_of
 from microbot_ocp.ocp.solvers import SolverSettings, status_of
 from microbot_ocp.ocp.transcription import Bounds
-from microbot_ocp.planning.path import (
-    PathCurve,
-    Reached,
+from microbot_ocp.planning.path import PathCurve, Reached, largest_speeds, samples_along
+from microbot_ocp.planning.task import (
+    CHECKS_PER_INTERVAL,
+    DRY,
+    VISCOUS,
+    dry_friction,
+    friction,
     frictionless,
-    largest_speeds,
-    samples_along,
 )
-from microbot_ocp.planning.task import CHECKS_PER_INTERVAL, dry_friction
 from microbot_ocp.planning.timing._places_program import (
-    PROGRAM,
+    SPEED_PLACES,
     LimitBounds,
     LimitKinds,
     program_of,
 )
 from microbot_ocp.robot import COULOMB_SMOOTHING, Robot, torque_and_rate
 
-
-@dataclass(frozen=True)
-class PlacesSettings:
-    """Settings of the timing on places.
-
-    Attributes
-    ----------
-    mesh, mesh_sum, least_mesh : intervals of each piece of a path to begin with, of all together,
-        and of each at least
-    barriers : of a first solve, of one from a coarser mesh, and of one from dry friction that
-        turns less suddenly
-    linear_solvers : in turn: without pivots factors are cheap, but their rounding may hide negative
-        curvature
-    most_meshes : solves on finer meshes at most
-    settled : change of the duration from mesh to mesh, relative, that ends the refinement
-    most_parts : parts of an interval from one mesh to the next at most
-    aimed : ratio of the accepted excess that the next mesh goes for; the excess falls with the
-        third power of the intervals
-    sudden : ratio of the excess of a part to that of the whole from which more parts are needed at
-        once
-    most_loss : ratio of the losses at jumps of s''' that the next mesh goes for: those of a tenth
-        of all intervals
-    leapt : excess of a limit from which a profile is taken to leap over a place where dry friction
-        turns
-    usual : percentile of the accelerations at which joints turn back, as the start has it
-    sharper, least_sharper : factor from one smoothing of dry friction to the next, and the least
-        that is tried where the solver fails
-    turned : smoothings: velocity at which the friction has all but turned
-    step : smoothings: change of velocity in an interval while the friction turns
-    """
-
-    mesh: int = 100
-    mesh_sum: int = 200
-    least_mesh: int = 20
-    barriers: tuple[float, float, float] = (1e-3, 1e-7, 1e-3)
-    linear_solvers: tuple[str, str] = ("ldl", "mumps")
-    most_meshes: int = 10
-    settled: float = 5e-5
-    most_parts: int = 8
-    aimed: float = 0.5
-    sudden: float = 0.5
-    most_loss: float = 0.8
-    leapt: float = 0.1
-    usual: float = 90.0
-    sharper: float = 2.0
-    least_sharper: float = 1.08
-    turned: float = 2.0
-    step: float = 0.7
-
-
-PLACES = PlacesSettings()
+FIRST_BARRIER = 1e-3  # of a first solve
+FINER_BARRIER = 1e-7  # of one from a coarser mesh
+GENTLE_BARRIER = 1e-3  # of one from dry friction that turns less suddenly
+# in turn: without pivots factors are cheap, but their rounding may hide negative curvature
+LINEAR_SOLVERS = ("ldl", "mumps")
+MOST_MESHES = 10  # solves on finer meshes at most
+SETTLED = 5e-5  # relative change of the duration from mesh to mesh that ends the refinement
+MOST_PARTS = 8  # of an interval from one mesh to the next
+# ratio of the accepted excess that the next mesh goes for; the excess falls with the third power of
+# the intervals
+AIMED = 0.5
+# ratio of the excess of a part to that of the whole from which more parts are needed at once
+SUDDEN = 0.5
+# ratio of the losses at jumps of s''' that the next mesh goes for: a tenth of all intervals has it
+MOST_LOSS = 0.8
+# excess of a limit from which a profile is taken to leap over a place where dry friction turns
+LEAPT = 0.1
+USUAL = 90.0  # percentile of the accelerations at which joints turn back, as the start has it
+# factor from one smoothing of dry friction to the next, and the least, tried where solvers fail
+SHARPER, LEAST_SHARPER = 2.0, 1.08
+TURNED = 2.0  # smoothings: velocity at which the friction has all but turned
+STEP = 0.7  # smoothings: change of velocity in an interval while the friction turns
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,6 +79,7 @@ class SpeedProfile:
 
     Attributes
     ----------
+    curve : PathCurve
     s, v, t : arrays [N+1]
         Places, s', and the times at which they are passed, s.
     a, a_end : arrays [N]
@@ -118,6 +92,7 @@ class SpeedProfile:
         Solves that led to it.
     """
 
+    curve: PathCurve
     s: FloatArray
     v: FloatArray
     t: FloatArray
@@ -128,12 +103,12 @@ class SpeedProfile:
     attempts: tuple[Attempt, ...] = ()
 
     @classmethod
-    def of(cls, timing: Reached) -> SpeedProfile:
+    def of(cls, curve: PathCurve, timing: Reached) -> SpeedProfile:
         """Make the acceleration of the parameter of a timing continuous."""
         rise = timing.start
         a = 0.5 * (np.append(rise, rise[-1]) + np.append(rise[0], rise))
         v = np.sqrt(timing.speed_squared)
-        return cls(timing.s, v, timing.t, a[:-1], a[1:], np.zeros_like(rise))
+        return cls(curve, timing.s, v, timing.t, a[:-1], a[1:], np.zeros_like(rise))
 
     @property
     def duration(self) -> float:
@@ -153,10 +128,10 @@ class SpeedProfile:
         s = self.s[i] + after * (self.v[i] + after * (a / 2.0 + after * (j / 6.0 + k / 24.0)))
         return s, v, a + after * (j + k / 2.0), j + k
 
-    def samples(self, curve: PathCurve, i: np.ndarray, after: FloatArray) -> MotionSamples:
+    def samples(self, i: np.ndarray, after: FloatArray) -> MotionSamples:
         """Give the motion of the joints at times since the start of intervals i."""
         s, *rates = self.inside(i, after)
-        return samples_along(curve.inside(s, i, self.s, highest=3), rates)
+        return samples_along(self.curve.inside(s, i, self.s, highest=3), rates)
 
     def at_times(self, t: FloatArray) -> SpeedProfile:
         """Give the same motion more mesh points, at times among which are those that it has."""
@@ -184,12 +159,7 @@ class SpeedProfile:
 
 
 def timed_on_places(
-    family: LimitFamily,
-    curve: PathCurve,
-    start: SpeedProfile,
-    tolerance: float,
-    fast: bool,
-    progress: StepProgress,
+    family: LimitFamily, start: SpeedProfile, tolerance: float, fast: bool, progress: StepProgress
 ) -> SpeedProfile:
     """Find the fastest profile of a curve, on a mesh that is refined until all limits hold inside.
 
@@ -198,7 +168,6 @@ def timed_on_places(
     Parameters
     ----------
     family : LimitFamily
-    curve : PathCurve
     start : SpeedProfile
     tolerance : float
         Largest relative excess of a limit between mesh points.
@@ -206,16 +175,16 @@ def timed_on_places(
         Whether functions are compiled.
     progress : callable
     """
-    profile = _Timing(family, curve, start, fast).solved(PLACES.barriers[0])
-    excess = excess_of(family, curve, profile)
-    smoothing = _first_smoothing(family, curve, start)
-    leaps = not profile.solved or float(excess.max()) > PLACES.leapt
+    profile = _Timing(family, start, fast).solved(FIRST_BARRIER)
+    excess = excess_of(family, profile)
+    smoothing = _first_smoothing(family, start)
+    leaps = not profile.solved or float(excess.max()) > LEAPT
     has_friction = smoothing > COULOMB_SMOOTHING and leaps
     if has_friction and not deadline.over():
-        profile = _with_friction(family, curve, start, fast, smoothing)
-        excess = excess_of(family, curve, profile)
+        profile = _with_friction(family, start, fast, smoothing)
+        excess = excess_of(family, profile)
     before, parents = np.inf, np.full(len(excess), np.inf)
-    for _ in range(PLACES.most_meshes):
+    for _ in range(MOST_MESHES):
         if not profile.solved or deadline.over():
             break
         worst = float(excess.max())
@@ -223,7 +192,8 @@ def timed_on_places(
             f"mesh {profile.s.size - 1}: {profile.duration:.6f} s; largest excess of a limit "
             f"between mesh points: {100 * worst:.3g} %"
         )
-        within, settled = worst <= tolerance, has_friction or _alike(before, profile.duration)
+        change = abs(profile.duration - before)
+        within, settled = worst <= tolerance, has_friction or change <= SETTLED * profile.duration
         if within and settled:
             break
         worst_in = excess.max(axis=1) / tolerance
@@ -231,18 +201,14 @@ def timed_on_places(
         if not settled:
             parts = np.maximum(parts, 1 + _switching(profile))
         parents = np.repeat(worst_in, parts)
-        finer = profile.at_times(_with_parts(profile.t, parts))
-        finer = _Timing(family, curve, finer, fast).solved(PLACES.barriers[1], bent=True)
+        finer = profile.at_times(with_parts(profile.t, parts))
+        finer = _Timing(family, finer, fast).solved(FINER_BARRIER, bent=True)
         if within and not finer.solved:
             break
         before = profile.duration
         profile = finer if finer.solved else replace(profile, attempts=finer.attempts)
-        excess = excess_of(family, curve, profile)
+        excess = excess_of(family, profile)
     return profile
-
-
-def _alike(before: float, after: float) -> bool:
-    return abs(after - before) <= PLACES.settled * after
 
 
 def _switching(profile: SpeedProfile) -> np.ndarray:
@@ -255,7 +221,7 @@ def _switching(profile: SpeedProfile) -> np.ndarray:
     jumps = np.abs(np.diff(mean) - 0.5 * (profile.d[1:] + profile.d[:-1]))
     loss = (np.maximum(np.append(jumps, 0.0), np.append(0.0, jumps)) + np.abs(profile.d)) * h**2
     order = np.argsort(-loss)
-    count = np.searchsorted(np.cumsum(loss[order]), PLACES.most_loss * loss.sum()) + 1
+    count = np.searchsorted(np.cumsum(loss[order]), MOST_LOSS * loss.sum()) + 1
     chosen = np.zeros(h.size, dtype=bool)
     chosen[order[:count]] = True
     return chosen
@@ -268,43 +234,35 @@ def _parts_for(excess: FloatArray, parents: FloatArray) -> np.ndarray:
     where a torque goes to its limit faster than an interval lasts, as many as there may be.
     """
     parts = np.where(
-        (excess > 1.0) & (excess > PLACES.sudden * parents),
-        PLACES.most_parts,
-        np.cbrt(np.maximum(excess, 0.0) / PLACES.aimed),
+        (excess > 1.0) & (excess > SUDDEN * parents),
+        MOST_PARTS,
+        np.cbrt(np.maximum(excess, 0.0) / AIMED),
     )
-    return np.clip(np.ceil(parts), 1, PLACES.most_parts).astype(int)
-
-
-def _with_parts(t: FloatArray, parts: np.ndarray) -> FloatArray:
-    """Divide intervals between times [N+1] into so many parts [N] each."""
-    first = np.repeat(np.cumsum(parts) - parts, parts)
-    share = (np.arange(parts.sum()) - first) / np.repeat(parts, parts)
-    return np.append(np.repeat(t[:-1], parts) + share * np.repeat(np.diff(t), parts), t[-1])
+    return np.clip(np.ceil(parts), 1, MOST_PARTS).astype(int)
 
 
 def _with_friction(
-    family: LimitFamily, curve: PathCurve, start: SpeedProfile, fast: bool, smoothing: float
+    family: LimitFamily, start: SpeedProfile, fast: bool, smoothing: float
 ) -> SpeedProfile:
     """Find a profile for dry friction of its own suddenness, by way of gentler ones."""
-    first, _, gentler = PLACES.barriers
-    profile, barrier, last, sharper = start, first, np.inf, PLACES.sharper
-    widest = float(np.abs(curve.evaluate(start.s)[1] * start.v[:, None]).max())
+    profile, barrier, last, sharper = start, FIRST_BARRIER, np.inf, SHARPER
+    widest = float(np.abs(start.curve.evaluate(start.s)[1] * start.v[:, None]).max())
     while True:
-        closer = _closer_at_reversals(family, curve, profile, smoothing)
-        closer = _Timing(family, curve, closer, fast, smoothing).solved(barrier)
+        closer = _closer_at_reversals(family, profile, smoothing)
+        closer = _Timing(family, closer, fast, smoothing).solved(barrier)
         profile = closer if closer.solved else replace(profile, attempts=closer.attempts)
         if closer.solved:
-            last, barrier = smoothing, gentler
+            last, barrier = smoothing, GENTLE_BARRIER
         elif np.isfinite(last):
             sharper = np.sqrt(sharper)  # less at a time
-        ended = last == COULOMB_SMOOTHING or smoothing > widest or sharper < PLACES.least_sharper
+        ended = last == COULOMB_SMOOTHING or smoothing > widest or sharper < LEAST_SHARPER
         if ended or deadline.over():
             return profile
         wider = smoothing * sharper if np.isinf(last) else last / sharper
         smoothing = max(wider, COULOMB_SMOOTHING)
 
 
-def _first_smoothing(family: LimitFamily, curve: PathCurve, start: SpeedProfile) -> float:
+def _first_smoothing(family: LimitFamily, start: SpeedProfile) -> float:
     """Give a velocity, rad/s (m/s), within which dry friction may turn for the start to be good.
 
     There the friction alone all but keeps the limits of the torque rate. Not less than the robot's.
@@ -314,34 +272,34 @@ def _first_smoothing(family: LimitFamily, curve: PathCurve, start: SpeedProfile)
     rated = (dry > 0) & np.isfinite(limit) & (limit > 0)
     if "taud" not in family or not rated.any():
         return COULOMB_SMOOTHING
-    _, tangent, curvature = curve.evaluate(start.s[:-1])
-    qdd = np.abs(tangent * start.a[:, None] + curvature * start.v[:-1, None] ** 2)
-    turned = dry[rated] * np.percentile(qdd[:, rated], PLACES.usual, axis=0) / limit[rated]
+    shape = start.curve.evaluate(start.s[:-1])
+    qdd = np.abs(samples_along(shape, (start.v[:-1], start.a)).qdd)
+    turned = dry[rated] * np.percentile(qdd[:, rated], USUAL, axis=0) / limit[rated]
     return max(float(turned.max()), COULOMB_SMOOTHING)
 
 
 def _closer_at_reversals(
-    family: LimitFamily, curve: PathCurve, profile: SpeedProfile, smoothing: float
+    family: LimitFamily, profile: SpeedProfile, smoothing: float
 ) -> SpeedProfile:
     """Give the same motion more mesh points where the dry friction of a joint turns."""
     dry = dry_friction(family.robot) > 0
     if "taud" not in family or not dry.any():
         return profile
-    velocity = (curve.evaluate(profile.s)[1] * profile.v[:, None])[:, dry]
+    velocity = (profile.curve.evaluate(profile.s)[1] * profile.v[:, None])[:, dry]
     before, after = velocity[:-1], velocity[1:]
-    slow = np.minimum(np.abs(before), np.abs(after)) < PLACES.turned * smoothing
+    slow = np.minimum(np.abs(before), np.abs(after)) < TURNED * smoothing
     slow |= before * after < 0
     change = np.where(slow, np.abs(after - before), 0.0).max(axis=1)
-    parts = np.clip(np.ceil(change / (PLACES.step * smoothing)), 1, PLACES.most_parts)
-    return profile.at_times(_with_parts(profile.t, parts.astype(int)))
+    parts = np.clip(np.ceil(change / (STEP * smoothing)), 1, MOST_PARTS)
+    return profile.at_times(with_parts(profile.t, parts.astype(int)))
 
 
-def excess_of(family: LimitFamily, curve: PathCurve, profile: SpeedProfile) -> FloatArray:
+def excess_of(family: LimitFamily, profile: SpeedProfile) -> FloatArray:
     """Give the largest relative excess [N,K] of any limit at K places of every interval."""
     shares = np.linspace(0.0, 1.0, CHECKS_PER_INTERVAL + 1)
     steps = np.diff(profile.t)
     i = np.repeat(np.arange(steps.size), shares.size)
-    samples = profile.samples(curve, i, (steps[:, None] * shares).ravel())
+    samples = profile.samples(i, (steps[:, None] * shares).ravel())
     return family.excess(samples).reshape(-1, shares.size)
 
 
@@ -355,12 +313,11 @@ class _Timing:
     def __init__(
         self,
         family: LimitFamily,
-        curve: PathCurve,
         start: SpeedProfile,
         fast: bool,
         smoothing: float = COULOMB_SMOOTHING,
     ) -> None:
-        self.start, self.family = start, family
+        self.start, self.family, curve = start, family, start.curve
         self.free = curve.start_free, curve.end_free
         speed = max(float(start.v.max()), 1e-12)
         self.time = speed / max(float(np.percentile(np.abs(start.a), 90)), 1e-6 * speed)
@@ -373,10 +330,12 @@ class _Timing:
         i, h = np.arange(n), np.diff(start.t)
         middle, *inner = (
             np.clip(start.inside(i, x * h)[0], start.s[:-1], start.s[1:])
-            for x in (0.5, *PROGRAM.speed_places)
+            for x in (0.5, *SPEED_PLACES)
         )
         right, left, within = (
-            _numbers(self.kinds, robot, curve, s, self.unit, fast, from_left=side)
+            _numbers(
+                self.kinds, robot, curve.evaluate(s, from_left=side, highest=3), self.unit, fast
+            )
             for s, side in ((start.s, False), (start.s, True), (middle, False))
         )
         self.program = program_of(self.kinds, n, tuple(self.breaks.tolist()), fast)
@@ -384,7 +343,8 @@ class _Timing:
         steps = np.diff(start.s)[:, None] / self.unit
         in_intervals = np.hstack([right[:-1], left[1:], within, steps])
         varying = [key for key in self.kinds.further if family[key].varies]
-        usual = family.values(_resting(curve.evaluate(middle[n // 2 : n // 2 + 1])[0]), varying)
+        resting = MotionSamples.at_rest(curve.evaluate(middle[n // 2 : n // 2 + 1])[0])
+        usual = family.values(resting, varying)
         self.of_acceleration, self.of_rates = (
             LimitBounds.of(family, keys, usual)
             for keys in (self.kinds.of_acceleration, self.kinds.of_rates)
@@ -392,7 +352,7 @@ class _Timing:
         self.numbers = np.concatenate(
             [
                 [self.time, smoothing],
-                *(_friction(robot, name) for name in ("viscous_friction", "coulomb_friction")),
+                *(friction(robot, kind) for kind in (VISCOUS, DRY)),
                 self.of_acceleration.size,
                 self.of_rates.size,
                 at_points[:, self.program.used[0]].ravel(),
@@ -403,7 +363,6 @@ class _Timing:
         self.speed, self.inner_speed = (
             largest_speeds(family, curve, s) / v for s in (start.s, np.stack(inner, axis=1).ravel())
         )
-        self.fast = fast
 
     def solved(self, barrier: float, bent: bool = False) -> SpeedProfile:
         """Solve; with another linear solver from the start where the first one fails.
@@ -433,7 +392,7 @@ class _Timing:
         rows = np.flatnonzero(np.isfinite(lower) | np.isfinite(upper))
         attempts, gap = list(start.attempts), float("nan")
         guess = np.clip(x, low, high)
-        for linear_solver in PLACES.linear_solvers:
+        for linear_solver in LINEAR_SOLVERS:
             solver = self.program.solver(rows, barrier, linear_solver)
             created = time.perf_counter()
             answer = solver(
@@ -449,7 +408,7 @@ class _Timing:
             gap = gap_of(bounds, x, values, np.zeros(1), np.concatenate(lam)).total
             if attempts[-1].status.solved or deadline.over():
                 break
-            barrier = PLACES.barriers[0]
+            barrier = FIRST_BARRIER
         if not attempts[-1].status.solved:
             return replace(start, attempts=tuple(attempts))
         points = x[n + 1 : n + 1 + count] * a
@@ -497,17 +456,12 @@ class _Timing:
 
 
 def _numbers(
-    kinds: LimitKinds,
-    robot: Robot,
-    curve: PathCurve,
-    s: FloatArray,
-    unit: float,
-    fast: bool,
-    *,
-    from_left: bool,
+    kinds: LimitKinds, robot: Robot, shape: Sequence[FloatArray], unit: float, fast: bool
 ) -> FloatArray:
-    """Give the numbers [N,K] that limits at places s follow from, for s in this unit."""
-    shape = curve.evaluate(s, from_left=from_left, highest=3)
+    """Give the numbers [N,K] that limits at places follow from, for s in this unit.
+
+    ``shape`` is the pose and its three derivatives there, each [N,n].
+    """
     parts = [derivative * unit**k for k, derivative in enumerate(shape)]
     if kinds.dynamics:
         parts += _torques(robot, parts, fast)
@@ -541,15 +495,3 @@ def _torques(robot: Robot, shape: Sequence[FloatArray], fast: bool) -> tuple[Flo
 @lru_cache(maxsize=16)
 def _rates(robot: Robot, count: int, fast: bool) -> Any:
     return buffered_call(maybe_compiled(torque_and_rate(frictionless(robot)), fast).map(count))
-
-
-def _friction(robot: Robot, name: str) -> FloatArray:
-    """Give the sizes [n] of one kind of friction; zero without masses."""
-    if not robot.has_dynamics:
-        return np.zeros(robot.joint_count)
-    return np.array([getattr(link, name) for link in robot.links])
-
-
-def _resting(q: FloatArray) -> MotionSamples:
-    zero = np.zeros_like(q)
-    return MotionSamples(q, zero, zero, zero)
