@@ -30,13 +30,32 @@ from microbot_ocp.motion._sampling import JUMP_GAP, dense_times, history_of, jum
 from microbot_ocp.motion._sensitivities import Sensitivities, sensitivities_of
 from microbot_ocp.robot import Robot
 
-NEGLIGIBLE = 1e-8  # share of the largest acceleration: a term of a polynomial that counts as none
-NOISE = 1e-6  # share of the largest acceleration that rounding of positions may make of a quintic
-# share of the largest torque by which it may lie outside of its values at both samples
-RESOLVED = 0.02
-HALVINGS = 5  # of a sample step that this may ask for, at most
-MOST_RESOLVED = 200_000  # samples above which this is not looked at
-SAMPLE_STEP = 1e-3  # s, the longest step between the samples of a new motion
+
+@dataclass(frozen=True)
+class Sampling:
+    """Settings by which a motion gets its samples.
+
+    Attributes
+    ----------
+    negligible : share of the largest acceleration: a term of a polynomial that counts as none
+    noise : share of the largest acceleration that rounding of positions may make of a quintic
+    resolved : share of the largest torque by which it may lie outside of its values at both
+        samples
+    halvings : most halvings of a sample step that this may ask for
+    most_samples : samples above which this is not looked at
+    step : s, the longest step between the samples of a new motion
+    """
+
+    negligible: float = 1e-8
+    noise: float = 1e-6
+    resolved: float = 0.02
+    halvings: int = 5
+    most_samples: int = 200_000
+    step: float = 1e-3
+
+
+SAMPLING = Sampling()
+SAMPLE_STEP = SAMPLING.step
 SCHEMA = 1  # of the files
 ARRAYS = ("t", "q", "qd", "qdd", "tau", "breaks")
 ROUNDING = 360 * np.finfo(float).eps  # of positions, in the acceleration of a quintic, times h^-2
@@ -159,7 +178,7 @@ class Motion:
         marks: Sequence[Mark] = (),
         provenance: Mapping[str, Any] | None = None,
         remark: str = "",
-        step: float = SAMPLE_STEP,
+        step: float = SAMPLING.step,
         jumps_at: Sequence[float] = (),
     ) -> Motion:
         """Sample a piecewise polynomial (degree up to five) with its inverse dynamics.
@@ -185,7 +204,7 @@ class Motion:
             return State(polynomial(t), velocity(t), acceleration(t))
 
         least, places = _steps_to_tell(acceleration), breaks
-        for _ in range(HALVINGS):
+        for _ in range(SAMPLING.halvings):
             t = sample_times(places, breaks[1:-1][jumps], step, least)
             motion = cls.from_state(
                 robot,
@@ -496,7 +515,9 @@ def _steps_to_tell(acceleration: PiecewisePolynomial) -> int:
     """
     terms = np.abs(acceleration.coefficients).max(axis=2)
     terms = terms * np.diff(acceleration.breaks)[:, None] ** np.arange(terms.shape[1])
-    return max(1, int(np.flatnonzero((terms > NEGLIGIBLE * terms.max()).any(axis=0))[-1:].sum()))
+    return max(
+        1, int(np.flatnonzero((terms > SAMPLING.negligible * terms.max()).any(axis=0))[-1:].sum())
+    )
 
 
 def unresolved(
@@ -510,14 +531,14 @@ def unresolved(
     ``tau`` are those at the samples where they are known. None where the robot has no masses, or
     between the two sides of a jump.
     """
-    if not robot.has_dynamics or t.size > MOST_RESOLVED:
+    if not robot.has_dynamics or t.size > SAMPLING.most_samples:
         return t[:0]
     middle = 0.5 * (t[1:] + t[:-1])
     tau = torque_along(robot, state_at(t)) if tau is None else tau
     between = torque_along(robot, state_at(middle))
     low, high = np.minimum(tau[:-1], tau[1:]), np.maximum(tau[:-1], tau[1:])
     outside = (np.maximum(between - high, low - between) - (high - low)).max(axis=1)
-    return middle[(outside > RESOLVED * np.abs(tau).max()) & ~jump_gaps(t)]
+    return middle[(outside > SAMPLING.resolved * np.abs(tau).max()) & ~jump_gaps(t)]
 
 
 def sample_times(breaks: FloatArray, jumps: FloatArray, step: float, least: int = 1) -> FloatArray:
@@ -572,7 +593,7 @@ def pieces_of(motion: Motion, i: np.ndarray | None = None) -> FloatArray:
     c = quintic_between(start, end, h)
     # In short intervals positions differ by their rounding: velocities and accelerations tell, in
     # still shorter ones accelerations alone, which run straight.
-    least = NOISE * np.abs(motion.qdd).max(initial=0.0)
+    least = SAMPLING.noise * np.abs(motion.qdd).max(initial=0.0)
     short = ROUNDING * np.abs(start.q).max(axis=1, initial=0.0) > h**2 * least
     if short.any():
         step, change = h[short, None], (end.qdd - start.qdd)[short]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,13 +18,32 @@ if TYPE_CHECKING:
 JUMP_GAP = JUMP_TIME  # s between the two samples that stand for a jump of the acceleration
 
 
-DENSE_STEP = 0.25e-3  # s, the longest on the grid on which limits are looked at between samples
-MOST_STEPS = 400_000  # those of 100 s; longer motions have longer ones
-JUMP_RATIO = 0.02  # of the interval before it: a longer gap is one of a short motion, no jump
-EVEN = 1e-3  # relative difference of steps that count as equal
-RATIO = 20  # grid points to each mesh interval, at least
-LEAST_RATIO = 5  # the same where there would be more than MANY_POINTS
-MANY_POINTS = 100_000
+@dataclass(frozen=True)
+class DenseGrid:
+    """Settings of the grid on which limits are looked at between samples.
+
+    Attributes
+    ----------
+    step : s, the longest step
+    most_steps : steps at most: those of 100 s; longer motions have longer ones
+    jump_ratio : of the interval before it: a longer gap is an interval of a short motion, no
+        jump
+    even : relative difference of steps that count as equal
+    ratio : grid points to each mesh interval, at least
+    least_ratio : the same where there would be more than many_points
+    many_points : points from which least_ratio holds
+    """
+
+    step: float = 0.25e-3
+    most_steps: int = 400_000
+    jump_ratio: float = 0.02
+    even: float = 1e-3
+    ratio: int = 20
+    least_ratio: int = 5
+    many_points: int = 100_000
+
+
+DENSE_GRID = DenseGrid()
 
 
 def jump_gaps(t: FloatArray, i: NDArray[np.intp] | None = None) -> NDArray[np.bool_]:
@@ -36,8 +56,8 @@ def jump_gaps(t: FloatArray, i: NDArray[np.intp] | None = None) -> NDArray[np.bo
     last = np.minimum(first + 2, t.size - 1)
     gap = t[first + 1] - t[first]
     before = np.where(first > 0, t[first] - t[np.maximum(first - 1, 0)], 0.0)
-    even = np.abs(t[last] - t[first + 1] - gap) <= EVEN * gap
-    return (gap <= np.minimum(2 * JUMP_GAP, JUMP_RATIO * before)) & ~even
+    even = np.abs(t[last] - t[first + 1] - gap) <= DENSE_GRID.even * gap
+    return (gap <= np.minimum(2 * JUMP_GAP, DENSE_GRID.jump_ratio * before)) & ~even
 
 
 def nearest_samples(t: FloatArray, times: FloatArray) -> NDArray[np.intp]:
@@ -82,8 +102,10 @@ def dense_times(motion: Motion) -> tuple[FloatArray, float]:
     """Return dense grid and its least number of points to a mesh interval."""
     mesh = mesh_of(motion)
     lengths = np.diff(mesh)
-    step = max(DENSE_STEP, checks.longest_step(motion.duration, MOST_STEPS))
-    ratio = int(np.clip(MANY_POINTS // lengths.size, LEAST_RATIO, RATIO))
+    step = max(DENSE_GRID.step, checks.longest_step(motion.duration, DENSE_GRID.most_steps))
+    ratio = int(
+        np.clip(DENSE_GRID.many_points // lengths.size, DENSE_GRID.least_ratio, DENSE_GRID.ratio)
+    )
     points = np.maximum(ratio, np.ceil(lengths / step - 1e-9)).astype(int)
     # Just before each break as well, for the limits from the left.
     before = mesh[1:-1] - np.minimum(2 * JUMP_GAP, 1e-3 * lengths[:-1])
