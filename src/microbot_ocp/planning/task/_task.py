@@ -39,12 +39,30 @@ from microbot_ocp.planning.task._segments import (
 from microbot_ocp.planning.task._stops import Bounds, Conditions, EndConditions, Payload, Row, Stop
 from microbot_ocp.robot import Robot, forward_kinematics, jacobian
 
-MOST_STOPS = 200
-LOOSEST = 0.1  # of the reach, for the radius of a ball or a tube
-HEAVIEST = 1000.0  # times the arm's own mass
-STATES = 3  # at which slopes are looked at
-FLAT = 1e-9  # relative size of a slope that is none
-APART = 1e-6  # m (m/s, rad): what is farther off is not met
+
+@dataclass(frozen=True)
+class TaskSizes:
+    """Largest values of a task of stops, and what counts as none.
+
+    Attributes
+    ----------
+    stops : at most
+    loosest : of the reach, for the radius of a ball or a tube
+    heaviest : times the arm's own mass
+    states : at which slopes are looked at
+    flat : relative size of a slope that is none
+    apart : m (m/s, rad): what is farther off is not met
+    """
+
+    stops: int = 200
+    loosest: float = 0.1
+    heaviest: float = 1000.0
+    states: int = 3
+    flat: float = 1e-9
+    apart: float = 1e-6
+
+
+TASK_SIZES = TaskSizes()
 
 EMPTY = Payload(0.0)
 
@@ -281,12 +299,12 @@ def _felt(robot: Robot, stop: Stop, row: Row) -> Row | None:
     q, qd = (ca.SX.sym(name, robot.joint_count) for name in ("q", "qd"))
     value, state = row.expression(q, qd), ca.vertcat(q, qd)
     along = ca.Function("along", [state], [value, ca.jacobian(value, state)])
-    states = np.random.default_rng(0).uniform(-1.0, 1.0, (STATES, 2 * robot.joint_count))
+    states = np.random.default_rng(0).uniform(-1.0, 1.0, (TASK_SIZES.states, 2 * robot.joint_count))
     values, slopes = zip(*(map(np.array, along(x)) for x in states), strict=True)
     size = np.max([np.abs(slope).max(axis=1) for slope in slopes], axis=0)
-    fixed = (size <= FLAT * max(1.0, size.max())) & (low == high)
+    fixed = (size <= TASK_SIZES.flat * max(1.0, size.max())) & (low == high)
     off = np.abs(values[0][:, 0] - low)[fixed]
-    if off.size and off.max() > APART:
+    if off.size and off.max() > TASK_SIZES.apart:
         raise InputError(
             f"{row.name} of stop {stop.name!r} is off by {off.max():.3g} whatever the joints do"
         )
@@ -330,8 +348,8 @@ def task_of(
     if len(set(names)) < len(names):
         raise InputError(f"the names of stops must differ: {', '.join(names)}")
     least = 1 if cycle else 2
-    if not least <= len(given) <= MOST_STOPS:
-        raise InputError(f"a task must have {least} to {MOST_STOPS} stops, not {len(given)}")
+    if not least <= len(given) <= TASK_SIZES.stops:
+        raise InputError(f"a task must have {least} to {TASK_SIZES.stops} stops, not {len(given)}")
     if cycle:
         given.append(given[0])
     kinds = list(segments) if segments is not None else [None] * (len(given) - 1)
@@ -371,7 +389,7 @@ def _check_tolerance(robot: Robot, where: str, tolerance: Any, of_joints: bool) 
         raise InputError(f"tolerance of {where} is {largest:g} rad, more than a whole turn")
     is_box = np.ndim(tolerance) > 0
     reach = farthest_tool(robot)
-    if not of_joints and largest > (reach if is_box else LOOSEST * reach):
+    if not of_joints and largest > (reach if is_box else TASK_SIZES.loosest * reach):
         share = "" if is_box else "a tenth of what "
         free = "; inf, in a tolerance of three numbers, leaves a coordinate free"
         raise InputError(
@@ -389,7 +407,7 @@ def _check_payload(robot: Robot, stop: Stop) -> None:
         )
     mass = sum(link.mass for link in robot.links)
     sentence = f"payload of stop {stop.name!r} is {stop.payload.mass:g} kg, more than "
-    times, weight = HEAVIEST, f"what the arm weighs itself ({mass:.3g} kg)"
+    times, weight = TASK_SIZES.heaviest, f"what the arm weighs itself ({mass:.3g} kg)"
     if stop.payload.mass > times * mass > 0.0:
         raise InputError(f"{sentence}{times:g} times {weight}; that looks like grams")
     if stop.payload.mass > mass > 0.0:

@@ -51,7 +51,7 @@ from microbot_ocp.planning.task import (
     with_drives_noted,
     with_locked_joints_held,
 )
-from microbot_ocp.planning.timing._places_program import SMOOTHING
+from microbot_ocp.planning.timing._places_program import PROGRAM
 from microbot_ocp.planning.timing._places_timing import (
     SpeedProfile,
     excess_of,
@@ -344,7 +344,7 @@ class _PathSearch:
             excess=excess,
             solver=attempts[-1].solver,
             gap=sum(profile.gap for profile in profiles),  # s: from the local optimum, at most
-            smoothing=SMOOTHING,
+            smoothing=PROGRAM.smoothing,
             solves=[attempt.as_dict() for attempt in attempts],
         )
 

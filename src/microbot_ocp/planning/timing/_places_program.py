@@ -23,12 +23,27 @@ from microbot_ocp._base.codegen import compile_functions
 from microbot_ocp.limits import LimitFamily, Member
 from microbot_ocp.ocp.solvers import as_ipopt_knows
 
-SMOOTHING = 1e-8  # weight of the squared s''': picks one timing where many are equally fast
-TOLERANCE = 1e-7  # of IPOPT
-MOST_ITERATIONS = 120  # of IPOPT; 25 to 45 are usual
-# shares of an interval at which the limit of s' is kept: on a stretch at the limit its middle alone
-# would leave s'' an error that is the same in every interval
-SPEED_PLACES = (1 / 3, 2 / 3)
+
+@dataclass(frozen=True)
+class ProgramSettings:
+    """Settings of the program.
+
+    Attributes
+    ----------
+    smoothing : weight of the squared s''': picks one timing where many are equally fast
+    tolerance : of IPOPT
+    most_iterations : of IPOPT; 25 to 45 are usual
+    speed_places : shares of an interval at which the limit of s' is kept. On a stretch at the
+        limit its middle alone would leave s'' an error that is the same in every interval
+    """
+
+    smoothing: float = 1e-8
+    tolerance: float = 1e-7
+    most_iterations: int = 120
+    speed_places: tuple[float, float] = (1 / 3, 2 / 3)
+
+
+PROGRAM = ProgramSettings()
 TORQUE_PARTS = 6  # torque per s'', per s'^2 and at rest, and how each changes along s
 
 
@@ -214,11 +229,14 @@ def _kernels_of(symbol: Any, kinds: LimitKinds, fast: bool) -> tuple[_Kernel, _K
         _limit_rows(kinds, three, end, common, (v_end, a_end, j + 0.5 * d)),
         _limit_rows(kinds, three, middle, common, (v_middle, a_middle, j)),
         _limit_rows(kinds, one, middle, common, (v_middle, a_middle, 0.0)),
-        *(v + h * x * (a + h * x * (0.5 * (j - 0.5 * d) + x * d / 6.0)) for x in SPEED_PLACES),
+        *(
+            v + h * x * (a + h * x * (0.5 * (j - 0.5 * d) + x * d / 6.0))
+            for x in PROGRAM.speed_places
+        ),
     )
     # the integral of the squared s'''
     rough = h * (j**2 + d**2 / 12.0)
-    cost = h + SMOOTHING * rough
+    cost = h + PROGRAM.smoothing * rough
     return point, _Kernel.of(w, numbers, common, values, cost, fast)
 
 
@@ -335,8 +353,8 @@ class PlacesProgram:
         options: dict[str, Any] = {
             "print_level": 0,
             "sb": "yes",
-            "tol": TOLERANCE,
-            "max_iter": MOST_ITERATIONS,
+            "tol": PROGRAM.tolerance,
+            "max_iter": PROGRAM.most_iterations,
             "mumps_permuting_scaling": 0,
             "mumps_pivot_order": 0,
             "acceptable_iter": 0,

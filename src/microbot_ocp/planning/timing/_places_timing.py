@@ -42,7 +42,7 @@ from microbot_ocp.planning.task import (
     frictionless,
 )
 from microbot_ocp.planning.timing._places_program import (
-    SPEED_PLACES,
+    PROGRAM,
     LimitBounds,
     LimitKinds,
     program_of,
@@ -330,7 +330,7 @@ class _Timing:
         i, h = np.arange(n), np.diff(start.t)
         middle, *inner = (
             np.clip(start.inside(i, x * h)[0], start.s[:-1], start.s[1:])
-            for x in (0.5, *SPEED_PLACES)
+            for x in (0.5, *PROGRAM.speed_places)
         )
         right, left, within = (
             _numbers(
