@@ -19,9 +19,25 @@ from microbot_ocp.limits._use import AT_LIMIT
 
 JUMP_TIME = 1e-6  # s: a jump of the acceleration counts as if it took so long
 SHORTEST = 2e-3  # s: gaps and spells shorter than this are put down to the solver's mesh
-POINTS_PER_PIECE = 200  # of the first grid for the maxima, before they are refined
-ROUNDS = 8  # each divides the grid step around a maximum by four
-CANDIDATES = 60  # most maxima that are refined at a time
+
+
+@dataclass(frozen=True)
+class PeakSearch:
+    """Settings of the search for maxima along a motion.
+
+    Attributes
+    ----------
+    points_per_piece : first grid for the maxima, before they are refined
+    rounds : each divides the grid step around a maximum by four
+    candidates : most maxima that are refined at a time
+    """
+
+    points_per_piece: int = 200
+    rounds: int = 8
+    candidates: int = 60
+
+
+PEAK_SEARCH = PeakSearch()
 
 
 class StateHistory(NamedTuple):
@@ -301,7 +317,7 @@ def largest_use(
     if at_rest:
         orders = [orders[0], *(np.zeros_like(c) for c in orders[1:])]
     lengths = np.diff(polynomial.breaks)
-    pieces, points = lengths.size, POINTS_PER_PIECE
+    pieces, points = lengths.size, PEAK_SEARCH.points_per_piece
     fraction = np.linspace(0.0, 1.0, points + 1)
     piece = np.repeat(np.arange(pieces), points + 1)
 
@@ -315,7 +331,7 @@ def largest_use(
     center, best = lengths[k] * fraction[i], use[k, i, channel]
     reach = lengths[k] / points
     offsets = np.linspace(-1.0, 1.0, 9)
-    for _ in range(ROUNDS):
+    for _ in range(PEAK_SEARCH.rounds):
         around = np.clip(center[:, None] + reach[:, None] * offsets, 0.0, lengths[k][:, None])
         uses = use_at(np.repeat(k, offsets.size), around.ravel())
         uses = uses.reshape(k.size, offsets.size, -1)
@@ -406,6 +422,6 @@ def _candidates(use: FloatArray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     hope = finite + curvature
     peaks = (finite >= left) & (finite > right) & (hope >= finite.max())
     places = np.argwhere(peaks)
-    order = np.argsort(-hope[tuple(places.T)], kind="stable")[:CANDIDATES]
+    order = np.argsort(-hope[tuple(places.T)], kind="stable")[: PEAK_SEARCH.candidates]
     k, i, channel = places[order].T
     return k, i, channel

@@ -14,11 +14,11 @@ from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import ROUNDING, LimitFamily, MotionSamples
-from microbot_ocp.limits._history import POINTS_PER_PIECE, orders_of, samples_of
+from microbot_ocp.limits._history import PEAK_SEARCH, orders_of, samples_of
 from microbot_ocp.motion import PiecewisePolynomial
 from microbot_ocp.robot import JointLimits, Limits, Robot
 from microbot_ocp.trajectories._shortest_duration import (
-    LONGEST,
+    DURATION_SEARCH,
     Scaled,
     checked_shape,
     shortest_duration,
@@ -247,13 +247,13 @@ class _SplitSearch:
             slower = split.shape.stretched(1.0 + DIFFERENCE)
             slope = (self.uses(slower, split)[moving] - use) / DIFFERENCE
             here, double = float(logs[0]), float(np.log(2.0))
-            if here - first > np.log(LONGEST):
+            if here - first > np.log(DURATION_SEARCH.longest):
                 return replace(split, violation=float(use.max()) - 1.0)
             too_short, enough = (here, enough) if use.max() > 1.0 else (too_short, here)
             held = np.where(use > 1.0, double, -np.inf)  # slower is not less here
             falls = slope < 0.0
             wanted = np.where(falls, -use * np.log(use) / np.where(falls, slope, 1.0), held)
-            change = float(np.clip(wanted.max(), -double, np.log(LONGEST)))
+            change = float(np.clip(wanted.max(), -double, np.log(DURATION_SEARCH.longest)))
             if abs(change) <= self.tolerance or enough - too_short <= self.tolerance:
                 return replace(split, log_duration=split.log_duration + change)
             if not too_short < here + change < enough:
@@ -264,7 +264,7 @@ class _SplitSearch:
         """Look for the maxima at these durations."""
         self.tried += 1
         shape = self.make(np.exp(logs))
-        count, points = len(shape.breaks) - 1, POINTS_PER_PIECE + 1
+        count, points = len(shape.breaks) - 1, PEAK_SEARCH.points_per_piece + 1
         piece = np.repeat(np.arange(count), points)
         fraction = np.tile(np.linspace(0, 1, points), count)
         lasting, moving = self.uses_at(shape, piece, fraction)

@@ -18,9 +18,23 @@ from microbot_ocp.robot import JointLimits, Limits, Robot
 MakeMotion = Callable[[float], PiecewisePolynomial]
 
 
-SCAN_RATIO = 1.05  # step of the search from above, where the feasible set may have gaps
-LONGEST = 1e6  # times the first duration: no longer one is tried
-SHORTEST = 1e-9  # times the first duration: no shorter one is tried
+@dataclass(frozen=True)
+class DurationSearch:
+    """Settings of the search for the shortest duration.
+
+    Attributes
+    ----------
+    scan_ratio : step of the search from above, where the feasible set may have gaps
+    longest : times the first duration: no longer one is tried
+    shortest : times the first duration: no shorter one is tried
+    """
+
+    scan_ratio: float = 1.05
+    longest: float = 1e6
+    shortest: float = 1e-9
+
+
+DURATION_SEARCH = DurationSearch()
 
 
 @dataclass(frozen=True)
@@ -193,7 +207,7 @@ class _DurationSearch:
         try:
             polynomial = self.make(duration)
         except InputError as problem:
-            if duration > 0.1 * LONGEST * self.first:
+            if duration > 0.1 * DURATION_SEARCH.longest * self.first:
                 raise InputError(f"make_motion refuses every duration: {problem}") from problem
             return Peak(np.inf)
         if self.shape is None:
@@ -240,7 +254,7 @@ class _DurationSearch:
         while peak.use > 1.0:
             bad = (duration, peak)
             duration *= float(np.clip(peak.use, 1.3, 4.0))
-            if duration > LONGEST * self.first:
+            if duration > DURATION_SEARCH.longest * self.first:
                 raise InputError(self._no_duration(bad))
             if self.shape is None and deadline.over():
                 return bad, bad
@@ -254,11 +268,11 @@ class _DurationSearch:
             duration, peak = good
             if deadline.over():
                 return good, good
-            if duration < SHORTEST * self.first:
+            if duration < DURATION_SEARCH.shortest * self.first:
                 raise InputError(
                     "make_motion meets no limit, however short it is: no joint with a limit moves"
                 )
-            shorter = duration / SCAN_RATIO
+            shorter = duration / DURATION_SEARCH.scan_ratio
             if not self.from_above or peak.use < 0.1:
                 shorter = duration * float(np.clip(0.95 * peak.use, 0.1, 0.9))
             trial = (shorter, self.evaluate(shorter))

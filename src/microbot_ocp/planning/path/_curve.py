@@ -32,9 +32,24 @@ from microbot_ocp.planning.task import check_pace, check_positions, check_rest, 
 
 IntArray = NDArray[np.intp]
 
-VANISHING = 1e-9  # relative size of a derivative that counts as zero
-CORNER = 1e-6  # relative jump of the tangent that counts as a corner
-MARGIN = 1e-10  # ratio of a bent piece by which it starts inside, where powers of r are finite
+
+@dataclass(frozen=True)
+class CurveSettings:
+    """Settings of curves.
+
+    Attributes
+    ----------
+    vanishing : relative size of a derivative that counts as zero
+    corner : relative jump of the tangent that counts as a corner
+    margin : ratio of a bent piece by which it starts inside, where powers of r are finite
+    """
+
+    vanishing: float = 1e-9
+    corner: float = 1e-6
+    margin: float = 1e-10
+
+
+CURVE = CurveSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +99,7 @@ class CurvePiece:
         """First and last r that are used."""
         if not self.bent:
             return 0.0, self.span
-        margin = MARGIN * self.span
+        margin = CURVE.margin * self.span
         return (0.0, self.span - margin) if self.bent_at_end else (margin, self.span)
 
     def from_the_bent_end(self, r: FloatArray) -> tuple[FloatArray, float]:
@@ -260,7 +275,7 @@ def vanishing_orders(path: PiecewisePolynomial, s: FloatArray, *, from_left: boo
     for _ in range(path.coefficients.shape[1] - 2):
         curve = curve.derivative()
         sizes = np.abs(curve(places, from_left=from_left)).max(axis=1)
-        vanish &= sizes[-s.size :] <= VANISHING * max(sizes.max(), 1e-300)
+        vanish &= sizes[-s.size :] <= CURVE.vanishing * max(sizes.max(), 1e-300)
         orders += vanish
         if not vanish.any():
             break
@@ -340,7 +355,7 @@ def check_path(family: LimitFamily, path: PiecewisePolynomial) -> FloatArray:
 def corners(path: PiecewisePolynomial) -> FloatArray:
     """Find the breaks at which the tangent jumps, or vanishes while its direction jumps."""
     before, after, size = _at_breaks(path, path.derivative())
-    rests = np.maximum(np.abs(before), np.abs(after)).max(axis=1) <= VANISHING * size
+    rests = np.maximum(np.abs(before), np.abs(after)).max(axis=1) <= CURVE.vanishing * size
     turns = [
         bool(rest) and _turns(path, float(s))
         for s, rest in zip(path.breaks[1:-1], rests, strict=True)
@@ -390,7 +405,7 @@ def _turns(path: PiecewisePolynomial, s: float) -> bool:
             curve = curve.derivative()
         direction = sign**order * curve(s, from_left=from_left)[0]
         directions.append(direction / np.linalg.norm(direction))
-    return bool(np.abs(directions[0] - directions[1]).max() > CORNER)
+    return bool(np.abs(directions[0] - directions[1]).max() > CURVE.corner)
 
 
 def _at_breaks(
@@ -404,4 +419,4 @@ def _at_breaks(
 
 def _jumps(before: FloatArray, after: FloatArray, size: float) -> NDArray[np.bool_]:
     """Tell at which breaks a derivative of the path jumps."""
-    return np.abs(after - before).max(axis=1) > CORNER * size
+    return np.abs(after - before).max(axis=1) > CURVE.corner * size

@@ -20,11 +20,26 @@ from microbot_ocp.planning.path._reachability import CurveLimits, Reached, reach
 from microbot_ocp.planning.task import check_limits, with_locked_joints_held
 from microbot_ocp.robot import Robot
 
-LEAST_SAMPLES = 4  # of an interval, so that they tell how the acceleration curves
-BENT_SAMPLES = 12  # the same where these do not tell it, and of intervals next to stops
-TOGETHER = 1e-14  # ratio of the duration: samples so near to one another are one
-# ratio of a joint's largest acceleration: fourth differences that LEAST_SAMPLES may miss
-CUBIC = 1e-5
+
+@dataclass(frozen=True)
+class SampleSettings:
+    """Settings of the samples of a timing.
+
+    Attributes
+    ----------
+    least : samples of an interval, so that they tell how the acceleration curves
+    bent : the same where these do not tell it, and of intervals next to stops
+    together : ratio of the duration: samples so near to one another are one
+    cubic : ratio of a joint's largest acceleration: fourth differences that ``least`` may miss
+    """
+
+    least: int = 4
+    bent: int = 12
+    together: float = 1e-14
+    cubic: float = 1e-5
+
+
+SAMPLES = SampleSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,7 +227,7 @@ def sampled(
         bent = _bent(curve, reached, lengths)
         # powers of the parameter at ends where the tangent vanishes are not those of a polynomial
         bent[[0, -1]] = True
-        least = np.where(bent, BENT_SAMPLES, LEAST_SAMPLES - 1)
+        least = np.where(bent, SAMPLES.bent, SAMPLES.least - 1)
         count = finer * np.maximum(least, np.ceil(lengths / step - 1e-9)).astype(int)
         i, k = numbered(count + 1)
         early = np.minimum(JUMP_GAP, 0.01 * lengths / count)[i]
@@ -224,7 +239,7 @@ def sampled(
         breaks.append(begin + reached.t[1:])
         begin += reached.duration
     t = np.concatenate(times)
-    keep = np.append(True, np.diff(t) > TOGETHER * t[-1])
+    keep = np.append(True, np.diff(t) > SAMPLES.together * t[-1])
     keep[-1] = True
     joined = (np.concatenate(parts)[keep] for parts in zip(*states, strict=True))
     return t[keep], State(*joined), np.concatenate(breaks)
@@ -242,4 +257,4 @@ def _bent(curve: PathCurve, reached: Reached, lengths: FloatArray) -> NDArray[np
     local = np.linspace(0.0, 1.0, 5) * lengths[:, None]
     qdd = _state(curve, reached, i, local.ravel()).qdd.reshape(lengths.size, 5, -1)
     largest = np.abs(qdd).max(axis=(0, 1))
-    return (np.abs(np.diff(qdd, 4, axis=1)[:, 0]) > CUBIC * largest).any(axis=1)
+    return (np.abs(np.diff(qdd, 4, axis=1)[:, 0]) > SAMPLES.cubic * largest).any(axis=1)

@@ -24,11 +24,27 @@ from microbot_ocp.robot import COULOMB_SMOOTHING, Robot, inverse_dynamics
 FAR = 1e12  # stands for "no such limit"
 
 
-TRIED = ((-3.0, 0.7), (2.0, 1.9), (50.0, 4.0))  # s'' and s' at which a half plane is tested
-AFFINE = 1e-9  # relative distance from the half plane that is rounding
-SPEEDS = 50  # that are tried on the way up to the first that breaks a limit
-BISECTIONS = 60  # of the step in which that lies
-STILL = 1e-12  # ratio of the largest x that counts as a stop
+@dataclass(frozen=True)
+class PathLimitSettings:
+    """Settings by which limits are told apart.
+
+    Attributes
+    ----------
+    tried : s'' and s' at which a half plane is tested
+    affine : relative distance from the half plane that is rounding
+    speeds, bisections : speeds that are tried on the way up to the first that breaks a limit, and
+        halvings of the step in which it lies
+    still : ratio of the largest x that counts as a stop
+    """
+
+    tried: tuple[tuple[float, float], ...] = ((-3.0, 0.7), (2.0, 1.9), (50.0, 4.0))
+    affine: float = 1e-9
+    speeds: int = 50
+    bisections: int = 60
+    still: float = 1e-12
+
+
+PATH_LIMITS = PathLimitSettings()
 LATER = "program on places"  # keeps what reachability cannot
 
 
@@ -172,10 +188,10 @@ def _half_planes(family: LimitFamily, key: str, nodes: Nodes) -> Coefficients | 
     with_x = _along(family, nodes, key, 0.0, 1.0)
     per_u, per_x = with_u.value - rest.value, with_x.value - rest.value
     size = 1.0 + np.abs(rest.value) + np.abs(per_u) + np.abs(per_x)
-    for u, v in TRIED:
+    for u, v in PATH_LIMITS.tried:
         tried = _along(family, nodes, key, u, v)
         line = rest.value + u * per_u + v**2 * per_x
-        if np.any(np.abs(tried.value - line) > AFFINE * size * (1 + abs(u) + v**2)):
+        if np.any(np.abs(tried.value - line) > PATH_LIMITS.affine * size * (1 + abs(u) + v**2)):
             return None
         for bound, usual in ((tried.lower, rest.lower), (tried.upper, rest.upper)):
             if not np.array_equal(bound, usual):
@@ -192,12 +208,12 @@ def speed_bound(family: LimitFamily, key: str, nodes: Nodes) -> FloatArray:
 
     count = len(nodes.position)
     low, high = np.zeros(count), np.full(count, np.inf)
-    for v in np.geomspace(1e-6, np.sqrt(FAR), SPEEDS):
+    for v in np.geomspace(1e-6, np.sqrt(FAR), PATH_LIMITS.speeds):
         good, unknown = within(np.full(count, v)), np.isinf(high)
         low, high = np.where(unknown & good, v, low), np.where(unknown & ~good, v, high)
     free = np.isinf(high)
     high = np.where(free, low, high)
-    for _ in range(BISECTIONS):
+    for _ in range(PATH_LIMITS.bisections):
         middle = 0.5 * (low + high)
         good = within(middle)
         low, high = np.where(good, middle, low), np.where(good, high, middle)
@@ -261,7 +277,7 @@ class LimitRows:
         # what the coefficients hold already, the whole of dry friction, is taken out
         constant = viscous * tangent * v + dry * (share - np.sign(tangent)) - slope * v**2
         # right after a stop the whole of it acts, right at it nothing: there both must do
-        still = at_nodes[:, None] <= STILL * float(x.max())
+        still = at_nodes[:, None] <= PATH_LIMITS.still * float(x.max())
         least, most = np.minimum(constant, 0.0), np.maximum(constant, 0.0)
         per_x, lower, upper = self.per_x.copy(), self.lower.copy(), self.upper.copy()
         per_x[:, columns] += np.where(still, 0.0, slope)

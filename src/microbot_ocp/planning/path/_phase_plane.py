@@ -30,8 +30,22 @@ from microbot_ocp.planning.path._reachability import CurveLimits, Reached, reach
 from microbot_ocp.planning.task import VISCOUS, check_limits, friction
 from microbot_ocp.robot import Robot
 
-ACTIVE = 0.005  # room below a limit, as a ratio of its range, that counts as on the limit
-FEWEST = 3  # grid intervals of an arc; on fewer it is a touch between two others
+
+@dataclass(frozen=True)
+class ArcSettings:
+    """Settings by which arcs are told.
+
+    Attributes
+    ----------
+    active : room below a limit, as a ratio of its range, that counts as on the limit
+    fewest : grid intervals of an arc; on fewer it is a touch between two others
+    """
+
+    active: float = 0.005
+    fewest: int = 3
+
+
+ARCS = ArcSettings()
 
 
 class PathLimit(NamedTuple):
@@ -320,11 +334,11 @@ def _arcs(s: FloatArray, timing: Reached, rows: LimitRows, along: CurveLimits) -
     """Find the runs of grid intervals on the same limit."""
     names, room = _room(timing, rows, along.nodes, along.limits)
     nearest = room.argmin(axis=1)
-    on = np.where(room[np.arange(len(room)), nearest] <= ACTIVE, nearest, -1)
+    on = np.where(room[np.arange(len(room)), nearest] <= ARCS.active, nearest, -1)
     runs = [(key, len(list(group))) for key, group in groupby(on.tolist())]
     merged: list[tuple[int, int]] = []
     for key, length in runs:
-        if merged and (length < FEWEST or merged[-1][0] == key):
+        if merged and (length < ARCS.fewest or merged[-1][0] == key):
             merged[-1] = (merged[-1][0], merged[-1][1] + length)
         else:
             merged.append((key, length))

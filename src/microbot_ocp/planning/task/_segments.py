@@ -23,9 +23,23 @@ DIRECTIONS = np.array([0.0, 0.25, 0.5, 0.75]) * np.pi  # across a tube
 SIDE = float(np.cos(np.pi / 8))  # of a tolerance: distance of the eight sides
 
 
-LARGEST_TURN = 1.0  # rad, of a tolerance of the orientation
-MOST_TURNS = 20  # of one circle
-LARGEST_ARC = 0.75 * 2 * np.pi  # rad: beside more of a circle a place on it is not unique
+@dataclass(frozen=True)
+class SegmentSettings:
+    """Largest values of segments.
+
+    Attributes
+    ----------
+    largest_turn : rad, of a tolerance of the orientation
+    most_turns : of one circle
+    largest_arc : rad: beside more of a circle a place on it is not unique
+    """
+
+    largest_turn: float = 1.0
+    most_turns: int = 20
+    largest_arc: float = 0.75 * 2 * np.pi
+
+
+SEGMENTS = SegmentSettings()
 
 Numbers = tuple[float, ...]
 
@@ -88,7 +102,7 @@ class Circle:
         point = checks.array("through", self.through, (2, 3) if two else (3,), "m")
         points = tuple(map(tuple, point.tolist())) if two else tuple(point.tolist())
         object.__setattr__(self, "through", points)
-        checks.whole("turns of a circle", self.turns, at_least=0, at_most=MOST_TURNS)
+        checks.whole("turns of a circle", self.turns, at_least=0, at_most=SEGMENTS.most_turns)
         checks.number("tolerance of a circle", self.tolerance, "m", above=0.0)
         _check_turn(self.orientation_tolerance)
 
@@ -127,7 +141,7 @@ Curved = Line | Circle
 
 
 def _check_turn(value: float) -> None:
-    checks.number("orientation_tolerance", value, "rad", above=0.0, at_most=LARGEST_TURN)
+    checks.number("orientation_tolerance", value, "rad", above=0.0, at_most=SEGMENTS.largest_turn)
 
 
 # curves -------------------------------------------------------------------------------------------
@@ -373,9 +387,9 @@ def curve_between(kind: Curved, start: FloatArray, end: FloatArray) -> Curve:
 
 def parts_of(kind: Curved, curve: Curve) -> list[tuple[float, Curved]]:
     """Give a curve in parts beside which a place on it is unique: the share at the end of each."""
-    if not isinstance(curve, CircleArc) or curve.angle <= LARGEST_ARC:
+    if not isinstance(curve, CircleArc) or curve.angle <= SEGMENTS.largest_arc:
         return [(1.0, kind)]
-    count = int(np.ceil(curve.angle / LARGEST_ARC))
+    count = int(np.ceil(curve.angle / SEGMENTS.largest_arc))
     middles = curve.points((np.arange(count) + 0.5) / count)
     assert isinstance(kind, Circle)
     return [
