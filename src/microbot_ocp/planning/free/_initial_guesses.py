@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -116,20 +117,21 @@ def guesses_along(
     names: Sequence[str], shape: PiecewisePolynomial, times: FloatArray
 ) -> dict[str, Guess]:
     """Return a guess for every phase from a motion that passes the via points at ``times`` [m]."""
+    spans = zip(names, itertools.pairwise(times), strict=True)
+    return {phase: guess_along(shape, start, end) for phase, (start, end) in spans}
+
+
+def guess_along(shape: PiecewisePolynomial, start: float = 0.0, end: float | None = None) -> Guess:
+    """Return a guess for one phase from a motion, or from the part of it from start to end, s."""
+    end = shape.duration if end is None else end
     velocity = shape.derivative()
-    acceleration = velocity.derivative()
-    curves = {"q": shape, "qd": velocity, "qdd": acceleration}
-    guesses = {}
-    for phase, start, end in zip(names, times[:-1], times[1:], strict=True):
+    curves = {"q": shape, "qd": velocity, "qdd": velocity.derivative()}
+    values = {name: partial(_along, curve, start, end) for name, curve in curves.items()}
+    return Guess(float(end - start), values)
 
-        def along(
-            curve: PiecewisePolynomial, s: FloatArray, start: float = start, end: float = end
-        ) -> FloatArray:
-            return curve(start + s * (end - start))
 
-        values = {name: partial(along, curve) for name, curve in curves.items()}
-        guesses[phase] = Guess(float(end - start), values)
-    return guesses
+def _along(curve: PiecewisePolynomial, start: float, end: float, s: FloatArray) -> FloatArray:
+    return curve(start + s * (end - start))
 
 
 def _cubic(robot: Robot, via: FloatArray, names: Sequence[str]) -> InitialGuess:

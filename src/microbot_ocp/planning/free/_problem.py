@@ -17,7 +17,6 @@ from microbot_ocp._base.codegen import compile_recipe, compiles
 from microbot_ocp.limits import LimitFamily, Member, MotionSamples
 from microbot_ocp.motion import PiecewisePolynomial, State, quintic_between
 from microbot_ocp.ocp import OptimalControlProblem, Phase, PhaseSolution, Solution, Transcription
-from microbot_ocp.planning.free._progress import Samples
 from microbot_ocp.planning.task import (
     CHECKS_PER_INTERVAL,
     Bounds,
@@ -361,39 +360,36 @@ def excess_along(family: LimitFamily, shape: PiecewisePolynomial) -> FloatArray:
     return excess.reshape(-1, inside.size)
 
 
-def motion_at_mesh(phases: Sequence[PhaseSolution]) -> Samples:
-    """Return times and states at the mesh points of all phases."""
-    starts = np.cumsum([0.0, *(phase.duration for phase in phases)])
-    # where a phase ends the next begins
-    last = len(phases) - 1
-    rows = [slice(None) if k == last else slice(-1) for k in range(len(phases))]
-    parts = list(zip(phases, rows, strict=True))
-    t = [start + phase.t[part] for start, (phase, part) in zip(starts, parts, strict=False)]
-    states = (
-        np.concatenate([phase[name][part] for phase, part in parts]) for name in State._fields
-    )
-    return np.concatenate(t), State(*states)
-
-
 def via_times(solution: Solution) -> FloatArray:
     """Return times [m] at which the via points are passed, s."""
     return np.concatenate([[0.0], np.cumsum([phase.duration for phase in solution.phases])])
 
 
 def polynomial(solution: Solution) -> PiecewisePolynomial:
-    """Return the motion between the mesh points: cubics, integrals of the linear acceleration.
+    """Return the motion between the mesh points, of all phases one after another."""
+    return joined(phase_shapes(solution))
+
+
+def joined(shapes: Sequence[PiecewisePolynomial]) -> PiecewisePolynomial:
+    """Return motions one after another, each of which begins at time 0."""
+    breaks, start = [np.zeros(1)], 0.0
+    for shape in shapes:
+        breaks.append(start + shape.breaks[1:])
+        start += shape.duration
+    return PiecewisePolynomial(
+        np.concatenate(breaks), np.concatenate([shape.coefficients for shape in shapes])
+    )
+
+
+def phase_shapes(solution: Solution) -> list[PiecewisePolynomial]:
+    """Return the motion of every phase, from time 0 each: cubics, integrals of the linear
+    acceleration.
 
     What the solver left open between the intervals is spread along the whole phase by one quintic:
     divided by the third power of a short interval a gap of 1e-8 would be a large jerk. Where the
     gaps are large every interval has the quintic that meets q, qd and qdd at both of its ends.
     """
-    breaks, pieces = [np.zeros(1)], []
-    start = 0.0
-    for phase in solution.phases:
-        pieces.append(_integrated(phase))
-        breaks.append(start + phase.t[1:])
-        start += phase.duration
-    return PiecewisePolynomial(np.concatenate(breaks), np.concatenate(pieces))
+    return [PiecewisePolynomial(phase.t, _integrated(phase)) for phase in solution.phases]
 
 
 def _integrated(phase: PhaseSolution) -> FloatArray:

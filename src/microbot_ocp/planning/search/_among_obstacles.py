@@ -39,6 +39,7 @@ from microbot_ocp.ocp.solution import StepProgress, quiet
 from microbot_ocp.planning.free import (
     InitialGuess,
     guesses_along,
+    joined,
     known_ways,
     phase_names,
 )
@@ -236,10 +237,8 @@ def _resting_at_corners(family: LimitFamily, way: Detour) -> Motion | None:
         scaled = [shortest_duration(robot, path, tolerance=1e-3).polynomial for path in shapes]
     except InputError:  # it leaves the position limits, or cannot be held somewhere
         return None
-    breaks = np.cumsum([0.0, *(shape.duration for shape in scaled)])
-    shape = PiecewisePolynomial(breaks, np.concatenate([s.coefficients for s in scaled]))
     how = {"method": AT_CORNERS}
-    motion = Motion.from_polynomial(robot, shape, label="timed path", provenance=how)
+    motion = Motion.from_polynomial(robot, joined(scaled), label="timed path", provenance=how)
     return motion if _keeps_limits(family, motion) else None
 
 
@@ -509,10 +508,7 @@ def _joined(legs: Sequence[Leg], choice: int, timed: Iterable[Motion | None]) ->
     if len(motions) == 1:
         whole = motions[0]
     else:
-        later = (t + m.t[1:] for t, m in zip(times, motions, strict=False))
-        shape = PiecewisePolynomial(
-            np.concatenate([np.zeros(1), *later]), np.concatenate([pieces_of(m) for m in motions])
-        )
+        shape = joined([PiecewisePolynomial(m.t, pieces_of(m)) for m in motions])
         how = motions[0].provenance
         robot = legs[0].around.robot
         whole = Motion.from_polynomial(robot, shape, label="timed path", provenance=how)

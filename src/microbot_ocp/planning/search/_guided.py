@@ -19,7 +19,7 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.limits import LIMIT_TOLERANCE
 from microbot_ocp.motion import Motion, PiecewisePolynomial, pieces_of
 from microbot_ocp.ocp.solution import StepProgress
-from microbot_ocp.planning.free import InitialGuess
+from microbot_ocp.planning.free import InitialGuess, phase_shapes
 from microbot_ocp.planning.search._branches import Way
 from microbot_ocp.planning.search._pairs_asked import Around
 from microbot_ocp.planning.search._parts import (
@@ -28,7 +28,6 @@ from microbot_ocp.planning.search._parts import (
     scenes_of,
     tool_poses,
 )
-from microbot_ocp.planning.search._problem import phase_shapes
 from microbot_ocp.planning.search._result import fastest, motion_from
 from microbot_ocp.planning.search._search import MotionAnswer, MotionSearch, SearchState
 from microbot_ocp.planning.search._settings import TimeOptimalSettings

@@ -38,12 +38,13 @@ from microbot_ocp.planning.free import (
     initial_guesses,
     largest_excess,
     phase_names,
+    phase_shapes,
     polynomial,
     transcription,
     via_times,
     within_limits,
 )
-from microbot_ocp.planning.search._problem import MotionProblem, phase_shapes
+from microbot_ocp.planning.search._problem import MotionProblem
 from microbot_ocp.planning.search._result import fastest
 from microbot_ocp.planning.search._settings import SEARCH, TimeOptimalSettings
 from microbot_ocp.planning.search._stop_motion import motion_of

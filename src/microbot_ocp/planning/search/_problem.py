@@ -7,7 +7,7 @@ motions may be slowed down until they keep all limits.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -25,10 +25,12 @@ from microbot_ocp.planning.free import (
     Slowed,
     excess_along,
     excess_between,
+    guess_along,
     guesses_along,
     initial_guesses,
     known_ways,
     phase_names,
+    phase_shapes,
     polynomial,
     transcription,
     via_times,
@@ -37,7 +39,6 @@ from microbot_ocp.planning.free import (
 from microbot_ocp.planning.search._branches import Way, straight_way
 from microbot_ocp.planning.search._settings import SEARCH, TimeOptimalSettings
 from microbot_ocp.planning.search._stop_motion import motion_of
-from microbot_ocp.planning.search._way_guesses import guess_along
 from microbot_ocp.planning.task import Conditions, Task, TaskScale, with_locked_joints_held
 from microbot_ocp.robot import Robot
 
@@ -271,8 +272,3 @@ class MotionProblem:
         if not jump <= SEARCH.missed * np.abs(velocity(shape.breaks)).max():
             return None  # where a solve was stopped
         return within_limits(self.family, shape, times, self.settings.limit_tolerance, self.fast)
-
-
-def phase_shapes(solution: Solution) -> list[PiecewisePolynomial]:
-    """Return the polynomial of every phase, from time 0 each."""
-    return [polynomial(replace(solution, phases=(phase,))) for phase in solution.phases]

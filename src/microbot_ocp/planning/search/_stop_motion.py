@@ -19,6 +19,7 @@ from microbot_ocp.motion import (
     nearest_samples,
     torque_along,
 )
+from microbot_ocp.planning.free import joined
 from microbot_ocp.planning.task import Task
 from microbot_ocp.robot import Robot
 
@@ -29,24 +30,19 @@ def motion_of(
     """Return the segments one after the other, with the dwells; torques with what the tool
     holds then.
     """
-    breaks, pieces, marks = [np.zeros(1)], [], []
-    now = 0.0
+    moves, marks, now = list[PiecewisePolynomial](), list[Mark](), 0.0
     for k, stop in enumerate(task.stops):
         marks.append(Mark(now, stop.name))
+        here = [shapes[k]] if k < len(shapes) else []
         if task.dwells[k] > 0.0:
-            at_start = k < len(shapes)
-            shape = shapes[k] if at_start else shapes[-1]
-            q = shape(0.0)[0] if at_start else shape(shape.breaks[-1])[0]
+            q = here[0](0.0)[0] if here else shapes[-1](shapes[-1].breaks[-1])[0]
             held = np.zeros((1, 6, q.size))
             held[0, 0] = q
-            pieces.append(held)
-            now += float(task.dwells[k])
-            breaks.append(np.array([now]))
-        if k < len(shapes):
-            pieces.append(shapes[k].coefficients)
-            breaks.append(now + shapes[k].breaks[1:])
-            now = float(breaks[-1][-1])
-    whole = PiecewisePolynomial(np.concatenate(breaks), np.concatenate(pieces))
+            here.insert(0, PiecewisePolynomial(np.array([0.0, task.dwells[k]]), held))
+        for shape in here:
+            now += shape.duration
+        moves += here
+    whole = joined(moves)
     return motion_along(task, whole, marks, label="time-optimal", provenance=provenance)
 
 

@@ -22,7 +22,7 @@ from microbot_ocp._base.status import Status
 from microbot_ocp.limits import LIMIT_TOLERANCE, JointLimits, LimitFamily, Limits
 from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial, pieces_of
 from microbot_ocp.ocp.solution import StepProgress
-from microbot_ocp.planning.free import InitialGuess, excess_along, phase_names
+from microbot_ocp.planning.free import InitialGuess, excess_along, guess_along, phase_names
 from microbot_ocp.planning.search._among_obstacles import (
     Leg,
     ProvedPath,
@@ -45,7 +45,6 @@ from microbot_ocp.planning.search._settings import TimeOptimalSettings
 from microbot_ocp.planning.search._stop_motion import motion_of
 from microbot_ocp.planning.search._way_guesses import (
     Guide,
-    guess_along,
     rest_to_rest,
     segment_timings,
 )

@@ -27,7 +27,6 @@ from microbot_ocp.planning.free import (
     initial_guesses,
     least_violation,
     limited_rates,
-    motion_at_mesh,
     transcription,
     with_motion,
 )
@@ -76,7 +75,7 @@ def search_of(
         problem.excess,
         settings.limit_tolerance,
         solver="ipopt" if settings.solver == "auto" else settings.solver,
-        progress=with_motion(progress, problem.family.robot, problem.via, motion_at_mesh),
+        progress=with_motion(progress, problem.family.robot, problem.via),
         settings=SolverSettings(gap=GAP, options=LDL),
         rough=ROUGH_TOLERANCE,
         polishing=polishing,

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Sequence
-from functools import lru_cache, partial
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import InputError
 from microbot_ocp.limits import LimitFamily, MotionSamples
 from microbot_ocp.motion import PiecewisePolynomial, pieces_of
-from microbot_ocp.ocp.transcription import Guess
-from microbot_ocp.planning.free import InitialGuess
+from microbot_ocp.planning.free import InitialGuess, guess_along
 from microbot_ocp.planning.path import time_path
 from microbot_ocp.planning.search._branches import Way
 from microbot_ocp.planning.search._settings import STOPS
@@ -54,17 +53,6 @@ def rest_to_rest(task: Task, way: Way, names: Sequence[str], compiled: bool) -> 
         robot = payload.on(task.robot)
         guesses[name] = guess_along(timed or _slowed(robot, shape))
     return InitialGuess(way.name, guesses)
-
-
-def guess_along(shape: PiecewisePolynomial) -> Guess:
-    """Return a guess for a phase of this shape."""
-    velocity = shape.derivative()
-    curves = {"q": shape, "qd": velocity, "qdd": velocity.derivative()}
-    return Guess(shape.duration, {key: partial(_along, curve) for key, curve in curves.items()})
-
-
-def _along(curve: PiecewisePolynomial, s: FloatArray) -> FloatArray:
-    return curve(s * curve.duration)
 
 
 def segment_timings(task: Task, way: Way, compiled: bool) -> tuple[PiecewisePolynomial | None, ...]:
