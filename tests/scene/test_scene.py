@@ -27,7 +27,6 @@ from microbot_ocp.planning import (
 from microbot_ocp.planning.search import (
     _among_obstacles as among,
     _guided as guided,
-    _pairs_asked as pairs_asked,
 )
 from microbot_ocp.planning.search._among_obstacles import at_least
 from microbot_ocp.scene import Surroundings, contact_model, room_along
@@ -276,7 +275,7 @@ def test_more_may_be_asked_of_a_pair_than_the_path_has(around, monkeypatch) -> N
         given.append(room)
         return (room, np.full_like(most, -0.01) if len(given) == 1 else most, apart)
 
-    monkeypatch.setattr(pairs_asked, "room_along", overlapping_on_the_path)
+    monkeypatch.setattr(guided, "room_along", overlapping_on_the_path)
     check_solved_again(around)
 
 

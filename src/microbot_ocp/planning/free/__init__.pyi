@@ -28,13 +28,8 @@ from ._problem import (
     transcription as transcription,
     via_times as via_times,
 )
-from ._progress import (
-    MotionIteration as MotionIteration,
-    with_motion as with_motion,
-)
-from ._switching import (
-    in_arcs as in_arcs,
-)
+from ._progress import MotionIteration as MotionIteration, with_motion as with_motion
+from ._switching import in_arcs as in_arcs
 from ._within_limits import (
     Slowed as Slowed,
     known_ways as known_ways,

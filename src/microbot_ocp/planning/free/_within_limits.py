@@ -17,13 +17,7 @@ import numpy as np
 from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.limits import LimitFamily, MotionSamples
-from microbot_ocp.motion import (
-    Mark,
-    Motion,
-    PiecewisePolynomial,
-    dense_times,
-    unresolved,
-)
+from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial, dense_times, unresolved
 from microbot_ocp.planning.path import (
     LATER,
     CurveLimits,

@@ -5,12 +5,7 @@ from ._among_obstacles import (
     legs_between as legs_between,
     timed_paths as timed_paths,
 )
-from ._branches import (
-    least_duration as least_duration,
-)
-from ._orders import (
-    in_order as in_order,
-)
+from ._branches import least_duration as least_duration
 from ._parts import (
     Part as Part,
     Place as Place,
@@ -19,25 +14,13 @@ from ._parts import (
     scenes_of as scenes_of,
     tool_poses as tool_poses,
 )
-from ._prepared import (
-    TimeOptimalSolver as TimeOptimalSolver,
-)
-from ._settings import (
-    SEARCH as SEARCH,
-    TimeOptimalSettings as TimeOptimalSettings,
-)
+from ._prepared import TimeOptimalSolver as TimeOptimalSolver
+from ._settings import SEARCH as SEARCH, TimeOptimalSettings as TimeOptimalSettings
 from ._stop_motion import (
     motion_along as motion_along,
     over_stretches as over_stretches,
     stretches as stretches,
 )
-from ._strategies import (
-    STRATEGIES as STRATEGIES,
-)
-from ._through_stops import (
-    fastest_through as fastest_through,
-)
-from ._time_optimal import (
-    motions_of_front as motions_of_front,
-    time_optimal as time_optimal,
-)
+from ._strategies import STRATEGIES as STRATEGIES
+from ._through_stops import fastest_through as fastest_through, in_order as in_order
+from ._time_optimal import motions_of_front as motions_of_front, time_optimal as time_optimal

@@ -28,26 +28,15 @@ from microbot_ocp._base.codegen import compiles, interpreted
 from microbot_ocp._base.outcome import Advice, Outcome
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import LIMIT_TOLERANCE, LimitFamily
-from microbot_ocp.motion import (
-    Mark,
-    Motion,
-    PiecewisePolynomial,
-    dense_times,
-    pieces_of,
-)
+from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial, dense_times, pieces_of
 from microbot_ocp.ocp.solution import StepProgress, quiet
-from microbot_ocp.planning.free import (
-    InitialGuess,
-    guesses_along,
-    joined,
-    known_ways,
-    phase_names,
-)
+from microbot_ocp.planning.free import InitialGuess, guesses_along, joined, known_ways, phase_names
 from microbot_ocp.planning.path import LATER, PathTiming, check_path, time_path
 from microbot_ocp.planning.search._branches import straight_way
 from microbot_ocp.planning.search._guided import GuidedSearch, poses_along
 from microbot_ocp.planning.search._result import NONE_WITHIN, returned
 from microbot_ocp.planning.search._settings import TimeOptimalSettings, sparing
+from microbot_ocp.planning.search._through_stops import Asked
 from microbot_ocp.planning.task import Task, TaskScale, length_text
 from microbot_ocp.planning.timing import PathTimingSettings, best_timing
 from microbot_ocp.robot import Robot
@@ -63,20 +52,7 @@ from microbot_ocp.scene import (
 )
 from microbot_ocp.trajectories import quintic, shortest_duration
 
-
-@dataclass(frozen=True)
-class AmongObstacles:
-    """Settings of the search among obstacles.
-
-    Attributes
-    ----------
-    different : share of the duration by which timed paths must differ to count as two
-    """
-
-    different: float = 0.02
-
-
-AMONG_OBSTACLES = AmongObstacles()
+DIFFERENT = 0.02  # share of the duration by which timed paths must differ to count as two
 NOTHING_FASTER = "the search found nothing faster"
 THE_MOTION = "the motion found"
 AT_CORNERS = "path around obstacles, at rest at its corners"
@@ -274,16 +250,11 @@ def choices_of(legs: Sequence[Leg]) -> range:
 
 def differs(duration: float, others: Iterable[float]) -> bool:
     """Return whether a timed path is another one than those of other durations, s."""
-    return all(abs(duration - other) > AMONG_OBSTACLES.different * other for other in others)
+    return all(abs(duration - other) > DIFFERENT * other for other in others)
 
 
 def fastest_among(
-    family: LimitFamily,
-    via: FloatArray,
-    scene: Scene,
-    settings: TimeOptimalSettings,
-    progress: StepProgress,
-    names: Sequence[str] = (),
+    asked: Asked, family: LimitFamily, via: FloatArray, names: Sequence[str] = ()
 ) -> Motion:
     """Return the fastest motion through via points [m,n] that keeps clear of a scene.
 
@@ -295,6 +266,8 @@ def fastest_among(
         A via point in collision; OMPL or coal is not installed.
     """
     begin, begin_processor = time.perf_counter(), deadline.processor_time()
+    settings, progress, scene = asked.settings, asked.progress, asked.scene
+    assert scene is not None
     robot: Robot = with_arm_capsules(family.robot)
     family = LimitFamily.of(robot)
     around = Surroundings(robot, scene)
@@ -307,7 +280,7 @@ def fastest_among(
     for start in starts_of(legs):
         starts.append(start)
         progress(f"{start.name}: {start.motion.duration:.4f} s by reachability")
-        (made, _), proofs = _guided(task, scene, settings, progress, start).motions()
+        (made, _), proofs = _guided(asked, task, scene, start).motions()
         search, proof = (made[0][1], proofs[0]) if made else (None, None)
         if search is not None and proof is not None and proof.proved:
             if search.solved:
@@ -521,19 +494,13 @@ def _name(legs: Sequence[Leg], choice: int) -> str:
     return "path " + ", ".join(way.name for way in ways)
 
 
-def _guided(
-    task: Task,
-    scene: Scene,
-    settings: TimeOptimalSettings,
-    progress: StepProgress,
-    path: TimedPath,
-) -> GuidedSearch:
+def _guided(asked: Asked, task: Task, scene: Scene, path: TimedPath) -> GuidedSearch:
     """Return the search from a timed path."""
     via = np.array([stop.q for stop in task.stops])
     shape, times = PiecewisePolynomial(path.motion.t, pieces_of(path.motion)), path.via_times
     start = InitialGuess(path.name, guesses_along(phase_names(len(via) - 1), shape, times))
     poses = tuple(poses_along(shape, *pair) for pair in itertools.pairwise(times))
-    return GuidedSearch(task, scene, straight_way(via), start, poses, settings, progress)
+    return GuidedSearch(asked, task, scene, straight_way(via), start, poses)
 
 
 def as_plain(clearance: Clearance) -> dict[str, Any]:

@@ -12,8 +12,7 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp import Solution
 from microbot_ocp.ocp.transcription import Guess
 from microbot_ocp.planning.free import BUDGET, effort_scale, via_times
-from microbot_ocp.planning.search._ranking import rank
-from microbot_ocp.planning.search._search import MotionAnswer, MotionSearch
+from microbot_ocp.planning.search._search import MotionAnswer, MotionSearch, rank
 from microbot_ocp.planning.search._settings import SEARCH
 
 

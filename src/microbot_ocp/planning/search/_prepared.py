@@ -28,7 +28,7 @@ from microbot_ocp.limits import (
 from microbot_ocp.motion import DurationLine, Motion, State
 from microbot_ocp.ocp import ParametricSolver, Solution, SolverSettings
 from microbot_ocp.ocp.refinement import WORSE, split
-from microbot_ocp.ocp.solution import quiet, unpack
+from microbot_ocp.ocp.solution import quiet
 from microbot_ocp.ocp.transcription import Guess, Transcription
 from microbot_ocp.planning.free import (
     JERK_WEIGHT,
@@ -46,6 +46,7 @@ from microbot_ocp.planning.free import (
 )
 from microbot_ocp.planning.search._problem import MotionProblem
 from microbot_ocp.planning.search._result import fastest
+from microbot_ocp.planning.search._search import from_plain, plain_of
 from microbot_ocp.planning.search._settings import SEARCH, TimeOptimalSettings
 from microbot_ocp.planning.search._stop_motion import motion_of
 from microbot_ocp.planning.search._strategies import search_of
@@ -241,7 +242,16 @@ class TimeOptimalSolver:
         checks.whole("rounds", rounds, at_least=0)
         checks.whole("seed", seed, at_least=0, at_most=2**63)
         checks.number("tolerance", tolerance, above=0.0)
-        self._given = robot, np.array(via_q, float), mesh, starts, rounds, compiled, seed, tolerance
+        self._given: dict[str, Any] = {
+            "robot": robot,
+            "via_q": np.array(via_q, float),
+            "mesh": mesh,
+            "starts": starts,
+            "rounds": rounds,
+            "compiled": compiled,
+            "seed": seed,
+            "tolerance": tolerance,
+        }
         self._solver_settings = replace(PREPARED, tolerance=tolerance)
         self.robot = robot
         self.via_q = check_via(check_limits(robot, None), via_q)
@@ -478,7 +488,7 @@ class TimeOptimalSolver:
     def _under_own_limits(self) -> _Prepared:
         family = LimitFamily.of(self.robot)
         problem = MotionProblem.through(family, self.via_q, self._settings, given=self._kernels)
-        search = search_of(problem, self._settings, quiet)
+        search = search_of(problem, quiet)
         # as near the optimum as every later solve: to the barrier parameter that it starts with
         settings = replace(search.refiner.settings, gap=np.inf)
         search = replace(search, refiner=replace(search.refiner, settings=settings))
@@ -685,23 +695,13 @@ class TimeOptimalSolver:
         if self._own is None:
             return _restored, (self._given, None)
         reference, kernels, smoothing = self._own
-        meshes = [phase.mesh for phase in reference.phases]
-        parameters = {
-            phase.name: {p.name: p.value for p in phase.parameters}
-            for phase in kernels.problem.phases
-        }
-        plain = replace(reference, phases=())
-        return _restored, (self._given, (plain, meshes, parameters, smoothing))
+        plain = plain_of(reference, kernels.problem.phases)
+        return _restored, (self._given, (plain, smoothing))
 
 
-def _restored(given: tuple[Any, ...], prepared: tuple[Any, ...] | None) -> TimeOptimalSolver:
-    names = ("robot", "via_q", "mesh", "starts", "rounds", "compiled", "seed", "tolerance")
-    solver = TimeOptimalSolver(**dict(zip(names, given, strict=True)))
+def _restored(given: dict[str, Any], prepared: tuple[Any, float] | None) -> TimeOptimalSolver:
+    solver = TimeOptimalSolver(**given)
     if prepared is not None:
-        plain, meshes, parameters, smoothing = prepared
-        kernels = solver._kernels
-        if any(parameters.values()):
-            kernels = kernels.with_parameters(parameters)
-        phases = unpack(kernels.layouts(meshes), plain.variables)
-        solver._own = _Prepared(replace(plain, phases=phases), kernels, smoothing)
+        plain, smoothing = prepared
+        solver._own = _Prepared(*from_plain(solver._kernels, plain), smoothing)
     return solver

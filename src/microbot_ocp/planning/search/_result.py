@@ -20,8 +20,15 @@ from microbot_ocp.ocp.refinement import WORSE
 from microbot_ocp.planning.free import Slowed, in_arcs, judged, largest_excess
 from microbot_ocp.planning.search._least_effort import LeastEffort, least_effort
 from microbot_ocp.planning.search._problem import MotionProblem
-from microbot_ocp.planning.search._ranking import is_enough, rank, settled
-from microbot_ocp.planning.search._search import MotionAnswer, MotionSearch, SearchState, ledger_of
+from microbot_ocp.planning.search._search import (
+    MotionAnswer,
+    MotionSearch,
+    SearchState,
+    is_enough,
+    ledger_of,
+    rank,
+    settled,
+)
 from microbot_ocp.planning.search._settings import SEARCH, STOPS, sparing
 from microbot_ocp.planning.search._starts import least_of_slower
 from microbot_ocp.planning.search._strategies import STRATEGIES, best_of, sample
@@ -195,7 +202,7 @@ def _within_limits(best: Fastest, motion: Motion) -> Motion:
     """
     search, solution = best.search, best.answer.solution
     problem = search.problem
-    fast_enough = motion.solved and not is_enough(problem, search.settings, solution)
+    fast_enough = motion.solved and not is_enough(problem, solution)
     # not even time may be left to slow it down
     if not fast_enough and (problem.way is None or not deadline.over()):
         problem.slowed(solution)

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -19,9 +19,8 @@ from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import InputError
 from microbot_ocp._base.codegen import interpreted
 from microbot_ocp._base.status import Status
-from microbot_ocp.limits import LIMIT_TOLERANCE, JointLimits, LimitFamily, Limits
+from microbot_ocp.limits import LIMIT_TOLERANCE, LimitFamily
 from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial, pieces_of
-from microbot_ocp.ocp.solution import StepProgress
 from microbot_ocp.planning.free import InitialGuess, excess_along, guess_along, phase_names
 from microbot_ocp.planning.search._among_obstacles import (
     Leg,
@@ -37,40 +36,22 @@ from microbot_ocp.planning.search._among_obstacles import (
     touching,
 )
 from microbot_ocp.planning.search._branches import Way, least_time, ways_through
-from microbot_ocp.planning.search._guided import Ask, Explored, GuidedSearch, Made, poses_along
+from microbot_ocp.planning.search._guided import Ask, Explored, GuidedSearch, poses_along
 from microbot_ocp.planning.search._orders import best_order, hoped_of, rested_of, tasks_in_orders
 from microbot_ocp.planning.search._parts import places_along, scenes_of, tool_poses
 from microbot_ocp.planning.search._result import LEFT_OUT, remark_of_branches
-from microbot_ocp.planning.search._settings import TimeOptimalSettings
 from microbot_ocp.planning.search._stop_motion import motion_of
-from microbot_ocp.planning.search._way_guesses import (
-    Guide,
-    rest_to_rest,
-    segment_timings,
-)
-from microbot_ocp.planning.task import Stop, Task, TaskScale, task_of
+from microbot_ocp.planning.search._through_stops import Asked, Front
+from microbot_ocp.planning.search._way_guesses import Guide, rest_to_rest, segment_timings
+from microbot_ocp.planning.task import Stop, Task, TaskScale
 from microbot_ocp.robot import Capsule, Robot
-from microbot_ocp.scene import (
-    Clearance,
-    Scene,
-    Surroundings,
-    clearance_along,
-    with_arm_capsules,
-)
+from microbot_ocp.scene import Clearance, Surroundings, clearance_along, with_arm_capsules
 from microbot_ocp.trajectories import quintic, shortest_duration
 
 MOST_GUESSES = 4  # ways that the search starts from
-Plan = tuple[list[Any], Any, bool, str, float | None]
 
 
-def stops_among(
-    robot: Robot,
-    limits: Limits | JointLimits | None,
-    plan: Plan,
-    scene: Scene,
-    settings: TimeOptimalSettings,
-    progress: StepProgress,
-) -> Motion:
+def stops_among(asked: Asked) -> Motion:
     """Return the fastest motion through stops that keeps clear of a scene.
 
     Of a free order of the stops all orders are compared among the obstacles.
@@ -80,42 +61,26 @@ def stops_among(
     InputError
         A stop at which every branch of the arm touches something.
     """
-    stops, segments, cycle, order, duration = plan
-    if order == "given" and duration is None:
-        task = task_of(with_arm_capsules(robot), stops, limits, segments=segments, cycle=cycle)
-        if task.is_plain:  # via points
-            via = np.array([stop.q for stop in task.stops])
-            names = [f"stop {stop.name!r}" for stop in task.stops]
-            motion = fastest_among(task.family, via, scene, settings, progress, names)
-            named = zip(motion.marks, task.stops, strict=True)
-            return replace(motion, marks=tuple(Mark(m.time, stop.name) for m, stop in named))
-    if order == "given":
-        (fastest, *_), _ = motions_among(robot, limits, plan, scene, settings, progress)
-        return fastest[1]
-    robot = with_arm_capsules(robot)
-    legs = Legs(scene, settings)
-    bare = [replace(s, payload=None) if isinstance(s, Stop) else s for s in stops]
-    legs.clear_ways(task_of(robot, bare, limits, segments=segments, cycle=cycle))
-    tasks = tasks_in_orders(robot, limits, stops, segments, cycle)
-    legs.search(list(tasks.values()), progress)
-    return best_order(
-        tasks,
-        lambda task: _Among(task, legs, settings, progress, duration),
-        settings,
-        progress,
-        duration,
-    )
+    if asked.order == "given":
+        task = replace(asked, robot=with_arm_capsules(asked.robot)).task()
+        if asked.duration is not None or not task.is_plain:
+            (fastest, *_), _ = motions_among(asked)
+            return fastest[1]
+        via = np.array([stop.q for stop in task.stops])  # via points
+        names = [f"stop {stop.name!r}" for stop in task.stops]
+        motion = fastest_among(asked, task.family, via, names)
+        named = zip(motion.marks, task.stops, strict=True)
+        return replace(motion, marks=tuple(Mark(m.time, stop.name) for m, stop in named))
+    asked = replace(asked, robot=with_arm_capsules(asked.robot))
+    legs = Legs(asked)
+    bare = [replace(s, payload=None) if isinstance(s, Stop) else s for s in asked.stops]
+    legs.clear_ways(replace(asked, stops=bare).task())
+    tasks = tasks_in_orders(asked)
+    legs.search(list(tasks.values()))
+    return best_order(asked, tasks, partial(_Among, asked, legs))
 
 
-def motions_among(
-    robot: Robot,
-    limits: Limits | JointLimits | None,
-    plan: Plan,
-    scene: Scene,
-    settings: TimeOptimalSettings,
-    progress: StepProgress,
-    ask: Ask | None = None,
-) -> Made:
+def motions_among(asked: Asked, ask: Ask | None = None) -> Front:
     """Return the motions that a search is asked for, in a scene; by default the fastest one.
 
     Raises
@@ -123,27 +88,18 @@ def motions_among(
     InputError
         As :func:`stops_among`.
     """
-    stops, segments, cycle, _, duration = plan
-    task = task_of(with_arm_capsules(robot), stops, limits, segments=segments, cycle=cycle)
-    legs = Legs(scene, settings)
-    legs.search([task], progress)
-    return _Among(task, legs, settings, progress, duration).motions(ask)
+    asked = replace(asked, robot=with_arm_capsules(asked.robot))
+    task, legs = asked.task(), Legs(asked)
+    legs.search([task])
+    return _Among(asked, legs, task).motions(ask)
 
 
 class _Among:
     """Stops in one order among obstacles."""
 
-    def __init__(
-        self,
-        task: Task,
-        legs: Legs,
-        settings: TimeOptimalSettings,
-        progress: StepProgress,
-        duration: float | None,
-    ) -> None:
-        self.task, self._scene, self._legs = task, legs.scene, legs
-        self._given = settings, progress, duration
-        self._guided = legs.guides(task, progress)
+    def __init__(self, asked: Asked, legs: Legs, task: Task) -> None:
+        self._asked, self.task, self._scene, self._legs = asked, task, legs.scene, legs
+        self._guided = legs.guides(task)
         times = [guide.durations for guide in self._guided]
         self.rested = min((rested_of(task, durations) for durations in times), default=np.inf)
         self.hoped = min((hoped_of(task, durations) for durations in times), default=np.inf)
@@ -169,16 +125,16 @@ class _Among:
         return None
 
     def _search(self, guide: Guide) -> GuidedSearch:
-        task, (settings, progress, duration) = self.task, self._given
-        names, way = phase_names(len(task.segments)), guide.way
-        usual = rest_to_rest(task, way, names, settings.compiled)
+        task, way = self.task, guide.way
+        names = phase_names(len(task.segments))
+        usual = rest_to_rest(task, way, names, self._asked.settings.compiled)
         around = {name: guess_along(shape) for name, shape in guide.shapes.items()}
         start = InitialGuess(guide.name, {**usual.guesses, **around})
         poses = tuple(
             poses_along(guide.shapes[name]) if name in guide.shapes else path
             for name, path in zip(names, way.paths, strict=True)
         )
-        return GuidedSearch(task, self._scene, way, start, poses, settings, progress, duration)
+        return GuidedSearch(self._asked, task, self._scene, way, start, poses)
 
     def _explore(self, guides: Sequence[Guide], beaten: float = np.inf) -> None:
         """Solve for coarse answers from ways that may take less than ``beaten``, s, and less than
@@ -205,7 +161,7 @@ class _Among:
     def motion(self) -> Motion:
         return self.motions()[0][0][1]
 
-    def motions(self, ask: Ask | None = None) -> Made:
+    def motions(self, ask: Ask | None = None) -> Front:
         """Return the motions that a search is asked for, what is known at least in the place of the
         first.
 
@@ -235,12 +191,12 @@ class _Among:
             judged = [(np.nan, _with(motion, **names))]
         return judged, made[1]
 
-    def _found(self, ask: Ask | None) -> tuple[Made, list[Clearance | None], Way | None]:
+    def _found(self, ask: Ask | None) -> tuple[Front, list[Clearance | None], Way | None]:
         """Give the motions that a search is asked for, with the proofs that they keep clear, and
         the way that they come from.
         """
         self._explore(self._guided)
-        made: Made = [], ""
+        made: Front = [], ""
         proofs: list[Clearance | None] = []
         taken: Way | None = None
         guides = [guide for guide in self._guided if guide.name in self._explored]
@@ -335,16 +291,16 @@ class Legs:
     Attributes
     ----------
     scene : Scene
-    settings : TimeOptimalSettings
     """
 
-    def __init__(self, scene: Scene, settings: TimeOptimalSettings) -> None:
-        self.scene, self.settings = scene, settings
+    def __init__(self, asked: Asked) -> None:
+        assert asked.scene is not None
+        self.scene, self._settings, self._progress = asked.scene, asked.settings, asked.progress
         self._surroundings: dict[Any, Surroundings] = {}
         self._legs: dict[Any, Leg] = {}
         self._ways: dict[Task, list[tuple[Way, list[Leg | None]]]] = {}
 
-    def search(self, tasks: Sequence[Task], progress: StepProgress) -> None:
+    def search(self, tasks: Sequence[Task]) -> None:
         """Search for paths between the stops of several tasks until one has a way through."""
         for task in tasks:
             carried = [capsule.name for held in task.robots for _, capsule in held.capsules]
@@ -358,7 +314,7 @@ class Legs:
                 refused = refused or problem
         if refused is not None and not ways:
             raise refused
-        search_legs(ways, progress)
+        search_legs(ways, self._progress)
 
     def ways(self, task: Task) -> list[tuple[Way, list[Leg | None]]]:
         """Return ways whose poses at the stops touch nothing, with the legs of their free segments.
@@ -410,11 +366,11 @@ class Legs:
             start, goal = way.via[k], way.via[k + 1]
             key = place, start.tobytes(), goal.tobytes()
             if kind is None and key not in self._legs:
-                self._legs[key] = Leg(around, start, goal, self.settings)
+                self._legs[key] = Leg(around, start, goal, self._settings)
             legs.append(None if kind is not None else self._legs[key])
         return legs
 
-    def guides(self, task: Task, progress: StepProgress) -> list[Guide]:
+    def guides(self, task: Task) -> list[Guide]:
         """Return ways with their free segments around the obstacles, the fastest first.
 
         None where the searches led to no way between the poses at the stops.
@@ -446,14 +402,14 @@ class Legs:
             if differs(took, (rested_of(task, g.durations) for g in guides if g.way is way)):
                 name = f"{way.name}, around {len(guides) + 1}"
                 guides.append(Guide(way, shapes, durations, name))
-                progress(f"{way.name}: {took:.4f} s around the obstacles from rest to rest")
+                self._progress(f"{way.name}: {took:.4f} s around the obstacles from rest to rest")
         return sorted(guides, key=lambda guide: rested_of(task, guide.durations))
 
     def _usual(self, task: Task, way: Way) -> tuple[PiecewisePolynomial | None, ...]:
         """Give the best timing of every segment along its own path; of free ones it may be None."""
         if not any(task.segments):
             return (None,) * len(task.segments)
-        return segment_timings(task, way, self.settings.compiled)
+        return segment_timings(task, way, self._settings.compiled)
 
     def at_rest(self, task: Task, guide: Guide) -> list[PiecewisePolynomial]:
         """Return every segment of a guide from rest to rest, those that are not free along

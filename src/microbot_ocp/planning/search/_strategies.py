@@ -32,20 +32,19 @@ from microbot_ocp.planning.free import (
 )
 from microbot_ocp.planning.search._branches import Way
 from microbot_ocp.planning.search._problem import MotionProblem, TrialStart
-from microbot_ocp.planning.search._ranking import by_promise, is_enough, rank, settled
 from microbot_ocp.planning.search._search import (
     MotionAnswer,
     MotionSearch,
     MotionStrategy,
     NextStep,
     SearchState,
+    by_promise,
+    is_enough,
+    rank,
+    settled,
 )
-from microbot_ocp.planning.search._settings import SEARCH, TimeOptimalSettings
-from microbot_ocp.planning.search._split_marks import (
-    friction_marks,
-    graded,
-    switch_marks,
-)
+from microbot_ocp.planning.search._settings import SEARCH
+from microbot_ocp.planning.search._split_marks import friction_marks, graded, switch_marks
 from microbot_ocp.planning.search._starts import next_trial
 from microbot_ocp.planning.task import (
     GAP,
@@ -58,11 +57,9 @@ from microbot_ocp.planning.task import (
 )
 
 
-def search_of(
-    problem: MotionProblem, settings: TimeOptimalSettings, progress: StepProgress
-) -> MotionSearch:
+def search_of(problem: MotionProblem, progress: StepProgress) -> MotionSearch:
     """Return the search of a problem: with its program, and how every solve of it is done."""
-    begin = time.perf_counter()
+    begin, settings = time.perf_counter(), problem.settings
     kernels = problem.kernels()
     if deadline.over():  # they may not be compiled: made again the next time
         transcription.cache_clear()
@@ -80,7 +77,7 @@ def search_of(
         rough=ROUGH_TOLERANCE,
         polishing=polishing,
         fitted=partial(with_windows, dry_friction(problem.family.robot) > 0.0) if windows else None,
-        enough=partial(is_enough, problem, settings) if problem.is_free else None,
+        enough=partial(is_enough, problem) if problem.is_free else None,
     )
     if problem.timed_path is not None:  # a motion within limits is known
         tolerance = SEARCH.timed_path_tolerance
@@ -99,7 +96,7 @@ def search_of(
             once=True,
             polishing=SEARCH.first_iterations,
         )
-    return MotionSearch(problem, settings, refiner, progress, kernel_time)
+    return MotionSearch(problem, refiner, progress, kernel_time)
 
 
 # coarse answers -------------------------------------------------------------------------------
@@ -378,9 +375,7 @@ def next_full_mesh(search: MotionSearch, state: SearchState) -> NextStep | None:
 
 
 def _coarse_of(answer: MotionAnswer) -> MotionAnswer:
-    while answer.before is not None and answer.strategy not in COARSE:
-        answer = answer.before
-    return answer
+    return next(a for a in answer.lineage if a.before is None or a.strategy in COARSE)
 
 
 def to_full_mesh(search: MotionSearch, step: NextStep) -> MotionAnswer:
@@ -420,10 +415,8 @@ def _from_barrier(refiner: Refiner, barrier: float) -> SolverSettings:
 
 def _going_on(subject: MotionAnswer) -> Refiner:
     """Return what refines an answer, with the record of the solve that it comes from."""
-    answer: MotionAnswer | None = subject
-    while answer is not None and not answer.solves:
-        answer = answer.before
-    return replace(subject.refiner, history=[answer.solves[-1]] if answer else [])
+    last = next((answer.solves[-1:] for answer in subject.lineage if answer.solves), ())
+    return replace(subject.refiner, history=[*last])
 
 
 def _finer(
