@@ -22,9 +22,9 @@ from microbot_ocp.motion import Motion
 from microbot_ocp.planning.search._branches import Way, least_duration, ways_through
 from microbot_ocp.planning.search._result import LEFT_OUT, fastest, motion_from
 from microbot_ocp.planning.search._settings import SEARCH
+from microbot_ocp.planning.search._starts import segment_timings
 from microbot_ocp.planning.search._strategies import STRATEGIES, search_of
 from microbot_ocp.planning.search._through_stops import Asked, fastest_through, problem_of
-from microbot_ocp.planning.search._way_guesses import segment_timings
 from microbot_ocp.planning.task import CELL_TIME_LIMIT, Segment, Task
 
 MOST_ORDERED = 7  # stops of which every order is looked at

@@ -6,7 +6,7 @@ motions may be slowed down until they keep all limits.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -51,17 +51,15 @@ class TrialStart:
     ----------
     guess : InitialGuess
     solver : str or tuple of str
-    most_iterations : int, optional
-    way : Way, optional
+    way : Way
         Whose poses at the stops it has.
-    options : of the solvers, in the place of the usual ones
+    settings : of the solvers, by name, in the place of the usual ones
     """
 
     guess: InitialGuess
     solver: str | tuple[str, ...]
-    most_iterations: int | None = None
-    way: Way | None = None
-    options: Mapping[str, Any] | None = None
+    way: Way
+    settings: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,23 +157,11 @@ class MotionProblem:
 
     # initial guesses --------------------------------------------------------------------------
 
-    def drawn(self, index: int) -> InitialGuess | None:
-        """Return the initial guess of a number, of those drawn at random; None after the last."""
-        while len(self._drawn) <= index:
-            guess = next(self._drawing, None)
-            if guess is None:
-                return None
-            self._drawn.append(guess)
-        return self._drawn[index]
-
     @cached_property
-    def _drawn(self) -> list[InitialGuess]:
-        return []
-
-    @cached_property
-    def _drawing(self) -> Iterator[InitialGuess]:
+    def drawn(self) -> list[InitialGuess]:
+        """Initial guesses, the scaled cubic first, others drawn at random."""
         most, seed = max(self.settings.starts, self.settings.tries), self.settings.seed
-        return initial_guesses(self.family, self.via, self.names, most, seed)
+        return list(initial_guesses(self.family, self.via, self.names, most, seed))
 
     def guesses(self, solution: Solution, slower: float = 1.0) -> dict[str, Guess]:
         """Return a guess for every phase from a solution, slowed down evenly by a factor."""

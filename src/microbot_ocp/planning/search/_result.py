@@ -30,8 +30,8 @@ from microbot_ocp.planning.search._search import (
     settled,
 )
 from microbot_ocp.planning.search._settings import SEARCH, STOPS, sparing
-from microbot_ocp.planning.search._starts import least_of_slower
-from microbot_ocp.planning.search._strategies import STRATEGIES, best_of, sample
+from microbot_ocp.planning.search._starts import least_of_slower, sample
+from microbot_ocp.planning.search._strategies import STRATEGIES, best_of
 from microbot_ocp.planning.task import (
     largest,
     provenance_of,

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -40,9 +40,9 @@ from microbot_ocp.planning.search._guided import Ask, Explored, GuidedSearch, po
 from microbot_ocp.planning.search._orders import best_order, hoped_of, rested_of, tasks_in_orders
 from microbot_ocp.planning.search._parts import places_along, scenes_of, tool_poses
 from microbot_ocp.planning.search._result import LEFT_OUT, remark_of_branches
+from microbot_ocp.planning.search._starts import rest_to_rest, segment_timings
 from microbot_ocp.planning.search._stop_motion import motion_of
 from microbot_ocp.planning.search._through_stops import Asked, Front
-from microbot_ocp.planning.search._way_guesses import Guide, rest_to_rest, segment_timings
 from microbot_ocp.planning.task import Stop, Task, TaskScale
 from microbot_ocp.robot import Capsule, Robot
 from microbot_ocp.scene import Clearance, Surroundings, clearance_along, with_arm_capsules
@@ -92,6 +92,25 @@ def motions_among(asked: Asked, ask: Ask | None = None) -> Front:
     task, legs = asked.task(), Legs(asked)
     legs.search([task])
     return _Among(asked, legs, task).motions(ask)
+
+
+class Guide(NamedTuple):
+    """A way whose free segments lead around obstacles.
+
+    Attributes
+    ----------
+    way : Way
+    shapes : dict of str to PiecewisePolynomial
+        The timed path of every free segment, from rest to rest.
+    durations : list of float or None
+        What every segment takes so, s; None of one that could not be timed.
+    name : str
+    """
+
+    way: Way
+    shapes: dict[str, PiecewisePolynomial]
+    durations: list[float | None]
+    name: str
 
 
 class _Among:
