@@ -62,6 +62,7 @@ class GuidedSettings:
 
 
 GUIDED = GuidedSettings()
+ASKED_MORE = "links come too near: solved again with more asked of them"
 Ask = Callable[[MotionSearch, SearchState | None], Front]
 
 
@@ -97,13 +98,7 @@ class PairsAsked:
 
     @classmethod
     def along(
-        cls,
-        robot: Robot,
-        scene: Scene,
-        tolerance: float,
-        poses: FloatArray,
-        via: FloatArray,
-        near: float,
+        cls, robot: Robot, scene: Scene, tolerance: float, poses: FloatArray, via: FloatArray
     ) -> PairsAsked:
         """Return those that come near on a path, poses [N,n] through via points [m,n].
 
@@ -111,7 +106,7 @@ class PairsAsked:
         """
         pairs = facing(robot, guiding_pairs(robot, scene), poses)
         room, known, apart = room_along(robot, scene, pairs, poses, tolerance)
-        within = scene.clearance + near * reach_of(robot)
+        within = scene.clearance + GUIDED.near * reach_of(robot)
         most = clearances(robot, pairs, via).min(axis=0) - scene.clearance
         room = np.minimum(room, known)
         return cls(robot, scene, tolerance, pairs, most, apart < within, room)
@@ -164,27 +159,6 @@ class Around:
     scenes: tuple[Scene, ...]
     asked: tuple[PairsAsked, ...]
     places: tuple[int, ...]
-
-    @classmethod
-    def along(
-        cls,
-        robots: Sequence[Robot],
-        scenes: tuple[Scene, ...],
-        tolerance: float,
-        poses: Sequence[FloatArray],
-        ends: Sequence[FloatArray],
-        near: float,
-    ) -> Around:
-        """Return what is asked where a way has poses [N,n] on every segment, [2,n] at its ends."""
-        kinds = list(zip(robots, scenes, strict=True))
-        different = list(dict.fromkeys(kinds))
-        places = tuple(map(different.index, kinds))
-        asked = []
-        for k, (robot, scene) in enumerate(different):
-            held = scene.without_parts_of(robot)
-            way, via = (_of_place(rows, places, k) for rows in (poses, ends))
-            asked.append(PairsAsked.along(robot, held, tolerance, way, via, near))
-        return cls(scenes, tuple(asked), places)
 
     def on(self, task: Task) -> Task:
         """Return a task with what is asked."""
@@ -277,10 +251,20 @@ class GuidedSearch:
 
     def around(self, tool: FloatArray) -> Around:
         """Return what is asked along the way, with the tool in poses [m,4,4] at the stops."""
-        scenes, ends = scenes_of(self.task, self.scene, tool), self.way.via
-        ends = [ends[k : k + 2] for k in range(len(self.poses))]
+        scenes, tolerance = (
+            scenes_of(self.task, self.scene, tool),
+            self.asked.settings.limit_tolerance,
+        )
+        kinds = list(zip(self.task.robots, scenes, strict=True))
+        different = list(dict.fromkeys(kinds))
+        places = tuple(map(different.index, kinds))
+        ends, asked = [self.way.via[k : k + 2] for k in range(len(places))], []
         tolerance = self.asked.settings.limit_tolerance
-        return Around.along(self.task.robots, scenes, tolerance, self.poses, ends, GUIDED.near)
+        for k, (robot, scene) in enumerate(different):
+            held = scene.without_parts_of(robot)
+            way, via = (_of_place(rows, places, k) for rows in (self.poses, ends))
+            asked.append(PairsAsked.along(robot, held, tolerance, way, via))
+        return Around(scenes, tuple(asked), places)
 
     def explored(self, around: Around | None = None, finer: int = 1) -> Explored:
         """Return the coarse answer of a problem in which all pairs are that come too near on it.
@@ -296,18 +280,17 @@ class GuidedSearch:
         around = around or self.around(tool_poses(self.task.robot, self.way.via))
         while True:
             search = self._search(around, finer)
-            state = search.run(FROM_PATHS)  # is known before anything is refined
-            answer = best_of(search, state)
+            found = Explored(search, search.run(FROM_PATHS), around, finer)
+            answer = best_of(search, found.state)
             if not answer.solved:
-                return Explored(search, state, around, finer)
-            poses = [poses_along(shape) for shape in phase_shapes(answer.solution)]
-            more = around.after(poses)
+                return found
+            more = around.after([poses_along(shape) for shape in phase_shapes(answer.solution)])
             if not more.were_left_out:
                 if not more.touch or explore_mesh(search) == full_mesh(search):
-                    return Explored(search, state, around, finer)
+                    return found
                 finer *= 2
             around = more.around
-            self.asked.progress("links come too near: solved again with more asked of them")
+            self.asked.progress(ASKED_MORE)
 
     def motions(
         self, ask: Ask | None = None, explored: Explored | None = None
@@ -330,15 +313,14 @@ class GuidedSearch:
                 else:
                     made = ask(now.search, now.state)
                     proofs = [self._proof(motion) for _, motion in made[0]]
-                motions = [motion for _, motion in made[0]]
-                rows = zip(motions, proofs, strict=True)
-                pairs = [(m, proof) for m, proof in rows if proof is not None and not proof.proved]
+                rows = zip(made[0], proofs, strict=True)
+                pairs = [(m, proof) for (_, m), proof in rows if proof and not proof.proved]
                 if not pairs:
                     break
                 more, left_out = self._asked_after(now.around, pairs)
                 if not more.asks_more_than(now.around):
                     break
-                self.asked.progress("links come too near: solved again with more asked of them")
+                self.asked.progress(ASKED_MORE)
                 # where a pair was left out the motion passed through it: from the way again
                 now = self._again(more, now.finer, None if left_out else answer)
         return made, proofs
@@ -369,10 +351,9 @@ class GuidedSearch:
 
     def _search(self, around: Around, finer: int) -> MotionSearch:
         with deadline.given_up():
-            task, asked = around.on(self.task), self.asked
+            asked = self.asked
             given = asked.settings, asked.duration, (self.way,), self.start, finer
-            problem = problem_of(task, *given)
-            return search_of(problem, self.asked.progress)
+            return search_of(problem_of(around.on(self.task), *given), asked.progress)
 
     def _proof(self, motion: Motion) -> Clearance | None:
         """Return how a motion keeps clear, where that matters."""

@@ -39,7 +39,13 @@ from microbot_ocp.planning.search._branches import Way, least_time, ways_through
 from microbot_ocp.planning.search._guided import Ask, Explored, GuidedSearch, poses_along
 from microbot_ocp.planning.search._orders import best_order, hoped_of, rested_of, tasks_in_orders
 from microbot_ocp.planning.search._parts import places_along, scenes_of, tool_poses
-from microbot_ocp.planning.search._result import LEFT_OUT, remark_of_branches
+from microbot_ocp.planning.search._result import (
+    LEFT_OUT,
+    keep_faster,
+    remark_of_branches,
+    row_of_way,
+    taken_first,
+)
 from microbot_ocp.planning.search._starts import rest_to_rest, segment_timings
 from microbot_ocp.planning.search._stop_motion import motion_of
 from microbot_ocp.planning.search._through_stops import Asked, Front
@@ -232,24 +238,20 @@ class _Among:
         """Return what every way through the branches took on the coarse mesh, the one taken
         first.
         """
-        best: dict[str, dict[str, Any]] = {}
+        rows: dict[str, dict[str, Any]] = {}
         rested = float(self.task.dwells.sum())
         for guide in self._guided:
             way, found = guide.way, self._explored.get(guide.name)
-            solved = found is not None and np.isfinite(found.duration)
-            row = {
-                "branches": list(way.branches),
-                "q": way.via.tolist(),
-                "duration": found.duration + rested if found and solved else None,
-                "status": str(Status.SOLVED if solved else Status.FAILED),
-                "taken": way is taken,
-            }
             if found is None:
-                row |= {"status": LEFT_OUT, "at_least": least_time(self.task, way) + rested}
-            before = best.get(way.name)
-            if before is None or (before["duration"] or np.inf) > (row["duration"] or np.inf):
-                best[way.name] = row
-        return sorted(best.values(), key=lambda r: (not r["taken"], r["duration"] or np.inf))
+                least = least_time(self.task, way) + rested
+                row = row_of_way(way, None, LEFT_OUT, way is taken, at_least=least)
+            else:
+                solved = bool(np.isfinite(found.duration))
+                status = str(Status.SOLVED if solved else Status.FAILED)
+                duration = found.duration + rested if solved else None
+                row = row_of_way(way, duration, status, way is taken)
+            keep_faster(rows, way, row)
+        return sorted(rows.values(), key=taken_first)
 
     def _not_found(self, attempt: Motion | None, proof: Clearance | None) -> Motion:
         """Return what is returned where nothing is known: a motion that ignores the obstacles."""

@@ -28,11 +28,12 @@ from microbot_ocp.planning.search._branches import (
     straight_way,
     ways_through,
 )
-from microbot_ocp.planning.search._least_effort import effort_of, least_effort
 from microbot_ocp.planning.search._problem import MotionProblem
 from microbot_ocp.planning.search._result import (
     Fastest,
+    effort_of,
     fastest,
+    least_effort,
     motion_from,
     motion_of_answer,
     returned,
