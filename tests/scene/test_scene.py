@@ -300,12 +300,12 @@ def test_a_path_gets_its_best_timing_where_its_bound_is_faster(around) -> None:
     assert mo.certify(surroundings.robot, timed.motion, via_q=ENDS, scene=POST).ok
 
 
-def test_a_path_that_reachability_cannot_time_is_there_all_the_same(monkeypatch) -> None:
+def test_a_path_that_reachability_cannot_time_is_there_all_the_same() -> None:
     """It rests at its corners then, and was left out as slower than nothing."""
     surroundings = Surroundings(ARM, POST)
     legs = legs_between(surroundings, ENDS, mo.planning.TimeOptimalSettings(), quiet)
-    monkeypatch.setattr(among.Leg, "_reach", lambda leg, choice: None)
-    monkeypatch.setattr(among.Leg, "_timing_with_rates", lambda leg, choice: None)
+    for way in legs[0].ways:
+        way.reached = way.motion = None
     (timed,) = timed_paths(surroundings, legs, quiet)
     assert timed.motion.duration == legs[0].first_motion.duration
     assert mo.certify(ARM, timed.motion, via_q=ENDS, scene=POST).ok

@@ -18,6 +18,7 @@ import time
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -60,22 +61,10 @@ AT_CORNERS = "path around obstacles, at rest at its corners"
 
 @dataclass(frozen=True, eq=False)
 class TimedPath:
-    """A path around the obstacles with a timing.
-
-    Attributes
-    ----------
-    name : str
-    motion : Motion
-        Marked where it passes the via points.
-    """
+    """A path around the obstacles with a timing; its motion is marked at the via points."""
 
     name: str
     motion: Motion
-
-    @property
-    def via_times(self) -> FloatArray:
-        """When it passes the via points [m], s."""
-        return np.array([mark.time for mark in self.motion.marks])
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,16 +82,68 @@ class ProvedPath(TimedPath):
         return how.get("made_from", "the best timing of a path around the obstacles")
 
 
+@dataclass(eq=False)
+class WayAround:
+    """A way from one pose to another around the obstacles, and its timings."""
+
+    family: LimitFamily
+    settings: TimeOptimalSettings
+    detour: Detour
+
+    @cached_property
+    def reached(self) -> PathTiming | None:
+        """As fast as the limits that reachability keeps allow; None where it cannot be travelled:
+        it leaves the position limits, or cannot be held somewhere.
+        """
+        path = self.detour.path
+        assert path is not None
+        with suppress(InputError):
+            timing = time_path(self.family.robot, path, compiled=self.settings.compiled)
+            return timing if timing.solved else None
+        return None
+
+    @property
+    def bound(self) -> float:
+        """What it takes without limits of rates and others that reachability cannot keep, s."""
+        return np.inf if self.reached is None else self.reached.duration
+
+    @property
+    def kept(self) -> Motion | None:
+        """It with its best timing where reachability keeps every limit."""
+        timing = self.reached
+        if timing is None or self.family.jerk_matters or timing.limits_kept_by[LATER]:
+            return None
+        return timing.motion("timed path")
+
+    @cached_property
+    def motion(self) -> Motion | None:
+        """It with its best timing that keeps all limits; None where none is found in time."""
+        kept = self.kept
+        if kept is not None or deadline.over():
+            return kept
+        path = self.detour.path
+        assert path is not None
+        with suppress(InputError):
+            check_path(self.family, path)
+            asked = PathTimingSettings(
+                limit_tolerance=self.settings.limit_tolerance, compiled=self.settings.compiled
+            )
+            motion = best_timing(self.family, path, asked, "timed path", quiet)
+            if motion.solved and _keeps_limits(self.family, motion):
+                return motion
+        return None if deadline.over() else _resting_at_corners(self.family, self.detour)
+
+
 class Leg:
-    """The ways from one pose to another that searches lead to, and their timings.
+    """The ways from one pose to another that searches lead to.
 
     Attributes
     ----------
-    ways : list of Detour
+    ways : list of WayAround
         The first of them can be travelled.
     failed : list of Detour
         Searches that led to no way.
-    known : Motion or None
+    first_motion : Motion or None
         The first way with a timing that keeps all limits, there from the moment on at which the
         way is: its best one, or where that takes long one that rests at every corner.
     certified : float
@@ -116,91 +157,57 @@ class Leg:
         goal: FloatArray,
         settings: TimeOptimalSettings,
     ) -> None:
-        self.around, self.start, self.goal, self.settings = around, start, goal, settings
+        self.around, self.settings, self._ends = around, settings, (start, goal)
         self.family = LimitFamily.of(around.robot)
-        self.ways: list[Detour] = []
+        self.ways: list[WayAround] = []
         self.failed: list[Detour] = []
         self.first_motion: Motion | None = None
         self.certified = np.inf
         self.refused = False  # whether there was a way that cannot be travelled
-        self._reached: dict[int, PathTiming | None] = {}
-        self._motions: dict[int, Motion | None] = {}
         self._searches = 0
 
     def search(self, number: int, progress: StepProgress) -> None:
         """Make the search of a number, unless it was made or there is no need of it."""
-        straight = any(way.name == "straight" for way in (*self.ways, *self.failed))
+        known = [*(way.detour for way in self.ways), *self.failed]
+        straight = any(candidate.name == "straight" for candidate in known)
         if number < self._searches or straight or (number >= FIRST_SEARCHES and self.first_motion):
             return
         self._searches = number + 1
-        candidate = detour(self.around, self.start, self.goal, self.settings.seed, number)
+        candidate = detour(self.around, *self._ends, self.settings.seed, number)
         if candidate.path is None:
             self.failed.append(candidate)
             progress(f"search {number}: no path in {candidate.checks} poses")
             return
-        self.ways.append(candidate)
+        way = WayAround(self.family, self.settings, candidate)
         if self.first_motion is None:
-            timing = self._timing(0)
-            self.first_motion = timing or _resting_at_corners(self.family, candidate)
+            self.first_motion = way.kept or _resting_at_corners(self.family, candidate)
         if self.first_motion is None:
             self.refused = True
-            self.failed.append(self.ways.pop())
-            self._reached.clear()
+            self.failed.append(candidate)
+        else:
+            self.ways.append(way)
+
+    def way(self, choice: int) -> WayAround:
+        """Return the way of a number; the last one where there are fewer."""
+        return self.ways[min(choice, len(self.ways) - 1)]
 
     def bound(self, choice: int) -> float:
-        """Return what a way takes without limits of rates and others that reachability cannot
-        keep, s.
-        """
-        reached = self._reach(choice)
-        return np.inf if reached is None else reached.duration
+        """Return what a way takes at least, s."""
+        return self.way(choice).bound
 
     def guess(self, choice: int) -> Motion | None:
         """Return what a search starts from: a way as fast as the limits that reachability keeps
         allow.
         """
-        timing = self._reach(choice)
+        timing = self.way(choice).reached
         return self.motion(choice) if timing is None else timing.motion("timed path")
 
     def motion(self, choice: int) -> Motion | None:
         """Return a way with its best timing that keeps all limits; None where none is found in
         time.
         """
-        choice = min(choice, len(self.ways) - 1)
-        if choice not in self._motions:
-            self._motions[choice] = self._timing(choice) or self._timing_with_rates(choice)
-        return self._motions[choice] or (self.first_motion if choice == 0 else None)
-
-    def _reach(self, choice: int) -> PathTiming | None:
-        choice = min(choice, len(self.ways) - 1)
-        if choice not in self._reached:
-            path, self._reached[choice] = self.ways[choice].path, None
-            with suppress(InputError):  # it leaves the position limits, or cannot be held somewhere
-                assert path is not None
-                timing = time_path(self.around.robot, path, compiled=self.settings.compiled)
-                self._reached[choice] = timing if timing.solved else None
-        return self._reached[choice]
-
-    def _timing(self, choice: int) -> Motion | None:
-        """Return the best timing where reachability keeps every limit."""
-        timing = self._reach(choice)
-        if timing is None or self.family.jerk_matters or timing.limits_kept_by[LATER]:
-            return None
-        return timing.motion("timed path")
-
-    def _timing_with_rates(self, choice: int) -> Motion | None:
-        path = self.ways[choice].path
-        assert path is not None
-        if deadline.over():
-            return None
-        with suppress(InputError):
-            check_path(self.family, path)
-            asked = PathTimingSettings(
-                limit_tolerance=self.settings.limit_tolerance, compiled=self.settings.compiled
-            )
-            motion = best_timing(self.family, path, asked, "timed path", quiet)
-            if motion.solved and _keeps_limits(self.family, motion):
-                return motion
-        return None if deadline.over() else _resting_at_corners(self.family, self.ways[choice])
+        way = self.way(choice)
+        return way.motion or (self.first_motion if way is self.ways[0] else None)
 
 
 def _resting_at_corners(family: LimitFamily, way: Detour) -> Motion | None:
@@ -330,9 +337,7 @@ def at_least(fallback: ProvedPath | None, motion: Motion | None, proof: Clearanc
     if not outcome.solved:
         outcome = outcome.and_(returned(fallback.made_from))
     return replace(fallback.motion, label="time-optimal", remark=remark).ended(
-        outcome,
-        made_from=fallback.made_from,
-        clearance=as_plain(fallback.clearance),
+        outcome, made_from=fallback.made_from, clearance=as_plain(fallback.clearance)
     )
 
 
@@ -477,40 +482,32 @@ def _joined(legs: Sequence[Leg], choice: int, timed: Iterable[Motion | None]) ->
         if motion is None:
             return None
         motions.append(motion)
-    times = np.cumsum([0.0, *(m.duration for m in motions)])
-    if len(motions) == 1:
-        whole = motions[0]
-    else:
+    times, whole = np.cumsum([0.0, *(m.duration for m in motions)]), motions[0]
+    if len(motions) > 1:
         shape = joined([PiecewisePolynomial(m.t, pieces_of(m)) for m in motions])
-        how = motions[0].provenance
-        robot = legs[0].around.robot
+        robot, how = legs[0].around.robot, whole.provenance
         whole = Motion.from_polynomial(robot, shape, label="timed path", provenance=how)
     marks = tuple(Mark(float(t), f"via {i + 1}") for i, t in enumerate(times))
     return TimedPath(_name(legs, choice), replace(whole, marks=marks))
 
 
 def _name(legs: Sequence[Leg], choice: int) -> str:
-    ways = (leg.ways[min(choice, len(leg.ways) - 1)] for leg in legs)
-    return "path " + ", ".join(way.name for way in ways)
+    return "path " + ", ".join(leg.way(choice).detour.name for leg in legs)
 
 
 def _guided(asked: Asked, task: Task, scene: Scene, path: TimedPath) -> GuidedSearch:
     """Return the search from a timed path."""
     via = np.array([stop.q for stop in task.stops])
-    shape, times = PiecewisePolynomial(path.motion.t, pieces_of(path.motion)), path.via_times
+    shape = PiecewisePolynomial(path.motion.t, pieces_of(path.motion))
+    times = np.array([mark.time for mark in path.motion.marks])
     start = InitialGuess(path.name, guesses_along(phase_names(len(via) - 1), shape, times))
     poses = tuple(poses_along(shape, *pair) for pair in itertools.pairwise(times))
     return GuidedSearch(asked, task, scene, straight_way(via), start, poses)
 
 
 def as_plain(clearance: Clearance) -> dict[str, Any]:
-    return {
-        "minimum": clearance.minimum,
-        "time": clearance.time,
-        "pair": clearance.pair,
-        "proved": clearance.proved,
-        "at_least": clearance.at_least,
-    }
+    names = ("minimum", "time", "pair", "proved", "at_least")
+    return {name: getattr(clearance, name) for name in names}
 
 
 def nothing_found(legs: Sequence[Leg | None], names: Sequence[str]) -> str:

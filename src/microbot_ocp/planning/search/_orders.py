@@ -184,11 +184,7 @@ def _refined(
     rows.sort(key=lambda row: (row["duration"] or np.inf, row["coarse"] or np.inf))
     return replace(
         best,
-        provenance={
-            **best.provenance,
-            "orders": rows,
-            "orders_left_out": len(orders) - len(rows),
-        },
+        provenance={**best.provenance, "orders": rows, "orders_left_out": len(orders) - len(rows)},
         remark=f"order {_named(best.provenance['order'])} of {len(orders)}, {counts}; "
         f"{best.remark}",
     )
