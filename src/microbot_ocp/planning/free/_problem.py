@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial
 from math import factorial
@@ -74,18 +74,15 @@ def transcription(
 ) -> Transcription:
     """Return kernels for a robot (its own limits) and via points, built once."""
     via = np.frombuffer(via_bytes).reshape(count, -1)
-    robots, prepare = conditions.robots if conditions else (robot,), None
+    robots = conditions.robots if conditions else (robot,)
     compiled = compiles(compiled)
     # among obstacles a stage is met once: only what other scenes share is compiled
-    shared = compiled and any(
-        knows_derivatives(limit) for limited in robots for limit in limited.limits.also
-    )
-    if compiled and not shared:
-        prepare = partial(compile_recipe, columns=True)
+    limits = [limit for limited in robots for limit in limited.limits.also]
+    shared = compiled and any(map(knows_derivatives, limits))
     return Transcription(
         free_problem(robot, via, payload=payload, budgeted=budgeted, conditions=conditions),
         scheme="shooting",
-        prepare=prepare,
+        prepare=partial(compile_recipe, columns=True) if compiled and not shared else None,
         derivatives=derivatives_for(*robots, *map(without_dry_friction, robots), compiled=shared),
     )
 
@@ -138,6 +135,10 @@ class _Form:
     budgeted: bool
     jumps: bool
 
+    def place(self, index: int) -> tuple[bool, bool]:
+        """Return whether a segment is the first one, and whether it is the last."""
+        return index == 0, index == len(self.conditions.ends) - 2
+
     @property
     def rated(self) -> bool:
         """Whether the acceleration is a state: the jerk, or what follows from it, is limited."""
@@ -162,11 +163,10 @@ def _declare_segment(
 ) -> None:
     """Declare the phase from a via point [n] to the next."""
     size, moving = form.size, form.conditions.robots[index]
-    first, last = index == 0, index == len(form.conditions.ends) - 2
     family = LimitFamily.of(moving)
     constraints = [key for key in family.keys if key not in OF_VARIABLES]
     torques_of_form = partial(torques_of, keys=constraints, payload=form.payload)
-    torques: Callable[..., Any] = torques_of_form(moving)
+    torques = torques_of_form(moving)
     phase = problem.phase(
         phase_names(index + 1)[-1],
         duration=(size.shortest[index], size.longest[index]),
@@ -182,16 +182,16 @@ def _declare_segment(
         torque_values, tau = kept_torques(phase, moving, state, light, mass)
     declare_limits(phase, family, constraints, state, start, torques, mass, torque_values)
     for member in family.means:
-        _declare_mean(phase, form, member, state, first=first, last=last)
+        _declare_mean(phase, form, index, member, state)
     at_start, at_end = form.conditions.ends[index : index + 2]
     for row in at_start.rows:
         phase.point_constraint(row.name, row.expression(q, qd), *row.bounds, at=0.0)
-    for row in at_end.rows if last else ():
+    for row in at_end.rows if form.place(index)[1] else ():
         phase.end_constraint(row.name, row.expression(q, qd), *row.bounds)
     if not form.budgeted:
         phase.end_cost(phase.duration)
     else:
-        _declare_clock(phase, form, first=first, last=last)
+        _declare_clock(phase, form, index)
         if tau is None and form.family.robot.has_dynamics:
             tau = torques(*state, *mass)[0]
         moved = qdd if tau is None else tau
@@ -204,9 +204,8 @@ def _declare_segment(
 def _declare_state(phase: Phase, form: _Form, index: int) -> tuple[Any, Any, Any, Any]:
     """Declare position, velocity, acceleration and jerk of a phase with what holds at its ends."""
     limits, held = form.family.robot.limits, form.held
-    count = limits.q_min.size
+    count, (first, last) = limits.q_min.size, form.place(index)
     at_start, at_end = form.conditions.ends[index : index + 2]
-    first, last = index == 0, index == len(form.conditions.ends) - 2
     q = phase.state(
         "q",
         count,
@@ -228,12 +227,8 @@ def _declare_state(phase: Phase, form: _Form, index: int) -> tuple[Any, Any, Any
         unit="rad/s",
         interior_points=bool(np.isfinite(limits.qd_max).any()),
     )
-    bounds: dict[str, Any] = {
-        "lower": limits.qdd_min,
-        "upper": limits.qdd_max,
-        "scale": form.scales[1],
-        "unit": "rad/s^2",
-    }
+    bounds: dict[str, Any] = {"lower": limits.qdd_min, "upper": limits.qdd_max}
+    bounds |= {"scale": form.scales[1], "unit": "rad/s^2"}
     ends: dict[str, Any] = {
         "initial": None if at_start.qdd is None else _unless(held, at_start.qdd),
         "final": None if at_end.qdd is None else _unless(held, at_end.qdd),
@@ -253,9 +248,9 @@ def _declare_state(phase: Phase, form: _Form, index: int) -> tuple[Any, Any, Any
     return q, qd, qdd, jerk
 
 
-def _declare_clock(phase: Phase, form: _Form, *, first: bool, last: bool) -> None:
+def _declare_clock(phase: Phase, form: _Form, index: int) -> None:
     """Declare the time that has passed, and at the end of the last phase what is allowed of it."""
-    size = form.size
+    size, (first, last) = form.size, form.place(index)
     clock = phase.state("clock", initial=0.0 if first else None, scale=size.time, unit="s")
     phase.derivative(clock, ca.MX(1.0))
     late = clock - phase.parameter(BUDGET, 1.0)  # of all phases, which share kernels so
@@ -264,19 +259,13 @@ def _declare_clock(phase: Phase, form: _Form, *, first: bool, last: bool) -> Non
 
 
 def _declare_mean(
-    phase: Phase,
-    form: _Form,
-    member: Member,
-    state: tuple[Any, Any, Any, Any],
-    *,
-    first: bool,
-    last: bool,
+    phase: Phase, form: _Form, index: int, member: Member, state: tuple[Any, Any, Any, Any]
 ) -> None:
     """Declare what a root mean square has beyond its bound so far, s; nothing is left at the end.
 
     That is the integral of the square, as a share of the bound's, less the time.
     """
-    limited = np.flatnonzero(member.limited).tolist()
+    limited, (first, last) = np.flatnonzero(member.limited).tolist(), form.place(index)
 
     def beyond(*at: Any) -> Any:
         value = form.family.expressions([member.key], at)[member.key][0]

@@ -212,21 +212,13 @@ class TimeOptimalSolver:
         tolerance: float = PREPARED.tolerance,
     ) -> None:
         checks.whole("mesh", mesh, "intervals", at_least=4)
-        checks.whole("starts", starts, at_least=1)
         checks.whole("rounds", rounds, at_least=0)
-        checks.whole("seed", seed, at_least=0, at_most=2**63)
         checks.number("tolerance", tolerance, above=0.0)
         self._solver_settings = replace(PREPARED, tolerance=tolerance)
-        self.robot = robot
+        given = {"mesh": mesh, "starts": starts, "compiled": compiled, "seed": seed}
+        self._settings = TimeOptimalSettings(limit_tolerance=REFERENCE_TOLERANCE, **given)
+        self.robot, self._rounds = robot, rounds
         self.via_q = check_via(check_limits(robot, None), via_q)
-        self._rounds = rounds
-        self._settings = TimeOptimalSettings(
-            mesh=mesh,
-            starts=starts,
-            limit_tolerance=REFERENCE_TOLERANCE,
-            compiled=compiled,
-            seed=seed,
-        )
         self._own: _Prepared | None = None
         self._phases = phase_names(len(self.via_q) - 1)
         self._kernels = self._transcribed()
@@ -287,7 +279,70 @@ class TimeOptimalSolver:
         """
         with deadline.within(time_limit):
             limits = with_reserve(self.robot.limits, limits, reserve)
-            return self._solved(limits, payload, via_q, search, start)
+            begin = time.perf_counter()
+            family = check_limits(self.robot.with_payload(payload), limits)
+            self._check_kinds(family)
+            via, moving = self.via_q, None if start is None else _start_of(family, start)
+            if via_q is not None:
+                via = checks.array("via_q", via_q, (None, self.robot.joint_count), "rad")
+            if moving is not None:
+                via = np.vstack([moving.state.q, via[1:]])
+            via = check_via(family, via, moving=moving is not None)
+            if len(via) != len(self.via_q):
+                raise InputError(
+                    f"via_q must have {len(self.via_q)} points, as the solver was made with, "
+                    f"not {len(via)}"
+                )
+            problem = MotionProblem.through(family, via, self._settings, given=self._kernels)
+            slower, prepared = self._slower(family), None
+            if via_q is None and moving is None:
+                prepared = self._own or self._under_own_limits()
+            solver = self._solver(prepared, slower <= CLOSE)
+            usual = prepared.smoothing if prepared else SMOOTHING
+            # where more digits are asked for the smoothing costs fewer of them
+            smoothing = usual * min(1.0, self._solver_settings.tolerance / PREPARED.tolerance)
+            changes = self._changes(problem, float(payload), smoothing, moving)
+            near = prepared if slower <= NEAR else None
+            tried: list[tuple[str, Solution]] = []
+            for name, first in self._starts(problem, near, moving is not None):
+                solution = _solved_near(solver, first, changes)
+                tried.append((name, solution))
+                led_there = not isinstance(first, Solution) or (
+                    abs(solution.duration - first.duration) <= NEAR * first.duration
+                )
+                if (solution.status.solved and led_there and not search) or deadline.over():
+                    break
+            name, best = min(tried, key=lambda pair: (not pair[1].status.solved, pair[1].duration))
+            # what begins moving may have no slower timing of its path
+            allowed = LIMIT_TOLERANCE if moving is None else moving.tolerance
+            kernels = prepared.kernels if prepared else self._kernels
+            solution = self._refined(problem, best, changes, kernels, allowed)
+            # an arm with a payload is met once: nothing is compiled for it
+            with interpreted() if payload else nullcontext():
+                slowed, outcome, worst = _within_limits(problem, solution, moving)
+                about = provenance_of(
+                    "free time-optimal motion, solved again with other numbers",
+                    family,
+                    solution,
+                    worst,
+                    time.perf_counter() - begin,
+                    smoothing,
+                    start=name,
+                    starts=[
+                        {
+                            "start": name,
+                            "status": str(tries.status),
+                            "duration": tries.duration,
+                            "iterations": sum(a.iterations for a in tries.attempts),
+                        }
+                        for name, tries in tried
+                    ],
+                    payload=float(payload),
+                )
+                motion = problem.motion(solution, about)
+            if slowed is not None:
+                motion = replace(slowed, provenance=about, remark="slowed down at limits")
+            return with_drives_noted(family.robot, motion.ended(outcome))
 
     def along(
         self,
@@ -364,79 +419,6 @@ class TimeOptimalSolver:
         unit = units[name] if name in units else self.robot.unit(keys[name], joint or 0)
         return DurationLine(name, unit, given, T, slopes, tuple(binding))
 
-    def _solved(
-        self,
-        limits: Limits | JointLimits | None,
-        payload: float,
-        via_q: ArrayLike | None,
-        search: bool,
-        start: Sequence[ArrayLike] | None,
-    ) -> Motion:
-        begin = time.perf_counter()
-        family = check_limits(self.robot.with_payload(payload), limits)
-        self._check_kinds(family)
-        via, moving = self.via_q, None if start is None else _start_of(family, start)
-        if via_q is not None:
-            via = checks.array("via_q", via_q, (None, self.robot.joint_count), "rad")
-        if moving is not None:
-            via = np.vstack([moving.state.q, via[1:]])
-        via = check_via(family, via, moving=moving is not None)
-        if len(via) != len(self.via_q):
-            raise InputError(
-                f"via_q must have {len(self.via_q)} points, as the solver was made with, "
-                f"not {len(via)}"
-            )
-        problem = MotionProblem.through(family, via, self._settings, given=self._kernels)
-        slower, prepared = self._slower(family), None
-        if via_q is None and moving is None:
-            prepared = self._own or self._under_own_limits()
-        solver = self._solver(prepared, slower <= CLOSE)
-        usual = prepared.smoothing if prepared else SMOOTHING
-        # where more digits are asked for the smoothing costs fewer of them
-        smoothing = usual * min(1.0, self._solver_settings.tolerance / PREPARED.tolerance)
-        changes = self._changes(problem, float(payload), smoothing, moving)
-        near = prepared if slower <= NEAR else None
-        tried: list[tuple[str, Solution]] = []
-        for name, first in self._starts(family, via, near, moving is not None):
-            solution = _solved_near(solver, first, changes)
-            tried.append((name, solution))
-            led_there = not isinstance(first, Solution) or (
-                abs(solution.duration - first.duration) <= NEAR * first.duration
-            )
-            if (solution.status.solved and led_there and not search) or deadline.over():
-                break
-        name, best = min(tried, key=lambda pair: (not pair[1].status.solved, pair[1].duration))
-        # what begins moving may have no slower timing of its path
-        allowed = LIMIT_TOLERANCE if moving is None else moving.tolerance
-        kernels = prepared.kernels if prepared else self._kernels
-        solution = self._refined(problem, best, changes, kernels, allowed)
-        # an arm with a payload is met once: nothing is compiled for it
-        with interpreted() if payload else nullcontext():
-            slowed, outcome, worst = _within_limits(problem, solution, moving)
-            about = provenance_of(
-                "free time-optimal motion, solved again with other numbers",
-                family,
-                solution,
-                worst,
-                time.perf_counter() - begin,
-                smoothing,
-                start=name,
-                starts=[
-                    {
-                        "start": name,
-                        "status": str(tries.status),
-                        "duration": tries.duration,
-                        "iterations": sum(a.iterations for a in tries.attempts),
-                    }
-                    for name, tries in tried
-                ],
-                payload=float(payload),
-            )
-            motion = problem.motion(solution, about)
-        if slowed is not None:
-            motion = replace(slowed, provenance=about, remark="slowed down at limits")
-        return with_drives_noted(family.robot, motion.ended(outcome))
-
     def _slower(self, family: LimitFamily) -> float:
         """Return the share by which the typical durations differ from those under the robot's own
         limits.
@@ -463,12 +445,14 @@ class TimeOptimalSolver:
         if prepared is None:
             mesh = [int(self._settings.mesh or SEARCH.full_mesh)] * len(self._phases)
             solver = ParametricSolver(self._kernels, mesh, settings)
-            _, first = next(self._starts(LimitFamily.of(self.robot), self.via_q, None, False))
+            own = MotionProblem.through(LimitFamily.of(self.robot), self.via_q, self._settings)
+            first = own.drawn[0].guesses
         else:
             first = prepared.reference
             settings = settings if close else replace(settings, options=FAR)
             meshes = [phase.mesh for phase in first.phases]
-            solver = self._on(prepared.kernels, meshes, first, settings)
+            kernels = self._fitted(prepared.kernels, meshes, first)
+            solver = ParametricSolver(kernels, meshes, settings)
         solver.scale_cost(first)
         if not deadline.over():
             self._solvers[key] = solver
@@ -489,24 +473,20 @@ class TimeOptimalSolver:
         return prepared
 
     def _starts(
-        self, family: LimitFamily, via: FloatArray, near: _Prepared | None, moving: bool
+        self, problem: MotionProblem, near: _Prepared | None, moving: bool
     ) -> Iterator[tuple[str, Solution | Mapping[str, Guess]]]:
         if near is not None and near.reference.status.solved:
             yield "prepared", near.reference
-        task = via, self._phases, self._settings.starts, self._settings.seed
-        for start in initial_guesses(family, *task, moving=moving):
+        count, seed = self._settings.starts, self._settings.seed
+        task = problem.family, problem.via, self._phases, count, seed
+        for start in initial_guesses(*task, moving=moving):
             yield start.name, start.guesses
 
-    def _on(
-        self,
-        kernels: Transcription,
-        meshes: Sequence[FloatArray],
-        near: Solution,
-        settings: SolverSettings | None = None,
-    ) -> ParametricSolver:
+    def _fitted(
+        self, kernels: Transcription, meshes: Sequence[FloatArray], near: Solution
+    ) -> Transcription:
         dry = dry_friction(self.robot) > 0.0
-        kernels = with_windows(dry, kernels, meshes, near) if dry.any() else kernels
-        return ParametricSolver(kernels, meshes, settings or self._solver_settings)
+        return with_windows(dry, kernels, meshes, near) if dry.any() else kernels
 
     def _refined(
         self,
@@ -521,9 +501,11 @@ class TimeOptimalSolver:
             excess = problem.excess(solution)
             if largest(excess) <= allowed or deadline.over():
                 break
-            pairs = zip(solution.phases, excess, strict=True)
-            meshes = [split(phase.mesh, e > allowed) for phase, e in pairs]
-            finer = self._on(kernels, meshes, solution).solve(guess=solution, **changes)
+            rows = zip(solution.phases, excess, strict=True)
+            meshes = [split(phase.mesh, e > allowed) for phase, e in rows]
+            fitted = self._fitted(kernels, meshes, solution)
+            solver = ParametricSolver(fitted, meshes, self._solver_settings)
+            finer = solver.solve(guess=solution, **changes)
             # what exceeds limits is faster for that: cost decides where the finer exceeds no less
             better = largest(problem.excess(finer)) < largest(excess)
             if not finer.status.solved or not (better or finer.cost <= solution.cost * (1 + WORSE)):

@@ -38,7 +38,6 @@ from microbot_ocp.planning.search._among_obstacles import (
 from microbot_ocp.planning.search._branches import Way, least_time, ways_through
 from microbot_ocp.planning.search._guided import Ask, Explored, GuidedSearch, poses_along
 from microbot_ocp.planning.search._orders import best_order, hoped_of, rested_of, tasks_in_orders
-from microbot_ocp.planning.search._parts import places_along, scenes_of, tool_poses
 from microbot_ocp.planning.search._result import (
     LEFT_OUT,
     keep_faster,
@@ -47,7 +46,7 @@ from microbot_ocp.planning.search._result import (
     taken_first,
 )
 from microbot_ocp.planning.search._starts import rest_to_rest, segment_timings
-from microbot_ocp.planning.search._stop_motion import motion_of
+from microbot_ocp.planning.search._stop_motion import motion_of, places_along, scenes_of, tool_poses
 from microbot_ocp.planning.search._through_stops import Asked, Front
 from microbot_ocp.planning.task import Stop, Task, TaskScale
 from microbot_ocp.robot import Capsule, Robot

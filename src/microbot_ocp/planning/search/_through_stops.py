@@ -207,7 +207,42 @@ def _check_velocities(task: Task) -> None:
 # fronts: time against effort, and time against peak torque ----------------------------------------
 
 
-def effort_front(search: MotionSearch, state: SearchState | None, slacks: Sequence[float]) -> Front:
+def motions_of_front(
+    robot: Robot,
+    limits: Limits | JointLimits | None,
+    stops: Sequence[Any],
+    segments: Sequence[Segment] | None,
+    cycle: bool,
+    scene: Scene | None,
+    settings: TimeOptimalSettings,
+    progress: StepProgress,
+    *,
+    slacks: Sequence[float] = (),
+    shares: Sequence[float] = (),
+) -> Front:
+    """Return the effort and motion of the fastest, and of calmer ones; why there are no more.
+
+    By ``slacks`` of the duration those of least effort, else the fastest by ``shares`` of the
+    torques.
+    """
+
+    def ask(search: MotionSearch, state: SearchState | None) -> Front:
+        if slacks:
+            return _effort_front(search, state, slacks)
+        return _torque_front(search, state, shares)
+
+    asked = Asked(robot, limits, list(stops), segments, cycle, settings, progress, scene=scene)
+    with settings.within(CELL_TIME_LIMIT):
+        if scene is None:
+            return ask(search_of(problem_of(asked.task(), settings), progress), None)
+        from microbot_ocp.planning.search._stops_among import motions_among
+
+        return motions_among(asked, ask)
+
+
+def _effort_front(
+    search: MotionSearch, state: SearchState | None, slacks: Sequence[float]
+) -> Front:
     """Return the effort and motion of the fastest, and of those of least effort that are slower by
     shares.
 
@@ -224,7 +259,9 @@ def effort_front(search: MotionSearch, state: SearchState | None, slacks: Sequen
     return points, ""
 
 
-def torque_front(search: MotionSearch, state: SearchState | None, shares: Sequence[float]) -> Front:
+def _torque_front(
+    search: MotionSearch, state: SearchState | None, shares: Sequence[float]
+) -> Front:
     """Return the effort and motion of the fastest, and of the fastest with shares of the torques.
 
     Each starts from the one before it. The text says why the last shares have no motion.

@@ -14,17 +14,8 @@ from microbot_ocp.limits import JointLimits, Limits, with_reserve
 from microbot_ocp.motion import Motion
 from microbot_ocp.ocp.solution import StepProgress, quiet
 from microbot_ocp.planning.search._orders import solve_stops
-from microbot_ocp.planning.search._search import MotionSearch, SearchState
 from microbot_ocp.planning.search._settings import TimeOptimalSettings
-from microbot_ocp.planning.search._strategies import search_of
-from microbot_ocp.planning.search._through_stops import (
-    Asked,
-    Front,
-    effort_front,
-    fastest_through,
-    problem_of,
-    torque_front,
-)
+from microbot_ocp.planning.search._through_stops import Asked, fastest_through
 from microbot_ocp.planning.task import (
     CELL_TIME_LIMIT,
     TIME_LIMIT,
@@ -170,36 +161,3 @@ def time_optimal(
         from microbot_ocp.planning.search._stops_among import stops_among
 
         return with_drives_noted(robot, stops_among(asked), limits)
-
-
-def motions_of_front(
-    robot: Robot,
-    limits: Limits | JointLimits | None,
-    stops: Sequence[Any],
-    segments: Sequence[Segment] | None,
-    cycle: bool,
-    scene: Scene | None,
-    settings: TimeOptimalSettings,
-    progress: StepProgress,
-    *,
-    slacks: Sequence[float] = (),
-    shares: Sequence[float] = (),
-) -> Front:
-    """Return the effort and motion of the fastest, and of calmer ones; why there are no more.
-
-    By ``slacks`` of the duration those of least effort, else the fastest by ``shares`` of the
-    torques.
-    """
-
-    def ask(search: MotionSearch, state: SearchState | None) -> Front:
-        if slacks:
-            return effort_front(search, state, slacks)
-        return torque_front(search, state, shares)
-
-    asked = Asked(robot, limits, list(stops), segments, cycle, settings, progress, scene=scene)
-    with settings.within(CELL_TIME_LIMIT):
-        if scene is None:
-            return ask(search_of(problem_of(asked.task(), settings), progress), None)
-        from microbot_ocp.planning.search._stops_among import motions_among
-
-        return motions_among(asked, ask)
