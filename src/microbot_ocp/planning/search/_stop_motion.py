@@ -144,8 +144,8 @@ def over_stretches(
 # whose distance from it is not looked at while it is held) may touch it where it lies, too, but
 # only on the segments that lead to the pick and away from the place.
 
-# what is picked up is a part that was put down: so near to where it lies, as a share of its smallest
-# radius, and in m of a part without a shape
+# what is picked up is a part that was put down, so near to where that lies: as a share of its
+# smallest radius, in m of a part without a shape
 SAME_PLACE, SAME_POINT = 0.5, 0.01
 
 

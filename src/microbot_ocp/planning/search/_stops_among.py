@@ -7,6 +7,7 @@ the distances of the arm with what it carries there.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -175,11 +176,10 @@ class _Among:
 
     def coarse_duration(self, beaten: float) -> float:
         rested = float(self.task.dwells.sum())
-        fastest: list[Guide] = []  # of each way
+        fastest: dict[Way, Guide] = {}
         for guide in self._guided:
-            if all(guide.way is not other.way for other in fastest):
-                fastest.append(guide)
-        self._explore(fastest, beaten - rested)
+            fastest.setdefault(guide.way, guide)
+        self._explore(list(fastest.values()), beaten - rested)
         return min((found.duration for found in self._explored.values()), default=np.inf) + rested
 
     def motion(self) -> Motion:
@@ -192,7 +192,6 @@ class _Among:
         It goes on from the best of the coarse answers; from the next one where that leads to none
         that is proved to keep clear.
         """
-        names = {"scene": list(self._scene.names)}
         fallback = self._fallback if self._guided else None
         made, proofs, taken = self._found(ask)
         branches = [] if taken is None else self._branches(taken)
@@ -207,13 +206,13 @@ class _Among:
                 motion = self._not_found(motion, proof)
             else:
                 motion = _with(motion, clearance=as_plain(proof))
-            judged.append((effort, _with(motion, **names)))
-        if not judged:
-            motion = (
-                self._not_found(None, None) if fallback is None else at_least(fallback, None, None)
-            )
-            judged = [(np.nan, _with(motion, **names))]
-        return judged, made[1]
+            judged.append((effort, motion))
+        if not judged and fallback is not None:
+            judged = [(np.nan, at_least(fallback, None, None))]
+        elif not judged:
+            judged = [(np.nan, self._not_found(None, None))]
+        names = list(self._scene.names)
+        return [(effort, _with(motion, scene=names)) for effort, motion in judged], made[1]
 
     def _found(self, ask: Ask | None) -> tuple[Front, list[Clearance | None], Way | None]:
         """Give the motions that a search is asked for, with the proofs that they keep clear, and
@@ -225,10 +224,10 @@ class _Among:
         taken: Way | None = None
         guides = [guide for guide in self._guided if guide.name in self._explored]
         for guide in sorted(guides, key=lambda guide: self._explored[guide.name].duration):
-            there = self._search(guide).motions(ask, self._explored[guide.name])
-            clear = bool(there[1]) and there[1][0] is not None and there[1][0].proved
+            there, proved = self._search(guide).motions(ask, self._explored[guide.name])
+            clear = any(proof is not None and proof.proved for proof in proved[:1])
             if clear or not made[0]:
-                (made, proofs), taken = there, guide.way
+                made, proofs, taken = there, proved, guide.way
             if deadline.over() or (clear and made[0][0][1].solved):
                 break
         return made, proofs, taken
@@ -345,17 +344,16 @@ class Legs:
             There is none.
         """
         if task not in self._ways:
-            self._ways[task] = [
-                (way, self._legs_of(task, way, places)) for way, places in self.clear_ways(task)
-            ]
+            clear = self.clear_ways(task)
+            self._ways[task] = [(way, self._legs_of(task, way, places)) for way, places in clear]
         return self._ways[task]
 
-    def clear_ways(self, task: Task) -> list[tuple[Way, list[tuple[Any, Surroundings]]]]:
+    def clear_ways(self, task: Task) -> list[tuple[Way, list[Surroundings]]]:
         """Return the same, with what is around each segment."""
         clear, refused = [], []
         for way in ways_through(task):
             places = self._places(task, way)
-            blocked = _blocked(task, [around for _, around in places], way)
+            blocked = _blocked(task, places, way)
             if blocked:
                 refused.append(blocked)
             else:
@@ -364,8 +362,10 @@ class Legs:
             raise InputError(refused[0])
         return clear
 
-    def _places(self, task: Task, way: Way) -> list[tuple[Any, Surroundings]]:
-        """Return what is around the arm on every segment of a way, each with its key."""
+    def _places(self, task: Task, way: Way) -> list[Surroundings]:
+        """Return what is around the arm on every segment of a way: the same object where it is the
+        same.
+        """
         places = []
         scenes = scenes_of(task, self.scene, tool_poses(task.robot, way.via))
         for payload, scene in zip(task.payloads, scenes, strict=True):
@@ -375,19 +375,17 @@ class Legs:
             key = robot, parts, scene.ignore
             if key not in self._surroundings:
                 self._surroundings[key] = Surroundings(robot, scene.without_parts_of(robot))
-            places.append((key, self._surroundings[key]))
+            places.append(self._surroundings[key])
         return places
 
-    def _legs_of(
-        self, task: Task, way: Way, places: Sequence[tuple[Any, Surroundings]]
-    ) -> list[Leg | None]:
+    def _legs_of(self, task: Task, way: Way, places: Sequence[Surroundings]) -> list[Leg | None]:
         legs: list[Leg | None] = []
-        for k, (kind, (place, around)) in enumerate(zip(task.segments, places, strict=True)):
-            start, goal = way.via[k], way.via[k + 1]
-            key = place, start.tobytes(), goal.tobytes()
+        ends = itertools.pairwise(way.via)
+        for kind, around, (start, goal) in zip(task.segments, places, ends, strict=True):
+            key = around, start.tobytes(), goal.tobytes()
             if kind is None and key not in self._legs:
                 self._legs[key] = Leg(around, start, goal, self._settings)
-            legs.append(None if kind is not None else self._legs[key])
+            legs.append(self._legs[key] if kind is None else None)
         return legs
 
     def guides(self, task: Task) -> list[Guide]:
@@ -435,14 +433,12 @@ class Legs:
         """Return every segment of a guide from rest to rest, those that are not free along
         their paths.
         """
-        shapes = []
-        for k, name in enumerate(phase_names(len(task.segments))):
-            if name in guide.shapes:
-                shapes.append(guide.shapes[name])
-                continue
-            usual = self._usual(task, guide.way)[k]
-            usable = usual is not None and _keeps_limits(task.robots[k], usual)
-            shapes.append(usual if usable else _unhindered(task, guide.way, k))
+        names, shapes = phase_names(len(task.segments)), []
+        for k, (name, usual) in enumerate(zip(names, self._usual(task, guide.way), strict=True)):
+            shape = guide.shapes.get(name, usual)
+            if name not in guide.shapes and not (usual and _keeps_limits(task.robots[k], usual)):
+                shape = _unhindered(task, guide.way, k)
+            shapes.append(shape)
         return shapes
 
 

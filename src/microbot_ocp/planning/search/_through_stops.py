@@ -228,8 +228,8 @@ def motions_of_front(
 
     def ask(search: MotionSearch, state: SearchState | None) -> Front:
         if slacks:
-            return _effort_front(search, state, slacks)
-        return _torque_front(search, state, shares)
+            return effort_front(search, state, slacks)
+        return torque_front(search, state, shares)
 
     asked = Asked(robot, limits, list(stops), segments, cycle, settings, progress, scene=scene)
     with settings.within(CELL_TIME_LIMIT):
@@ -240,9 +240,7 @@ def motions_of_front(
         return motions_among(asked, ask)
 
 
-def _effort_front(
-    search: MotionSearch, state: SearchState | None, slacks: Sequence[float]
-) -> Front:
+def effort_front(search: MotionSearch, state: SearchState | None, slacks: Sequence[float]) -> Front:
     """Return the effort and motion of the fastest, and of those of least effort that are slower by
     shares.
 
@@ -259,9 +257,7 @@ def _effort_front(
     return points, ""
 
 
-def _torque_front(
-    search: MotionSearch, state: SearchState | None, shares: Sequence[float]
-) -> Front:
+def torque_front(search: MotionSearch, state: SearchState | None, shares: Sequence[float]) -> Front:
     """Return the effort and motion of the fastest, and of the fastest with shares of the torques.
 
     Each starts from the one before it. The text says why the last shares have no motion.
