@@ -535,12 +535,9 @@ class TimeOptimalSolver:
         initial[first] = {"q": via[0]}
         bounds = dict.fromkeys(self._phases, pairs)
         if moving is not None:
-            widened = {
-                key if key in OF_VARIABLES else family[key].name: pair
-                for key, pair in moving.bounds.items()
-                if key in OF_VARIABLES or family[key].name in declared
-            }
-            bounds[first] = pairs | widened
+            names = {key: key if key in OF_VARIABLES else family[key].name for key in moving.bounds}
+            widened = {names[key]: pair for key, pair in moving.bounds.items()}
+            bounds[first] = pairs | {name: widened[name] for name in pairs if name in widened}
             initial[first]["qd"] = moving.state.qd[0]
             if family.jerk_matters:
                 qdd = moving.state.qdd[0]

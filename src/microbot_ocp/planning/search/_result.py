@@ -252,7 +252,8 @@ def _within_limits(best: Fastest, motion: Motion) -> Motion:
     for answer in (*best.state.answers, best.answer):
         slowed = problem.slowed_before(answer.solution)
         if slowed is not None:
-            slower.append(Slowed(slowed, _name(answer.solution is solution)))
+            origin = "the motion found" if answer.solution is solution else "a coarser motion"
+            slower.append(Slowed(slowed, f"{origin}, slowed down at limits"))
     if not fast_enough and not slower and problem.fallback:
         slower = [problem.fallback]
     if not slower:
@@ -279,11 +280,6 @@ def _within_limits(best: Fastest, motion: Motion) -> Motion:
     return replace(known.motion, provenance=provenance, remark=remark).ended(
         outcome, made_from=known.made_from, excess=excess
     )
-
-
-def _name(is_answer: bool) -> str:
-    origin = "the motion found" if is_answer else "a coarser motion"
-    return f"{origin}, slowed down at limits"
 
 
 def _unsettled(motion: Motion) -> Motion:

@@ -34,7 +34,6 @@ class MotionAnswer:
 
     Attributes
     ----------
-    strategy : name of the strategy
     start : name of the initial guess that it goes back to
     solution : solved or not
     refiner : what refines it further
@@ -44,9 +43,9 @@ class MotionAnswer:
     seconds : wall time that it took
     way : through the stops, that the initial guess goes along
     relaxed : what limits have to give, where that was asked
+    strategy : name of the strategy, which the loop knows
     """
 
-    strategy: str
     start: str
     solution: Solution
     refiner: Refiner
@@ -56,6 +55,7 @@ class MotionAnswer:
     seconds: float = 0.0
     way: Way | None = None
     relaxed: Explanation | None = None
+    strategy: str = ""
 
     @property
     def solved(self) -> bool:
@@ -202,8 +202,9 @@ class MotionSearch:
             answer = None if key is None else self.memory.get(key)
             if answer is None:
                 begin = time.perf_counter()
-                answer = strategy.run(self, step)
-                answer = replace(answer, before=step.subject, seconds=time.perf_counter() - begin)
+                made, spent = strategy.run(self, step), time.perf_counter() - begin
+                known = {"before": step.subject, "seconds": spent, "strategy": strategy.name}
+                answer = replace(made, **known)
             if key is not None:
                 self.memory[key] = answer
             state = state.and_(answer)

@@ -132,7 +132,7 @@ def try_start(search: MotionSearch, step: NextStep) -> MotionAnswer:
         guesses, solver = start.guess.guesses, start.solver
         solution = refiner.solve(step.intervals, guesses, tolerance=tolerance, solver=solver)
     _tell(search, name, solution, f" on {step.intervals} intervals a phase")
-    return _answer(search, "start", name, solution, refiner, way)
+    return _answer(search, name, solution, refiner, way)
 
 
 def _tell(search: MotionSearch, start: str, solution: Solution, where: str = "") -> None:
@@ -140,18 +140,11 @@ def _tell(search: MotionSearch, start: str, solution: Solution, where: str = "")
 
 
 def _answer(
-    search: MotionSearch,
-    strategy: str,
-    start: str,
-    solution: Solution,
-    by: Refiner,
-    way: Way | None = None,
+    search: MotionSearch, start: str, solution: Solution, by: Refiner, way: Way | None = None
 ) -> MotionAnswer:
     """Return a coarse answer, which the usual kernels refine."""
     solves = tuple(by.history)
-    return MotionAnswer(
-        strategy, start, solution, search.refiner, SMOOTHING, solves=solves, way=way
-    )
+    return MotionAnswer(start, solution, search.refiner, SMOOTHING, solves=solves, way=way)
 
 
 def _nothing_solved(search: MotionSearch, state: SearchState, strategy: str) -> NextStep | None:
@@ -187,7 +180,7 @@ def from_known(search: MotionSearch, step: NextStep) -> MotionAnswer:
         barrier=SEARCH.near_way_barrier,
     )
     _tell(search, way.made_from, solution)
-    return _answer(search, "known way", way.made_from, solution, refiner)
+    return _answer(search, way.made_from, solution, refiner)
 
 
 def next_relaxed(search: MotionSearch, state: SearchState) -> NextStep | None:
@@ -206,7 +199,7 @@ def from_relaxed(search: MotionSearch, step: NextStep) -> MotionAnswer:
     if relaxed.conclusive and relaxed.feasible:
         guesses = guesses_from(relaxed)
         solution = refiner.solve(meshes, guesses, tolerance=SEARCH.explore_tolerance)
-    answer = _answer(search, "relaxed problem", subject.start, solution, refiner, subject.way)
+    answer = _answer(search, subject.start, solution, refiner, subject.way)
     return replace(answer, relaxed=relaxed)
 
 
@@ -222,7 +215,7 @@ def from_timed_path(search: MotionSearch, step: NextStep) -> MotionAnswer:
     refiner, guesses = replace(refiner, once=False), problem.with_closed(path.guesses)
     solution = refiner.solve(explore_mesh(search), guesses, barrier=SEARCH.timed_path_barrier)
     _tell(search, path.name, solution)
-    return _answer(search, "timed path", path.name, solution, refiner, problem.ways[0])
+    return _answer(search, path.name, solution, refiner, problem.ways[0])
 
 
 # initial guesses --------------------------------------------------------------------------------

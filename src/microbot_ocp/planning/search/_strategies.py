@@ -151,7 +151,7 @@ def resumed(search: MotionSearch, answer: MotionAnswer) -> SearchState:
     search.progress(f"start {answer.start}: {solution.duration:.6f} s, {solution.status}")
     solves, spent = tuple(first.history), time.perf_counter() - begin
     given = answer.start, solution, refiner, weight, answer, solves, spent
-    return SearchState((MotionAnswer("full mesh", *given),))
+    return SearchState((MotionAnswer(*given, strategy="full mesh"),))
 
 
 def _smoothed(search: MotionSearch, kernels: Transcription, weight: float) -> Transcription:
@@ -196,19 +196,19 @@ def to_full_mesh(search: MotionSearch, step: NextStep) -> MotionAnswer:
         if refiner.fitted is not None and solution is not before:
             marks = partial(friction_marks, search)
             solution = refiner.sharpen(solution, marks, worth=SEARCH.worth)
-        return _finer(subject, "full mesh", solution, refiner)
+        return _finer(subject, solution, refiner)
     if len(before.phases) > SEARCH.many_phases:
         # multipliers of so coarse a mesh mislead: 87 iterations, 65 without
         guesses, barrier = search.problem.guesses(before), RefinerSettings.warm_barrier
         solution = refiner.solve(meshes, guesses, barrier=barrier)
         if solution.status.solved and solution.cost <= (1 + WORSE) * before.cost:
-            return _finer(subject, "full mesh", solution, refiner)
+            return _finer(subject, solution, refiner)
     settings, once = _from_barrier(refiner, SEARCH.far_barrier), False
     if len(before.phases) <= SEARCH.many_phases and _within_limits(search, subject) is not None:
         limited = min(settings.max_iterations, SEARCH.first_iterations)
         settings, once = replace(settings, max_iterations=limited), True
     farther = replace(refiner, settings=settings, once=once)
-    return _finer(subject, "full mesh", farther.finer(before, meshes), refiner)
+    return _finer(subject, farther.finer(before, meshes), refiner)
 
 
 def _from_barrier(refiner: Refiner, barrier: float) -> SolverSettings:
@@ -223,19 +223,10 @@ def _going_on(subject: MotionAnswer) -> Refiner:
     return replace(subject.refiner, history=[*last])
 
 
-def _finer(
-    subject: MotionAnswer,
-    strategy: str,
-    solution: Solution,
-    by: Refiner,
-    kernels: Refiner | None = None,
-    smoothing: float | None = None,
-) -> MotionAnswer:
-    weight = subject.smoothing if smoothing is None else smoothing
-    refiner, solves = replace(kernels or subject.refiner, history=[]), tuple(by.history[1:])
-    return MotionAnswer(
-        strategy, subject.start, solution, refiner, weight, solves=solves, way=subject.way
-    )
+def _finer(subject: MotionAnswer, solution: Solution, by: Refiner, **other: Any) -> MotionAnswer:
+    """Return what came of an answer; what refines it goes on, unless there is ``other``."""
+    made = {"refiner": replace(subject.refiner, history=[]), "solves": tuple(by.history[1:])}
+    return replace(subject, solution=solution, relaxed=None, **(made | other))
 
 
 def next_smoother(search: MotionSearch, state: SearchState) -> NextStep | None:
@@ -267,7 +258,7 @@ def less_and_less_smoothing(search: MotionSearch, step: NextStep) -> MotionAnswe
     For arms so light or fast that torques change more between the points of a coarse mesh than it
     can tell: what it calls an optimum is none, and finer meshes do not find one from there.
     """
-    subject, name = step.answer, "less and less smoothing"
+    subject = step.answer
     refiner = _going_on(subject)
     limited = replace(refiner.settings, max_iterations=SEARCH.smoother_iterations)
     meshes = [full_mesh(search)] * len(search.problem.names)
@@ -288,7 +279,8 @@ def less_and_less_smoothing(search: MotionSearch, step: NextStep) -> MotionAnswe
             worth = np.inf if last is None else last.duration / solution.duration - 1.0
             start, last, barrier = solution, solution, None
             if times == SEARCH.smoother[-1] or worth < SEARCH.worth_less:
-                return _finer(subject, name, solution, refiner, finer, weight)
+                finer = replace(finer, history=[])
+                return _finer(subject, solution, refiner, refiner=finer, smoothing=weight)
             if search.over:
                 break
         if last is not None or search.over:
@@ -296,7 +288,7 @@ def less_and_less_smoothing(search: MotionSearch, step: NextStep) -> MotionAnswe
     failed = solution if last is None else replace(last, status=Status.FAILED)
     if last is not None:
         search.problem.slowed(failed)  # the motion of this answer that is returned at least
-    return _finer(subject, name, failed, refiner)
+    return _finer(subject, failed, refiner)
 
 
 def next_less_smoothing(search: MotionSearch, state: SearchState) -> NextStep | None:
@@ -330,7 +322,8 @@ def less_smoothing(search: MotionSearch, step: NextStep) -> MotionAnswer:
     search.progress(f"smoothed less: {solution.duration:.6f} s, {solution.status}")
     if solution.status.solved and solution.duration >= subject.solution.duration:
         solution = replace(solution, status=Status.NOT_ACCEPTED)
-    return _finer(subject, "less smoothing", solution, refiner, finer, weight)
+    finer = replace(finer, history=[])
+    return _finer(subject, solution, refiner, refiner=finer, smoothing=weight)
 
 
 def next_splitting(search: MotionSearch, state: SearchState) -> NextStep | None:
@@ -368,7 +361,7 @@ def split_where_exceeded(search: MotionSearch, step: NextStep) -> MotionAnswer:
     if search.problem.timed_path is not None:  # what did not converge is tried from farther inside
         farther = _from_barrier(refiner, SEARCH.timed_path_barrier)
         refiner = replace(refiner, settings=farther)
-    return _finer(subject, "splitting", refiner.refine(best, **marks), refiner)
+    return _finer(subject, refiner.refine(best, **marks), refiner)
 
 
 def next_last_digits(search: MotionSearch, state: SearchState) -> NextStep | None:
@@ -392,7 +385,7 @@ def last_digits(search: MotionSearch, step: NextStep) -> MotionAnswer:
         solution = refiner.finished(solution)
     elif loose and search.worst(solution) <= search.settings.limit_tolerance:
         solution = refiner.polished(solution, refiner.rounds)
-    return _finer(subject, "last digits", solution, refiner)
+    return _finer(subject, solution, refiner)
 
 
 # where meshes are split, and where a finer one is dense -------------------------------------------
