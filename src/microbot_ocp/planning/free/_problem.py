@@ -206,42 +206,35 @@ def _declare_state(phase: Phase, form: _Form, index: int) -> tuple[Any, Any, Any
     limits, held = form.family.robot.limits, form.held
     count, (first, last) = limits.q_min.size, form.place(index)
     at_start, at_end = form.conditions.ends[index : index + 2]
-    q = phase.state(
-        "q",
-        count,
-        lower=limits.q_min,
-        upper=limits.q_max,
-        initial=at_start.q if first else _unless(held, at_start.q),
-        final=_unless(held, at_end.q) if last else None,
-        scale=form.size.position,
-        unit="rad",
-    )
-    qd = phase.state(
-        "qd",
-        count,
-        lower=limits.qd_min,
-        upper=limits.qd_max,
-        initial=at_start.qd if first else _unless(held, at_start.qd),
-        final=_unless(held, at_end.qd) if last else None,
-        scale=form.scales[0],
-        unit="rad/s",
-        interior_points=bool(np.isfinite(limits.qd_max).any()),
-    )
-    bounds: dict[str, Any] = {"lower": limits.qdd_min, "upper": limits.qdd_max}
-    bounds |= {"scale": form.scales[1], "unit": "rad/s^2"}
+
+    def bounds(name: str, scale: float | FloatArray, unit: str) -> dict[str, Any]:
+        lower, upper = limits.bounds(name)
+        return {"lower": lower, "upper": upper, "scale": scale, "unit": unit}
+
+    def at_ends(name: str) -> dict[str, Any]:
+        start, end = getattr(at_start, name), getattr(at_end, name)
+        initial = start if first else _unless(held, start)
+        return {"initial": initial, "final": _unless(held, end) if last else None}
+
+    position = bounds("q", form.size.position, "rad") | at_ends("q")
+    velocity = bounds("qd", form.scales[0], "rad/s") | at_ends("qd")
+    acceleration = bounds("qdd", form.scales[1], "rad/s^2")
     ends: dict[str, Any] = {
         "initial": None if at_start.qdd is None else _unless(held, at_start.qdd),
         "final": None if at_end.qdd is None else _unless(held, at_end.qdd),
     }
+    q = phase.state("q", count, **position)
+    inside = bool(np.isfinite(limits.qd_max).any())
+    qd = phase.state("qd", count, **velocity, interior_points=inside)
     if not form.jumps:
-        qdd = phase.control("qdd", count, **bounds, **ends, shape="linear")
+        qdd = phase.control("qdd", count, **acceleration, **ends, shape="linear")
         jerk = phase.rate(qdd)
     elif form.rated:
-        qdd = phase.state("qdd", count, **bounds, **ends)
+        qdd = phase.state("qdd", count, **acceleration, **ends)
         jerk = phase.control("jerk", count, unit="rad/s^3", shape="polynomial")
         phase.derivative(qdd, jerk)
     else:
-        qdd = phase.control("qdd", count, **bounds, shape="polynomial")
+        qdd = phase.control("qdd", count, **acceleration, shape="polynomial")
         jerk = ca.MX.zeros(count)
     phase.derivative(q, qd)
     phase.derivative(qd, qdd)

@@ -23,7 +23,7 @@ from microbot_ocp.planning.free import InitialGuess, phase_shapes
 from microbot_ocp.planning.search._branches import Way
 from microbot_ocp.planning.search._result import fastest, motion_from
 from microbot_ocp.planning.search._search import MotionAnswer, MotionSearch, SearchState
-from microbot_ocp.planning.search._starts import explore_mesh, full_mesh
+from microbot_ocp.planning.search._starts import FROM_PATHS, explore_mesh, full_mesh
 from microbot_ocp.planning.search._stop_motion import (
     places_along,
     poses_at_stops,
@@ -31,7 +31,7 @@ from microbot_ocp.planning.search._stop_motion import (
     stretches,
     tool_poses,
 )
-from microbot_ocp.planning.search._strategies import FROM_PATHS, best_of, resumed, search_of
+from microbot_ocp.planning.search._strategies import best_of, resumed, search_of
 from microbot_ocp.planning.search._through_stops import Asked, Front, problem_of
 from microbot_ocp.planning.task import Task, reach_of
 from microbot_ocp.robot import Robot

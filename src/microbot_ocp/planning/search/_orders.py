@@ -182,12 +182,10 @@ def _refined(
     counts = f"{len(coarse)} solved on a coarse mesh, {len(refined)} of them refined"
     rows = [row for row in orders.values() if row["status"] != LEFT_OUT]
     rows.sort(key=lambda row: (row["duration"] or np.inf, row["coarse"] or np.inf))
-    return replace(
-        best,
-        provenance={**best.provenance, "orders": rows, "orders_left_out": len(orders) - len(rows)},
-        remark=f"order {_named(best.provenance['order'])} of {len(orders)}, {counts}; "
-        f"{best.remark}",
-    )
+    left_out, taken = len(orders) - len(rows), _named(best.provenance["order"])
+    provenance = {**best.provenance, "orders": rows, "orders_left_out": left_out}
+    remark = f"order {taken} of {len(orders)}, {counts}; {best.remark}"
+    return replace(best, provenance=provenance, remark=remark)
 
 
 def _named(places: Sequence[int]) -> str:

@@ -320,25 +320,19 @@ class TimeOptimalSolver:
             # an arm with a payload is met once: nothing is compiled for it
             with interpreted() if payload else nullcontext():
                 slowed, outcome, worst = _within_limits(problem, solution, moving)
-                about = provenance_of(
-                    "free time-optimal motion, solved again with other numbers",
-                    family,
-                    solution,
-                    worst,
-                    time.perf_counter() - begin,
-                    smoothing,
-                    start=name,
-                    starts=[
-                        {
-                            "start": name,
-                            "status": str(tries.status),
-                            "duration": tries.duration,
-                            "iterations": sum(a.iterations for a in tries.attempts),
-                        }
-                        for name, tries in tried
-                    ],
-                    payload=float(payload),
-                )
+                starts = [
+                    {
+                        "start": first,
+                        "status": str(tries.status),
+                        "duration": tries.duration,
+                        "iterations": sum(a.iterations for a in tries.attempts),
+                    }
+                    for first, tries in tried
+                ]
+                method = "free time-optimal motion, solved again with other numbers"
+                given = worst, time.perf_counter() - begin, smoothing
+                more = {"start": name, "starts": starts, "payload": float(payload)}
+                about = provenance_of(method, family, solution, *given, **more)
                 motion = problem.motion(solution, about)
             if slowed is not None:
                 motion = replace(slowed, provenance=about, remark="slowed down at limits")

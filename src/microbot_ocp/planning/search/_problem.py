@@ -236,11 +236,9 @@ class MotionProblem:
 
     def slowed(self, solution: Solution) -> Motion | None:
         """Return a solution slowed down until it keeps the limits; None where it is none."""
-        if not self.is_free:
-            return None
-        if solution not in self._slowed:
+        if self.is_free and solution not in self._slowed:
             self._slowed[solution] = self._slowed_anew(solution)
-        return self._slowed[solution]
+        return self.slowed_before(solution)
 
     def slowed_before(self, solution: Solution) -> Motion | None:
         """Return the same where it was asked for before."""

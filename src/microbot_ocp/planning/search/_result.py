@@ -378,30 +378,20 @@ def least_effort(search: MotionSearch, fastest: MotionAnswer, slack: float) -> L
     problem, solution, slower = search.problem, fastest.solution, 1.0 + slack
     kernels = problem.kernels(budgeted=True)
     allowed = {problem.names[-1]: {BUDGET: slower * solution.duration}}
-    refiner = replace(
-        fastest.refiner,
-        transcription=kernels.with_parameters(allowed),
-        guess_from=partial(_with_clock, search),
-        rough=None,
-        history=[],
-    )
+    kernels, guess = kernels.with_parameters(allowed), partial(_with_clock, search)
+    refiner = replace(fastest.refiner, transcription=kernels, guess_from=guess)
+    refiner = replace(refiner, rough=None, history=[])
     # what is smooth needs no mesh that was made for jumps
     meshes: list[Any] = [min(SEARCH.calmer_mesh, phase.mesh.size - 1) for phase in solution.phases]
-    guesses = _with_clock(search, solution, slower)
+    guesses = guess(solution, slower)
     calmer = refiner.refine(refiner.solve(meshes, guesses, barrier=SEARCH.calmer_barrier))
     search.progress(f"least effort: {calmer.duration:.6f} s, {calmer.status}")
-    solved = rank(search, calmer)[0] is False
-    answer = replace(
-        fastest,
-        strategy="least effort",
-        solution=calmer if solved else solution,
-        refiner=refiner if solved else fastest.refiner,
-        before=fastest,
-        solves=tuple(refiner.history),
-    )
-    effort = effort_of(search, answer.solution)
-    before = effort_of(search, solution)
-    return LeastEffort(answer, slack, solution.duration, effort, before, str(calmer.status))
+    solves = tuple(refiner.history)
+    answer = replace(fastest, strategy="least effort", before=fastest, solves=solves)
+    if rank(search, calmer)[0] is False:
+        answer = replace(answer, solution=calmer, refiner=refiner)
+    efforts = effort_of(search, answer.solution), effort_of(search, solution)
+    return LeastEffort(answer, slack, solution.duration, *efforts, str(calmer.status))
 
 
 def effort_of(search: MotionSearch, solution: Solution) -> float:

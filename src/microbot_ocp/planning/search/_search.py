@@ -299,17 +299,9 @@ def ledger_of(state: SearchState, last: MotionAnswer) -> Ledger:
     rows, best = [], None
     for answer in state.answers:
         cost = answer.solution.duration if answer.solved else best
-        rows.append(
-            LedgerRow(
-                answer.strategy,
-                1,
-                id(answer) in lineage,
-                best,
-                cost,
-                sum(a["iterations"] for solve in answer.solves for a in solve["attempts"]),
-                answer.seconds,
-            )
-        )
+        iterations = sum(a["iterations"] for solve in answer.solves for a in solve["attempts"])
+        known = id(answer) in lineage, best, cost, iterations, answer.seconds
+        rows.append(LedgerRow(answer.strategy, 1, *known))
         best = min((c for c in (best, cost) if c is not None), default=None)
     return Ledger.of(rows)
 

@@ -36,6 +36,7 @@ from microbot_ocp.planning.search._problem import MotionProblem, TrialStart
 from microbot_ocp.planning.search._search import (
     MotionAnswer,
     MotionSearch,
+    MotionStrategy,
     NextStep,
     SearchState,
     by_promise,
@@ -216,6 +217,24 @@ def from_timed_path(search: MotionSearch, step: NextStep) -> MotionAnswer:
     solution = refiner.solve(explore_mesh(search), guesses, barrier=SEARCH.timed_path_barrier)
     _tell(search, path.name, solution)
     return _answer(search, path.name, solution, refiner, problem.ways[0])
+
+
+FROM_GUESSES = (
+    MotionStrategy(
+        "start", next_start, try_start, "local optima are several per cent apart", share=0.5
+    ),
+    MotionStrategy(
+        "known way", next_from_known, from_known, "limits so tight that no guess converges"
+    ),
+    MotionStrategy(
+        "relaxed problem", next_relaxed, from_relaxed, "tasks that ask too much: which limit gives"
+    ),
+)
+FROM_PATHS = (
+    MotionStrategy(
+        "timed path", next_timed_path, from_timed_path, "obstacles, which other starts run into"
+    ),
+)
 
 
 # initial guesses --------------------------------------------------------------------------------

@@ -41,18 +41,7 @@ from microbot_ocp.planning.search._search import (
     rank,
 )
 from microbot_ocp.planning.search._settings import SEARCH
-from microbot_ocp.planning.search._starts import (
-    from_known,
-    from_relaxed,
-    from_timed_path,
-    full_mesh,
-    nearest,
-    next_from_known,
-    next_relaxed,
-    next_start,
-    next_timed_path,
-    try_start,
-)
+from microbot_ocp.planning.search._starts import FROM_GUESSES, FROM_PATHS, full_mesh, nearest
 from microbot_ocp.planning.task import (
     GAP,
     LDL,
@@ -88,22 +77,13 @@ def search_of(problem: MotionProblem, progress: StepProgress) -> MotionSearch:
         enough=partial(is_enough, problem) if problem.is_free else None,
     )
     if problem.timed_path is not None:  # a motion within limits is known
-        tolerance = SEARCH.timed_path_tolerance
+        tolerance, most = SEARCH.timed_path_tolerance, SEARCH.guided_iterations
         # where a link is as near to two faces of a thing steps go to and fro between them
-        options = {"acceptable_iter": SEARCH.guided_still, "acceptable_tol": 10.0 * tolerance}
-        rough = SolverSettings(
-            gap=np.inf,
-            options={"ipopt": {**LDL["ipopt"], **options}},
-            max_iterations=SEARCH.guided_iterations,
-        )
-        refiner = replace(
-            refiner,
-            tolerance=tolerance,
-            rough=None,
-            settings=rough,
-            once=True,
-            polishing=SEARCH.first_iterations,
-        )
+        still = {"acceptable_iter": SEARCH.guided_still, "acceptable_tol": 10.0 * tolerance}
+        options = {"ipopt": {**LDL["ipopt"], **still}}
+        rough = SolverSettings(gap=np.inf, options=options, max_iterations=most)
+        refiner = replace(refiner, tolerance=tolerance, rough=None, settings=rough, once=True)
+        refiner = replace(refiner, polishing=SEARCH.first_iterations)
     return MotionSearch(problem, refiner, progress, kernel_time)
 
 
@@ -450,21 +430,8 @@ def graded(phase: PhaseSolution, count: int) -> FloatArray:
     return mesh
 
 
-FROM_PATHS = (
-    MotionStrategy(
-        "timed path", next_timed_path, from_timed_path, "obstacles, which other starts run into"
-    ),
-)
 STRATEGIES = (
-    MotionStrategy(
-        "start", next_start, try_start, "local optima are several per cent apart", share=0.5
-    ),
-    MotionStrategy(
-        "known way", next_from_known, from_known, "limits so tight that no guess converges"
-    ),
-    MotionStrategy(
-        "relaxed problem", next_relaxed, from_relaxed, "tasks that ask too much: which limit gives"
-    ),
+    *FROM_GUESSES,
     MotionStrategy(
         "less and less smoothing",
         next_smoother,
