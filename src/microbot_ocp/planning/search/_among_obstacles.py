@@ -17,7 +17,7 @@ import itertools
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -134,8 +134,9 @@ class WayAround:
         return None if deadline.over() else _resting_at_corners(self.family, self.detour)
 
 
+@dataclass(eq=False)
 class Leg:
-    """The ways from one pose to another that searches lead to.
+    """The ways from one pose [n] to another that searches lead to.
 
     Attributes
     ----------
@@ -148,39 +149,39 @@ class Leg:
         way is: its best one, or where that takes long one that rests at every corner.
     certified : float
         Processor time, s, at which a motion along this leg and its neighbours was first proved.
+    refused : bool
+        Whether there was a way that cannot be travelled.
+    searches : int
+        That were made.
     """
 
-    def __init__(
-        self,
-        around: Surroundings,
-        start: FloatArray,
-        goal: FloatArray,
-        settings: TimeOptimalSettings,
-    ) -> None:
-        self.around, self.settings, self._ends = around, settings, (start, goal)
-        self.family = LimitFamily.of(around.robot)
-        self.ways: list[WayAround] = []
-        self.failed: list[Detour] = []
-        self.first_motion: Motion | None = None
-        self.certified = np.inf
-        self.refused = False  # whether there was a way that cannot be travelled
-        self._searches = 0
+    around: Surroundings
+    start: FloatArray
+    goal: FloatArray
+    settings: TimeOptimalSettings
+    ways: list[WayAround] = field(default_factory=list)
+    failed: list[Detour] = field(default_factory=list)
+    first_motion: Motion | None = None
+    certified: float = np.inf
+    refused: bool = False
+    searches: int = 0
 
     def search(self, number: int, progress: StepProgress) -> None:
         """Make the search of a number, unless it was made or there is no need of it."""
         known = [*(way.detour for way in self.ways), *self.failed]
         straight = any(candidate.name == "straight" for candidate in known)
-        if number < self._searches or straight or (number >= FIRST_SEARCHES and self.first_motion):
+        if number < self.searches or straight or (number >= FIRST_SEARCHES and self.first_motion):
             return
-        self._searches = number + 1
-        candidate = detour(self.around, *self._ends, self.settings.seed, number)
+        self.searches = number + 1
+        candidate = detour(self.around, self.start, self.goal, self.settings.seed, number)
         if candidate.path is None:
             self.failed.append(candidate)
             progress(f"search {number}: no path in {candidate.checks} poses")
             return
-        way = WayAround(self.family, self.settings, candidate)
+        family = LimitFamily.of(self.around.robot)
+        way = WayAround(family, self.settings, candidate)
         if self.first_motion is None:
-            self.first_motion = way.kept or _resting_at_corners(self.family, candidate)
+            self.first_motion = way.kept or _resting_at_corners(family, candidate)
         if self.first_motion is None:
             self.refused = True
             self.failed.append(candidate)
@@ -453,8 +454,8 @@ def timed_paths(
             continue
         timed = _proved(around, legs, choice, (leg.motion(choice) for leg in legs))
         if timed is not None and differs(timed.motion.duration, durations):
-            progress(f"path {timed.name}: {timed.motion.duration:.4f} s with its best timing")
             durations.append(timed.motion.duration)
+            progress(f"path {timed.name}: {durations[-1]:.4f} s with its best timing")
             yield timed
 
 

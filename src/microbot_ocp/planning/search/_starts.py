@@ -107,11 +107,10 @@ def next_start(search: MotionSearch, state: SearchState) -> NextStep | None:
 
 def _fresh(search: MotionSearch, state: SearchState) -> NextStep | None:
     """Return the next initial guess, on the mesh that answers are compared on."""
-    start = next_trial(search.problem, state)
+    drawn = search.problem.is_free and not search.problem.briefly
+    start = (_next_drawn if drawn else _next_through_ways)(search.problem, state)
     carried = any(answer.before is not None for answer in state.of("start"))
-    if start is None:
-        return None
-    return NextStep(start=start, intervals=_start_meshes(search)[carried])
+    return start and NextStep(start=start, intervals=_start_meshes(search)[carried])
 
 
 def _start_meshes(search: MotionSearch) -> tuple[int, int]:
@@ -238,13 +237,6 @@ FROM_PATHS = (
 
 
 # initial guesses --------------------------------------------------------------------------------
-
-
-def next_trial(problem: MotionProblem, state: SearchState) -> TrialStart | None:
-    """Return the next initial guess, with its solver; None where there are no more."""
-    if problem.is_free and not problem.briefly:
-        return _next_drawn(problem, state)
-    return _next_through_ways(problem, state)
 
 
 def _next_drawn(problem: MotionProblem, state: SearchState) -> TrialStart | None:
