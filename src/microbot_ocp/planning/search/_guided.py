@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -136,10 +135,9 @@ class PairsAsked:
         touching = apart <= self.scene.clearance
         more = np.minimum(self.most, np.maximum(self.room, come))
         room = np.where(touching, more, self.room)
-        if touching.any():
-            within = self.scene.clearance + near * reach_of(self.robot)
-            return replace(self, near=self.near | (apart <= within), room=room), touching
-        return self, touching
+        within = self.scene.clearance + near * reach_of(self.robot)
+        known = self.near | (apart <= within) if touching.any() else self.near
+        return replace(self, near=known, room=room), touching
 
     def asks_more_than(self, before: PairsAsked) -> bool:
         """Return whether anything is asked that was not."""
@@ -177,9 +175,10 @@ class Around:
         """Return the distances that are asked on a segment."""
         return self.asked[self.places[index]].limits
 
-    def after(self, poses: Sequence[FloatArray], near: float = 0.0) -> AskedAfter:
+    def after(self, poses: Sequence[FloatArray], near: float = 0.0) -> tuple[Around, bool, bool]:
         """Return what is asked once a motion with these poses [N,n] on every segment is known, as
-        :meth:`PairsAsked.after`.
+        :meth:`PairsAsked.after`; whether links come too near on it, and whether any that were left
+        out do.
         """
         asked, touch, left_out = [], False, False
         for k, before in enumerate(self.asked):
@@ -187,7 +186,7 @@ class Around:
             asked.append(more)
             touch = touch or bool(touching.any())
             left_out = left_out or bool((touching & ~before.near).any())
-        return AskedAfter(replace(self, asked=tuple(asked)), touch, left_out)
+        return replace(self, asked=tuple(asked)), touch, left_out
 
     def asks_more_than(self, before: Around) -> bool:
         """Return whether anything is asked that was not."""
@@ -195,16 +194,6 @@ class Around:
             return True
         pairs = zip(self.asked, before.asked, strict=True)
         return any(now.asks_more_than(then) for now, then in pairs)
-
-
-class AskedAfter(NamedTuple):
-    """What is asked once a motion is known; whether links come too near on it, and whether any that
-    were left out do.
-    """
-
-    around: Around
-    touch: bool
-    were_left_out: bool
 
 
 def _of_place(rows: Sequence[FloatArray], places: Sequence[int], place: int) -> FloatArray:
@@ -289,12 +278,12 @@ class GuidedSearch:
             answer = best_of(search, found.state)
             if not answer.solved:
                 return found
-            more = around.after([poses_along(shape) for shape in phase_shapes(answer.solution)])
-            if not more.were_left_out:
-                if not more.touch or explore_mesh(search) == full_mesh(search):
+            poses = [poses_along(shape) for shape in phase_shapes(answer.solution)]
+            around, touch, left_out = around.after(poses)
+            if not left_out:
+                if not touch or explore_mesh(search) == full_mesh(search):
                     return found
                 finer *= 2
-            around = more.around
             self.asked.progress(ASKED_MORE)
 
     def motions(
@@ -381,8 +370,9 @@ class GuidedSearch:
             poses: list[list[FloatArray]] = [[] for _ in self.poses]
             for part in stretches(self.task, motion):
                 poses[part.segment].append(poses_along(shape, part.start, part.end, proof.time))
-            more = around.after(list(map(np.concatenate, poses)), GUIDED.near)
-            around, left_out = more.around, left_out or more.were_left_out
+            along = list(map(np.concatenate, poses))
+            around, _, more_left_out = around.after(along, GUIDED.near)
+            left_out = left_out or more_left_out
         return around, left_out
 
 

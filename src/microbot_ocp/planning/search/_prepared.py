@@ -66,9 +66,8 @@ from microbot_ocp.planning.task import (
 )
 from microbot_ocp.robot import Robot
 
-NEAR = (
-    0.1  # share of the duration, also a typical one, up to which a prepared motion is gone on from
-)
+# share of the duration, or of typical ones, up to which a motion leads to the best of another task
+NEAR = 0.1
 CLOSE = 0.005  # share by which typical durations may differ for the usual barrier parameter
 REFERENCE_TOLERANCE = 2e-3  # excess of a limit of the prepared motion between mesh points
 
@@ -440,7 +439,9 @@ class TimeOptimalSolver:
             mesh = [int(self._settings.mesh or SEARCH.full_mesh)] * len(self._phases)
             solver = ParametricSolver(self._kernels, mesh, settings)
             own = MotionProblem.through(LimitFamily.of(self.robot), self.via_q, self._settings)
-            first = own.drawn[0].guesses
+            start = own.drawn(0)
+            assert start is not None
+            first = start.guesses
         else:
             first = prepared.reference
             settings = settings if close else replace(settings, options=FAR)

@@ -6,7 +6,8 @@ motions may be slowed down until they keep all limits.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import itertools
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -157,11 +158,17 @@ class MotionProblem:
 
     # initial guesses --------------------------------------------------------------------------
 
+    def drawn(self, index: int) -> InitialGuess | None:
+        """Return the initial guess of a number, of those drawn at random; None after the last."""
+        known, further = self._drawn
+        known.extend(itertools.islice(further, max(index + 1 - len(known), 0)))
+        return known[index] if index < len(known) else None
+
     @cached_property
-    def drawn(self) -> list[InitialGuess]:
-        """Initial guesses, the scaled cubic first, others drawn at random."""
+    def _drawn(self) -> tuple[list[InitialGuess], Iterator[InitialGuess]]:
+        """Those that were asked for, and the others."""
         most, seed = max(self.settings.starts, self.settings.tries), self.settings.seed
-        return list(initial_guesses(self.family, self.via, self.names, most, seed))
+        return [], initial_guesses(self.family, self.via, self.names, most, seed)
 
     def guesses(self, solution: Solution, slower: float = 1.0) -> dict[str, Guess]:
         """Return a guess for every phase from a solution, slowed down evenly by a factor."""

@@ -192,7 +192,9 @@ def from_relaxed(search: MotionSearch, step: NextStep) -> MotionAnswer:
     """Look at what limits have to give; solve from there where they have to give nothing."""
     subject, refiner, problem = step.answer, coarse(search), search.problem
     meshes = [phase.mesh for phase in subject.solution.phases]
-    starts = [problem.drawn[0].guesses, subject.solution]
+    first = problem.drawn(0)
+    assert first is not None
+    starts = [first.guesses, subject.solution]
     relaxed = least_violation(refiner.transcription, starts, meshes)
     search.progress(f"relaxed problem: {relaxed}")
     solution = subject.solution
@@ -243,9 +245,9 @@ def _next_drawn(problem: MotionProblem, state: SearchState) -> TrialStart | None
     """Return the guess after those that were tried."""
     tried = [answer for answer in state.of("start") if answer.before is None]
     settings, index = problem.settings, len(tried)
-    if index == len(problem.drawn):
+    guess = problem.drawn(index)
+    if guess is None:
         return None
-    guess = problem.drawn[index]
     both: str | tuple[str, ...] = ("fatrop", "ipopt")
     if index >= settings.starts:  # what one misses the other may find
         both = "ipopt" if index % 3 == 2 else "fatrop"

@@ -67,8 +67,9 @@ def stops_among(asked: Asked) -> Motion:
     InputError
         A stop at which every branch of the arm touches something.
     """
+    asked = replace(asked, robot=with_arm_capsules(asked.robot))
     if asked.order == "given":
-        task = replace(asked, robot=with_arm_capsules(asked.robot)).task()
+        task = asked.task()
         if asked.duration is not None or not task.is_plain:
             (fastest, *_), _ = motions_among(asked)
             return fastest[1]
@@ -77,7 +78,6 @@ def stops_among(asked: Asked) -> Motion:
         motion = fastest_among(asked, task.family, via, names)
         named = zip(motion.marks, task.stops, strict=True)
         return replace(motion, marks=tuple(Mark(m.time, stop.name) for m, stop in named))
-    asked = replace(asked, robot=with_arm_capsules(asked.robot))
     legs = Legs(asked)
     bare = [replace(s, payload=None) if isinstance(s, Stop) else s for s in asked.stops]
     legs.clear_ways(replace(asked, stops=bare).task())
