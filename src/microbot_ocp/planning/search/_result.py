@@ -40,7 +40,7 @@ from microbot_ocp.planning.search._search import (
     rank,
     settled,
 )
-from microbot_ocp.planning.search._settings import SEARCH, STOPS, sparing
+from microbot_ocp.planning.search._settings import SEARCH, sparing
 from microbot_ocp.planning.search._starts import least_of_slower, sample
 from microbot_ocp.planning.search._strategies import STRATEGIES, best_of
 from microbot_ocp.planning.task import (
@@ -142,7 +142,7 @@ def fastest(
         slack = search.settings.slack if slack is None else slack
         if duration is not None:
             slack = (duration - shortest) / answer.solution.duration if answer.solved else 0.0
-            slack = min(slack, STOPS.slowest)
+            slack = min(slack, SEARCH.slowest)
         if slack > 0.0 and rank(search, answer.solution)[0] is False and not search.over:
             calmer = least_effort(search, answer, slack)
             state, answer = state.and_(calmer.answer), calmer.answer

@@ -42,7 +42,7 @@ from microbot_ocp.planning.search._search import (
     by_promise,
     settled,
 )
-from microbot_ocp.planning.search._settings import SEARCH, STOPS
+from microbot_ocp.planning.search._settings import SEARCH
 from microbot_ocp.planning.task import LDL, Task, TaskScale, rounded
 from microbot_ocp.robot import Robot
 from microbot_ocp.trajectories import spline
@@ -269,7 +269,7 @@ def _next_through_ways(problem: MotionProblem, state: SearchState) -> TrialStart
         return None
     way, guess = pair
     solved = [answer for answer in state.of("start") if answer.solved]
-    most = STOPS.most_iterations
+    most = SEARCH.most_iterations
     if solved:
         iterations = max(a.solution.attempts[-1].iterations for a in solved)
         most = min(max(SEARCH.least_iterations, SEARCH.patience * iterations), most)
@@ -295,7 +295,7 @@ def _guesses(problem: MotionProblem, state: SearchState) -> Iterator[tuple[Way, 
     of_ways = [a for a in state.of("start") if a.way is not None and a.start == a.way.name]
     best = min(of_ways, key=lambda a: (not a.solved, a.solution.duration)).way
     assert best is not None
-    further = min(STOPS.bows, settings.starts - 1) + 1
+    further = min(SEARCH.bows, settings.starts - 1) + 1
     for g in initial_guesses(problem.family, best.via, problem.names, further, settings.seed):
         name = f"{best.name}, {g.name}"
         if name not in tried:
@@ -307,7 +307,7 @@ def least_of_slower(problem: MotionProblem, state: SearchState, way: Way) -> flo
     durations = [a.solution.duration for a in state.of("start") if a.solved]
     exact = all(few_poses(problem.task.robot, stop) is not None for stop in problem.task.stops)
     least = least_time(problem.task, way)
-    slower = least > (1.0 if exact else STOPS.spare) * min([*durations, problem.beaten])
+    slower = least > (1.0 if exact else SEARCH.spare) * min([*durations, problem.beaten])
     return least if slower else None
 
 
@@ -344,7 +344,7 @@ def _best_timing(
     """Do as :func:`segment_timings`, of one path [count,n]; other orders of stops have it, too."""
     shape = spline(np.frombuffer(path_bytes).reshape(count, -1), np.linspace(0.0, 1.0, count))
     with contextlib.suppress(InputError):
-        timing = time_path(robot, shape, grid=STOPS.timed, compiled=compiled)
+        timing = time_path(robot, shape, grid=SEARCH.timed, compiled=compiled)
         if timing.solved:
             motion = timing.motion()
             return PiecewisePolynomial(motion.t, pieces_of(motion))
@@ -357,12 +357,12 @@ def _slowed(robot: Robot, shape: PiecewisePolynomial) -> PiecewisePolynomial:
     """
     family = LimitFamily.of(robot)
     keys = [key for key in family.of_order(1, 2, 3) if key != "taud"]
-    for _ in range(STOPS.most_slowed):
+    for _ in range(SEARCH.most_slowed):
         t, curves = np.linspace(0.0, shape.duration, 50), [shape]
         for _ in range(3):
             curves.append(curves[-1].derivative())
         use = family.use(MotionSamples(*(curve(t) for curve in curves)), keys)
         if all(float(share.max()) <= 1.0 for share in use.values()):
             break
-        shape = shape.stretched(STOPS.slowed)
+        shape = shape.stretched(SEARCH.slowed)
     return shape
