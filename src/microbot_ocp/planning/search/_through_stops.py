@@ -9,6 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -225,12 +226,7 @@ def motions_of_front(
     By ``slacks`` of the duration those of least effort, else the fastest by ``shares`` of the
     torques.
     """
-
-    def ask(search: MotionSearch, state: SearchState | None) -> Front:
-        if slacks:
-            return effort_front(search, state, slacks)
-        return torque_front(search, state, shares)
-
+    ask = partial(effort_front, slacks=slacks) if slacks else partial(torque_front, shares=shares)
     asked = Asked(robot, limits, list(stops), segments, cycle, settings, progress, scene=scene)
     with settings.within(CELL_TIME_LIMIT):
         if scene is None:
