@@ -404,10 +404,10 @@ class TimeOptimalSolver:
             if name == "payload":
                 slopes[k] = prices.payload_mass
                 continue
-            key, (lower, upper) = keys.get(name, "tau"), (-chosen, chosen)
-            if name == "reserve":
-                lower, upper = map(np.negative, usual.bounds(key))
-            slopes[k] = (prices.lower[key] * lower + prices.upper[key] * upper) @ chosen
+            key = keys.get(name, "tau")
+            lower, upper = usual.bounds(key) if name == "reserve" else (-chosen, chosen)
+            slope = (prices.lower[key] * lower + prices.upper[key] * upper) @ chosen
+            slopes[k] = -slope if name == "reserve" else slope
         units = {"payload": "kg", "reserve": ""}
         unit = units[name] if name in units else self.robot.unit(keys[name], joint or 0)
         return DurationLine(name, unit, given, T, slopes, tuple(binding))
