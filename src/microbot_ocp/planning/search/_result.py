@@ -158,7 +158,12 @@ def motion_from(best: Fastest) -> Motion:
     if solution.status is not Status.INTERRUPTED and best.duration is None:
         motion = _within_limits(best, motion)
     if problem.is_free and motion.solved and not settled(sample(best.state), search.settings):
-        motion = _unsettled(motion)
+        advice = (
+            f"Of {len(motion.provenance['starts'])} starts nearly every one led to another "
+            "optimum, so that others may well be faster: allow more tries, or take another seed."
+        )
+        outcome = Outcome.of(Status.LOCAL_OPTIMUM, advice)
+        motion = motion.ended(replace(outcome, ledger=motion.outcome.ledger))
     if not search.settings.switching_times or not motion.solved:
         return motion
     held: Any = with_locked_joints_held(problem.family).robot
@@ -282,16 +287,6 @@ def _within_limits(best: Fastest, motion: Motion) -> Motion:
     )
 
 
-def _unsettled(motion: Motion) -> Motion:
-    """Give the motion, which is not the fastest where further starts would lead to better ones."""
-    advice = (
-        f"Of {len(motion.provenance['starts'])} starts nearly every one led to another optimum, so "
-        "that others may well be faster: allow more tries, or take another seed."
-    )
-    outcome = Outcome.of(Status.LOCAL_OPTIMUM, advice)
-    return motion.ended(replace(outcome, ledger=motion.outcome.ledger))
-
-
 def _remark(via_count: int, start_count: int, optima: Sequence[float]) -> str:
     durations = ", ".join(f"{duration:.3f}" for duration in optima)
     passed = {2: "", 3: "via point passed at any velocity; "}
@@ -408,9 +403,8 @@ def effort_of(search: MotionSearch, solution: Solution) -> float:
 def _with_clock(search: MotionSearch, solution: Solution, slower: float = 1.0) -> dict[str, Guess]:
     """Return guesses from a solution, with the time that has passed, slowed down evenly."""
     edges, with_clock = itertools.pairwise(slower * via_times(solution)), {}
-    for (name, guess), (start, end) in zip(
-        search.problem.guesses(solution).items(), edges, strict=True
-    ):
+    guesses = search.problem.guesses(solution).items()
+    for (name, guess), (start, end) in zip(guesses, edges, strict=True):
         rates = {
             key: partial(_slowed, guess.values[key], slower**power)
             for power, key in enumerate(("q", "qd", "qdd"))
