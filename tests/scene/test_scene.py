@@ -27,7 +27,6 @@ from microbot_ocp.planning import (
 from microbot_ocp.planning.search import (
     _among_obstacles as among,
     _guided as guided,
-    _pairs_asked as pairs_asked,
 )
 from microbot_ocp.planning.search._among_obstacles import at_least
 from microbot_ocp.scene import Surroundings, contact_model, room_along
@@ -276,7 +275,7 @@ def test_more_may_be_asked_of_a_pair_than_the_path_has(around, monkeypatch) -> N
         given.append(room)
         return (room, np.full_like(most, -0.01) if len(given) == 1 else most, apart)
 
-    monkeypatch.setattr(pairs_asked, "room_along", overlapping_on_the_path)
+    monkeypatch.setattr(guided, "room_along", overlapping_on_the_path)
     check_solved_again(around)
 
 
@@ -301,12 +300,12 @@ def test_a_path_gets_its_best_timing_where_its_bound_is_faster(around) -> None:
     assert mo.certify(surroundings.robot, timed.motion, via_q=ENDS, scene=POST).ok
 
 
-def test_a_path_that_reachability_cannot_time_is_there_all_the_same(monkeypatch) -> None:
+def test_a_path_that_reachability_cannot_time_is_there_all_the_same() -> None:
     """It rests at its corners then, and was left out as slower than nothing."""
     surroundings = Surroundings(ARM, POST)
     legs = legs_between(surroundings, ENDS, mo.planning.TimeOptimalSettings(), quiet)
-    monkeypatch.setattr(among.Leg, "_reach", lambda leg, choice: None)
-    monkeypatch.setattr(among.Leg, "_timing_with_rates", lambda leg, choice: None)
+    for way in legs[0].ways:
+        way.reached = way.motion = None
     (timed,) = timed_paths(surroundings, legs, quiet)
     assert timed.motion.duration == legs[0].first_motion.duration
     assert mo.certify(ARM, timed.motion, via_q=ENDS, scene=POST).ok

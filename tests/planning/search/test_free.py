@@ -15,7 +15,7 @@ from microbot_ocp.ocp.refinement import _refiner as refinement
 from microbot_ocp.ocp.solution import PhaseSolution, Solution
 from microbot_ocp.planning import TimeOptimalSettings, time_optimal
 from microbot_ocp.planning.free import polynomial, within_limits
-from microbot_ocp.planning.search import _ranking, _search
+from microbot_ocp.planning.search import _search
 from microbot_ocp.planning.task import verdict
 from planning.shared import ARM_VIA, VIA_Q, VIA_QD, VIA_T, arm, dense_excess, pendulum, slider
 
@@ -211,8 +211,8 @@ def test_starts_go_on_while_another_is_likely_to_lead_elsewhere(led_to, enough):
         SimpleNamespace(before=None, solved=d is not None, solution=SimpleNamespace(duration=d))
         for d in led_to
     ]
-    assert _ranking.settled(found, TimeOptimalSettings()) is enough
-    assert _ranking.settled(found, TimeOptimalSettings(starts=1)) is (led_to[0] is not None)
+    assert _search.settled(found, TimeOptimalSettings()) is enough
+    assert _search.settled(found, TimeOptimalSettings(starts=1)) is (led_to[0] is not None)
 
 
 def test_starts_leave_half_of_the_time_for_finer_meshes(microbot, monkeypatch):

@@ -119,7 +119,7 @@ def test_an_iterate_whose_velocity_jumps_at_a_via_point_is_not_slowed_down():
     robot, via = arm(), np.array([[0.0, 0.3], [1.0, -0.5], [0.5, 0.8]])
     settings = TimeOptimalSettings(mesh=20, starts=1, compiled=False)
     search = MotionProblem.through(LimitFamily.of(robot), via, settings)
-    solution = fastest(search_of(search, settings, quiet)).answer.solution
+    solution = fastest(search_of(search, quiet)).answer.solution
     assert search.slowed(solution) is not None
     first, second = solution.phases
     turned = {**second.values, "qd": second["qd"] + 1e-3}

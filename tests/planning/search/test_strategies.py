@@ -21,7 +21,7 @@ def searched_from(timed_path: Any) -> Any:
 
 def test_among_obstacles_a_coarse_motion_is_left_where_its_full_mesh_fails() -> None:
     refiner: Any = None
-    coarse = MotionAnswer("timed path", "path 0", solution(), refiner, 1.0)
+    coarse = MotionAnswer("path 0", solution(), refiner, 1.0, strategy="timed path")
     refused = SearchState((coarse, replace(coarse, strategy="full mesh", before=coarse)))
     assert next_splitting(searched_from("path 0"), refused) is None
     elsewhere = next_splitting(searched_from(None), refused)

@@ -2,6 +2,7 @@
 
 from ._initial_guesses import (
     InitialGuess as InitialGuess,
+    guess_along as guess_along,
     guesses_along as guesses_along,
     initial_guesses as initial_guesses,
 )
@@ -19,20 +20,16 @@ from ._problem import (
     effort_scale as effort_scale,
     excess_along as excess_along,
     excess_between as excess_between,
+    joined as joined,
     limited_rates as limited_rates,
-    motion_at_mesh as motion_at_mesh,
     phase_names as phase_names,
+    phase_shapes as phase_shapes,
     polynomial as polynomial,
     transcription as transcription,
     via_times as via_times,
 )
-from ._progress import (
-    MotionIteration as MotionIteration,
-    with_motion as with_motion,
-)
-from ._switching import (
-    in_arcs as in_arcs,
-)
+from ._progress import MotionIteration as MotionIteration, with_motion as with_motion
+from ._switching import in_arcs as in_arcs
 from ._within_limits import (
     Slowed as Slowed,
     known_ways as known_ways,

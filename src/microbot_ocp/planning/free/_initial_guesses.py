@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -14,7 +15,6 @@ from microbot_ocp.limits import LimitFamily
 from microbot_ocp.motion import PiecewisePolynomial
 from microbot_ocp.ocp.transcription import Guess
 from microbot_ocp.planning.task import TaskScale, locked_joints
-from microbot_ocp.robot import Robot
 from microbot_ocp.trajectories import ViaPoints, cubic_through, shortest_duration, via_velocities
 
 
@@ -79,102 +79,103 @@ def initial_guesses(
         Of the random segments.
     """
     bows, waves = np.random.default_rng(seed), np.random.default_rng(seed + 1)
-    durations = TaskScale.of(family, via).durations
+    drawn = _Drawn(family, via, names)
     way = float(np.abs(np.diff(via, axis=0)).sum(axis=0).max())
-    largest = min(GUESSES.largest_bow, GUESSES.bow_ratio * way) * _moving(family)
+    largest = min(GUESSES.largest_bow, GUESSES.bow_ratio * way) * drawn.free
     for index in range(moving, count + moving):
         number = index // 2
         if index == 0:
-            yield _cubic(family.robot, via, names)
+            yield drawn.cubic()
         elif index % 2 and index > 1:
-            yield _swing(family, via, names, number, waves)
+            yield drawn.swing(number, waves)
         else:
             bow = bows.uniform(-largest, largest) if index > 1 else 0.0 * largest
             bow_of_segments = np.broadcast_to(bow, (len(names), 1, bow.size))
             name = f"bow {number}" if index > 1 else "straight"
-            yield _swung(family, via, names, name, bow_of_segments, durations)
-
-
-def _swing(
-    family: LimitFamily,
-    via: FloatArray,
-    names: Sequence[str],
-    number: int,
-    random: np.random.Generator,
-) -> InitialGuess:
-    """Return segments that swing to and fro at random."""
-    size = _between(random, GUESSES.swings) * _moving(family)
-    waves = random.normal(size=(len(names), GUESSES.harmonics, via.shape[1]))
-    waves *= size / np.arange(1, GUESSES.harmonics + 1)[:, None]
-    slower = _between(random, GUESSES.swing_durations)
-    factors = slower * GUESSES.spread ** random.uniform(-1.0, 1.0, len(names))
-    durations = factors * TaskScale.of(family, via).durations
-    return _swung(family, via, names, f"swing {number}", waves, durations)
+            yield drawn.waved(name, bow_of_segments, drawn.durations)
 
 
 def guesses_along(
     names: Sequence[str], shape: PiecewisePolynomial, times: FloatArray
 ) -> dict[str, Guess]:
     """Return a guess for every phase from a motion that passes the via points at ``times`` [m]."""
+    spans = zip(names, itertools.pairwise(times), strict=True)
+    return {phase: guess_along(shape, start, end) for phase, (start, end) in spans}
+
+
+def guess_along(shape: PiecewisePolynomial, start: float = 0.0, end: float | None = None) -> Guess:
+    """Return a guess for one phase from a motion, or from the part of it from start to end, s."""
+    end = shape.duration if end is None else end
     velocity = shape.derivative()
-    acceleration = velocity.derivative()
-    curves = {"q": shape, "qd": velocity, "qdd": acceleration}
-    guesses = {}
-    for phase, start, end in zip(names, times[:-1], times[1:], strict=True):
-
-        def along(
-            curve: PiecewisePolynomial, s: FloatArray, start: float = start, end: float = end
-        ) -> FloatArray:
-            return curve(start + s * (end - start))
-
-        values = {name: partial(along, curve) for name, curve in curves.items()}
-        guesses[phase] = Guess(float(end - start), values)
-    return guesses
+    curves = {"q": shape, "qd": velocity, "qdd": velocity.derivative()}
+    values = {name: partial(_along, curve, start, end) for name, curve in curves.items()}
+    return Guess(float(end - start), values)
 
 
-def _cubic(robot: Robot, via: FloatArray, names: Sequence[str]) -> InitialGuess:
-    """Return the cubic through the via points at the shortest duration that keeps the limits."""
-    steps = np.abs(np.diff(via, axis=0)).max(axis=1)
-    timed = ViaPoints(via, np.concatenate([[0.0], np.cumsum(steps)]))
-    shape = cubic_through(timed, via_velocities(timed))
-    # where gravity forbids rest on the way it is a start all the same, only not a feasible one
-    with contextlib.suppress(InputError):
-        shape = shortest_duration(robot, shape).polynomial
-    return InitialGuess("cubic", guesses_along(names, shape, shape.breaks))
+def _along(curve: PiecewisePolynomial, start: float, end: float, s: FloatArray) -> FloatArray:
+    return curve(start + s * (end - start))
 
 
-def _swung(
-    family: LimitFamily,
-    via: FloatArray,
-    names: Sequence[str],
-    name: str,
-    waves: FloatArray,
-    durations: FloatArray,
-) -> InitialGuess:
-    """Return straight segments with waves [m-1,K,n] on them: the amplitudes of sines of 1 to K
-    arcs.
-    """
-    limits = family.robot.limits
-    turns = np.pi * np.arange(1, waves.shape[1] + 1)
-    guesses = {}
-    rows = zip(names, via[:-1], np.diff(via, axis=0), waves, durations, strict=True)
-    for phase, start, step, wave, duration in rows:
+@dataclass(frozen=True, eq=False)
+class _Drawn:
+    """The arguments of :func:`initial_guesses`, of which its guesses are made."""
 
-        def position(s: FloatArray, start=start, step=step, wave=wave) -> FloatArray:
-            q = start + s[:, None] * step + np.sin(np.outer(s, turns)) @ wave
-            return np.clip(q, limits.q_min, limits.q_max)
+    family: LimitFamily
+    via: FloatArray
+    names: Sequence[str]
 
-        def velocity(s: FloatArray, step=step, wave=wave, duration=duration) -> FloatArray:
-            slope = step + (np.cos(np.outer(s, turns)) * turns) @ wave
-            return np.clip(slope / duration, limits.qd_min, limits.qd_max)
+    @cached_property
+    def durations(self) -> FloatArray:
+        """Typical ones of the segments, s."""
+        return TaskScale.of(self.family, self.via).durations
 
-        guesses[phase] = Guess(float(duration), {"q": position, "qd": velocity, "qdd": 0.0})
-    return InitialGuess(name, guesses)
+    @cached_property
+    def free(self) -> FloatArray:
+        """One [n] for joints that may move, zero for locked ones."""
+        return np.where(locked_joints(self.family), 0.0, 1.0)
 
+    def cubic(self) -> InitialGuess:
+        """Return the cubic through the via points at the shortest duration that keeps the
+        limits.
+        """
+        steps = np.abs(np.diff(self.via, axis=0)).max(axis=1)
+        timed = ViaPoints(self.via, np.concatenate([[0.0], np.cumsum(steps)]))
+        shape = cubic_through(timed, via_velocities(timed))
+        # where gravity forbids rest on the way it is a start all the same, only not a feasible one
+        with contextlib.suppress(InputError):
+            shape = shortest_duration(self.family.robot, shape).polynomial
+        return InitialGuess("cubic", guesses_along(self.names, shape, shape.breaks))
 
-def _moving(family: LimitFamily) -> FloatArray:
-    """Return one [n] for joints that may move, zero for locked ones."""
-    return np.where(locked_joints(family), 0.0, 1.0)
+    def swing(self, number: int, random: np.random.Generator) -> InitialGuess:
+        """Return segments that swing to and fro at random."""
+        size = _between(random, GUESSES.swings) * self.free
+        waves = random.normal(size=(len(self.names), GUESSES.harmonics, self.via.shape[1]))
+        waves *= size / np.arange(1, GUESSES.harmonics + 1)[:, None]
+        slower = _between(random, GUESSES.swing_durations)
+        factors = slower * GUESSES.spread ** random.uniform(-1.0, 1.0, len(self.names))
+        return self.waved(f"swing {number}", waves, factors * self.durations)
+
+    def waved(self, name: str, waves: FloatArray, durations: FloatArray) -> InitialGuess:
+        """Return straight segments with waves [m-1,K,n] on them: the amplitudes of sines of 1 to K
+        arcs.
+        """
+        limits = self.family.robot.limits
+        turns = np.pi * np.arange(1, waves.shape[1] + 1)
+        guesses = {}
+        steps = np.diff(self.via, axis=0)
+        rows = zip(self.names, self.via[:-1], steps, waves, durations, strict=True)
+        for phase, start, step, wave, duration in rows:
+
+            def position(s: FloatArray, start=start, step=step, wave=wave) -> FloatArray:
+                q = start + s[:, None] * step + np.sin(np.outer(s, turns)) @ wave
+                return np.clip(q, limits.q_min, limits.q_max)
+
+            def velocity(s: FloatArray, step=step, wave=wave, duration=duration) -> FloatArray:
+                slope = step + (np.cos(np.outer(s, turns)) * turns) @ wave
+                return np.clip(slope / duration, limits.qd_min, limits.qd_max)
+
+            guesses[phase] = Guess(float(duration), {"q": position, "qd": velocity, "qdd": 0.0})
+        return InitialGuess(name, guesses)
 
 
 def _between(random: np.random.Generator, ends: tuple[float, float]) -> float:

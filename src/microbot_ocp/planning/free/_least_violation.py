@@ -72,24 +72,19 @@ def judged(
         return outcome.and_(Advice("remark", UNCONFIRMED)), {}
     if explanation.feasible:
         return outcome, {}
-    violations = sorted(explanation.gives, key=lambda g: -(g.amount or 0.0) / abs(g.limit or 1.0))
-    poses = [_pose(gives, explanation) for gives in violations]
-    rows = []
-    for gives, pose in zip(violations, poses, strict=True):
+    rows, entries = list[Advice](), []
+    for gives in sorted(explanation.gives, key=lambda g: -(g.amount or 0.0) / abs(g.limit or 1.0)):
+        what, pose = _what(gives, explanation, family), _pose(gives, explanation)
         joints = enumerate(pose)
         at = ", ".join(family.robot.position_text(j, float(f"{value:.4g}")) for j, value in joints)
         unit = f" {gives.unit}".rstrip()
-        what = _what(gives, explanation, family)
         sentence = (
             f"  {what} by {gives.amount:.4g}{unit}, the limit being {gives.limit:.6g}{unit}, most "
             f"at q = ({at})"
         )
         rows.append(Advice("limit", sentence, what, gives.amount, gives.unit))
-    entries = [
-        {"limit": row.label, "value": gives.limit, "exceeded_by": row.amount, "unit": row.unit}
-        | {"q": pose}
-        for row, gives, pose in zip(rows, violations, poses, strict=True)
-    ]
+        about = {"limit": what, "value": gives.limit, "exceeded_by": gives.amount}
+        entries.append(about | {"unit": gives.unit, "q": pose})
     return Outcome.of(Status.INFEASIBLE, CONFIRMED, *rows), {"least_violation": entries}
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial
 from math import factorial
@@ -17,7 +17,6 @@ from microbot_ocp._base.codegen import compile_recipe, compiles
 from microbot_ocp.limits import LimitFamily, Member, MotionSamples
 from microbot_ocp.motion import PiecewisePolynomial, State, quintic_between
 from microbot_ocp.ocp import OptimalControlProblem, Phase, PhaseSolution, Solution, Transcription
-from microbot_ocp.planning.free._progress import Samples
 from microbot_ocp.planning.task import (
     CHECKS_PER_INTERVAL,
     Bounds,
@@ -75,18 +74,15 @@ def transcription(
 ) -> Transcription:
     """Return kernels for a robot (its own limits) and via points, built once."""
     via = np.frombuffer(via_bytes).reshape(count, -1)
-    robots, prepare = conditions.robots if conditions else (robot,), None
+    robots = conditions.robots if conditions else (robot,)
     compiled = compiles(compiled)
     # among obstacles a stage is met once: only what other scenes share is compiled
-    shared = compiled and any(
-        knows_derivatives(limit) for limited in robots for limit in limited.limits.also
-    )
-    if compiled and not shared:
-        prepare = partial(compile_recipe, columns=True)
+    limits = [limit for limited in robots for limit in limited.limits.also]
+    shared = compiled and any(map(knows_derivatives, limits))
     return Transcription(
         free_problem(robot, via, payload=payload, budgeted=budgeted, conditions=conditions),
         scheme="shooting",
-        prepare=prepare,
+        prepare=partial(compile_recipe, columns=True) if compiled and not shared else None,
         derivatives=derivatives_for(*robots, *map(without_dry_friction, robots), compiled=shared),
     )
 
@@ -139,6 +135,10 @@ class _Form:
     budgeted: bool
     jumps: bool
 
+    def place(self, index: int) -> tuple[bool, bool]:
+        """Return whether a segment is the first one, and whether it is the last."""
+        return index == 0, index == len(self.conditions.ends) - 2
+
     @property
     def rated(self) -> bool:
         """Whether the acceleration is a state: the jerk, or what follows from it, is limited."""
@@ -163,11 +163,10 @@ def _declare_segment(
 ) -> None:
     """Declare the phase from a via point [n] to the next."""
     size, moving = form.size, form.conditions.robots[index]
-    first, last = index == 0, index == len(form.conditions.ends) - 2
     family = LimitFamily.of(moving)
     constraints = [key for key in family.keys if key not in OF_VARIABLES]
     torques_of_form = partial(torques_of, keys=constraints, payload=form.payload)
-    torques: Callable[..., Any] = torques_of_form(moving)
+    torques = torques_of_form(moving)
     phase = problem.phase(
         phase_names(index + 1)[-1],
         duration=(size.shortest[index], size.longest[index]),
@@ -183,16 +182,16 @@ def _declare_segment(
         torque_values, tau = kept_torques(phase, moving, state, light, mass)
     declare_limits(phase, family, constraints, state, start, torques, mass, torque_values)
     for member in family.means:
-        _declare_mean(phase, form, member, state, first=first, last=last)
+        _declare_mean(phase, form, index, member, state)
     at_start, at_end = form.conditions.ends[index : index + 2]
     for row in at_start.rows:
         phase.point_constraint(row.name, row.expression(q, qd), *row.bounds, at=0.0)
-    for row in at_end.rows if last else ():
+    for row in at_end.rows if form.place(index)[1] else ():
         phase.end_constraint(row.name, row.expression(q, qd), *row.bounds)
     if not form.budgeted:
         phase.end_cost(phase.duration)
     else:
-        _declare_clock(phase, form, first=first, last=last)
+        _declare_clock(phase, form, index)
         if tau is None and form.family.robot.has_dynamics:
             tau = torques(*state, *mass)[0]
         moved = qdd if tau is None else tau
@@ -205,58 +204,46 @@ def _declare_segment(
 def _declare_state(phase: Phase, form: _Form, index: int) -> tuple[Any, Any, Any, Any]:
     """Declare position, velocity, acceleration and jerk of a phase with what holds at its ends."""
     limits, held = form.family.robot.limits, form.held
-    count = limits.q_min.size
+    count, (first, last) = limits.q_min.size, form.place(index)
     at_start, at_end = form.conditions.ends[index : index + 2]
-    first, last = index == 0, index == len(form.conditions.ends) - 2
-    q = phase.state(
-        "q",
-        count,
-        lower=limits.q_min,
-        upper=limits.q_max,
-        initial=at_start.q if first else _unless(held, at_start.q),
-        final=_unless(held, at_end.q) if last else None,
-        scale=form.size.position,
-        unit="rad",
-    )
-    qd = phase.state(
-        "qd",
-        count,
-        lower=limits.qd_min,
-        upper=limits.qd_max,
-        initial=at_start.qd if first else _unless(held, at_start.qd),
-        final=_unless(held, at_end.qd) if last else None,
-        scale=form.scales[0],
-        unit="rad/s",
-        interior_points=bool(np.isfinite(limits.qd_max).any()),
-    )
-    bounds: dict[str, Any] = {
-        "lower": limits.qdd_min,
-        "upper": limits.qdd_max,
-        "scale": form.scales[1],
-        "unit": "rad/s^2",
-    }
+
+    def bounds(name: str, scale: float | FloatArray, unit: str) -> dict[str, Any]:
+        lower, upper = limits.bounds(name)
+        return {"lower": lower, "upper": upper, "scale": scale, "unit": unit}
+
+    def at_ends(name: str) -> dict[str, Any]:
+        start, end = getattr(at_start, name), getattr(at_end, name)
+        initial = start if first else _unless(held, start)
+        return {"initial": initial, "final": _unless(held, end) if last else None}
+
+    position = bounds("q", form.size.position, "rad") | at_ends("q")
+    velocity = bounds("qd", form.scales[0], "rad/s") | at_ends("qd")
+    acceleration = bounds("qdd", form.scales[1], "rad/s^2")
     ends: dict[str, Any] = {
         "initial": None if at_start.qdd is None else _unless(held, at_start.qdd),
         "final": None if at_end.qdd is None else _unless(held, at_end.qdd),
     }
+    q = phase.state("q", count, **position)
+    inside = bool(np.isfinite(limits.qd_max).any())
+    qd = phase.state("qd", count, **velocity, interior_points=inside)
     if not form.jumps:
-        qdd = phase.control("qdd", count, **bounds, **ends, shape="linear")
+        qdd = phase.control("qdd", count, **acceleration, **ends, shape="linear")
         jerk = phase.rate(qdd)
     elif form.rated:
-        qdd = phase.state("qdd", count, **bounds, **ends)
+        qdd = phase.state("qdd", count, **acceleration, **ends)
         jerk = phase.control("jerk", count, unit="rad/s^3", shape="polynomial")
         phase.derivative(qdd, jerk)
     else:
-        qdd = phase.control("qdd", count, **bounds, shape="polynomial")
+        qdd = phase.control("qdd", count, **acceleration, shape="polynomial")
         jerk = ca.MX.zeros(count)
     phase.derivative(q, qd)
     phase.derivative(qd, qdd)
     return q, qd, qdd, jerk
 
 
-def _declare_clock(phase: Phase, form: _Form, *, first: bool, last: bool) -> None:
+def _declare_clock(phase: Phase, form: _Form, index: int) -> None:
     """Declare the time that has passed, and at the end of the last phase what is allowed of it."""
-    size = form.size
+    size, (first, last) = form.size, form.place(index)
     clock = phase.state("clock", initial=0.0 if first else None, scale=size.time, unit="s")
     phase.derivative(clock, ca.MX(1.0))
     late = clock - phase.parameter(BUDGET, 1.0)  # of all phases, which share kernels so
@@ -265,19 +252,13 @@ def _declare_clock(phase: Phase, form: _Form, *, first: bool, last: bool) -> Non
 
 
 def _declare_mean(
-    phase: Phase,
-    form: _Form,
-    member: Member,
-    state: tuple[Any, Any, Any, Any],
-    *,
-    first: bool,
-    last: bool,
+    phase: Phase, form: _Form, index: int, member: Member, state: tuple[Any, Any, Any, Any]
 ) -> None:
     """Declare what a root mean square has beyond its bound so far, s; nothing is left at the end.
 
     That is the integral of the square, as a share of the bound's, less the time.
     """
-    limited = np.flatnonzero(member.limited).tolist()
+    limited, (first, last) = np.flatnonzero(member.limited).tolist(), form.place(index)
 
     def beyond(*at: Any) -> Any:
         value = form.family.expressions([member.key], at)[member.key][0]
@@ -361,39 +342,36 @@ def excess_along(family: LimitFamily, shape: PiecewisePolynomial) -> FloatArray:
     return excess.reshape(-1, inside.size)
 
 
-def motion_at_mesh(phases: Sequence[PhaseSolution]) -> Samples:
-    """Return times and states at the mesh points of all phases."""
-    starts = np.cumsum([0.0, *(phase.duration for phase in phases)])
-    # where a phase ends the next begins
-    last = len(phases) - 1
-    rows = [slice(None) if k == last else slice(-1) for k in range(len(phases))]
-    parts = list(zip(phases, rows, strict=True))
-    t = [start + phase.t[part] for start, (phase, part) in zip(starts, parts, strict=False)]
-    states = (
-        np.concatenate([phase[name][part] for phase, part in parts]) for name in State._fields
-    )
-    return np.concatenate(t), State(*states)
-
-
 def via_times(solution: Solution) -> FloatArray:
     """Return times [m] at which the via points are passed, s."""
     return np.concatenate([[0.0], np.cumsum([phase.duration for phase in solution.phases])])
 
 
 def polynomial(solution: Solution) -> PiecewisePolynomial:
-    """Return the motion between the mesh points: cubics, integrals of the linear acceleration.
+    """Return the motion between the mesh points, of all phases one after another."""
+    return joined(phase_shapes(solution))
+
+
+def joined(shapes: Sequence[PiecewisePolynomial]) -> PiecewisePolynomial:
+    """Return motions one after another, each of which begins at time 0."""
+    breaks, start = [np.zeros(1)], 0.0
+    for shape in shapes:
+        breaks.append(start + shape.breaks[1:])
+        start += shape.duration
+    return PiecewisePolynomial(
+        np.concatenate(breaks), np.concatenate([shape.coefficients for shape in shapes])
+    )
+
+
+def phase_shapes(solution: Solution) -> list[PiecewisePolynomial]:
+    """Return the motion of every phase, from time 0 each: cubics, integrals of the linear
+    acceleration.
 
     What the solver left open between the intervals is spread along the whole phase by one quintic:
     divided by the third power of a short interval a gap of 1e-8 would be a large jerk. Where the
     gaps are large every interval has the quintic that meets q, qd and qdd at both of its ends.
     """
-    breaks, pieces = [np.zeros(1)], []
-    start = 0.0
-    for phase in solution.phases:
-        pieces.append(_integrated(phase))
-        breaks.append(start + phase.t[1:])
-        start += phase.duration
-    return PiecewisePolynomial(np.concatenate(breaks), np.concatenate(pieces))
+    return [PiecewisePolynomial(phase.t, _integrated(phase)) for phase in solution.phases]
 
 
 def _integrated(phase: PhaseSolution) -> FloatArray:

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+
+import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.motion import State, torque_along
-from microbot_ocp.ocp.solution import Iteration, PhaseSolution, StepProgress, quiet
+from microbot_ocp.ocp.solution import Iteration, StepProgress, quiet
 from microbot_ocp.robot import Robot
 
 Samples = tuple[FloatArray, State]  # times [M] of the mesh points, s, and the state there
-MotionOf = Callable[[Sequence[PhaseSolution]], Samples]
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,20 +28,26 @@ class MotionIteration(Iteration):
 
     robot: Robot = field(repr=False)
     via_q: FloatArray = field(repr=False)
-    motion_of: MotionOf = field(repr=False)
 
     def motion(self) -> Samples:
         """Return times [M], s, and the state [M,n] at the mesh points, constraints met or not."""
-        return self.motion_of(self.phases)
+        starts = np.cumsum([0.0, *(phase.duration for phase in self.phases)])
+        # where a phase ends the next begins
+        last = len(self.phases) - 1
+        rows = [slice(None) if k == last else slice(-1) for k in range(len(self.phases))]
+        parts = list(zip(self.phases, rows, strict=True))
+        t = [start + phase.t[part] for start, (phase, part) in zip(starts, parts, strict=False)]
+        states = (
+            np.concatenate([phase[name][part] for phase, part in parts]) for name in State._fields
+        )
+        return np.concatenate(t), State(*states)
 
     def torque(self) -> FloatArray:
         """Return the torque [M,n] at the mesh points, N m (N)."""
         return torque_along(self.robot, self.motion()[1])
 
 
-def with_motion(
-    progress: StepProgress, robot: Robot, via_q: FloatArray, motion_of: MotionOf
-) -> StepProgress:
+def with_motion(progress: StepProgress, robot: Robot, via_q: FloatArray) -> StepProgress:
     """Return a progress function for solvers that gives ``progress`` every iteration with its
     motion.
     """
@@ -50,7 +56,7 @@ def with_motion(
 
     def tell(event: Iteration | str) -> None:
         if isinstance(event, Iteration):
-            event = MotionIteration(**vars(event), robot=robot, via_q=via_q, motion_of=motion_of)
+            event = MotionIteration(**vars(event), robot=robot, via_q=via_q)
         progress(event)
 
     return tell

@@ -17,13 +17,7 @@ import numpy as np
 from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.limits import LimitFamily, MotionSamples
-from microbot_ocp.motion import (
-    Mark,
-    Motion,
-    PiecewisePolynomial,
-    dense_times,
-    unresolved,
-)
+from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial, dense_times, unresolved
 from microbot_ocp.planning.path import (
     LATER,
     CurveLimits,
@@ -103,22 +97,19 @@ def within_limits(
         Whether the motion begins at a speed that stays: nothing is slowed down evenly then.
     """
 
-    def evenly(motion: Motion) -> Motion | None:
-        return None if moving else _slowed_evenly(family, motion, tolerance)
-
-    def as_it_is() -> Motion:
-        return Motion.from_polynomial(
-            family.robot, shape, label="time-optimal", marks=_marks(via_times)
-        )
+    def evenly() -> Motion | None:
+        if moving:
+            return None
+        marks = _marks(via_times)
+        motion = Motion.from_polynomial(family.robot, shape, label="time-optimal", marks=marks)
+        return _slowed_evenly(family, motion, tolerance)
 
     if family.means:  # slower is no less of a mean
         return None
     if family.jerk_matters:
-        return evenly(as_it_is())
-    pieces = zip(shape.coefficients, np.diff(shape.breaks), strict=True)
-    curve = PathCurve(
-        tuple(CurvePiece(table, float(length)) for table, length in pieces), True, True
-    )
+        return evenly()
+    pieces = map(CurvePiece, shape.coefficients, np.diff(shape.breaks).tolist())
+    curve = PathCurve(tuple(pieces), True, True)
     parts = max(2, -(-SLOWING.grid // len(curve.pieces)))
     count = parts * len(curve.pieces)
     s = np.interp(np.arange(count + 1) / parts, np.arange(shape.breaks.size), shape.breaks)
@@ -126,14 +117,9 @@ def within_limits(
     for number in range(SLOWING.rounds):
         along = CurveLimits.of(family, curve, s, fast)
         if along.limits.later:
-            return evenly(as_it_is())
-        timing = reach(
-            along,
-            start_free=not moving,
-            end_free=True,
-            fastest=1.0,
-            ends=(float(moving), 0.0),
-        )
+            return evenly()
+        ends = {"start_free": not moving, "end_free": True, "ends": (float(moving), 0.0)}
+        timing = reach(along, fastest=1.0, **ends)
         if not timing.feasible:
             return None
         timing = with_steady_ends(timing, (-1,) if moving else (0, -1))
@@ -150,7 +136,7 @@ def within_limits(
         )
         if not unresolved(family.robot, motion.t, motion.sample).size:
             break
-    return motion if largest_excess(family, motion) <= tolerance else evenly(motion)
+    return _keeping(family, motion, tolerance, moving)
 
 
 def with_steady_ends(timing: Reached, ends: Sequence[int] = (0, -1)) -> Reached:
@@ -229,12 +215,15 @@ def _smooth(family: LimitFamily, via: FloatArray, times: FloatArray) -> Piecewis
     return cubic(via, times) if out else shape
 
 
-def _keeping(family: LimitFamily, motion: Motion, tolerance: float) -> Motion | None:
-    """Return a motion that keeps its limits, as it is or slowed down evenly; None where that is
-    none.
+def _keeping(
+    family: LimitFamily, motion: Motion, tolerance: float, moving: bool = False
+) -> Motion | None:
+    """Return a motion that keeps its limits, as it is or, from rest, slowed down evenly; None where
+    that is none.
     """
-    fits = largest_excess(family, motion) <= tolerance
-    return motion if fits else _slowed_evenly(family, motion, tolerance)
+    if largest_excess(family, motion) <= tolerance:
+        return motion
+    return None if moving else _slowed_evenly(family, motion, tolerance)
 
 
 def largest_excess(family: LimitFamily, motion: Motion) -> float:
@@ -247,12 +236,10 @@ def largest_excess(family: LimitFamily, motion: Motion) -> float:
 def _slowed_evenly(family: LimitFamily, motion: Motion, tolerance: float) -> Motion | None:
     """Return a motion slowed down until its limits hold to the tolerance, where that helps."""
     _, samples, _, jumps = motion.history()
-    dense, most = (
-        MotionSamples(*map(np.concatenate, zip(samples, jumps, strict=True))),
-        SLOWING.most_evenly,
-    )
-    if not _kept(family, dense, tolerance, 0):  # slower is no other place
-        return None
+    dense = MotionSamples(*map(np.concatenate, zip(samples, jumps, strict=True)))
+    most, places = SLOWING.most_evenly, family.use(dense, family.of_order(0))
+    if any(not ratio.max() <= 1.0 + tolerance for ratio in places.values()):
+        return None  # slower is no other place
     slowed = family.of_order(1, 2, 3)
 
     def use(slower: float, rows: np.ndarray) -> FloatArray:
@@ -293,11 +280,6 @@ def _scaled_shape(family: LimitFamily, shape: PiecewisePolynomial) -> Motion | N
     return Motion.from_polynomial(
         family.robot, scaled.polynomial, label="time-optimal", marks=marks
     )
-
-
-def _kept(family: LimitFamily, samples: MotionSamples, tolerance: float, *orders: int) -> bool:
-    use = family.use(samples, family.of_order(*orders))
-    return all(ratio.max() <= 1.0 + tolerance for ratio in use.values())
 
 
 def _marks(times: FloatArray) -> tuple[Mark, ...]:

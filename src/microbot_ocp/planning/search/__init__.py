@@ -2,12 +2,12 @@
 
 Comes in: a task. Goes out: a motion with what was tried. Begin with :func:`time_optimal` in
 ``_time_optimal.py`` and :func:`fastest_through` in ``_through_stops.py``; ``_strategies.py`` is the
-table of what is tried and ``_search.py`` its loop, ``_ranking.py`` says which answer is better and
-``_split_marks.py`` where meshes are split. ``_problem.py`` is a task as the search sees it,
-``_starts.py`` and ``_way_guesses.py`` say what it starts from, ``_branches.py`` has ways through
-stops. ``_among_obstacles.py`` and ``_stops_among.py`` give it ways around obstacles, ``_result.py``
-and ``_least_effort.py`` make the motion of its answer, ``_orders.py`` compares orders of stops,
-``_stop_fronts.py`` slacks and torques, ``_prepared.py`` solves again with other numbers.
+table of what is tried and ``_search.py`` its loop, which says which answer is better, too.
+``_problem.py`` is a task as the search sees it, ``_starts.py`` says what it starts from,
+``_branches.py`` has ways through stops. ``_among_obstacles.py`` and ``_stops_among.py`` give it
+ways around obstacles, from which ``_guided.py`` goes on; ``_result.py`` makes the motion of its
+answer, also the one of least effort, ``_orders.py`` compares orders of stops, ``_prepared.py``
+solves again with other numbers.
 """
 
 import lazy_loader

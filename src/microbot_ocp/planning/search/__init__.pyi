@@ -5,39 +5,24 @@ from ._among_obstacles import (
     legs_between as legs_between,
     timed_paths as timed_paths,
 )
-from ._branches import (
-    least_duration as least_duration,
-)
-from ._orders import (
-    in_order as in_order,
-)
-from ._parts import (
+from ._branches import least_duration as least_duration
+from ._prepared import TimeOptimalSolver as TimeOptimalSolver
+from ._settings import SEARCH as SEARCH, TimeOptimalSettings as TimeOptimalSettings
+from ._stop_motion import (
     Part as Part,
     Place as Place,
+    motion_along as motion_along,
+    over_stretches as over_stretches,
     parts_of as parts_of,
     places_along as places_along,
     scenes_of as scenes_of,
+    stretches as stretches,
     tool_poses as tool_poses,
 )
-from ._prepared import (
-    TimeOptimalSolver as TimeOptimalSolver,
-)
-from ._settings import (
-    SEARCH as SEARCH,
-    TimeOptimalSettings as TimeOptimalSettings,
-)
-from ._stop_motion import (
-    motion_along as motion_along,
-    over_stretches as over_stretches,
-    stretches as stretches,
-)
-from ._strategies import (
-    STRATEGIES as STRATEGIES,
-)
+from ._strategies import STRATEGIES as STRATEGIES
 from ._through_stops import (
     fastest_through as fastest_through,
-)
-from ._time_optimal import (
+    in_order as in_order,
     motions_of_front as motions_of_front,
-    time_optimal as time_optimal,
 )
+from ._time_optimal import time_optimal as time_optimal

@@ -17,7 +17,8 @@ import itertools
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -28,25 +29,15 @@ from microbot_ocp._base.codegen import compiles, interpreted
 from microbot_ocp._base.outcome import Advice, Outcome
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import LIMIT_TOLERANCE, LimitFamily
-from microbot_ocp.motion import (
-    Mark,
-    Motion,
-    PiecewisePolynomial,
-    dense_times,
-    pieces_of,
-)
+from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial, dense_times, pieces_of
 from microbot_ocp.ocp.solution import StepProgress, quiet
-from microbot_ocp.planning.free import (
-    InitialGuess,
-    guesses_along,
-    known_ways,
-    phase_names,
-)
+from microbot_ocp.planning.free import InitialGuess, guesses_along, joined, known_ways, phase_names
 from microbot_ocp.planning.path import LATER, PathTiming, check_path, time_path
 from microbot_ocp.planning.search._branches import straight_way
 from microbot_ocp.planning.search._guided import GuidedSearch, poses_along
 from microbot_ocp.planning.search._result import NONE_WITHIN, returned
 from microbot_ocp.planning.search._settings import TimeOptimalSettings, sparing
+from microbot_ocp.planning.search._through_stops import Asked
 from microbot_ocp.planning.task import Task, TaskScale, length_text
 from microbot_ocp.planning.timing import PathTimingSettings, best_timing
 from microbot_ocp.robot import Robot
@@ -62,20 +53,7 @@ from microbot_ocp.scene import (
 )
 from microbot_ocp.trajectories import quintic, shortest_duration
 
-
-@dataclass(frozen=True)
-class AmongObstacles:
-    """Settings of the search among obstacles.
-
-    Attributes
-    ----------
-    different : share of the duration by which timed paths must differ to count as two
-    """
-
-    different: float = 0.02
-
-
-AMONG_OBSTACLES = AmongObstacles()
+DIFFERENT = 0.02  # share of the duration by which timed paths must differ to count as two
 NOTHING_FASTER = "the search found nothing faster"
 THE_MOTION = "the motion found"
 AT_CORNERS = "path around obstacles, at rest at its corners"
@@ -83,22 +61,10 @@ AT_CORNERS = "path around obstacles, at rest at its corners"
 
 @dataclass(frozen=True, eq=False)
 class TimedPath:
-    """A path around the obstacles with a timing.
-
-    Attributes
-    ----------
-    name : str
-    motion : Motion
-        Marked where it passes the via points.
-    """
+    """A path around the obstacles with a timing; its motion is marked at the via points."""
 
     name: str
     motion: Motion
-
-    @property
-    def via_times(self) -> FloatArray:
-        """When it passes the via points [m], s."""
-        return np.array([mark.time for mark in self.motion.marks])
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,105 +82,47 @@ class ProvedPath(TimedPath):
         return how.get("made_from", "the best timing of a path around the obstacles")
 
 
-class Leg:
-    """The ways from one pose to another that searches lead to, and their timings.
+@dataclass(eq=False)
+class WayAround:
+    """A way from one pose to another around the obstacles, and its timings."""
 
-    Attributes
-    ----------
-    ways : list of Detour
-        The first of them can be travelled.
-    failed : list of Detour
-        Searches that led to no way.
-    known : Motion or None
-        The first way with a timing that keeps all limits, there from the moment on at which the
-        way is: its best one, or where that takes long one that rests at every corner.
-    certified : float
-        Processor time, s, at which a motion along this leg and its neighbours was first proved.
-    """
+    family: LimitFamily
+    settings: TimeOptimalSettings
+    detour: Detour
 
-    def __init__(
-        self,
-        around: Surroundings,
-        start: FloatArray,
-        goal: FloatArray,
-        settings: TimeOptimalSettings,
-    ) -> None:
-        self.around, self.start, self.goal, self.settings = around, start, goal, settings
-        self.family = LimitFamily.of(around.robot)
-        self.ways: list[Detour] = []
-        self.failed: list[Detour] = []
-        self.first_motion: Motion | None = None
-        self.certified = np.inf
-        self.refused = False  # whether there was a way that cannot be travelled
-        self._reached: dict[int, PathTiming | None] = {}
-        self._motions: dict[int, Motion | None] = {}
-        self._searches = 0
-
-    def search(self, number: int, progress: StepProgress) -> None:
-        """Make the search of a number, unless it was made or there is no need of it."""
-        straight = any(way.name == "straight" for way in (*self.ways, *self.failed))
-        if number < self._searches or straight or (number >= FIRST_SEARCHES and self.first_motion):
-            return
-        self._searches = number + 1
-        candidate = detour(self.around, self.start, self.goal, self.settings.seed, number)
-        if candidate.path is None:
-            self.failed.append(candidate)
-            progress(f"search {number}: no path in {candidate.checks} poses")
-            return
-        self.ways.append(candidate)
-        if self.first_motion is None:
-            timing = self._timing(0)
-            self.first_motion = timing or _resting_at_corners(self.family, candidate)
-        if self.first_motion is None:
-            self.refused = True
-            self.failed.append(self.ways.pop())
-            self._reached.clear()
-
-    def bound(self, choice: int) -> float:
-        """Return what a way takes without limits of rates and others that reachability cannot
-        keep, s.
+    @cached_property
+    def reached(self) -> PathTiming | None:
+        """As fast as the limits that reachability keeps allow; None where it cannot be travelled:
+        it leaves the position limits, or cannot be held somewhere.
         """
-        reached = self._reach(choice)
-        return np.inf if reached is None else reached.duration
+        path = self.detour.path
+        assert path is not None
+        with suppress(InputError):
+            timing = time_path(self.family.robot, path, compiled=self.settings.compiled)
+            return timing if timing.solved else None
+        return None
 
-    def guess(self, choice: int) -> Motion | None:
-        """Return what a search starts from: a way as fast as the limits that reachability keeps
-        allow.
-        """
-        timing = self._reach(choice)
-        return self.motion(choice) if timing is None else timing.motion("timed path")
+    @property
+    def bound(self) -> float:
+        """What it takes without limits of rates and others that reachability cannot keep, s."""
+        return np.inf if self.reached is None else self.reached.duration
 
-    def motion(self, choice: int) -> Motion | None:
-        """Return a way with its best timing that keeps all limits; None where none is found in
-        time.
-        """
-        choice = min(choice, len(self.ways) - 1)
-        if choice not in self._motions:
-            self._motions[choice] = self._timing(choice) or self._timing_with_rates(choice)
-        return self._motions[choice] or (self.first_motion if choice == 0 else None)
-
-    def _reach(self, choice: int) -> PathTiming | None:
-        choice = min(choice, len(self.ways) - 1)
-        if choice not in self._reached:
-            path, self._reached[choice] = self.ways[choice].path, None
-            with suppress(InputError):  # it leaves the position limits, or cannot be held somewhere
-                assert path is not None
-                timing = time_path(self.around.robot, path, compiled=self.settings.compiled)
-                self._reached[choice] = timing if timing.solved else None
-        return self._reached[choice]
-
-    def _timing(self, choice: int) -> Motion | None:
-        """Return the best timing where reachability keeps every limit."""
-        timing = self._reach(choice)
+    @property
+    def kept(self) -> Motion | None:
+        """It with its best timing where reachability keeps every limit."""
+        timing = self.reached
         if timing is None or self.family.jerk_matters or timing.limits_kept_by[LATER]:
             return None
         return timing.motion("timed path")
 
-    def _timing_with_rates(self, choice: int) -> Motion | None:
-        path = self.ways[choice].path
+    @cached_property
+    def motion(self) -> Motion | None:
+        """It with its best timing that keeps all limits; None where none is found in time."""
+        kept = self.kept
+        if kept is not None or deadline.over():
+            return kept
+        path = self.detour.path
         assert path is not None
-        if deadline.over():
-            return None
         with suppress(InputError):
             check_path(self.family, path)
             asked = PathTimingSettings(
@@ -223,7 +131,84 @@ class Leg:
             motion = best_timing(self.family, path, asked, "timed path", quiet)
             if motion.solved and _keeps_limits(self.family, motion):
                 return motion
-        return None if deadline.over() else _resting_at_corners(self.family, self.ways[choice])
+        return None if deadline.over() else _resting_at_corners(self.family, self.detour)
+
+
+@dataclass(eq=False)
+class Leg:
+    """The ways from one pose [n] to another that searches lead to.
+
+    Attributes
+    ----------
+    ways : list of WayAround
+        The first of them can be travelled.
+    failed : list of Detour
+        Searches that led to no way.
+    first_motion : Motion or None
+        The first way with a timing that keeps all limits, there from the moment on at which the
+        way is: its best one, or where that takes long one that rests at every corner.
+    certified : float
+        Processor time, s, at which a motion along this leg and its neighbours was first proved.
+    refused : bool
+        Whether there was a way that cannot be travelled.
+    searches : int
+        That were made.
+    """
+
+    around: Surroundings
+    start: FloatArray
+    goal: FloatArray
+    settings: TimeOptimalSettings
+    ways: list[WayAround] = field(default_factory=list)
+    failed: list[Detour] = field(default_factory=list)
+    first_motion: Motion | None = None
+    certified: float = np.inf
+    refused: bool = False
+    searches: int = 0
+
+    def search(self, number: int, progress: StepProgress) -> None:
+        """Make the search of a number, unless it was made or there is no need of it."""
+        known = [*(way.detour for way in self.ways), *self.failed]
+        straight = any(candidate.name == "straight" for candidate in known)
+        if number < self.searches or straight or (number >= FIRST_SEARCHES and self.first_motion):
+            return
+        self.searches = number + 1
+        candidate = detour(self.around, self.start, self.goal, self.settings.seed, number)
+        if candidate.path is None:
+            self.failed.append(candidate)
+            progress(f"search {number}: no path in {candidate.checks} poses")
+            return
+        family = LimitFamily.of(self.around.robot)
+        way = WayAround(family, self.settings, candidate)
+        if self.first_motion is None:
+            self.first_motion = way.kept or _resting_at_corners(family, candidate)
+        if self.first_motion is None:
+            self.refused = True
+            self.failed.append(candidate)
+        else:
+            self.ways.append(way)
+
+    def way(self, choice: int) -> WayAround:
+        """Return the way of a number; the last one where there are fewer."""
+        return self.ways[min(choice, len(self.ways) - 1)]
+
+    def bound(self, choice: int) -> float:
+        """Return what a way takes at least, s."""
+        return self.way(choice).bound
+
+    def guess(self, choice: int) -> Motion | None:
+        """Return what a search starts from: a way as fast as the limits that reachability keeps
+        allow.
+        """
+        timing = self.way(choice).reached
+        return self.motion(choice) if timing is None else timing.motion("timed path")
+
+    def motion(self, choice: int) -> Motion | None:
+        """Return a way with its best timing that keeps all limits; None where none is found in
+        time.
+        """
+        way = self.way(choice)
+        return way.motion or (self.first_motion if way is self.ways[0] else None)
 
 
 def _resting_at_corners(family: LimitFamily, way: Detour) -> Motion | None:
@@ -236,10 +221,8 @@ def _resting_at_corners(family: LimitFamily, way: Detour) -> Motion | None:
         scaled = [shortest_duration(robot, path, tolerance=1e-3).polynomial for path in shapes]
     except InputError:  # it leaves the position limits, or cannot be held somewhere
         return None
-    breaks = np.cumsum([0.0, *(shape.duration for shape in scaled)])
-    shape = PiecewisePolynomial(breaks, np.concatenate([s.coefficients for s in scaled]))
     how = {"method": AT_CORNERS}
-    motion = Motion.from_polynomial(robot, shape, label="timed path", provenance=how)
+    motion = Motion.from_polynomial(robot, joined(scaled), label="timed path", provenance=how)
     return motion if _keeps_limits(family, motion) else None
 
 
@@ -275,16 +258,11 @@ def choices_of(legs: Sequence[Leg]) -> range:
 
 def differs(duration: float, others: Iterable[float]) -> bool:
     """Return whether a timed path is another one than those of other durations, s."""
-    return all(abs(duration - other) > AMONG_OBSTACLES.different * other for other in others)
+    return all(abs(duration - other) > DIFFERENT * other for other in others)
 
 
 def fastest_among(
-    family: LimitFamily,
-    via: FloatArray,
-    scene: Scene,
-    settings: TimeOptimalSettings,
-    progress: StepProgress,
-    names: Sequence[str] = (),
+    asked: Asked, family: LimitFamily, via: FloatArray, names: Sequence[str] = ()
 ) -> Motion:
     """Return the fastest motion through via points [m,n] that keeps clear of a scene.
 
@@ -296,6 +274,8 @@ def fastest_among(
         A via point in collision; OMPL or coal is not installed.
     """
     begin, begin_processor = time.perf_counter(), deadline.processor_time()
+    settings, progress, scene = asked.settings, asked.progress, asked.scene
+    assert scene is not None
     robot: Robot = with_arm_capsules(family.robot)
     family = LimitFamily.of(robot)
     around = Surroundings(robot, scene)
@@ -308,7 +288,7 @@ def fastest_among(
     for start in starts_of(legs):
         starts.append(start)
         progress(f"{start.name}: {start.motion.duration:.4f} s by reachability")
-        (made, _), proofs = _guided(task, scene, settings, progress, start).motions()
+        (made, _), proofs = _guided(asked, task, scene, start).motions()
         search, proof = (made[0][1], proofs[0]) if made else (None, None)
         if search is not None and proof is not None and proof.proved:
             if search.solved:
@@ -358,9 +338,7 @@ def at_least(fallback: ProvedPath | None, motion: Motion | None, proof: Clearanc
     if not outcome.solved:
         outcome = outcome.and_(returned(fallback.made_from))
     return replace(fallback.motion, label="time-optimal", remark=remark).ended(
-        outcome,
-        made_from=fallback.made_from,
-        clearance=as_plain(fallback.clearance),
+        outcome, made_from=fallback.made_from, clearance=as_plain(fallback.clearance)
     )
 
 
@@ -476,8 +454,8 @@ def timed_paths(
             continue
         timed = _proved(around, legs, choice, (leg.motion(choice) for leg in legs))
         if timed is not None and differs(timed.motion.duration, durations):
-            progress(f"path {timed.name}: {timed.motion.duration:.4f} s with its best timing")
             durations.append(timed.motion.duration)
+            progress(f"path {timed.name}: {durations[-1]:.4f} s with its best timing")
             yield timed
 
 
@@ -505,49 +483,32 @@ def _joined(legs: Sequence[Leg], choice: int, timed: Iterable[Motion | None]) ->
         if motion is None:
             return None
         motions.append(motion)
-    times = np.cumsum([0.0, *(m.duration for m in motions)])
-    if len(motions) == 1:
-        whole = motions[0]
-    else:
-        later = (t + m.t[1:] for t, m in zip(times, motions, strict=False))
-        shape = PiecewisePolynomial(
-            np.concatenate([np.zeros(1), *later]), np.concatenate([pieces_of(m) for m in motions])
-        )
-        how = motions[0].provenance
-        robot = legs[0].around.robot
+    times, whole = np.cumsum([0.0, *(m.duration for m in motions)]), motions[0]
+    if len(motions) > 1:
+        shape = joined([PiecewisePolynomial(m.t, pieces_of(m)) for m in motions])
+        robot, how = legs[0].around.robot, whole.provenance
         whole = Motion.from_polynomial(robot, shape, label="timed path", provenance=how)
     marks = tuple(Mark(float(t), f"via {i + 1}") for i, t in enumerate(times))
     return TimedPath(_name(legs, choice), replace(whole, marks=marks))
 
 
 def _name(legs: Sequence[Leg], choice: int) -> str:
-    ways = (leg.ways[min(choice, len(leg.ways) - 1)] for leg in legs)
-    return "path " + ", ".join(way.name for way in ways)
+    return "path " + ", ".join(leg.way(choice).detour.name for leg in legs)
 
 
-def _guided(
-    task: Task,
-    scene: Scene,
-    settings: TimeOptimalSettings,
-    progress: StepProgress,
-    path: TimedPath,
-) -> GuidedSearch:
+def _guided(asked: Asked, task: Task, scene: Scene, path: TimedPath) -> GuidedSearch:
     """Return the search from a timed path."""
     via = np.array([stop.q for stop in task.stops])
-    shape, times = PiecewisePolynomial(path.motion.t, pieces_of(path.motion)), path.via_times
+    shape = PiecewisePolynomial(path.motion.t, pieces_of(path.motion))
+    times = np.array([mark.time for mark in path.motion.marks])
     start = InitialGuess(path.name, guesses_along(phase_names(len(via) - 1), shape, times))
     poses = tuple(poses_along(shape, *pair) for pair in itertools.pairwise(times))
-    return GuidedSearch(task, scene, straight_way(via), start, poses, settings, progress)
+    return GuidedSearch(asked, task, scene, straight_way(via), start, poses)
 
 
 def as_plain(clearance: Clearance) -> dict[str, Any]:
-    return {
-        "minimum": clearance.minimum,
-        "time": clearance.time,
-        "pair": clearance.pair,
-        "proved": clearance.proved,
-        "at_least": clearance.at_least,
-    }
+    names = ("minimum", "time", "pair", "proved", "at_least")
+    return {name: getattr(clearance, name) for name in names}
 
 
 def nothing_found(legs: Sequence[Leg | None], names: Sequence[str]) -> str:

@@ -8,7 +8,7 @@ the solver is started from the best way through each branch.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -55,6 +55,9 @@ class BranchSettings:
 
 
 BRANCHES = BranchSettings()
+Poses = list[FloatArray]  # one [n] a branch
+Picks = tuple[int, ...]  # one branch a stop
+Joined = dict[tuple[int, int], FloatArray | None]  # branches at both ends: the joint path, if known
 
 _even = np.linspace(0.0, 1.0, BRANCHES.rows)
 EASED = _even**3 * (10.0 - 15.0 * _even + 6.0 * _even**2)  # shares of a way at even times
@@ -101,20 +104,18 @@ def ways_through(task: Task) -> list[Way]:
     nodes = [_held_at_rest(task, index, poses) for index, poses in enumerate(nodes)]
     if task.cycle:
         nodes[-1] = nodes[0] = _held_at_rest(task, len(nodes) - 1, nodes[0])
-    edges: list[dict[tuple[int, int], FloatArray | None]] = []
+    edges: list[Joined] = []
     for index, kind in enumerate(task.segments):
         if isinstance(kind, Line | Circle):
-            nodes[index], nodes[index + 1], poses = _followed(task, index, nodes)
-            edges.append(poses)
+            nodes[index], nodes[index + 1], joint_paths = _followed(task, index, nodes)
+            edges.append(joint_paths)
         else:
-            pairs = [(a, b) for a in range(len(nodes[index])) for b in range(len(nodes[index + 1]))]
-            edges.append(dict.fromkeys(pairs))
+            edges.append(_free(nodes[index], nodes[index + 1]))
     if task.cycle and len(nodes[-1]) != len(nodes[0]):
         nodes[0] = nodes[-1]  # a line may have led to further branches of the first stop
-    found_ways = [_realised(task, nodes, edges, picks) for picks in _picks(task, nodes, edges)]
-    ways = sorted(
-        (w for w in found_ways if w is not None), key=lambda way: _time(way, _speeds(task.robot))
-    )
+    found = [_realised(task, nodes, edges, picks) for picks in _picks(task, nodes, edges)]
+    ways = [way for way in found if way is not None]
+    ways.sort(key=lambda way: _time(way, _speeds(task.robot)))
     if not ways:
         raise InputError(
             "no branch of the arm leads through all stops: the tool lines end on other branches "
@@ -125,6 +126,11 @@ def ways_through(task: Task) -> list[Way]:
         if all(np.abs(way.via - other.via).max() > BRANCHES.apart for other in chosen):
             chosen.append(way)
     return chosen[: BRANCHES.most_ways]
+
+
+def _free(starts: Poses, ends: Poses) -> Joined:
+    """Return all pairs of branches at two stops, of which no joint path is known."""
+    return dict.fromkeys(itertools.product(range(len(starts)), range(len(ends))))
 
 
 # branches of a stop -------------------------------------------------------------------------------
@@ -148,10 +154,8 @@ def few_poses(robot: Robot, stop: Stop) -> FloatArray | None:
     for q in poses:
         slopes = np.array(jacobian(robot)(q))[:rows]
         slopes[3:] *= reach_of(robot)
-        if (
-            np.linalg.matrix_rank(slopes, tol=BRANCHES.redundant * reach_of(robot))
-            < robot.joint_count
-        ):
+        least = BRANCHES.redundant * reach_of(robot)
+        if np.linalg.matrix_rank(slopes, tol=least) < robot.joint_count:
             return None
     return poses
 
@@ -175,7 +179,7 @@ def _branches(robot: Robot, stop: Stop) -> tuple[FloatArray, ...]:
     return tuple(poses)
 
 
-def _held_at_rest(task: Task, index: int, poses: list[FloatArray]) -> list[FloatArray]:
+def _held_at_rest(task: Task, index: int, poses: Poses) -> Poses:
     """Return those of all poses of a stop in which the torques hold the arm; all where there are
     more.
 
@@ -206,14 +210,17 @@ def _turned(turned: FloatArray | None, axis: int | None) -> list[FloatArray | No
     """Return an orientation, or several where a turn about an axis of the tool is free."""
     if turned is None or axis is None:
         return [turned]
-    orientations: list[FloatArray | None] = []
-    for angle in 2 * np.pi * np.arange(BRANCHES.turns) / BRANCHES.turns:
-        turn = np.eye(3)
-        i, j = (axis + 1) % 3, (axis + 2) % 3
-        turn[[i, j], [i, j]] = np.cos(angle)
-        turn[i, j], turn[j, i] = -np.sin(angle), np.sin(angle)
-        orientations.append(turned @ turn)
-    return orientations
+    angles = 2 * np.pi * np.arange(BRANCHES.turns) / BRANCHES.turns
+    return [turned @ _about(axis, angle) for angle in angles]
+
+
+def _about(axis: int, angle: float) -> FloatArray:
+    """Return the rotation about a coordinate axis."""
+    rotation = np.eye(3)
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    rotation[[i, j], [i, j]] = np.cos(angle)
+    rotation[i, j], rotation[j, i] = -np.sin(angle), np.sin(angle)
+    return rotation
 
 
 def _within(stop: Stop, solution: IKSolution) -> bool:
@@ -231,14 +238,11 @@ def _out_of_reach(robot: Robot, stop: Stop, missed: Sequence[IKSolution]) -> str
     far = length_text(beyond) if beyond > STOP_SIZES.exact else ""
     turned = best.orientation_error - stop.orientation_tolerance
     turn = f"{np.degrees(turned):.3g} deg" if turned > 1e-6 else ""
-    by = far or turn
-    if best.status is Status.LIMITS:
-        names = _held(robot, best.q)
-        at = f": {', '.join(names)} at {'its limit' if len(names) == 1 else 'their limits'}"
-        return f"stop {stop.name!r} is out of reach by {by}{at if names else ''}"
     if best.status is Status.ORIENTATION_MISSED:
         return f"stop {stop.name!r} is reached, but not in its orientation: missed by {turn}"
-    return f"stop {stop.name!r} is out of reach by {by}"
+    names = _held(robot, best.q) if best.status is Status.LIMITS else []
+    at = f": {', '.join(names)} at {'its limit' if len(names) == 1 else 'their limits'}"
+    return f"stop {stop.name!r} is out of reach by {far or turn}{at if names else ''}"
 
 
 def _held(robot: Robot, q: FloatArray) -> list[str]:
@@ -250,9 +254,7 @@ def _held(robot: Robot, q: FloatArray) -> list[str]:
 # tool lines ---------------------------------------------------------------------------------------
 
 
-def _followed(
-    task: Task, index: int, nodes: list[list[FloatArray]]
-) -> tuple[list[FloatArray], list[FloatArray], dict[tuple[int, int], FloatArray | None]]:
+def _followed(task: Task, index: int, nodes: list[Poses]) -> tuple[Poses, Poses, Joined]:
     """Return branches at both ends of a tool line, and the joint paths that join them.
 
     Followed from its start, or from its end where only that is a joint pose.
@@ -260,77 +262,53 @@ def _followed(
     starts, ends = list(nodes[index]), list(nodes[index + 1])
     backwards = task.stops[index + 1].q is not None and task.stops[index].q is None
     origin, target = (ends, starts) if backwards else (starts, ends)
-    joint_paths: dict[tuple[int, int], FloatArray | None] = {}
+    joint_paths: Joined = {}
     failures: list[tuple[float, str]] = []
     for a, q in enumerate(list(origin)):
-        path, failure = _follow(task, index, q, backwards)
-        if path is None:
-            failures.append(failure)
+        poses = _follow(task, index, q, backwards)
+        if not poses.solved:
+            share, reason = _why(task.robot, poses)
+            failures.append((1.0 - share if backwards else share, reason))
             continue
-        final = path[0] if backwards else path[-1]
-        near = [_apart(task.robot, final, other) for other in target]
+        near = [_apart(task.robot, poses.q[-1], other) for other in target]
         if near and min(near) < BRANCHES.same_branch:
             b = int(np.argmin(near))
         elif task.stops[index if backwards else index + 1].q is None:
-            target.append(final)
+            target.append(poses.q[-1])
             b = len(target) - 1
         else:
             failures.append((1.0, "it ends on another branch than that of the joint pose there"))
             continue
-        joint_paths[(b, a) if backwards else (a, b)] = path
-    if not joint_paths and not _loose(task, index):
+        joint_paths[(b, a) if backwards else (a, b)] = poses.q[::-1] if backwards else poses.q
+    if joint_paths:
+        return starts, ends, joint_paths
+    curve = task.curves[index]
+    if curve is None or curve[1] is None or curve[1].free is None:
         share, reason = max(failures)
         raise InputError(
             f"{task.name_of(index)} not reachable from {share:.2f} of its length: {reason}"
         )
-    if not joint_paths:  # a turn is free on the way: the solver may find one
-        joint_paths = {(a, b): None for a in range(len(starts)) for b in range(len(ends))}
-    return starts, ends, joint_paths
+    return starts, ends, _free(starts, ends)  # a turn is free on the way: the solver may find one
 
 
-def _loose(task: Task, index: int) -> bool:
-    curve = task.curves[index]
-    return curve is not None and curve[1] is not None and curve[1].free is not None
-
-
-def _follow(
-    task: Task, index: int, q: FloatArray, backwards: bool
-) -> tuple[FloatArray | None, tuple[float, str]]:
-    """Return joint path [N,n] along a tool line from a branch at its start (or end), or why there
-    is none.
-
-    The share of the length at which it ends comes with the reason.
-    """
+def _follow(task: Task, index: int, q: FloatArray, backwards: bool) -> IKPath:
+    """Return joint poses [N,n] along a tool line from a branch at its start, or from its end on."""
     curve = task.curves[index]
     assert curve is not None
     way, turning = curve
-    shares = EASED
-    positions = way.points(shares)
-    orientations = None
+    positions, orientations = way.points(EASED), None
     if turning is not None:
-        orientations = np.array([np.array(turning.rotation(s)) for s in shares])
+        orientations = np.array([np.array(turning.rotation(s)) for s in EASED])
         if turning.free is not None:  # as the arm turns the tool at the end that it starts from
             tool = np.array(forward_kinematics(task.robot)(q))[:3, :3]
-            start_orientation = orientations[-1 if backwards else 0].T @ tool
-            orientations = orientations @ _about(start_orientation, turning.free)
+            turn = orientations[-1 if backwards else 0].T @ tool
+            i, j = (turning.free + 1) % 3, (turning.free + 2) % 3
+            angle = np.arctan2(turn[j, i] - turn[i, j], turn[i, i] + turn[j, j])
+            orientations = orientations @ _about(turning.free, angle)
     if backwards:
         positions = positions[::-1]
         orientations = None if orientations is None else orientations[::-1]
-    poses = follow_ik(task.robot, positions, orientations, seed=q)
-    if poses.solved:
-        return (poses.q[::-1] if backwards else poses.q), (1.0, "")
-    share, reason = _why(task.robot, poses)
-    return None, (1.0 - share if backwards else share, reason)
-
-
-def _about(turn: FloatArray, axis: int) -> FloatArray:
-    """Return the part of a rotation that is a turn about a coordinate axis."""
-    i, j = (axis + 1) % 3, (axis + 2) % 3
-    angle = np.arctan2(turn[j, i] - turn[i, j], turn[i, i] + turn[j, j])
-    rotation = np.eye(3)
-    rotation[[i, j], [i, j]] = np.cos(angle)
-    rotation[i, j], rotation[j, i] = -np.sin(angle), np.sin(angle)
-    return rotation
+    return follow_ik(task.robot, positions, orientations, seed=q)
 
 
 def _why(robot: Robot, poses: IKPath) -> tuple[float, str]:
@@ -338,20 +316,19 @@ def _why(robot: Robot, poses: IKPath) -> tuple[float, str]:
     row = min([*missed, *poses.jumps])
     share = float(EASED[max(row - 1, 0)])
     status = poses.statuses[row]
-    before = _held(robot, poses.q[row])
     if status is Status.OUT_OF_REACH:
         return share, f"out of reach by {1000 * poses.position_error[row]:.3g} mm"
-    if before or status is Status.LIMITS:
-        return share, f"limit of {', '.join(before)}" if before else "a position limit"
+    held = _held(robot, poses.q[row])
+    if not held and status.solved:
+        held = _held(robot, poses.q[max(row - 1, 0)])
+    if held:
+        return share, f"limit of {', '.join(held)}"
+    if status is Status.LIMITS:
+        return share, "a position limit"
     if status.solved:
-        near = _held(robot, poses.q[max(row - 1, 0)])
-        if near:
-            return share, f"limit of {', '.join(near)}"
         return share, "the branch ends there, at a limit or a singular pose"
-    return (
-        share,
-        f"the orientation is missed by {np.degrees(poses.orientation_error[row]):.3g} deg",
-    )
+    missed_by = np.degrees(poses.orientation_error[row])
+    return share, f"the orientation is missed by {missed_by:.3g} deg"
 
 
 def _apart(robot: Robot, q: FloatArray, other: FloatArray) -> float:
@@ -373,75 +350,63 @@ def _speeds(robot: Robot) -> FloatArray:
 def _near(robot: Robot, q: FloatArray, other: FloatArray) -> FloatArray:
     """Give a pose [n] moved by whole turns to where it is nearest to another, within the limits."""
     turn = 2 * np.pi * np.array([kind == "revolute" for kind in robot.joint_types])
-    best = q + turn * np.round((other - q) / (2 * np.pi))
-    for shifted in (best - turn, best + turn):
-        outside = (best < robot.limits.q_min - 1e-9) | (best > robot.limits.q_max + 1e-9)
-        best = np.where(outside, shifted, best)
-    outside = (best < robot.limits.q_min - 1e-9) | (best > robot.limits.q_max + 1e-9)
-    return np.where(outside, q, best)
+    low, high = robot.limits.q_min - 1e-9, robot.limits.q_max + 1e-9
+    nearest = q + turn * np.round((other - q) / (2 * np.pi))
+    best = nearest
+    for shifted in (nearest - turn, nearest + turn, q):
+        best = np.where((best < low) | (best > high), shifted, best)
+    return best
 
 
 def _cost(task: Task, a: FloatArray, b: FloatArray) -> float:
     return float((np.abs(_near(task.robot, b, a) - a) / _speeds(task.robot)).max())
 
 
-def _picks(
-    task: Task,
-    nodes: list[list[FloatArray]],
-    edges: list[dict[tuple[int, int], FloatArray | None]],
-) -> list[tuple[int, ...]]:
+def _picks(task: Task, nodes: list[Poses], edges: list[Joined]) -> list[Picks]:
     """Return the cheapest way through every branch of every stop: the number of the branch at
     each.
     """
     costs = [
-        {pair: _cost(task, nodes[k][pair[0]], nodes[k + 1][pair[1]]) for pair in joint_paths}
+        {(a, b): _cost(task, nodes[k][a], nodes[k + 1][b]) for a, b in joint_paths}
         for k, joint_paths in enumerate(edges)
     ]
-    if task.cycle:
-        picks = set()
-        for first in range(len(nodes[0])):
-            picks |= set(_through(nodes, costs, first))
-        return sorted(picks)
-    return sorted(set(_through(nodes, costs, None)))
+    if not task.cycle:
+        return sorted(_through(costs, range(len(nodes[0])), range(len(nodes[-1]))))
+    return sorted(set().union(*(_through(costs, [k], [k]) for k in range(len(nodes[0])))))
 
 
 def _through(
-    nodes: list[list[FloatArray]], costs: list[dict[tuple[int, int], float]], only: int | None
-) -> list[tuple[int, ...]]:
-    """Do as :func:`_picks`, of ways that begin and end at one branch where it is given."""
-    ends = range(len(nodes[0])) if only is None else (only,)
-    forward: list[dict[int, tuple[float, tuple[int, ...]]]] = [{a: (0.0, (a,)) for a in ends}]
-    for edge_costs in costs:
-        best: dict[int, tuple[float, tuple[int, ...]]] = {}
-        for (a, b), cost in edge_costs.items():
-            if a in forward[-1]:
-                total = forward[-1][a][0] + cost, (*forward[-1][a][1], b)
+    costs: list[dict[tuple[int, int], float]], starts: Iterable[int], ends: Iterable[int]
+) -> set[Picks]:
+    """Do as :func:`_picks`, of ways that begin and end at one of some branches."""
+    back = [{(b, a): cost for (a, b), cost in row.items()} for row in reversed(costs)]
+    forward = _cheapest(costs, starts, lambda way, to: (*way, to))
+    backward = _cheapest(back, ends, lambda way, to: (to, *way))[::-1]
+    return {
+        (*before[b][1], *after[b][1][1:])
+        for before, after in zip(forward, backward, strict=True)
+        for b in before.keys() & after.keys()
+    }
+
+
+def _cheapest(
+    costs: list[dict[tuple[int, int], float]],
+    starts: Iterable[int],
+    longer: Callable[[Picks, int], Picks],
+) -> list[dict[int, tuple[float, Picks]]]:
+    """Return the cost of the cheapest way to every branch of each stop, and the way."""
+    ways: list[dict[int, tuple[float, Picks]]] = [{a: (0.0, (a,)) for a in starts}]
+    for row in costs:
+        best: dict[int, tuple[float, Picks]] = {}
+        for (a, b), cost in row.items():
+            if a in ways[-1]:
+                total = ways[-1][a][0] + cost, longer(ways[-1][a][1], b)
                 best[b] = min(best.get(b, total), total)
-        forward.append(best)
-    ends = range(len(nodes[-1])) if only is None else (only,)
-    backward: list[dict[int, tuple[float, tuple[int, ...]]]] = [{b: (0.0, (b,)) for b in ends}]
-    for edge_costs in reversed(costs):
-        best = {}
-        for (a, b), cost in edge_costs.items():
-            if b in backward[-1]:
-                total = backward[-1][b][0] + cost, (a, *backward[-1][b][1])
-                best[a] = min(best.get(a, total), total)
-        backward.append(best)
-    backward.reverse()
-    return [
-        (*forward[k][b][1], *backward[k][b][1][1:])
-        for k in range(len(nodes))
-        for b in forward[k]
-        if b in backward[k]
-    ]
+        ways.append(best)
+    return ways
 
 
-def _realised(
-    task: Task,
-    nodes: list[list[FloatArray]],
-    edges: list[dict[tuple[int, int], FloatArray | None]],
-    picks: tuple[int, ...],
-) -> Way | None:
+def _realised(task: Task, nodes: list[Poses], edges: list[Joined], picks: Picks) -> Way | None:
     """Return joint poses of a way, each moved by whole turns to be near to the one before."""
     robot = task.robot
     q = [nodes[k][pick] for k, pick in enumerate(picks)]
@@ -461,9 +426,8 @@ def _realised(
         if path is None:
             path = q[k] + EASED[:, None] * (q[k + 1] - q[k])
         else:
-            path = path + np.round((q[k] - path[0]) / (2 * np.pi)) * 2 * np.pi * (
-                np.abs(q[k] - path[0]) > np.pi
-            )
+            apart = q[k] - path[0]
+            path = path + np.round(apart / (2 * np.pi)) * 2 * np.pi * (np.abs(apart) > np.pi)
             if np.abs(path[-1] - q[k + 1]).max() > 10 * BRANCHES.same_branch:
                 return None
         paths.append(path)

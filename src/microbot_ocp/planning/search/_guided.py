@@ -16,34 +16,34 @@ import numpy as np
 
 from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.limits import LIMIT_TOLERANCE
+from microbot_ocp.limits import LIMIT_TOLERANCE, Limit, LimitFamily
 from microbot_ocp.motion import Motion, PiecewisePolynomial, pieces_of
-from microbot_ocp.ocp.solution import StepProgress
-from microbot_ocp.planning.free import InitialGuess
+from microbot_ocp.planning.free import InitialGuess, phase_shapes
 from microbot_ocp.planning.search._branches import Way
-from microbot_ocp.planning.search._pairs_asked import Around
-from microbot_ocp.planning.search._parts import (
+from microbot_ocp.planning.search._result import fastest, motion_from
+from microbot_ocp.planning.search._search import MotionAnswer, MotionSearch, SearchState
+from microbot_ocp.planning.search._starts import FROM_PATHS, explore_mesh, full_mesh
+from microbot_ocp.planning.search._stop_motion import (
     places_along,
     poses_at_stops,
     scenes_of,
+    stretches,
     tool_poses,
 )
-from microbot_ocp.planning.search._problem import phase_shapes
-from microbot_ocp.planning.search._result import fastest, motion_from
-from microbot_ocp.planning.search._search import MotionAnswer, MotionSearch, SearchState
-from microbot_ocp.planning.search._settings import TimeOptimalSettings
-from microbot_ocp.planning.search._stop_motion import stretches
-from microbot_ocp.planning.search._strategies import (
-    FROM_PATHS,
-    best_of,
-    explore_mesh,
-    full_mesh,
-    resumed,
-    search_of,
+from microbot_ocp.planning.search._strategies import best_of, resumed, search_of
+from microbot_ocp.planning.search._through_stops import Asked, Front, problem_of
+from microbot_ocp.planning.task import Task, reach_of
+from microbot_ocp.robot import Robot
+from microbot_ocp.scene import (
+    Clearance,
+    Pair,
+    Scene,
+    clearance_along,
+    clearances,
+    facing,
+    guiding_pairs,
+    room_along,
 )
-from microbot_ocp.planning.search._through_stops import StopSearch, problem_of
-from microbot_ocp.planning.task import Task
-from microbot_ocp.scene import Clearance, Scene, clearance_along
 
 
 @dataclass(frozen=True)
@@ -66,8 +66,141 @@ class GuidedSettings:
 
 
 GUIDED = GuidedSettings()
-Made = tuple[list[tuple[float, Motion]], str]  # effort and motion of each, why there are no more
-Ask = Callable[[StopSearch], Made]
+ASKED_MORE = "links come too near: solved again with more asked of them"
+Ask = Callable[[MotionSearch, SearchState | None], Front]
+
+
+# pairs that are in the problem, and the distances that are asked of them --------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class PairsAsked:
+    """Pairs of capsules around a path through a scene.
+
+    Attributes
+    ----------
+    robot, scene
+    tolerance : of limits
+    pairs : tuple of Pair
+        All whose links may not touch.
+    most : array [k]
+        What they have beyond the clearance at the via points, m: the path may be left where more is
+        asked of them, but not these.
+    near : array of bool [k]
+        Which are in the problem.
+    room : array [k]
+        What is asked of each beyond the clearance, m.
+    """
+
+    robot: Robot
+    scene: Scene
+    tolerance: float
+    pairs: tuple[Pair, ...]
+    most: FloatArray
+    near: np.ndarray
+    room: FloatArray
+
+    @classmethod
+    def along(
+        cls, robot: Robot, scene: Scene, tolerance: float, poses: FloatArray, via: FloatArray
+    ) -> PairsAsked:
+        """Return those that come near on a path, poses [N,n] through via points [m,n].
+
+        Near is what comes within the clearance and a share of the arm's reach.
+        """
+        pairs = facing(robot, guiding_pairs(robot, scene), poses)
+        room, known, apart = room_along(robot, scene, pairs, poses, tolerance)
+        within = scene.clearance + GUIDED.near * reach_of(robot)
+        most = clearances(robot, pairs, via).min(axis=0) - scene.clearance
+        room = np.minimum(room, known)
+        return cls(robot, scene, tolerance, pairs, most, apart < within, room)
+
+    @property
+    def limits(self) -> tuple[Limit, ...]:
+        """The distances that are asked."""
+        if not self.near.any():
+            return ()
+        chosen = [pair for pair, near in zip(self.pairs, self.near, strict=True) if near]
+        room = self.room[self.near].tolist()
+        return (self.scene.limit(self.robot, chosen, tolerance=self.tolerance, room=room),)
+
+    def after(self, poses: FloatArray, near: float = 0.0) -> tuple[PairsAsked, np.ndarray]:
+        """Return what is asked once a motion with these poses [N,n] is known, and which pairs [k]
+        have their links too near on it.
+
+        These are in the problem, and asked for more, as far as via points allow. With them what is
+        ``near`` as for :meth:`along`: on a motion that passes through things that is nearly all.
+        """
+        come, _, apart = room_along(self.robot, self.scene, self.pairs, poses, self.tolerance)
+        touching = apart <= self.scene.clearance
+        more = np.minimum(self.most, np.maximum(self.room, come))
+        room = np.where(touching, more, self.room)
+        within = self.scene.clearance + near * reach_of(self.robot)
+        known = self.near | (apart <= within) if touching.any() else self.near
+        return replace(self, near=known, room=room), touching
+
+    def asks_more_than(self, before: PairsAsked) -> bool:
+        """Return whether anything is asked that was not."""
+        more = self.near & (~before.near | (self.room > before.room))
+        return bool(more.any())
+
+
+@dataclass(frozen=True, eq=False)
+class Around:
+    """What is around the arm on every segment of a task, and what is asked of it.
+
+    Attributes
+    ----------
+    scenes : tuple of Scene
+        On every segment.
+    asked : tuple of PairsAsked
+        Of the segments on which the arm is the same in the same scene.
+    places : tuple of int
+        Which of these it is on every segment.
+    """
+
+    scenes: tuple[Scene, ...]
+    asked: tuple[PairsAsked, ...]
+    places: tuple[int, ...]
+
+    def on(self, task: Task) -> Task:
+        """Return a task with what is asked."""
+        if not task.is_plain:
+            return replace(task, around=self)
+        (asked,) = self.asked
+        also = (*asked.robot.limits.also, *asked.limits)
+        return replace(task, family=LimitFamily.of(asked.robot.with_limits(also=also)))
+
+    def limits(self, index: int) -> tuple[Limit, ...]:
+        """Return the distances that are asked on a segment."""
+        return self.asked[self.places[index]].limits
+
+    def after(self, poses: Sequence[FloatArray], near: float = 0.0) -> tuple[Around, bool, bool]:
+        """Return what is asked once a motion with these poses [N,n] on every segment is known, as
+        :meth:`PairsAsked.after`; whether links come too near on it, and whether any that were left
+        out do.
+        """
+        asked, touch, left_out = [], False, False
+        for k, before in enumerate(self.asked):
+            more, touching = before.after(_of_place(poses, self.places, k), near)
+            asked.append(more)
+            touch = touch or bool(touching.any())
+            left_out = left_out or bool((touching & ~before.near).any())
+        return replace(self, asked=tuple(asked)), touch, left_out
+
+    def asks_more_than(self, before: Around) -> bool:
+        """Return whether anything is asked that was not."""
+        if self.scenes != before.scenes:
+            return True
+        pairs = zip(self.asked, before.asked, strict=True)
+        return any(now.asks_more_than(then) for now, then in pairs)
+
+
+def _of_place(rows: Sequence[FloatArray], places: Sequence[int], place: int) -> FloatArray:
+    return np.concatenate([row for row, at in zip(rows, places, strict=True) if at == place])
+
+
+# the search ---------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,6 +225,7 @@ class GuidedSearch:
 
     Attributes
     ----------
+    asked : Asked
     task : Task
         Of an arm with capsules.
     scene : Scene
@@ -100,27 +234,31 @@ class GuidedSearch:
         The way with a timing.
     poses : tuple of array [N,n]
         Along the way on every segment, rad (m).
-    settings : TimeOptimalSettings
-    progress : callable
-    duration : float, optional
-        In which the motion of least effort is wanted, s.
     """
 
+    asked: Asked
     task: Task
     scene: Scene
     way: Way
     start: InitialGuess
     poses: tuple[FloatArray, ...]
-    settings: TimeOptimalSettings
-    progress: StepProgress
-    duration: float | None = None
 
     def around(self, tool: FloatArray) -> Around:
         """Return what is asked along the way, with the tool in poses [m,4,4] at the stops."""
-        scenes, ends = scenes_of(self.task, self.scene, tool), self.way.via
-        ends = [ends[k : k + 2] for k in range(len(self.poses))]
-        tolerance = self.settings.limit_tolerance
-        return Around.along(self.task.robots, scenes, tolerance, self.poses, ends, GUIDED.near)
+        scenes, tolerance = (
+            scenes_of(self.task, self.scene, tool),
+            self.asked.settings.limit_tolerance,
+        )
+        kinds = list(zip(self.task.robots, scenes, strict=True))
+        different = list(dict.fromkeys(kinds))
+        places = tuple(map(different.index, kinds))
+        ends, asked = [self.way.via[k : k + 2] for k in range(len(places))], []
+        tolerance = self.asked.settings.limit_tolerance
+        for k, (robot, scene) in enumerate(different):
+            held = scene.without_parts_of(robot)
+            way, via = (_of_place(rows, places, k) for rows in (self.poses, ends))
+            asked.append(PairsAsked.along(robot, held, tolerance, way, via))
+        return Around(scenes, tuple(asked), places)
 
     def explored(self, around: Around | None = None, finer: int = 1) -> Explored:
         """Return the coarse answer of a problem in which all pairs are that come too near on it.
@@ -136,29 +274,28 @@ class GuidedSearch:
         around = around or self.around(tool_poses(self.task.robot, self.way.via))
         while True:
             search = self._search(around, finer)
-            state = search.run(FROM_PATHS)  # is known before anything is refined
-            answer = best_of(search, state)
+            found = Explored(search, search.run(FROM_PATHS), around, finer)
+            answer = best_of(search, found.state)
             if not answer.solved:
-                return Explored(search, state, around, finer)
+                return found
             poses = [poses_along(shape) for shape in phase_shapes(answer.solution)]
-            more = around.after(poses)
-            if not more.were_left_out:
-                if not more.touch or explore_mesh(search) == full_mesh(search):
-                    return Explored(search, state, around, finer)
+            around, touch, left_out = around.after(poses)
+            if not left_out:
+                if not touch or explore_mesh(search) == full_mesh(search):
+                    return found
                 finer *= 2
-            around = more.around
-            self.progress("links come too near: solved again with more asked of them")
+            self.asked.progress(ASKED_MORE)
 
     def motions(
         self, ask: Ask | None = None, explored: Explored | None = None
-    ) -> tuple[Made, list[Clearance | None]]:
+    ) -> tuple[Front, list[Clearance | None]]:
         """Return the motions that a search is asked for, by default the fastest one or that of
         least effort, and whether each is proved to keep clear.
 
         Of those alone that are solved, or within the limits though they are not, if so. Nothing
         where the time was over before the search began.
         """
-        made: Made = [], ""
+        made: Front = [], ""
         proofs = list[Clearance | None]()
         with suppress(deadline.Over):
             now = explored or self.explored()
@@ -168,17 +305,16 @@ class GuidedSearch:
                     motion, proof, answer = self._fastest(now)
                     made, proofs = ([(0.0, motion)], ""), [proof]
                 else:
-                    made = ask(StopSearch(now.search, self.duration, now.state))
+                    made = ask(now.search, now.state)
                     proofs = [self._proof(motion) for _, motion in made[0]]
-                motions = [motion for _, motion in made[0]]
-                rows = zip(motions, proofs, strict=True)
-                pairs = [(m, proof) for m, proof in rows if proof is not None and not proof.proved]
+                rows = zip(made[0], proofs, strict=True)
+                pairs = [(m, proof) for (_, m), proof in rows if proof and not proof.proved]
                 if not pairs:
                     break
                 more, left_out = self._asked_after(now.around, pairs)
                 if not more.asks_more_than(now.around):
                     break
-                self.progress("links come too near: solved again with more asked of them")
+                self.asked.progress(ASKED_MORE)
                 # where a pair was left out the motion passed through it: from the way again
                 now = self._again(more, now.finer, None if left_out else answer)
         return made, proofs
@@ -187,7 +323,7 @@ class GuidedSearch:
         """Return the fastest motion or the one of least effort, and whether it is proved to keep
         clear; without the last digits where only that is: they take it nearer to what is around.
         """
-        best = fastest(now.search, now.state, duration=self.duration)
+        best = fastest(now.search, now.state, duration=self.asked.duration)
         answers, before = [best.answer], best.answer.before
         if best.answer.strategy == "last digits" and before is not None:
             answers += [before] if before.solution is not best.answer.solution else []
@@ -209,11 +345,9 @@ class GuidedSearch:
 
     def _search(self, around: Around, finer: int) -> MotionSearch:
         with deadline.given_up():
-            task, settings = around.on(self.task), self.settings
-            problem = problem_of(
-                task, settings, self.duration, (self.way,), timed_path=self.start, finer=finer
-            )
-            return search_of(problem, settings, self.progress)
+            asked = self.asked
+            given = asked.settings, asked.duration, (self.way,), self.start, finer
+            return search_of(problem_of(around.on(self.task), *given), asked.progress)
 
     def _proof(self, motion: Motion) -> Clearance | None:
         """Return how a motion keeps clear, where that matters."""
@@ -236,8 +370,9 @@ class GuidedSearch:
             poses: list[list[FloatArray]] = [[] for _ in self.poses]
             for part in stretches(self.task, motion):
                 poses[part.segment].append(poses_along(shape, part.start, part.end, proof.time))
-            more = around.after(list(map(np.concatenate, poses)), GUIDED.near)
-            around, left_out = more.around, left_out or more.were_left_out
+            along = list(map(np.concatenate, poses))
+            around, _, more_left_out = around.after(along, GUIDED.near)
+            left_out = left_out or more_left_out
         return around, left_out
 
 

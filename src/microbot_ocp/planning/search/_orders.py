@@ -11,21 +11,21 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
 
 from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import InputError
-from microbot_ocp.limits import JointLimits, Limits
 from microbot_ocp.motion import Motion
-from microbot_ocp.ocp.solution import StepProgress
 from microbot_ocp.planning.search._branches import Way, least_duration, ways_through
-from microbot_ocp.planning.search._result import LEFT_OUT
-from microbot_ocp.planning.search._settings import SEARCH, TimeOptimalSettings
-from microbot_ocp.planning.search._through_stops import StopSearch, fastest_through
-from microbot_ocp.planning.search._way_guesses import segment_timings
-from microbot_ocp.planning.task import CELL_TIME_LIMIT, Segment, Stop, Task, task_of
+from microbot_ocp.planning.search._result import LEFT_OUT, fastest, motion_from
+from microbot_ocp.planning.search._settings import SEARCH
+from microbot_ocp.planning.search._starts import segment_timings
+from microbot_ocp.planning.search._strategies import STRATEGIES, search_of
+from microbot_ocp.planning.search._through_stops import Asked, fastest_through, problem_of
+from microbot_ocp.planning.task import CELL_TIME_LIMIT, Segment, Task
 
 MOST_ORDERED = 7  # stops of which every order is looked at
 # Coarse answers of one task differ from the refined ones by much the same share (0.9 to 1.3 % for
@@ -42,19 +42,13 @@ class Candidate(Protocol):
 
     Attributes
     ----------
-    task : Task
     rested, hoped : float
         The best timing from rest to rest, and what it is hoped that a motion takes at least;
         infinite where no way was found.
     """
 
-    task: Task
-
-    @property
-    def rested(self) -> float: ...
-
-    @property
-    def hoped(self) -> float: ...
+    rested: float
+    hoped: float
 
     def coarse_duration(self, beaten: float) -> float:
         """Give that of the best coarse answer; ways not faster than ``beaten`` are left out."""
@@ -65,39 +59,16 @@ class Candidate(Protocol):
         ...
 
 
-def solve_stops(
-    robot: Any,
-    limits: Limits | JointLimits | None,
-    stops: Sequence[Any],
-    segments: Sequence[Segment] | None,
-    cycle: bool,
-    order: str,
-    duration: float | None,
-    settings: TimeOptimalSettings,
-    progress: StepProgress,
-) -> Motion:
+def solve_stops(asked: Asked) -> Motion:
     """Do as :func:`microbot_ocp.time_optimal`, of stops."""
-    if order == "given":
-        task = task_of(robot, stops, limits, segments=segments, cycle=cycle)
-        return fastest_through(task, settings, progress, duration)
-    tasks = tasks_in_orders(robot, limits, stops, segments, cycle)
-    with settings.within(CELL_TIME_LIMIT):
-        return best_order(
-            tasks,
-            lambda task: _Alone(task, settings, progress, duration),
-            settings,
-            progress,
-            duration,
-        )
+    if asked.order == "given":
+        return fastest_through(asked.task(), asked.settings, asked.progress, asked.duration)
+    tasks = tasks_in_orders(asked)
+    with asked.settings.within(CELL_TIME_LIMIT):
+        return best_order(asked, tasks, partial(_Alone, asked))
 
 
-def tasks_in_orders(
-    robot: Any,
-    limits: Limits | JointLimits | None,
-    stops: Sequence[Any],
-    segments: Sequence[Segment] | None,
-    cycle: bool,
-) -> dict[Places, Task]:
+def tasks_in_orders(asked: Asked) -> dict[Places, Task]:
     """Return the tasks of all orders of some stops, by the places that stops had.
 
     Raises
@@ -105,30 +76,9 @@ def tasks_in_orders(
     InputError
         As of :func:`task_of`; more stops than all orders are looked at of.
     """
-    task_of(robot, stops, limits, segments=segments, cycle=cycle)
-    named = [s if isinstance(s, Stop) else Stop(q=s) for s in stops]
-    named = [stop.named(f"stop {k + 1}") for k, stop in enumerate(named)]
-    return {
-        places: task_of(
-            robot,
-            [named[k] for k in places],
-            limits,
-            segments=in_order(segments, places),
-            cycle=cycle,
-        )
-        for places in _orders(len(named), cycle, segments)
-    }
-
-
-def in_order(
-    segments: Sequence[Segment] | None, order: Sequence[int]
-) -> tuple[Segment, ...] | None:
-    """Return the segments between stops in another order: each stays with the stop where it
-    begins.
-    """
-    if segments is None:
-        return None
-    return tuple(segments[k] if k < len(segments) else None for k in order)[: len(segments)]
+    asked.task()  # before any order of it is looked at
+    orders = _orders(len(asked.stops), asked.cycle, asked.segments)
+    return {places: asked.task(places) for places in orders}
 
 
 def _orders(count: int, cycle: bool, segments: Sequence[Segment] | None) -> list[Places]:
@@ -150,15 +100,11 @@ def _orders(count: int, cycle: bool, segments: Sequence[Segment] | None) -> list
 
 
 def best_order(
-    tasks: Mapping[Places, Task],
-    candidate: Callable[[Task], Candidate],
-    settings: TimeOptimalSettings,
-    progress: StepProgress,
-    duration: float | None,
+    asked: Asked, tasks: Mapping[Places, Task], candidate: Callable[[Task], Candidate]
 ) -> Motion:
     """Return the best of several orders of the stops.
 
-    Where a ``duration``, s, is given the orders that can be done in it are all refined: the best is
+    Where a duration is given the orders that can be done in it are all refined: the best is
     the one of least effort. An order that no branch of the arm can follow is not one of them.
 
     Raises
@@ -184,9 +130,8 @@ def best_order(
         raise refused
     ranked = sorted(there, key=lambda p: (there[p].rested, rows[p]["bound"], p))
     coarse: dict[Places, float] = {}
-    accurate = (
-        1.0 + ACCURACY * max(1.0, SEARCH.explore_mesh / (settings.mesh or SEARCH.explore_mesh)) ** 2
-    )
+    usual, duration = SEARCH.explore_mesh, asked.duration
+    accurate = 1.0 + ACCURACY * max(1.0, usual / (asked.settings.mesh or usual)) ** 2
     for places in ranked:
         best = min(coarse.values(), default=np.inf)
         most = best if duration is None else duration
@@ -200,21 +145,20 @@ def best_order(
             continue
         if np.isfinite(coarse[places]):
             rows[places] |= {"coarse": coarse[places], "status": "coarse"}
-        progress(f"order {_named(places)}: {coarse[places]:.4f} s on the coarse mesh")
+        asked.progress(f"order {_named(places)}: {coarse[places]:.4f} s on the coarse mesh")
     if not coarse:
         assert refused is not None
         raise refused
     most = accurate * (min(coarse.values()) if duration is None else duration)
-    return _refined(rows, there, coarse, most, progress, duration)
+    return _refined(asked, rows, there, coarse, most)
 
 
 def _refined(
+    asked: Asked,
     orders: dict[Places, dict[str, Any]],
     there: Mapping[Places, Candidate],
     coarse: Mapping[Places, float],
     most: float,
-    progress: StepProgress,
-    duration: float | None,
 ) -> Motion:
     """Return the best of the orders whose coarse answers take at most so long, s."""
     near = sorted(coarse, key=lambda p: (coarse[p], there[p].rested, p))
@@ -222,7 +166,7 @@ def _refined(
     best: Motion | None = None
 
     def rank(motion: Motion) -> tuple[bool, float, float]:
-        calmed = {} if duration is None else motion.provenance.get("least_effort", {})
+        calmed = {} if asked.duration is None else motion.provenance.get("least_effort", {})
         return not motion.solved, calmed.get("effort", np.inf), motion.duration
 
     for places in near:
@@ -230,7 +174,7 @@ def _refined(
             break
         motion = there[places].motion()
         orders[places] |= {"duration": motion.duration, "status": str(motion.status)}
-        progress(f"order {_named(places)}: {motion.duration:.4f} s, {motion.status}")
+        asked.progress(f"order {_named(places)}: {motion.duration:.4f} s, {motion.status}")
         if best is None or rank(motion) < rank(best):
             best = replace(motion, provenance={**motion.provenance, "order": list(places)})
     assert best is not None
@@ -238,16 +182,10 @@ def _refined(
     counts = f"{len(coarse)} solved on a coarse mesh, {len(refined)} of them refined"
     rows = [row for row in orders.values() if row["status"] != LEFT_OUT]
     rows.sort(key=lambda row: (row["duration"] or np.inf, row["coarse"] or np.inf))
-    return replace(
-        best,
-        provenance={
-            **best.provenance,
-            "orders": rows,
-            "orders_left_out": len(orders) - len(rows),
-        },
-        remark=f"order {_named(best.provenance['order'])} of {len(orders)}, {counts}; "
-        f"{best.remark}",
-    )
+    left_out, taken = len(orders) - len(rows), _named(best.provenance["order"])
+    provenance = {**best.provenance, "orders": rows, "orders_left_out": left_out}
+    remark = f"order {taken} of {len(orders)}, {counts}; {best.remark}"
+    return replace(best, provenance=provenance, remark=remark)
 
 
 def _named(places: Sequence[int]) -> str:
@@ -280,18 +218,11 @@ def hoped_of(task: Task, durations: Sequence[float | None]) -> float:
 class _Alone:
     """An order of stops without obstacles."""
 
-    def __init__(
-        self,
-        task: Task,
-        settings: TimeOptimalSettings,
-        progress: StepProgress,
-        duration: float | None,
-    ) -> None:
-        self.task = task
-        self._given = settings, progress, duration
+    def __init__(self, asked: Asked, task: Task) -> None:
+        self._asked, self._task = asked, task
         estimates: list[tuple[float, float, Way]] = []
         for way in ways_through(task):
-            timings = segment_timings(task, way, settings.compiled)
+            timings = segment_timings(task, way, asked.settings.compiled)
             times = [None if shape is None else shape.duration for shape in timings]
             estimates.append((rested_of(task, times), hoped_of(task, times), way))
         estimates.sort(key=lambda entry: entry[0])
@@ -299,8 +230,13 @@ class _Alone:
         self.rested, self.hoped = estimates[0][0], min(hoped for _, hoped, _ in estimates)
 
     def coarse_duration(self, beaten: float) -> float:
-        self._search = StopSearch.of(self.task, *self._given, self._ways).explored(beaten)
-        return self._search.coarse_duration
+        asked = self._asked
+        problem = problem_of(self._task, asked.settings, asked.duration, self._ways)
+        self._search = search_of(problem, asked.progress)
+        least = replace(problem, beaten=beaten - problem.rested, briefly=True)
+        self._state = replace(self._search, problem=least).run(STRATEGIES[:1])
+        solved = [a.solution.duration for a in self._state.of("start") if a.solved]
+        return min(solved, default=np.inf) + problem.rested
 
     def motion(self) -> Motion:
-        return self._search.run()
+        return motion_from(fastest(self._search, self._state, duration=self._asked.duration))

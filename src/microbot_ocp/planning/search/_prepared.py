@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray, InputError, naming
-from microbot_ocp._base.codegen import compiles, interpreted
+from microbot_ocp._base.codegen import interpreted
 from microbot_ocp._base.outcome import Outcome
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import (
@@ -28,13 +28,12 @@ from microbot_ocp.limits import (
 from microbot_ocp.motion import DurationLine, Motion, State
 from microbot_ocp.ocp import ParametricSolver, Solution, SolverSettings
 from microbot_ocp.ocp.refinement import WORSE, split
-from microbot_ocp.ocp.solution import quiet, unpack
+from microbot_ocp.ocp.solution import quiet
 from microbot_ocp.ocp.transcription import Guess, Transcription
 from microbot_ocp.planning.free import (
     JERK_WEIGHT,
     OF_VARIABLES,
     SMOOTHING,
-    excess_between,
     initial_guesses,
     largest_excess,
     phase_names,
@@ -43,17 +42,16 @@ from microbot_ocp.planning.free import (
     via_times,
     within_limits,
 )
-from microbot_ocp.planning.search._problem import MotionProblem, phase_shapes
+from microbot_ocp.planning.search._problem import MotionProblem
 from microbot_ocp.planning.search._result import fastest
+from microbot_ocp.planning.search._search import from_plain, plain_of
 from microbot_ocp.planning.search._settings import SEARCH, TimeOptimalSettings
-from microbot_ocp.planning.search._stop_motion import motion_of
 from microbot_ocp.planning.search._strategies import search_of
 from microbot_ocp.planning.task import (
     FRICTION_WINDOWS,
     LDL,
     SMOOTHING as FRICTION_SMOOTHING,
     TIME_LIMIT,
-    Task,
     TaskScale,
     check_limits,
     check_via,
@@ -68,41 +66,18 @@ from microbot_ocp.planning.task import (
 )
 from microbot_ocp.robot import Robot
 
-
-@dataclass(frozen=True)
-class PreparedSettings:
-    """Settings by which prepared solves start from the motion under the robot's own limits.
-
-    Attributes
-    ----------
-    near : share of the duration up to which a prepared motion leads to the best
-    near_typical : the same of typical durations
-    close : share by which typical durations may differ for the usual barrier parameter
-    far_barrier : barrier parameter where they differ by more: 43 and 22 iterations with the
-        usual one and with this on a task of the Microbot with a payload
-    reference_tolerance : largest relative excess of a limit of the reference between mesh
-        points
-    """
-
-    near: float = 0.1
-    near_typical: float = 0.1
-    close: float = 0.005
-    far_barrier: float = 1e-5
-    reference_tolerance: float = 2e-3
-
-
-NEARNESS = PreparedSettings()
+# share of the duration, or of typical ones, up to which a motion leads to the best of another task
+NEAR = 0.1
+CLOSE = 0.005  # share by which typical durations may differ for the usual barrier parameter
+REFERENCE_TOLERANCE = 2e-3  # excess of a limit of the prepared motion between mesh points
 
 # of a prepared solver: somebody waits. Without a limit of time it would solve in another process
 PREPARED = SolverSettings(
-    "ipopt",
-    tolerance=1e-6,
-    gap=np.inf,
-    max_iterations=150,
-    options=LDL,
-    time_limit=TIME_LIMIT,
+    "ipopt", tolerance=1e-6, gap=np.inf, max_iterations=150, options=LDL, time_limit=TIME_LIMIT
 )
-FAR = replace(PREPARED, options={**LDL, "ipopt warm": {"mu_init": NEARNESS.far_barrier}})
+# where they differ by more: 43 and 22 iterations with the usual barrier parameter and with this on
+# a task of the Microbot with a payload
+FAR = {**LDL, "ipopt warm": {"mu_init": 1e-5}}
 
 
 def _solved_near(
@@ -236,30 +211,23 @@ class TimeOptimalSolver:
         tolerance: float = PREPARED.tolerance,
     ) -> None:
         checks.whole("mesh", mesh, "intervals", at_least=4)
-        checks.whole("starts", starts, at_least=1)
         checks.whole("rounds", rounds, at_least=0)
-        checks.whole("seed", seed, at_least=0, at_most=2**63)
         checks.number("tolerance", tolerance, above=0.0)
-        self._given = robot, np.array(via_q, float), mesh, starts, rounds, compiled, seed, tolerance
         self._solver_settings = replace(PREPARED, tolerance=tolerance)
-        self.robot = robot
+        given = {"mesh": mesh, "starts": starts, "compiled": compiled, "seed": seed}
+        self._settings = TimeOptimalSettings(limit_tolerance=REFERENCE_TOLERANCE, **given)
+        self.robot, self._rounds = robot, rounds
         self.via_q = check_via(check_limits(robot, None), via_q)
-        self._rounds = rounds
-        self._settings = TimeOptimalSettings(
-            mesh=mesh,
-            starts=starts,
-            limit_tolerance=NEARNESS.reference_tolerance,
-            compiled=compiled,
-            seed=seed,
-        )
         self._own: _Prepared | None = None
         self._phases = phase_names(len(self.via_q) - 1)
-        held: Robot = with_locked_joints_held(LimitFamily.of(robot)).robot
-        self._kernels = transcription(
-            held, self.via_q.tobytes(), len(self.via_q), compiled, payload=True
-        )
-        self._solvers: dict[bool, ParametricSolver] = {}  # for numbers that are close, or not
-        self._anywhere: ParametricSolver | None = None  # for other via points
+        self._kernels = self._transcribed()
+        # for numbers that are close, for others, and (None) for other via points
+        self._solvers: dict[bool | None, ParametricSolver] = {}
+
+    def _transcribed(self) -> Transcription:
+        held: Robot = with_locked_joints_held(LimitFamily.of(self.robot)).robot
+        via, compiled = self.via_q, self._settings.compiled
+        return transcription(held, via.tobytes(), len(via), compiled, payload=True)
 
     def __call__(
         self,
@@ -310,7 +278,64 @@ class TimeOptimalSolver:
         """
         with deadline.within(time_limit):
             limits = with_reserve(self.robot.limits, limits, reserve)
-            return self._solved(limits, payload, via_q, search, start)
+            begin = time.perf_counter()
+            family = check_limits(self.robot.with_payload(payload), limits)
+            self._check_kinds(family)
+            via, moving = self.via_q, None if start is None else _start_of(family, start)
+            if via_q is not None:
+                via = checks.array("via_q", via_q, (None, self.robot.joint_count), "rad")
+            if moving is not None:
+                via = np.vstack([moving.state.q, via[1:]])
+            via = check_via(family, via, moving=moving is not None)
+            if len(via) != len(self.via_q):
+                raise InputError(
+                    f"via_q must have {len(self.via_q)} points, as the solver was made with, "
+                    f"not {len(via)}"
+                )
+            problem = MotionProblem.through(family, via, self._settings, given=self._kernels)
+            slower, prepared = self._slower(family), None
+            if via_q is None and moving is None:
+                prepared = self._own or self._under_own_limits()
+            solver = self._solver(prepared, slower <= CLOSE)
+            usual = prepared.smoothing if prepared else SMOOTHING
+            # where more digits are asked for the smoothing costs fewer of them
+            smoothing = usual * min(1.0, self._solver_settings.tolerance / PREPARED.tolerance)
+            changes = self._changes(problem, float(payload), smoothing, moving)
+            near = prepared if slower <= NEAR else None
+            tried: list[tuple[str, Solution]] = []
+            for name, first in self._starts(problem, near, moving is not None):
+                solution = _solved_near(solver, first, changes)
+                tried.append((name, solution))
+                led_there = not isinstance(first, Solution) or (
+                    abs(solution.duration - first.duration) <= NEAR * first.duration
+                )
+                if (solution.status.solved and led_there and not search) or deadline.over():
+                    break
+            name, best = min(tried, key=lambda pair: (not pair[1].status.solved, pair[1].duration))
+            # what begins moving may have no slower timing of its path
+            allowed = LIMIT_TOLERANCE if moving is None else moving.tolerance
+            kernels = prepared.kernels if prepared else self._kernels
+            solution = self._refined(problem, best, changes, kernels, allowed)
+            # an arm with a payload is met once: nothing is compiled for it
+            with interpreted() if payload else nullcontext():
+                slowed, outcome, worst = _within_limits(problem, solution, moving)
+                starts = [
+                    {
+                        "start": first,
+                        "status": str(tries.status),
+                        "duration": tries.duration,
+                        "iterations": sum(a.iterations for a in tries.attempts),
+                    }
+                    for first, tries in tried
+                ]
+                method = "free time-optimal motion, solved again with other numbers"
+                given = worst, time.perf_counter() - begin, smoothing
+                more = {"start": name, "starts": starts, "payload": float(payload)}
+                about = provenance_of(method, family, solution, *given, **more)
+                motion = problem.motion(solution, about)
+            if slowed is not None:
+                motion = replace(slowed, provenance=about, remark="slowed down at limits")
+            return with_drives_noted(family.robot, motion.ended(outcome))
 
     def along(
         self,
@@ -383,68 +408,9 @@ class TimeOptimalSolver:
             lower, upper = usual.bounds(key) if name == "reserve" else (-chosen, chosen)
             slope = (prices.lower[key] * lower + prices.upper[key] * upper) @ chosen
             slopes[k] = -slope if name == "reserve" else slope
-        unit = {"payload": "kg", "reserve": ""}.get(name)
-        unit = self.robot.unit(keys[name], joint or 0) if unit is None else unit
+        units = {"payload": "kg", "reserve": ""}
+        unit = units[name] if name in units else self.robot.unit(keys[name], joint or 0)
         return DurationLine(name, unit, given, T, slopes, tuple(binding))
-
-    def _solved(
-        self,
-        limits: Limits | JointLimits | None,
-        payload: float,
-        via_q: ArrayLike | None,
-        search: bool,
-        start: Sequence[ArrayLike] | None,
-    ) -> Motion:
-        begin = time.perf_counter()
-        family = check_limits(self.robot.with_payload(payload), limits)
-        self._check_kinds(family)
-        via = (
-            self.via_q
-            if via_q is None
-            else checks.array("via_q", via_q, (None, self.robot.joint_count), "rad")
-        )
-        moving = None if start is None else _start_of(family, start)
-        if moving is not None:
-            via = np.vstack([moving.state.q, via[1:]])
-        via = check_via(family, via, moving=moving is not None)
-        if len(via) != len(self.via_q):
-            raise InputError(
-                f"via_q must have {len(self.via_q)} points, as the solver was made with, "
-                f"not {len(via)}"
-            )
-        slower = self._slower(family)
-        if via_q is None and moving is None:
-            prepared = self._own or self._under_own_limits()
-            solver = self._near(prepared, slower <= NEARNESS.close)
-        else:
-            prepared, solver = None, self._for_any_via()
-        kernels, usual = (
-            (prepared.kernels, prepared.smoothing) if prepared else (self._kernels, SMOOTHING)
-        )
-        # where more digits are asked for the smoothing costs fewer of them
-        smoothing = usual * min(1.0, self._solver_settings.tolerance / PREPARED.tolerance)
-        changes = self._changes(family, via, float(payload), smoothing, moving)
-        near = prepared if slower <= NEARNESS.near_typical else None
-        tried: list[tuple[str, Solution]] = []
-        for name, first in self._starts(family, via, near, moving is not None):
-            solution = _solved_near(solver, first, changes)
-            tried.append((name, solution))
-            led_there = not isinstance(first, Solution) or (
-                abs(solution.duration - first.duration) <= NEARNESS.near * first.duration
-            )
-            if (solution.status.solved and led_there and not search) or deadline.over():
-                break
-        name, best = min(tried, key=lambda pair: (not pair[1].status.solved, pair[1].duration))
-        # what begins moving may have no slower timing of its path
-        allowed = LIMIT_TOLERANCE if moving is None else moving.tolerance
-        solution, excess = self._refined(family, best, changes, kernels, allowed)
-        # an arm with a payload is met once: nothing is compiled for it
-        with interpreted() if payload else nullcontext():
-            task = Task.through(family, via)
-            motion = self._motion(
-                task, solution, excess, tried, name, payload, begin, smoothing, moving
-            )
-        return with_drives_noted(family.robot, motion)
 
     def _slower(self, family: LimitFamily) -> float:
         """Return the share by which the typical durations differ from those under the robot's own
@@ -459,25 +425,38 @@ class TimeOptimalSolver:
     # Threads that come first at the same time make the same, each for itself, and any of it stays:
     # so none waits for the work of another beyond its own time.
 
-    def _near(self, prepared: _Prepared, close: bool) -> ParametricSolver:
-        """Return a solver on the mesh of the motion under the robot's own limits, made once."""
-        if close in self._solvers:
-            return self._solvers[close]
-        reference, settings = prepared.reference, self._solver_settings
-        if not close:
-            settings = replace(settings, options=FAR.options)
-        solver = self._on(
-            prepared.kernels, [phase.mesh for phase in reference.phases], reference, settings
-        )
-        solver.scale_cost(reference)
+    def _solver(self, prepared: _Prepared | None, close: bool) -> ParametricSolver:
+        """Return the solver on the mesh of the motion under the robot's own limits, made once; on
+        an even one for any via points.
+
+        Its cost is scaled at that motion, or at the solver's own via points.
+        """
+        key = close if prepared else None
+        if key in self._solvers:
+            return self._solvers[key]
+        settings = self._solver_settings
+        if prepared is None:
+            mesh = [int(self._settings.mesh or SEARCH.full_mesh)] * len(self._phases)
+            solver = ParametricSolver(self._kernels, mesh, settings)
+            own = MotionProblem.through(LimitFamily.of(self.robot), self.via_q, self._settings)
+            start = own.drawn(0)
+            assert start is not None
+            first = start.guesses
+        else:
+            first = prepared.reference
+            settings = settings if close else replace(settings, options=FAR)
+            meshes = [phase.mesh for phase in first.phases]
+            kernels = self._fitted(prepared.kernels, meshes, first)
+            solver = ParametricSolver(kernels, meshes, settings)
+        solver.scale_cost(first)
         if not deadline.over():
-            self._solvers[close] = solver
+            self._solvers[key] = solver
         return solver
 
     def _under_own_limits(self) -> _Prepared:
         family = LimitFamily.of(self.robot)
         problem = MotionProblem.through(family, self.via_q, self._settings, given=self._kernels)
-        search = search_of(problem, self._settings, quiet)
+        search = search_of(problem, quiet)
         # as near the optimum as every later solve: to the barrier parameter that it starts with
         settings = replace(search.refiner.settings, gap=np.inf)
         search = replace(search, refiner=replace(search.refiner, settings=settings))
@@ -488,75 +467,53 @@ class TimeOptimalSolver:
             self._own = prepared
         return prepared
 
-    def _for_any_via(self) -> ParametricSolver:
-        """Return the solver on an even mesh, its cost scaled at the solver's own via points."""
-        if self._anywhere is None:
-            mesh = [int(self._settings.mesh or SEARCH.full_mesh)] * len(self._phases)
-            solver = ParametricSolver(self._kernels, mesh, self._solver_settings)
-            family = LimitFamily.of(self.robot)
-            guesses = initial_guesses(family, self.via_q, self._phases, 1, self._settings.seed)
-            solver.scale_cost(next(guesses).guesses)
-            self._anywhere = solver
-        return self._anywhere
-
     def _starts(
-        self, family: LimitFamily, via: FloatArray, near: _Prepared | None, moving: bool
+        self, problem: MotionProblem, near: _Prepared | None, moving: bool
     ) -> Iterator[tuple[str, Solution | Mapping[str, Guess]]]:
         if near is not None and near.reference.status.solved:
             yield "prepared", near.reference
-        task = via, self._phases, self._settings.starts, self._settings.seed
-        for start in initial_guesses(family, *task, moving=moving):
+        count, seed = self._settings.starts, self._settings.seed
+        task = problem.family, problem.via, self._phases, count, seed
+        for start in initial_guesses(*task, moving=moving):
             yield start.name, start.guesses
 
-    def _on(
-        self,
-        kernels: Transcription,
-        meshes: Sequence[FloatArray],
-        near: Solution,
-        settings: SolverSettings | None = None,
-    ) -> ParametricSolver:
+    def _fitted(
+        self, kernels: Transcription, meshes: Sequence[FloatArray], near: Solution
+    ) -> Transcription:
         dry = dry_friction(self.robot) > 0.0
-        kernels = with_windows(dry, kernels, meshes, near) if dry.any() else kernels
-        return ParametricSolver(kernels, meshes, settings or self._solver_settings)
+        return with_windows(dry, kernels, meshes, near) if dry.any() else kernels
 
     def _refined(
         self,
-        family: LimitFamily,
+        problem: MotionProblem,
         solution: Solution,
         changes: dict[str, Any],
         kernels: Transcription,
         allowed: float,
-    ) -> tuple[Solution, list[FloatArray]]:
-        """Split intervals inside which a limit is exceeded; keep what is no worse.
-
-        With the excess of limits along every interval.
-        """
-        excess = excess_between(family, solution)
+    ) -> Solution:
+        """Split intervals inside which a limit is exceeded; keep what is no worse."""
         for _ in range(self._rounds if solution.status.solved else 0):
-            if max(float(e.max()) for e in excess) <= allowed or deadline.over():
+            excess = problem.excess(solution)
+            if largest(excess) <= allowed or deadline.over():
                 break
-            pairs = zip(solution.phases, excess, strict=True)
-            meshes = [split(phase.mesh, e > allowed) for phase, e in pairs]
-            finer = self._on(kernels, meshes, solution).solve(guess=solution, **changes)
-            between = excess_between(family, finer)
+            rows = zip(solution.phases, excess, strict=True)
+            meshes = [split(phase.mesh, e > allowed) for phase, e in rows]
+            fitted = self._fitted(kernels, meshes, solution)
+            solver = ParametricSolver(fitted, meshes, self._solver_settings)
+            finer = solver.solve(guess=solution, **changes)
             # what exceeds limits is faster for that: cost decides where the finer exceeds no less
-            better = largest(between) < largest(excess)
+            better = largest(problem.excess(finer)) < largest(excess)
             if not finer.status.solved or not (better or finer.cost <= solution.cost * (1 + WORSE)):
                 break
-            solution, excess = finer, between
-        return solution, excess
+            solution = finer
+        return solution
 
     def _changes(
-        self,
-        family: LimitFamily,
-        via: FloatArray,
-        payload: float,
-        smoothing: float,
-        moving: _Start | None,
+        self, problem: MotionProblem, payload: float, smoothing: float, moving: _Start | None
     ) -> dict[str, Any]:
         numbers = {"payload": payload, JERK_WEIGHT: smoothing}
-        size = TaskScale.of(family, via)
-        family = with_locked_joints_held(family)
+        size, via = problem.scale, problem.via
+        family = with_locked_joints_held(problem.family)
         declared = {c.name for c in self._kernels.problem.phases[0].constraints}
         pairs = {key: family.robot.limits.bounds(key) for key in OF_VARIABLES}
         for member in family:
@@ -573,28 +530,21 @@ class TimeOptimalSolver:
         initial[first] = {"q": via[0]}
         bounds = dict.fromkeys(self._phases, pairs)
         if moving is not None:
-            widened = {
-                key if key in OF_VARIABLES else family[key].name: pair
-                for key, pair in moving.bounds.items()
-                if key in OF_VARIABLES or family[key].name in declared
-            }
-            bounds[first] = pairs | widened
+            names = {key: key if key in OF_VARIABLES else family[key].name for key in moving.bounds}
+            widened = {names[key]: pair for key, pair in moving.bounds.items()}
+            bounds[first] = pairs | {name: widened[name] for name in pairs if name in widened}
             initial[first]["qd"] = moving.state.qd[0]
             if family.jerk_matters:
                 qdd = moving.state.qdd[0]
                 slack = free if moving.acceleration_given else np.inf
                 initial[first]["qdd"] = (qdd - slack, qdd + slack)
+        durations = zip(size.shortest.tolist(), size.longest.tolist(), strict=True)
         return {
             "initial": initial,
             "final": {self._phases[-1]: at(via[-1])},
             "bounds": bounds,
             "parameters": dict.fromkeys(self._phases, numbers),
-            "durations": {
-                phase: (float(shortest), float(longest))
-                for phase, shortest, longest in zip(
-                    self._phases, size.shortest, size.longest, strict=True
-                )
-            },
+            "durations": dict(zip(self._phases, durations, strict=True)),
         }
 
     def _check_kinds(self, family: LimitFamily) -> None:
@@ -626,81 +576,32 @@ class TimeOptimalSolver:
                         "solver was made with: only its numbers may change"
                     )
 
-    def _motion(
-        self,
-        task: Task,
-        solution: Solution,
-        excess: list[FloatArray],
-        tried: list[tuple[str, Solution]],
-        start: str,
-        payload: float,
-        begin: float,
-        smoothing: float,
-        moving: _Start | None,
-    ) -> Motion:
-        family = task.family
-        tolerance = moving.tolerance if moving else TimeOptimalSettings.limit_tolerance
-        outcome, worst = verdict(family, solution, excess, tolerance), largest(excess)
-        slowed = None
-        if outcome.status is Status.LIMITS_EXCEEDED:
-            shape, fast = polynomial(solution), compiles(self._settings.compiled)
-            under_way = moving is not None and bool(moving.state.qd.any())
-            times = via_times(solution)
-            slowed = within_limits(family, shape, times, tolerance, fast, moving=under_way)
+    def __getstate__(self) -> dict[str, Any]:
+        own = self._own
+        plain = own and (plain_of(own.reference, own.kernels.problem.phases), own.smoothing)
+        return vars(self) | {"_own": plain, "_kernels": None, "_solvers": {}}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self._kernels = self._transcribed()
+        if state["_own"] is not None:
+            plain, smoothing = state["_own"]
+            self._own = _Prepared(*from_plain(self._kernels, plain), smoothing)
+
+
+def _within_limits(
+    problem: MotionProblem, solution: Solution, moving: _Start | None
+) -> tuple[Motion | None, Outcome, float]:
+    """Return a motion that is slowed down, where limits ask for that and it is no more than two
+    meshes may differ; how the solve ended with it, and the excess that is left.
+    """
+    family, excess = problem.family, problem.excess(solution)
+    tolerance = moving.tolerance if moving else TimeOptimalSettings.limit_tolerance
+    outcome = verdict(family, solution, excess, tolerance)
+    if outcome.status is Status.LIMITS_EXCEEDED:
+        under_way = moving is not None and bool(moving.state.qd.any())
+        shape, times = polynomial(solution), via_times(solution)
+        slowed = within_limits(family, shape, times, tolerance, problem.fast, moving=under_way)
         if slowed is not None and slowed.duration <= (1.0 + WORSE) * solution.duration:
-            outcome, worst = Outcome.of(Status.SOLVED), largest_excess(family, slowed)
-        else:
-            slowed = None
-        starts = [
-            {
-                "start": name,
-                "status": str(tries.status),
-                "duration": tries.duration,
-                "iterations": sum(a.iterations for a in tries.attempts),
-            }
-            for name, tries in tried
-        ]
-        motion = motion_of(
-            task,
-            phase_shapes(solution),
-            provenance_of(
-                "free time-optimal motion, solved again with other numbers",
-                family,
-                solution,
-                worst,
-                time.perf_counter() - begin,
-                smoothing,
-                start=start,
-                starts=starts,
-                payload=float(payload),
-            ),
-        )
-        if slowed is None:
-            return motion.ended(outcome)
-        slowed = replace(slowed, provenance=motion.provenance, remark="slowed down at limits")
-        return slowed.ended(outcome)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        if self._own is None:
-            return _restored, (self._given, None)
-        reference, kernels, smoothing = self._own
-        meshes = [phase.mesh for phase in reference.phases]
-        parameters = {
-            phase.name: {p.name: p.value for p in phase.parameters}
-            for phase in kernels.problem.phases
-        }
-        plain = replace(reference, phases=())
-        return _restored, (self._given, (plain, meshes, parameters, smoothing))
-
-
-def _restored(given: tuple[Any, ...], prepared: tuple[Any, ...] | None) -> TimeOptimalSolver:
-    names = ("robot", "via_q", "mesh", "starts", "rounds", "compiled", "seed", "tolerance")
-    solver = TimeOptimalSolver(**dict(zip(names, given, strict=True)))
-    if prepared is not None:
-        plain, meshes, parameters, smoothing = prepared
-        kernels = solver._kernels
-        if any(parameters.values()):
-            kernels = kernels.with_parameters(parameters)
-        phases = unpack(kernels.layouts(meshes), plain.variables)
-        solver._own = _Prepared(replace(plain, phases=phases), kernels, smoothing)
-    return solver
+            return slowed, Outcome.of(Status.SOLVED), largest_excess(family, slowed)
+    return None, outcome, largest(excess)

@@ -6,8 +6,9 @@ motions may be slowed down until they keep all limits.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -25,10 +26,12 @@ from microbot_ocp.planning.free import (
     Slowed,
     excess_along,
     excess_between,
+    guess_along,
     guesses_along,
     initial_guesses,
     known_ways,
     phase_names,
+    phase_shapes,
     polynomial,
     transcription,
     via_times,
@@ -37,7 +40,6 @@ from microbot_ocp.planning.free import (
 from microbot_ocp.planning.search._branches import Way, straight_way
 from microbot_ocp.planning.search._settings import SEARCH, TimeOptimalSettings
 from microbot_ocp.planning.search._stop_motion import motion_of
-from microbot_ocp.planning.search._way_guesses import guess_along
 from microbot_ocp.planning.task import Conditions, Task, TaskScale, with_locked_joints_held
 from microbot_ocp.robot import Robot
 
@@ -50,17 +52,15 @@ class TrialStart:
     ----------
     guess : InitialGuess
     solver : str or tuple of str
-    most_iterations : int, optional
-    way : Way, optional
+    way : Way
         Whose poses at the stops it has.
-    options : of the solvers, in the place of the usual ones
+    settings : of the solvers, by name, in the place of the usual ones
     """
 
     guess: InitialGuess
     solver: str | tuple[str, ...]
-    most_iterations: int | None = None
-    way: Way | None = None
-    options: Mapping[str, Any] | None = None
+    way: Way
+    settings: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,21 +160,15 @@ class MotionProblem:
 
     def drawn(self, index: int) -> InitialGuess | None:
         """Return the initial guess of a number, of those drawn at random; None after the last."""
-        while len(self._drawn) <= index:
-            guess = next(self._drawing, None)
-            if guess is None:
-                return None
-            self._drawn.append(guess)
-        return self._drawn[index]
+        known, further = self._drawn
+        known.extend(itertools.islice(further, max(index + 1 - len(known), 0)))
+        return known[index] if index < len(known) else None
 
     @cached_property
-    def _drawn(self) -> list[InitialGuess]:
-        return []
-
-    @cached_property
-    def _drawing(self) -> Iterator[InitialGuess]:
+    def _drawn(self) -> tuple[list[InitialGuess], Iterator[InitialGuess]]:
+        """Those that were asked for, and the others."""
         most, seed = max(self.settings.starts, self.settings.tries), self.settings.seed
-        return initial_guesses(self.family, self.via, self.names, most, seed)
+        return [], initial_guesses(self.family, self.via, self.names, most, seed)
 
     def guesses(self, solution: Solution, slower: float = 1.0) -> dict[str, Guess]:
         """Return a guess for every phase from a solution, slowed down evenly by a factor."""
@@ -249,11 +243,9 @@ class MotionProblem:
 
     def slowed(self, solution: Solution) -> Motion | None:
         """Return a solution slowed down until it keeps the limits; None where it is none."""
-        if not self.is_free:
-            return None
-        if solution not in self._slowed:
+        if self.is_free and solution not in self._slowed:
             self._slowed[solution] = self._slowed_anew(solution)
-        return self._slowed[solution]
+        return self.slowed_before(solution)
 
     def slowed_before(self, solution: Solution) -> Motion | None:
         """Return the same where it was asked for before."""
@@ -271,8 +263,3 @@ class MotionProblem:
         if not jump <= SEARCH.missed * np.abs(velocity(shape.breaks)).max():
             return None  # where a solve was stopped
         return within_limits(self.family, shape, times, self.settings.limit_tolerance, self.fast)
-
-
-def phase_shapes(solution: Solution) -> list[PiecewisePolynomial]:
-    """Return the polynomial of every phase, from time 0 each."""
-    return [polynomial(replace(solution, phases=(phase,))) for phase in solution.phases]

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,16 +19,31 @@ from microbot_ocp._base.status import Status
 from microbot_ocp.motion import Motion
 from microbot_ocp.ocp import Solution
 from microbot_ocp.ocp.refinement import WORSE
-from microbot_ocp.planning.free import Slowed, in_arcs, judged, largest_excess
-from microbot_ocp.planning.search._least_effort import LeastEffort, least_effort
+from microbot_ocp.ocp.transcription import Guess
+from microbot_ocp.planning.free import (
+    BUDGET,
+    Slowed,
+    effort_scale,
+    in_arcs,
+    judged,
+    largest_excess,
+    via_times,
+)
+from microbot_ocp.planning.search._branches import Way
 from microbot_ocp.planning.search._problem import MotionProblem
-from microbot_ocp.planning.search._ranking import is_enough, rank, settled
-from microbot_ocp.planning.search._search import MotionAnswer, MotionSearch, SearchState, ledger_of
-from microbot_ocp.planning.search._settings import SEARCH, STOPS, sparing
-from microbot_ocp.planning.search._starts import least_of_slower
-from microbot_ocp.planning.search._strategies import STRATEGIES, best_of, sample
+from microbot_ocp.planning.search._search import (
+    MotionAnswer,
+    MotionSearch,
+    SearchState,
+    is_enough,
+    ledger_of,
+    rank,
+    settled,
+)
+from microbot_ocp.planning.search._settings import SEARCH, sparing
+from microbot_ocp.planning.search._starts import least_of_slower, sample
+from microbot_ocp.planning.search._strategies import STRATEGIES, best_of
 from microbot_ocp.planning.task import (
-    largest,
     provenance_of,
     rates_at_reversals,
     verdict,
@@ -41,6 +58,41 @@ def returned(made_from: str) -> Advice:
     """Return advice on a motion that is returned in the place of a solution."""
     sentence = f"Returned is {made_from}: it keeps every limit, but others may be faster."
     return Advice("returned", sentence, made_from)
+
+
+@dataclass(frozen=True, eq=False)
+class LeastEffort:
+    """What less effort than that of the fastest motion came to.
+
+    Attributes
+    ----------
+    answer : the motion of least effort; the fastest where none was solved
+    slack : share of the duration that was allowed
+    fastest : duration of the fastest, s
+    effort, effort_of_the_fastest : time integral of the squared relative torques, s
+    status : of the solve
+    """
+
+    answer: MotionAnswer
+    slack: float
+    fastest: float
+    effort: float
+    effort_of_the_fastest: float
+    status: str
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values for the provenance."""
+        return {key: value for key, value in vars(self).items() if key != "answer"}
+
+    @property
+    def remark(self) -> str:
+        """What it saves, for a remark."""
+        duration = self.answer.solution.duration
+        if duration == self.fastest:
+            return f"; no motion of less effort was found ({self.status})"
+        saved = 1.0 - self.effort / self.effort_of_the_fastest
+        slower = duration / self.fastest - 1.0
+        return f"; {100 * slower:.3g} % slower than the fastest for {100 * saved:.3g} % less effort"
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +142,7 @@ def fastest(
         slack = search.settings.slack if slack is None else slack
         if duration is not None:
             slack = (duration - shortest) / answer.solution.duration if answer.solved else 0.0
-            slack = min(slack, STOPS.slowest)
+            slack = min(slack, SEARCH.slowest)
         if slack > 0.0 and rank(search, answer.solution)[0] is False and not search.over:
             calmer = least_effort(search, answer, slack)
             state, answer = state.and_(calmer.answer), calmer.answer
@@ -106,7 +158,12 @@ def motion_from(best: Fastest) -> Motion:
     if solution.status is not Status.INTERRUPTED and best.duration is None:
         motion = _within_limits(best, motion)
     if problem.is_free and motion.solved and not settled(sample(best.state), search.settings):
-        motion = _unsettled(motion)
+        advice = (
+            f"Of {len(motion.provenance['starts'])} starts nearly every one led to another "
+            "optimum, so that others may well be faster: allow more tries, or take another seed."
+        )
+        outcome = Outcome.of(Status.LOCAL_OPTIMUM, advice)
+        motion = motion.ended(replace(outcome, ledger=motion.outcome.ledger))
     if not search.settings.switching_times or not motion.solved:
         return motion
     held: Any = with_locked_joints_held(problem.family).robot
@@ -119,16 +176,15 @@ def motion_of_answer(best: Fastest) -> Motion:
     """Return the best answer as a motion, with the whole search in its provenance."""
     search, state, solution = best.search, best.state, best.answer.solution
     problem, excess = search.problem, search.problem.excess(solution)
-    outcome, least = (
-        verdict(problem.family, solution, excess, search.settings.limit_tolerance).and_(
-            *problem.scale.active_bounds([p.duration for p in solution.phases]),
-            *rates_at_reversals(problem.family, solution),
-        ),
-        {},
+    outcome = verdict(problem.family, solution, excess, search.settings.limit_tolerance).and_(
+        *problem.scale.active_bounds([p.duration for p in solution.phases]),
+        *rates_at_reversals(problem.family, solution),
     )
+    more: dict[str, Any] = {"least_effort": best.calmer.as_dict()} if best.calmer else {}
     relaxed = next((a.relaxed for a in state.answers if a.relaxed is not None), None)
     if relaxed is not None and not (solution.status.solved or deadline.over()):
         outcome, least = judged(relaxed, problem.family, outcome)
+        more |= least
     if outcome.solved and best.late:
         advice = (
             f"The task cannot be done in {best.duration:g} s: the fastest motion that was "
@@ -138,19 +194,19 @@ def motion_of_answer(best: Fastest) -> Motion:
     outcome = replace(outcome, ledger=ledger_of(state, best.answer))
     starts = starts_of(state, problem.rested)
     optima = sorted({round(s["duration"], 3) for s in starts if s["status"] == "solved"})
-    method, through = "free time-optimal motion, multiple shooting on the inverse dynamics", {}
+    method = "free time-optimal motion, multiple shooting on the inverse dynamics"
     remark = _remark(len(problem.via), len(starts), optima)
     if not problem.task.is_plain:
         method = "time-optimal motion through stops"
-        through["branches"] = branches_of(problem, state, solution)
-        through["segments"] = [type(k).__name__ if k else "free" for k in problem.task.segments]
+        more["branches"] = branches_of(problem, state, solution)
+        more["segments"] = [type(k).__name__ if k else "free" for k in problem.task.segments]
         # among obstacles other ways have searches of their own
-        remark = "" if problem.timed_path else remark_of_branches(through["branches"])
+        remark = "" if problem.timed_path else remark_of_branches(more["branches"])
     provenance = provenance_of(
         method,
         problem.family,
         solution,
-        largest(excess),
+        search.worst(solution),
         best.wall_time + search.kernel_time,
         best.answer.smoothing,
         smoothing_cost=best.smoothing_cost,
@@ -158,9 +214,7 @@ def motion_of_answer(best: Fastest) -> Motion:
         starts=starts,
         solves=[solve for answer in state.answers for solve in answer.solves],
         kernel_time=search.kernel_time,
-        **({"least_effort": best.calmer.as_dict()} if best.calmer else {}),
-        **least,
-        **through,
+        **more,
     )
     motion = problem.motion(solution, provenance)
     return replace(motion, remark=remark + _further_remarks(best), outcome=outcome)
@@ -195,7 +249,7 @@ def _within_limits(best: Fastest, motion: Motion) -> Motion:
     """
     search, solution = best.search, best.answer.solution
     problem = search.problem
-    fast_enough = motion.solved and not is_enough(problem, search.settings, solution)
+    fast_enough = motion.solved and not is_enough(problem, solution)
     # not even time may be left to slow it down
     if not fast_enough and (problem.way is None or not deadline.over()):
         problem.slowed(solution)
@@ -203,7 +257,8 @@ def _within_limits(best: Fastest, motion: Motion) -> Motion:
     for answer in (*best.state.answers, best.answer):
         slowed = problem.slowed_before(answer.solution)
         if slowed is not None:
-            slower.append(Slowed(slowed, _name(answer.solution is solution)))
+            origin = "the motion found" if answer.solution is solution else "a coarser motion"
+            slower.append(Slowed(slowed, f"{origin}, slowed down at limits"))
     if not fast_enough and not slower and problem.fallback:
         slower = [problem.fallback]
     if not slower:
@@ -232,21 +287,6 @@ def _within_limits(best: Fastest, motion: Motion) -> Motion:
     )
 
 
-def _name(is_answer: bool) -> str:
-    origin = "the motion found" if is_answer else "a coarser motion"
-    return f"{origin}, slowed down at limits"
-
-
-def _unsettled(motion: Motion) -> Motion:
-    """Give the motion, which is not the fastest where further starts would lead to better ones."""
-    advice = (
-        f"Of {len(motion.provenance['starts'])} starts nearly every one led to another optimum, so "
-        "that others may well be faster: allow more tries, or take another seed."
-    )
-    outcome = Outcome.of(Status.LOCAL_OPTIMUM, advice)
-    return motion.ended(replace(outcome, ledger=motion.outcome.ledger))
-
-
 def _remark(via_count: int, start_count: int, optima: Sequence[float]) -> str:
     durations = ", ".join(f"{duration:.3f}" for duration in optima)
     passed = {2: "", 3: "via point passed at any velocity; "}
@@ -267,29 +307,37 @@ def branches_of(
     for answer in state.of("start", "timed path"):
         way, coarse = answer.way, answer.solution
         assert way is not None
-        entry = {
-            "branches": list(way.branches),
-            "q": way.via.tolist(),
-            "duration": coarse.duration + problem.rested if answer.solved else None,
-            "status": str(coarse.status),
-            "taken": False,
-            "apart": float(np.abs(_poses(coarse) - via).max()),
-        }
-        before = best.get(way.name)
-        longest = np.inf
-        if before is None or (before["duration"] or longest) > (entry["duration"] or longest):
-            best[way.name] = entry
-    rows = sorted(best.values(), key=lambda e: e.pop("apart"))
+        duration = coarse.duration + problem.rested if answer.solved else None
+        apart = float(np.abs(_poses(coarse) - via).max())
+        keep_faster(best, way, row_of_way(way, duration, str(coarse.status), apart=apart))
+    rows = sorted(best.values(), key=lambda row: row.pop("apart"))
     rows[0]["taken"] = True
-    rows = [rows[0], *sorted(rows[1:], key=lambda e: e["duration"] or np.inf)]
+    rows.sort(key=taken_first)
     for way in problem.ways:
         least = least_of_slower(problem, state, way)
         if way.name not in best and least is not None:
-            entry = {"branches": list(way.branches), "q": way.via.tolist(), "duration": None}
-            rows.append(
-                entry | {"status": LEFT_OUT, "taken": False, "at_least": least + problem.rested}
-            )
+            rows.append(row_of_way(way, None, LEFT_OUT, at_least=least + problem.rested))
     return rows
+
+
+def row_of_way(
+    way: Way, duration: float | None, status: str, taken: bool = False, **more: float
+) -> dict[str, Any]:
+    """Return what a way through the branches took, s, where it led to a motion."""
+    row = {"branches": list(way.branches), "q": way.via.tolist(), "duration": duration}
+    return row | {"status": status, "taken": taken, **more}
+
+
+def keep_faster(rows: dict[str, dict[str, Any]], way: Way, row: dict[str, Any]) -> None:
+    """Keep the row of a way, unless there is one that is as fast."""
+    before = rows.get(way.name)
+    if before is None or (before["duration"] or np.inf) > (row["duration"] or np.inf):
+        rows[way.name] = row
+
+
+def taken_first(row: dict[str, Any]) -> tuple[bool, float]:
+    """Return what rows of ways are sorted by: the fastest follow the one that is taken."""
+    return not row["taken"], row["duration"] or np.inf
 
 
 def remark_of_branches(branches: Sequence[dict[str, Any]]) -> str:
@@ -315,3 +363,60 @@ def _poses(solution: Solution) -> FloatArray:
     """Return joint poses [m,n] at the stops."""
     ends = [phase["q"][-1] for phase in solution.phases]
     return np.array([solution.phases[0]["q"][0], *ends])
+
+
+# less effort --------------------------------------------------------------------------------------
+
+
+def least_effort(search: MotionSearch, fastest: MotionAnswer, slack: float) -> LeastEffort:
+    """Give the motion of least effort that takes at most the slack longer; the fastest if none."""
+    problem, solution, slower = search.problem, fastest.solution, 1.0 + slack
+    kernels = problem.kernels(budgeted=True)
+    allowed = {problem.names[-1]: {BUDGET: slower * solution.duration}}
+    kernels, guess = kernels.with_parameters(allowed), partial(_with_clock, search)
+    refiner = replace(fastest.refiner, transcription=kernels, guess_from=guess)
+    refiner = replace(refiner, rough=None, history=[])
+    # what is smooth needs no mesh that was made for jumps
+    meshes: list[Any] = [min(SEARCH.calmer_mesh, phase.mesh.size - 1) for phase in solution.phases]
+    guesses = guess(solution, slower)
+    calmer = refiner.refine(refiner.solve(meshes, guesses, barrier=SEARCH.calmer_barrier))
+    search.progress(f"least effort: {calmer.duration:.6f} s, {calmer.status}")
+    solves = tuple(refiner.history)
+    answer = replace(fastest, strategy="least effort", before=fastest, solves=solves)
+    if rank(search, calmer)[0] is False:
+        answer = replace(answer, solution=calmer, refiner=refiner)
+    efforts = effort_of(search, answer.solution), effort_of(search, solution)
+    return LeastEffort(answer, slack, solution.duration, *efforts, str(calmer.status))
+
+
+def effort_of(search: MotionSearch, solution: Solution) -> float:
+    """Return the time integral of the squared torques (accelerations without masses), each
+    relative, s.
+    """
+    problem = search.problem
+    motion = problem.motion(solution, {})
+    moved = motion.tau if problem.family.robot.has_dynamics else motion.qdd
+    scaled = moved / effort_scale(problem.family, problem.scale.acceleration)
+    return float(np.trapezoid((scaled**2).sum(axis=1), motion.t))
+
+
+def _with_clock(search: MotionSearch, solution: Solution, slower: float = 1.0) -> dict[str, Guess]:
+    """Return guesses from a solution, with the time that has passed, slowed down evenly."""
+    edges, with_clock = itertools.pairwise(slower * via_times(solution)), {}
+    guesses = search.problem.guesses(solution).items()
+    for (name, guess), (start, end) in zip(guesses, edges, strict=True):
+        rates = {
+            key: partial(_slowed, guess.values[key], slower**power)
+            for power, key in enumerate(("q", "qd", "qdd"))
+        }
+        values = {**guess.values, **rates, "clock": partial(_clock, start, end)}
+        with_clock[name] = Guess(float(end - start), values)
+    return with_clock
+
+
+def _slowed(curve: Any, by: float, s: FloatArray) -> FloatArray:
+    return curve(s) / by
+
+
+def _clock(start: float, end: float, s: FloatArray) -> FloatArray:
+    return start + (end - start) * s[:, None]

@@ -2,13 +2,14 @@
 
 A strategy is a row: the answer that it works on next, and what it makes of it. The loop runs the
 first row that has something to work on, until none has; what has come of it is a
-:class:`SearchState`, and the ledger has a row for every strategy.
+:class:`SearchState`, and the ledger has a row for every strategy. Which answer is better, and which
+is enough, is said here, too.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -17,12 +18,14 @@ from microbot_ocp._base import deadline
 from microbot_ocp._base.child_process import Child, Died, OutOfTime, spare_processor
 from microbot_ocp._base.outcome import Ledger, LedgerRow
 from microbot_ocp._base.status import Status
-from microbot_ocp.ocp import Explanation, Solution
+from microbot_ocp.ocp import Explanation, Phase, Solution
 from microbot_ocp.ocp.refinement import Refiner
 from microbot_ocp.ocp.solution import StepProgress, quiet, unpack
+from microbot_ocp.ocp.transcription import Transcription
 from microbot_ocp.planning.search._branches import Way
 from microbot_ocp.planning.search._problem import MotionProblem, TrialStart
-from microbot_ocp.planning.search._settings import TimeOptimalSettings
+from microbot_ocp.planning.search._settings import SEARCH, TimeOptimalSettings
+from microbot_ocp.planning.task import largest
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +34,6 @@ class MotionAnswer:
 
     Attributes
     ----------
-    strategy : name of the strategy
     start : name of the initial guess that it goes back to
     solution : solved or not
     refiner : what refines it further
@@ -41,9 +43,9 @@ class MotionAnswer:
     seconds : wall time that it took
     way : through the stops, that the initial guess goes along
     relaxed : what limits have to give, where that was asked
+    strategy : name of the strategy, which the loop knows
     """
 
-    strategy: str
     start: str
     solution: Solution
     refiner: Refiner
@@ -53,11 +55,20 @@ class MotionAnswer:
     seconds: float = 0.0
     way: Way | None = None
     relaxed: Explanation | None = None
+    strategy: str = ""
 
     @property
     def solved(self) -> bool:
         """Whether it was solved on its mesh."""
         return self.solution.status.solved
+
+    @property
+    def lineage(self) -> Iterator[MotionAnswer]:
+        """This answer, the one that it was made of, and so on to the first."""
+        answer: MotionAnswer | None = self
+        while answer is not None:
+            yield answer
+            answer = answer.before
 
     @property
     def intervals(self) -> int:
@@ -143,7 +154,6 @@ class MotionSearch:
     Attributes
     ----------
     problem : MotionProblem
-    settings : TimeOptimalSettings
     refiner : Refiner
         With the kernels and settings of every solve.
     progress : callable
@@ -152,14 +162,16 @@ class MotionSearch:
     """
 
     problem: MotionProblem
-    settings: TimeOptimalSettings
     refiner: Refiner
     progress: StepProgress
     kernel_time: float = 0.0
     begin: float = field(default_factory=time.perf_counter)
-    memory: dict[tuple[str, int], MotionAnswer] = field(
-        default_factory=dict
-    )  # of what was run early
+    memory: dict[Any, MotionAnswer] = field(default_factory=dict)  # of what was run early
+
+    @property
+    def settings(self) -> TimeOptimalSettings:
+        """How hard to look."""
+        return self.problem.settings
 
     @property
     def over(self) -> bool:
@@ -174,7 +186,7 @@ class MotionSearch:
 
     def worst(self, solution: Solution) -> float:
         """Return the largest relative excess of a limit between mesh points."""
-        return max(float(e.max()) for e in self.problem.excess(solution))
+        return largest(self.problem.excess(solution))
 
     def run(
         self, strategies: Sequence[MotionStrategy], state: SearchState | None = None
@@ -190,8 +202,9 @@ class MotionSearch:
             answer = None if key is None else self.memory.get(key)
             if answer is None:
                 begin = time.perf_counter()
-                answer = strategy.run(self, step)
-                answer = replace(answer, before=step.subject, seconds=time.perf_counter() - begin)
+                made, spent = strategy.run(self, step), time.perf_counter() - begin
+                known = {"before": step.subject, "seconds": spent, "strategy": strategy.name}
+                answer = replace(made, **known)
             if key is not None:
                 self.memory[key] = answer
             state = state.and_(answer)
@@ -230,37 +243,41 @@ class MotionSearch:
             except (OutOfTime, Died):
                 return state
 
-    def _plain(self, state: SearchState, before: SearchState) -> list[Any]:
+    def _plain(self, state: SearchState, before: SearchState) -> list[dict[str, Any]]:
         """Return the new answers of a state as plain data: values without kernels."""
         rows = []
         for answer in state.answers[len(before.answers) :]:
-            solution, subject = answer.solution, answer.before
-            parameters = {
-                phase.name: {p.name: p.value for p in phase.layout.phase.parameters}
-                for phase in solution.phases
-                if phase.layout is not None
-            }
-            meshes = [phase.mesh for phase in solution.phases]
-            values = {
-                **vars(answer),
-                "solution": replace(solution, phases=()),
-                "refiner": None,
-                "before": None if subject is None else state.answers.index(subject),
-            }
-            rows.append((values, meshes, parameters))
+            subject = None if answer.before is None else state.answers.index(answer.before)
+            phases = [phase.layout.phase for phase in answer.solution.phases if phase.layout]
+            solution = plain_of(answer.solution, phases)
+            given = {"solution": solution, "refiner": None, "before": subject}
+            rows.append(vars(answer) | given)
         return rows
 
-    def _with_plain(self, state: SearchState, rows: Sequence[Any]) -> SearchState:
+    def _with_plain(self, state: SearchState, rows: Sequence[dict[str, Any]]) -> SearchState:
         """Return the state with answers of another process."""
-        for values, meshes, parameters in rows:
-            kernels, before = self.refiner.transcription, values["before"]
-            if any(parameters.values()):
-                kernels = kernels.with_parameters(parameters)
-            phases = unpack(kernels.layouts(meshes), values["solution"].variables)
-            values["solution"] = replace(values["solution"], phases=phases)
-            values["before"] = None if before is None else state.answers[before]
-            state = state.and_(MotionAnswer(**{**values, "refiner": self.refiner}))
+        for row in rows:
+            solution, _ = from_plain(self.refiner.transcription, row["solution"])
+            before = None if row["before"] is None else state.answers[row["before"]]
+            again = {"solution": solution, "refiner": self.refiner, "before": before}
+            state = state.and_(MotionAnswer(**(row | again)))
         return state
+
+
+def plain_of(solution: Solution, phases: Iterable[Phase]) -> tuple[Any, ...]:
+    """Return a solution as plain data, without the kernels of these phases."""
+    parameters = {phase.name: {p.name: p.value for p in phase.parameters} for phase in phases}
+    meshes = [phase.mesh for phase in solution.phases]
+    return replace(solution, phases=()), meshes, parameters
+
+
+def from_plain(kernels: Transcription, plain: tuple[Any, ...]) -> tuple[Solution, Transcription]:
+    """Return the solution again, and the kernels with the values that their parameters had."""
+    solution, meshes, parameters = plain
+    if any(parameters.values()):
+        kernels = kernels.with_parameters(parameters)
+    phases = unpack(kernels.layouts(meshes), solution.variables)
+    return replace(solution, phases=phases), kernels
 
 
 def _first(
@@ -278,24 +295,63 @@ def _first(
 
 def ledger_of(state: SearchState, last: MotionAnswer) -> Ledger:
     """Return what every strategy did, and which of them the answer comes from."""
-    lineage, answer = set[int](), last
-    while answer is not None:
-        lineage.add(id(answer))
-        answer = answer.before
-    rows = []
-    best = None
+    lineage = set(map(id, last.lineage))
+    rows, best = [], None
     for answer in state.answers:
         cost = answer.solution.duration if answer.solved else best
-        rows.append(
-            LedgerRow(
-                answer.strategy,
-                1,
-                id(answer) in lineage,
-                best,
-                cost,
-                sum(a["iterations"] for solve in answer.solves for a in solve["attempts"]),
-                answer.seconds,
-            )
-        )
+        iterations = sum(a["iterations"] for solve in answer.solves for a in solve["attempts"])
+        known = id(answer) in lineage, best, cost, iterations, answer.seconds
+        rows.append(LedgerRow(answer.strategy, 1, *known))
         best = min((c for c in (best, cost) if c is not None), default=None)
     return Ledger.of(rows)
+
+
+# what answers are worth -----------------------------------------------------------------------
+
+
+def is_enough(problem: MotionProblem, solution: Solution) -> bool:
+    """Return whether a motion on a large mesh is slowed down, by next to nothing, not refined."""
+    size = sum(phase.mesh.size - 1 for phase in solution.phases) * problem.family.robot.joint_count
+    if size < SEARCH.large or not solution.status.solved or problem.settings.slack:
+        return False
+    if largest(problem.excess(solution)) <= problem.settings.limit_tolerance:
+        return False
+    slower = problem.slowed(solution)
+    return slower is not None and slower.duration <= (1.0 + SEARCH.enough) * solution.duration
+
+
+def rank(search: MotionSearch, solution: Solution) -> tuple[bool, float]:
+    """Return what keeps its limits first, then what is faster."""
+    valid = solution.status.solved and (
+        search.worst(solution) <= search.settings.limit_tolerance
+        or (search.problem.is_free and is_enough(search.problem, solution))
+    )
+    return not valid, solution.duration
+
+
+def by_promise(answers: Sequence[MotionAnswer]) -> list[MotionAnswer]:
+    """Give the different optima among coarse answers, the fastest first; of the same the first."""
+    different = list[MotionAnswer]()
+    for coarse in answers:
+        if coarse.solved and not any(
+            abs(coarse.solution.duration - other.solution.duration)
+            <= SEARCH.same * other.solution.duration
+            for other in different
+        ):
+            different.append(coarse)
+    return sorted(different, key=lambda coarse: coarse.solution.duration)
+
+
+def settled(answers: Sequence[MotionAnswer], settings: TimeOptimalSettings) -> bool:
+    """Return whether another start would more likely than not lead to what has been seen before.
+
+    After w different outcomes of N starts it leads to a new one with the probability
+    w (w + 1) / (N (N - 1)) (Boender and Rinnooy Kan, Math. Programming 37, 1987, 59-80). What was
+    carried on from a coarser mesh is an outcome, but no start.
+    """
+    solved, count = sum(answer.solved for answer in answers), len(answers)
+    if solved == 0 or settings.starts == 1:  # of a single start nothing is asked
+        return solved > 0
+    different = len(by_promise(answers)) + (solved < count)
+    count = sum(answer.before is None for answer in answers)
+    return 2 * different * (different + 1) <= count * (count - 1)

@@ -82,6 +82,15 @@ class SearchSettings:
     less_smoothing_barrier : barrier parameter of that solve
     smoother_iterations : of each of these solves
     smoother_barrier : barrier parameter of the first of them
+    slowest : times the shortest duration: no longer time is given for less effort
+    most_iterations : of a start through stops on the coarse mesh
+    bows : further guesses from the best way through stops
+    spare : a way is left out whose poses are so many times the best duration apart at the
+        highest velocities, where the arm has joints or tolerances to spare: its poses might
+        move. Without, it is never better
+    slowed : times the duration of a first guess, until it keeps its limits
+    most_slowed : times that it is slowed down
+    timed : intervals of the timing of a first guess
     """
 
     explore_mesh: int = 20
@@ -126,28 +135,6 @@ class SearchSettings:
     less_smoothing_barrier: float = 1e-6
     smoother_iterations: int = 200
     smoother_barrier: float = 1e-2
-
-
-SEARCH = SearchSettings()
-
-
-@dataclass(frozen=True)
-class StopSearchSettings:
-    """Settings of the search through stops.
-
-    Attributes
-    ----------
-    slowest : times the shortest duration: no longer time is given for less effort
-    most_iterations : of a start on the coarse mesh
-    bows : further guesses from the best way
-    spare : a way is left out whose poses are so many times the best duration apart at the
-        highest velocities, where the arm has joints or tolerances to spare: its poses might
-        move. Without, it is never better
-    slowed : times the duration of a first guess, until it keeps its limits
-    most_slowed : times that it is slowed down
-    timed : intervals of the timing of a first guess
-    """
-
     slowest: float = 20.0
     most_iterations: int = 300
     bows: int = 2
@@ -157,7 +144,7 @@ class StopSearchSettings:
     timed: int = 100
 
 
-STOPS = StopSearchSettings()
+SEARCH = SearchSettings()
 
 
 @dataclass(frozen=True)

@@ -1,28 +1,244 @@
-"""The next initial guess of a search: drawn at random, or along a way through the stops."""
+"""Coarse answers of a search: what it starts from, and what that leads to on a coarse mesh.
+
+Starts are drawn at random, or go along ways through the stops, every segment from rest to rest with
+its best timing. Where none leads anywhere there are a known way and a relaxed problem; among
+obstacles the only start is a timed path.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import contextlib
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from statistics import median
-from typing import TYPE_CHECKING
 
-from microbot_ocp.planning.free import InitialGuess, initial_guesses
+import numpy as np
+
+from microbot_ocp._base.checks import InputError
+from microbot_ocp.limits import LimitFamily, MotionSamples
+from microbot_ocp.motion import PiecewisePolynomial, pieces_of
+from microbot_ocp.ocp import Solution
+from microbot_ocp.ocp.refinement import Refiner
+from microbot_ocp.planning.free import (
+    SMOOTHING,
+    InitialGuess,
+    accelerations_jump,
+    guess_along,
+    guesses_from,
+    initial_guesses,
+    least_violation,
+    limited_rates,
+)
+from microbot_ocp.planning.path import time_path
 from microbot_ocp.planning.search._branches import Way, few_poses, least_time
 from microbot_ocp.planning.search._problem import MotionProblem, TrialStart
-from microbot_ocp.planning.search._settings import SEARCH, STOPS
-from microbot_ocp.planning.search._way_guesses import rest_to_rest
-from microbot_ocp.planning.task import LDL
+from microbot_ocp.planning.search._search import (
+    MotionAnswer,
+    MotionSearch,
+    MotionStrategy,
+    NextStep,
+    SearchState,
+    by_promise,
+    settled,
+)
+from microbot_ocp.planning.search._settings import SEARCH
+from microbot_ocp.planning.task import LDL, Task, TaskScale, rounded
+from microbot_ocp.robot import Robot
+from microbot_ocp.trajectories import spline
 
-if TYPE_CHECKING:
-    from microbot_ocp.planning.search._search import SearchState
+
+def explore_mesh(search: MotionSearch) -> int:
+    """Return intervals a phase of the first look."""
+    fewest = max(SEARCH.explore_sum // len(search.problem.names), SEARCH.least_explore_mesh)
+    return min(full_mesh(search), search.problem.finer * min(fewest, SEARCH.explore_mesh))
 
 
-def next_trial(problem: MotionProblem, state: SearchState) -> TrialStart | None:
-    """Return the next initial guess, with its solver; None where there are no more."""
-    if problem.is_free and not problem.briefly:
-        return _next_drawn(problem, state)
-    return _next_through_ways(problem, state)
+def full_mesh(search: MotionSearch) -> int:
+    """Return intervals a phase of the first full mesh."""
+    if search.settings.mesh is not None:
+        return search.settings.mesh
+    family = search.problem.family
+    switching = accelerations_jump(family) or limited_rates(family)
+    most = SEARCH.full_mesh if switching else SEARCH.full_mesh_even
+    return max(min(most, SEARCH.full_mesh_sum // len(search.problem.names)), SEARCH.least_mesh)
+
+
+def coarse(search: MotionSearch) -> Refiner:
+    """Return how coarse answers are solved for: with dry friction rounded off."""
+    refiner = replace(search.refiner, history=[])
+    if refiner.fitted is None:
+        return refiner
+    kernels = rounded(refiner.transcription, search.problem.scale.velocity)
+    return replace(refiner, transcription=kernels)
+
+
+def sample(state: SearchState) -> list[MotionAnswer]:
+    """Return the starts that are compared: those on the finest mesh that any of them was solved
+    on.
+    """
+    tried = state.of("start")
+    finest = max((answer.intervals for answer in tried if answer.solved), default=0)
+    return [answer for answer in tried if answer.intervals == finest or not finest]
+
+
+def next_start(search: MotionSearch, state: SearchState) -> NextStep | None:
+    """Return a fresh start while another is likely to lead elsewhere.
+
+    Where the first starts do not agree they are compared on a mesh twice as fine, as are all that
+    follow: optima of a coarse mesh are not those of a fine one. Among obstacles there are none.
+    """
+    tried, settings = state.of("start"), search.settings
+    if search.problem.timed_path or (tried and search.over):
+        return None
+    if not search.problem.is_free or len(tried) < settings.starts:
+        return _fresh(search, state)
+    compared = sample(state)
+    if settled(compared, settings):
+        return None
+    first, second = _start_meshes(search)
+    if any(answer.solved for answer in tried):
+        carried = by_promise([answer for answer in tried if answer.intervals == first])
+        for answer in carried if second > first else ():
+            if state.made_of(answer, "start") is None:
+                return NextStep(answer, intervals=second)
+    return _fresh(search, state)
+
+
+def _fresh(search: MotionSearch, state: SearchState) -> NextStep | None:
+    """Return the next initial guess, on the mesh that answers are compared on."""
+    drawn = search.problem.is_free and not search.problem.briefly
+    start = (_next_drawn if drawn else _next_through_ways)(search.problem, state)
+    carried = any(answer.before is not None for answer in state.of("start"))
+    return start and NextStep(start=start, intervals=_start_meshes(search)[carried])
+
+
+def _start_meshes(search: MotionSearch) -> tuple[int, int]:
+    first = explore_mesh(search)
+    return first, min(2 * first, full_mesh(search))
+
+
+def try_start(search: MotionSearch, step: NextStep) -> MotionAnswer:
+    """Solve from an initial guess, or what it led to on a finer mesh."""
+    refiner, start, tolerance = coarse(search), step.start, SEARCH.explore_tolerance
+    if start is None:
+        name, way = step.answer.start, step.answer.way
+        refiner = replace(refiner, rough=tolerance, once=True)
+        meshes = [step.intervals] * len(search.problem.names)
+        solution = refiner.finer(step.answer.solution, meshes)
+    else:
+        name, way = start.guess.name, start.way
+        refiner = replace(refiner, settings=replace(refiner.settings, **start.settings))
+        guesses, solver = start.guess.guesses, start.solver
+        solution = refiner.solve(step.intervals, guesses, tolerance=tolerance, solver=solver)
+    _tell(search, name, solution, f" on {step.intervals} intervals a phase")
+    return _answer(search, name, solution, refiner, way)
+
+
+def _tell(search: MotionSearch, start: str, solution: Solution, where: str = "") -> None:
+    search.progress(f"start {start}: {solution.duration:.4f} s{where}, {solution.status}")
+
+
+def _answer(
+    search: MotionSearch, start: str, solution: Solution, by: Refiner, way: Way | None = None
+) -> MotionAnswer:
+    """Return a coarse answer, which the usual kernels refine."""
+    solves = tuple(by.history)
+    return MotionAnswer(start, solution, search.refiner, SMOOTHING, solves=solves, way=way)
+
+
+def _nothing_solved(search: MotionSearch, state: SearchState, strategy: str) -> NextStep | None:
+    if search.over or any(answer.solved for answer in state.answers) or state.of(strategy):
+        return None
+    if search.problem.timed_path:  # a motion within limits is known
+        return None
+    return NextStep(nearest(state))
+
+
+def nearest(state: SearchState) -> MotionAnswer:
+    """Return the start whose answer breaks constraints least."""
+    return min(
+        state.of("start", "timed path"),
+        key=lambda a: (not a.solution.attempts, a.solution.attempts[-1].infeasibility),
+    )
+
+
+def next_from_known(search: MotionSearch, state: SearchState) -> NextStep | None:
+    """Return a known way where no start led anywhere."""
+    step = _nothing_solved(search, state, "known way")
+    return step if step is not None and search.problem.fallback is not None else None
+
+
+def from_known(search: MotionSearch, step: NextStep) -> MotionAnswer:
+    """Solve from a way with its best timing."""
+    way, refiner = search.problem.fallback, coarse(search)
+    assert way is not None
+    solution = refiner.solve(
+        [phase.mesh for phase in step.answer.solution.phases],
+        search.problem.guesses_along(way.motion),
+        tolerance=SEARCH.explore_tolerance,
+        barrier=SEARCH.near_way_barrier,
+    )
+    _tell(search, way.made_from, solution)
+    return _answer(search, way.made_from, solution, refiner)
+
+
+def next_relaxed(search: MotionSearch, state: SearchState) -> NextStep | None:
+    """Return the relaxed problem where nothing is solved."""
+    return _nothing_solved(search, state, "relaxed problem")
+
+
+def from_relaxed(search: MotionSearch, step: NextStep) -> MotionAnswer:
+    """Look at what limits have to give; solve from there where they have to give nothing."""
+    subject, refiner, problem = step.answer, coarse(search), search.problem
+    meshes = [phase.mesh for phase in subject.solution.phases]
+    first = problem.drawn(0)
+    assert first is not None
+    starts = [first.guesses, subject.solution]
+    relaxed = least_violation(refiner.transcription, starts, meshes)
+    search.progress(f"relaxed problem: {relaxed}")
+    solution = subject.solution
+    if relaxed.conclusive and relaxed.feasible:
+        guesses = guesses_from(relaxed)
+        solution = refiner.solve(meshes, guesses, tolerance=SEARCH.explore_tolerance)
+    answer = _answer(search, subject.start, solution, refiner, subject.way)
+    return replace(answer, relaxed=relaxed)
+
+
+def next_timed_path(search: MotionSearch, state: SearchState) -> NextStep | None:
+    """Return the timed path among obstacles, once."""
+    return NextStep() if search.problem.timed_path and not state.answers else None
+
+
+def from_timed_path(search: MotionSearch, step: NextStep) -> MotionAnswer:
+    """Solve on a coarse mesh, near a timed path: farther off lies another way, or none."""
+    problem, path, refiner = search.problem, search.problem.timed_path, coarse(search)
+    assert path is not None
+    refiner, guesses = replace(refiner, once=False), problem.with_closed(path.guesses)
+    solution = refiner.solve(explore_mesh(search), guesses, barrier=SEARCH.timed_path_barrier)
+    _tell(search, path.name, solution)
+    return _answer(search, path.name, solution, refiner, problem.ways[0])
+
+
+FROM_GUESSES = (
+    MotionStrategy(
+        "start", next_start, try_start, "local optima are several per cent apart", share=0.5
+    ),
+    MotionStrategy(
+        "known way", next_from_known, from_known, "limits so tight that no guess converges"
+    ),
+    MotionStrategy(
+        "relaxed problem", next_relaxed, from_relaxed, "tasks that ask too much: which limit gives"
+    ),
+)
+FROM_PATHS = (
+    MotionStrategy(
+        "timed path", next_timed_path, from_timed_path, "obstacles, which other starts run into"
+    ),
+)
+
+
+# initial guesses --------------------------------------------------------------------------------
 
 
 def _next_drawn(problem: MotionProblem, state: SearchState) -> TrialStart | None:
@@ -38,12 +254,12 @@ def _next_drawn(problem: MotionProblem, state: SearchState) -> TrialStart | None
     solver = both if settings.solver == "auto" else settings.solver
     solved = [answer for answer in tried if answer.solved]
     if not solved:
-        return TrialStart(guess, solver, way=problem.ways[0])
+        return TrialStart(guess, solver, problem.ways[0])
     # what takes so much longer than starts usually do is given up
     usual = median(a.solution.attempts[-1].iterations for a in solved) if index > 1 else 0
     most = max(SEARCH.least_iterations, int(SEARCH.patience * usual))
     solver = solver if isinstance(solver, str) else solver[0]
-    return TrialStart(guess, solver, most, problem.ways[0])
+    return TrialStart(guess, solver, problem.ways[0], {"max_iterations": most})
 
 
 def _next_through_ways(problem: MotionProblem, state: SearchState) -> TrialStart | None:
@@ -53,17 +269,17 @@ def _next_through_ways(problem: MotionProblem, state: SearchState) -> TrialStart
         return None
     way, guess = pair
     solved = [answer for answer in state.of("start") if answer.solved]
-    most = STOPS.most_iterations
+    most = SEARCH.most_iterations
     if solved:
         iterations = max(a.solution.attempts[-1].iterations for a in solved)
         most = min(max(SEARCH.least_iterations, SEARCH.patience * iterations), most)
+    fatrop = {"max_iter": SEARCH.least_iterations}
     return TrialStart(
         replace(guess, guesses=problem.with_closed(guess.guesses)),
         ("fatrop", "ipopt") if problem.settings.solver == "auto" else problem.settings.solver,
-        most,
         way,
         # IPOPT solves what takes it more
-        options={**LDL, "fatrop": {"max_iter": SEARCH.least_iterations}},
+        {"max_iterations": most, "options": {**LDL, "fatrop": fatrop}},
     )
 
 
@@ -79,7 +295,7 @@ def _guesses(problem: MotionProblem, state: SearchState) -> Iterator[tuple[Way, 
     of_ways = [a for a in state.of("start") if a.way is not None and a.start == a.way.name]
     best = min(of_ways, key=lambda a: (not a.solved, a.solution.duration)).way
     assert best is not None
-    further = min(STOPS.bows, settings.starts - 1) + 1
+    further = min(SEARCH.bows, settings.starts - 1) + 1
     for g in initial_guesses(problem.family, best.via, problem.names, further, settings.seed):
         name = f"{best.name}, {g.name}"
         if name not in tried:
@@ -91,5 +307,62 @@ def least_of_slower(problem: MotionProblem, state: SearchState, way: Way) -> flo
     durations = [a.solution.duration for a in state.of("start") if a.solved]
     exact = all(few_poses(problem.task.robot, stop) is not None for stop in problem.task.stops)
     least = least_time(problem.task, way)
-    slower = least > (1.0 if exact else STOPS.spare) * min([*durations, problem.beaten])
+    slower = least > (1.0 if exact else SEARCH.spare) * min([*durations, problem.beaten])
     return least if slower else None
+
+
+def rest_to_rest(task: Task, way: Way, names: Sequence[str], compiled: bool) -> InitialGuess:
+    """Return every segment from rest to rest, with its best timing where its path can be
+    travelled.
+    """
+    guesses = {}
+    durations = TaskScale.of(task.family, way.via).durations
+    timings = segment_timings(task, way, compiled)
+    rows = zip(names, way.paths, task.payloads, durations, timings, strict=True)
+    for name, path, payload, duration, timed in rows:
+        shape = spline(path, np.linspace(0.0, float(duration), len(path)))
+        robot = payload.on(task.robot)
+        guesses[name] = guess_along(timed or _slowed(robot, shape))
+    return InitialGuess(way.name, guesses)
+
+
+def segment_timings(task: Task, way: Way, compiled: bool) -> tuple[PiecewisePolynomial | None, ...]:
+    """Return the best timing from rest to rest of every segment of a way; None where there is
+    none.
+    """
+    rows = zip(way.paths, task.payloads, strict=True)
+    return tuple(
+        _best_timing(payload.on(task.robot), path.tobytes(), len(path), compiled)
+        for path, payload in rows
+    )
+
+
+@lru_cache(maxsize=1024)
+def _best_timing(
+    robot: Robot, path_bytes: bytes, count: int, compiled: bool
+) -> PiecewisePolynomial | None:
+    """Do as :func:`segment_timings`, of one path [count,n]; other orders of stops have it, too."""
+    shape = spline(np.frombuffer(path_bytes).reshape(count, -1), np.linspace(0.0, 1.0, count))
+    with contextlib.suppress(InputError):
+        timing = time_path(robot, shape, grid=SEARCH.timed, compiled=compiled)
+        if timing.solved:
+            motion = timing.motion()
+            return PiecewisePolynomial(motion.t, pieces_of(motion))
+    return None
+
+
+def _slowed(robot: Robot, shape: PiecewisePolynomial) -> PiecewisePolynomial:
+    """Return a shape slowed down until it keeps the limits of velocities, accelerations and
+    torques.
+    """
+    family = LimitFamily.of(robot)
+    keys = [key for key in family.of_order(1, 2, 3) if key != "taud"]
+    for _ in range(SEARCH.most_slowed):
+        t, curves = np.linspace(0.0, shape.duration, 50), [shape]
+        for _ in range(3):
+            curves.append(curves[-1].derivative())
+        use = family.use(MotionSamples(*(curve(t) for curve in curves)), keys)
+        if all(float(share.max()) <= 1.0 for share in use.values()):
+            break
+        shape = shape.stretched(SEARCH.slowed)
+    return shape

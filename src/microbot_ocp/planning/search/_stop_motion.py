@@ -1,10 +1,12 @@
-"""A motion through stops: its segments and dwells one after the other, with what the tool holds."""
+"""A motion through stops: its segments and dwells one after the other, with what the tool holds,
+and parts on their way: where each lies before it is picked and after it is put down.
+"""
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import replace
-from itertools import pairwise
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,8 +21,10 @@ from microbot_ocp.motion import (
     nearest_samples,
     torque_along,
 )
-from microbot_ocp.planning.task import Task
-from microbot_ocp.robot import Robot
+from microbot_ocp.planning.free import joined
+from microbot_ocp.planning.task import EMPTY, Payload, Task
+from microbot_ocp.robot import Capsule, Robot, forward_kinematics
+from microbot_ocp.scene import Scene
 
 
 def motion_of(
@@ -29,24 +33,19 @@ def motion_of(
     """Return the segments one after the other, with the dwells; torques with what the tool
     holds then.
     """
-    breaks, pieces, marks = [np.zeros(1)], [], []
-    now = 0.0
+    moves, marks, now = list[PiecewisePolynomial](), list[Mark](), 0.0
     for k, stop in enumerate(task.stops):
         marks.append(Mark(now, stop.name))
+        here = [shapes[k]] if k < len(shapes) else []
         if task.dwells[k] > 0.0:
-            at_start = k < len(shapes)
-            shape = shapes[k] if at_start else shapes[-1]
-            q = shape(0.0)[0] if at_start else shape(shape.breaks[-1])[0]
+            q = here[0](0.0)[0] if here else shapes[-1](shapes[-1].breaks[-1])[0]
             held = np.zeros((1, 6, q.size))
             held[0, 0] = q
-            pieces.append(held)
-            now += float(task.dwells[k])
-            breaks.append(np.array([now]))
-        if k < len(shapes):
-            pieces.append(shapes[k].coefficients)
-            breaks.append(now + shapes[k].breaks[1:])
-            now = float(breaks[-1][-1])
-    whole = PiecewisePolynomial(np.concatenate(breaks), np.concatenate(pieces))
+            here.insert(0, PiecewisePolynomial(np.array([0.0, task.dwells[k]]), held))
+        for shape in here:
+            now += shape.duration
+        moves += here
+    whole = joined(moves)
     return motion_along(task, whole, marks, label="time-optimal", provenance=provenance)
 
 
@@ -66,7 +65,7 @@ def motion_along(
     near = curve.breaks[nearest_samples(curve.breaks, starts)]
     whole = curve.divided(starts[np.abs(starts - near) > JUMP_GAP])
     loads = [task.payloads[part.segment] for part in parts]
-    changes = [before != after for before, after in pairwise(loads)]
+    changes = [before != after for before, after in itertools.pairwise(loads)]
     jumps = whole.breaks[nearest_samples(whole.breaks, starts[changes])].tolist()
     motion = Motion.from_polynomial(task.robot, whole, marks=marks, jumps_at=jumps, **about)
     if not any(payload.mass for payload in task.payloads):
@@ -136,3 +135,167 @@ def over_stretches(
         here = which == k
         tau[here] = torque(parts[k].robot, State(*(column[here] for column in state)))
     return tau
+
+
+# parts on their way -----------------------------------------------------------------------------
+#
+# A part is what stops pick and put down: one shape, held over some segments, perhaps taken up again
+# where it was left. Where it lies it is an obstacle. Links that may touch it in the tool (those
+# whose distance from it is not looked at while it is held) may touch it where it lies, too, but
+# only on the segments that lead to the pick and away from the place.
+
+# what is picked up is a part that was put down, so near to where that lies: as a share of its
+# smallest radius, in m of a part without a shape
+SAME_PLACE, SAME_POINT = 0.5, 0.01
+
+
+@dataclass(frozen=True)
+class Part:
+    """What is picked and put down.
+
+    Attributes
+    ----------
+    payload : Payload
+        As it is picked first.
+    carries : tuple of (first, end)
+        Segments on which it is held, from ``first`` up to but without ``end``; these are also the
+        indices of the stops at which it is picked and put down.
+    """
+
+    payload: Payload
+    carries: tuple[tuple[int, int], ...]
+
+    def rests(self, count: int) -> list[tuple[int, range]]:
+        """Tell at which stop the part lies, on which of ``count`` segments."""
+        edges = [0, *sum(self.carries, ()), count]
+        places = [self.carries[0][0], *(end for _, end in self.carries)]
+        waits = [range(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+        return [(place, wait) for place, wait in zip(places, waits, strict=True) if wait]
+
+
+class Place(NamedTuple):
+    """A stretch of a motion: start and end, s, the robot that moves, and what is around it."""
+
+    start: float
+    end: float
+    robot: Robot
+    scene: Scene
+
+
+def tool_poses(robot: Robot, q: FloatArray) -> FloatArray:
+    """Return poses [N,4,4] of the tool in the base frame for q [N,n]."""
+    poses = np.array(forward_kinematics(robot).map(len(q))(q.T))
+    return poses.reshape(4, len(q), 4).transpose(1, 0, 2)
+
+
+def poses_at_stops(task: Task, motion: Motion) -> FloatArray:
+    """Return poses [m,4,4] of the tool at the stops of a motion."""
+    return tool_poses(task.robot, motion.sample([mark.time for mark in motion.marks]).q)
+
+
+def parts_of(task: Task, tool: FloatArray) -> tuple[Part, ...]:
+    """Return the parts of a task whose tool has poses [m,4,4] at its stops."""
+    held = [payload.shape or payload for payload in task.payloads]
+    parts: list[Part] = []
+    end = 0
+    for what, carried in itertools.groupby(held):
+        first, end = end, end + len(list(carried))
+        payload = task.payloads[first]
+        if payload == EMPTY:
+            continue
+        for k, part in enumerate(parts):
+            same = (part.payload.shape or part.payload) == what
+            if same and _same_place(payload, tool[part.carries[-1][1]], tool[first]):
+                parts[k] = replace(part, carries=(*part.carries, (first, end)))
+                break
+        else:
+            parts.append(Part(payload, ((first, end),)))
+    return tuple(parts)
+
+
+def _same_place(payload: Payload, before: FloatArray, after: FloatArray) -> bool:
+    points = [p for capsule in payload.shape for p in (capsule.start, capsule.end)]
+    body_points = np.array(points or [payload.center_of_mass])
+    apart = [body_points @ pose[:3, :3].T + pose[:3, 3] for pose in (before, after)]
+    radii = (SAME_PLACE * capsule.radius for capsule in payload.shape)
+    least = min(radii, default=SAME_POINT)
+    return float(np.linalg.norm(apart[1] - apart[0], axis=1).max()) < least
+
+
+def scenes_of(task: Task, scene: Scene, tool: FloatArray) -> tuple[Scene, ...]:
+    """Return the scene on every segment, with the parts that lie in it.
+
+    Parameters
+    ----------
+    task : Task
+        Of a robot with capsules.
+    scene : Scene
+    tool : array [m,4,4]
+        Poses of the tool at the stops, m.
+    """
+    count = len(task.segments)
+    lying: list[list[Capsule]] = [[] for _ in range(count)]
+    ignored: list[list[tuple[str, str]]] = [[] for _ in range(count)]
+    for part in parts_of(task, tool):
+        for stop, wait in part.rests(count):
+            placed = _placed(part.payload.shape, tool[stop], task.stops[stop].name)
+            for k in wait:
+                lying[k] += [c for c in placed if c.name not in {other.name for other in lying[k]}]
+                may = _ignored_with(scene, part.payload.shape)
+                if any(k + 1 == first or k == end for first, end in part.carries):
+                    may |= _touching_in_the_tool(scene, task.robot, part.payload)
+                ignored[k] += [(name, c.name) for c in placed for name in sorted(may)]
+    return tuple(
+        replace(scene, obstacles=(*scene.obstacles, *parts), ignore=(*scene.ignore, *pairs))
+        if parts
+        else scene
+        for parts, pairs in zip(lying, ignored, strict=True)
+    )
+
+
+def _placed(shape: Sequence[Capsule], pose: FloatArray, where: str) -> list[Capsule]:
+    """Return capsules of a part where the tool [4,4] left it, named by the stop."""
+    turn, origin = pose[:3, :3], pose[:3, 3]
+    capsules = []
+    for number, capsule in enumerate(shape, start=1):
+        start, end = (turn @ point + origin for point in (capsule.start, capsule.end))
+        name = f"{capsule.name} at {where}" + (f", {number}" if number > 1 else "")
+        capsules.append(Capsule(start, end, capsule.radius, name))
+    return capsules
+
+
+def _ignored_with(scene: Scene, shape: Sequence[Capsule]) -> set[str]:
+    """Return what the scene lets touch a part."""
+    names = {capsule.name for capsule in shape}
+    return {b if a in names else a for a, b in scene.ignore if {a, b} & names}
+
+
+def _touching_in_the_tool(scene: Scene, robot: Robot, payload: Payload) -> set[str]:
+    """Return links whose distance from a part is not looked at while it is held."""
+    held = payload.on(robot)
+    carried = held.capsules[len(robot.capsules) :]
+    looked_at = {
+        frozenset((_key(pair.frame, pair.capsule), _key(pair.other_frame, pair.other)))
+        for pair in scene.without_parts_of(held).pairs(held)
+        if isinstance(pair.other, Capsule)
+    }
+    may = {
+        link.name
+        for frame, link in robot.capsules
+        for carrier, part in carried
+        if frame > 0 and frozenset((_key(frame, link), _key(carrier, part))) not in looked_at
+    }
+    return may | {part.name for _, part in carried}
+
+
+def _key(frame: int, capsule: Capsule) -> tuple[int, bytes]:
+    """Return what tells capsules apart, also of two robots that are equal."""
+    return frame, np.concatenate([capsule.start, capsule.end, [capsule.radius]]).tobytes()
+
+
+def places_along(task: Task, motion: Motion, scene: Scene) -> list[Place]:
+    """Return the stretches of a motion, each with the robot that moves there and what is around
+    it.
+    """
+    scenes = scenes_of(task, scene, poses_at_stops(task, motion))
+    return [Place(s.start, s.end, s.robot, scenes[s.segment]) for s in stretches(task, motion)]

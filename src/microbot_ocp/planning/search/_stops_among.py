@@ -7,11 +7,12 @@ the distances of the arm with what it carries there.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
-from functools import cached_property
-from typing import Any
+from functools import cached_property, partial
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,10 +20,9 @@ from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import InputError
 from microbot_ocp._base.codegen import interpreted
 from microbot_ocp._base.status import Status
-from microbot_ocp.limits import LIMIT_TOLERANCE, JointLimits, LimitFamily, Limits
+from microbot_ocp.limits import LIMIT_TOLERANCE, LimitFamily
 from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial, pieces_of
-from microbot_ocp.ocp.solution import StepProgress
-from microbot_ocp.planning.free import InitialGuess, excess_along, phase_names
+from microbot_ocp.planning.free import InitialGuess, excess_along, guess_along, phase_names
 from microbot_ocp.planning.search._among_obstacles import (
     Leg,
     ProvedPath,
@@ -37,41 +37,27 @@ from microbot_ocp.planning.search._among_obstacles import (
     touching,
 )
 from microbot_ocp.planning.search._branches import Way, least_time, ways_through
-from microbot_ocp.planning.search._guided import Ask, Explored, GuidedSearch, Made, poses_along
+from microbot_ocp.planning.search._guided import Ask, Explored, GuidedSearch, poses_along
 from microbot_ocp.planning.search._orders import best_order, hoped_of, rested_of, tasks_in_orders
-from microbot_ocp.planning.search._parts import places_along, scenes_of, tool_poses
-from microbot_ocp.planning.search._result import LEFT_OUT, remark_of_branches
-from microbot_ocp.planning.search._settings import TimeOptimalSettings
-from microbot_ocp.planning.search._stop_motion import motion_of
-from microbot_ocp.planning.search._way_guesses import (
-    Guide,
-    guess_along,
-    rest_to_rest,
-    segment_timings,
+from microbot_ocp.planning.search._result import (
+    LEFT_OUT,
+    keep_faster,
+    remark_of_branches,
+    row_of_way,
+    taken_first,
 )
-from microbot_ocp.planning.task import Stop, Task, TaskScale, task_of
+from microbot_ocp.planning.search._starts import rest_to_rest, segment_timings
+from microbot_ocp.planning.search._stop_motion import motion_of, places_along, scenes_of, tool_poses
+from microbot_ocp.planning.search._through_stops import Asked, Front
+from microbot_ocp.planning.task import Stop, Task, TaskScale
 from microbot_ocp.robot import Capsule, Robot
-from microbot_ocp.scene import (
-    Clearance,
-    Scene,
-    Surroundings,
-    clearance_along,
-    with_arm_capsules,
-)
+from microbot_ocp.scene import Clearance, Surroundings, clearance_along, with_arm_capsules
 from microbot_ocp.trajectories import quintic, shortest_duration
 
 MOST_GUESSES = 4  # ways that the search starts from
-Plan = tuple[list[Any], Any, bool, str, float | None]
 
 
-def stops_among(
-    robot: Robot,
-    limits: Limits | JointLimits | None,
-    plan: Plan,
-    scene: Scene,
-    settings: TimeOptimalSettings,
-    progress: StepProgress,
-) -> Motion:
+def stops_among(asked: Asked) -> Motion:
     """Return the fastest motion through stops that keeps clear of a scene.
 
     Of a free order of the stops all orders are compared among the obstacles.
@@ -81,42 +67,26 @@ def stops_among(
     InputError
         A stop at which every branch of the arm touches something.
     """
-    stops, segments, cycle, order, duration = plan
-    if order == "given" and duration is None:
-        task = task_of(with_arm_capsules(robot), stops, limits, segments=segments, cycle=cycle)
-        if task.is_plain:  # via points
-            via = np.array([stop.q for stop in task.stops])
-            names = [f"stop {stop.name!r}" for stop in task.stops]
-            motion = fastest_among(task.family, via, scene, settings, progress, names)
-            named = zip(motion.marks, task.stops, strict=True)
-            return replace(motion, marks=tuple(Mark(m.time, stop.name) for m, stop in named))
-    if order == "given":
-        (fastest, *_), _ = motions_among(robot, limits, plan, scene, settings, progress)
-        return fastest[1]
-    robot = with_arm_capsules(robot)
-    legs = Legs(scene, settings)
-    bare = [replace(s, payload=None) if isinstance(s, Stop) else s for s in stops]
-    legs.clear_ways(task_of(robot, bare, limits, segments=segments, cycle=cycle))
-    tasks = tasks_in_orders(robot, limits, stops, segments, cycle)
-    legs.search(list(tasks.values()), progress)
-    return best_order(
-        tasks,
-        lambda task: _Among(task, legs, settings, progress, duration),
-        settings,
-        progress,
-        duration,
-    )
+    asked = replace(asked, robot=with_arm_capsules(asked.robot))
+    if asked.order == "given":
+        task = asked.task()
+        if asked.duration is not None or not task.is_plain:
+            (fastest, *_), _ = motions_among(asked)
+            return fastest[1]
+        via = np.array([stop.q for stop in task.stops])  # via points
+        names = [f"stop {stop.name!r}" for stop in task.stops]
+        motion = fastest_among(asked, task.family, via, names)
+        named = zip(motion.marks, task.stops, strict=True)
+        return replace(motion, marks=tuple(Mark(m.time, stop.name) for m, stop in named))
+    legs = Legs(asked)
+    bare = [replace(s, payload=None) if isinstance(s, Stop) else s for s in asked.stops]
+    legs.clear_ways(replace(asked, stops=bare).task())
+    tasks = tasks_in_orders(asked)
+    legs.search(list(tasks.values()))
+    return best_order(asked, tasks, partial(_Among, asked, legs))
 
 
-def motions_among(
-    robot: Robot,
-    limits: Limits | JointLimits | None,
-    plan: Plan,
-    scene: Scene,
-    settings: TimeOptimalSettings,
-    progress: StepProgress,
-    ask: Ask | None = None,
-) -> Made:
+def motions_among(asked: Asked, ask: Ask | None = None) -> Front:
     """Return the motions that a search is asked for, in a scene; by default the fastest one.
 
     Raises
@@ -124,27 +94,37 @@ def motions_among(
     InputError
         As :func:`stops_among`.
     """
-    stops, segments, cycle, _, duration = plan
-    task = task_of(with_arm_capsules(robot), stops, limits, segments=segments, cycle=cycle)
-    legs = Legs(scene, settings)
-    legs.search([task], progress)
-    return _Among(task, legs, settings, progress, duration).motions(ask)
+    asked = replace(asked, robot=with_arm_capsules(asked.robot))
+    task, legs = asked.task(), Legs(asked)
+    legs.search([task])
+    return _Among(asked, legs, task).motions(ask)
+
+
+class Guide(NamedTuple):
+    """A way whose free segments lead around obstacles.
+
+    Attributes
+    ----------
+    way : Way
+    shapes : dict of str to PiecewisePolynomial
+        The timed path of every free segment, from rest to rest.
+    durations : list of float or None
+        What every segment takes so, s; None of one that could not be timed.
+    name : str
+    """
+
+    way: Way
+    shapes: dict[str, PiecewisePolynomial]
+    durations: list[float | None]
+    name: str
 
 
 class _Among:
     """Stops in one order among obstacles."""
 
-    def __init__(
-        self,
-        task: Task,
-        legs: Legs,
-        settings: TimeOptimalSettings,
-        progress: StepProgress,
-        duration: float | None,
-    ) -> None:
-        self.task, self._scene, self._legs = task, legs.scene, legs
-        self._given = settings, progress, duration
-        self._guided = legs.guides(task, progress)
+    def __init__(self, asked: Asked, legs: Legs, task: Task) -> None:
+        self._asked, self.task, self._scene, self._legs = asked, task, legs.scene, legs
+        self._guided = legs.guides(task)
         times = [guide.durations for guide in self._guided]
         self.rested = min((rested_of(task, durations) for durations in times), default=np.inf)
         self.hoped = min((hoped_of(task, durations) for durations in times), default=np.inf)
@@ -170,16 +150,16 @@ class _Among:
         return None
 
     def _search(self, guide: Guide) -> GuidedSearch:
-        task, (settings, progress, duration) = self.task, self._given
-        names, way = phase_names(len(task.segments)), guide.way
-        usual = rest_to_rest(task, way, names, settings.compiled)
+        task, way = self.task, guide.way
+        names = phase_names(len(task.segments))
+        usual = rest_to_rest(task, way, names, self._asked.settings.compiled)
         around = {name: guess_along(shape) for name, shape in guide.shapes.items()}
         start = InitialGuess(guide.name, {**usual.guesses, **around})
         poses = tuple(
             poses_along(guide.shapes[name]) if name in guide.shapes else path
             for name, path in zip(names, way.paths, strict=True)
         )
-        return GuidedSearch(task, self._scene, way, start, poses, settings, progress, duration)
+        return GuidedSearch(self._asked, task, self._scene, way, start, poses)
 
     def _explore(self, guides: Sequence[Guide], beaten: float = np.inf) -> None:
         """Solve for coarse answers from ways that may take less than ``beaten``, s, and less than
@@ -196,24 +176,22 @@ class _Among:
 
     def coarse_duration(self, beaten: float) -> float:
         rested = float(self.task.dwells.sum())
-        fastest: list[Guide] = []  # of each way
+        fastest: dict[Way, Guide] = {}
         for guide in self._guided:
-            if all(guide.way is not other.way for other in fastest):
-                fastest.append(guide)
-        self._explore(fastest, beaten - rested)
+            fastest.setdefault(guide.way, guide)
+        self._explore(list(fastest.values()), beaten - rested)
         return min((found.duration for found in self._explored.values()), default=np.inf) + rested
 
     def motion(self) -> Motion:
         return self.motions()[0][0][1]
 
-    def motions(self, ask: Ask | None = None) -> Made:
+    def motions(self, ask: Ask | None = None) -> Front:
         """Return the motions that a search is asked for, what is known at least in the place of the
         first.
 
         It goes on from the best of the coarse answers; from the next one where that leads to none
         that is proved to keep clear.
         """
-        names = {"scene": list(self._scene.names)}
         fallback = self._fallback if self._guided else None
         made, proofs, taken = self._found(ask)
         branches = [] if taken is None else self._branches(taken)
@@ -228,28 +206,28 @@ class _Among:
                 motion = self._not_found(motion, proof)
             else:
                 motion = _with(motion, clearance=as_plain(proof))
-            judged.append((effort, _with(motion, **names)))
-        if not judged:
-            motion = (
-                self._not_found(None, None) if fallback is None else at_least(fallback, None, None)
-            )
-            judged = [(np.nan, _with(motion, **names))]
-        return judged, made[1]
+            judged.append((effort, motion))
+        if not judged and fallback is not None:
+            judged = [(np.nan, at_least(fallback, None, None))]
+        elif not judged:
+            judged = [(np.nan, self._not_found(None, None))]
+        names = list(self._scene.names)
+        return [(effort, _with(motion, scene=names)) for effort, motion in judged], made[1]
 
-    def _found(self, ask: Ask | None) -> tuple[Made, list[Clearance | None], Way | None]:
+    def _found(self, ask: Ask | None) -> tuple[Front, list[Clearance | None], Way | None]:
         """Give the motions that a search is asked for, with the proofs that they keep clear, and
         the way that they come from.
         """
         self._explore(self._guided)
-        made: Made = [], ""
+        made: Front = [], ""
         proofs: list[Clearance | None] = []
         taken: Way | None = None
         guides = [guide for guide in self._guided if guide.name in self._explored]
         for guide in sorted(guides, key=lambda guide: self._explored[guide.name].duration):
-            there = self._search(guide).motions(ask, self._explored[guide.name])
-            clear = bool(there[1]) and there[1][0] is not None and there[1][0].proved
+            there, proved = self._search(guide).motions(ask, self._explored[guide.name])
+            clear = any(proof is not None and proof.proved for proof in proved[:1])
             if clear or not made[0]:
-                (made, proofs), taken = there, guide.way
+                made, proofs, taken = there, proved, guide.way
             if deadline.over() or (clear and made[0][0][1].solved):
                 break
         return made, proofs, taken
@@ -258,24 +236,20 @@ class _Among:
         """Return what every way through the branches took on the coarse mesh, the one taken
         first.
         """
-        best: dict[str, dict[str, Any]] = {}
+        rows: dict[str, dict[str, Any]] = {}
         rested = float(self.task.dwells.sum())
         for guide in self._guided:
             way, found = guide.way, self._explored.get(guide.name)
-            solved = found is not None and np.isfinite(found.duration)
-            row = {
-                "branches": list(way.branches),
-                "q": way.via.tolist(),
-                "duration": found.duration + rested if found and solved else None,
-                "status": str(Status.SOLVED if solved else Status.FAILED),
-                "taken": way is taken,
-            }
             if found is None:
-                row |= {"status": LEFT_OUT, "at_least": least_time(self.task, way) + rested}
-            before = best.get(way.name)
-            if before is None or (before["duration"] or np.inf) > (row["duration"] or np.inf):
-                best[way.name] = row
-        return sorted(best.values(), key=lambda r: (not r["taken"], r["duration"] or np.inf))
+                least = least_time(self.task, way) + rested
+                row = row_of_way(way, None, LEFT_OUT, way is taken, at_least=least)
+            else:
+                solved = bool(np.isfinite(found.duration))
+                status = str(Status.SOLVED if solved else Status.FAILED)
+                duration = found.duration + rested if solved else None
+                row = row_of_way(way, duration, status, way is taken)
+            keep_faster(rows, way, row)
+        return sorted(rows.values(), key=taken_first)
 
     def _not_found(self, attempt: Motion | None, proof: Clearance | None) -> Motion:
         """Return what is returned where nothing is known: a motion that ignores the obstacles."""
@@ -336,16 +310,16 @@ class Legs:
     Attributes
     ----------
     scene : Scene
-    settings : TimeOptimalSettings
     """
 
-    def __init__(self, scene: Scene, settings: TimeOptimalSettings) -> None:
-        self.scene, self.settings = scene, settings
+    def __init__(self, asked: Asked) -> None:
+        assert asked.scene is not None
+        self.scene, self._settings, self._progress = asked.scene, asked.settings, asked.progress
         self._surroundings: dict[Any, Surroundings] = {}
         self._legs: dict[Any, Leg] = {}
         self._ways: dict[Task, list[tuple[Way, list[Leg | None]]]] = {}
 
-    def search(self, tasks: Sequence[Task], progress: StepProgress) -> None:
+    def search(self, tasks: Sequence[Task]) -> None:
         """Search for paths between the stops of several tasks until one has a way through."""
         for task in tasks:
             carried = [capsule.name for held in task.robots for _, capsule in held.capsules]
@@ -359,7 +333,7 @@ class Legs:
                 refused = refused or problem
         if refused is not None and not ways:
             raise refused
-        search_legs(ways, progress)
+        search_legs(ways, self._progress)
 
     def ways(self, task: Task) -> list[tuple[Way, list[Leg | None]]]:
         """Return ways whose poses at the stops touch nothing, with the legs of their free segments.
@@ -370,17 +344,16 @@ class Legs:
             There is none.
         """
         if task not in self._ways:
-            self._ways[task] = [
-                (way, self._legs_of(task, way, places)) for way, places in self.clear_ways(task)
-            ]
+            clear = self.clear_ways(task)
+            self._ways[task] = [(way, self._legs_of(task, way, places)) for way, places in clear]
         return self._ways[task]
 
-    def clear_ways(self, task: Task) -> list[tuple[Way, list[tuple[Any, Surroundings]]]]:
+    def clear_ways(self, task: Task) -> list[tuple[Way, list[Surroundings]]]:
         """Return the same, with what is around each segment."""
         clear, refused = [], []
         for way in ways_through(task):
             places = self._places(task, way)
-            blocked = _blocked(task, [around for _, around in places], way)
+            blocked = _blocked(task, places, way)
             if blocked:
                 refused.append(blocked)
             else:
@@ -389,8 +362,10 @@ class Legs:
             raise InputError(refused[0])
         return clear
 
-    def _places(self, task: Task, way: Way) -> list[tuple[Any, Surroundings]]:
-        """Return what is around the arm on every segment of a way, each with its key."""
+    def _places(self, task: Task, way: Way) -> list[Surroundings]:
+        """Return what is around the arm on every segment of a way: the same object where it is the
+        same.
+        """
         places = []
         scenes = scenes_of(task, self.scene, tool_poses(task.robot, way.via))
         for payload, scene in zip(task.payloads, scenes, strict=True):
@@ -400,22 +375,20 @@ class Legs:
             key = robot, parts, scene.ignore
             if key not in self._surroundings:
                 self._surroundings[key] = Surroundings(robot, scene.without_parts_of(robot))
-            places.append((key, self._surroundings[key]))
+            places.append(self._surroundings[key])
         return places
 
-    def _legs_of(
-        self, task: Task, way: Way, places: Sequence[tuple[Any, Surroundings]]
-    ) -> list[Leg | None]:
+    def _legs_of(self, task: Task, way: Way, places: Sequence[Surroundings]) -> list[Leg | None]:
         legs: list[Leg | None] = []
-        for k, (kind, (place, around)) in enumerate(zip(task.segments, places, strict=True)):
-            start, goal = way.via[k], way.via[k + 1]
-            key = place, start.tobytes(), goal.tobytes()
+        ends = itertools.pairwise(way.via)
+        for kind, around, (start, goal) in zip(task.segments, places, ends, strict=True):
+            key = around, start.tobytes(), goal.tobytes()
             if kind is None and key not in self._legs:
-                self._legs[key] = Leg(around, start, goal, self.settings)
-            legs.append(None if kind is not None else self._legs[key])
+                self._legs[key] = Leg(around, start, goal, self._settings)
+            legs.append(self._legs[key] if kind is None else None)
         return legs
 
-    def guides(self, task: Task, progress: StepProgress) -> list[Guide]:
+    def guides(self, task: Task) -> list[Guide]:
         """Return ways with their free segments around the obstacles, the fastest first.
 
         None where the searches led to no way between the poses at the stops.
@@ -447,27 +420,25 @@ class Legs:
             if differs(took, (rested_of(task, g.durations) for g in guides if g.way is way)):
                 name = f"{way.name}, around {len(guides) + 1}"
                 guides.append(Guide(way, shapes, durations, name))
-                progress(f"{way.name}: {took:.4f} s around the obstacles from rest to rest")
+                self._progress(f"{way.name}: {took:.4f} s around the obstacles from rest to rest")
         return sorted(guides, key=lambda guide: rested_of(task, guide.durations))
 
     def _usual(self, task: Task, way: Way) -> tuple[PiecewisePolynomial | None, ...]:
         """Give the best timing of every segment along its own path; of free ones it may be None."""
         if not any(task.segments):
             return (None,) * len(task.segments)
-        return segment_timings(task, way, self.settings.compiled)
+        return segment_timings(task, way, self._settings.compiled)
 
     def at_rest(self, task: Task, guide: Guide) -> list[PiecewisePolynomial]:
         """Return every segment of a guide from rest to rest, those that are not free along
         their paths.
         """
-        shapes = []
-        for k, name in enumerate(phase_names(len(task.segments))):
-            if name in guide.shapes:
-                shapes.append(guide.shapes[name])
-                continue
-            usual = self._usual(task, guide.way)[k]
-            usable = usual is not None and _keeps_limits(task.robots[k], usual)
-            shapes.append(usual if usable else _unhindered(task, guide.way, k))
+        names, shapes = phase_names(len(task.segments)), []
+        for k, (name, usual) in enumerate(zip(names, self._usual(task, guide.way), strict=True)):
+            shape = guide.shapes.get(name, usual)
+            if name not in guide.shapes and not (usual and _keeps_limits(task.robots[k], usual)):
+                shape = _unhindered(task, guide.way, k)
+            shapes.append(shape)
         return shapes
 
 

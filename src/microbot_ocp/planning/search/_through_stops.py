@@ -1,14 +1,16 @@
 """The fastest motion of a task, or the one of least effort in a given time.
 
-Via points are stops that are passed at any velocity. Orders of stops and fronts of motions ask a
-search step by step.
+Via points are stops that are passed at any velocity. Fronts of motions follow: each of their
+motions starts from the one before it.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -16,6 +18,7 @@ from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import InputError
 from microbot_ocp._base.outcome import Outcome
 from microbot_ocp._base.status import Status
+from microbot_ocp.limits import JointLimits, Limits
 from microbot_ocp.motion import Motion
 from microbot_ocp.ocp.solution import StepProgress
 from microbot_ocp.planning.free import InitialGuess, Slowed
@@ -27,14 +30,75 @@ from microbot_ocp.planning.search._branches import (
     ways_through,
 )
 from microbot_ocp.planning.search._problem import MotionProblem
-from microbot_ocp.planning.search._result import fastest, motion_from, returned
-from microbot_ocp.planning.search._search import MotionSearch, SearchState
-from microbot_ocp.planning.search._settings import TimeOptimalSettings, sparing
-from microbot_ocp.planning.search._strategies import STRATEGIES, search_of
-from microbot_ocp.planning.task import CELL_TIME_LIMIT, Task, too_near, with_drives_noted
-from microbot_ocp.robot import jacobian
+from microbot_ocp.planning.search._result import (
+    Fastest,
+    effort_of,
+    fastest,
+    least_effort,
+    motion_from,
+    motion_of_answer,
+    returned,
+)
+from microbot_ocp.planning.search._search import MotionSearch, SearchState, rank
+from microbot_ocp.planning.search._settings import SEARCH, TimeOptimalSettings, sparing
+from microbot_ocp.planning.search._strategies import search_of
+from microbot_ocp.planning.task import (
+    CELL_TIME_LIMIT,
+    Segment,
+    Stop,
+    Task,
+    task_of,
+    too_near,
+    with_drives_noted,
+    with_torques,
+)
+from microbot_ocp.robot import Robot, jacobian
+from microbot_ocp.scene import Scene
 
+Front = tuple[list[tuple[float, Motion]], str]  # effort and motion of each, why there are no more
 LEAST_WAY = 1e-6  # rad (m) between via points: shorter ones are near the tolerance of the solvers
+
+
+@dataclass(frozen=True, eq=False)
+class Asked:
+    """What a motion through stops is asked for, as by :func:`microbot_ocp.time_optimal`."""
+
+    robot: Robot
+    limits: Limits | JointLimits | None
+    stops: Sequence[Any]
+    segments: Sequence[Segment] | None
+    cycle: bool
+    settings: TimeOptimalSettings
+    progress: StepProgress
+    order: str = "given"
+    duration: float | None = None
+    scene: Scene | None = None
+
+    def task(self, places: Sequence[int] | None = None) -> Task:
+        """Return the task, of the stops at other ``places`` where these are given.
+
+        Raises
+        ------
+        InputError
+            As of :func:`task_of`.
+        """
+        stops, segments = self.stops, self.segments
+        if places is not None:
+            named = [stop if isinstance(stop, Stop) else Stop(q=stop) for stop in stops]
+            stops = [named[k].named(f"stop {k + 1}") for k in places]
+            segments = in_order(segments, places)
+        return task_of(self.robot, stops, self.limits, segments=segments, cycle=self.cycle)
+
+
+def in_order(
+    segments: Sequence[Segment] | None, order: Sequence[int]
+) -> tuple[Segment, ...] | None:
+    """Return the segments between stops in another order: each stays with the stop where it
+    begins.
+    """
+    if segments is None:
+        return None
+    return tuple(segments[k] if k < len(segments) else None for k in order)[: len(segments)]
 
 
 def fastest_through(
@@ -67,7 +131,7 @@ def fastest_through(
             problem = replace(problem, way=problem.fallback)
         try:
             with sparing(), deadline.given_up(problem.way is not None):
-                search = search_of(problem, settings, progress)
+                search = search_of(problem, progress)
         except deadline.Over:
             assert problem.way is not None
             return _without_search(problem.way, time.perf_counter() - begin)
@@ -119,59 +183,6 @@ def _without_search(way: Slowed, wall: float) -> Motion:
     return replace(way.motion, provenance=provenance).ended(outcome)
 
 
-@dataclass(frozen=True, eq=False)
-class StopSearch:
-    """A search through stops, and what it has come to: orders of stops ask for more step by step.
-
-    Attributes
-    ----------
-    search : MotionSearch
-    duration : s, in which the motion of least effort is wanted
-    state : SearchState
-    """
-
-    search: MotionSearch
-    duration: float | None = None
-    state: SearchState = field(default_factory=SearchState)
-
-    @classmethod
-    def of(
-        cls,
-        task: Task,
-        settings: TimeOptimalSettings,
-        progress: StepProgress,
-        duration: float | None = None,
-        ways: Sequence[Way] = (),
-        timed_path: InitialGuess | None = None,
-    ) -> StopSearch:
-        """Return the search of a task, as :func:`problem_of`."""
-        problem = problem_of(task, settings, duration, ways, timed_path)
-        return cls(search_of(problem, settings, progress), duration)
-
-    @property
-    def problem(self) -> MotionProblem:
-        """The task as the search sees it."""
-        return self.search.problem
-
-    def explored(self, beaten: float) -> StopSearch:
-        """Return the same with coarse answers, of ways that may take less than ``beaten``, s,
-        alone.
-        """
-        least = replace(self.problem, beaten=beaten - self.problem.rested, briefly=True)
-        state = replace(self.search, problem=least).run(STRATEGIES[:1], self.state)
-        return replace(self, state=state)
-
-    @property
-    def coarse_duration(self) -> float:
-        """What the best coarse answer takes, s; infinite where there is none."""
-        durations = [a.solution.duration for a in self.state.of("start") if a.solved]
-        return min(durations, default=np.inf) + self.problem.rested
-
-    def run(self) -> Motion:
-        """Return the fastest motion, or the one of least effort in the duration that is given."""
-        return motion_from(fastest(self.search, self.state, duration=self.duration))
-
-
 def _check_velocities(task: Task) -> None:
     """Raise InputError where no branch at a stop gives the tool the velocity that is asked for."""
     robot = task.robot
@@ -192,3 +203,91 @@ def _check_velocities(task: Task) -> None:
                 f"stop {stop.name!r}: the velocity limits of the joints allow the tool at most "
                 f"{most:.3g} m/s in that direction, not {wanted:.3g} m/s"
             )
+
+
+# fronts: time against effort, and time against peak torque ----------------------------------------
+
+
+def motions_of_front(
+    robot: Robot,
+    limits: Limits | JointLimits | None,
+    stops: Sequence[Any],
+    segments: Sequence[Segment] | None,
+    cycle: bool,
+    scene: Scene | None,
+    settings: TimeOptimalSettings,
+    progress: StepProgress,
+    *,
+    slacks: Sequence[float] = (),
+    shares: Sequence[float] = (),
+) -> Front:
+    """Return the effort and motion of the fastest, and of calmer ones; why there are no more.
+
+    By ``slacks`` of the duration those of least effort, else the fastest by ``shares`` of the
+    torques.
+    """
+    ask = partial(effort_front, slacks=slacks) if slacks else partial(torque_front, shares=shares)
+    asked = Asked(robot, limits, list(stops), segments, cycle, settings, progress, scene=scene)
+    with settings.within(CELL_TIME_LIMIT):
+        if scene is None:
+            return ask(search_of(problem_of(asked.task(), settings), progress), None)
+        from microbot_ocp.planning.search._stops_among import motions_among
+
+        return motions_among(asked, ask)
+
+
+def effort_front(search: MotionSearch, state: SearchState | None, slacks: Sequence[float]) -> Front:
+    """Return the effort and motion of the fastest, and of those of least effort that are slower by
+    shares.
+
+    Each starts from the one before it.
+    """
+    best = fastest(search, state, slack=0.0)
+    first = best.answer.solution.duration
+    points = [(effort_of(search, best.answer.solution), motion_of_answer(best))]
+    for slack in sorted(slacks) if best.answer.solved else ():
+        share = (1.0 + slack) * first / best.answer.solution.duration - 1.0
+        calmer = least_effort(search, best.answer, share)
+        best = replace(best, answer=calmer.answer, calmer=calmer)
+        points.append((effort_of(search, calmer.answer.solution), motion_of_answer(best)))
+    return points, ""
+
+
+def torque_front(search: MotionSearch, state: SearchState | None, shares: Sequence[float]) -> Front:
+    """Return the effort and motion of the fastest, and of the fastest with shares of the torques.
+
+    Each starts from the one before it. The text says why the last shares have no motion.
+    """
+    problem, best = search.problem, fastest(search, state, slack=0.0)
+    points, before = [(effort_of(search, best.answer.solution), motion_of_answer(best))], 1.0
+    for share in sorted(shares, reverse=True) if best.answer.solved else ():
+        try:
+            weaker = with_torques(problem.task, share)
+        except InputError as refused:
+            return points, f"With {100 * share:.3g} % of the torques {refused}."
+        again = problem_of(weaker, problem.settings, None, problem.ways, problem.timed_path)
+        search = search_of(again, search.progress)
+        best = _slower(search, best, float(np.sqrt(before / share)))
+        before, motion = share, motion_of_answer(best)
+        if not motion.solved:
+            why = motion.advice or motion.status.sentence
+            return points, f"With {100 * share:.3g} % of the torques: {why}"
+        points.append((effort_of(search, best.answer.solution), motion))
+    return points, ""
+
+
+def _slower(search: MotionSearch, before: Fastest, factor: float) -> Fastest:
+    """Return the fastest motion, from another one slowed down; by a new search if that fails."""
+    solution = before.answer.solution
+    refiner = replace(search.refiner, history=[])
+    meshes = [phase.mesh for phase in solution.phases]
+    guesses = search.problem.guesses(solution, factor)
+    slower = refiner.solve(meshes, guesses, barrier=SEARCH.calmer_barrier)
+    slower = refiner.finished(refiner.refine(slower))
+    search.progress(f"slowed down: {slower.duration:.6f} s, {slower.status}")
+    if rank(search, slower)[0] is False:
+        answer = replace(
+            before.answer, solution=slower, refiner=refiner, solves=tuple(refiner.history)
+        )
+        return replace(before, search=search, answer=answer, calmer=None)
+    return fastest(search, slack=0.0)

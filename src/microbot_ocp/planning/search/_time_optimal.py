@@ -13,8 +13,9 @@ from microbot_ocp._base.checks import InputError
 from microbot_ocp.limits import JointLimits, Limits, with_reserve
 from microbot_ocp.motion import Motion
 from microbot_ocp.ocp.solution import StepProgress, quiet
+from microbot_ocp.planning.search._orders import solve_stops
 from microbot_ocp.planning.search._settings import TimeOptimalSettings
-from microbot_ocp.planning.search._through_stops import fastest_through
+from microbot_ocp.planning.search._through_stops import Asked, fastest_through
 from microbot_ocp.planning.task import (
     CELL_TIME_LIMIT,
     TIME_LIMIT,
@@ -25,7 +26,6 @@ from microbot_ocp.planning.task import (
     check_via,
     is_task,
     robust_limits,
-    task_of,
     with_changes,
     with_drives_noted,
 )
@@ -138,61 +138,26 @@ def time_optimal(
     if any(payload) or uncertain:
         limits = robust_limits(robot, limits, payload=payload, **(uncertain or {}))
     checks.one_of("order", order, ("given", "free"))
-    if is_task(via_q) or segments is not None or cycle or order != "given" or duration is not None:
-        from microbot_ocp.planning.search._orders import solve_stops
-
-        if not isinstance(via_q, Sequence) and np.ndim(cast("Any", via_q)) == 0:
-            raise InputError(f"via_q must be stops or poses, not {checks.shown(via_q)}")
-        stops = list(cast("Sequence[Any]", via_q))
-        plan = stops, segments, cycle, order, duration
-        if scene is not None:
-            from microbot_ocp.planning.search._stops_among import stops_among
-
-            with chosen.within(CELL_TIME_LIMIT):
-                motion = stops_among(robot, limits, plan, scene, chosen, progress or quiet)
-            return with_drives_noted(robot, motion, limits)
-        motion = solve_stops(robot, limits, *plan, chosen, progress or quiet)
-        return with_drives_noted(robot, motion, limits)
-    family = check_limits(robot, limits, means=scene is None)
-    via = check_via(family, cast("ArrayLike", via_q))
-    if scene is not None:
-        from microbot_ocp.planning.search._among_obstacles import fastest_among
-
-        with chosen.within(CELL_TIME_LIMIT):
-            motion = fastest_among(family, via, scene, chosen, progress or quiet)
-            return with_drives_noted(robot, motion, limits)
-    task = Task.through(family, via)
-    return fastest_through(task, chosen, progress or quiet, usual=TIME_LIMIT)
-
-
-def motions_of_front(
-    robot: Robot,
-    limits: Limits | JointLimits | None,
-    stops: Sequence[Any],
-    segments: Sequence[Segment] | None,
-    cycle: bool,
-    scene: Scene | None,
-    settings: TimeOptimalSettings,
-    progress: StepProgress,
-    *,
-    slacks: Sequence[float] = (),
-    shares: Sequence[float] = (),
-) -> tuple[list[tuple[float, Motion]], str]:
-    """Return the effort and motion of the fastest, and of calmer ones; why there are no more.
-
-    By ``slacks`` of the duration those of least effort, else the fastest by ``shares`` of the
-    torques.
-    """
-    from microbot_ocp.planning.search._stop_fronts import effort_front, torque_front
-    from microbot_ocp.planning.search._stops_among import motions_among
-    from microbot_ocp.planning.search._through_stops import StopSearch
-
-    def ask(search: StopSearch) -> tuple[list[tuple[float, Motion]], str]:
-        return effort_front(search, slacks) if slacks else torque_front(search, shares)
-
-    with settings.within(CELL_TIME_LIMIT):
+    told = progress or quiet
+    plain = segments is None and not cycle and order == "given" and duration is None
+    if plain and not is_task(via_q):
+        family = check_limits(robot, limits, means=scene is None)
+        via = check_via(family, cast("ArrayLike", via_q))
         if scene is None:
-            task = task_of(robot, stops, limits, segments=segments, cycle=cycle)
-            return ask(StopSearch.of(task, settings, progress))
-        plan = list(stops), segments, cycle, "given", None
-        return motions_among(robot, limits, plan, scene, settings, progress, ask)
+            task = Task.through(family, via)
+            return fastest_through(task, chosen, told, usual=TIME_LIMIT)
+        asked = Asked(robot, limits, list(via), None, False, chosen, told, scene=scene)
+        with chosen.within(CELL_TIME_LIMIT):
+            from microbot_ocp.planning.search._among_obstacles import fastest_among
+
+            return with_drives_noted(robot, fastest_among(asked, family, via), limits)
+    if not isinstance(via_q, Sequence) and np.ndim(cast("Any", via_q)) == 0:
+        raise InputError(f"via_q must be stops or poses, not {checks.shown(via_q)}")
+    stops = list(cast("Sequence[Any]", via_q))
+    asked = Asked(robot, limits, stops, segments, cycle, chosen, told, order, duration, scene)
+    if scene is None:
+        return with_drives_noted(robot, solve_stops(asked), limits)
+    with chosen.within(CELL_TIME_LIMIT):
+        from microbot_ocp.planning.search._stops_among import stops_among
+
+        return with_drives_noted(robot, stops_among(asked), limits)
