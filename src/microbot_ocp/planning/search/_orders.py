@@ -25,7 +25,7 @@ from microbot_ocp.planning.search._settings import SEARCH
 from microbot_ocp.planning.search._starts import segment_timings
 from microbot_ocp.planning.search._strategies import STRATEGIES, search_of
 from microbot_ocp.planning.search._through_stops import Asked, fastest_through, problem_of
-from microbot_ocp.planning.task import CELL_TIME_LIMIT, Segment, Task
+from microbot_ocp.planning.task import CELL_TIME_LIMIT, Segment, Task, one_remark
 
 MOST_ORDERED = 7  # stops of which every order is looked at
 # Coarse answers of one task differ from the refined ones by much the same share (0.9 to 1.3 % for
@@ -184,7 +184,7 @@ def _refined(
     rows.sort(key=lambda row: (row["duration"] or np.inf, row["coarse"] or np.inf))
     left_out, taken = len(orders) - len(rows), _named(best.provenance["order"])
     provenance = {**best.provenance, "orders": rows, "orders_left_out": left_out}
-    remark = f"order {taken} of {len(orders)}, {counts}; {best.remark}"
+    remark = one_remark(f"order {taken} of {len(orders)}, {counts}", best.remark)
     return replace(best, provenance=provenance, remark=remark)
 
 

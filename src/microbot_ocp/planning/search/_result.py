@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
@@ -44,6 +44,7 @@ from microbot_ocp.planning.search._settings import SEARCH, sparing
 from microbot_ocp.planning.search._starts import least_of_slower, sample
 from microbot_ocp.planning.search._strategies import STRATEGIES, best_of
 from microbot_ocp.planning.task import (
+    one_remark,
     provenance_of,
     rates_at_reversals,
     verdict,
@@ -89,10 +90,10 @@ class LeastEffort:
         """What it saves, for a remark."""
         duration = self.answer.solution.duration
         if duration == self.fastest:
-            return f"; no motion of less effort was found ({self.status})"
+            return f"no motion of less effort was found ({self.status})"
         saved = 1.0 - self.effort / self.effort_of_the_fastest
         slower = duration / self.fastest - 1.0
-        return f"; {100 * slower:.3g} % slower than the fastest for {100 * saved:.3g} % less effort"
+        return f"{100 * slower:.3g} % slower than the fastest for {100 * saved:.3g} % less effort"
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,7 +218,7 @@ def motion_of_answer(best: Fastest) -> Motion:
         **more,
     )
     motion = problem.motion(solution, provenance)
-    return replace(motion, remark=remark + _further_remarks(best), outcome=outcome)
+    return replace(motion, remark=one_remark(remark, *_further_remarks(best)), outcome=outcome)
 
 
 def starts_of(state: SearchState, rested: float = 0.0) -> list[dict[str, Any]]:
@@ -233,13 +234,13 @@ def starts_of(state: SearchState, rested: float = 0.0) -> list[dict[str, Any]]:
     ]
 
 
-def _further_remarks(best: Fastest) -> str:
-    """Return what less effort saves, and what the smoothing costs where it is much."""
-    solution, remark = best.answer.solution, best.calmer.remark if best.calmer else ""
-    share = best.smoothing_cost / solution.duration
-    if not solution.status.solved or share < SEARCH.smoothing_told:
-        return remark
-    return remark + f"; without smoothing of the jerk it could be about {100 * share:.1g} % faster"
+def _further_remarks(best: Fastest) -> Iterator[str]:
+    """Yield what less effort saves, and what the smoothing costs where it is much."""
+    if best.calmer:
+        yield best.calmer.remark
+    share = best.smoothing_cost / best.answer.solution.duration
+    if best.answer.solution.status.solved and share >= SEARCH.smoothing_told:
+        yield f"without smoothing of the jerk it could be about {100 * share:.1g} % faster"
 
 
 def _within_limits(best: Fastest, motion: Motion) -> Motion:
@@ -280,7 +281,7 @@ def _within_limits(best: Fastest, motion: Motion) -> Motion:
     how = f"returned is {known.made_from}"
     if solution.status.solved and more > 0.0:
         how = f"slowed down by {100 * more:.2g} % where it exceeded limits"
-    remark = f"{motion.remark}; {how}"
+    remark = one_remark(motion.remark, how)
     provenance, excess = motion.provenance, largest_excess(problem.family, known.motion)
     return replace(known.motion, provenance=provenance, remark=remark).ended(
         outcome, made_from=known.made_from, excess=excess
@@ -289,12 +290,13 @@ def _within_limits(best: Fastest, motion: Motion) -> Motion:
 
 def _remark(via_count: int, start_count: int, optima: Sequence[float]) -> str:
     durations = ", ".join(f"{duration:.3f}" for duration in optima)
+    starts = "1 start" if start_count == 1 else f"{start_count} starts"
     passed = {2: "", 3: "via point passed at any velocity; "}
     if not optima:
         return f"none of {start_count} starts led to a motion"
     return (
-        f"{passed.get(via_count, 'via points passed at any velocity; ')}{start_count} starts ended "
-        f"at {durations} s on the coarse mesh, the best was refined"
+        f"{passed.get(via_count, 'via points passed at any velocity; ')}{starts} ended at "
+        f"{durations} s on the coarse mesh, the best was refined"
     )
 
 

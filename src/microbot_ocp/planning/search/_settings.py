@@ -24,16 +24,12 @@ class SearchSettings:
         takes more is given up
     least_iterations : that a start has in any case
     same : share of the duration by which two solves of the same optimum may differ
-    worth : share of the duration: less is not worth another mesh where joints turn back, or a jerk
-        or torque rate switches
     polishing : iterations for the last digits: 8 to 10 are usual. None with dry friction, where
         50 to 80 gain 7e-5 of the duration
     most_polished : phases of a motion whose last digits are looked for: 29 of the Microbot need
         more iterations
     most_refined : of the optima on the coarse mesh
-    full_mesh : intervals a phase of the first full mesh where accelerations jump, or jerks or
-        torque rates, which is split where they do
-    full_mesh_even : the same elsewhere
+    full_mesh : intervals a phase of the first full mesh
     guided_iterations : of a solve to the rough ``timed_path_tolerance``; 20 to 60 are usual, and
         100 where much has to give way
     guided_still : iterations within ten times that tolerance after which it is left at that:
@@ -47,7 +43,6 @@ class SearchSettings:
         with 1e-7
     foresight : of the accepted excess: intervals near it are split along with the others
     many_phases : more take over 40 iterations to the full tolerance on a refined mesh
-    most_exact : iterations of a refined mesh to the full tolerance, before roughly
     calmer_mesh : even intervals a phase of the solve for less effort, at most
     calmer_barrier : barrier parameter of it, from the fastest motion slowed down
     spared : share of the time limit that is kept for a motion within the limits when the search
@@ -69,7 +64,8 @@ class SearchSettings:
         digits
     missed : of the way and the velocity, by which a motion may miss or jump at a via point
     first_iterations : of the first full mesh: 14 to 43 where coarse meshes tell what happens; of
-        the last digits from a timed path: 2 to 20, of a Panda's cycle 60
+        a refined one to the full tolerance, before roughly; of the last digits from a timed path:
+        2 to 20, of a Panda's cycle 60
     smoother : times the usual smoothing of the jerk, in turn, where coarse meshes do not tell
         what happens: four of five chains of seven and eight joints, which took minutes before,
         get to the full mesh in 5 to 14 s so
@@ -100,12 +96,10 @@ class SearchSettings:
     patience: int = 4
     least_iterations: int = 100
     same: float = 1e-3
-    worth: float = 1e-4
     polishing: int = 15
     most_polished: int = 15
     most_refined: int = 3
     full_mesh: int = 80
-    full_mesh_even: int = 100
     guided_iterations: int = 300
     guided_still: int = 15
     full_mesh_sum: int = 400
@@ -114,7 +108,6 @@ class SearchSettings:
     far_barrier: float = 3e-5
     foresight: float = 0.5
     many_phases: int = 5
-    most_exact: int = 40
     calmer_mesh: int = 60
     calmer_barrier: float = 1e-3
     spared: float = 0.2
@@ -155,8 +148,7 @@ class TimeOptimalSettings:
     ----------
     mesh : intervals of each phase in the first full solve; half of them are where the accelerations
         change, except with dry friction and limits that depend on the jerk, where they are even; by
-        default 80, with dry friction alone 100, and fewer where there are many phases: 400
-        together, but at least 25 each
+        default 80, and fewer where there are many phases: 400 together, but at least 25 each
     starts : how many starting motions to try on the coarse mesh
     tries : how many to try at most, while another is likely to lead to an optimum that none of
         them led to; if it still is in the end the status is "local optimum". Of a single start

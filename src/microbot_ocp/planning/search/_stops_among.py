@@ -49,7 +49,7 @@ from microbot_ocp.planning.search._result import (
 from microbot_ocp.planning.search._starts import rest_to_rest, segment_timings
 from microbot_ocp.planning.search._stop_motion import motion_of, places_along, scenes_of, tool_poses
 from microbot_ocp.planning.search._through_stops import Asked, Front
-from microbot_ocp.planning.task import Stop, Task, TaskScale
+from microbot_ocp.planning.task import Stop, Task, TaskScale, one_remark
 from microbot_ocp.robot import Capsule, Robot
 from microbot_ocp.scene import Clearance, Surroundings, clearance_along, with_arm_capsules
 from microbot_ocp.trajectories import quintic, shortest_duration
@@ -197,7 +197,7 @@ class _Among:
         branches = [] if taken is None else self._branches(taken)
         judged: list[tuple[float, Motion]] = []
         for place, ((effort, motion), proof) in enumerate(zip(made[0], proofs, strict=True)):
-            remark = remark_of_branches(branches) + motion.remark
+            remark = one_remark(remark_of_branches(branches), motion.remark)
             motion = replace(_with(motion, branches=branches), remark=remark)
             if place == 0 and fallback is not None:
                 motion = at_least(fallback, motion, proof)

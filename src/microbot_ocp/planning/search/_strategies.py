@@ -175,7 +175,7 @@ def to_full_mesh(search: MotionSearch, step: NextStep) -> MotionAnswer:
         solution = refiner.finer(before, meshes)
         if refiner.fitted is not None and solution is not before:
             marks = partial(friction_marks, search)
-            solution = refiner.sharpen(solution, marks, worth=SEARCH.worth)
+            solution = refiner.sharpen(solution, marks)
         return _finer(subject, solution, refiner)
     if len(before.phases) > SEARCH.many_phases:
         # multipliers of so coarse a mesh mislead: 87 iterations, 65 without
@@ -296,7 +296,7 @@ def less_smoothing(search: MotionSearch, step: NextStep) -> MotionAnswer:
     kernels = _smoothed(search, refiner.transcription, weight)
     finer = replace(refiner, transcription=kernels, settings=usual)
     options = {"ipopt": {"mu_init": SEARCH.less_smoothing_barrier}}
-    settings = replace(usual, options=options, max_iterations=SEARCH.most_exact)
+    settings = replace(usual, options=options, max_iterations=SEARCH.first_iterations)
     meshes = [phase.mesh for phase in subject.solution.phases]
     solution = replace(finer, settings=settings).solve(meshes, subject.solution)
     search.progress(f"smoothed less: {solution.duration:.6f} s, {solution.status}")
@@ -327,7 +327,7 @@ def split_where_exceeded(search: MotionSearch, step: NextStep) -> MotionAnswer:
     """Split intervals until limits hold between mesh points, and where something switches."""
     subject = step.answer
     refiner, best = _going_on(subject), subject.solution
-    marks: Any = {"switching": partial(switch_marks, search), "worth": SEARCH.worth}
+    marks = partial(switch_marks, search)
     usual = refiner.settings
     if accelerations_jump(search.problem.family):
         refiner = replace(refiner, foresight=SEARCH.foresight)
@@ -336,12 +336,14 @@ def split_where_exceeded(search: MotionSearch, step: NextStep) -> MotionAnswer:
             refiner = replace(refiner, settings=replace(usual, max_iterations=limited))
         if len(search.problem.names) <= SEARCH.many_phases:
             # a refined mesh is seldom refined again: to the last digits at once
-            least = replace(usual, max_iterations=min(usual.max_iterations, SEARCH.most_exact))
-            best = replace(refiner, settings=least, rough=None, once=True).refine(best, **marks)
+            least = replace(
+                usual, max_iterations=min(usual.max_iterations, SEARCH.first_iterations)
+            )
+            best = replace(refiner, settings=least, rough=None, once=True).refine(best, marks)
     if search.problem.timed_path is not None:  # what did not converge is tried from farther inside
         farther = _from_barrier(refiner, SEARCH.timed_path_barrier)
         refiner = replace(refiner, settings=farther)
-    return _finer(subject, refiner.refine(best, **marks), refiner)
+    return _finer(subject, refiner.refine(best, marks), refiner)
 
 
 def next_last_digits(search: MotionSearch, state: SearchState) -> NextStep | None:

@@ -28,6 +28,7 @@ from ._checks import (
 from ._ending import (
     largest as largest,
     multipliers_of as multipliers_of,
+    one_remark as one_remark,
     place_in_task as place_in_task,
     provenance_of as provenance_of,
     verdict as verdict,

@@ -36,6 +36,11 @@ KEYS = {quantity.name: key for key, quantity in JOINT_QUANTITIES.items()}
 DIGITS = 8  # significant ones: what is written with every motion
 
 
+def one_remark(*remarks: str) -> str:
+    """Return remarks on a motion as one; empty ones say nothing."""
+    return "; ".join(filter(None, remarks))
+
+
 def with_drives_noted(
     robot: Robot, motion: Motion, limits: Limits | JointLimits | None = None
 ) -> Motion:
@@ -49,7 +54,7 @@ def with_drives_noted(
     rows = [("drives", advice), ("not judged", not_judged(family.unjudged))]
     rows = [Advice(kind, text) for kind, text in rows if text]
     new = [row for row in rows if row not in motion.outcome.advice]
-    remark = "; ".join(filter(None, [motion.remark, *(row.sentence for row in new)]))
+    remark = one_remark(motion.remark, *(row.sentence for row in new))
     return replace(motion, remark=remark, outcome=motion.outcome.and_(*new))
 
 
