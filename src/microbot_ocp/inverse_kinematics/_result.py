@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -35,6 +36,8 @@ class IKSolution:
     solve_time : float
         Wall time of the search, s; for a batch its share of it.
     """
+
+    _is_answer: ClassVar[bool] = True
 
     q: FloatArray
     status: Status

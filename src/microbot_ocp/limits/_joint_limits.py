@@ -304,6 +304,8 @@ def _per_joint(name: str, value: Any, count: int) -> FloatArray:
 
 
 def _further(limits: Any) -> tuple[Limit, ...]:
+    if isinstance(limits, Limit):
+        raise InputError("also must be a list of limits: write also=[limit]")
     entries = tuple(limits)
     for limit in entries:  # of an iterator nobody has looked at them
         if not isinstance(limit, Limit):
