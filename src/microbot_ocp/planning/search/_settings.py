@@ -14,6 +14,9 @@ from microbot_ocp._base.checks import InputError
 class SearchSettings:
     """Settings of the search for a free motion.
 
+    What is said of 28 tasks is of random ones of all kinds, tried without the number or with its
+    natural value (``python -m benchmarks baseline --only tasks --without NAME=VALUE --against``).
+
     Attributes
     ----------
     explore_mesh : intervals a phase for the first look: of other meshes optima are others
@@ -34,15 +37,17 @@ class SearchSettings:
         100 where much has to give way
     guided_still : iterations within ten times that tolerance after which it is left at that:
         IPOPT's default. A Panda at a shelf has its duration to 1e-7 after 90, and goes on to 300
-    full_mesh_sum : intervals of all phases together where nobody says how many: 30 via points
-        need no 3000
+    full_mesh_sum : intervals of all phases together where nobody says how many: of 14 tasks with
+        6 to 30 via points none is faster by more than 4e-4 without it
     least_mesh : intervals a phase in any case
     graded : share of a mesh's intervals that are where the accelerations change
     far_barrier : barrier parameter from the coarse mesh to the full one, with multipliers: 17,
         14, 14 and 62 iterations on four tasks of the Microbot with 1e-5; 22, 14, 15 and 109
         with 1e-7
-    foresight : of the accepted excess: intervals near it are split along with the others
-    many_phases : more take over 40 iterations to the full tolerance on a refined mesh
+    foresight : of the accepted excess: intervals near it are split along with the others. With 1
+        six of 28 tasks, all of tight torques, are 1.4e-4 to 9e-4 slower
+    many_phases : more take over 40 iterations to the full tolerance on a refined mesh. Without it
+        three of 28 tasks, of 10 to 30 phases, take 9 to 23 % longer and are up to 3e-5 slower
     calmer_mesh : even intervals a phase of the solve for less effort, at most
     calmer_barrier : barrier parameter of it, from the fastest motion slowed down
     spared : share of the time limit that is kept for a motion within the limits when the search
@@ -72,8 +77,8 @@ class SearchSettings:
     smoothest : the same before these, where they lead nowhere
     worth_less : share of the duration: where less smoothing is worth less it ends
     smoothing_told : share of the duration: where the smoothing costs more it is weaker, and
-        what it costs all the same is said. On the UR5e durations are 1.8e-3, 7e-4 and 1.3e-3
-        shorter for 1.6 times the work
+        what it costs all the same is said. Without it six of 28 tasks, of arms from URDF files and
+        of tight torques, are 1.2e-4 to 3e-3 slower
     less_smoothing : times the usual smoothing, then
     less_smoothing_barrier : barrier parameter of that solve
     smoother_iterations : of each of these solves
