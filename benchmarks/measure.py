@@ -17,7 +17,7 @@ import numpy as np
 
 Seconds = np.ndarray
 PEER = "peer"
-WARM = 1.0  # s of processor time of each way before it is timed
+WARM = 3.0  # s of processor time of each way before it is timed
 
 
 @dataclass
