@@ -17,6 +17,7 @@ import numpy as np
 
 Seconds = np.ndarray
 PEER = "peer"
+WARM = 3.0  # s of processor time of each way before it is timed
 
 
 @dataclass
@@ -34,8 +35,10 @@ class Benchmark:
     def run(self, repetitions: int) -> None:
         """Take turns, A B C A B C ..., so that a slow spell of the machine hits all alike."""
         ways = {PEER: self.peer[1], **self.ours}
-        for way in ways.values():
-            way()  # warm: caches of the processor, first-call imports
+        for way in ways.values():  # warm: what is used for half a second is compiled then
+            end = time.process_time() + WARM
+            while way() and time.process_time() < end:
+                pass
         taken: dict[str, list[float]] = {name: [] for name in ways}
         for _ in range(repetitions):
             for name, way in ways.items():

@@ -30,7 +30,7 @@ from ._phase_plane import (
     phase_plane as phase_plane,
 )
 from ._reachability import (
-    SETTLED as SETTLED,
+    REACHABILITY as REACHABILITY,
     CurveLimits as CurveLimits,
     Reached as Reached,
     harmonic as harmonic,

@@ -42,16 +42,39 @@ from microbot_ocp.planning.path._limits import (
 )
 from microbot_ocp.planning.task import DRY, VISCOUS, friction
 
-ROUNDING = 1e-9  # relative violation of a limit that is none
-FRICTION_PASSES = 6  # linearisations of friction, which goes with the root of x, at most
-SETTLED = 1e-4  # relative change of a duration that ends the doubling of the grid
-PLACES = (1e-6, 0.25, 0.5, 0.75, 1.0 - 1e-6)  # of an interval at which limits are looked at
-ALIKE = 0.1  # relative change of an inertia along an interval up to which one end stands for it
-STEEP = 1e-8  # least relative size of a coefficient that is divided by
-FLAT = 1e-12  # relative size of a coefficient that counts as zero
-STARTS, STARTS_OVER = 1001, 8  # free starts that are compared, and intervals over which they are
-TINY = 1e-30  # of a speed: what is divided by in the place of zero
-SHORT = 1e-4  # of k t^2, below which a series replaces sinh and sin
+
+@dataclass(frozen=True)
+class ReachabilitySettings:
+    """Settings of the passes.
+
+    Attributes
+    ----------
+    rounding : relative violation of a limit that is none
+    friction_passes : linearisations of friction, which goes with the root of x, at most
+    settled : relative change of a duration that ends the doubling of the grid
+    places : shares of an interval at which limits are looked at
+    alike : relative change of an inertia along an interval up to which one end stands for it
+    steep : least relative size of a coefficient that is divided by
+    flat : relative size of a coefficient that counts as zero
+    starts, starts_over : free starts that are compared, and intervals over which they are
+    tiny : of a speed: what is divided by in the place of zero
+    short : of k t^2, below which a series replaces sinh and sin
+    """
+
+    rounding: float = 1e-9
+    friction_passes: int = 6
+    settled: float = 1e-4
+    places: tuple[float, ...] = (1e-6, 0.25, 0.5, 0.75, 1.0 - 1e-6)
+    alike: float = 0.1
+    steep: float = 1e-8
+    flat: float = 1e-12
+    starts: int = 1001
+    starts_over: int = 8
+    tiny: float = 1e-30
+    short: float = 1e-4
+
+
+REACHABILITY = ReachabilitySettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +165,7 @@ def _sinh_over(z: FloatArray) -> FloatArray:
     r = np.sqrt(np.abs(z))
     with np.errstate(divide="ignore", invalid="ignore"):
         far = np.where(z > 0, np.sinh(r), np.sin(r)) / r
-    return np.where(r**2 < SHORT, 1.0 + z / 6.0 * (1.0 + z / 20.0), far)
+    return np.where(r**2 < REACHABILITY.short, 1.0 + z / 6.0 * (1.0 + z / 20.0), far)
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,7 +211,7 @@ class CurveLimits:
         """Give the largest relative excess [N] over any of these limits inside every interval."""
         family, worst = self.limits.family, np.full(self.s.size - 1, -1.0)
         i = np.arange(worst.size)
-        for share in PLACES:
+        for share in REACHABILITY.places:
             r, v, u = timing.inside(i, np.full(i.size, share))
             samples = samples_along(self.curve.evaluate(r), (v, u))
             keys = [*self.limits.half_planes, *self.limits.speed]
@@ -220,7 +243,7 @@ def reach(
     speed_limit = np.minimum(along.speed_limit, fastest**2)
     timing = _passes(along, along.rows, speed_limit, free, ends)
     x, before = timing.speed_squared, timing.duration
-    for _ in range(FRICTION_PASSES if along.has_friction and timing.feasible else 0):
+    for _ in range(REACHABILITY.friction_passes if along.has_friction and timing.feasible else 0):
         if deadline.over():
             break
         bent = along.rows.with_friction(along.nodes, along.limits.family.robot, x)
@@ -228,7 +251,7 @@ def reach(
         if not timing.feasible:  # at a speed at which friction alone takes more than the limits
             x = 0.25 * x
             continue
-        if abs(timing.duration - before) < 0.01 * SETTLED * timing.duration:
+        if abs(timing.duration - before) < 0.01 * REACHABILITY.settled * timing.duration:
             break
         x, before = timing.speed_squared, timing.duration
     return timing
@@ -287,12 +310,14 @@ def _passes(
     intervals = left, right, steps, np.column_stack([low[1:], high[1:]])
     first = max(high[0], 0.0)
     if free[0]:  # the largest x_0 may bar larger ones soon after, a small one loses time at once
-        tried = [np.linspace(low[0], high[0], STARTS)]
+        tried = [np.linspace(low[0], high[0], REACHABILITY.starts)]
         onward = deferred_call(_onward(size), compiled=fast)
-        for interval in zip(*(table[:STARTS_OVER] for table in intervals), strict=True):
+        for interval in zip(
+            *(table[: REACHABILITY.starts_over] for table in intervals), strict=True
+        ):
             tried.append(onward(tried[-1][:, None], *interval)[:, 0])
         v = np.sqrt(tried)
-        spent = step[: len(v) - 1, None] / np.maximum(v[1:] + v[:-1], TINY)
+        spent = step[: len(v) - 1, None] / np.maximum(v[1:] + v[:-1], REACHABILITY.tiny)
         first = tried[0][np.argmin(spent.sum(axis=0))]
     after, u = deferred_call(_forward(size), kept=True, compiled=fast)([first], *intervals)
     x, (start, finish) = np.append(first, after[:, 0]), u.T
@@ -316,7 +341,7 @@ def _durations(x: FloatArray, step: FloatArray, start: FloatArray, end: FloatArr
         circular = np.arctan2(start * w * v1 * -1.0 + end * w * v0, start * end + w * v0 * w * v1)
         exact = np.where(k > 0, hyperbolic, np.abs(circular)) / w
         series = usual * (1.0 + k * usual**2 / 12.0)
-        return np.where(np.abs(k) * usual**2 < SHORT, series, exact)
+        return np.where(np.abs(k) * usual**2 < REACHABILITY.short, series, exact)
 
 
 class _Lines(NamedTuple):
@@ -341,7 +366,7 @@ class _Lines(NamedTuple):
         """Bound x given ``w = x + way u``, where these bound u."""
         ratio = 1.0 + way * self.slope
         # not so steep that what is no limit becomes one
-        tiny = STEEP * (1.0 + ca.fabs(way * self.slope))
+        tiny = REACHABILITY.steep * (1.0 + ca.fabs(way * self.slope))
         ratio = 1.0 / ca.if_else(ca.fabs(ratio) <= tiny, tiny, ratio)
         one, other = -way * ratio * self.top, -way * ratio * self.bottom
         return _Lines(ratio, ca.fmax(one, other), ca.fmin(one, other))
@@ -365,7 +390,7 @@ class _Lines(NamedTuple):
             above, rise = _lowest(x, self.slope, self.top)
             below, fall = _lowest(x, -self.slope, -self.bottom)
             room, opening = above + below, rise + fall
-            slack = ROUNDING * (1.0 + ca.fabs(above) + ca.fabs(below))
+            slack = REACHABILITY.rounding * (1.0 + ca.fabs(above) + ca.fabs(below))
             missing = -room - opening * x
             nearer = ca.if_else(missing > slack, side * FAR, x)  # there is no such x
             nearer = ca.if_else(side * opening > 0.0, -room / opening, nearer)
@@ -399,12 +424,12 @@ def _at_ends(width: int) -> ca.Function:
     ends, step = [ca.SX.sym(name, 4 * width) for name in ("left", "right")], ca.SX.sym("step")
     rows = [[end[k * width : (k + 1) * width] for k in range(4)] for end in ends]
     sizes = [ca.fabs(row[0]) for row in rows]
-    unlike = ca.fabs(rows[1][0] - rows[0][0]) > ALIKE * ca.fmax(*sizes)
+    unlike = ca.fabs(rows[1][0] - rows[0][0]) > REACHABILITY.alike * ca.fmax(*sizes)
     counts = ca.vertcat(ca.SX.ones(width), unlike)
     lines, ranges = [], []
     for pair in (rows, rows[::-1]):
         m, c, *bounds = (ca.vertcat(*both) for both in zip(*pair, strict=True))
-        flat = ca.fabs(m) <= FLAT * (ca.fabs(m) + step * ca.fabs(c))
+        flat = ca.fabs(m) <= REACHABILITY.flat * (ca.fabs(m) + step * ca.fabs(c))
         alone = ca.logic_and(ca.logic_and(counts, flat), c != 0.0)
         felt = ca.logic_and(counts, ca.logic_not(flat))
         one, other = (b / ca.if_else(felt, m, ca.if_else(alone, c, 1.0)) for b in bounds)
@@ -444,7 +469,7 @@ def _backward(size: int) -> ca.Function:
     x = _Lines.of(left).moved(step).between(w[0], w[1], x[0], x[1])
     empty = ca.SX(0)
     for low, high in (y, w, x):
-        crossed = high < low - ROUNDING * (1.0 + ca.fabs(low))
+        crossed = high < low - REACHABILITY.rounding * (1.0 + ca.fabs(low))
         empty = ca.logic_or(empty, crossed)
     # an empty set is passed on as one with its ends crossed
     result = ca.if_else(empty, ca.vertcat(1.0, -1.0), ca.vertcat(*x))
@@ -477,7 +502,7 @@ def _forward(size: int) -> ca.Function:
     x, left, right, step, _ = given
     ranges = []
     for lines, at in ((_Lines.of(left), x), (_Lines.of(right), y)):
-        slack = ROUNDING * (1.0 + ca.fabs(lines.slope * at))
+        slack = REACHABILITY.rounding * (1.0 + ca.fabs(lines.slope * at))
         wider = _Lines(lines.slope, lines.top + slack, lines.bottom - slack)
         ranges.append(wider.between(at, at, -FAR, FAR))
     (low, high), (end_low, end_high) = ranges

@@ -32,7 +32,9 @@ class SearchSettings:
     most_polished : phases of a motion whose last digits are looked for: 29 of the Microbot need
         more iterations
     most_refined : of the optima on the coarse mesh
-    full_mesh : intervals a phase of the first full mesh
+    full_mesh : intervals a phase of the first full mesh where accelerations jump, or jerks or
+        torque rates, which is split where they do
+    full_mesh_even : the same elsewhere. With 80 three of 13 scenes are 6e-5 to 2.7e-4 slower
     guided_iterations : of a solve to the rough ``timed_path_tolerance``; 20 to 60 are usual, and
         100 where much has to give way
     guided_still : iterations within ten times that tolerance after which it is left at that:
@@ -105,6 +107,7 @@ class SearchSettings:
     most_polished: int = 15
     most_refined: int = 3
     full_mesh: int = 80
+    full_mesh_even: int = 100
     guided_iterations: int = 300
     guided_still: int = 15
     full_mesh_sum: int = 400
@@ -153,7 +156,8 @@ class TimeOptimalSettings:
     ----------
     mesh : intervals of each phase in the first full solve; half of them are where the accelerations
         change, except with dry friction and limits that depend on the jerk, where they are even; by
-        default 80, and fewer where there are many phases: 400 together, but at least 25 each
+        default 80, with dry friction alone 100, and fewer where there are many phases: 400
+        together, but at least 25 each
     starts : how many starting motions to try on the coarse mesh
     tries : how many to try at most, while another is likely to lead to an optimum that none of
         them led to; if it still is in the end the status is "local optimum". Of a single start

@@ -23,10 +23,12 @@ from microbot_ocp.ocp.refinement import Refiner
 from microbot_ocp.planning.free import (
     SMOOTHING,
     InitialGuess,
+    accelerations_jump,
     guess_along,
     guesses_from,
     initial_guesses,
     least_violation,
+    limited_rates,
 )
 from microbot_ocp.planning.path import time_path
 from microbot_ocp.planning.search._branches import Way, few_poses, least_time
@@ -56,8 +58,10 @@ def full_mesh(search: MotionSearch) -> int:
     """Return intervals a phase of the first full mesh."""
     if search.settings.mesh is not None:
         return search.settings.mesh
-    together = SEARCH.full_mesh_sum // len(search.problem.names)
-    return max(min(SEARCH.full_mesh, together), SEARCH.least_mesh)
+    family = search.problem.family
+    switching = accelerations_jump(family) or limited_rates(family)
+    most = SEARCH.full_mesh if switching else SEARCH.full_mesh_even
+    return max(min(most, SEARCH.full_mesh_sum // len(search.problem.names)), SEARCH.least_mesh)
 
 
 def coarse(search: MotionSearch) -> Refiner:

@@ -27,7 +27,7 @@ from microbot_ocp.motion import SAMPLE_STEP, Mark, Motion, PiecewisePolynomial, 
 from microbot_ocp.ocp.solution import StepProgress, quiet
 from microbot_ocp.planning.path import (
     LATER,
-    SETTLED,
+    REACHABILITY,
     CurveLimits,
     PathCurve,
     Reached,
@@ -73,12 +73,33 @@ UNSOLVED = (
     "The program on places of the path ended with {!r}: no timing was found that keeps {}. This "
     "one exceeds limits by {:.3g} %"
 )
-MOST_GRIDS, MOST_POINTS = 9, 40_000  # of a segment, and points above which there is no finer grid
-MOST_SETTLING = 8000  # points above which the duration alone asks for no finer grid
-# s, and ratio to the duration: the least interval that is halved
-SHORTEST, SHORTEST_RATIO = 2e-5, 1e-4
-# intervals of each piece of a path to begin with, of all together, and of each at least
-MESH, MESH_SUM, LEAST_MESH = 100, 200, 20
+
+
+@dataclass(frozen=True)
+class GridSettings:
+    """Settings of the grids of a path's timing.
+
+    Attributes
+    ----------
+    most_grids, most_points : grids of a segment at most, and points above which there is no finer
+        one
+    most_settling : points above which the duration alone asks for no finer grid
+    shortest, shortest_ratio : s, and ratio to the duration: the least interval that is halved
+    mesh, mesh_sum, least_mesh : intervals of each piece of a path that the program on places begins
+        with, of all together, and of each at least
+    """
+
+    most_grids: int = 9
+    most_points: int = 40_000
+    most_settling: int = 8000
+    shortest: float = 2e-5
+    shortest_ratio: float = 1e-4
+    mesh: int = 100
+    mesh_sum: int = 200
+    least_mesh: int = 20
+
+
+GRID = GridSettings()
 # what found a motion, as its provenance says
 PASSES, WALK = "reachability", "harmonic in its parameter"
 PLACES_METHOD = "one program on its places"
@@ -255,17 +276,17 @@ class _PathSearch:
         largest relative excess over a limit inside an interval in the end.
         """
         s, duration = path_grid(curve, self.settings.grid), np.inf
-        for left in range(0 if self.family.jerk_matters else MOST_GRIDS - 1, -1, -1):
+        for left in range(0 if self.family.jerk_matters else GRID.most_grids - 1, -1, -1):
             along = CurveLimits.of(self.family, curve, s, self.fast)
             timing = reach(along)
             if not timing.feasible:
                 return timing, along, np.inf
             excess = along.excess(timing)
-            apart = abs(timing.duration - duration) > SETTLED * timing.duration
+            apart = abs(timing.duration - duration) > REACHABILITY.settled * timing.duration
             cut = excess > self.settings.limit_tolerance
-            cut |= apart and s.size <= MOST_SETTLING
-            cut &= np.diff(timing.t) > min(SHORTEST, SHORTEST_RATIO * timing.duration)
-            if not cut.any() or not left or s.size > MOST_POINTS or deadline.over():
+            cut |= apart and s.size <= GRID.most_settling
+            cut &= np.diff(timing.t) > min(GRID.shortest, GRID.shortest_ratio * timing.duration)
+            if not cut.any() or not left or s.size > GRID.most_points or deadline.over():
                 break
             duration = timing.duration
             s = np.sort(np.concatenate([s, (0.5 * (s[1:] + s[:-1]))[cut]]))
@@ -287,7 +308,7 @@ class _PathSearch:
         """
         starts = []
         pieces = sum(len(curve.pieces) for curve in self.curves)
-        count = max(min(MESH, MESH_SUM // pieces), LEAST_MESH)
+        count = max(min(GRID.mesh, GRID.mesh_sum // pieces), GRID.least_mesh)
         for passed, curve, timing in zip(self.passed, self.curves, timings, strict=True):
             rise, gentle = 0.0, timing
             if not self.blocked_at:

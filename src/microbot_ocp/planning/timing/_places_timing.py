@@ -49,28 +49,54 @@ from microbot_ocp.planning.timing._places_program import (
 )
 from microbot_ocp.robot import COULOMB_SMOOTHING, Robot, torque_and_rate
 
-FIRST_BARRIER = 1e-3  # of a first solve
-FINER_BARRIER = 1e-7  # of one from a coarser mesh
-GENTLE_BARRIER = 1e-3  # of one from dry friction that turns less suddenly
-# in turn: without pivots factors are cheap, but their rounding may hide negative curvature
-LINEAR_SOLVERS = ("ldl", "mumps")
-MOST_MESHES = 10  # solves on finer meshes at most
-SETTLED = 5e-5  # relative change of the duration from mesh to mesh that ends the refinement
-MOST_PARTS = 8  # of an interval from one mesh to the next
-# ratio of the accepted excess that the next mesh goes for; the excess falls with the third power of
-# the intervals
-AIMED = 0.5
-# ratio of the excess of a part to that of the whole from which more parts are needed at once
-SUDDEN = 0.5
-# ratio of the losses at jumps of s''' that the next mesh goes for: a tenth of all intervals has it
-MOST_LOSS = 0.8
-# excess of a limit from which a profile is taken to leap over a place where dry friction turns
-LEAPT = 0.1
-USUAL = 90.0  # percentile of the accelerations at which joints turn back, as the start has it
-# factor from one smoothing of dry friction to the next, and the least, tried where solvers fail
-SHARPER, LEAST_SHARPER = 2.0, 1.08
-TURNED = 2.0  # smoothings: velocity at which the friction has all but turned
-STEP = 0.7  # smoothings: change of velocity in an interval while the friction turns
+
+@dataclass(frozen=True)
+class PlacesSettings:
+    """Settings of the timing on places.
+
+    Attributes
+    ----------
+    first_barrier, finer_barrier, gentle_barrier : of a first solve, of one from a coarser mesh, and
+        of one from dry friction that turns less suddenly
+    linear_solvers : in turn: without pivots factors are cheap, but their rounding may hide negative
+        curvature
+    most_meshes : solves on finer meshes at most
+    settled : relative change of the duration from mesh to mesh that ends the refinement
+    most_parts : of an interval from one mesh to the next
+    aimed : ratio of the accepted excess that the next mesh goes for; the excess falls with the
+        third power of the intervals
+    sudden : ratio of the excess of a part to that of the whole from which more parts are needed at
+        once
+    most_loss : ratio of the losses at jumps of s''' that the next mesh goes for: a tenth of all
+        intervals has it
+    leapt : excess of a limit from which a profile is taken to leap over a place where dry friction
+        turns
+    usual : percentile of the accelerations at which joints turn back, as the start has it
+    sharper, least_sharper : factor from one smoothing of dry friction to the next, and the least,
+        tried where solvers fail
+    turned : smoothings: velocity at which the friction has all but turned
+    step : smoothings: change of velocity in an interval while the friction turns
+    """
+
+    first_barrier: float = 1e-3
+    finer_barrier: float = 1e-7
+    gentle_barrier: float = 1e-3
+    linear_solvers: tuple[str, str] = ("ldl", "mumps")
+    most_meshes: int = 10
+    settled: float = 5e-5
+    most_parts: int = 8
+    aimed: float = 0.5
+    sudden: float = 0.5
+    most_loss: float = 0.8
+    leapt: float = 0.1
+    usual: float = 90.0
+    sharper: float = 2.0
+    least_sharper: float = 1.08
+    turned: float = 2.0
+    step: float = 0.7
+
+
+PLACES = PlacesSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,16 +201,16 @@ def timed_on_places(
         Whether functions are compiled.
     progress : callable
     """
-    profile = _Timing(family, start, fast).solved(FIRST_BARRIER)
+    profile = _Timing(family, start, fast).solved(PLACES.first_barrier)
     excess = excess_of(family, profile)
     smoothing = _first_smoothing(family, start)
-    leaps = not profile.solved or float(excess.max()) > LEAPT
+    leaps = not profile.solved or float(excess.max()) > PLACES.leapt
     has_friction = smoothing > COULOMB_SMOOTHING and leaps
     if has_friction and not deadline.over():
         profile = _with_friction(family, start, fast, smoothing)
         excess = excess_of(family, profile)
     before, parents = np.inf, np.full(len(excess), np.inf)
-    for _ in range(MOST_MESHES):
+    for _ in range(PLACES.most_meshes):
         if not profile.solved or deadline.over():
             break
         worst = float(excess.max())
@@ -193,7 +219,10 @@ def timed_on_places(
             f"between mesh points: {100 * worst:.3g} %"
         )
         change = abs(profile.duration - before)
-        within, settled = worst <= tolerance, has_friction or change <= SETTLED * profile.duration
+        within, settled = (
+            worst <= tolerance,
+            has_friction or change <= PLACES.settled * profile.duration,
+        )
         if within and settled:
             break
         worst_in = excess.max(axis=1) / tolerance
@@ -202,7 +231,7 @@ def timed_on_places(
             parts = np.maximum(parts, 1 + _switching(profile))
         parents = np.repeat(worst_in, parts)
         finer = profile.at_times(with_parts(profile.t, parts))
-        finer = _Timing(family, finer, fast).solved(FINER_BARRIER, bent=True)
+        finer = _Timing(family, finer, fast).solved(PLACES.finer_barrier, bent=True)
         if within and not finer.solved:
             break
         before = profile.duration
@@ -221,7 +250,7 @@ def _switching(profile: SpeedProfile) -> np.ndarray:
     jumps = np.abs(np.diff(mean) - 0.5 * (profile.d[1:] + profile.d[:-1]))
     loss = (np.maximum(np.append(jumps, 0.0), np.append(0.0, jumps)) + np.abs(profile.d)) * h**2
     order = np.argsort(-loss)
-    count = np.searchsorted(np.cumsum(loss[order]), MOST_LOSS * loss.sum()) + 1
+    count = np.searchsorted(np.cumsum(loss[order]), PLACES.most_loss * loss.sum()) + 1
     chosen = np.zeros(h.size, dtype=bool)
     chosen[order[:count]] = True
     return chosen
@@ -234,28 +263,28 @@ def _parts_for(excess: FloatArray, parents: FloatArray) -> np.ndarray:
     where a torque goes to its limit faster than an interval lasts, as many as there may be.
     """
     parts = np.where(
-        (excess > 1.0) & (excess > SUDDEN * parents),
-        MOST_PARTS,
-        np.cbrt(np.maximum(excess, 0.0) / AIMED),
+        (excess > 1.0) & (excess > PLACES.sudden * parents),
+        PLACES.most_parts,
+        np.cbrt(np.maximum(excess, 0.0) / PLACES.aimed),
     )
-    return np.clip(np.ceil(parts), 1, MOST_PARTS).astype(int)
+    return np.clip(np.ceil(parts), 1, PLACES.most_parts).astype(int)
 
 
 def _with_friction(
     family: LimitFamily, start: SpeedProfile, fast: bool, smoothing: float
 ) -> SpeedProfile:
     """Find a profile for dry friction of its own suddenness, by way of gentler ones."""
-    profile, barrier, last, sharper = start, FIRST_BARRIER, np.inf, SHARPER
+    profile, barrier, last, sharper = start, PLACES.first_barrier, np.inf, PLACES.sharper
     widest = float(np.abs(start.curve.evaluate(start.s)[1] * start.v[:, None]).max())
     while True:
         closer = _closer_at_reversals(family, profile, smoothing)
         closer = _Timing(family, closer, fast, smoothing).solved(barrier)
         profile = closer if closer.solved else replace(profile, attempts=closer.attempts)
         if closer.solved:
-            last, barrier = smoothing, GENTLE_BARRIER
+            last, barrier = smoothing, PLACES.gentle_barrier
         elif np.isfinite(last):
             sharper = np.sqrt(sharper)  # less at a time
-        ended = last == COULOMB_SMOOTHING or smoothing > widest or sharper < LEAST_SHARPER
+        ended = last == COULOMB_SMOOTHING or smoothing > widest or sharper < PLACES.least_sharper
         if ended or deadline.over():
             return profile
         wider = smoothing * sharper if np.isinf(last) else last / sharper
@@ -274,7 +303,7 @@ def _first_smoothing(family: LimitFamily, start: SpeedProfile) -> float:
         return COULOMB_SMOOTHING
     shape = start.curve.evaluate(start.s[:-1])
     qdd = np.abs(samples_along(shape, (start.v[:-1], start.a)).qdd)
-    turned = dry[rated] * np.percentile(qdd[:, rated], USUAL, axis=0) / limit[rated]
+    turned = dry[rated] * np.percentile(qdd[:, rated], PLACES.usual, axis=0) / limit[rated]
     return max(float(turned.max()), COULOMB_SMOOTHING)
 
 
@@ -287,10 +316,10 @@ def _closer_at_reversals(
         return profile
     velocity = (profile.curve.evaluate(profile.s)[1] * profile.v[:, None])[:, dry]
     before, after = velocity[:-1], velocity[1:]
-    slow = np.minimum(np.abs(before), np.abs(after)) < TURNED * smoothing
+    slow = np.minimum(np.abs(before), np.abs(after)) < PLACES.turned * smoothing
     slow |= before * after < 0
     change = np.where(slow, np.abs(after - before), 0.0).max(axis=1)
-    parts = np.clip(np.ceil(change / (STEP * smoothing)), 1, MOST_PARTS)
+    parts = np.clip(np.ceil(change / (PLACES.step * smoothing)), 1, PLACES.most_parts)
     return profile.at_times(with_parts(profile.t, parts.astype(int)))
 
 
@@ -392,7 +421,7 @@ class _Timing:
         rows = np.flatnonzero(np.isfinite(lower) | np.isfinite(upper))
         attempts, gap = list(start.attempts), float("nan")
         guess = np.clip(x, low, high)
-        for linear_solver in LINEAR_SOLVERS:
+        for linear_solver in PLACES.linear_solvers:
             solver = self.program.solver(rows, barrier, linear_solver)
             created = time.perf_counter()
             answer = solver(
@@ -408,7 +437,7 @@ class _Timing:
             gap = gap_of(bounds, x, values, np.zeros(1), np.concatenate(lam)).total
             if attempts[-1].status.solved or deadline.over():
                 break
-            barrier = FIRST_BARRIER
+            barrier = PLACES.first_barrier
         if not attempts[-1].status.solved:
             return replace(start, attempts=tuple(attempts))
         points = x[n + 1 : n + 1 + count] * a
