@@ -484,8 +484,15 @@ def _agrees(again: Resimulation, tolerances: Tolerances) -> Check:
     )
     if not solved:
         problem = f"re-simulation stopped: {again.message}"
-    where = again.defect_joint, again.defect_time, again.defect, tolerances.torque
-    return Check("re-simulation", solved and near, problem, *where)
+    return Check(
+        "re-simulation",
+        solved and near,
+        problem,
+        again.defect_joint,
+        again.defect_time,
+        again.defect,
+        tolerances.torque,
+    )
 
 
 def _limit_kept(check: LimitCheck, tolerance: float) -> Check:

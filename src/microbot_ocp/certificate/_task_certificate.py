@@ -52,8 +52,10 @@ def certificate_of_task(
     places = stretches(task, motion)
     for start, end, robot, _ in places:
         part, states = _part(motion, robot, start, end), history.between(start, end)
-        how = None, tolerances, states, start
-        certificate = certificate_of(LimitFamily.of(robot), part, *how, simulated=simulated)
+        family = LimitFamily.of(robot)
+        certificate = certificate_of(
+            family, part, None, tolerances, states, start, simulated=simulated
+        )
         parts.append((end - start, certificate))
         if not certificate.ok:
             sentence = certificate.verdict.removeprefix("Failed: ").rstrip(".")
@@ -113,8 +115,8 @@ def _steps(motion: Motion, times: Sequence[float]) -> list[Check]:
             step = float(np.abs(steps).max())
             problem = f"the {what} jumps by {step:.3g} at {time:.4g} s"
             passed = not step > allowed
-            amounts = time, step, allowed, unit
-            checks.append(Check(f"step of the {what}", passed, problem, "", *amounts))
+            name = f"step of the {what}"
+            checks.append(Check(name, passed, problem, "", time, step, allowed, unit))
     return checks
 
 

@@ -129,9 +129,17 @@ def resumed(search: MotionSearch, answer: MotionAnswer) -> SearchState:
     first = replace(refiner, once=False)
     solution = first.solve(meshes, answer.solution, barrier=SEARCH.timed_path_barrier)
     search.progress(f"start {answer.start}: {solution.duration:.6f} s, {solution.status}")
-    solves, spent = tuple(first.history), time.perf_counter() - begin
-    given = answer.start, solution, refiner, weight, answer, solves, spent
-    return SearchState((MotionAnswer(*given, strategy="full mesh"),))
+    again = MotionAnswer(
+        start=answer.start,
+        solution=solution,
+        refiner=refiner,
+        smoothing=weight,
+        before=answer,
+        solves=tuple(first.history),
+        seconds=time.perf_counter() - begin,
+        strategy="full mesh",
+    )
+    return SearchState((again,))
 
 
 def _smoothed(search: MotionSearch, kernels: Transcription, weight: float) -> Transcription:
