@@ -481,7 +481,7 @@ def pick_and_place():
 @pytest.mark.parametrize(
     "profile",
     [
-        "hold@500",
+        pytest.param("hold@500", marks=pytest.mark.thorough),
         pytest.param("ros2_jtc_linear@500", marks=pytest.mark.thorough),
         pytest.param("ros2_jtc_cubic@250", marks=pytest.mark.thorough),
         "ros2_jtc_quintic@100",

@@ -75,7 +75,7 @@ def _rough(robot, factor):
     )
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_one_motion_for_all_of_them(microbot):
     box = {"mass": 0.05, "payload": (0.0, 0.2)}
     limits = mo.execution.robust_limits(microbot, **box)

@@ -123,7 +123,7 @@ def test_others_find_the_same_motion_among_obstacles():
         agrees(robot, replace(motion, label=name))
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_others_find_the_same_motion_with_what_is_picked_up():
     robot = plain(mo.load_robot("microbot"))
     poses = list(map(list, via(robot)))

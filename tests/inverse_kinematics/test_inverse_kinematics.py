@@ -296,7 +296,7 @@ def test_no_reachable_target_is_missed_from_anywhere(name: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("count", [6, 7])
+@pytest.mark.parametrize("count", [pytest.param(6, marks=pytest.mark.thorough), 7])
 def test_no_reachable_target_of_a_random_arm_is_missed(count: int) -> None:
     robot = limited(random_arm(count, seed=12), -2.5, 2.5)
     _, positions, turns, seeds = reachable(robot, 200, seed=13)

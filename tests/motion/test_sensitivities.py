@@ -105,7 +105,7 @@ def test_the_table_and_the_bars(solver):
     assert "velocity of shoulder, lower" not in slopes.binding
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_where_more_digits_are_asked_for_the_smoothing_costs_fewer():
     """A wrist whose torque saves little, but whose jerks the smoothing feels: slopes were 6 %
     off.

@@ -79,6 +79,7 @@ def home(tmp_path):
     return tmp_path / "home"
 
 
+@pytest.mark.thorough
 def test_a_live_view_and_saved_results_ask_no_other_machine(tmp_path, home):
     assert traced(tmp_path, ["-c", LIVE], home) == set()
     assert list((tmp_path / "out").glob("*.rrd"))

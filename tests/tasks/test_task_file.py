@@ -279,6 +279,7 @@ def test_a_file_changes_the_capsules_of_one_link(tmp_path):
     assert [c.radius for frame, c in found.capsules if frame != 3] == before
 
 
+@pytest.mark.thorough
 def test_a_front_among_obstacles_from_a_file(tmp_path):
     (tmp_path / "cell.toml").write_text(
         """

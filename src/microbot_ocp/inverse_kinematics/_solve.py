@@ -398,14 +398,21 @@ def _solutions(
         motions = search.self_motions(robot, q, targets, rank)
     joints, poses = read_only(q), read_only(pose_of(robot)(np.ascontiguousarray(q)))
     distances, angles = search.pose_errors(poses, targets)
-    solutions = []
-    for k in range(len(q)):
-        distance, angle = float(distances[k]), float(angles[k])
-        motion, lost = int(motions[k]), bool(singular[k])
-        advice = _advice(robot, q[k], status, distance, angle, motion, lost)
-        measured = joints[k], status, distance, angle, advice, poses[k], motion, lost, solve_time
-        solutions.append(IKSolution(*measured))
-    return solutions
+    columns = (column.tolist() for column in (distances, angles, motions, singular))
+    return [
+        IKSolution(
+            joint,
+            status,
+            distance,
+            angle,
+            _advice(robot, joint, status, distance, angle, motion, lost),
+            pose,
+            motion,
+            lost,
+            solve_time,
+        )
+        for joint, pose, distance, angle, motion, lost in zip(joints, poses, *columns, strict=True)
+    ]
 
 
 def _advice(
@@ -417,6 +424,8 @@ def _advice(
     self_motion: int,
     singular: bool,
 ) -> str:
+    if status is Status.SOLVED and not (self_motion or singular):
+        return REACHED
     parts = [REACHED if status.solved else status.sentence]
     if status is Status.ORIENTATION_MISSED:
         parts.append(f"The orientation is missed by {np.degrees(angle):.4g} deg.")

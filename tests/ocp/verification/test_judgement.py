@@ -188,7 +188,7 @@ def test_an_answer_that_was_compared_with_nothing_says_so(monkeypatch):
     assert "compared with nothing" in solution.advice
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_busy_machine_gives_the_same_bits(monkeypatch):
     """A clock that runs twenty times as fast cuts nothing while the limit of time is far."""
     problem = BY_NAME["oscillator_in_least_time"]

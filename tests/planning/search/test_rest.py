@@ -120,7 +120,7 @@ def test_one_way_has_one_duration_whatever_parameter_describes_it():
     assert durations == pytest.approx([durations[0]] * 3, rel=1e-4)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_tool_line_of_a_task_leaves_from_the_torques_that_hold_the_arm():
     robot = microbot(0.5)
     ends = [VIA_Q[1], VIA_Q[1] + [0.2, 0.2, -0.2]]

@@ -411,6 +411,7 @@ def test_a_robot_without_masses_keeps_a_jerk_limit_along_a_path(microbot):
     assert mo.certify(bare, motion).ok
 
 
+@pytest.mark.thorough
 def test_dry_friction_turns_as_fast_as_a_torque_rate_lets_it():
     """A slider that turns back: its friction of 4 N, with the sign of the velocity."""
     robot = slider(tau_max=20.0, taud_max=300.0)
