@@ -239,33 +239,41 @@ class Refiner:
         more = WORSE + self._owed_to_excess(before)
         return after.cost - before.cost <= more * abs(before.cost)
 
-    def refine(self, solution: Solution, switching: Switching | None = None) -> Solution:
+    def refine(
+        self, solution: Solution, switching: Switching | None = None, *, worth: float = 0.0
+    ) -> Solution:
         """Split intervals until no constraint is exceeded between mesh points by more.
 
         Those inside which a control switches are split along with them, while a mesh lowers the
-        cost.
+        cost by more than a share that is ``worth`` another one.
         """
         return self._refined(
             solution,
-            partial(self._exceeded, switching),
+            partial(self._exceeded, switching, worth),
             self._split_where_exceeded,
             lambda before, after: after is not before,
             self._keeps_limits,
         )
 
-    def sharpen(self, solution: Solution, switching: Switching) -> Solution:
+    def sharpen(self, solution: Solution, switching: Switching, *, worth: float) -> Solution:
         """Split the intervals inside which a control switches, while that lowers the cost.
 
         What is constant over an interval is a mean of its two values there, which costs in
         proportion to the square of the interval's length.
         """
 
+        def done(rounds: _Rounds, _: list[FloatArray]) -> Status | None:
+            last, cost = rounds[-1], rounds[-1].solution.cost
+            gained = rounds[-2].solution.cost - cost if len(rounds) > 1 else np.inf
+            worthless = gained < worth * abs(cost)
+            return Status.SOLVED if worthless or not last.measure.switched else None
+
         return self._refined(
             solution,
             lambda _, answer: _Exceeded([], switching(answer)),
             lambda rounds: _split_all(rounds[-1].solution, rounds[-1].measure.switches),
             lambda before, after: after.cost < before.cost,
-            lambda rounds, _: None if rounds[-1].measure.switched else Status.SOLVED,
+            done,
         )
 
     def _refined(
@@ -289,12 +297,13 @@ class Refiner:
         return last.solution
 
     def _exceeded(
-        self, switching: Switching | None, rounds: _Rounds, solution: Solution
+        self, switching: Switching | None, worth: float, rounds: _Rounds, solution: Solution
     ) -> _Exceeded:
         worst = self.history[-1]["excess"] = self._worst(solution)
         self.progress(f"largest excess of a limit between mesh points: {100 * worst:.3g} %")
-        gains = not rounds or solution.cost < rounds[-1].solution.cost
-        switches = switching(solution) if switching and gains else []
+        gained = rounds[-1].solution.cost - solution.cost if rounds else np.inf
+        sharp = gained > worth * abs(solution.cost)
+        switches = switching(solution) if switching and sharp else []
         return _Exceeded(self.excess(solution), switches, worst)
 
     def _split_where_exceeded(self, rounds: _Rounds) -> list[FloatArray]:

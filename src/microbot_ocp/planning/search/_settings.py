@@ -27,6 +27,9 @@ class SearchSettings:
         takes more is given up
     least_iterations : that a start has in any case
     same : share of the duration by which two solves of the same optimum may differ
+    worth : share of the duration: less is not worth another mesh where joints turn back, or a jerk
+        or torque rate switches. With 0 the motions of a Puma and of a Panda take 2 and 1.4 times as
+        long to find
     polishing : iterations for the last digits: 8 to 10 are usual. None with dry friction, where
         50 to 80 gain 7e-5 of the duration
     most_polished : phases of a motion whose last digits are looked for: 29 of the Microbot need
@@ -103,6 +106,7 @@ class SearchSettings:
     patience: int = 4
     least_iterations: int = 100
     same: float = 1e-3
+    worth: float = 1e-4
     polishing: int = 15
     most_polished: int = 15
     most_refined: int = 3

@@ -183,7 +183,7 @@ def to_full_mesh(search: MotionSearch, step: NextStep) -> MotionAnswer:
         solution = refiner.finer(before, meshes)
         if refiner.fitted is not None and solution is not before:
             marks = partial(friction_marks, search)
-            solution = refiner.sharpen(solution, marks)
+            solution = refiner.sharpen(solution, marks, worth=SEARCH.worth)
         return _finer(subject, solution, refiner)
     if len(before.phases) > SEARCH.many_phases:
         # multipliers of so coarse a mesh mislead: 87 iterations, 65 without
@@ -335,7 +335,7 @@ def split_where_exceeded(search: MotionSearch, step: NextStep) -> MotionAnswer:
     """Split intervals until limits hold between mesh points, and where something switches."""
     subject = step.answer
     refiner, best = _going_on(subject), subject.solution
-    marks = partial(switch_marks, search)
+    marks: Any = {"switching": partial(switch_marks, search), "worth": SEARCH.worth}
     usual = refiner.settings
     if accelerations_jump(search.problem.family):
         refiner = replace(refiner, foresight=SEARCH.foresight)
@@ -347,11 +347,11 @@ def split_where_exceeded(search: MotionSearch, step: NextStep) -> MotionAnswer:
             least = replace(
                 usual, max_iterations=min(usual.max_iterations, SEARCH.first_iterations)
             )
-            best = replace(refiner, settings=least, rough=None, once=True).refine(best, marks)
+            best = replace(refiner, settings=least, rough=None, once=True).refine(best, **marks)
     if search.problem.timed_path is not None:  # what did not converge is tried from farther inside
         farther = _from_barrier(refiner, SEARCH.timed_path_barrier)
         refiner = replace(refiner, settings=farther)
-    return _finer(subject, refiner.refine(best, marks), refiner)
+    return _finer(subject, refiner.refine(best, **marks), refiner)
 
 
 def next_last_digits(search: MotionSearch, state: SearchState) -> NextStep | None:
