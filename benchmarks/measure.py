@@ -15,9 +15,10 @@ from typing import Any
 
 import numpy as np
 
+from microbot_ocp._base import fast_calls
+
 Seconds = np.ndarray
 PEER = "peer"
-WARM = 3.0  # s of processor time of each way before it is timed
 
 
 @dataclass
@@ -35,10 +36,11 @@ class Benchmark:
     def run(self, repetitions: int) -> None:
         """Take turns, A B C A B C ..., so that a slow spell of the machine hits all alike."""
         ways = {PEER: self.peer[1], **self.ours}
-        for way in ways.values():  # warm: what is used for half a second is compiled then
-            end = time.process_time() + WARM
-            while way() and time.process_time() < end:
-                pass
+        fast_calls.WORTH_COMPILING = (
+            -1.0
+        )  # what pays after half a second of use is compiled at once
+        for way in ways.values():
+            way()  # warm: caches of the processor, first-call imports
         taken: dict[str, list[float]] = {name: [] for name in ways}
         for _ in range(repetitions):
             for name, way in ways.items():

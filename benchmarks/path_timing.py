@@ -17,7 +17,6 @@ import toppra
 import microbot_ocp as mo
 from benchmarks.measure import Benchmark, timed
 from external.toppra_timing import even_grid, toppra_duration, toppra_problem
-from microbot_ocp._base import fast_calls
 from microbot_ocp.limits import LimitFamily, MotionSamples
 from microbot_ocp.motion import PiecewisePolynomial
 from microbot_ocp.planning import time_path
@@ -37,7 +36,6 @@ def report_path() -> PiecewisePolynomial:
 
 def run(repetitions: int = 0) -> None:
     """Three grids, with everything compiled in the first round, which does not count."""
-    fast_calls.WORTH_COMPILING = -1.0
     robot, path = mo.load_robot("microbot"), report_path()
     names = {"robot": robot, "path": path, "limits": robot.limits}
     for intervals, goal in GRIDS.items():

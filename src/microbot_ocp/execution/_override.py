@@ -34,12 +34,11 @@ from microbot_ocp.motion import (
     JUMP_GAP,
     SAMPLE_STEP,
     Motion,
-    PiecewisePolynomial,
     State,
     dense_times,
     jump_gaps,
     mesh_of,
-    pieces_of,
+    polynomial_of,
     sample_times,
 )
 from microbot_ocp.planning import PathTimingSettings
@@ -165,7 +164,7 @@ def overridden(
         raise InputError("speed is 0 and the arm rests already: it goes on resting")
     family = LimitFamily.of(robot, limits)
     family.refuse_means()
-    shape = PiecewisePolynomial(motion.t, pieces_of(motion))
+    shape = polynomial_of(motion)
     pieces = zip(shape.coefficients, np.diff(shape.breaks), strict=True)
     curve = PathCurve(tuple(CurvePiece(table, float(d)) for table, d in pieces), True, True)
     evenly = np.linspace(at, motion.duration, grid + 1)

@@ -19,7 +19,7 @@ from microbot_ocp._base.status import Status
 from microbot_ocp._base.table import Column, Table
 from microbot_ocp.execution._load import refuse_other_arm
 from microbot_ocp.limits import LIMIT_TOLERANCE, JointLimits, LimitFamily, Limits
-from microbot_ocp.motion import Motion, PiecewisePolynomial, pieces_of
+from microbot_ocp.motion import Motion, polynomial_of
 from microbot_ocp.planning import (
     checked_box,
     robust_limits as robust_limits,  # offered beside the arms of the same box
@@ -311,7 +311,7 @@ def _planner(
         return lambda reserve: time_optimal(robot, task, limits, reserve=reserve)
     refuse_other_arm(robot, task)
     own = robot.limits if limits is None else limits.for_joints(robot.joint_count)
-    shape = PiecewisePolynomial(task.t, pieces_of(task))
+    shape = polynomial_of(task)
 
     def slowed(reserve: float) -> Motion:
         if not reserve:

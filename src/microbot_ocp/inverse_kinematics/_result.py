@@ -37,7 +37,7 @@ class IKSolution:
         Wall time of the search, s; for a batch its share of it.
     """
 
-    _is_answer: ClassVar[bool] = True
+    _is_answer: ClassVar[bool] = True  # made here only: nobody's arguments
 
     q: FloatArray
     status: Status

@@ -14,6 +14,7 @@ from ._motion import (
     Motion as Motion,
     Outcome as Outcome,
     pieces_of as pieces_of,
+    polynomial_of as polynomial_of,
     sample_times as sample_times,
     torque_along as torque_along,
     unresolved as unresolved,

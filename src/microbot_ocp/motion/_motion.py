@@ -581,6 +581,11 @@ def _derivatives(c: FloatArray, x: FloatArray, order: int) -> list[FloatArray]:
     return [factorial(k) * term.T for k, term in enumerate(terms)]
 
 
+def polynomial_of(motion: Motion) -> PiecewisePolynomial:
+    """Return the positions of a motion as the polynomial that it is between samples."""
+    return PiecewisePolynomial(motion.t, pieces_of(motion))
+
+
 def pieces_of(motion: Motion, i: np.ndarray | None = None) -> FloatArray:
     """Return coefficients [N-1,6,n] of the polynomials between samples, lowest power of the time
     first.

@@ -8,6 +8,7 @@ begins anew where its input jumps, at no cost.
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 
 import casadi as ca
@@ -28,11 +29,14 @@ LAST_TERM = (4 / 7) ** 4 * (3 / 7) ** 3  # largest share of it anywhere inside a
 STAGES = 12  # then the rate at the new state, and three more for the dense output
 
 
-def _constants(heading: str) -> FloatArray:
-    """Return the numbers under a heading of the file of constants that begins so."""
+@cache
+def _constants() -> tuple[FloatArray, ...]:
+    """Return the weights of earlier rates, those of the error estimates, and the last terms of the
+    dense output, as the file of constants has them.
+    """
     text = Path(__file__).with_name("dormand_prince.txt").read_text("utf-8")
-    _, table = text.partition(f"# {heading}")[2].split("\n", 1)
-    return np.array(table.partition("#")[0].split(), dtype=float)
+    tables = (part.partition("\n")[2] for part in text.split("# ")[1:])
+    return tuple(np.array(table.split(), dtype=float) for table in tables)
 
 
 def step_function(rate: ca.Function) -> ca.Function:
@@ -55,7 +59,8 @@ def step_function(rate: ca.Function) -> ca.Function:
     width = ca.if_else(whole, end - t, wanted)
 
     weights = np.zeros((STAGES + 4, STAGES + 4))
-    weights[np.tril_indices(STAGES + 4, -1)] = _constants("weights of earlier")
+    earlier, errors, terms = _constants()
+    weights[np.tril_indices(STAGES + 4, -1)] = earlier
     rates, at, after = ca.MX(states, 0), x, x
     for stage, row in enumerate(weights):
         if stage:
@@ -64,10 +69,10 @@ def step_function(rate: ca.Function) -> ca.Function:
             after = at
         rates = ca.horzcat(rates, rate(t + row.sum() * width, at, u))
     change, first, last = after - x, width * rates[:, 0], width * rates[:, STAGES]
-    late = width * ca.mtimes(rates, ca.DM(_constants("last four").reshape(4, -1).T))
+    late = width * ca.mtimes(rates, ca.DM(terms.reshape(4, -1).T))
 
     scale = tolerance * (1 + ca.fmax(ca.fabs(x), ca.fabs(after)))
-    order_5, order_3 = _constants("weights of error").reshape(2, STAGES)
+    order_5, order_3 = errors.reshape(2, STAGES)
     fifth, third = (
         ca.sumsqr(ca.mtimes(rates[:, :STAGES], ca.DM(row)) / scale)
         for row in (order_5, order_3 + weights[STAGES, :STAGES])

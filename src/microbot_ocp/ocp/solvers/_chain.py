@@ -147,13 +147,11 @@ def run_chain(
     build_time: float = 0.0,
     solvers: Solvers | None = None,
     until: float | None = None,
-    warm_only: bool = False,
 ) -> Solution:
     """Try the solvers of the settings in turn until one converges.
 
     ``solvers`` keeps them for further solves of the same program; ``until`` is when the time of all
     is over, by the clock of ``time.perf_counter``: by default the limit of the settings from now.
-    With ``warm_only`` it ends where the warm start from a solution does not converge.
     """
     until = time.perf_counter() + settings.time_limit if until is None else until
     until = min(until, deadline.until())
@@ -162,7 +160,7 @@ def run_chain(
     if settings.solver == "sqp":
         turns.append(("sqp", True))
     if start.warm and settings.initial_barrier is None and settings.solver in ("auto", "ipopt"):
-        turns = [("ipopt", True), *([] if warm_only else turns)]
+        turns = [("ipopt", True), *turns]
     attempts: list[Attempt] = []
     outcome: SolverOutcome | None = None
     for name, variant in turns:

@@ -27,7 +27,7 @@ from microbot_ocp.ocp.arcs import (
 from microbot_ocp.ocp.problem import Phase
 from microbot_ocp.ocp.solution import PhaseSolution, Solution
 from microbot_ocp.ocp.switching._settings import CUTTER, SWITCHING
-from microbot_ocp.ocp.transcription import row_labels, variable_labels
+from microbot_ocp.ocp.transcription import labels_of
 from microbot_ocp.ocp.transcription.schemes import Collocation
 from microbot_ocp.ocp.verification import runs
 
@@ -190,7 +190,7 @@ def wrong_signs(solved: ArcSolution) -> dict[str, list[WrongSign]]:
 def _multipliers(solution: Solution) -> dict[tuple[str, str, str, int], list[float]]:
     """Gather multipliers by phase, kind, name and component."""
     layouts = [phase.laid_out for phase in solution.phases]
-    labels = [*variable_labels(layouts), *row_labels(layouts)]
+    labels = [*labels_of(layouts, "variables"), *labels_of(layouts, "rows")]
     values = [*np.asarray(solution.variable_multipliers), *np.asarray(solution.row_multipliers)]
     gathered: dict[tuple[str, str, str, int], list[float]] = {}
     for label, value in zip(labels, values, strict=True):

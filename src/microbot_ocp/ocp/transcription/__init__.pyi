@@ -18,9 +18,8 @@ from ._layout import (
     bounds_of as bounds_of,
     fill_transitions as fill_transitions,
     fill_values as fill_values,
-    row_labels as row_labels,
+    labels_of as labels_of,
     stage_kind as stage_kind,
-    variable_labels as variable_labels,
 )
 from ._table import (
     DURATION as DURATION,

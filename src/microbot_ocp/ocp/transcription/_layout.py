@@ -421,16 +421,6 @@ def bounds_of(layouts: Sequence[PhaseLayout]) -> Bounds:
     return Bounds(*variables, *rows)
 
 
-def row_labels(layouts: Sequence[PhaseLayout]) -> list[Label]:
-    """Return what every row of a program is."""
-    return labels_of(layouts, "rows")
-
-
-def variable_labels(layouts: Sequence[PhaseLayout]) -> list[Label]:
-    """Return what every variable of a program is."""
-    return labels_of(layouts, "variables")
-
-
 def labels_of(layouts: Sequence[PhaseLayout], what: str) -> list[Label]:
     """Return what the "rows" or "variables" of a program are."""
     labels: dict[int, Label] = {}

@@ -28,9 +28,8 @@ from microbot_ocp.ocp.transcription import (
     Transcription,
     bounds_of,
     fill_transitions,
-    row_labels,
+    labels_of,
     stage_kind,
-    variable_labels,
 )
 from microbot_ocp.ocp.verification._certificate import (
     CostCheck,
@@ -145,7 +144,7 @@ def judge(
     phases = as_declared(declared, solution)
     layouts = [phase.laid_out for phase in phases]
     bounds = bounds_of(layouts)
-    labels = [*variable_labels(layouts), *row_labels(layouts)]
+    labels = [*labels_of(layouts, "variables"), *labels_of(layouts, "rows")]
     lam_g = np.asarray(solution.row_multipliers, dtype=float)
     if lam_g.size != bounds.row_lower.size:
         raise InputError(

@@ -26,7 +26,7 @@ from microbot_ocp.ocp.problem import (
     node_variables,
 )
 from microbot_ocp.ocp.solution import PhaseSolution
-from microbot_ocp.ocp.transcription import IntArray, row_labels
+from microbot_ocp.ocp.transcription import IntArray, labels_of
 from microbot_ocp.ocp.transcription.schemes import (
     Collocation,
     HermiteSimpson,
@@ -128,7 +128,7 @@ class Recomputation:
 def scaled_rows(problem: OptimalControlProblem, phases: Sequence[Recomputation]) -> FloatArray:
     """Return values of all rows of the program, divided by their scales."""
     layouts = [recomputed.phase.laid_out for recomputed in phases]
-    scale = np.array([label.scale for label in row_labels(layouts)])
+    scale = np.array([label.scale for label in labels_of(layouts, "rows")])
     values = np.zeros(scale.size)
     for recomputed in phases:
         values[list(recomputed.rows)] = list(recomputed.rows.values())

@@ -29,7 +29,7 @@ from microbot_ocp._base.codegen import compiles, interpreted
 from microbot_ocp._base.outcome import Advice, Outcome
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import LIMIT_TOLERANCE, LimitFamily
-from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial, dense_times, pieces_of
+from microbot_ocp.motion import Mark, Motion, dense_times, polynomial_of
 from microbot_ocp.ocp.solution import StepProgress, quiet
 from microbot_ocp.planning.free import InitialGuess, guesses_along, joined, known_ways, phase_names
 from microbot_ocp.planning.path import LATER, PathTiming, check_path, time_path
@@ -485,7 +485,7 @@ def _joined(legs: Sequence[Leg], choice: int, timed: Iterable[Motion | None]) ->
         motions.append(motion)
     times, whole = np.cumsum([0.0, *(m.duration for m in motions)]), motions[0]
     if len(motions) > 1:
-        shape = joined([PiecewisePolynomial(m.t, pieces_of(m)) for m in motions])
+        shape = joined([polynomial_of(m) for m in motions])
         robot, how = legs[0].around.robot, whole.provenance
         whole = Motion.from_polynomial(robot, shape, label="timed path", provenance=how)
     marks = tuple(Mark(float(t), f"via {i + 1}") for i, t in enumerate(times))
@@ -499,7 +499,7 @@ def _name(legs: Sequence[Leg], choice: int) -> str:
 def _guided(asked: Asked, task: Task, scene: Scene, path: TimedPath) -> GuidedSearch:
     """Return the search from a timed path."""
     via = np.array([stop.q for stop in task.stops])
-    shape = PiecewisePolynomial(path.motion.t, pieces_of(path.motion))
+    shape = polynomial_of(path.motion)
     times = np.array([mark.time for mark in path.motion.marks])
     start = InitialGuess(path.name, guesses_along(phase_names(len(via) - 1), shape, times))
     poses = tuple(poses_along(shape, *pair) for pair in itertools.pairwise(times))

@@ -17,7 +17,7 @@ import numpy as np
 from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.limits import LIMIT_TOLERANCE, Limit, LimitFamily
-from microbot_ocp.motion import Motion, PiecewisePolynomial, pieces_of
+from microbot_ocp.motion import Motion, PiecewisePolynomial, polynomial_of
 from microbot_ocp.planning.free import InitialGuess, phase_shapes
 from microbot_ocp.planning.search._branches import Way
 from microbot_ocp.planning.search._result import fastest, motion_from
@@ -245,10 +245,7 @@ class GuidedSearch:
 
     def around(self, tool: FloatArray) -> Around:
         """Return what is asked along the way, with the tool in poses [m,4,4] at the stops."""
-        scenes, tolerance = (
-            scenes_of(self.task, self.scene, tool),
-            self.asked.settings.limit_tolerance,
-        )
+        scenes = scenes_of(self.task, self.scene, tool)
         kinds = list(zip(self.task.robots, scenes, strict=True))
         different = list(dict.fromkeys(kinds))
         places = tuple(map(different.index, kinds))
@@ -366,7 +363,7 @@ class GuidedSearch:
         left_out = scenes_of(self.task, self.scene, tool) != around.scenes
         around = self.around(tool) if left_out else around
         for motion, proof in pairs:
-            shape = PiecewisePolynomial(motion.t, pieces_of(motion))
+            shape = polynomial_of(motion)
             poses: list[list[FloatArray]] = [[] for _ in self.poses]
             for part in stretches(self.task, motion):
                 poses[part.segment].append(poses_along(shape, part.start, part.end, proof.time))

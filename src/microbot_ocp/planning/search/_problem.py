@@ -18,7 +18,7 @@ from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.codegen import compiles
 from microbot_ocp.limits import LimitFamily
-from microbot_ocp.motion import Motion, PiecewisePolynomial, pieces_of
+from microbot_ocp.motion import Motion, polynomial_of
 from microbot_ocp.ocp import Solution
 from microbot_ocp.ocp.transcription import Guess, Transcription
 from microbot_ocp.planning.free import (
@@ -179,7 +179,7 @@ class MotionProblem:
 
     def guesses_along(self, motion: Motion) -> dict[str, Guess]:
         """Return a guess for every phase from a motion whose marks are the via points."""
-        shape = PiecewisePolynomial(motion.t, pieces_of(motion))
+        shape = polynomial_of(motion)
         return guesses_along(self.names, shape, np.array([mark.time for mark in motion.marks]))
 
     def with_closed(self, guesses: Mapping[str, Guess]) -> dict[str, Guess]:
@@ -238,7 +238,7 @@ class MotionProblem:
                 way = known_ways(family, self.via[k : k + 2], tolerance, self.fast)
             if way is None:
                 return None
-            shapes.append(PiecewisePolynomial(way.motion.t, pieces_of(way.motion)))
+            shapes.append(polynomial_of(way.motion))
         return Slowed(motion_of(task, shapes, {}), "a way that rests at every stop")
 
     def slowed(self, solution: Solution) -> Motion | None:

@@ -196,10 +196,7 @@ def motion_of_answer(best: Fastest) -> Motion:
     starts = starts_of(state, problem.rested)
     optima = sorted({round(s["duration"], 3) for s in starts if s["status"] == "solved"})
     method = "free time-optimal motion, multiple shooting on the inverse dynamics"
-    passed = {2: "", 3: "via point passed at any velocity"}
-    remark = passed.get(len(problem.via), "via points passed at any velocity")
-    if problem.timed_path is None:
-        remark = one_remark(remark if optima else "", _remark(len(starts), optima))
+    remark = _remark(problem, len(starts), optima)
     if not problem.task.is_plain:
         method = "time-optimal motion through stops"
         more["branches"] = branches_of(problem, state, solution)
@@ -291,12 +288,17 @@ def _within_limits(best: Fastest, motion: Motion) -> Motion:
     )
 
 
-def _remark(start_count: int, optima: Sequence[float]) -> str:
+def _remark(problem: MotionProblem, start_count: int, optima: Sequence[float]) -> str:
+    passed = {2: "", 3: "via point passed at any velocity"}
+    via = passed.get(len(problem.via), "via points passed at any velocity")
+    if problem.timed_path is not None:  # which is all that it starts from
+        return via
     if not optima:
         return f"none of {start_count} starts led to a motion"
     starts = "1 start" if start_count == 1 else f"{start_count} starts"
     durations = ", ".join(f"{duration:.3f}" for duration in optima)
-    return f"{starts} ended at {durations} s on the coarse mesh, the best was refined"
+    ends = f"{starts} ended at {durations} s on the coarse mesh, the best was refined"
+    return one_remark(via, ends)
 
 
 def branches_of(

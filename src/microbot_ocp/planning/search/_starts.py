@@ -17,7 +17,7 @@ import numpy as np
 
 from microbot_ocp._base.checks import InputError
 from microbot_ocp.limits import LimitFamily, MotionSamples
-from microbot_ocp.motion import PiecewisePolynomial, pieces_of
+from microbot_ocp.motion import PiecewisePolynomial, polynomial_of
 from microbot_ocp.ocp import Solution
 from microbot_ocp.ocp.refinement import Refiner
 from microbot_ocp.planning.free import (
@@ -347,7 +347,7 @@ def _best_timing(
         timing = time_path(robot, shape, grid=SEARCH.timed, compiled=compiled)
         if timing.solved:
             motion = timing.motion()
-            return PiecewisePolynomial(motion.t, pieces_of(motion))
+            return polynomial_of(motion)
     return None
 
 

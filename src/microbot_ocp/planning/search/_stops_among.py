@@ -21,7 +21,7 @@ from microbot_ocp._base.checks import InputError
 from microbot_ocp._base.codegen import interpreted
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import LIMIT_TOLERANCE, LimitFamily
-from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial, pieces_of
+from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial, polynomial_of
 from microbot_ocp.planning.free import InitialGuess, excess_along, guess_along, phase_names
 from microbot_ocp.planning.search._among_obstacles import (
     Leg,
@@ -410,7 +410,7 @@ class Legs:
             if any(leg and not motion for leg, motion in zip(legs, motions, strict=True)):
                 continue
             shapes = {
-                name: PiecewisePolynomial(motion.t, pieces_of(motion))
+                name: polynomial_of(motion)
                 for name, motion in zip(names, motions, strict=True)
                 if motion
             }

@@ -193,8 +193,7 @@ def to_full_mesh(search: MotionSearch, step: NextStep) -> MotionAnswer:
             return _finer(subject, solution, refiner)
     settings, once = _from_barrier(refiner, SEARCH.far_barrier), False
     if len(before.phases) <= SEARCH.many_phases and _within_limits(search, subject) is not None:
-        limited = min(settings.max_iterations, SEARCH.first_iterations)
-        settings, once = replace(settings, max_iterations=limited), True
+        settings, once = _at_most(settings, SEARCH.first_iterations), True
     farther = replace(refiner, settings=settings, once=once)
     return _finer(subject, farther.finer(before, meshes), refiner)
 
@@ -203,6 +202,10 @@ def _from_barrier(refiner: Refiner, barrier: float) -> SolverSettings:
     """Return settings of a solve with multipliers that begins at a barrier parameter."""
     options = {**refiner.settings.options.get("ipopt", {}), "mu_init": barrier}
     return replace(refiner.settings, options={"ipopt": options})
+
+
+def _at_most(settings: SolverSettings, iterations: int) -> SolverSettings:
+    return replace(settings, max_iterations=min(settings.max_iterations, iterations))
 
 
 def _going_on(subject: MotionAnswer) -> Refiner:
@@ -340,13 +343,11 @@ def split_where_exceeded(search: MotionSearch, step: NextStep) -> MotionAnswer:
     if accelerations_jump(search.problem.family):
         refiner = replace(refiner, foresight=SEARCH.foresight)
         if subject.strategy in COARSE:  # nothing leads on: what is tried yet is not tried for long
-            limited = min(usual.max_iterations, SEARCH.smoother_iterations)
-            refiner = replace(refiner, settings=replace(usual, max_iterations=limited))
+            limited = _at_most(usual, SEARCH.smoother_iterations)
+            refiner = replace(refiner, settings=limited)
         if len(search.problem.names) <= SEARCH.many_phases:
             # a refined mesh is seldom refined again: to the last digits at once
-            least = replace(
-                usual, max_iterations=min(usual.max_iterations, SEARCH.first_iterations)
-            )
+            least = _at_most(usual, SEARCH.first_iterations)
             best = replace(refiner, settings=least, rough=None, once=True).refine(best, **marks)
     if search.problem.timed_path is not None:  # what did not converge is tried from farther inside
         farther = _from_barrier(refiner, SEARCH.timed_path_barrier)

@@ -219,10 +219,8 @@ def timed_on_places(
             f"between mesh points: {100 * worst:.3g} %"
         )
         change = abs(profile.duration - before)
-        within, settled = (
-            worst <= tolerance,
-            has_friction or change <= PLACES.settled * profile.duration,
-        )
+        within = worst <= tolerance
+        settled = has_friction or change <= PLACES.settled * profile.duration
         if within and settled:
             break
         worst_in = excess.max(axis=1) / tolerance
