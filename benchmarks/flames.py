@@ -13,6 +13,7 @@ import json
 import sys
 import tempfile
 import threading
+import time
 from collections import Counter
 from pathlib import Path
 
@@ -52,10 +53,12 @@ def child(name: str) -> None:
 
     watcher = threading.Thread(target=look)
     watcher.start()
+    begin = time.perf_counter()
     solve(robot, via)
+    seconds = time.perf_counter() - begin
     done.set()
     watcher.join()
-    print(json.dumps({"met": [*met.items()]}))
+    print(json.dumps({"met": [*met.items()], "seconds": seconds}))
 
 
 def _modules(thread: int) -> Stack:
@@ -82,7 +85,7 @@ def run(_: int = 0) -> None:
                 met = {tuple(stack): count for stack, count in told["met"]}
                 _draw(axes, met, sum(met.values()), 0.0, 0)
                 axes.set(xlim=(0.0, 1.0), ylim=(0.0, HIGH), xticks=[], yticks=[])
-                axes.set_title(f"{name}, {when}", loc="left", fontsize=10)
+                axes.set_title(f"{name}, {when}: {told['seconds']:.1f} s", loc="left", fontsize=10)
                 axes.spines[:].set_visible(False)
     figure.savefig(PICTURE, dpi=110)
     print(f"wrote {PICTURE}")

@@ -318,7 +318,7 @@ class TimeOptimalSolver:
             solution = self._refined(problem, best, changes, kernels, allowed)
             # an arm with a payload is met once: nothing is compiled for it
             with interpreted() if payload else nullcontext():
-                slowed, outcome, worst = _within_limits(problem, solution, moving)
+                slowed, outcome, worst = _slowed_down(problem, solution, moving)
                 starts = [
                     {
                         "start": first,
@@ -589,7 +589,7 @@ class TimeOptimalSolver:
             self._own = _Prepared(*from_plain(self._kernels, plain), smoothing)
 
 
-def _within_limits(
+def _slowed_down(
     problem: MotionProblem, solution: Solution, moving: _Start | None
 ) -> tuple[Motion | None, Outcome, float]:
     """Return a motion that is slowed down, where limits ask for that and it is no more than two

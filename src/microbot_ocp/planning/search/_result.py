@@ -157,7 +157,7 @@ def motion_from(best: Fastest) -> Motion:
     search, begin, solution = best.search, time.perf_counter(), best.answer.solution
     problem, motion = search.problem, motion_of_answer(best)
     if solution.status is not Status.INTERRUPTED and best.duration is None:
-        motion = _within_limits(best, motion)
+        motion = _known_if_better(best, motion)
     if problem.is_free and motion.solved and not settled(sample(best.state), search.settings):
         advice = (
             f"Of {len(motion.provenance['starts'])} starts nearly every one led to another "
@@ -243,7 +243,7 @@ def _further_remarks(best: Fastest) -> Iterator[str]:
         yield f"without smoothing of the jerk it could be about {100 * share:.1g} % faster"
 
 
-def _within_limits(best: Fastest, motion: Motion) -> Motion:
+def _known_if_better(best: Fastest, motion: Motion) -> Motion:
     """Return a motion that keeps the limits in the place of one that does not, or that is slower.
 
     A solution slowed down by no more than two meshes may differ counts as solved.

@@ -339,12 +339,9 @@ def split_where_exceeded(search: MotionSearch, step: NextStep) -> MotionAnswer:
     subject = step.answer
     refiner, best = _going_on(subject), subject.solution
     marks: Any = {"switching": partial(switch_marks, search), "worth": SEARCH.worth}
-    usual = refiner.settings
     if accelerations_jump(search.problem.family):
-        refiner = replace(refiner, foresight=SEARCH.foresight)
-        if subject.strategy in COARSE:  # nothing leads on: what is tried yet is not tried for long
-            limited = _at_most(usual, SEARCH.smoother_iterations)
-            refiner = replace(refiner, settings=limited)
+        usual = _at_most(refiner.settings, SEARCH.smoother_iterations)
+        refiner = replace(refiner, foresight=SEARCH.foresight, settings=usual)
         if len(search.problem.names) <= SEARCH.many_phases:
             # a refined mesh is seldom refined again: to the last digits at once
             least = _at_most(usual, SEARCH.first_iterations)
