@@ -3,6 +3,7 @@
 from ._gap import (
     UNKNOWN as UNKNOWN,
     Gap as Gap,
+    complementarity as complementarity,
     cost_size as cost_size,
     gap_of as gap_of,
 )

@@ -62,14 +62,36 @@ def gap_of(
     slope : of the Lagrangian with all multipliers
     multipliers : of the variables, then of the rows: positive at upper bounds
     """
-    low = np.concatenate([bounds.variable_lower, bounds.row_lower])
-    high = np.concatenate([bounds.variable_upper, bounds.row_upper])
-    value, lam = np.concatenate([x, rows]), multipliers
-    with np.errstate(invalid="ignore"):
-        distance = np.where(lam > 0, high - value, value - low)
-        # a multiplier of a limit that is not there is a slope that is not zero
-        distance = np.where(np.isfinite(distance), distance, -1.0)
-        acts = (low < high) & (distance > 0)
-        products = np.where(lam == 0, 0.0, np.abs(lam * distance))
+    low, high, distance = _distances(bounds, x, rows, multipliers)
+    # a multiplier of a limit that is not there is a slope that is not zero
+    distance = np.where(np.isfinite(distance), distance, -1.0)
+    acts = (low < high) & (distance > 0)
+    products = np.where(multipliers == 0, 0.0, np.abs(multipliers * distance))
     slack = float(products[acts].sum())
     return Gap(slack, float(products[~acts].sum() + np.abs(slope).sum()))
+
+
+def complementarity(
+    bounds: Bounds, x: FloatArray, rows: FloatArray, multipliers: FloatArray
+) -> float:
+    """Return the mean product of a multiplier and the distance to its limit, kept or not.
+
+    It is the barrier parameter on whose path a point is: where limits were moved by much it is
+    large (Nocedal and Wright, Numerical Optimization, 2nd ed., section 19.3, adaptive strategies).
+    Arguments as of :func:`gap_of`; in the unit of the cost.
+    """
+    low, high, distance = _distances(bounds, x, rows, multipliers)
+    counted = (low < high) & np.isfinite(distance)
+    products = np.abs(multipliers[counted] * distance[counted])
+    return float(products.mean()) if products.size else 0.0
+
+
+def _distances(
+    bounds: Bounds, x: FloatArray, rows: FloatArray, multipliers: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return limits, and how far the values are from those that multipliers point at."""
+    low = np.concatenate([bounds.variable_lower, bounds.row_lower])
+    high = np.concatenate([bounds.variable_upper, bounds.row_upper])
+    value = np.concatenate([x, rows])
+    with np.errstate(invalid="ignore"):
+        return low, high, np.where(multipliers > 0, high - value, value - low)

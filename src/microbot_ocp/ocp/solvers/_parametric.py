@@ -24,7 +24,7 @@ from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
 from microbot_ocp._base.writing import write_whole
 from microbot_ocp.ocp.diagnosis import finite_start
 from microbot_ocp.ocp.problem import with_phases
-from microbot_ocp.ocp.solution import Progress, Solution
+from microbot_ocp.ocp.solution import Progress, Solution, StartingPoint, complementarity
 from microbot_ocp.ocp.solvers import (
     SOLVERS,
     Solvers,
@@ -35,6 +35,7 @@ from microbot_ocp.ocp.solvers import (
     transcribed,
     with_cost_scale,
 )
+from microbot_ocp.ocp.solvers._plugins import SETTINGS
 from microbot_ocp.ocp.starts import starting_point, with_changes
 from microbot_ocp.ocp.transcription import (
     DURATION,
@@ -91,7 +92,7 @@ class ParametricSolver:
         self.transcription = transcription = transcribed(transcription, self.settings)
         self.mesh = mesh
         self.program = assemble(transcription.layouts(mesh), parametric=True)
-        self._cache: Solvers = {}
+        self._solvers: dict[float | None, Solvers] = {}  # by the barrier parameter of warm starts
         self._cost_scale: float | None = None
 
     def solve(
@@ -138,9 +139,29 @@ class ParametricSolver:
         if self._cost_scale is None:  # the same for all solves: solvers are made for it
             self.scale_cost(None)
         program = replace(program, cost_scale=self._cost_scale)
+        barrier = self._barrier(program, start)
+        settings, solvers = self.settings, self._solvers.setdefault(barrier, {})
+        if barrier is not None:
+            warm = {"mu_init": barrier, **settings.options.get("ipopt warm", {})}
+            settings = replace(settings, options={**settings.options, "ipopt warm": warm})
         spent = time.perf_counter() - begin
         return run_chain(
-            program, self.settings, start, progress=progress, build_time=spent, solvers=self._cache
+            program, settings, start, progress=progress, build_time=spent, solvers=solvers
+        )
+
+    def _barrier(self, program: Program, start: StartingPoint) -> float | None:
+        """Return the power of ten below the complementarity of a start with multipliers.
+
+        From a smaller barrier parameter steps to limits that were moved are short, from a larger
+        one much of what is known is lost.
+        """
+        data = arguments_of(program, start)
+        if not start.warm or "mu_init" in self.settings.options.get("ipopt", {}):
+            return None
+        multipliers = np.concatenate([data["lam_x0"], data["lam_g0"]])
+        mean = complementarity(program, start.x, program.row_values(start.x), multipliers)
+        return 10.0 ** np.floor(
+            np.log10(np.clip(mean, SETTINGS.warm_barrier, SETTINGS.cold_barrier))
         )
 
     def scale_cost(self, guess: Guesses | Solution | None) -> None:
@@ -200,7 +221,7 @@ class ParametricSolver:
         code.add(_values(program))
         return write_whole(path, code.dump())
 
-    def _start(self, program: Program, guess: Guesses | Solution | None) -> Any:
+    def _start(self, program: Program, guess: Guesses | Solution | None) -> StartingPoint:
         phases = (layout.phase for layout in program.layouts)
         problem = with_phases(self.transcription.problem, phases)
         start = starting_point(program, problem, guess)

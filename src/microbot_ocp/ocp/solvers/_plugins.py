@@ -98,12 +98,14 @@ class PluginSettings:
     ----------
     far : value and violation that fatrop gets where they are not finite
     largest : number that counts as finite
-    warm_barrier : barrier parameter of a start with multipliers
+    cold_barrier : barrier parameter of a start without multipliers: IPOPT's own
+    warm_barrier : of a start with them
     warm_push : distance from the bounds of such a start, relative
     """
 
     far: float = 1e10
     largest: float = 1e300
+    cold_barrier: float = 0.1
     warm_barrier: float = 1e-7
     warm_push: float = 1e-4
 

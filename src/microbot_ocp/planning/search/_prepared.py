@@ -68,16 +68,12 @@ from microbot_ocp.robot import Robot
 
 # share of the duration, or of typical ones, up to which a motion leads to the best of another task
 NEAR = 0.1
-CLOSE = 0.005  # share by which typical durations may differ for the usual barrier parameter
 REFERENCE_TOLERANCE = 2e-3  # excess of a limit of the prepared motion between mesh points
 
 # of a prepared solver: somebody waits. Without a limit of time it would solve in another process
 PREPARED = SolverSettings(
     "ipopt", tolerance=1e-6, gap=np.inf, max_iterations=150, options=LDL, time_limit=TIME_LIMIT
 )
-# where they differ by more: 43 and 22 iterations with the usual barrier parameter and with this on
-# a task of the Microbot with a payload
-FAR = {**LDL, "ipopt warm": {"mu_init": 1e-5}}
 
 
 def _solved_near(
@@ -221,8 +217,8 @@ class TimeOptimalSolver:
         self._own: _Prepared | None = None
         self._phases = phase_names(len(self.via_q) - 1)
         self._kernels = self._transcribed()
-        # for numbers that are close, for others, and (None) for other via points
-        self._solvers: dict[bool | None, ParametricSolver] = {}
+        # for its own via points, and for others
+        self._solvers: dict[bool, ParametricSolver] = {}
 
     def _transcribed(self) -> Transcription:
         held: Robot = with_locked_joints_held(LimitFamily.of(self.robot)).robot
@@ -293,15 +289,15 @@ class TimeOptimalSolver:
                     f"not {len(via)}"
                 )
             problem = MotionProblem.through(family, via, self._settings, given=self._kernels)
-            slower, prepared = self._slower(family), None
+            prepared = None
             if via_q is None and moving is None:
                 prepared = self._own or self._under_own_limits()
-            solver = self._solver(prepared, slower <= CLOSE)
+            solver = self._solver(prepared)
             usual = prepared.smoothing if prepared else SMOOTHING
             # where more digits are asked for the smoothing costs fewer of them
             smoothing = usual * min(1.0, self._solver_settings.tolerance / PREPARED.tolerance)
             changes = self._changes(problem, float(payload), smoothing, moving)
-            near = prepared if slower <= NEAR else None
+            near = prepared if self._slower(family) <= NEAR else None
             tried: list[tuple[str, Solution]] = []
             for name, first in self._starts(problem, near, moving is not None):
                 solution = _solved_near(solver, first, changes)
@@ -425,16 +421,15 @@ class TimeOptimalSolver:
     # Threads that come first at the same time make the same, each for itself, and any of it stays:
     # so none waits for the work of another beyond its own time.
 
-    def _solver(self, prepared: _Prepared | None, close: bool) -> ParametricSolver:
+    def _solver(self, prepared: _Prepared | None) -> ParametricSolver:
         """Return the solver on the mesh of the motion under the robot's own limits, made once; on
         an even one for any via points.
 
         Its cost is scaled at that motion, or at the solver's own via points.
         """
-        key = close if prepared else None
+        key, settings = prepared is not None, self._solver_settings
         if key in self._solvers:
             return self._solvers[key]
-        settings = self._solver_settings
         if prepared is None:
             mesh = [int(self._settings.mesh or SEARCH.full_mesh)] * len(self._phases)
             solver = ParametricSolver(self._kernels, mesh, settings)
@@ -444,7 +439,6 @@ class TimeOptimalSolver:
             first = start.guesses
         else:
             first = prepared.reference
-            settings = settings if close else replace(settings, options=FAR)
             meshes = [phase.mesh for phase in first.phases]
             kernels = self._fitted(prepared.kernels, meshes, first)
             solver = ParametricSolver(kernels, meshes, settings)

@@ -31,10 +31,9 @@ class SearchSettings:
     worth : share of the duration: less is not worth another mesh where joints turn back, or a jerk
         or torque rate switches. With 0 the motions of a Puma and of a Panda take 2 and 1.4 times as
         long to find
-    polishing : iterations for the last digits: 8 to 10 are usual. None with dry friction, where
-        50 to 80 gain 7e-5 of the duration
     most_polished : phases of a motion whose last digits are looked for: 29 of the Microbot need
-        more iterations
+        many iterations. None are looked for with dry friction, where 50 to 80 iterations gain 7e-5
+        of the duration
     most_refined : of the optima on the coarse mesh
     full_mesh : intervals a phase of the first full mesh where accelerations jump, or jerks or
         torque rates, which is split where they do
@@ -44,7 +43,7 @@ class SearchSettings:
     guided_still : iterations within ten times that tolerance after which it is left at that:
         IPOPT's default. A Panda at a shelf has its duration to 1e-7 after 90, and goes on to 300
     full_mesh_sum : intervals of all phases together where nobody says how many: of 14 tasks with
-        6 to 30 via points none is faster by more than 4e-4 without it, and a Panda takes 1.25 of the
+        6 to 30 via points none is faster by more than 4e-4 without it; a Panda takes 1.25 of the
         time through 10 and 20
     least_mesh : intervals a phase in any case
     graded : share of a mesh's intervals that are where the accelerations change. With 0, on 100
@@ -78,8 +77,8 @@ class SearchSettings:
         digits
     missed : of the way and the velocity, by which a motion may miss or jump at a via point
     first_iterations : of the first full mesh: 14 to 43 where coarse meshes tell what happens; of
-        a refined one to the full tolerance, before roughly; of the last digits from a timed path:
-        2 to 20, of a Panda's cycle 60
+        a refined one to the full tolerance, before roughly; of the last digits: 8 to 10 are usual,
+        from a timed path 2 to 20, of a Panda's cycle 60
     smoother : times the usual smoothing of the jerk, in turn, where coarse meshes do not tell
         what happens: four of five chains of seven and eight joints, which took minutes before,
         get to the full mesh in 5 to 14 s so
@@ -112,7 +111,6 @@ class SearchSettings:
     least_iterations: int = 100
     same: float = 1e-3
     worth: float = 1e-4
-    polishing: int = 15
     most_polished: int = 15
     most_refined: int = 3
     full_mesh: int = 80

@@ -62,7 +62,8 @@ def search_of(problem: MotionProblem, progress: StepProgress) -> MotionSearch:
         transcription.cache_clear()
     kernel_time = time.perf_counter() - begin
     windows = has_windows(problem.family)
-    polishing = 0 if windows or len(problem.names) > SEARCH.most_polished else SEARCH.polishing
+    is_guided = problem.timed_path is not None  # a motion within limits is known
+    is_rough = not is_guided and (windows or len(problem.names) > SEARCH.most_polished)
     refiner = Refiner(
         kernels,
         problem.guesses,
@@ -72,18 +73,17 @@ def search_of(problem: MotionProblem, progress: StepProgress) -> MotionSearch:
         progress=with_motion(progress, problem.family.robot, problem.via),
         settings=SolverSettings(gap=GAP, options=LDL),
         rough=ROUGH_TOLERANCE,
-        polishing=polishing,
+        polishing=0 if is_rough else SEARCH.first_iterations,
         fitted=partial(with_windows, dry_friction(problem.family.robot) > 0.0) if windows else None,
         enough=partial(is_enough, problem) if problem.is_free else None,
     )
-    if problem.timed_path is not None:  # a motion within limits is known
+    if is_guided:
         tolerance, most = SEARCH.timed_path_tolerance, SEARCH.guided_iterations
         # where a link is as near to two faces of a thing steps go to and fro between them
         still = {"acceptable_iter": SEARCH.guided_still, "acceptable_tol": 10.0 * tolerance}
         options = {"ipopt": {**LDL["ipopt"], **still}}
         rough = SolverSettings(gap=np.inf, options=options, max_iterations=most)
         refiner = replace(refiner, tolerance=tolerance, rough=None, settings=rough, once=True)
-        refiner = replace(refiner, polishing=SEARCH.first_iterations)
     return MotionSearch(problem, refiner, progress, kernel_time)
 
 
