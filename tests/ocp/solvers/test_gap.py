@@ -15,7 +15,7 @@ from microbot_ocp.ocp import (
     solve,
     verify,
 )
-from microbot_ocp.ocp.solution import gap_of
+from microbot_ocp.ocp.solution import complementarity, gap_of
 from microbot_ocp.ocp.transcription import Bounds
 
 
@@ -103,6 +103,14 @@ def test_the_gap_counts_slack_slopes_violations_and_limits_that_are_not_there():
     assert gap(0.25, 0.0, slope=-0.1) == (0.0, 0.1)
     assert gap(0.25, 2.0, high=np.inf) == (0.0, 2.0)
     assert gap(0.5, 3.0, low=1.0) == (0.0, 1.5)  # an equation
+
+
+def test_complementarity_is_the_mean_product_at_limits_kept_or_not():
+    low, high = np.array([0.0, 0.0, -np.inf, 1.0]), np.array([1.0, 1.0, np.inf, 1.0])
+    bounds = Bounds(low, high, np.zeros(0), np.ones(0))
+    x, multipliers = np.array([0.75, -0.5, 3.0, 2.0]), np.array([2.0, -3.0, 0.0, 9.0])
+    mean = complementarity(bounds, x, np.zeros(0), multipliers)
+    assert mean == pytest.approx((2.0 * 0.25 + 3.0 * 0.5) / 2)  # no equation, no missing limit
 
 
 def test_a_bound_of_many_scales_is_kept_to_what_passes():

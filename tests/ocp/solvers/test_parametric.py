@@ -85,6 +85,25 @@ def test_a_neighbour_is_solved_in_a_fraction_of_the_iterations(solver):
         assert warm.attempts[0].iterations <= cold.attempts[0].iterations / 2
 
 
+def test_the_barrier_of_a_warm_start_grows_with_what_was_moved(monkeypatch):
+    barriers = []
+    create = run.create
+
+    def noted(program, name, settings, **options):
+        if options.get("variant") and "ipopt warm" in settings.options:
+            barriers.append(settings.options["ipopt warm"]["mu_init"])
+        return create(program, name, settings, **options)
+
+    monkeypatch.setattr(run, "create", noted)
+    solver = ParametricSolver(cart(), 20, SolverSettings("ipopt", gap=np.inf))
+    first = solver.solve()
+    for force in (1.0, 0.99, 0.5):
+        solution = solver.solve(bounds={"move": {"u": (-force, force)}}, guess=first)
+        assert solution.cost == pytest.approx(2.0 / np.sqrt(force), rel=1e-3)
+    assert barriers == sorted(set(barriers))
+    assert len(barriers) == 3
+
+
 def test_solvers_are_made_once(monkeypatch):
     made = []
     create = run.create
