@@ -36,9 +36,8 @@ class Benchmark:
     def run(self, repetitions: int) -> None:
         """Take turns, A B C A B C ..., so that a slow spell of the machine hits all alike."""
         ways = {PEER: self.peer[1], **self.ours}
-        fast_calls.WORTH_COMPILING = (
-            -1.0
-        )  # what pays after half a second of use is compiled at once
+        # what pays after half a second of use is compiled at once
+        fast_calls.WORTH_COMPILING = -1.0
         for way in ways.values():
             way()  # warm: caches of the processor, first-call imports
         taken: dict[str, list[float]] = {name: [] for name in ways}

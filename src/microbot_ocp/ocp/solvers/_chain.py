@@ -159,7 +159,7 @@ def run_chain(
     turns = [(name, False) for name in settings.chain()]
     if settings.solver == "sqp":
         turns.append(("sqp", True))
-    if start.warm and settings.initial_barrier is None and settings.solver in ("auto", "ipopt"):
+    if begins_warm(settings, start):
         turns = [("ipopt", True), *turns]
     attempts: list[Attempt] = []
     outcome: SolverOutcome | None = None
@@ -198,6 +198,11 @@ def run_chain(
         rows=advice(program, start, point.x, ended),
         maximize=problem is not None and problem.maximize,
     )
+
+
+def begins_warm(settings: SolverSettings, start: StartingPoint) -> bool:
+    """Return whether IPOPT begins, from the multipliers of a start."""
+    return start.warm and settings.initial_barrier is None and settings.solver in ("auto", "ipopt")
 
 
 def _rank(status: Status) -> int:

@@ -35,6 +35,7 @@ from microbot_ocp.ocp.solvers import (
     transcribed,
     with_cost_scale,
 )
+from microbot_ocp.ocp.solvers._chain import begins_warm
 from microbot_ocp.ocp.solvers._plugins import SETTINGS
 from microbot_ocp.ocp.starts import starting_point, with_changes
 from microbot_ocp.ocp.transcription import (
@@ -155,14 +156,14 @@ class ParametricSolver:
         From a smaller barrier parameter steps to limits that were moved are short, from a larger
         one much of what is known is lost.
         """
-        data = arguments_of(program, start)
-        if not start.warm or "mu_init" in self.settings.options.get("ipopt", {}):
+        is_given = "mu_init" in self.settings.options.get("ipopt", {})
+        if is_given or not begins_warm(self.settings, start):
             return None
+        data = arguments_of(program, start)
         multipliers = np.concatenate([data["lam_x0"], data["lam_g0"]])
         mean = complementarity(program, start.x, program.row_values(start.x), multipliers)
-        return 10.0 ** np.floor(
-            np.log10(np.clip(mean, SETTINGS.warm_barrier, SETTINGS.cold_barrier))
-        )
+        barrier = np.clip(mean, SETTINGS.warm_barrier, SETTINGS.cold_barrier)
+        return float(10.0 ** np.floor(np.log10(barrier)))
 
     def scale_cost(self, guess: Guesses | Solution | None) -> None:
         """Take the scale of the cost from this guess."""

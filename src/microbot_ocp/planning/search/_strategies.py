@@ -251,7 +251,7 @@ def less_and_less_smoothing(search: MotionSearch, step: NextStep) -> MotionAnswe
     """
     subject = step.answer
     refiner = _going_on(subject)
-    limited = replace(refiner.settings, max_iterations=SEARCH.smoother_iterations)
+    limited = _at_most(refiner.settings, SEARCH.smoother_iterations)
     meshes = [full_mesh(search)] * len(search.problem.names)
     start: Any = search.problem.guesses_along(_within_limits(search, subject))
     last: Solution | None = None
