@@ -1,5 +1,6 @@
 """Coarse to fine: which intervals are split, what is accepted, when it stops."""
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from microbot_ocp.ocp.refinement import Refiner, _refiner as refinement, split
 from microbot_ocp.ocp.search import solve
 from microbot_ocp.ocp.solution import Attempt, PhaseSolution, Solution, Status
+from microbot_ocp.ocp.solvers import SolverSettings
 from microbot_ocp.ocp.transcription import Guess, Transcription
 from ocp.textbook import bryson_denham
 
@@ -57,7 +59,7 @@ def pretend(monkeypatch):
     def prepare(answers, excess=lambda _: [np.zeros(4)], **options):
         calls = []
 
-        def solve_on(transcription, mesh, guesses, settings, *_):
+        def solve_on(transcription, mesh, guesses, settings, *_, once=False):
             calls.append((mesh[0] if isinstance(mesh, list) else mesh, guesses, settings))
             return answers[len(calls) - 1]
 
@@ -204,6 +206,18 @@ def test_what_is_to_be_tried_once_is_given_up_where_the_first_start_fails(preten
     before = solution(2.1)
     assert refiner.finer(before, [8]) is before
     assert len(calls) == 1
+
+
+@pytest.mark.parametrize(("once", "attempts"), [(True, 1), (False, 2)])
+def test_a_warm_solve_that_is_to_be_tried_once_is_not_repeated_without_multipliers(once, attempts):
+    transcription = Transcription(bryson_denham(top=1 / 9), scheme="trapezoidal")
+    refiner = Refiner(transcription, lambda s: {}, lambda s: [np.zeros(40)], 0.01, once=once)
+    coarse = refiner.solve(20, {})
+    assert coarse.status.solved
+    few = SolverSettings("ipopt", max_iterations=1)
+    finer = replace(refiner, settings=few).solve(40, coarse)
+    assert finer.status is Status.ITERATION_LIMIT
+    assert len(finer.attempts) == attempts
 
 
 def test_a_cheap_answer_far_beyond_its_limits_is_not_accepted(pretend):

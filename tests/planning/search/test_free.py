@@ -336,8 +336,10 @@ def test_torque_limits_hold_with_friction(friction, allowed):
 def test_a_motion_that_was_not_solved_says_so(monkeypatch):
     solve_on = refinement.solve_on
 
-    def stopped(transcription, mesh, guess, settings, *how):
-        return solve_on(transcription, mesh, guess, replace(settings, max_iterations=2), *how)
+    def stopped(transcription, mesh, guess, settings, *how, **named):
+        return solve_on(
+            transcription, mesh, guess, replace(settings, max_iterations=2), *how, **named
+        )
 
     monkeypatch.setattr(refinement, "solve_on", stopped)
     motion = time_optimal(arm(), ARM_VIA, mesh=20, starts=2)

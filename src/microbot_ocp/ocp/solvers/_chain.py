@@ -57,15 +57,18 @@ def solve_on(
     settings: SolverSettings,
     until: float | None = None,
     progress: Progress | None = None,
+    *,
     uneven: bool = False,
+    once: bool = False,
 ) -> Solution:
     """Solve on a mesh from a guess, by the solvers of the settings in turn.
 
-    With ``uneven`` a guess that is no solution is moved off what is symmetric.
+    With ``uneven`` a guess that is no solution is moved off what is symmetric. With ``once`` a
+    solve that begins with multipliers is not repeated without where it does not converge.
     """
     program, begin, build_time = program_on(transcription, mesh, guess, settings, uneven)
     return run_chain(
-        program, settings, begin, progress=progress, build_time=build_time, until=until
+        program, settings, begin, progress=progress, build_time=build_time, until=until, once=once
     )
 
 
@@ -147,8 +150,10 @@ def run_chain(
     build_time: float = 0.0,
     solvers: Solvers | None = None,
     until: float | None = None,
+    once: bool = False,
 ) -> Solution:
-    """Try the solvers of the settings in turn until one converges.
+    """Try the solvers of the settings in turn until one converges; with ``once`` the first alone
+    where that begins with multipliers.
 
     ``solvers`` keeps them for further solves of the same program; ``until`` is when the time of all
     is over, by the clock of ``time.perf_counter``: by default the limit of the settings from now.
@@ -160,7 +165,7 @@ def run_chain(
     if settings.solver == "sqp":
         turns.append(("sqp", True))
     if begins_warm(settings, start):
-        turns = [("ipopt", True), *turns]
+        turns = [("ipopt", True), *([] if once else turns)]
     attempts: list[Attempt] = []
     outcome: SolverOutcome | None = None
     for name, variant in turns:

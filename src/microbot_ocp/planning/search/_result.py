@@ -380,9 +380,9 @@ def least_effort(search: MotionSearch, fastest: MotionAnswer, slack: float) -> L
     refiner = replace(fastest.refiner, transcription=kernels, guess_from=guess)
     refiner = replace(refiner, rough=None, history=[])
     # what is smooth needs no mesh that was made for jumps
-    meshes: list[Any] = [min(SEARCH.calmer_mesh, phase.mesh.size - 1) for phase in solution.phases]
+    meshes: list[Any] = [min(SEARCH.full_mesh, phase.mesh.size - 1) for phase in solution.phases]
     guesses = guess(solution, slower)
-    calmer = refiner.refine(refiner.solve(meshes, guesses, barrier=SEARCH.calmer_barrier))
+    calmer = refiner.refine(refiner.solve(meshes, guesses, barrier=SEARCH.near_way_barrier))
     search.progress(f"least effort: {calmer.duration:.6f} s, {calmer.status}")
     solves = tuple(refiner.history)
     answer = replace(fastest, strategy="least effort", before=fastest, solves=solves)

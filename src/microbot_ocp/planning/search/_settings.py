@@ -20,14 +20,14 @@ class SearchSettings:
     Attributes
     ----------
     explore_mesh : intervals a phase for the first look: of other meshes optima are others
-    explore_tolerance : of its solves
+    explore_tolerance : of its solves: with 1e-4 13 tasks with friction or rates take 1.7 times as
+        long; to 1e-6 fatrop does not get on the course's own task
     explore_sum : intervals of its phases together: without it 17 tasks through 9 to 30 via points
         take 1.25 of their time and end up to 4e-4 faster
-    least_explore_mesh : intervals of each of them
-    patience : times the iterations that starts take in the median, through stops at most: what
-        takes more is given up: one of 32 tasks takes 14 s in place of 2 without it
-    least_iterations : that a start has in any case
-    same : share of the duration by which two solves of the same optimum may differ
+    least_explore_mesh : intervals of each of them: with fewer, two of 17 tasks through 9 to 30 via
+        points are 3e-4 and 2e-3 slower
+    same : share of the duration by which two solves of the same optimum may differ: where less
+        smoothing is worth less it ends
     worth : share of the duration: less is not worth another mesh where joints turn back, or a jerk
         or torque rate switches. With 0 the motions of a Puma and of a Panda take 2 and 1.4 times as
         long to find
@@ -39,14 +39,13 @@ class SearchSettings:
     full_mesh : intervals a phase of the first full mesh where accelerations jump, or jerks or
         torque rates, which is split where they do
     full_mesh_even : the same elsewhere. With 80 three of 13 scenes are 6e-5 to 2.7e-4 slower
-    guided_iterations : of a solve to the rough ``timed_path_tolerance``; 20 to 60 are usual, and
-        100 where much has to give way
     guided_still : iterations within ten times that tolerance after which it is left at that:
         IPOPT's default. A Panda at a shelf has its duration to 1e-7 after 90, and goes on to 300
     full_mesh_sum : intervals of all phases together where nobody says how many: of 14 tasks with
         6 to 30 via points none is faster by more than 4e-4 without it; a Panda takes 1.25 of the
         time through 10 and 20
-    least_mesh : intervals a phase in any case
+    least_mesh : intervals a phase in any case: with fewer, five of these 17 are 1.3e-4 to 4.5e-4
+        slower
     graded : share of a mesh's intervals that are where the accelerations change. With 0, on 100
         even intervals, 32 tasks take the same time, three are 1.2e-4 to 1.4e-4 slower, and a UR5e
         takes 1.6 times as long
@@ -57,17 +56,17 @@ class SearchSettings:
         six of 28 tasks, all of tight torques, are 1.4e-4 to 9e-4 slower
     many_phases : more take over 40 iterations to the full tolerance on a refined mesh. Without it
         three of 28 tasks, of 10 to 30 phases, take 9 to 23 % longer and are up to 3e-5 slower
-    calmer_mesh : even intervals a phase of the solve for less effort, at most
-    calmer_barrier : barrier parameter of it, from the fastest motion slowed down
     spared : share of the time limit that is kept for a motion within the limits when the search
         is over
     most_spared : s, at most
     least_time : s, of the search in any case
     large : intervals times joints from which a mesh is refined no further where a motion that
-        is slowed down at limits by no more than enough keeps them: meshes that large take 5 to
-        30 s each
+        is slowed down at limits by no more than enough keeps them. Refined further 32 tasks take
+        1.09 of their time and three are 2e-4 to 5e-4 faster; with none and 1e-4 for enough ten are
+        slower by 1e-4 to 1e-3
     enough : share of the duration
-    near_way_barrier : barrier parameter of a solve that stays near the way that it starts from
+    near_way_barrier : barrier parameter of a solve that stays near the way that it starts from, as
+        that for less effort does
     timed_path_barrier : the same from a timed path among obstacles, which keeps every limit, and on
         the full mesh after it: with 1e-3 the solver leaves one of 1.068 s of a UR5 for an optimum
         of 2.568 s; with 1e-7 the full mesh of one in a cage takes 371 iterations, so 252
@@ -77,14 +76,13 @@ class SearchSettings:
         distances with it, which costs up to 0.8 % of the duration (of 37 scenes), until the last
         digits
     missed : of the way and the velocity, by which a motion may miss or jump at a via point
-    first_iterations : of the first full mesh: 14 to 43 where coarse meshes tell what happens; of
-        a refined one to the full tolerance, before roughly; of the last digits: 8 to 10 are usual,
-        from a timed path 2 to 20, of a Panda's cycle 60
+    usual_iterations : of the first full mesh: 14 to 43 where coarse meshes tell what happens; of a
+        refined one to the full tolerance, before roughly; of the last digits: 8 to 10 are usual,
+        from a timed path 2 to 20, of a Panda's cycle 60. With 300 one of 32 tasks, a chain of eight
+        joints, takes 37 s in place of 21
     smoother : times the usual smoothing of the jerk, in turn, where coarse meshes do not tell
         what happens: four of five chains of seven and eight joints, which took minutes before,
         get to the full mesh in 5 to 14 s so
-    smoothest : the same before these, where they lead nowhere
-    worth_less : share of the duration: where less smoothing is worth less it ends
     smoothing_told : share of the duration: where the smoothing costs more it is weaker, and
         what it costs all the same is said. Without it six of 28 tasks, of arms from URDF files and
         of tight torques, are 1.2e-4 to 3e-3 slower
@@ -94,29 +92,25 @@ class SearchSettings:
         1 mm/s takes 62 s for its refined meshes in place of 25; 45 tasks are the same to the bit
     smoother_barrier : barrier parameter of the first of them
     slowest : times the shortest duration: no longer time is given for less effort
-    most_iterations : of a start through stops on the coarse mesh
-    bows : further guesses from the best way through stops
+    most_iterations : of a start, where another one is solved or may be; of a solve to the rough
+        ``timed_path_tolerance``: 20 to 60 are usual, and 100 where much has to give way
+    bows : further guesses from the best way through stops: of five tasks of tight torques with
+        stops two are 2 and 4 % slower without
     spare : a way is left out whose poses are so many times the best duration apart at the
         highest velocities, where the arm has joints or tolerances to spare: its poses might
-        move. Without, it is never better
-    slowed : times the duration of a first guess, until it keeps its limits
-    most_slowed : times that it is slowed down
-    timed : intervals of the timing of a first guess
+        move; without, it is never better. With 1 a UR5e through three positions is 12 % slower
     """
 
     explore_mesh: int = 20
     explore_tolerance: float = 1e-5
     explore_sum: int = 160
     least_explore_mesh: int = 6
-    patience: int = 4
-    least_iterations: int = 100
     same: float = 1e-3
     worth: float = 1e-4
     most_polished: int = 15
     most_refined: int = 3
     full_mesh: int = 80
     full_mesh_even: int = 100
-    guided_iterations: int = 300
     guided_still: int = 15
     full_mesh_sum: int = 400
     least_mesh: int = 25
@@ -124,8 +118,6 @@ class SearchSettings:
     far_barrier: float = 3e-5
     foresight: float = 0.5
     many_phases: int = 5
-    calmer_mesh: int = 60
-    calmer_barrier: float = 1e-3
     spared: float = 0.2
     most_spared: float = 1.0
     least_time: float = 1e-3
@@ -135,10 +127,8 @@ class SearchSettings:
     timed_path_barrier: float = 1e-5
     timed_path_tolerance: float = 1e-4
     missed: float = 1e-7
-    first_iterations: int = 100
-    smoother: tuple[float, ...] = (1e4, 1e3, 1e2, 10.0, 1.0)
-    smoothest: tuple[float, ...] = (1e6, 1e5)
-    worth_less: float = 1e-3
+    usual_iterations: int = 100
+    smoother: tuple[float, ...] = (1e6, 1e5, 1e4, 1e3, 1e2, 10.0, 1.0)
     smoothing_told: float = 2e-4
     less_smoothing: float = 1e-2
     less_smoothing_barrier: float = 1e-6
@@ -148,9 +138,6 @@ class SearchSettings:
     most_iterations: int = 300
     bows: int = 2
     spare: float = 1.25
-    slowed: float = 1.3
-    most_slowed: int = 20
-    timed: int = 100
 
 
 SEARCH = SearchSettings()

@@ -11,12 +11,10 @@ import contextlib
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache
-from statistics import median
 
 import numpy as np
 
 from microbot_ocp._base.checks import InputError
-from microbot_ocp.limits import LimitFamily, MotionSamples
 from microbot_ocp.motion import PiecewisePolynomial, polynomial_of
 from microbot_ocp.ocp import Solution
 from microbot_ocp.ocp.refinement import Refiner
@@ -255,10 +253,8 @@ def _next_drawn(problem: MotionProblem, state: SearchState) -> TrialStart | None
     solved = [answer for answer in tried if answer.solved]
     if not solved:
         return TrialStart(guess, solver, problem.ways[0])
-    # what takes so much longer than starts usually do is given up
-    usual = median(a.solution.attempts[-1].iterations for a in solved) if index > 1 else 0
-    most = max(SEARCH.least_iterations, int(SEARCH.patience * usual))
     solver = solver if isinstance(solver, str) else solver[0]
+    most = SEARCH.most_iterations  # what takes more is given up: another one is solved
     return TrialStart(guess, solver, problem.ways[0], {"max_iterations": most})
 
 
@@ -268,18 +264,13 @@ def _next_through_ways(problem: MotionProblem, state: SearchState) -> TrialStart
     if pair is None:
         return None
     way, guess = pair
-    solved = [answer for answer in state.of("start") if answer.solved]
-    most = SEARCH.most_iterations
-    if solved:
-        iterations = max(a.solution.attempts[-1].iterations for a in solved)
-        most = min(max(SEARCH.least_iterations, SEARCH.patience * iterations), most)
-    fatrop = {"max_iter": SEARCH.least_iterations}
+    fatrop = {"max_iter": SEARCH.usual_iterations}
     return TrialStart(
         replace(guess, guesses=problem.with_closed(guess.guesses)),
         ("fatrop", "ipopt") if problem.settings.solver == "auto" else problem.settings.solver,
         way,
         # IPOPT solves what takes it more
-        {"max_iterations": most, "options": {**LDL, "fatrop": fatrop}},
+        {"max_iterations": SEARCH.most_iterations, "options": {**LDL, "fatrop": fatrop}},
     )
 
 
@@ -318,11 +309,10 @@ def rest_to_rest(task: Task, way: Way, names: Sequence[str], compiled: bool) -> 
     guesses = {}
     durations = TaskScale.of(task.family, way.via).durations
     timings = segment_timings(task, way, compiled)
-    rows = zip(names, way.paths, task.payloads, durations, timings, strict=True)
-    for name, path, payload, duration, timed in rows:
+    rows = zip(names, way.paths, durations, timings, strict=True)
+    for name, path, duration, timed in rows:
         shape = spline(path, np.linspace(0.0, float(duration), len(path)))
-        robot = payload.on(task.robot)
-        guesses[name] = guess_along(timed or _slowed(robot, shape))
+        guesses[name] = guess_along(timed or shape)
     return InitialGuess(way.name, guesses)
 
 
@@ -344,25 +334,8 @@ def _best_timing(
     """Do as :func:`segment_timings`, of one path [count,n]; other orders of stops have it, too."""
     shape = spline(np.frombuffer(path_bytes).reshape(count, -1), np.linspace(0.0, 1.0, count))
     with contextlib.suppress(InputError):
-        timing = time_path(robot, shape, grid=SEARCH.timed, compiled=compiled)
+        timing = time_path(robot, shape, compiled=compiled)
         if timing.solved:
             motion = timing.motion()
             return polynomial_of(motion)
     return None
-
-
-def _slowed(robot: Robot, shape: PiecewisePolynomial) -> PiecewisePolynomial:
-    """Return a shape slowed down until it keeps the limits of velocities, accelerations and
-    torques.
-    """
-    family = LimitFamily.of(robot)
-    keys = [key for key in family.of_order(1, 2, 3) if key != "taud"]
-    for _ in range(SEARCH.most_slowed):
-        t, curves = np.linspace(0.0, shape.duration, 50), [shape]
-        for _ in range(3):
-            curves.append(curves[-1].derivative())
-        use = family.use(MotionSamples(*(curve(t) for curve in curves)), keys)
-        if all(float(share.max()) <= 1.0 for share in use.values()):
-            break
-        shape = shape.stretched(SEARCH.slowed)
-    return shape

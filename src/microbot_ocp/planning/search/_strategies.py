@@ -73,12 +73,12 @@ def search_of(problem: MotionProblem, progress: StepProgress) -> MotionSearch:
         progress=with_motion(progress, problem.family.robot, problem.via),
         settings=SolverSettings(gap=GAP, options=LDL),
         rough=ROUGH_TOLERANCE,
-        polishing=0 if is_rough else SEARCH.first_iterations,
+        polishing=0 if is_rough else SEARCH.usual_iterations,
         fitted=partial(with_windows, dry_friction(problem.family.robot) > 0.0) if windows else None,
         enough=partial(is_enough, problem) if problem.is_free else None,
     )
     if is_guided:
-        tolerance, most = SEARCH.timed_path_tolerance, SEARCH.guided_iterations
+        tolerance, most = SEARCH.timed_path_tolerance, SEARCH.most_iterations
         # where a link is as near to two faces of a thing steps go to and fro between them
         still = {"acceptable_iter": SEARCH.guided_still, "acceptable_tol": 10.0 * tolerance}
         options = {"ipopt": {**LDL["ipopt"], **still}}
@@ -193,7 +193,7 @@ def to_full_mesh(search: MotionSearch, step: NextStep) -> MotionAnswer:
             return _finer(subject, solution, refiner)
     settings, once = _from_barrier(refiner, SEARCH.far_barrier), False
     if len(before.phases) <= SEARCH.many_phases and _within_limits(search, subject) is not None:
-        settings, once = _at_most(settings, SEARCH.first_iterations), True
+        settings, once = _at_most(settings, SEARCH.usual_iterations), True
     farther = replace(refiner, settings=settings, once=once)
     return _finer(subject, farther.finer(before, meshes), refiner)
 
@@ -256,25 +256,20 @@ def less_and_less_smoothing(search: MotionSearch, step: NextStep) -> MotionAnswe
     start: Any = search.problem.guesses_along(_within_limits(search, subject))
     last: Solution | None = None
     barrier: float | None = SEARCH.smoother_barrier
-    for steps in (SEARCH.smoother, (*SEARCH.smoothest, *SEARCH.smoother)):
-        for times in steps:
-            weight = times * subject.smoothing
-            kernels = _smoothed(search, search.refiner.transcription, weight)
-            finer = replace(refiner, transcription=kernels)
-            solution = replace(finer, settings=limited).solve(meshes, start, barrier=barrier)
-            search.progress(
-                f"smoothed {times:g} times: {solution.duration:.6f} s, {solution.status}"
-            )
-            if not solution.status.solved:
-                break
-            worth = np.inf if last is None else last.duration / solution.duration - 1.0
-            start, last, barrier = solution, solution, None
-            if times == SEARCH.smoother[-1] or worth < SEARCH.worth_less:
-                finer = replace(finer, history=[])
-                return _finer(subject, solution, refiner, refiner=finer, smoothing=weight)
-            if search.over:
-                break
-        if last is not None or search.over:
+    for times in SEARCH.smoother:
+        weight = times * subject.smoothing
+        kernels = _smoothed(search, search.refiner.transcription, weight)
+        finer = replace(refiner, transcription=kernels)
+        solution = replace(finer, settings=limited).solve(meshes, start, barrier=barrier)
+        search.progress(f"smoothed {times:g} times: {solution.duration:.6f} s, {solution.status}")
+        if not solution.status.solved:
+            break
+        worth = np.inf if last is None else last.duration / solution.duration - 1.0
+        start, last, barrier = solution, solution, None
+        if times == SEARCH.smoother[-1] or worth < SEARCH.same:
+            finer = replace(finer, history=[])
+            return _finer(subject, solution, refiner, refiner=finer, smoothing=weight)
+        if search.over:
             break
     failed = solution if last is None else replace(last, status=Status.FAILED)
     if last is not None:
@@ -307,7 +302,7 @@ def less_smoothing(search: MotionSearch, step: NextStep) -> MotionAnswer:
     kernels = _smoothed(search, refiner.transcription, weight)
     finer = replace(refiner, transcription=kernels, settings=usual)
     options = {"ipopt": {"mu_init": SEARCH.less_smoothing_barrier}}
-    settings = replace(usual, options=options, max_iterations=SEARCH.first_iterations)
+    settings = replace(usual, options=options, max_iterations=SEARCH.usual_iterations)
     meshes = [phase.mesh for phase in subject.solution.phases]
     solution = replace(finer, settings=settings).solve(meshes, subject.solution)
     search.progress(f"smoothed less: {solution.duration:.6f} s, {solution.status}")
@@ -344,7 +339,7 @@ def split_where_exceeded(search: MotionSearch, step: NextStep) -> MotionAnswer:
         refiner = replace(refiner, foresight=SEARCH.foresight, settings=usual)
         if len(search.problem.names) <= SEARCH.many_phases:
             # a refined mesh is seldom refined again: to the last digits at once
-            least = _at_most(usual, SEARCH.first_iterations)
+            least = _at_most(usual, SEARCH.usual_iterations)
             best = replace(refiner, settings=least, rough=None, once=True).refine(best, **marks)
     if search.problem.timed_path is not None:  # what did not converge is tried from farther inside
         farther = _from_barrier(refiner, SEARCH.timed_path_barrier)

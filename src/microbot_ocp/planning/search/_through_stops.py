@@ -282,7 +282,7 @@ def _slower(search: MotionSearch, before: Fastest, factor: float) -> Fastest:
     refiner = replace(search.refiner, history=[])
     meshes = [phase.mesh for phase in solution.phases]
     guesses = search.problem.guesses(solution, factor)
-    slower = refiner.solve(meshes, guesses, barrier=SEARCH.calmer_barrier)
+    slower = refiner.solve(meshes, guesses, barrier=SEARCH.near_way_barrier)
     slower = refiner.finished(refiner.refine(slower))
     search.progress(f"slowed down: {slower.duration:.6f} s, {slower.status}")
     if rank(search, slower)[0] is False:
