@@ -97,8 +97,8 @@ def read_archive(
 
 def no_archive(path: str | Path, what: str, problem: Exception) -> InputError:
     """Return the refusal of a file that does not hold what it should."""
-    said = getattr(problem, "strerror", None) or str(problem)  # of a file, without its name
-    sentence = repr(problem) if isinstance(problem, KeyError) else said
+    message = getattr(problem, "strerror", None) or str(problem)  # of a file, without its name
+    sentence = repr(problem) if isinstance(problem, KeyError) else message
     reason = " ".join(sentence.split()) or type(problem).__name__
     return InputError(
         f"{shortened(str(path), 130)} is not a saved {what}: {shortened(reason, 120)}"
@@ -130,7 +130,7 @@ def read_document(
 
 
 def arrays_in(path: Path, wanted: Collection[str] | None = None) -> dict[str, np.ndarray]:
-    """Plain arrays of a file, all or the wanted ones; damage raises errors of many kinds."""
+    """Return plain arrays of a file, all or the wanted ones; damage raises errors of many kinds."""
     with zipfile.ZipFile(path) as stored:
         names = stored.namelist()
         size = sum(member.file_size for member in stored.infolist())

@@ -97,16 +97,16 @@ class Child:
     ) -> Any:
         """Return what the work returns, as :func:`in_child`."""
         heard = 0.0  # processor time of the process when something was known of it last
-        known = 0
+        last_count = 0
         while True:
             left = min(until - time.perf_counter(), 1e6)
             if left <= 0:
                 raise OutOfTime
             if not self.reading.poll(min(left, silence)):
-                now, count = self._processor_time(), known if steps is None else steps()
-                if count == known and now - heard > max(silence, heard):
+                now, count = self._processor_time(), last_count if steps is None else steps()
+                if count == last_count and now - heard > max(silence, heard):
                     raise OutOfTime
-                known, heard = count, heard if count == known else now
+                last_count, heard = count, heard if count == last_count else now
                 continue
             heard = self._processor_time() if np.isfinite(silence) else 0.0
             try:

@@ -287,8 +287,8 @@ def _compiled(
             return {_external(name, library_of[name]): library_of[name] for name in names}
         except (OSError, subprocess.SubprocessError, RuntimeError) as failure:
             problem = shortened(str(failure), 160)
-    said = f"not compiled: {shortened(', '.join(names), 60)} ({problem})"
-    warnings.warn(f"{said}; CasADi's virtual machine runs instead", NotCompiled, stacklevel=4)
+    message = f"not compiled: {shortened(', '.join(names), 60)} ({problem})"
+    warnings.warn(f"{message}; CasADi's virtual machine runs instead", NotCompiled, stacklevel=4)
     return None
 
 

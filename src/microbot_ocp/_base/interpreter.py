@@ -68,18 +68,18 @@ def c_text(functions: Sequence[ca.Function]) -> str | None:
     of operations that are known.
     """
     tables = [table_of(function) for function in functions]
-    known = [table for table in tables if table is not None]
-    if len(known) < len(tables):
+    interpreted = [table for table in tables if table is not None]
+    if len(interpreted) < len(tables):
         return None
-    used = {int(operation) for table in known for operation in np.unique(table.code[:, 0])}
-    definitions = map(_definitions, functions, known)
+    used = {int(operation) for table in interpreted for operation in np.unique(table.code[:, 0])}
+    definitions = map(_definitions, functions, interpreted)
     return interpreter_text(used) + "".join(chain.from_iterable(definitions))
 
 
 def interpreter_text(used: Collection[int] = FORMULAS.keys()) -> str:
     """Return C text of an interpreter of operations."""
-    known, numbers = sorted(FORMULAS.keys() & used), {"COLUMNS": COLUMNS, **MOVES}
-    cases = " ".join(f"CASE({k}, {FORMULAS[k].format('x', 'y')})" for k in known)
+    kinds, numbers = sorted(FORMULAS.keys() & used), {"COLUMNS": COLUMNS, **MOVES}
+    cases = " ".join(f"CASE({k}, {FORMULAS[k].format('x', 'y')})" for k in kinds)
     names = "".join(f"#define {name} {number}\n" for name, number in numbers.items())
     text = (HERE / "interpreter.c").read_text("utf-8")
     return names + text.replace("/* further cases */", cases)

@@ -77,7 +77,7 @@ class Ledger(tuple[LedgerRow, ...]):
         return Ledger(replace(row, decided=False) for row in self)
 
     def as_dicts(self) -> list[dict[str, Any]]:
-        """Plain values for JSON."""
+        """Return plain values for JSON."""
         return [asdict(row) for row in self]
 
     def table(self) -> Table:
@@ -176,7 +176,7 @@ class Outcome:
         return replace(self, advice=(*self.advice, *rows))
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
+        """Return plain values for JSON."""
         rows = [{k: v for k, v in vars(row).items() if k != "at"} for row in self.advice]
         return {"status": str(self.status), "advice": rows, "ledger": self.ledger.as_dicts()}
 

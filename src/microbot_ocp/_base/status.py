@@ -120,7 +120,7 @@ class Status(StrEnum):
     """What it means, and what to try."""
 
     def __new__(cls, value: str, sentence: str) -> Status:
-        """A member of this value."""
+        """Return a member of this value."""
         member = str.__new__(cls, value)
         member._value_, member.sentence = value, sentence
         return member

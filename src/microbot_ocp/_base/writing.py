@@ -40,7 +40,8 @@ class NotWritten(OSError, InputError):
 
 @contextlib.contextmanager
 def whole_file(path: str | Path) -> Iterator[Path]:
-    """Path to write to in the place of ``path``, which gets the file when the block ends.
+    """Return the path to write to in the place of ``path``, which gets the file when the block
+    ends.
 
     A link stays a link, and what it points to is replaced. Devices and pipes are written directly.
     Permissions are those of a new file.

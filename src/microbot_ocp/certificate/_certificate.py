@@ -208,5 +208,5 @@ class Certificate(ResimulationFigures):
         return max((check.violation for check in self.limit_checks), default=0.0)
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values for JSON; what is not finite becomes None."""
+        """Return plain values for JSON; what is not finite becomes None."""
         return plain(self)

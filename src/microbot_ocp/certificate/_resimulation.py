@@ -144,7 +144,7 @@ class _Drive:
         return (total[1] - total[0]) / (end - start)[:, None]
 
     def __call__(self, t: FloatArray, state: State) -> tuple[FloatArray, ...]:
-        """Accelerations, torques, and what the stored torques are too large [N,n]."""
+        """Return accelerations, torques, and what the stored torques are too large [N,n]."""
         smooth = self.smooth(t)
         tau = torque_along(self.robot, State(state.q, state.qd, smooth))
         added = np.zeros_like(smooth)

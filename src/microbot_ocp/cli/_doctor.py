@@ -86,7 +86,9 @@ def _version(package: str) -> str:
 
 
 def _name_in(requirement: str, extra: str) -> str:
-    """The package that a line such as "coal>=3; extra == 'cell'" asks for; empty if another."""
+    """Return the package that a line such as "coal>=3; extra == 'cell'" asks for; empty if
+    another.
+    """
     named = re.fullmatch(rf"([\w.-]+).*;.*extra == ['\"]{extra}['\"]", requirement)
     return named[1] if named else ""
 

@@ -104,8 +104,8 @@ def check(
 
 
 def _efforts_fit(robot: Robot, rows: CommandRows) -> bool | None:
-    """Whether efforts of rows, with gravity or without, are those of the arm as it is; None where
-    rows have none, or too little to tell.
+    """Return whether efforts of rows, with gravity or without, are those of the arm as it is; None
+    where rows have none, or too little to tell.
     """
     if rows.tau is None or rows.qd is None or rows.qdd is None or not rows.tau.any():
         return None
@@ -137,7 +137,7 @@ def judged(
     *,
     simulated: bool,
 ) -> Certificate:
-    """The certificate of the curve that a controller makes of rows."""
+    """Return the certificate of the curve that a controller makes of rows."""
     subject = task or LimitFamily.of(robot, profile.limits_of(robot))
     tolerances = Tolerances(limit=limit_tolerance)
     certificate = certified(subject, curve, scene, tolerances, simulated=simulated)

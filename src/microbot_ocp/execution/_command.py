@@ -146,8 +146,8 @@ def commanded(
         rows = _soonest([LimitFamily.of(robot, chosen.limits_of(robot))], motion, chosen)
     else:
         rows = _rows_through(task, motion, chosen)
-    own = partial(efforts, profile=chosen)
-    rows = replace(rows, tau=torques_through(robot, rows, task, own)(rows.t, _state(rows)))
+    profile_of = partial(efforts, profile=chosen)
+    rows = replace(rows, tau=torques_through(robot, rows, task, profile_of)(rows.t, _state(rows)))
     curve = played(robot, rows, chosen, task)
     certificate = judged(robot, rows, curve, chosen, task, scene, simulated=True)
     cost = float(rows.t[-1]) - motion.duration
@@ -271,7 +271,7 @@ def _drawn_in(
 
 
 def _soonest(families: Sequence[LimitFamily], motion: Motion, profile: Profile) -> CommandRows:
-    """Rows of the motion slowed down as it is, or rounded off, whichever takes less time.
+    """Return rows of the motion slowed down as it is, or rounded off, whichever takes less time.
 
     Where an acceleration jumps, polynomials between two rows make too much of it, and differences
     of rows see a jerk and a torque rate that only much slower motions leave within bounds. The
@@ -296,7 +296,7 @@ def _soonest(families: Sequence[LimitFamily], motion: Motion, profile: Profile) 
 
 
 def _windows(motion: Motion, profile: Profile) -> list[int]:
-    """Steps between samples of a spline that may be near enough, the most first."""
+    """Return steps between samples of a spline that may be near enough, the most first."""
     most = max(float(np.abs(motion.qdd).max()), ROUNDING)
     seconds = min(np.sqrt(6.0 * NEAR / most), 0.5 * motion.duration)
     window = int(np.ceil(seconds / profile.step))  # what is slowed down is nearer
@@ -304,7 +304,7 @@ def _windows(motion: Motion, profile: Profile) -> list[int]:
 
 
 def _factor(parts: Sequence[Part], most: float) -> float:
-    """By what a curve has to be slower to keep all limits: about that, or somewhat less.
+    """Return by what a curve has to be slower to keep all limits: about that, or somewhat less.
 
     A limit of a derivative of some order is used by the power of it less; of a torque all but the
     part of gravity.

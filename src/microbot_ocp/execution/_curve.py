@@ -37,7 +37,7 @@ def executed(
     segments: Sequence[Segment] | None = None,
     cycle: bool = False,
 ) -> Motion:
-    """What a controller makes of the samples of a motion, as a motion.
+    """Return what a controller makes of the samples of a motion, as a motion.
 
     Parameters
     ----------
@@ -119,7 +119,8 @@ def played_task(
 
 
 def rows_of(motion: Motion, profile: Profile) -> CommandRows:
-    """The samples of a motion at the rate of a profile, the last one at rest where the motion is.
+    """Return the samples of a motion at the rate of a profile, the last one at rest where the
+    motion is.
 
     Torques are those that the motion stores, interpolated.
     """
@@ -155,7 +156,9 @@ def _linear(rows: CommandRows, profile: Profile) -> PiecewisePolynomial:
 
 
 def spline_of(q: FloatArray, step: float) -> PiecewisePolynomial:
-    """The uniform cubic B-spline with commands [N,n] as its control points, each a step late."""
+    """Return the uniform cubic B-spline with commands [N,n] as its control points, each a step
+    late.
+    """
     control = np.concatenate([q[:1], q[:1], q, q[-1:], q[-1:]])
     first, second, third = (np.diff(control, n=order, axis=0) for order in (1, 2, 3))
     pieces = len(third)

@@ -211,7 +211,7 @@ class _Override:
         return CurveLimits.of(self.family, self.curve, s, self.fast)
 
     def soonest(self, speed: float) -> tuple[int, Reached]:
-        """The first place of the grid from which on a speed can be kept, with its timing."""
+        """Return the first place of the grid from which on a speed can be kept, with its timing."""
         last = self.s.size - 1
         places = np.arange(last + 1) if speed else self._where_it_can_rest()
         best, low, high = (last, self._timed(last, speed)), -1, places.size - 1
@@ -223,14 +223,16 @@ class _Override:
         return best
 
     def _where_it_can_rest(self) -> np.ndarray:
-        """Places of the grid, from the second interval's end on, where the limits hold at rest."""
+        """Return places of the grid, from the second interval's end on, where the limits hold at
+        rest.
+        """
         q = self.curve.evaluate(self.s)[0]
         still = np.zeros_like(q)
         holds = self.family.excess(MotionSamples(q, still, still, still)) <= 0.0
         return np.flatnonzero(holds & (np.arange(len(q)) > 1))
 
     def _timed(self, place: int, speed: float) -> Reached:
-        """At a speed from a place of the grid on, or stopped there."""
+        """Return the timing at a speed from a place of the grid on, or stopped there."""
         along, last = self.along, self.s.size - 1
         if not speed and place < last:
             along = self._limits_at(self.s[: place + 1])
@@ -244,18 +246,18 @@ class _Override:
         )
 
     def as_planned(self) -> Reached:
-        """The timing of the motion itself."""
+        """Return the timing of the motion itself."""
         s, still = self.s, np.zeros(self.s.size - 1)
         return Reached(s, np.ones(s.size), still, still, s - s[0], True, float("nan"))
 
     def judged(self, timing: Reached) -> tuple[Reached, FloatArray]:
-        """The timing with steady ends, and the excess of limits in each of its intervals."""
+        """Return the timing with steady ends, and the excess of limits in each of its intervals."""
         ends = [0] * self.rests + [-1] * (timing.s.size == self.s.size)
         timing = with_steady_ends(timing, ends)
         return timing, self._limits_at(timing.s).excess(timing)
 
     def finer(self, cut: np.ndarray) -> _Override:
-        """The same with these of the first intervals cut in two."""
+        """Return the same with these of the first intervals cut in two."""
         s = self.s
         middles = 0.5 * (s[1:] + s[:-1])[: cut.size][cut]
         return replace(self, s=np.sort(np.concatenate([s, middles])))
@@ -264,7 +266,7 @@ class _Override:
 def _changed(
     robot: Robot, planned: Motion, samples: Samples, places: Places, changed_at: float
 ) -> Motion:
-    """The motion at another speed."""
+    """Return the motion at another speed."""
     t, state, breaks = samples
     first, last = places[0][[0, -1]]
     ahead = [mark for mark in planned.marks if first < mark.time <= last]
@@ -297,7 +299,7 @@ class _Ramp:
         return self.begin + self.lasts
 
     def along(self, t: FloatArray) -> tuple[FloatArray, ...]:
-        """Place on the path, and its three derivatives by the time, at times t [N]."""
+        """Return the place on the path, and its three derivatives by the time, at times t [N]."""
         lasts, change = max(self.lasts, ROUNDING), self.speed - self.current
         x = np.clip((t - self.begin) / lasts, 0.0, 1.0)
         after = np.maximum(t - self.end, 0.0)
@@ -311,13 +313,13 @@ class _Ramp:
 
 
 def _state_at(motion: Motion, place: Sequence[FloatArray]) -> MotionSamples:
-    """The state at a place of the motion as planned, at another speed."""
+    """Return the state at a place of the motion as planned, at another speed."""
     s = np.minimum(place[0], motion.duration)
     return samples_along(motion.samples(s), place[1:])
 
 
 def _ramped(family: LimitFamily, motion: Motion, wanted: _Ramp, later: Sequence[str]) -> Motion:
-    """The soonest ramp that keeps all limits, and what follows."""
+    """Return the soonest ramp that keeps all limits, and what follows."""
     judged, _ = limit_checks_of(family, motion.history())
     excessive = [c for c in judged if c.quantity in later and c.violation > LIMIT_TOLERANCE]
     if excessive:
@@ -362,7 +364,7 @@ def _ramped(family: LimitFamily, motion: Motion, wanted: _Ramp, later: Sequence[
 def _soonest_ramp(
     wanted: _Ramp, motion: Motion, keeps: Callable[[Sequence[FloatArray]], np.ndarray]
 ) -> _Ramp | None:
-    """The ramp that ends first of those that are tried; None where none keeps all limits."""
+    """Return the ramp that ends first of those that are tried; None where none keeps all limits."""
     current, speed, at = wanted.current, wanted.speed, wanted.at
     s = np.append(at, motion.t[motion.t > at + JUMP_GAP])
     s = np.append(s[:-1][~jump_gaps(s)], s[-1])  # no ramp begins or ends within a jump
@@ -406,13 +408,13 @@ def _soonest_ramp(
 
 
 def _some(places: np.ndarray, count: int) -> list[int]:
-    """Some of the places, the first and the last among them."""
+    """Return some of the places, the first and the last among them."""
     chosen = np.linspace(0, len(places) - 1, min(count, len(places)), dtype=int)
     return places[np.unique(chosen)].tolist()
 
 
 def _widened(family: LimitFamily, motion: Motion) -> LimitFamily:
-    """Limits as they are, or as the motion uses them where that is more."""
+    """Return limits as they are, or as the motion uses them where that is more."""
     samples = motion.history().samples
     bounds, also = {}, []
     for member in family:

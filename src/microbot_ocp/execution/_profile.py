@@ -74,7 +74,7 @@ class Profile:
         return 1.0 / self.rate
 
     def limits_of(self, robot: Robot) -> JointLimits:
-        """The limits of a robot and of the controller, of each the tighter one.
+        """Return the limits of a robot and of the controller, of each the tighter one.
 
         Plan under these where a motion without them would have to be slowed down much.
 
@@ -119,7 +119,7 @@ class _Braking:
 
 
 def packaged_profiles() -> tuple[str, ...]:
-    """Names of the profiles that come with the package.
+    """Return names of the profiles that come with the package.
 
     Examples
     --------

@@ -107,7 +107,7 @@ class Ratings:
         return float(needed.max())
 
     def table(self) -> Table:
-        """One row a joint."""
+        """Return one row a joint."""
 
         def unit(key: str) -> str:
             every = range(self.rms_torque.size)

@@ -96,11 +96,13 @@ class Reserve:
         return self.motion.duration - self.ideal.duration
 
     def plot(self, axes: GivenAxes | None = None) -> DrawnAxes:
-        """Error of the tool and duration over the reserve: :func:`microbot_ocp.plots.reserve`."""
+        """Draw the error of the tool and duration over the reserve:
+        :func:`microbot_ocp.plots.reserve`.
+        """
         return view_for(self, "plot")(self, axes)
 
     def table(self) -> Table:
-        """What each reserve costs and what it does for the tool."""
+        """Return what each reserve costs and what it does for the tool."""
         columns = [
             Column("reserve", "%", ".2f"),
             Column("T", "s", ".4f"),
@@ -124,7 +126,7 @@ def differing_plants(
     count: int = 20,
     seed: int = 0,
 ) -> tuple[Robot, ...]:
-    """Arms that differ from the model: the corners of a box, and arms inside of it.
+    """Return arms that differ from the model: the corners of a box, and arms inside of it.
 
     Parameters
     ----------
@@ -176,7 +178,7 @@ def differing_plants(
 
 
 def _differing(robot: Robot, mass: FloatArray, friction: FloatArray) -> Robot:
-    """The robot with masses and frictions [n] times these."""
+    """Return the robot with masses and frictions [n] times these."""
     links = []
     for link, m, f in zip(robot.links, mass, friction, strict=True):
         factors = dict.fromkeys(("mass", "inertia", "armature"), m)
@@ -310,13 +312,13 @@ def _planner(
     if not isinstance(task, Motion):
         return lambda reserve: time_optimal(robot, task, limits, reserve=reserve)
     refuse_other_arm(robot, task)
-    own = robot.limits if limits is None else limits.for_joints(robot.joint_count)
+    arm_limits = robot.limits if limits is None else limits.for_joints(robot.joint_count)
     shape = polynomial_of(task)
 
     def slowed(reserve: float) -> Motion:
         if not reserve:
             return task
-        family = LimitFamily.of(robot, own.with_reserve(reserve))
+        family = LimitFamily.of(robot, arm_limits.with_reserve(reserve))
         times = np.array([mark.time for mark in task.marks])
         motion = within_limits(family, shape, times, LIMIT_TOLERANCE, False)
         if motion is None:

@@ -140,7 +140,7 @@ def _of_table(text: str, robot: Robot) -> CommandRows:
 
 
 def _numbers_of(lines: Sequence[str], first: int, width: int) -> FloatArray:
-    """The numbers [N,width] of a table from its line ``first`` on."""
+    """Return the numbers [N,width] of a table from its line ``first`` on."""
     if len(lines) == first:
         raise InputError("it has heads and no rows")
     try:
@@ -156,7 +156,9 @@ def _numbers_of(lines: Sequence[str], first: int, width: int) -> FloatArray:
 
 
 def _columns_of(heads: Sequence[str], order: Order, robot: Robot) -> Order:
-    """Where each quantity of each joint is, by heads that name joints; else as in ``order``."""
+    """Return where each quantity of each joint is, by heads that name joints; else as in
+    ``order``.
+    """
     parsed = [match.groups() for head in heads if (match := HEAD.fullmatch(head))]
     names = robot.joint_names
     if parsed[0][1] in names or any(key or joint in names for key, joint, _ in parsed[1:]):
@@ -179,7 +181,9 @@ def _columns_of(heads: Sequence[str], order: Order, robot: Robot) -> Order:
 
 
 def _by_names(heads: Sequence[tuple[str | None, str]], robot: Robot) -> Order:
-    """Where each quantity of each joint is, by heads that may name the first and do the second."""
+    """Return where each quantity of each joint is, by heads that may name the first and do the
+    second.
+    """
     _order(list(dict.fromkeys(joint for _, joint in heads)), robot)
     order: Order = {}
     for column, (key, joint) in enumerate(heads, 1):
@@ -210,7 +214,7 @@ def _is_number(word: str) -> bool:
 
 
 def _order(names: Sequence[str], robot: Robot) -> list[int]:
-    """Where each joint of the robot is among these names."""
+    """Return where each joint of the robot is among these names."""
     if sorted(map(str, names)) != sorted(robot.joint_names):
         raise InputError(
             f"its joints must be {', '.join(robot.joint_names)}, not {', '.join(map(str, names))}"
@@ -277,7 +281,7 @@ def _of_message(document: Any, robot: Robot) -> CommandRows:
 
 
 def _trajectories_in(document: Any, depth: int = 0) -> Iterator[Mapping[str, Any]]:
-    """Trajectories of joints within a message, as MoveIt's plans hold them."""
+    """Return trajectories of joints within a message, as MoveIt's plans hold them."""
     if depth > 6 or not isinstance(document, dict | list):
         return
     if isinstance(document, dict) and {"joint_names", "points"} <= set(document):

@@ -313,8 +313,8 @@ def nearest_on_continuum(
     quick, errors = descend(robot, q, np.tile(target, (len(q), 1)), bounds, SLIDE, wanted)
     near = (errors < goal(robot)) & _are_nearest(robot, quick, target, wanted)
     return [
-        found if good else _nearest_slowly(robot, start, target, wanted)
-        for start, found, good in zip(q, quick, near, strict=True)
+        nearest if good else _nearest_slowly(robot, start, target, wanted)
+        for start, nearest, good in zip(q, quick, near, strict=True)
     ]
 
 
@@ -412,15 +412,17 @@ def find_branches(robot: Robot, targets: FloatArray) -> list[Found]:
         q, owners, met = _merge_doubles(robot, *groups, targets[pending])
         jacobians = kernels.scaled_jacobian(robot, q, width)
         values = np.linalg.svd(jacobians, compute_uv=False)
-        found, ends = _rank(values), np.searchsorted(owners, np.arange(len(pending) + 1))
+        rank, ends = _rank(values), np.searchsorted(owners, np.arange(len(pending) + 1))
         still = []
         for row, index in enumerate(pending):
-            own = slice(ends[row], ends[row + 1])
-            answers[index], jacobian_ranks[index] = q[own], found[own]
+            part = slice(ends[row], ends[row + 1])
+            answers[index], jacobian_ranks[index] = q[part], rank[part]
             if not (
-                len(q[own]) >= BRANCH_SEARCH.continuum_samples
-                if redundant and len(q[own])
-                else _complete(jacobians[own], values[own], met[own], turn, balanced_when_complete)
+                len(q[part]) >= BRANCH_SEARCH.continuum_samples
+                if redundant and len(q[part])
+                else _complete(
+                    jacobians[part], values[part], met[part], turn, balanced_when_complete
+                )
             ):
                 still.append(row)
         pending = pending[still]

@@ -230,8 +230,8 @@ def _branches(robot: Robot, targets: FloatArray) -> tuple[tuple[IKSolution, ...]
         return tuple((solution,) for solution in _given_up(robot, targets))
     wanted, everything = search.middle(robot), search.find_branches(robot, targets)
     owners = np.repeat(np.arange(len(targets)), [len(branches.q) for branches in everything])
-    found = np.concatenate([branches.q for branches in everything])
-    rows, inside = search.within_limits(robot, found, wanted)
+    q = np.concatenate([branches.q for branches in everything])
+    rows, inside = search.within_limits(robot, q, wanted)
     order = np.lexsort((np.linalg.norm(rows - wanted, axis=1), owners))
     order = order[inside[order]]
     q, owners = rows[order], owners[order]

@@ -336,8 +336,8 @@ class Motion:
         state, beside = self.sample(t), self.tau
         tau = np.zeros_like(state.q)
         if robot is not None and robot.has_dynamics:
-            tau, own = torque_along(robot, state), State(self.q, self.qd, self.qdd)
-            beside = self.tau - torque_along(robot, own) if self.tau.any() else self.tau
+            tau, state_here = torque_along(robot, state), State(self.q, self.qd, self.qdd)
+            beside = self.tau - torque_along(robot, state_here) if self.tau.any() else self.tau
         tau += np.column_stack([np.interp(t, self.t, column) for column in beside.T])
         return replace(self, t=t, **state._asdict(), tau=tau, breaks=None)
 

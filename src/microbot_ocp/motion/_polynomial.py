@@ -59,7 +59,9 @@ class PiecewisePolynomial:
         return _trusted(self.breaks, lowered)
 
     def __call__(self, t: ArrayLike, *, from_left: bool = False) -> FloatArray:
-        """Values [N,n] at times t [N]; at a break those of the later piece unless ``from_left``."""
+        """Return values [N,n] at times t [N]; at a break those of the later piece unless
+        ``from_left``.
+        """
         times = np.atleast_1d(t if isinstance(t, np.ndarray) else checks.numbers("t", t))
         if times.ndim != 1:
             raise InputError(f"t must have shape [any], not {list(times.shape)}")

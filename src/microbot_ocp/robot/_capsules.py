@@ -59,7 +59,8 @@ CAPSULE_FIT = CapsuleFit()
 def fit_capsules(
     robot: Robot, role: Role = "collision", *, added_volume: float = 0.3, most: int = 2
 ) -> dict[int, tuple[Capsule, ...]]:
-    """Capsules that hold the geometry of a robot: for each link of its file as few as are close.
+    """Return capsules that hold the geometry of a robot: for each link of its file as few as are
+    close.
 
     A link has one where that adds no more volume than is allowed. Else planes cut it into as many
     parts as it takes, each with a capsule around it, and all of the link is inside them together.
@@ -102,7 +103,7 @@ def fit_capsules(
 
 
 def link_capsules(robot: Robot, radius: ArrayLike | None = None) -> dict[int, tuple[Capsule, ...]]:
-    """Capsules along the links of a robot of which only the DH rows are known.
+    """Return capsules along the links of a robot of which only the DH rows are known.
 
     They go from the origin of a frame along the common normal to the next axis, and along that to
     the next origin, as most links do; the last one goes straight to the tool. A prismatic joint has
@@ -159,18 +160,18 @@ def link_capsules(robot: Robot, radius: ArrayLike | None = None) -> dict[int, tu
     given = np.broadcast_to(sizes, count + 1)
     if (given <= 0).any():
         raise InputError(f"radius must be above 0 m, not {given.min():g}")
-    found: dict[int, tuple[Capsule, ...]] = {}
+    capsules: dict[int, tuple[Capsule, ...]] = {}
     for (frame, start, end), length in zip(segments, lengths, strict=True):
         if length > 1e-9 * total:
             named = robot.links[frame - 1].name if frame and robot.links else None
             name = named or (f"link {frame}" if frame else "base")
             capsule = Capsule(start, end, float(given[frame]), name)
-            found[frame] = (*found.get(frame, ()), capsule)
-    return found
+            capsules[frame] = (*capsules.get(frame, ()), capsule)
+    return capsules
 
 
 def enclosing_capsule(points: ArrayLike) -> Capsule:
-    """The smallest capsule found around points [N,3], m; every point is inside."""
+    """Return the smallest capsule found around points [N,3], m; every point is inside."""
     places = checks.array("points", points, (None, 3), "m")
     if not len(places):
         raise InputError("points must be at least one, not 0")
@@ -180,7 +181,7 @@ def enclosing_capsule(points: ArrayLike) -> Capsule:
 
 
 def _around(shapes: list[Shape], added_volume: float, most: int) -> list[Capsule]:
-    """Capsules around the shapes of a link."""
+    """Return capsules around the shapes of a link."""
     (first, *others) = shapes
     if not others and first.kind in ("sphere", "cylinder", "capsule"):
         half = first.size[1] / 2 if first.size.size == 2 else 0.0
@@ -277,7 +278,9 @@ class _Surface:
         return points[hull.vertices], float(hull.volume)
 
     def halved(self, axis: FloatArray, count: int) -> Iterator[tuple[_Surface, _Surface]]:
-        """The triangles on both sides of planes across an axis, of each plane that cuts any."""
+        """Return the triangles on both sides of planes across an axis, of each plane that cuts
+        any.
+        """
         heights = (self.places @ axis)[self.triangles]
         for plane in np.linspace(heights.min(), heights.max(), count + 2)[1:-1].tolist():
             sides = self._cut(heights - plane)
@@ -285,8 +288,8 @@ class _Surface:
                 yield sides
 
     def _cut(self, heights: FloatArray) -> tuple[_Surface, _Surface]:
-        """Triangles below and above a plane over which corners are so high [T,3]; those that cross
-        it are cut.
+        """Return triangles below and above a plane over which corners are so high [T,3]; those that
+        cross it are cut.
         """
         below, above = (heights <= 0.0).all(axis=1), (heights >= 0.0).all(axis=1)
         crossing = ~(below | above)
@@ -352,32 +355,38 @@ class _LinkFit:
         self.solid = self._distance(self.samples) <= 0.0
 
     def _distance(self, points: FloatArray) -> FloatArray:
-        """Distance [N] of points [N,3] from the solid as far as the directions tell, m."""
+        """Return the distance [N] of points [N,3] from the solid as far as the directions tell,
+        m.
+        """
         reach = points @ _directions().T
         return np.min([(reach - support).max(axis=1) for support in self.supports], axis=0)
 
     def added_volume(self, parts: Sequence[_Part]) -> float:
-        """Volume of the capsules of parts outside of the solid, as a ratio of its volume."""
+        """Return the volume of the capsules of parts outside of the solid, as a ratio of its
+        volume.
+        """
         held = np.any([part.capsule.distance(self.samples) <= 0.0 for part in parts], axis=0)
         return float((held & ~self.solid).sum() / max(self.solid.sum(), 1))
 
     def excess(self, part: _Part, parts: Sequence[_Part]) -> float:
-        """How far the capsule of a part stands out of the solid where those of others do not, m."""
-        own, ball = part.capsule, part.capsule.radius * _directions()
-        points = np.concatenate([own.start + ball, own.end + ball])
+        """Return how far the capsule of a part stands out of the solid where those of others do
+        not, m.
+        """
+        capsule, ball = part.capsule, part.capsule.radius * _directions()
+        points = np.concatenate([capsule.start + ball, capsule.end + ball])
         others = [other.capsule.distance(points) > 0.0 for other in parts if other is not part]
         points = points[np.all(others, axis=0)] if others else points
         return max(float(self._distance(points).max()), 0.0) if len(points) else 0.0
 
 
 def _rough_capsule(points: FloatArray) -> Capsule:
-    """The least capsule along principal axes around some of many points [N,3]."""
+    """Return the least capsule along principal axes around some of many points [N,3]."""
     some = points[:: max(1, len(points) // CAPSULE_FIT.directions)]
     return min((_along(some, u) for u in _principal(some)), key=lambda capsule: capsule.volume)
 
 
 def _triangles(shape: Shape) -> FloatArray:
-    """Triangles [T,3,3] whose convex hulls hold the shape's surface, in its link frame."""
+    """Return triangles [T,3,3] whose convex hulls hold the shape's surface, in its link frame."""
     if shape.kind == "mesh":
         mesh = read_mesh(shape)
         corners = mesh.triangles if len(mesh.triangles) else np.arange(len(mesh.vertices))[:, None]
@@ -401,7 +410,9 @@ def _triangles(shape: Shape) -> FloatArray:
 
 
 def _revolved(rims: FloatArray, sides: int) -> FloatArray:
-    """Triangles [T,3,3] of polygons about Z of radii and heights [K,2], joined one to the next."""
+    """Return triangles [T,3,3] of polygons about Z of radii and heights [K,2], joined one to the
+    next.
+    """
     turn = (2 * np.arange(sides + 1) + 1) * np.pi / sides
     circle = np.column_stack([np.cos(turn), np.sin(turn), np.ones(sides + 1)])
     rings = circle * rims[:, [0, 0, 1]][:, None]
@@ -410,14 +421,14 @@ def _revolved(rims: FloatArray, sides: int) -> FloatArray:
 
 
 def _principal(points: FloatArray) -> FloatArray:
-    """Principal axes of points [N,3], as rows."""
+    """Return principal axes of points [N,3], as rows."""
     centered = points - points.mean(axis=0)
     return np.linalg.eigh(centered.T @ centered)[1].T
 
 
 @lru_cache
 def _directions() -> FloatArray:
-    """Unit vectors spread over the sphere, on a spiral (Swinbank and Purser, 2006)."""
+    """Return unit vectors spread over the sphere, on a spiral (Swinbank and Purser, 2006)."""
     index = np.arange(CAPSULE_FIT.directions) + 0.5
     z = 1 - 2 * index / CAPSULE_FIT.directions
     turn, across = np.pi * (1 + np.sqrt(5)) * index, np.sqrt(1 - z**2)
@@ -425,14 +436,14 @@ def _directions() -> FloatArray:
 
 
 def _outermost(points: FloatArray) -> FloatArray:
-    """The points that lie farthest in any of many directions."""
+    """Return the points that lie farthest in any of many directions."""
     if len(points) < CAPSULE_FIT.directions:
         return points
     return points[np.unique(np.argmax(_directions() @ points.T, axis=1))]
 
 
 def _downhill(points: FloatArray, direction: FloatArray) -> FloatArray:
-    """Unit vector near ``direction`` along which the capsule has the least volume."""
+    """Return the unit vector near ``direction`` along which the capsule has the least volume."""
     best, step = _along(points, direction).volume, 0.2
     while step > CAPSULE_FIT.finest_step:
         side, other = _across(direction)
@@ -451,13 +462,13 @@ def _unit(vector: ArrayLike) -> FloatArray:
 
 
 def _across(direction: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Two unit vectors at right angles to a direction and to each other."""
+    """Return two unit vectors at right angles to a direction and to each other."""
     side = _unit(np.cross(direction, np.eye(3)[np.argmin(np.abs(direction))]))
     return side, _unit(np.cross(direction, side))
 
 
 def _along(points: FloatArray, direction: FloatArray) -> Capsule:
-    """The capsule around the points whose segment has the given unit direction."""
+    """Return the capsule around the points whose segment has the given unit direction."""
     plane = np.column_stack(_across(direction))
     flat, along = points @ plane, points @ direction
     center = _circle_center(flat)
@@ -473,7 +484,7 @@ def _along(points: FloatArray, direction: FloatArray) -> Capsule:
 
 
 def _circle_center(points: FloatArray) -> FloatArray:
-    """Centre [2] of the smallest circle around points [N,2].
+    """Return the centre [2] of the smallest circle around points [N,2].
 
     The point farthest outside joins those that hold the circle, which then grows; no more than
     three are ever needed.
@@ -490,7 +501,9 @@ def _circle_center(points: FloatArray) -> FloatArray:
 
 
 def _smallest(points: list[FloatArray]) -> tuple[list[FloatArray], FloatArray, float]:
-    """The two or three of up to four points that hold the smallest circle around all, and it."""
+    """Return the two or three of up to four points that hold the smallest circle around all, and
+    it.
+    """
     given = np.array(points)
     pairs, triples = _choices(len(points))
     a, b, c = (given[triples[:, k]] for k in range(3))
@@ -501,7 +514,7 @@ def _smallest(points: list[FloatArray]) -> tuple[list[FloatArray], FloatArray, f
     centers = np.concatenate([given[pairs].mean(axis=1), around])
     distances = np.linalg.norm(given - centers[:, None], axis=2)
     chosen = [*pairs.tolist(), *triples.tolist()]
-    radii = np.array([distances[row, own[0]] for row, own in enumerate(chosen)])
+    radii = np.array([distances[row, members[0]] for row, members in enumerate(chosen)])
     holds = distances.max(axis=1) <= radii * (1 + 1e-9)
     if not holds.any():
         return points, points[0], np.inf
@@ -511,6 +524,6 @@ def _smallest(points: list[FloatArray]) -> tuple[list[FloatArray], FloatArray, f
 
 @lru_cache
 def _choices(count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Indices of all pairs and of all triples out of ``count``."""
+    """Return indices of all pairs and of all triples out of ``count``."""
     pairs, triples = (list(combinations(range(count), size)) for size in (2, 3))
     return np.array(pairs), np.array(triples, dtype=int).reshape(-1, 3)

@@ -62,7 +62,7 @@ class Series:
     runs: Runs
 
     def __call__(self, q: ArrayLike) -> float:
-        """Value at joint positions q [n], rad (prismatic: m)."""
+        """Return the value at joint positions q [n], rad (prismatic: m)."""
         at = np.asarray(q, dtype=float)
         total = 0.0
         for term, value in self.terms.items():

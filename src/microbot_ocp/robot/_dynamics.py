@@ -322,7 +322,9 @@ class MotionState:
     def __init__(
         self, robot: Robot, q: Any, qd: Any, qdd: Any, qddd: Any, torques: ca.Function | None = None
     ) -> None:
-        """``torques`` may replace :func:`torque_and_rate`: a function of the same arguments."""
+        """Take ``torques``, a function of the same arguments, in place of
+        :func:`torque_and_rate`.
+        """
         self.robot, self.q, self.qd, self.qdd, self.qddd = robot, q, qd, qdd, qddd
         self._torques = torques
 

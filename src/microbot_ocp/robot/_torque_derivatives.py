@@ -168,7 +168,7 @@ def _chain(
         wrench = _Pair(moment, force)
         sums = mass, first, second, velocity, velocities, virtual, virtuals, both, wrench
         moments_of.append(_Moments(*sums))
-    outside = [*accumulate(reversed(moments_of), lambda outer, own: own + outer)]
+    outside = [*accumulate(reversed(moments_of), lambda outer, inner: inner + outer)]
     return [_Link(*parts, moments) for parts, moments in zip(screws, outside[::-1], strict=True)]
 
 

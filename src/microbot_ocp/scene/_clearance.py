@@ -88,8 +88,8 @@ class Clearance:
         """The result in words."""
         where = f"{self.pair} at {self.time:.4g} s"
         if self.proved:
-            told = ", ".join(self.unwatched[:3]) + (", ..." if len(self.unwatched) > 3 else "")
-            but = f"; not watched, as they touch in the zero pose: {told}" if told else ""
+            labels = ", ".join(self.unwatched[:3]) + (", ..." if len(self.unwatched) > 3 else "")
+            but = f"; not watched, as they touch in the zero pose: {labels}" if labels else ""
             return (
                 f"clearance is proved: nothing comes nearer than {1e3 * self.at_least:.4g} mm, "
                 f"the least found being {1e3 * self.minimum:.4g} mm ({where}){but}"

@@ -338,18 +338,18 @@ def room_along(
     left_open = tolerance * (max(radii, default=0.0) + scene.clearance)
     for label in dict.fromkeys(pairs[k].label for k in np.flatnonzero(most <= 0.0).tolist()):
         judged = [k for k, pair in enumerate(model.pairs) if pair.label == label]
-        own = [k for k, pair in enumerate(pairs) if pair.label == label and most[k] <= 0.0]
-        overlapping = np.flatnonzero((near[:, own] <= scene.clearance).any(axis=1))
+        columns = [k for k, pair in enumerate(pairs) if pair.label == label and most[k] <= 0.0]
+        overlapping = np.flatnonzero((near[:, columns] <= scene.clearance).any(axis=1))
         least, place = np.inf, 0
         for k, poses in zip(overlapping.tolist(), model.poses(q[overlapping]), strict=True):
             model.put(poses)
             for index in judged:
                 least, place = min((least, place), (model.distance(index, least), k))
-        apart[own] = least
-        there = [k for k in own if near[place, k] <= scene.clearance]
-        beyond, kept = least - scene.clearance, 2.0 * left_open
-        kept = min(kept, 0.5 * beyond) if beyond > 0.0 else kept
-        room[there] = near[place, there] - least + kept
+        apart[columns] = least
+        there = [k for k in columns if near[place, k] <= scene.clearance]
+        beyond, allowance = least - scene.clearance, 2.0 * left_open
+        allowance = min(allowance, 0.5 * beyond) if beyond > 0.0 else allowance
+        room[there] = near[place, there] - least + allowance
     return room, most, apart
 
 

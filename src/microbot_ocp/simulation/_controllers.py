@@ -39,7 +39,7 @@ class Controller(Protocol):
         ...
 
     def torque(self, model: Robot, reference: Reference, q: ca.SX, qd: ca.SX) -> ca.SX:
-        """Torque SX [n] from the model of the arm, the reference and the measured state."""
+        """Return torque SX [n] from the model of the arm, the reference and the measured state."""
         ...
 
 
@@ -79,7 +79,7 @@ class ComputedTorque:
         object.__setattr__(self, "kv", kv)
 
     def torque(self, model: Robot, reference: Reference, q: ca.SX, qd: ca.SX) -> ca.SX:
-        """Torque SX [n], N m (N)."""
+        """Return torque SX [n], N m (N)."""
         pull = _per_joint("kp", self.kp, model) * (reference.q - q)
         damping = _per_joint("kv", self.kv, model) * (reference.qd - qd)
         return inverse_dynamics(model)(q, qd, reference.qdd + damping + pull)
@@ -113,7 +113,7 @@ class PDGravity:
         object.__setattr__(self, "kv", _vector("kv", self.kv, "N m s/rad", above=0.0))
 
     def torque(self, model: Robot, reference: Reference, q: ca.SX, qd: ca.SX) -> ca.SX:
-        """Torque SX [n], N m (N)."""
+        """Return torque SX [n], N m (N)."""
         spring = _per_joint("kp", self.kp, model) * (reference.q - q)
         damper = _per_joint("kv", self.kv, model) * (reference.qd - qd)
         return spring + damper + gravity_torque(model)(q)
@@ -126,7 +126,7 @@ class Feedforward:
     label: ClassVar[str] = "feedforward only"
 
     def torque(self, model: Robot, reference: Reference, q: ca.SX, qd: ca.SX) -> ca.SX:
-        """Torque SX [n], N m (N)."""
+        """Return torque SX [n], N m (N)."""
         return inverse_dynamics(model)(*reference)
 
 
@@ -154,7 +154,7 @@ class SensorNoise:
             raise InputError(f"seed must be a whole number of at least 0, not {self.seed!r}")
 
     def draw(self, rows: int, joints: int) -> FloatArray:
-        """Errors [rows, 2 joints] of the measured positions, then velocities."""
+        """Return errors [rows, 2 joints] of the measured positions, then velocities."""
         spread = [widened(f"noise {k}", getattr(self, k), joints) for k in ("q", "qd")]
         normal = np.random.default_rng(self.seed).normal(size=(rows, 2 * joints))
         return normal * np.concatenate(spread)
@@ -183,7 +183,9 @@ def with_gains(kind: type, gains: ca.SX, joints: int) -> Controller:
 
 
 def saturate(tau: ca.SX, lower: FloatArray, upper: FloatArray) -> ca.SX:
-    """Torque SX [n] cut to its limits [n]; infinite ones leave no trace in the expression."""
+    """Return torque SX [n] cut to its limits [n]; infinite ones leave no trace in the
+    expression.
+    """
     for bound, cut in ((lower, ca.fmax), (upper, ca.fmin)):
         limited = np.isfinite(bound)
         if limited.any():
@@ -193,7 +195,9 @@ def saturate(tau: ca.SX, lower: FloatArray, upper: FloatArray) -> ca.SX:
 
 
 def torque_limits(saturation: Saturation, robot: Robot) -> tuple[FloatArray, FloatArray]:
-    """Lower and upper torque [n] of a ``saturation`` argument: those of the robot if True."""
+    """Return lower and upper torque [n] of a ``saturation`` argument: those of the robot if
+    True.
+    """
     if isinstance(saturation, bool):
         saturation = robot.limits if saturation else Limits()
     elif not isinstance(saturation, Limits | JointLimits):
@@ -202,7 +206,7 @@ def torque_limits(saturation: Saturation, robot: Robot) -> tuple[FloatArray, Flo
 
 
 def widened(name: str, value: ArrayLike, count: int) -> FloatArray:
-    """A checked vector of one value or one a joint as an array [count]."""
+    """Return a checked vector of one value or one a joint as an array [count]."""
     vector = np.asarray(value, dtype=float)
     if vector.size not in (1, count):
         raise InputError(f"{name} has {vector.size} entries for {count} joints")

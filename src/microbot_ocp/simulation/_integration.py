@@ -125,16 +125,16 @@ class ForcedEquation(NamedTuple):
         return _steps(self.rate, self.states, self.parameters.size, kind)
 
     def inputs(self, start: float, end: float) -> tuple[FloatArray, FloatArray]:
-        """Edges [K+1] of the pieces and what goes into a step in each [K,m]."""
+        """Return edges [K+1] of the pieces and what goes into a step in each [K,m]."""
         pieces = self.signal.pieces
         edges = np.array([start, end]) if pieces is None else pieces.edges
         series = np.zeros((1, 0)) if pieces is None else pieces.coefficients
-        known = np.broadcast_to(self.parameters, (edges.size - 1, self.parameters.size))
-        each = [edges[:-1], np.diff(edges), known, series.reshape(edges.size - 1, -1)]
+        parameters = np.broadcast_to(self.parameters, (edges.size - 1, self.parameters.size))
+        each = [edges[:-1], np.diff(edges), parameters, series.reshape(edges.size - 1, -1)]
         return edges, np.column_stack(each)
 
     def equation(self, start: float, end: float) -> tuple[dict[str, ca.SX], FloatArray, FloatArray]:
-        """CasADi's dictionary of the equation in s, the edges [K+1] and the inputs [p,K]."""
+        """Return CasADi's dictionary of the equation in s, the edges [K+1] and the inputs [p,K]."""
         edges, each = self.inputs(start, end)
         inputs = np.column_stack([np.arange(float(len(each))), each])
         s, x, u = ca.SX.sym("s"), ca.SX.sym("x", self.states), ca.SX.sym("u", inputs.shape[1])
@@ -154,16 +154,16 @@ class ForcedEquation(NamedTuple):
 
 
 @lru_cache(maxsize=64)
-def _steps(rate: Rate, states: int, known: int, kind: str | tuple[int, int]) -> FastCall:
+def _steps(rate: Rate, states: int, parameters: int, kind: str | tuple[int, int]) -> FastCall:
     """Return :meth:`ForcedEquation.steps` for a formula or for series of a shape."""
     size = 0 if isinstance(kind, str) else kind[0] * kind[1]
-    t, x, u = ca.SX.sym("t"), ca.SX.sym("x", states), ca.SX.sym("u", 2 + known + size)
+    t, x, u = ca.SX.sym("t"), ca.SX.sym("x", states), ca.SX.sym("u", 2 + parameters + size)
     if isinstance(kind, str):
         w = ca.Function.deserialize(kind)(t)
     else:
-        w = _series(2 * (t - u[0]) / u[1] - 1, u[2 + known :], kind)
+        w = _series(2 * (t - u[0]) / u[1] - 1, u[2 + parameters :], kind)
     names = ["t", "x", "u"], ["rate"]
-    function = ca.Function("rate", [t, x, u], [rate(t, x, w, u[2 : 2 + known])], *names)
+    function = ca.Function("rate", [t, x, u], [rate(t, x, w, u[2 : 2 + parameters])], *names)
     return deferred_call(step_function(function), STEPS, kept=True)
 
 
@@ -191,7 +191,8 @@ class IntegrationRun(NamedTuple):
 
 
 def fitted(values: Values, breaks: FloatArray, tolerance: ArrayLike) -> Signal:
-    """Signal of values, as a Chebyshev series on every piece of the time that follows them.
+    """Return the signal of values, as a Chebyshev series on every piece of the time that follows
+    them.
 
     Pieces start as the whole time and are divided at the break nearest to their middle, so that
     smooth stretches keep long pieces and a jump ends up between two of them.
@@ -216,17 +217,17 @@ def fitted(values: Values, breaks: FloatArray, tolerance: ArrayLike) -> Signal:
         spans = np.array(todo)
         middle, half = spans.mean(axis=1), 0.5 * np.diff(spans, axis=1)[:, 0]
         t = middle[:, None] + half[:, None] * both
-        own = values(t.ravel()).reshape(*t.shape, -1)
-        series = FIT @ own[:, : INTEGRATION.degree + 1]
-        error = np.abs(probe @ series - own[:, INTEGRATION.degree + 1 :]).max(axis=1)
+        samples = values(t.ravel()).reshape(*t.shape, -1)
+        series = FIT @ samples[:, : INTEGRATION.degree + 1]
+        error = np.abs(probe @ series - samples[:, INTEGRATION.degree + 1 :]).max(axis=1)
         fits = (error <= tolerance).all(axis=1)
         todo = []
-        for (start, end), good, found in zip(spans, fits, series, strict=True):
+        for (start, end), good, polynomial in zip(spans, fits, series, strict=True):
             low = np.searchsorted(breaks, start, side="right")
             inner = breaks[low : np.searchsorted(breaks, end, side="left")]
             if good or not (inner.size or end - start > INTEGRATION.shortest_piece):
                 edges.append(start)
-                coefficients.append(found)
+                coefficients.append(polynomial)
                 continue
             cut = 0.5 * (start + end)
             if inner.size:
@@ -238,7 +239,9 @@ def fitted(values: Values, breaks: FloatArray, tolerance: ArrayLike) -> Signal:
 
 
 def _series(place: ca.SX, flat: ca.SX, shape: tuple[int, ...]) -> ca.SX:
-    """Value [m] of Chebyshev series at ``place`` in -1 to 1, by Clenshaw's recurrence."""
+    """Return the value [m] of Chebyshev series at ``place`` in -1 to 1, by Clenshaw's
+    recurrence.
+    """
     terms, width = shape
     series = ca.reshape(flat, width, terms)
     later, latest = ca.SX.zeros(width), ca.SX.zeros(width)
@@ -248,7 +251,7 @@ def _series(place: ca.SX, flat: ca.SX, shape: tuple[int, ...]) -> ca.SX:
 
 
 def formula_signal(t: ca.SX, expression: ca.SX) -> Signal:
-    """Signal that is an expression [m] of the time ``t``."""
+    """Return the signal that is an expression [m] of the time ``t``."""
     function = ca.Function("signal", [t], [ca.densify(expression)], ["t"], ["w"])
 
     def values(times: FloatArray) -> FloatArray:
@@ -298,13 +301,13 @@ def _by_plugin(
 
     def states(steps: int, send: Send = lambda _: None) -> FloatArray:
         name, options = plugin(settings, steps)
-        x, low, found = start, 0.0, []
+        x, low, rows = start, 0.0, []
         for part in filter(np.size, parts):
             run = ca.integrator("run", name, equation, low, stops[part].tolist(), options)
-            found.append(run(x0=x, u=inputs[:, piece[part]])["xf"].full().T)
-            x, low = found[-1][-1], float(stops[part[-1]])
-            send(found[-1])
-        return np.vstack([start, np.vstack(found)[wanted]])
+            rows.append(run(x0=x, u=inputs[:, piece[part]])["xf"].full().T)
+            x, low = rows[-1][-1], float(stops[part[-1]])
+            send(rows[-1])
+        return np.vstack([start, np.vstack(rows)[wanted]])
 
     def work(send: Send) -> IntegrationRun:
         return settled(lambda steps: states(steps, send), settings, max(stops.size, 32))
@@ -312,10 +315,10 @@ def _by_plugin(
     arrived: list[FloatArray] = []
     run = failed or in_time(work, missing, arrived.append)
     if run.status is Status.TIME_LIMIT:
-        known = np.full((stops.size, forced.states), np.nan)
+        rows = np.full((stops.size, forced.states), np.nan)
         if by_error and arrived:
-            known[: sum(map(len, arrived))] = np.vstack(arrived)
-        return run._replace(states=np.vstack([start, known[wanted]]))
+            rows[: sum(map(len, arrived))] = np.vstack(arrived)
+        return run._replace(states=np.vstack([start, rows[wanted]]))
     if not run.states.size:
         run = run._replace(states=np.full((grid.size, forced.states), np.nan))
     if run.status.solved or (settings.integrator == "rk" and not failed):
@@ -332,7 +335,7 @@ def in_time(
     otherwise: Callable[[Status, str], T],
     receive: Callable[[FloatArray], object] = lambda _: None,
 ) -> T:
-    """What ``work`` returns; where there is a time limit another process does the work.
+    """Return what ``work`` returns; where there is a time limit another process does the work.
 
     ``receive`` gets what ``work`` sends, ``otherwise`` a status and message where nothing came.
     """
@@ -352,49 +355,49 @@ def in_time(
 
 
 def missing(status: Status, message: str) -> IntegrationRun:
-    """A run without states."""
+    """Return a run without states."""
     return IntegrationRun(status, np.zeros((0, 0)), message=message)
 
 
 def settled(
     states: Callable[[int], FloatArray], settings: IntegratorSettings, steps: int
 ) -> IntegrationRun:
-    """The result of an integrator; a fixed step is halved until two results agree."""
+    """Return the result of an integrator; a fixed step is halved until two results agree."""
     most = max(settings.max_steps, 4 * steps)
     try:
-        found = states(steps)
+        x = states(steps)
         if settings.integrator in ("cvodes", "idas"):
-            finite = np.isfinite(found).all()
-            return IntegrationRun(Status.SOLVED, found) if finite else _failed(NOT_FINITE, found)
+            finite = np.isfinite(x).all()
+            return IntegrationRun(Status.SOLVED, x) if finite else _failed(NOT_FINITE, x)
         change, reason = np.inf, ""
         while not reason:
             steps *= 2
             finer = states(steps)
             with np.errstate(invalid="ignore"):
-                before, change = change, float(np.abs(finer - found).max())
+                before, change = change, float(np.abs(finer - x).max())
                 size = 1.0 + float(np.abs(finer).max())
-            found = finer
+            x = finer
             if change <= settings.tolerance * size:
-                return IntegrationRun(Status.SOLVED, found, steps)
+                return IntegrationRun(Status.SOLVED, x, steps)
             if change < INTEGRATION.rounding * size and change > 0.5 * before:
                 reason = "rounding errors are larger"
             elif 2 * steps > most:  # a coarse step may fail where a finer one does not
                 reason = f"more than {most} steps needed"
     except RuntimeError as problem:
         return _failed(str(problem), np.zeros((0, 0)))
-    if not np.isfinite(found).all():
-        return _failed(NOT_FINITE, found)
+    if not np.isfinite(x).all():
+        return _failed(NOT_FINITE, x)
     message = (
         f"tolerance of {settings.tolerance:.0e} not met: {reason} (the last two results differ by "
         f"{change:.1e})"
     )
-    return IntegrationRun(Status.TOLERANCE_NOT_MET, found, steps, message)
+    return IntegrationRun(Status.TOLERANCE_NOT_MET, x, steps, message)
 
 
 def plugin(
     settings: IntegratorSettings, steps: int, span: float = 1.0
 ) -> tuple[str, dict[str, Any]]:
-    """CasADi's name of an integrator and its options.
+    """Return CasADi's name of an integrator and its options.
 
     ``steps`` are those of a fixed step; ``span`` is the length of a piece in the independent
     variable.
@@ -428,7 +431,7 @@ def plugin(
 
 
 def _stretched(t: FloatArray, edges: FloatArray) -> FloatArray:
-    """The independent variable s of :class:`ForcedEquation` at times t [N]."""
+    """Return the independent variable s of :class:`ForcedEquation` at times t [N]."""
     count = edges.size - 1
     piece = np.clip(np.searchsorted(edges, t, side="right") - 1, 0, count - 1)
     place = np.clip((t - edges[piece]) / np.diff(edges)[piece], 0.0, 1.0)
@@ -444,7 +447,7 @@ def _stretched(t: FloatArray, edges: FloatArray) -> FloatArray:
 
 
 def _failed(message: str, states: FloatArray) -> IntegrationRun:
-    """The run that an integrator ended with an error message."""
+    """Return the run that an integrator ended with an error message."""
     code = re.search(r"(?:CV|IDA)_([A-Z_]+)", message)
     reason = message.strip().split("\n")[-1]
     if code:

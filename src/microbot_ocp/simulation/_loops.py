@@ -257,9 +257,9 @@ def track(
     if disturbance is not None:
         t, expression = torque_formula("disturbance", disturbance, count)
         load = ca.Function("disturbance", [t], [ca.densify(expression)])
-    known = type(controller) in GAINS
-    gains = gains_of(controller, count) if known else np.zeros(0)
-    law = type(controller) if known else _law_text(controller, robot)
+    is_linear = type(controller) in GAINS
+    gains = gains_of(controller, count) if is_linear else np.zeros(0)
+    law = type(controller) if is_linear else _law_text(controller, robot)
     cuts = tuple(lower.tolist()), tuple(upper.tolist())
     loop = ClosedLoop(arm, robot, law, cuts, load.serialize() if load else "")
     forced = ForcedEquation(loop, 2 * count, signal, gains)
@@ -386,7 +386,7 @@ class SampledLoop(NamedTuple):
     def run(
         self, samples: Samples, start: FloatArray, settings: IntegratorSettings
     ) -> tuple[FloatArray, IntegrationRun, FloatArray]:
-        """Times [N], states and held torques [N,n].
+        """Return times [N], states and held torques [N,n].
 
         One step of the accumulated map measures, computes the torque and integrates the arm with
         it until the next sample.
@@ -410,7 +410,7 @@ class SampledLoop(NamedTuple):
         def work(_: Send) -> tuple[IntegrationRun, list[FloatArray]]:
             return settled(states, each, steps), held
 
-        run, held = in_time(work, lambda status, said: (missing(status, said), []))
+        run, held = in_time(work, lambda status, advice: (missing(status, advice), []))
         grid = np.append(samples.t[0], (samples.t[:, None] + samples.within).ravel())
         tau = np.full((grid.size, count), np.nan)
         if held:
@@ -422,7 +422,7 @@ class SampledLoop(NamedTuple):
         return np.minimum(grid[keep], samples.end), run, tau[keep]
 
     def _period(self, samples: Samples, name: str, options: dict[str, Any]) -> ca.Function:
-        """State, moment, reference and error to: next state, all states on the way, torque.
+        """Return state, moment, reference and error to: next state, all states on the way, torque.
 
         Behind positions and velocities the state has the torques that are still to come.
         """

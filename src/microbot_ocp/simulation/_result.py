@@ -72,7 +72,7 @@ class Simulation:
         return self.status.solved
 
     def as_motion(self, label: str) -> Motion:
-        """The same as a motion from time 0.
+        """Return the same as a motion from time 0.
 
         Raises
         ------
@@ -82,7 +82,7 @@ class Simulation:
         return Motion(self.t - self.t[0], self.q, self.qd, self.qdd, self.tau, label)
 
     def plot(self, robot: Robot, axes: GivenAxes | None = None, **options: Any) -> DrawnAxes:
-        """Position, velocity and torque over time: :func:`microbot_ocp.plots.motion`."""
+        """Draw position, velocity and torque over time: :func:`microbot_ocp.plots.motion`."""
         return view_for(self, "plot")(robot, self, axes, **options)
 
 
@@ -119,7 +119,7 @@ class Tracking(Simulation):
         return self.reference.q - self.q
 
     def plot(self, robot: Robot, axes: GivenAxes | None = None, **options: Any) -> DrawnAxes:
-        """Errors and torques over time: :func:`microbot_ocp.plots.tracking`."""
+        """Draw errors and torques over time: :func:`microbot_ocp.plots.tracking`."""
         return view_for(self, "plot")(robot, self, axes, **options)
 
     def to_rerun(
@@ -142,14 +142,14 @@ class Tracking(Simulation):
         return np.abs(self.error).max(axis=0)
 
     def rms_after(self, start: float) -> FloatArray:
-        """Root mean square of the error [n] from the time ``start``, s, to the end."""
+        """Return the root mean square of the error [n] from the time ``start``, s, to the end."""
         late = self.t >= checks.number("start", start, "s", at_most=float(self.t[-2]))
         t, square = self.t[late], self.error[late] ** 2
         mean = (0.5 * (square[:-1] + square[1:]) * np.diff(t)[:, None]).sum(axis=0)
         return np.sqrt(mean / (t[-1] - t[0]))
 
     def peak_after(self, start: float) -> FloatArray:
-        """Largest error [n] from the time ``start``, s, to the end."""
+        """Return the largest error [n] from the time ``start``, s, to the end."""
         late = self.t >= checks.number("start", start, "s", at_most=float(self.t[-2]))
         return np.abs(self.error[late]).max(axis=0)
 
@@ -164,7 +164,9 @@ def result_fields(
     started: float,
     unbounded_hint: str,
 ) -> dict[str, Any]:
-    """Fields of :class:`Simulation` from a run, with its accelerations and the conditioning."""
+    """Return fields of :class:`Simulation` from a run, with its accelerations and the
+    conditioning.
+    """
     count = robot.joint_count
     states = run.states
     times, trace = (grid, states) if run.trace is None else run.trace

@@ -121,7 +121,7 @@ def series_of(motion: PiecewisePolynomial) -> Pieces | None:
 def motion_from_formula(
     robot: Robot, formula: Formula, duration: float, *, label: str, step: float = SAMPLE_STEP
 ) -> Motion:
-    """Motion whose positions are a function of the CasADi time, with exact derivatives.
+    """Return a motion whose positions are a function of the CasADi time, with exact derivatives.
 
     Parameters
     ----------
@@ -154,19 +154,19 @@ def motion_from_formula(
     _, _, signal = reference_signal(formula, duration, robot)
     t = np.linspace(0.0, duration, checks.step_count(duration, step) + 1)
     state = State(*np.split(signal.values(t), [count, 2 * count], axis=1))
-    made, breaks = {"method": "formula"}, [0.0, duration]
-    return Motion.from_state(robot, t, state, label=label, breaks=breaks, provenance=made)
+    provenance, breaks = {"method": "formula"}, [0.0, duration]
+    return Motion.from_state(robot, t, state, label=label, breaks=breaks, provenance=provenance)
 
 
 def torque_formula(name: str, given: ArrayLike | Formula, count: int) -> tuple[ca.SX, ca.SX]:
-    """The time and n torques, which are constants or a user's function of it."""
+    """Return the time and n torques, which are constants or a user's function of it."""
     if callable(given):
         return symbolic(name, given, count)
     return ca.SX.sym("t"), ca.SX(ca.DM(checks.array(name, given, (count,), "N m")))
 
 
 def symbolic(name: str, formula: Formula, count: int) -> tuple[ca.SX, ca.SX]:
-    """The time and the n expressions that a user's function makes of it."""
+    """Return the time and the n expressions that a user's function makes of it."""
     if not callable(formula):
         raise TypeError(f"{name} is no function")  # what it may be besides its annotation says
     t = ca.SX.sym("t")
@@ -184,7 +184,8 @@ def symbolic(name: str, formula: Formula, count: int) -> tuple[ca.SX, ca.SX]:
 
 
 def interpolated(motion: Motion, samples: FloatArray, breaks: FloatArray, most: int = 6) -> Values:
-    """Samples [N,n] of a motion in between: polynomials through the nearest that no break parts.
+    """Return samples [N,n] of a motion in between: polynomials through the nearest that no break
+    parts.
 
     ``most`` is the number that they go through, at most: six for quintics.
     """
@@ -210,7 +211,9 @@ def interpolated(motion: Motion, samples: FloatArray, breaks: FloatArray, most: 
 
 
 def lagrange_weights(t: FloatArray, nodes: FloatArray) -> FloatArray:
-    """Weights [N,k] of values at nodes [N,k] in the polynomial through them, at times t [N]."""
+    """Return weights [N,k] of values at nodes [N,k] in the polynomial through them, at times t
+    [N].
+    """
     weights = np.ones_like(nodes)
     for k in range(nodes.shape[1]):
         for other in range(nodes.shape[1]):

@@ -349,5 +349,5 @@ class _Run:
             raise self._stopped(f"there was no worker for {SCHEDULING.without_worker:g} s")
 
     def _stopped(self, why: str) -> SweepStopped:
-        kept = f"{self.tell.done:,} of {self.results.count:,} cases are kept in"
-        return SweepStopped(f"{why}; {kept} {self.results.folder}: the same command continues")
+        progress = f"{self.tell.done:,} of {self.results.count:,} cases are kept in"
+        return SweepStopped(f"{why}; {progress} {self.results.folder}: the same command continues")

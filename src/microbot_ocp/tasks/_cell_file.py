@@ -186,7 +186,7 @@ class Cell:
         return task_of(arm, self.stops, segments=self.segments, cycle=self.cycle)
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
+        """Return plain values for JSON."""
         provenance = self.motion.provenance
         return {
             "robot": self.robot.name,

@@ -65,7 +65,7 @@ class Front:
         return all(point.motion.solved and point.certificate.ok for point in self.points)
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
+        """Return plain values for JSON."""
         points = [
             {
                 **{key: getattr(point, key) for key in ("duration", "effort", "peak_torque")},

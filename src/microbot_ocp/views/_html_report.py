@@ -83,11 +83,11 @@ def cell_report(cell: Cell, path: str | Path) -> Path:
         else:
             cycles.append(usual)
             saved = 100.0 * (1.0 - motion.duration / usual)
-            told = f"{saved:.0f} % is saved" if saved >= 0.0 else f"{-saved:.0f} % is lost"
+            saving = f"{saved:.0f} % is saved" if saved >= 0.0 else f"{-saved:.0f} % is lost"
             sentences.append(
                 f"Moves from stop to stop, each with the fastest {shape} of every joint from "
                 f"rest to rest, take {usual:.3f} s{', obstacles aside' * bool(cell.scene)}"
-                f": {told}."
+                f": {saving}."
             )
     if cell.task.cycle:
         hourly = " instead of ".join(f"{3600.0 / duration:.0f}" for duration in cycles)

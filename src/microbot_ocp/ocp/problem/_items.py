@@ -154,8 +154,8 @@ def ordered(name: str, lower: ArrayLike, upper: ArrayLike, size: int, unit: str)
     low, high = fill(labels[0], lower, size), fill(labels[1], upper, size)
     if np.any(low > high):
         i = int(np.argmax(low > high))
-        said = f"bounds of {name!r} are crossed: lower {low[i]:g} is above upper {high[i]:g} {unit}"
-        raise InputError(said.rstrip())
+        text = f"bounds of {name!r} are crossed: lower {low[i]:g} is above upper {high[i]:g} {unit}"
+        raise InputError(text.rstrip())
     return low, high
 
 

@@ -381,9 +381,9 @@ class OptimalControlProblem:
                     raise InputError(
                         f"control {control.name!r} of phase {phase.name!r} appears nowhere"
                     )
-        known = {v.name for phase in self.phases for v in phase.free_parameters}
+        names = {v.name for phase in self.phases for v in phase.free_parameters}
         for free in self.free_parameters:
-            if free.name not in known:
+            if free.name not in names:
                 raise InputError(f"free parameter {free.name!r} appears nowhere")
 
 

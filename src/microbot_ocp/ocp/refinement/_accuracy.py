@@ -70,7 +70,7 @@ class RefinementStep:
     cost_error: float = np.inf
 
     def __str__(self) -> str:
-        """One line of text."""
+        """Return one line of text."""
         return (
             f"mesh {' + '.join(map(str, self.intervals))}: state error {self.state_error:.2g}, "
             f"limits exceeded by {self.limit_excess:.2g}, cost {self.cost:.8g}"
@@ -82,7 +82,7 @@ class RefinementStep:
         return tuple(mesh.size - 1 for mesh in self.meshes)
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
+        """Return plain values for JSON."""
         return {
             **vars(self),
             "meshes": [mesh.tolist() for mesh in self.meshes],

@@ -319,7 +319,9 @@ def _ranges(solution: Solution) -> Ranges:
 
 
 def _starts(coarse: _Coarse, most: int, here: Solution | None = None) -> Iterator[dict[str, Guess]]:
-    """Simulations, where there is an answer with the ranges of its controls and by their costs."""
+    """Return simulations, where there is an answer with the ranges of its controls and by their
+    costs.
+    """
     problem = coarse.context.transcription.problem
     ordinary = default_guess(problem)
     ranges, cost = ({}, None) if here is None else (_ranges(here), coarse.cost)

@@ -393,15 +393,15 @@ def _with_constant_controls(task: SolveTask, before: Solution) -> tuple[Solution
     began = time.perf_counter()
     assert isinstance(task.problem, OptimalControlProblem)
     problem = with_shapes(task.problem, "constant")
-    guess, own = guess_from(problem, before), Journal()
-    restated = replace(task, problem=problem, guess=guess, given=None, journal=own)
+    guess, journal = guess_from(problem, before), Journal()
+    restated = replace(task, problem=problem, guess=guess, given=None, journal=journal)
     settings = task.settings if task.alone else replace(task.settings, solver="ipopt")
     start = restated.start(settings=settings)
     answer = start.context.solve(start.mesh, start.guess)
-    own.attempts.extend(answer.attempts)
+    journal.attempts.extend(answer.attempts)
     answer, final = restated.judged(answer, start.context, before.cost)
     solved = answer if answer.status.solved else None
-    tried, spent = named(CONSTANT, own.attempts), time.perf_counter() - began
+    tried, spent = named(CONSTANT, journal.attempts), time.perf_counter() - began
     task.journal.enter(CONSTANT, before, solved, tried, spent)
     if solved is None:
         return before, False

@@ -36,7 +36,7 @@ class Gap:
         return self.slack + self.residuals
 
     def __str__(self) -> str:
-        """What follows the cost where it is printed; nothing where the gap is not known."""
+        """Return what follows the cost where it is printed; nothing where the gap is not known."""
         finite = np.isfinite(self.total)
         return f" (at most {self.total:.1e} above the local optimum)" if finite else ""
 

@@ -45,7 +45,7 @@ class Iteration:
     x: FloatArray = field(repr=False)
 
     def __str__(self) -> str:
-        """One line of text."""
+        """Return one line of text."""
         return (
             f"{self.solver} {self.number}: cost {self.cost:.6g}, "
             f"infeasibility {self.infeasibility:.1e}"

@@ -67,7 +67,7 @@ class Attempt:
     way: str = ""  # of those in which a problem is tried; nothing for the first
 
     def as_dict(self) -> dict[str, object]:
-        """Plain values for JSON."""
+        """Return plain values for JSON."""
         return {**vars(self), "status": self.status}
 
 

@@ -86,7 +86,7 @@ class SolverSettings:
         return CHAIN if self.solver == "auto" else (self.solver,)
 
     def as_dict(self) -> dict[str, object]:
-        """Plain values for JSON."""
+        """Return plain values for JSON."""
         return {**asdict(self), "options": {k: dict(v) for k, v in self.options.items()}}
 
 

@@ -35,7 +35,7 @@ SIDES, ENDS = ("lower", "upper", "scale"), ("initial", "final")
 
 
 def problem_data(layout: PhaseLayout) -> dict[str, Any]:
-    """Plain values for JSON."""
+    """Return plain values for JSON."""
     phase = layout.phase
     return {
         "duration": list(phase.duration_bounds),

@@ -115,8 +115,8 @@ def scaled(problem: OptimalControlProblem, guess: Given = None) -> OptimalContro
             together[key] = np.fmax(together.get(key, size), size)
     phases = []
     for look in looks:
-        found = {v.name: _rounded(together[v.name, v.size, v.unit]) for v in look.unscaled}
-        scales = {v.name: found.get(v.name, np.asarray(v.scale)) for v in look.variables}
+        scale_of = {v.name: _rounded(together[v.name, v.size, v.unit]) for v in look.unscaled}
+        scales = {v.name: scale_of.get(v.name, np.asarray(v.scale)) for v in look.variables}
         phases.append(look.scaled(scales))
     return with_phases(problem, phases)
 

@@ -216,12 +216,12 @@ class _Piece:
         rows.add(self.rows, 0, ca.vertcat(*parts))
         return ca.sum2(self.cost(cost)[0])
 
-    def cost(self, *known: ca.MX) -> Sequence[ca.MX]:
+    def cost(self, *arguments: ca.MX) -> Sequence[ca.MX]:
         """Return cost, and its gradient where asked for, of all stages or points: those known from
         their kernels, or apart from these, so that nobody who wants no more calls them.
         """
         if self.kernel.cost is None:
-            return known
+            return arguments
         return self.kernel.cost.map(self.rows.shape[0]).call([self.v, self.constants])
 
     def first_order(self, rows: _Entries, gradient: _Entries, jacobian: _Entries) -> ca.MX:

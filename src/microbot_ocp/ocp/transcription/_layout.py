@@ -307,9 +307,9 @@ def lay_out(
     kernels = kind.kernels.points
     where = [np.searchsorted(mesh, kernel.fractions) for kernel in kernels]
     # rows that stand before those of points: of every stage, and of the link
-    own = np.append(np.full(intervals, len(kind.rows)), len(following))
-    own[0] += len(initial)  # the start conditions follow the rows of the first stage
-    heights = own.copy()
+    row_counts = np.append(np.full(intervals, len(kind.rows)), len(following))
+    row_counts[0] += len(initial)  # the start conditions follow the rows of the first stage
+    heights = row_counts.copy()
     for kernel, nodes in zip(kernels, where, strict=True):
         heights[nodes] += len(kernel.rows)
     first = begin[1] + np.cumsum(heights) - heights
@@ -321,7 +321,7 @@ def lay_out(
     jumping = [e for e in following if e.source is None or e.name not in linked]
     transition = block([replace(e, kind="transition") for e in jumping], corners[-1] + len(node))
     link = block([replace(e, kind="link") for e in following], first[-1])
-    points, next_row = [], first + own
+    points, next_row = [], first + row_counts
     for kernel, nodes in zip(kernels, where, strict=True):
         places = next_row[nodes][:, None] + np.arange(len(kernel.rows))
         next_row[nodes] += len(kernel.rows)

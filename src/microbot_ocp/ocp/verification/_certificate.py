@@ -329,5 +329,5 @@ class OCPCertificate:
         return worst if worst is not None and worst.excess > 0 else None
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values for JSON; what is not finite becomes None."""
+        """Return plain values for JSON; what is not finite becomes None."""
         return plain(self)

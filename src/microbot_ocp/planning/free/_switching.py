@@ -57,9 +57,9 @@ def in_arcs(
     via = motion.sample([mark.time for mark in marks]).q
     exact = _solved(held, via, guesses, progress)
     record = {**exact.as_dict(), "duration": exact.cost}
-    found = replace(motion, provenance={**motion.provenance, "switching_times": record})
+    with_record = replace(motion, provenance={**motion.provenance, "switching_times": record})
     if not exact.solved or exact.cost > motion.duration * (1 + WORSE):
-        return found
+        return with_record
     shape = _polynomial_of(exact)
     excess = float(excess_along(family, shape).max())
     record["excess"] = excess
@@ -67,7 +67,7 @@ def in_arcs(
         record["advice"] = (
             f"A limit is exceeded by {100 * excess:.2g} % between the points. {exact.advice}"
         )
-        return found
+        return with_record
     ends = np.cumsum([0.0, *map(exact.duration, exact.pieces)]).tolist()
     return Motion.from_polynomial(
         family.robot,

@@ -192,9 +192,9 @@ def time_path(
             parts.append((curve, reached))
             place, slope = curve.parameter(reached.s)
             s.append(begin + place)
-            known = 1.0 if reached.feasible else np.nan
-            speed.append(known * np.sqrt(reached.speed_squared) * slope)
-            t.append(start + known * reached.t)
+            factor = 1.0 if reached.feasible else np.nan
+            speed.append(factor * np.sqrt(reached.speed_squared) * slope)
+            t.append(start + factor * reached.t)
             if not reached.feasible:
                 blocked.append(float(np.interp(reached.blocked_at, reached.s, s[-1])))
             begin, start = float(s[-1][-1]), float(t[-1][-1])

@@ -118,9 +118,9 @@ class WayAround:
     @cached_property
     def motion(self) -> Motion | None:
         """It with its best timing that keeps all limits; None where none is found in time."""
-        kept = self.kept
-        if kept is not None or deadline.over():
-            return kept
+        best = self.kept
+        if best is not None or deadline.over():
+            return best
         path = self.detour.path
         assert path is not None
         with suppress(InputError):
@@ -168,8 +168,8 @@ class Leg:
 
     def search(self, number: int, progress: StepProgress) -> None:
         """Make the search of a number, unless it was made or there is no need of it."""
-        known = [*(way.detour for way in self.ways), *self.failed]
-        straight = any(candidate.name == "straight" for candidate in known)
+        routes = [*(way.detour for way in self.ways), *self.failed]
+        straight = any(candidate.name == "straight" for candidate in routes)
         if number < self.searches or straight or (number >= FIRST_SEARCHES and self.first_motion):
             return
         self.searches = number + 1
@@ -283,25 +283,25 @@ def fastest_among(
     check_apart(around, via, names)
     legs = legs_between(around, via, settings, progress)
     planned = time.perf_counter()
-    task, starts, known = Task.through(family, via), list[TimedPath](), list[ProvedPath]()
+    task, starts, proved_paths = Task.through(family, via), list[TimedPath](), list[ProvedPath]()
     search, proof, below = None, None, None
     for start in starts_of(legs):
         starts.append(start)
         progress(f"{start.name}: {start.motion.duration:.4f} s by reachability")
-        (made, _), proofs = _guided(asked, task, scene, start).motions()
-        search, proof = (made[0][1], proofs[0]) if made else (None, None)
+        (front, _), proofs = _guided(asked, task, scene, start).motions()
+        search, proof = (front[0][1], proofs[0]) if front else (None, None)
         if search is not None and proof is not None and proof.proved:
             if search.solved:
                 below = search.duration  # what a path must be able to beat
             else:
                 origin = {"made_from": THE_MOTION, **search.provenance}
                 search = replace(search, provenance=origin)
-                known.append(ProvedPath(start.name, search, proof))
+                proved_paths.append(ProvedPath(start.name, search, proof))
                 proof = None
         if deadline.over() or below is not None:
             break
     tried = () if below is None else [start.name for start in starts]
-    paths = [*known, *timed_paths(around, legs, progress, below=below, tried=tried)]
+    paths = [*proved_paths, *timed_paths(around, legs, progress, below=below, tried=tried)]
     more: dict[str, Any] = {
         "scene": list(scene.names),
         "paths": [{"start": p.name, "duration": p.motion.duration} for p in starts],

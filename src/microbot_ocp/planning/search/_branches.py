@@ -113,8 +113,8 @@ def ways_through(task: Task) -> list[Way]:
             edges.append(_free(nodes[index], nodes[index + 1]))
     if task.cycle and len(nodes[-1]) != len(nodes[0]):
         nodes[0] = nodes[-1]  # a line may have led to further branches of the first stop
-    found = [_realised(task, nodes, edges, picks) for picks in _picks(task, nodes, edges)]
-    ways = [way for way in found if way is not None]
+    candidates = [_realised(task, nodes, edges, picks) for picks in _picks(task, nodes, edges)]
+    ways = [way for way in candidates if way is not None]
     ways.sort(key=lambda way: _time(way, _speeds(task.robot)))
     if not ways:
         raise InputError(

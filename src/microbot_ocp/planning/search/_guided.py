@@ -109,10 +109,10 @@ class PairsAsked:
         Near is what comes within the clearance and a share of the arm's reach.
         """
         pairs = facing(robot, guiding_pairs(robot, scene), poses)
-        room, known, apart = room_along(robot, scene, pairs, poses, tolerance)
+        room, room_left, apart = room_along(robot, scene, pairs, poses, tolerance)
         within = scene.clearance + GUIDED.near * reach_of(robot)
         most = clearances(robot, pairs, via).min(axis=0) - scene.clearance
-        room = np.minimum(room, known)
+        room = np.minimum(room, room_left)
         return cls(robot, scene, tolerance, pairs, most, apart < within, room)
 
     @property
@@ -136,8 +136,8 @@ class PairsAsked:
         more = np.minimum(self.most, np.maximum(self.room, come))
         room = np.where(touching, more, self.room)
         within = self.scene.clearance + near * reach_of(self.robot)
-        known = self.near | (apart <= within) if touching.any() else self.near
-        return replace(self, near=known, room=room), touching
+        is_near = self.near | (apart <= within) if touching.any() else self.near
+        return replace(self, near=is_near, room=room), touching
 
     def asks_more_than(self, before: PairsAsked) -> bool:
         """Return whether anything is asked that was not."""
@@ -271,15 +271,15 @@ class GuidedSearch:
         around = around or self.around(tool_poses(self.task.robot, self.way.via))
         while True:
             search = self._search(around, finer)
-            found = Explored(search, search.run(FROM_PATHS), around, finer)
-            answer = best_of(search, found.state)
+            result = Explored(search, search.run(FROM_PATHS), around, finer)
+            answer = best_of(search, result.state)
             if not answer.solved:
-                return found
+                return result
             poses = [poses_along(shape) for shape in phase_shapes(answer.solution)]
             around, touch, left_out = around.after(poses)
             if not left_out:
                 if not touch or explore_mesh(search) == full_mesh(search):
-                    return found
+                    return result
                 finer *= 2
             self.asked.progress(ASKED_MORE)
 
@@ -292,7 +292,7 @@ class GuidedSearch:
         Of those alone that are solved, or within the limits though they are not, if so. Nothing
         where the time was over before the search began.
         """
-        made: Front = [], ""
+        front: Front = [], ""
         proofs = list[Clearance | None]()
         with suppress(deadline.Over):
             now = explored or self.explored()
@@ -300,11 +300,11 @@ class GuidedSearch:
                 answer: MotionAnswer | None = None
                 if ask is None:
                     motion, proof, answer = self._fastest(now)
-                    made, proofs = ([(0.0, motion)], ""), [proof]
+                    front, proofs = ([(0.0, motion)], ""), [proof]
                 else:
-                    made = ask(now.search, now.state)
-                    proofs = [self._proof(motion) for _, motion in made[0]]
-                rows = zip(made[0], proofs, strict=True)
+                    front = ask(now.search, now.state)
+                    proofs = [self._proof(motion) for _, motion in front[0]]
+                rows = zip(front[0], proofs, strict=True)
                 pairs = [(m, proof) for (_, m), proof in rows if proof and not proof.proved]
                 if not pairs:
                     break
@@ -314,7 +314,7 @@ class GuidedSearch:
                 self.asked.progress(ASKED_MORE)
                 # where a pair was left out the motion passed through it: from the way again
                 now = self._again(more, now.finer, None if left_out else answer)
-        return made, proofs
+        return front, proofs
 
     def _fastest(self, now: Explored) -> tuple[Motion, Clearance | None, MotionAnswer]:
         """Return the fastest motion or the one of least effort, and whether it is proved to keep

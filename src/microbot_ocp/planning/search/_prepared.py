@@ -70,7 +70,7 @@ from microbot_ocp.robot import Robot
 NEAR = 0.1
 REFERENCE_TOLERANCE = 2e-3  # excess of a limit of the prepared motion between mesh points
 
-# of a prepared solver: somebody waits. Without a limit of time it would solve in another process
+# of a prepared solver, which a user waits for. Without a limit of time it would solve in another process
 PREPARED = SolverSettings(
     "ipopt", tolerance=1e-6, gap=np.inf, max_iterations=150, options=LDL, time_limit=TIME_LIMIT
 )
@@ -116,9 +116,9 @@ def _start_of(family: LimitFamily, given: Sequence[ArrayLike]) -> _Start:
     complete = len(rows) == 3
     state = State(rows[0], rows[1], rows[2] if complete else np.zeros((1, count)))
     # an acceleration that may jump is bounded from there on
-    felt = (0, 1, 2) if complete and family.jerk_matters else (0, 1)
+    orders = (0, 1, 2) if complete and family.jerk_matters else (0, 1)
     samples, bounds, excess = MotionSamples(*state, np.zeros((1, count))), {}, 0.0
-    for key, values in family.values(samples, family.of_order(*felt)).items():
+    for key, values in family.values(samples, family.of_order(*orders)).items():
         member, use = family[key], family[key].use(values)[0]
         if (worst := int(use.argmax())) >= 0 and use[worst] > 1.0 + LIMIT_TOLERANCE:
             percent = 100.0 * (use[worst] - 1.0)
@@ -433,8 +433,8 @@ class TimeOptimalSolver:
         if prepared is None:
             mesh = [int(self._settings.mesh or SEARCH.full_mesh)] * len(self._phases)
             solver = ParametricSolver(self._kernels, mesh, settings)
-            own = MotionProblem.through(LimitFamily.of(self.robot), self.via_q, self._settings)
-            start = own.drawn(0)
+            problem = MotionProblem.through(LimitFamily.of(self.robot), self.via_q, self._settings)
+            start = problem.drawn(0)
             assert start is not None
             first = start.guesses
         else:
@@ -571,8 +571,8 @@ class TimeOptimalSolver:
                     )
 
     def __getstate__(self) -> dict[str, Any]:
-        own = self._own
-        plain = own and (plain_of(own.reference, own.kernels.problem.phases), own.smoothing)
+        base = self._own
+        plain = base and (plain_of(base.reference, base.kernels.problem.phases), base.smoothing)
         return vars(self) | {"_own": plain, "_kernels": None, "_solvers": {}}
 
     def __setstate__(self, state: dict[str, Any]) -> None:

@@ -160,9 +160,9 @@ class MotionProblem:
 
     def drawn(self, index: int) -> InitialGuess | None:
         """Return the initial guess of a number, of those drawn at random; None after the last."""
-        known, further = self._drawn
-        known.extend(itertools.islice(further, max(index + 1 - len(known), 0)))
-        return known[index] if index < len(known) else None
+        guesses, further = self._drawn
+        guesses.extend(itertools.islice(further, max(index + 1 - len(guesses), 0)))
+        return guesses[index] if index < len(guesses) else None
 
     @cached_property
     def _drawn(self) -> tuple[list[InitialGuess], Iterator[InitialGuess]]:

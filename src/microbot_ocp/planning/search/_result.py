@@ -82,7 +82,7 @@ class LeastEffort:
     status: str
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values for the provenance."""
+        """Return plain values for the provenance."""
         return {key: value for key, value in vars(self).items() if key != "answer"}
 
     @property
@@ -264,8 +264,8 @@ def _known_if_better(best: Fastest, motion: Motion) -> Motion:
         slower = [problem.fallback]
     if not slower:
         return motion
-    known = min(slower, key=lambda slowed: slowed.motion.duration)
-    more = known.motion.duration / (solution.duration + problem.rested) - 1.0
+    chosen = min(slower, key=lambda slowed: slowed.motion.duration)
+    more = chosen.motion.duration / (solution.duration + problem.rested) - 1.0
     if fast_enough and (best.calmer or more >= -WORSE):
         return motion
     outcome = motion.outcome
@@ -277,14 +277,14 @@ def _known_if_better(best: Fastest, motion: Motion) -> Motion:
         outcome = Outcome.of(Status.FAILED, NONE_WITHIN)
     outcome = replace(outcome, ledger=motion.outcome.ledger)
     if not outcome.solved:
-        outcome = outcome.and_(returned(known.made_from))
-    how = f"returned is {known.made_from}"
+        outcome = outcome.and_(returned(chosen.made_from))
+    how = f"returned is {chosen.made_from}"
     if solution.status.solved and more > 0.0:
         how = f"slowed down by {100 * more:.2g} % where it exceeded limits"
     remark = one_remark(motion.remark, how)
-    provenance, excess = motion.provenance, largest_excess(problem.family, known.motion)
-    return replace(known.motion, provenance=provenance, remark=remark).ended(
-        outcome, made_from=known.made_from, excess=excess
+    provenance, excess = motion.provenance, largest_excess(problem.family, chosen.motion)
+    return replace(chosen.motion, provenance=provenance, remark=remark).ended(
+        outcome, made_from=chosen.made_from, excess=excess
     )
 
 

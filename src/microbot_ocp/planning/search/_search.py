@@ -202,9 +202,9 @@ class MotionSearch:
             answer = None if key is None else self.memory.get(key)
             if answer is None:
                 begin = time.perf_counter()
-                made, spent = strategy.run(self, step), time.perf_counter() - begin
-                known = {"before": step.subject, "seconds": spent, "strategy": strategy.name}
-                answer = replace(made, **known)
+                proposed, spent = strategy.run(self, step), time.perf_counter() - begin
+                fields = {"before": step.subject, "seconds": spent, "strategy": strategy.name}
+                answer = replace(proposed, **fields)
             if key is not None:
                 self.memory[key] = answer
             state = state.and_(answer)
@@ -300,8 +300,8 @@ def ledger_of(state: SearchState, last: MotionAnswer) -> Ledger:
     for answer in state.answers:
         cost = answer.solution.duration if answer.solved else best
         iterations = sum(a["iterations"] for solve in answer.solves for a in solve["attempts"])
-        known = id(answer) in lineage, best, cost, iterations, answer.seconds
-        rows.append(LedgerRow(answer.strategy, 1, *known))
+        figures = id(answer) in lineage, best, cost, iterations, answer.seconds
+        rows.append(LedgerRow(answer.strategy, 1, *figures))
         best = min((c for c in (best, cost) if c is not None), default=None)
     return Ledger.of(rows)
 

@@ -166,7 +166,7 @@ class _Among:
         the best so far.
         """
         for guide in guides:
-            best = min([beaten, *(found.duration for found in self._explored.values())])
+            best = min([beaten, *(explored.duration for explored in self._explored.values())])
             if guide.name in self._explored or least_time(self.task, guide.way) > best:
                 continue
             if np.isfinite(best) and deadline.over():
@@ -180,7 +180,8 @@ class _Among:
         for guide in self._guided:
             fastest.setdefault(guide.way, guide)
         self._explore(list(fastest.values()), beaten - rested)
-        return min((found.duration for found in self._explored.values()), default=np.inf) + rested
+        durations = (explored.duration for explored in self._explored.values())
+        return min(durations, default=np.inf) + rested
 
     def motion(self) -> Motion:
         return self.motions()[0][0][1]
@@ -193,10 +194,10 @@ class _Among:
         that is proved to keep clear.
         """
         fallback = self._fallback if self._guided else None
-        made, proofs, taken = self._found(ask)
+        front, proofs, taken = self._found(ask)
         branches = [] if taken is None else self._branches(taken)
         judged: list[tuple[float, Motion]] = []
-        for place, ((effort, motion), proof) in enumerate(zip(made[0], proofs, strict=True)):
+        for place, ((effort, motion), proof) in enumerate(zip(front[0], proofs, strict=True)):
             remark = one_remark(remark_of_branches(branches), motion.remark)
             motion = replace(_with(motion, branches=branches), remark=remark)
             if place == 0 and fallback is not None:
@@ -212,25 +213,25 @@ class _Among:
         elif not judged:
             judged = [(np.nan, self._not_found(None, None))]
         names = list(self._scene.names)
-        return [(effort, _with(motion, scene=names)) for effort, motion in judged], made[1]
+        return [(effort, _with(motion, scene=names)) for effort, motion in judged], front[1]
 
     def _found(self, ask: Ask | None) -> tuple[Front, list[Clearance | None], Way | None]:
         """Give the motions that a search is asked for, with the proofs that they keep clear, and
         the way that they come from.
         """
         self._explore(self._guided)
-        made: Front = [], ""
+        front: Front = [], ""
         proofs: list[Clearance | None] = []
         taken: Way | None = None
         guides = [guide for guide in self._guided if guide.name in self._explored]
         for guide in sorted(guides, key=lambda guide: self._explored[guide.name].duration):
             there, proved = self._search(guide).motions(ask, self._explored[guide.name])
             clear = any(proof is not None and proof.proved for proof in proved[:1])
-            if clear or not made[0]:
-                made, proofs, taken = there, proved, guide.way
-            if deadline.over() or (clear and made[0][0][1].solved):
+            if clear or not front[0]:
+                front, proofs, taken = there, proved, guide.way
+            if deadline.over() or (clear and front[0][0][1].solved):
                 break
-        return made, proofs, taken
+        return front, proofs, taken
 
     def _branches(self, taken: Way) -> list[dict[str, Any]]:
         """Return what every way through the branches took on the coarse mesh, the one taken
@@ -239,14 +240,14 @@ class _Among:
         rows: dict[str, dict[str, Any]] = {}
         rested = float(self.task.dwells.sum())
         for guide in self._guided:
-            way, found = guide.way, self._explored.get(guide.name)
-            if found is None:
+            way, explored = guide.way, self._explored.get(guide.name)
+            if explored is None:
                 least = least_time(self.task, way) + rested
                 row = row_of_way(way, None, LEFT_OUT, way is taken, at_least=least)
             else:
-                solved = bool(np.isfinite(found.duration))
+                solved = bool(np.isfinite(explored.duration))
                 status = str(Status.SOLVED if solved else Status.FAILED)
-                duration = found.duration + rested if solved else None
+                duration = explored.duration + rested if solved else None
                 row = row_of_way(way, duration, status, way is taken)
             keep_faster(rows, way, row)
         return sorted(rows.values(), key=taken_first)
@@ -416,11 +417,11 @@ class Legs:
             }
             moves = [shapes.get(name, line) for name, line in zip(names, usual, strict=True)]
             durations = [None if shape is None else shape.duration for shape in moves]
-            took = rested_of(task, durations)
-            if differs(took, (rested_of(task, g.durations) for g in guides if g.way is way)):
+            total = rested_of(task, durations)
+            if differs(total, (rested_of(task, g.durations) for g in guides if g.way is way)):
                 name = f"{way.name}, around {len(guides) + 1}"
                 guides.append(Guide(way, shapes, durations, name))
-                self._progress(f"{way.name}: {took:.4f} s around the obstacles from rest to rest")
+                self._progress(f"{way.name}: {total:.4f} s around the obstacles from rest to rest")
         return sorted(guides, key=lambda guide: rested_of(task, guide.durations))
 
     def _usual(self, task: Task, way: Way) -> tuple[PiecewisePolynomial | None, ...]:

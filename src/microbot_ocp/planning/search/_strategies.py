@@ -216,8 +216,8 @@ def _going_on(subject: MotionAnswer) -> Refiner:
 
 def _finer(subject: MotionAnswer, solution: Solution, by: Refiner, **other: Any) -> MotionAnswer:
     """Return what came of an answer; what refines it goes on, unless there is ``other``."""
-    made = {"refiner": replace(subject.refiner, history=[]), "solves": tuple(by.history[1:])}
-    return replace(subject, solution=solution, relaxed=None, **(made | other))
+    fields = {"refiner": replace(subject.refiner, history=[]), "solves": tuple(by.history[1:])}
+    return replace(subject, solution=solution, relaxed=None, **(fields | other))
 
 
 def next_smoother(search: MotionSearch, state: SearchState) -> NextStep | None:

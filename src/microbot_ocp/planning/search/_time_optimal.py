@@ -138,15 +138,15 @@ def time_optimal(
     if any(payload) or uncertain:
         limits = robust_limits(robot, limits, payload=payload, **(uncertain or {}))
     checks.one_of("order", order, ("given", "free"))
-    told = progress or quiet
+    report = progress or quiet
     plain = segments is None and not cycle and order == "given" and duration is None
     if plain and not is_task(via_q):
         family = check_limits(robot, limits, means=scene is None)
         via = check_via(family, cast("ArrayLike", via_q))
         if scene is None:
             task = Task.through(family, via)
-            return fastest_through(task, chosen, told, usual=TIME_LIMIT)
-        asked = Asked(robot, limits, list(via), None, False, chosen, told, scene=scene)
+            return fastest_through(task, chosen, report, usual=TIME_LIMIT)
+        asked = Asked(robot, limits, list(via), None, False, chosen, report, scene=scene)
         with chosen.within(CELL_TIME_LIMIT):
             from microbot_ocp.planning.search._among_obstacles import fastest_among
 
@@ -154,7 +154,7 @@ def time_optimal(
     if not isinstance(via_q, Sequence) and np.ndim(cast("Any", via_q)) == 0:
         raise InputError(f"via_q must be stops or poses, not {checks.shown(via_q)}")
     stops = list(cast("Sequence[Any]", via_q))
-    asked = Asked(robot, limits, stops, segments, cycle, chosen, told, order, duration, scene)
+    asked = Asked(robot, limits, stops, segments, cycle, chosen, report, order, duration, scene)
     if scene is None:
         return with_drives_noted(robot, solve_stops(asked), limits)
     with chosen.within(CELL_TIME_LIMIT):

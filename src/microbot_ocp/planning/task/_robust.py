@@ -48,8 +48,8 @@ class _Extreme:
         moved = torque(smooth)
         spread = self.friction * size(torque(self.robot) - moved)
         if self.mass:
-            own = (torque(_link_alone(smooth, link)) for link in range(len(smooth.links)))
-            spread += self.mass * sum(map(size, own))
+            shares = (torque(_link_alone(smooth, link)) for link in range(len(smooth.links)))
+            spread += self.mass * sum(map(size, shares))
         low, high = self.payload
         if high:
             a_kilogram = torque(smooth.with_payload(1.0)) - moved
@@ -58,18 +58,22 @@ class _Extreme:
         return whole + self.sign * spread
 
 
-def _link_alone(robot: Robot, kept: int) -> Robot:
-    """The robot with the mass of one link only."""
+def _link_alone(robot: Robot, number: int) -> Robot:
+    """Return the robot with the mass of one link only."""
     nothing = {"mass": 0.0, "inertia": np.zeros((3, 3)), "armature": 0.0, "rotor": None}
-    alone = [replace(link, **({} if k == kept else nothing)) for k, link in enumerate(robot.links)]
-    alone[kept] = replace(alone[kept], rotor=None)
+    alone = [
+        replace(link, **({} if k == number else nothing)) for k, link in enumerate(robot.links)
+    ]
+    alone[number] = replace(alone[number], rotor=None)
     return robot.with_links(alone)
 
 
 def checked_box(
     robot: Robot, mass: float, friction: float, payload: tuple[float, float]
 ) -> tuple[float, float]:
-    """The least and the largest payload, kg, of a box of arms whose figures are all right."""
+    """Return the least and the largest payload, kg, of a box of arms whose figures are all
+    right.
+    """
     if not robot.has_dynamics:
         raise InputError(f"robot {robot.name!r} has no masses that could differ")
     for name, share in (("mass", mass), ("friction", friction)):
@@ -88,7 +92,7 @@ def robust_limits(
     friction: float = 0.0,
     payload: tuple[float, float] = (0.0, 0.0),
 ) -> JointLimits:
-    """Limits under which a motion keeps the torques of every arm of a box.
+    """Return limits under which a motion keeps the torques of every arm of a box.
 
     To be planned and certified with: two further limits bound the largest and the least torque that
     any arm of the box needs for the motion. Limits of the torque rate hold for the model alone.
@@ -129,17 +133,17 @@ def robust_limits(
     True
     """
     loads = checked_box(robot, mass, friction, payload)
-    own = robot.limits if limits is None else limits.for_joints(robot.joint_count)
-    if not np.isfinite(own.bounds("tau")).any():
+    arm_limits = robot.limits if limits is None else limits.for_joints(robot.joint_count)
+    if not np.isfinite(arm_limits.bounds("tau")).any():
         raise InputError(f"robot {robot.name!r} has no limits of torques: give tau_max")
-    largest = np.maximum(-own.tau_min, own.tau_max)
+    largest = np.maximum(-arm_limits.tau_min, arm_limits.tau_max)
     near = ROUNDED * np.where(np.isfinite(largest), largest, 1.0)
     bare = replace(robot, limits=Limits().for_joints(robot.joint_count))
     box = bare, mass, friction, loads, tuple(near.tolist())
     also = (
-        Limit("largest torque", _Extreme(*box, 1.0), upper=own.tau_max, unit="N m"),
-        Limit("least torque", _Extreme(*box, -1.0), lower=own.tau_min, unit="N m"),
+        Limit("largest torque", _Extreme(*box, 1.0), upper=arm_limits.tau_max, unit="N m"),
+        Limit("least torque", _Extreme(*box, -1.0), lower=arm_limits.tau_min, unit="N m"),
     )
     keys = {limit.key for limit in also}
-    others = tuple(limit for limit in own.also if limit.key not in keys)
-    return replace(own, also=(*others, *also))
+    others = tuple(limit for limit in arm_limits.also if limit.key not in keys)
+    return replace(arm_limits, also=(*others, *also))

@@ -233,8 +233,8 @@ class Task:
         if rated and (rest or stop.acceleration is not None):
             given = zero if stop.acceleration is None else np.array(stop.acceleration)
             qdd = (given, given)
-        felt = (_felt(robot, stop, row) for row in rows)
-        return EndConditions(q, qd, tuple(filter(None, felt)), qdd=qdd, leaps=stated and not rated)
+        ends = (_effective(robot, stop, row) for row in rows)
+        return EndConditions(q, qd, tuple(filter(None, ends)), qdd=qdd, leaps=stated and not rated)
 
 
 AT_MOST_ONE: Bounds = np.array([-np.inf]), np.array([1.0])
@@ -284,7 +284,7 @@ def pose_rows(robot: Robot, stop: Stop) -> list[Row]:
     return rows
 
 
-def _felt(robot: Robot, stop: Stop, row: Row) -> Row | None:
+def _effective(robot: Robot, stop: Stop, row: Row) -> Row | None:
     """Return a condition without those equations that no joint changes, as of the height of a
     planar arm.
 

@@ -265,9 +265,9 @@ class _PathSearch:
 
     def _reach(self) -> tuple[list[Reached], float]:
         """Time every segment, and tell the largest excess; who keeps which limit is noted."""
-        found = [self._settled(curve) for curve in self.passed]
-        self.limits_kept_by = limits_kept_by(found[0][1].limits)
-        return [timing for timing, _, _ in found], max(excess for _, _, excess in found)
+        timings = [self._settled(curve) for curve in self.passed]
+        self.limits_kept_by = limits_kept_by(timings[0][1].limits)
+        return [timing for timing, _, _ in timings], max(excess for _, _, excess in timings)
 
     def _settled(self, curve: PathCurve) -> tuple[Reached, CurveLimits, float]:
         """Refine the grid of a timing until its duration settles and limits hold in between.

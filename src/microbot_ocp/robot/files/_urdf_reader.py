@@ -393,15 +393,15 @@ class _Tree:
         what stands still, and their frame in the root's, the chain at zero, other joints held.
         """
         numbers = {joint.name: number for number, joint in enumerate(chain, 1)}
-        found = {name: (0, np.eye(4)) for name in self.roots}
+        placement = {name: (0, np.eye(4)) for name in self.roots}
         for name in self.order:
-            number, frame = found[name]
+            number, frame = placement[name]
             for joint in self.below[name]:
                 place = frame @ joint.frame
                 if joint.moves and joint.name not in numbers:
                     place = place @ joint_motion(joint, self._leader(joint)[1])
-                found[joint.child] = numbers.get(joint.name, number), place
-        return found
+                placement[joint.child] = numbers.get(joint.name, number), place
+        return placement
 
     def _links(
         self, moving: list[UrdfJoint], places: Places, placed: list[FloatArray]

@@ -61,7 +61,7 @@ class Remarks:
 
 
 def read_xml(data: str | bytes, remarks: Remarks) -> ElementTree.Element:
-    """Root element of an XML text; names keep their prefixes as they stand."""
+    """Return the root element of an XML text; names keep their prefixes as they stand."""
     text = data if isinstance(data, str) else _decoded(data, remarks)
     # Lines are kept, so that errors name the right one.
     text = COMMENT.sub(_blank, text.lstrip("\ufeff"))

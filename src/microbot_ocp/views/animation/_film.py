@@ -339,8 +339,8 @@ class Film:
         end = float(self.solid.times[TIME][-1])
         longest = max([float(a.times[TIME][-1]) for a in self.arms[:-1] if a.title], default=end)
         percent = f"{100 * (longest - end) / longest:.0f} % less time"
-        told = f"{percent} ({longest - end:.2f} s) under the same limits"
-        self.saving.set_text(told if t >= end and longest > end else "")
+        saving = f"{percent} ({longest - end:.2f} s) under the same limits"
+        self.saving.set_text(saving if t >= end and longest > end else "")
 
 
 def _sample(arm: AnimatedArm, t: float) -> float:

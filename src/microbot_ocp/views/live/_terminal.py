@@ -97,17 +97,17 @@ def spoken_progress(say: Callable[[str], None], period: float = 30.0) -> Callabl
     'T s: solve: the second mesh'
     """
     begin = last = time.monotonic()
-    stage = text = known = ""
+    stage = text = duration = ""
 
     def speak(event: Event) -> None:
-        nonlocal last, stage, text, known
+        nonlocal last, stage, text, duration
         if not (text and _iterates(event)):
             stage, text = _words(event)
-            known = text if DURATION.search(text) else known
+            duration = text if DURATION.search(text) else duration
         now = time.monotonic()
         if now - last >= period:
             last = now
-            so_far = f"; so far: {known}" if known not in ("", text) else ""
+            so_far = f"; so far: {duration}" if duration not in ("", text) else ""
             say(f"{now - begin:.0f} s: {stage}: {text}{so_far}")
 
     return speak

@@ -207,8 +207,8 @@ def _checked(axes: Any, rows: int, columns: int) -> AxesGrid:
     strange = [shown(entry) for entry in given if not isinstance(entry, Axes)]
     if strange or given.size != rows * columns:
         wanted = f"{rows} x {columns}" if rows * columns > 1 else "one"
-        found = strange[0] if strange else given.size
-        raise InputError(f"axes must be {wanted} matplotlib axes, not {found}")
+        instead = strange[0] if strange else given.size
+        raise InputError(f"axes must be {wanted} matplotlib axes, not {instead}")
     return given.reshape(rows, columns).view(AxesGrid)
 
 
