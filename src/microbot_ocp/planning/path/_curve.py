@@ -187,6 +187,12 @@ class PathCurve:
         spans = np.array([b - a for a, b in (piece.limits for piece in self.pieces)])
         return self.pieces[0].limits[0] + np.concatenate([[0.0], np.cumsum(spans)])
 
+    @cached_property
+    def _tables(self) -> tuple[FloatArray, FloatArray]:
+        """First parameters [N] that pieces use, and coefficients [degree+1, N, n] by power."""
+        begins = np.array([piece.limits[0] for piece in self.pieces])
+        return begins, np.stack([piece.coefficients for piece in self.pieces], axis=1)
+
     def evaluate(
         self, r: FloatArray, *, from_left: bool = False, highest: int = 2
     ) -> tuple[FloatArray, ...]:
@@ -209,12 +215,11 @@ class PathCurve:
 
     def _at(self, index: IntArray, r: FloatArray, highest: int) -> tuple[FloatArray, ...]:
         """Do as :meth:`evaluate` at parameters [N] in pieces ``index`` [N]."""
-        begins = np.array([piece.limits[0] for piece in self.pieces])
+        begins, table = self._tables
         # a little beyond an inner break the piece goes on as it is: the next one follows smoothly
         r = np.clip(r, self.breaks[0], self.breaks[-1])
         local = r - self.breaks[index] + begins[index]
-        coefficients = np.array([piece.coefficients for piece in self.pieces])
-        table = [coefficients[index, power] for power in range(coefficients.shape[1])]
+        table = [coefficients[index] for coefficients in table]
         tables = [_power_sum(table, local[:, None], order) for order in range(highest + 1)]
         for k in (0, len(self.pieces) - 1):
             if self.pieces[k].bent:

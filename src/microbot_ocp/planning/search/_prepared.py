@@ -70,7 +70,7 @@ from microbot_ocp.robot import Robot
 NEAR = 0.1
 REFERENCE_TOLERANCE = 2e-3  # excess of a limit of the prepared motion between mesh points
 
-# of a prepared solver, which a user waits for. Without a limit of time it would solve in another process
+# of a prepared solver, which a user waits for; without a time limit even a small solve would fork
 PREPARED = SolverSettings(
     "ipopt", tolerance=1e-6, gap=np.inf, max_iterations=150, options=LDL, time_limit=TIME_LIMIT
 )

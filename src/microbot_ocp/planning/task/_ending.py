@@ -186,19 +186,20 @@ def multipliers_of(solution: Solution, family: LimitFamily) -> dict[str, Any] | 
             for side, sign in (("lower", -1.0), ("upper", 1.0)):
                 amounts = sides[side].setdefault(key, np.zeros(entry.size))
                 amounts[entry.component] -= slopes[sign * slopes > 0].sum()
+            if key in MotionSamples._fields:  # no slopes over time are given for these
+                continue
             for t, slope in zip((start + times).tolist(), slopes, strict=True):
                 rows[key].setdefault(t, np.zeros(entry.size))[entry.component] += slope
         start += phase.duration
     count = solution.phases[0]["q"].shape[1]
     points = np.array([[via[k].get(j, 0.0) for j in range(count)] for k in sorted(via)])
-    limited = {key: row for key, row in rows.items() if key not in MotionSamples._fields}
     return {
         **_plain(sides),
         "via": _plain(points),
         "beside": 5 * abs(solution.cost - start) + abs(solution.gap.slack),
         "rows": {
             key: {"t": sorted(row), "slopes": _plain(np.array([row[t] for t in sorted(row)]))}
-            for key, row in limited.items()
+            for key, row in rows.items()
         },
     }
 
