@@ -330,6 +330,8 @@ def _nearest_slowly(
         if errors[0] > goal(robot):
             break
         q = polished[0]
+        if _are_nearest(robot, polished, target, wanted)[0]:
+            return q
     return _slide(robot, q, target, wanted)
 
 
@@ -344,7 +346,8 @@ def _are_nearest(robot: Robot, q: FloatArray, target: FloatArray, wanted: FloatA
     missing = (wanted - q) / kernels.joint_scale(robot)
     at_lower, at_upper = q <= robot.limits.q_min, q >= robot.limits.q_max
     free = ~(at_lower | at_upper)[..., None]
-    combination = np.linalg.pinv(rows * free) @ (missing[..., None] * free)
+    weakest = kernels.STEPS.rank_tolerance
+    combination = np.linalg.pinv(rows * free, rcond=weakest) @ (missing[..., None] * free)
     left = missing - (rows @ combination)[..., 0]
     beyond = (at_lower & (left < 0)) | (at_upper & (left > 0))
     return np.all((np.abs(left) < BRANCH_SEARCH.nearest_tolerance) | beyond, axis=1)
