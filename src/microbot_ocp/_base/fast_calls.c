@@ -56,8 +56,30 @@ typedef long long mask __attribute__((vector_size(8 * LANES)));
 #define WHERE(m, a, b) ((vector)(((m) & (mask)(a)) | (~(m) & (mask)(b))))
 #define MAGNITUDE(a) ((vector)((mask)(a) & 0x7fffffffffffffffLL))
 
-static void wide(const vector *x, vector *y) {
+@TRIGONOMETRY@
+#ifndef SINE
+#define SINE(a) EACH(sin, a)
+#define COSINE(a) EACH(cos, a)
+#endif
+
+/* Return in which lanes an angle is too far off for the formulas above. */
+static mask wide(const vector *x, vector *y) {
+  mask far = {0};
   @WIDE@
+  return far;
+}
+
+static void evaluate_lane(const vector *x, vector *y, int lane) {
+  static const double *arg[@SZ_ARG@];
+  static double *res[@SZ_RES@], w[@SZ_W@];
+  static casadi_int iw[@SZ_IW@];
+  double given[@IN_TOTAL@], result[@OUT_TOTAL@];
+  npy_intp i, j;
+  for (j = 0; j < @IN_TOTAL@; ++j) given[j] = x[j][lane];
+  for (i = j = 0; i < @N_IN@; j += in_size[i++]) arg[i] = given + j;
+  for (i = j = 0; i < @N_OUT@; j += out_rows[i] * out_columns[i], ++i) res[i] = result + j;
+  @NAME@(arg, res, iw, w, memory);
+  for (j = 0; j < @OUT_TOTAL@; ++j) y[j][lane] = result[j];
 }
 
 /* A lane that is done takes the next row. */
@@ -68,6 +90,7 @@ static void evaluate_rows(const double *const *in, const npy_intp *step, double 
   const double *const result = (const double *)y;
   npy_intp row_of[LANES], next, left = rows, j, n;
   int count[LANES], k, i;
+  mask far;
   for (k = 0; k < LANES; ++k) row_of[k] = -1;
   for (next = 0; left;) {
     for (k = 0; k < LANES; ++k) {
@@ -78,9 +101,10 @@ static void evaluate_rows(const double *const *in, const npy_intp *step, double 
       count[k] = 0;
       row_of[k] = next++;
     }
-    wide(x, y);
+    far = wide(x, y);
     for (k = 0; k < LANES; ++k) {
       if (row_of[k] < 0) continue;
+      if (far[k]) evaluate_lane(x, y, k);
 #if @MOST@
       if (++count[k] < @MOST@ && result[@STATE@ * LANES + k] > 0) {
         for (j = 0; j < @STATE@; ++j) given[j * LANES + k] = result[j * LANES + k];

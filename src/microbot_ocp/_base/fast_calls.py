@@ -36,11 +36,12 @@ WORTH_COMPILING = 0.5  # s of running as it is after which a function is compile
 # Rows after which it is a table: that takes 3.4 us an operation, CasADi's machine 5 ns for each row
 WORTH_A_TABLE = 700
 NESTED = {"base": 4}  # a chain of 1000 is made in 5 ms, with CasADi's 10 in 50 ms
-# No fused multiply-add: the same bits as of CasADi's virtual machine, so that nothing depends on
-# when a function is compiled. It would save 10 % of a call with 7 joints, nothing with 3
+# No fused multiply-add: one state has the bits that it has among many, and what is compiled when it
+# pays those of CasADi's virtual machine. It would save 10 % of a call with 7 joints, nothing with 3
 ROUNDED_ALIKE = ("-ffp-contract=off",)
 
 GLUE = Path(__file__).with_suffix(".c")  # what makes a module of the C code of a function
+TRIGONOMETRY = GLUE.with_name("trigonometry.c")  # sines of what is always compiled
 
 
 @lru_cache(maxsize=128)
@@ -124,7 +125,7 @@ def deferred_call(
     (5, 3)
     """
     _check_vectors(function)
-    fast = _extension(function, most, make=False, kept=kept) if compiled else None
+    fast = _extension(function, most, make=False, kept=kept, alike=True) if compiled else None
     inner = (function, *function.find_functions())
     in_python = any(part.class_name() == "CallbackInternal" for part in inner)
     spent = -np.inf if in_python or not compiled else 0.0  # of Python there is no C code
@@ -133,8 +134,7 @@ def deferred_call(
     def call(*given: Any) -> Any:
         nonlocal fast, spent
         if fast is None and spent > WORTH_COMPILING and compiles() and not deadline.over():
-            again = most or kept
-            fast = _extension(function, most, kept=kept) if again else fast_call(function)
+            fast = _extension(function, most, kept=kept, alike=True) or as_it_is
         if fast is not None:
             return fast(*given)
         begin = time.thread_time()
@@ -197,10 +197,17 @@ def _check_vectors(function: ca.Function) -> None:
 
 
 def _extension(
-    function: ca.Function, most: int, *, make: bool = True, kept: bool = False
+    function: ca.Function,
+    most: int,
+    *,
+    make: bool = True,
+    kept: bool = False,
+    alike: bool = False,
 ) -> FastCall | None:
     """Return the compiled module's function; None where it cannot be built, or is not to be and
     is not.
+
+    Its sines are our own; for the bits of CasADi's virtual machine (``alike``) the C library's.
     """
     headers = [sysconfig.get_path("include"), np.get_include()]
     cc = codegen.compiler() if compiles() else None
@@ -208,9 +215,9 @@ def _extension(
         return None
     try:
         # To write the text takes ten times as long as this, of a function that may not be there
-        recipe = repr((function.serialize(), most, kept, GLUE.read_text("utf-8"), package()))
+        recipe = repr((function.serialize(), most, kept, alike, package()))
         library = build_library(
-            lambda: c_source([function]) + _glue(function, most, kept),
+            lambda: _source(function, most, kept, alike),
             f"fast_{function.name()}",
             cc,
             "-O2",
@@ -225,7 +232,16 @@ def _extension(
         return None  # the caller does the same, only slower
 
 
-def _glue(function: ca.Function, most: int, kept: bool) -> str:
+def _source(function: ca.Function, most: int, kept: bool, alike: bool) -> str:
+    """Return the C text of a module."""
+    if alike:
+        return c_source([function]) + _glue(function, most, kept, "")
+    formulas = TRIGONOMETRY.read_text("utf-8")
+    numbers, vectors = (formulas.replace("REAL", real) for real in ("double", "vector"))
+    return numbers + c_source([function]) + _glue(function, most, kept, vectors)
+
+
+def _glue(function: ca.Function, most: int, kept: bool, trigonometry: str) -> str:
     sizes, shapes = _sizes(function)
     wide = "" if kept else _wide(function)
     values = {
@@ -247,6 +263,7 @@ def _glue(function: ca.Function, most: int, kept: bool) -> str:
         "OUT_TOTAL": function.numel_out(),
         "HAS_WIDE": int(bool(wide)),
         "WIDE": wide,
+        "TRIGONOMETRY": trigonometry,
     }
     text = GLUE.read_text("utf-8")
     for key, value in values.items():

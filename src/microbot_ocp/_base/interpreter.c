@@ -14,6 +14,8 @@ typedef struct { unsigned short operation, to, of, and; } __attribute__((may_ali
 #define MAGNITUDE(a) fabs(a)
 #define EACH(f, a) f(a)
 #define EACH_PAIR(f, a, b) f(a, b)
+#define SINE(a) sin(a)
+#define COSINE(a) cos(a)
 
 #define AT(place) (work + (long) columns * (place))
 #define EVERY(column) for (int column = 0; column < columns; column++)
