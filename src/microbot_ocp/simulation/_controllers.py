@@ -199,8 +199,9 @@ def torque_limits(saturation: Saturation, robot: Robot) -> tuple[FloatArray, Flo
     True.
     """
     if isinstance(saturation, bool):
-        saturation = robot.limits if saturation else Limits()
-    elif not isinstance(saturation, Limits | JointLimits):
+        lower, upper = robot.limits.bounds("tau")
+        return (lower, upper) if saturation else (lower - np.inf, upper + np.inf)
+    if not isinstance(saturation, Limits | JointLimits):
         saturation = Limits(tau_max=saturation)
     return saturation.for_joints(robot.joint_count).bounds("tau")
 
