@@ -106,3 +106,25 @@ def test_the_library_is_found_again() -> None:
     (again,) = compile_recipe(plain.serialize(), refuse, columns=True)
     assert isinstance(again, interpreter.ManyColumns)
     assert np.array(again([1.0, 2.0, 3.0, 4.0], [1.0, 2.0])[2]).item() == 60.0
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_sums_of_products_have_the_bits_of_the_virtual_machine(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    x = ca.SX.sym("x", 6)
+    values = ca.vertsplit(x)
+    for _ in range(300):
+        one, two, three, four = (values[k] for k in random.integers(len(values), size=4))
+        product = one * two
+        makers = (product + three, product - three, three - product, product + three * four)
+        makers += (product - three * four, product, one + two, product + product, product * product)
+        values.append(ca.tanh(makers[random.integers(len(makers))]))
+        if random.integers(3) == 0:
+            values.append(makers[random.integers(len(makers))] / 4)
+    plain = ca.Function("products", [x], [ca.vertcat(*values)])
+    table = interpreter.table_of(plain)
+    assert table is not None
+    assert len(interpreter.with_products(table).code) < len(table.code)
+    (blocked,) = in_blocks(plain)
+    given = random.uniform(-1, 1, (6, 40))
+    np.testing.assert_array_equal(results(blocked, 40, given), results(plain, 40, given))

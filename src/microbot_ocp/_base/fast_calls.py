@@ -28,7 +28,15 @@ import numpy as np
 from microbot_ocp._base import codegen, deadline
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.codegen import build_library, c_source, compile_function, compiles, package
-from microbot_ocp._base.interpreter import COLUMNS, FORMULAS, c_numbers, interpreter_text, table_of
+from microbot_ocp._base.interpreter import (
+    ALIGNMENT,
+    COLUMNS,
+    FORMULAS,
+    c_numbers,
+    interpreter_text,
+    table_of,
+    with_products,
+)
 
 FastCall = Callable[..., Any]
 
@@ -396,6 +404,7 @@ def _by_table(
     table = table_of(function)
     if table is None:
         return None
+    table = with_products(table)
     try:
         run = _interpreter()
     except (OSError, subprocess.SubprocessError, RuntimeError):
@@ -411,7 +420,7 @@ def _by_table(
         outputs = [np.empty((height, size)) for size in numels]
         for array, value in zip(inputs, given, strict=True):
             array[:rows] = value
-        work = np.empty(COLUMNS * table.places)
+        work = np.empty(COLUMNS * table.places + ALIGNMENT)
         places = [
             (ctypes.c_void_p * len(side))(*(array.ctypes.data for array in side))
             for side in (inputs, outputs)

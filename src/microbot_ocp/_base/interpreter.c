@@ -4,6 +4,7 @@
    which a compiler reads in a tenth of the time that it takes for numbers. */
 
 #include <math.h>
+#include <stddef.h>
 
 typedef long long int casadi_int;
 typedef struct { unsigned short operation, to, of, and; } __attribute__((may_alias)) Operation;
@@ -17,12 +18,25 @@ typedef struct { unsigned short operation, to, of, and; } __attribute__((may_ali
 #define SINE(a) sin(a)
 #define COSINE(a) cos(a)
 
+/* Numbers of a register that lie in two lines of a cache take twice as long. */
+#define ALIGNED(work) \
+  ((double*) (((size_t) (work) + ALIGNMENT * sizeof(double) - 1) & -(ALIGNMENT * sizeof(double))))
+
 #define AT(place) (work + (long) columns * (place))
 #define EVERY(column) for (int column = 0; column < columns; column++)
 #define CASE(operation, formula) \
   case operation: { \
     const double *a = AT(code->of), *b = AT(code->and); \
     EVERY(j) { const double x = a[j], y = b[j]; to[j] = formula; } \
+    break; \
+  }
+
+#define WITH_PRODUCTS(operation, formula) \
+  case operation: { \
+    const double *a = AT(code->of), *b = AT(code->and); \
+    const double *c = AT(code[1].of), *d = AT(code[1].and); \
+    EVERY(j) { const double x = a[j] * b[j], y = c[j], z = d[j]; to[j] = formula; } \
+    code++; \
     break; \
   }
 
@@ -45,6 +59,11 @@ static inline __attribute__((always_inline)) void interpret(
         if (y) EVERY(j) y[(long) j * out[code->of] + code->and] = to[j];
         break;
       }
+      WITH_PRODUCTS(PRODUCT_PLUS, x + y)
+      WITH_PRODUCTS(PRODUCT_MINUS, x - y)
+      WITH_PRODUCTS(MINUS_PRODUCT, y - x)
+      WITH_PRODUCTS(SUM_OF_PRODUCTS, x + y * z)
+      WITH_PRODUCTS(DIFFERENCE_OF_PRODUCTS, x - y * z)
       /* further cases */
     }
   }
@@ -72,7 +91,7 @@ void interpret_rows(
     long rows, const Operation* code, const Operation* end, const double* constants, long inputs,
     const int* in, long outputs, const int* out, const double** arg, double** res, double* work) {
   for (; rows > 0; rows -= COLUMNS) {
-    interpret_block(code, end, constants, in, out, arg, res, work);
+    interpret_block(code, end, constants, in, out, arg, res, ALIGNED(work));
     for (long k = 0; k < inputs; k++) arg[k] += (long) COLUMNS * in[k];
     for (long k = 0; k < outputs; k++) res[k] += (long) COLUMNS * out[k];
   }
@@ -84,11 +103,11 @@ void interpret_rows(
     for (int k = 0; k < outputs; k++) \
       if (res[k] && table##_ends[k] > end) end = table##_ends[k]; \
     (columns == 1 ? interpret_1 : interpret_block)( \
-        (const Operation*) table##_code, (const Operation*) table##_code + end, table##_constants, table##_in, table##_out, arg, res, w); \
+        (const Operation*) table##_code, (const Operation*) table##_code + end, table##_constants, table##_in, table##_out, arg, res, ALIGNED(w)); \
     return 0; \
   } \
   int name##_work(casadi_int* arg, casadi_int* res, casadi_int* iw, casadi_int* w) { \
-    *arg = inputs, *res = outputs, *iw = 0, *w = (casadi_int) columns * places; \
+    *arg = inputs, *res = outputs, *iw = 0, *w = (casadi_int) columns * places + ALIGNMENT; \
     return 0; \
   }
 

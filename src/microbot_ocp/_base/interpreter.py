@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,7 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray
 
 COLUMNS = 32  # of a block; of 64 the numbers of a stage of seven joints fill the second cache
+ALIGNMENT = 8  # numbers to a line of a cache
 NAME = "interpreter"  # that names of libraries begin with
 FLAGS = ("-ffp-contract=off",)
 
@@ -31,6 +32,10 @@ _LINE = re.compile(r"^OPERATION\((\w+), (.+)\)$", re.MULTILINE)
 _LINES = _LINE.findall((HERE / "operations.c").read_text("utf-8"))
 FORMULAS = {getattr(ca, f"OP_{name}"): formula for name, formula in _LINES}  # in C, by operation
 MOVES = {f"MOVE_{name}": getattr(ca, f"OP_{name}") for name in ("CONST", "INPUT", "OUTPUT")}
+# Sums and differences with products: the next row has the places of a second product or a number
+PRODUCTS = ("PRODUCT_PLUS", "PRODUCT_MINUS", "MINUS_PRODUCT")
+PRODUCTS += ("SUM_OF_PRODUCTS", "DIFFERENCE_OF_PRODUCTS")
+FIRST_PRODUCT = 1000  # beyond CasADi's operations
 ESCAPED = [chr(k) if chr(k).isalnum() else f"\\{k:03o}" for k in range(128)]
 ESCAPED += [f"\\{k:03o}" for k in range(128, 256)]
 
@@ -68,7 +73,7 @@ def c_text(functions: Sequence[ca.Function]) -> str | None:
     of operations that are known.
     """
     tables = [table_of(function) for function in functions]
-    interpreted = [table for table in tables if table is not None]
+    interpreted = [with_products(table) for table in tables if table is not None]
     if len(interpreted) < len(tables):
         return None
     used = {int(operation) for table in interpreted for operation in np.unique(table.code[:, 0])}
@@ -78,8 +83,11 @@ def c_text(functions: Sequence[ca.Function]) -> str | None:
 
 def interpreter_text(used: Collection[int] = FORMULAS.keys()) -> str:
     """Return C text of an interpreter of operations."""
-    kinds, numbers = sorted(FORMULAS.keys() & used), {"COLUMNS": COLUMNS, **MOVES}
-    cases = " ".join(f"CASE({k}, {FORMULAS[k].format('x', 'y')})" for k in kinds)
+    cases = " ".join(
+        f"CASE({k}, {FORMULAS[k].format('x', 'y')})" for k in sorted(FORMULAS.keys() & used)
+    )
+    products = {name: FIRST_PRODUCT + k for k, name in enumerate(PRODUCTS)}
+    numbers = {"COLUMNS": COLUMNS, "ALIGNMENT": ALIGNMENT, **MOVES, **products}
     names = "".join(f"#define {name} {number}\n" for name, number in numbers.items())
     text = (HERE / "interpreter.c").read_text("utf-8")
     return names + text.replace("/* further cases */", cases)
@@ -138,6 +146,53 @@ def table_of(function: ca.Function) -> OperationTable | None:
     if code.max(initial=0) > np.iinfo(np.uint16).max:
         return None
     return OperationTable(code.astype(np.uint16), np.array(constants), turned.sz_w())
+
+
+def with_products(table: OperationTable) -> OperationTable:
+    """Return a table in which a product that only one sum or difference uses is made there.
+
+    It is rounded as before, so that the bits stay. Nearly half of the operations of derivatives are
+    such products: they are neither written to memory nor read again.
+    """
+    code = table.code.astype(int)
+    rows, (operation, to, *of) = np.arange(len(code)), code.T
+    writes = np.flatnonzero(operation != ca.OP_OUTPUT)
+    writes = writes[np.lexsort((writes, to[writes]))]
+    keys = to[writes] * len(code) + writes
+
+    def writer(place: np.ndarray, row: np.ndarray) -> np.ndarray:
+        """Return which row has written what a row reads from a place: the last one before it."""
+        return writes[np.searchsorted(keys, place * len(code) + row) - 1]
+
+    overwritten = np.full(len(code), len(code))  # by which row
+    again = to[writes[1:]] == to[writes[:-1]]
+    overwritten[writes[:-1][again]] = writes[1:][again]
+    source = np.array([writer(places, rows) for places in of])
+    reads = ~np.isin(operation, (ca.OP_INPUT, ca.OP_CONST, ca.OP_OUTPUT))
+    reads_two = reads & (source[0] != source[1])
+    is_output, is_sum = operation == ca.OP_OUTPUT, np.isin(operation, (ca.OP_ADD, ca.OP_SUB))
+    is_sum &= reads_two
+    read = [source[0, reads], source[1, reads_two], writer(to[is_output], rows[is_output])]
+    uses = np.bincount(np.concatenate(read), minlength=len(code))
+    user = np.full(len(code), -1)
+    for side in source:
+        user[side[is_sum]] = rows[is_sum]
+    moved = (operation == ca.OP_MUL) & (uses == 1) & (user >= 0)
+    for side in source:  # the factors are still there, if only the product would be in their place
+        moved &= (overwritten[side] >= user) | (overwritten[side] == rows)
+    left, right = is_sum & moved[source]
+    merged, is_difference = left | right, operation == ca.OP_SUB
+    begin = np.cumsum(1 + merged - moved) - 1 - merged
+    result = np.zeros((len(code) + merged.sum() - moved.sum(), 4), dtype=np.uint16)
+    result[begin[~moved]] = code[~moved]
+    kind = np.where(left & right, 3 + is_difference, is_difference * (2 - left))
+    product = np.where(left, *source)
+    first = [FIRST_PRODUCT + kind, to, *(places[product] for places in of)]
+    other = np.where(left, *of[::-1])
+    second = [np.where(left & right, places[source[1]], other) for places in of]
+    result[begin[merged]] = np.array(first).T[merged]
+    result[begin[merged] + 1, 2:] = np.array(second).T[merged]
+    return replace(table, code=result)
 
 
 def c_numbers(values: Iterable[float]) -> str:
