@@ -108,7 +108,7 @@ def of_scene(number: str) -> Row:
     if drawn is None:
         return {"cost": None, "status": "no task drawn", "solved": True, "certified": True}
     robot, scene, via = drawn
-    motion = mo.time_optimal(robot, via, scene=scene)
+    motion = mo.time_optimal(robot, via, scene=scene, time_limit=LIMIT / 4)
     return of_motion(robot, motion, via_q=via, scene=scene) | {"kind": f"{name}, {kind}"}
 
 
