@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp._base.fast_calls import fast_call
+from microbot_ocp._base.fast_calls import deferred_call
 from microbot_ocp._base.needed import needed
 from microbot_ocp._base.threads import cached_in_thread
 from microbot_ocp.robot import Capsule, Robot, link_poses
@@ -54,7 +54,8 @@ class ContactModel:
         self._coal = coal()
         self.pairs = tuple(pairs)
         self.unwatched = tuple(dict.fromkeys(pair.label for pair in unwatched))
-        self._poses = fast_call(link_poses(robot))
+        # with and without a compiler to the bit the same: a search goes on from what a pose decided
+        self._poses = deferred_call(link_poses(robot))
         # of a thing in its frame, None for hulls of links: its pose there, and coal's transform
         self._placed: dict[tuple[int, Obstacle | None], tuple[FloatArray, Any]] = {}
         self._sides: list[tuple[Any, ...]] = []  # transforms of the two of each pair
