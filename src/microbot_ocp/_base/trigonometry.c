@@ -62,6 +62,6 @@ static inline double cosine(double x) {
 #define sin(x) sine(x)
 #define cos(x) cosine(x)
 #else
-#define SINE(x) (far |= MAGNITUDE(x) > FAR, sine_vector(x))
-#define COSINE(x) (far |= MAGNITUDE(x) > FAR, cosine_vector(x))
+#define SINE(x) (far |= (mask)(MAGNITUDE(x) > FAR), sine_vector(x))
+#define COSINE(x) (far |= (mask)(MAGNITUDE(x) > FAR), cosine_vector(x))
 #endif
