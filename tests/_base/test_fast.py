@@ -234,6 +234,18 @@ def test_a_deferred_call_compiles_once_that_pays(monkeypatch):
     assert made == ["once"]
 
 
+def test_a_deferred_call_that_had_no_time_to_compile_tries_again(monkeypatch):
+    x = ca.SX.sym("x", 2)
+    call = deferred_call.__wrapped__(ca.Function("later", [x], [ca.sin(x)]))
+    attempts, over = [], iter([False, True, False, False])
+    monkeypatch.setattr(fast_calls, "WORTH_COMPILING", -1.0)
+    monkeypatch.setattr(fast_calls, "_extension", lambda *_, **__: attempts.append(1))
+    monkeypatch.setattr(fast_calls.deadline, "over", lambda: next(over))
+    for _ in range(4):  # the first attempt ends with the time, the second for another reason
+        np.testing.assert_array_equal(call([0.0, 0.0]), [0.0, 0.0])
+    assert len(attempts) == 2
+
+
 def test_compiled_torques_have_the_bits_of_those_that_are_not(monkeypatch):
     monkeypatch.setattr(fast_calls, "WORTH_COMPILING", 0.0)
     function = mo.inverse_dynamics(mo.load_robot("microbot"))

@@ -143,7 +143,9 @@ def deferred_call(
     def call(*given: Any) -> Any:
         nonlocal fast, spent
         if fast is None and spent > WORTH_COMPILING and compiles() and not deadline.over():
-            fast = _extension(function, most, kept=kept, alike=True) or as_it_is
+            fast = _extension(function, most, kept=kept, alike=True)
+            if fast is None and not deadline.over():  # else the next time, with more of it
+                fast = as_it_is
         if fast is not None:
             return fast(*given)
         begin = time.thread_time()

@@ -156,7 +156,8 @@ def with_products(table: OperationTable) -> OperationTable:
     """
     code = table.code.astype(int)
     rows, (operation, to, *of) = np.arange(len(code)), code.T
-    writes = np.flatnonzero(operation != ca.OP_OUTPUT)
+    is_output = operation == ca.OP_OUTPUT
+    writes = np.flatnonzero(~is_output)
     writes = writes[np.lexsort((writes, to[writes]))]
     keys = to[writes] * len(code) + writes
 
@@ -168,10 +169,9 @@ def with_products(table: OperationTable) -> OperationTable:
     again = to[writes[1:]] == to[writes[:-1]]
     overwritten[writes[:-1][again]] = writes[1:][again]
     source = np.array([writer(places, rows) for places in of])
-    reads = ~np.isin(operation, (ca.OP_INPUT, ca.OP_CONST, ca.OP_OUTPUT))
+    reads = ~(is_output | np.isin(operation, (ca.OP_INPUT, ca.OP_CONST)))
     reads_two = reads & (source[0] != source[1])
-    is_output, is_sum = operation == ca.OP_OUTPUT, np.isin(operation, (ca.OP_ADD, ca.OP_SUB))
-    is_sum &= reads_two
+    is_sum = reads_two & np.isin(operation, (ca.OP_ADD, ca.OP_SUB))
     read = [source[0, reads], source[1, reads_two], writer(to[is_output], rows[is_output])]
     uses = np.bincount(np.concatenate(read), minlength=len(code))
     user = np.full(len(code), -1)

@@ -47,6 +47,7 @@ static inline REAL cosine_REAL(REAL x) {
   return WHERE_REAL((quarter == 1.) | (quarter * quarter == 4.), -y, y);
 }
 
+/* For what CasADi writes of one state, or for the operations of many */
 #define IS_double 1
 #if IS_REAL
 static inline double sine(double x) {

@@ -199,8 +199,8 @@ def torque_limits(saturation: Saturation, robot: Robot) -> tuple[FloatArray, Flo
     True.
     """
     if isinstance(saturation, bool):
-        lower, upper = robot.limits.bounds("tau")
-        return (lower, upper) if saturation else (lower - np.inf, upper + np.inf)
+        none = np.full(robot.joint_count, np.inf)
+        return robot.limits.bounds("tau") if saturation else (-none, none)
     if not isinstance(saturation, Limits | JointLimits):
         saturation = Limits(tau_max=saturation)
     return saturation.for_joints(robot.joint_count).bounds("tau")
