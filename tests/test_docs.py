@@ -7,6 +7,7 @@ import os
 import re
 import subprocess
 import sys
+import tomllib
 from contextlib import nullcontext
 from importlib import import_module
 from importlib.util import find_spec
@@ -175,7 +176,29 @@ def test_the_page_of_functions_is_that_of_its_table() -> None:
 
 
 def test_the_readme_fits_a_screen_or_two() -> None:
-    assert len((ROOT / "README.md").read_text("utf-8").split()) <= 900
+    assert len((ROOT / "README.md").read_text("utf-8").split()) <= 800
+
+
+def test_the_readme_begins_with_commands_that_need_python_alone() -> None:
+    first = re.search(r"```\w*\n(.*?)```", (ROOT / "README.md").read_text("utf-8"), re.DOTALL)
+    assert first
+    commands = [line.split("#")[0].strip() for line in first[1].splitlines()]
+    assert commands == ["make demo", "make test"]
+    recipes = (ROOT / "Makefile").read_text("utf-8")
+    assert all(re.search(rf"^{name.split()[1]}:", recipes, re.MULTILINE) for name in commands)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_extras_that_a_page_names_exist(page: Path) -> None:
+    """In ``pip install`` with brackets, and in the README's table."""
+    text = page.read_text("utf-8")
+    named = re.findall(r"(?:\.|microbot_ocp|wheel)\[([a-z, ]+)\]", text)
+    if table := re.search(r"\| extra \|.*?\n\n", text, re.DOTALL):
+        cells = re.findall(r"^\|([^|]*)\|", table[0], re.MULTILINE)
+        named += re.findall(r"`(\w+)`", " ".join(cells))
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    split = {name.strip() for names in named for name in names.split(",")}
+    assert split - set(project["optional-dependencies"]) == set()
 
 
 def test_every_module_has_its_room_on_the_architecture_page() -> None:
