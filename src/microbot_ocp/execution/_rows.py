@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -10,12 +11,20 @@ from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.archive import METADATA, arrays_in
-from microbot_ocp._base.checks import FloatArray, InputError, naming, shortened, shown
+from microbot_ocp._base.checks import (
+    FloatArray,
+    InputError,
+    naming,
+    shortened,
+    shown,
+    warn_user,
+)
 from microbot_ocp._base.reading import bytes_of, text_of, yaml_of
 from microbot_ocp.motion import FIELDS, Mark, Motion
 from microbot_ocp.robot import Robot
@@ -24,8 +33,10 @@ FORMATS = (".csv", ".json", ".yaml", ".yml", ".npz")
 KEYS = tuple(FIELDS.values())
 Order = dict[tuple[str, int], int]  # columns of a table by quantity and joint
 ARRAYS = ("t", "q", "qd", "qdd", "tau", "joint_names")
+TIME = ("t", "time")
 # "qd elbow [rad/s]", "elbow", "time (s)"
-HEAD = re.compile(r"(?:(q|qd|qdd|tau) )?(.*?)(?: *[\[(](.*)[\])])?")
+KEY = re.compile(r"(q|qd|qdd|tau) (.*)", re.DOTALL)
+UNIT = re.compile(r"(.*?) ?[\[(]([^\[\]()]*)[\])]", re.DOTALL)
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,28 +119,37 @@ def read_rows(path: str | Path, robot: Robot) -> CommandRows | Motion:
 
 
 def _of_table(text: str, robot: Robot) -> CommandRows:
-    lines = text.strip().splitlines()
-    first = next(csv.reader([line.lstrip("# ") for line in lines[:1]]), [])
-    heads = [head.strip() for head in first]
+    lines = list(io.StringIO(text.lstrip(), newline=""))  # names may hold ends of lines
+    lines[:1] = [line.lstrip("# ") for line in lines[:1]]
+    reader = csv.reader(lines)
+    heads, names = next(reader, []), robot.joint_names
     if not heads:
         raise InputError("it is empty")
-    count, width = robot.joint_count, len(heads) - (heads[-1] == "mark")
-    if width not in (1 + count * np.arange(1, 5)):
+    has_marks = heads[-1].strip() == "mark" and "mark" not in names
+    count, width = robot.joint_count, len(heads) - has_marks
+    named = not _is_number(heads[0])
+    parsed = [_parsed(head, names) for head in heads[:width]] if named else []
+    known = _renamed([joint for _, joint, _ in parsed[1:]], robot)
+    parsed[1:] = [(key, name, unit) for (key, _, unit), name in zip(parsed[1:], known, strict=True)]
+    by_names = any(key or joint in names for key, joint, _ in parsed[1:])
+    if not by_names and width not in (1 + count * np.arange(1, 5)):
         raise InputError(
             f"it must have a time and 1 to 4 columns for each of {count} joints, parted by commas, "
             f"not {width} columns"
         )
-    named = not _is_number(heads[0])
-    values = _numbers_of(lines, int(named), width)
-    order = {(KEYS[k // count], k % count): k + 1 for k in range(width - 1)}
+    first = reader.line_num if named else 0
+    values = _numbers_of(lines, first, width)
+    order: Order = {}
+    if not by_names:
+        order = {(KEYS[k // count], k % count): k + 1 for k in range(width - 1)}
     if named:
-        order = _columns_of(heads[:width], order, robot)
+        order = _columns_of(heads, parsed, order, robot, by_names)
     present = [key for key in KEYS if (key, 0) in order]
     columns = [[order[key, joint] for joint in range(count)] for key in present]
     given: Any = {key: values[:, places] for key, places in zip(present, columns, strict=True)}
     marks: list[Mark] = []
-    if heads[-1] == "mark":
-        texts = [row[-1] for row in csv.reader(lines[1:]) if row]
+    if has_marks:
+        texts = [row[-1] for row in csv.reader(lines[first:]) if row]
         times = (values[:, 0] - values[0, 0]).tolist()
         marks = [
             _mark(text, time)
@@ -137,6 +157,19 @@ def _of_table(text: str, robot: Robot) -> CommandRows:
             for text in filter(None, several.split("; "))
         ]
     return CommandRows(values[:, 0], **given, marks=tuple(marks))
+
+
+def _parsed(head: str, names: Sequence[str]) -> tuple[str | None, str, str | None]:
+    """Return quantity, joint and unit of a head, where it has them; a name may look like a unit."""
+    ways = []
+    for text in (head, head.strip()):
+        key, rest = found.groups() if (found := KEY.fullmatch(text)) else (None, text)
+        (bare, unit), (whole, own) = (
+            found.groups() if (found := UNIT.fullmatch(part)) else (part, None)
+            for part in (rest, text)
+        )
+        ways += [(key, bare, unit), (None, text, None), (None, whole, own), (key, rest, None)]
+    return next((way for way in ways if way[1] in names), (key, bare.strip(), unit))
 
 
 def _numbers_of(lines: Sequence[str], first: int, width: int) -> FloatArray:
@@ -148,36 +181,49 @@ def _numbers_of(lines: Sequence[str], first: int, width: int) -> FloatArray:
             lines[first:], delimiter=",", usecols=range(width), comments=None, ndmin=2,
             quotechar='"',
         )  # fmt: skip
-    except ValueError:
-        for k, row in enumerate(csv.reader(lines[first:]), first + 1):
-            if row and not (len(row) >= width and all(map(_is_number, row[:width]))):
-                raise InputError(f"line {k} must hold {width} numbers, not {shown(row)}") from None
-        raise
+    except ValueError:  # a mark may hold the end of a line
+        rows = []
+        reader = csv.reader(lines[first:])
+        for row in filter(None, reader):
+            if not (len(row) >= width and all(map(_is_number, row[:width]))):
+                line = first + reader.line_num
+                raise InputError(
+                    f"line {line} must hold {width} numbers, not {shown(row)}"
+                ) from None
+            rows.append([float(entry) for entry in row[:width]])
+        return np.array(rows)
 
 
-def _columns_of(heads: Sequence[str], order: Order, robot: Robot) -> Order:
+def _columns_of(
+    heads: Sequence[str], parsed: Sequence[Any], order: Order, robot: Robot, by_names: bool
+) -> Order:
     """Return where each quantity of each joint is, by heads that name joints; else as in
     ``order``.
     """
-    parsed = [match.groups() for head in heads if (match := HEAD.fullmatch(head))]
     names = robot.joint_names
-    if parsed[0][1] in names or any(key or joint in names for key, joint, _ in parsed[1:]):
-        if parsed[0][0] or parsed[0][1] in names:
-            raise InputError(f"its first column must be the time, s, not {heads[0]!r}")
+    key, joint, unit = parsed[0]
+    if (key or joint in names) and unit != "s" and joint not in TIME:
+        raise InputError(f"its first column must be the time, s, not {heads[0]!r}")
+    if by_names:
         order = _by_names([(key, joint) for key, joint, _ in parsed[1:]], robot)
     units = {0: "s"}
     for (key, place), column in order.items():
         units[column] = robot.unit(key, place)
         # "elbow_position" in the place of the waist
-        named = [name for name in names if name in heads[column]]
+        named = [] if by_names else [name for name in names if _speaks_of(heads[column], name)]
         if named and names[place] not in named:
             raise InputError(
                 f"column {heads[column]!r} must be of {names[place]}, or named {named[0]!r}"
             )
     for column, (_, _, unit) in enumerate(parsed):
-        if unit and unit != units[column]:
+        if unit and unit != units.get(column, unit):
             raise InputError(f"column {heads[column]!r} must be in {units[column]}, not in {unit}")
     return order
+
+
+def _speaks_of(head: str, name: str) -> bool:
+    """Return whether a head has a name as one of its words."""
+    return bool(re.search(rf"(?<![^\W_]){re.escape(name)}(?![^\W_])", head)) and bool(name.strip())
 
 
 def _by_names(heads: Sequence[tuple[str | None, str]], robot: Robot) -> Order:
@@ -187,6 +233,8 @@ def _by_names(heads: Sequence[tuple[str | None, str]], robot: Robot) -> Order:
     _order(list(dict.fromkeys(joint for _, joint in heads)), robot)
     order: Order = {}
     for column, (key, joint) in enumerate(heads, 1):
+        if joint not in robot.joint_names:
+            continue
         place = robot.joint_names.index(joint)
         key = key or next((k for k in KEYS if (k, place) not in order), KEYS[-1])
         if (key, place) in order:
@@ -202,7 +250,8 @@ def _by_names(heads: Sequence[tuple[str | None, str]], robot: Robot) -> Order:
 def _mark(text: str, time: float) -> Mark:
     """Return a mark of a row: "grip" is at its time, "above @ 0.71" before it."""
     name, _, at = text.rpartition(" @ ")
-    return Mark(float(at), name) if name and _is_number(at) else Mark(time, text)
+    own = name and _is_number(at)
+    return Mark(float(at), unquote(name)) if own else Mark(time, unquote(text))
 
 
 def _is_number(word: str) -> bool:
@@ -213,13 +262,22 @@ def _is_number(word: str) -> bool:
     return True
 
 
+def _renamed(names: Sequence[str], robot: Robot) -> Sequence[str]:
+    """Return the joints' names in the place of the numbers that an export without a robot has."""
+    own = {f"joint_{number}": name for number, name in enumerate(robot.joint_names, start=1)}
+    return [own[name] for name in names] if {*names} == {*own} - {*own.values()} else names
+
+
 def _order(names: Sequence[str], robot: Robot) -> list[int]:
     """Return where each joint of the robot is among these names."""
-    if sorted(map(str, names)) != sorted(robot.joint_names):
+    given = list(map(str, names))
+    if not set(given) >= set(robot.joint_names) or len(set(given)) != len(given):
         raise InputError(
-            f"its joints must be {', '.join(robot.joint_names)}, not {', '.join(map(str, names))}"
+            f"its joints must be {', '.join(robot.joint_names)}, not {', '.join(given)}"
         )
-    return [list(names).index(name) for name in robot.joint_names]
+    if others := [name for name in given if name not in robot.joint_names]:
+        warn_user(f"not judged, as {robot.name} has no such joints: {', '.join(others)}")
+    return [given.index(name) for name in robot.joint_names]
 
 
 def _of_archive(path: Path, robot: Robot) -> CommandRows | Motion:
@@ -236,8 +294,9 @@ def _of_archive(path: Path, robot: Robot) -> CommandRows | Motion:
     rows = CommandRows(**arrays)
     if names is None:
         return rows
-    order = _order(np.atleast_1d(names).tolist(), robot)
-    checks.joints("it", rows.q.shape[1], robot)
+    order = _order(given := np.atleast_1d(names).tolist(), robot)
+    if rows.q.shape[1] != len(given):
+        raise InputError(f"it has {rows.q.shape[1]} joints, but {len(given)} joint_names")
     return CommandRows(**{key: a[:, order] if key != "t" else a for key, a in arrays.items()})
 
 
@@ -259,7 +318,7 @@ def _of_message(document: Any, robot: Robot) -> CommandRows:
     names, points = messages[0]["joint_names"], messages[0]["points"]
     if not isinstance(names, list) or not isinstance(points, list) or not points:
         raise InputError("joint_names and points must be lists that are not empty")
-    order = _order(names, robot)
+    order = _order(_renamed(list(map(str, names)), robot), robot)
     t = [_seconds(point, k) for k, point in enumerate(points)]
     columns = {}
     for field, key in FIELDS.items():

@@ -26,6 +26,7 @@ QUANTITIES = {"q": "rad", "qd": "rad/s", "qdd": "rad/s^2", "tau": "N m"}
 FIELDS = {"positions": "q", "velocities": "qd", "accelerations": "qdd", "effort": "tau"}  # of ROS
 NANOSECONDS = 1_000_000_000
 MOST_SECONDS = 2**31  # that a time of ROS holds
+ESCAPED = {ord(letter): f"%{ord(letter):02X}" for letter in "%;@"}  # what parts marks of a row
 
 
 class Columns(NamedTuple):
@@ -117,6 +118,7 @@ def _write_csv(path: Path, columns: Columns) -> None:
             marks = [""] * len(rows)
             for time, name in columns.marks:  # at the first row that is not before it
                 row = min(int(np.searchsorted(columns.t, time - 1e-9)), len(rows) - 1)
+                name = name.translate(ESCAPED)
                 text = name if abs(columns.t[row] - time) < 1e-9 else f"{name} @ {time!r}"
                 marks[row] = "; ".join(filter(None, [marks[row], text]))
             rows = [[*row, mark] for row, mark in zip(rows, marks, strict=True)]

@@ -155,7 +155,7 @@ class Robot:
         count = table["alpha"].size
         types = _joint_types(joint_type, count)
         names = tuple(joint_names or (f"joint {i + 1}" for i in range(count)))
-        all_text = all(isinstance(entry, str) for entry in names)
+        all_text = all(isinstance(entry, str) and entry for entry in names)
         if not all_text or len(names) != count or len(set(names)) != count:
             raise InputError(f"joint_names must be {count} different names, not {list(names)}")
         for key, text in (("name", name), ("description", description)):
