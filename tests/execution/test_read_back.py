@@ -47,6 +47,7 @@ def the_same(rows: object, motion: mo.Motion) -> None:
         np.testing.assert_allclose(getattr(rows, key), getattr(motion, key), rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 @settings(max_examples=15, deadline=None)
 @given(
     st.lists(NAME, min_size=2, max_size=4, unique=True), st.sampled_from(["revolute", "prismatic"])
