@@ -56,7 +56,10 @@ def main() -> None:
         if name not in BENCHMARKS:
             parser.error(f"NAME must be one of {', '.join(BENCHMARKS)}, not {name!r}")
     if len(names) == 1:
-        importlib.import_module(f"benchmarks.{names[0]}").run(options.repetitions)
+        try:
+            importlib.import_module(f"benchmarks.{names[0]}").run(options.repetitions)
+        except ModuleNotFoundError as absent:
+            sys.exit(f"{names[0]} needs {absent.name}, which is not installed")
         return
     for name in names:  # a process each: threads of one peer would outlive its benchmark
         more = [name, "--repetitions", str(options.repetitions)]

@@ -125,3 +125,46 @@ def test_a_bound_of_many_scales_is_kept_to_what_passes():
     assert solution.status is Status.SOLVED
     assert verify(problem, solution).ok
     assert solution.attempts[0].infeasibility > 1e-6 > solution.attempts[-1].infeasibility
+
+
+def a_cost_of_zero(kind, price=1.0):
+    """Nothing has to be done, and whatever is costs: the least is zero, at a bound."""
+    problem = OptimalControlProblem("nothing to do")
+    phase = problem.phase("rest", 1.0)
+    if kind == "a slack above a size":
+        x, u = phase.state("x", initial=0.0, final=0.0), phase.control("u")
+        s = phase.control("s", lower=0.0)
+        phase.derivative(x, u)
+        phase.constraint("above", s - u, lower=0.0)
+        phase.constraint("above minus", s + u, lower=0.0)
+        phase.running_cost(price * s)
+    elif kind == "thrusts both ways":
+        x, v = (phase.state(name, initial=0.0, final=0.0) for name in "xv")
+        thrusts = [phase.control(name, lower=0.0, upper=1.0) for name in ("forward", "back")]
+        phase.derivative(x, v)
+        phase.derivative(v, thrusts[0] - thrusts[1])
+        phase.running_cost(price * (thrusts[0] + thrusts[1]))
+    else:
+        x, u = phase.state("x", initial=0.0), phase.control("u", lower=0.0, upper=1.0)
+        phase.derivative(x, u)
+        phase.end_cost(price * x)
+    return problem
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("kind", "price"),
+    [
+        ("a slack above a size", 1.0),
+        ("a slack above a size", 1e-7),
+        ("thrusts both ways", 1.0),
+        ("a loss", 1.0),
+        ("a loss", 1e-7),
+        ("a loss", 1e4),
+    ],
+)
+def test_a_least_cost_of_zero_is_solved(kind, price):
+    solution = solve(a_cost_of_zero(kind, price))
+    assert solution.solved, solution.advice
+    assert abs(solution.cost) <= 2e-9 * price
+    assert verify(a_cost_of_zero(kind, price), solution).ok

@@ -20,6 +20,7 @@ from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.relations import Symbol
 from microbot_ocp.ocp.problem._coupling import owned, value_of
 from microbot_ocp.ocp.problem._items import (
+    LIMITS,
     Bound,
     Measurement,
     Parameter,
@@ -308,9 +309,11 @@ class Phase:
     def derivative(self, state: ca.MX, expression: ca.MX | float) -> None:
         """Set the time derivative of a state."""
         state = as_expression(state)
+        given = [v for v in self.states if v.name in self.derivatives]
         for variable in self.states:
             if ca.is_equal(variable.symbol, ca.vec(state)):
                 expression = owned(self, expression)
+                self._refuse_second(f"derivative of {variable.name!r}", variable.name, given)
                 if expression.shape != state.shape:
                     raise InputError(
                         f"derivative of {variable.name!r} must have shape {state.shape}, not "
@@ -559,10 +562,13 @@ class Phase:
         self, limits: Sequence[PathConstraint], at: float | None = None
     ) -> list[PathConstraint]:
         """Return limits with everything that comes from elsewhere among the free parameters."""
+        given = [getattr(self, kind) for kind in LIMITS]
+        for limit in limits:
+            self._refuse_second(f"constraint {limit.name!r}", limit.name, *given)
         return [replace(k, expression=owned(self, k.expression, at)) for k in limits]
 
     def _refuse_second(
-        self, label: str, name: str, *lists: Sequence[Parameter] | Sequence[Variable]
+        self, label: str, name: str, *lists: Sequence[Parameter | Variable | PathConstraint]
     ) -> None:
         if any(item.name == name for items in lists for item in items):
             raise InputError(f"{label} is declared twice in phase {self.name!r}")

@@ -325,6 +325,11 @@ class OptimalControlProblem:
                 "begins with initial=before.final(state), and is linked with names=()"
             )
         sizes, sizes_after = ({v.name: v.size for v in node_variables(p)} for p in (before, after))
+        if any(link.before == before.name for link in self.links):
+            raise InputError(
+                f"phases {before.name!r} and {after.name!r} are linked twice: give all names in "
+                "one link()"
+            )
         jumps = jumps or {}
         if names is None:
             # what is not tied by an expression of its own

@@ -237,9 +237,12 @@ TIGHTENING = Tightening()
 
 # Tolerance of every further solve and its options. The second moves what the first cannot: IPOPT
 # exceeds bounds by 1e-8 of their size unless it is told not to, which takes a larger barrier.
+# Of an optimum of zero as much slope, or as much beyond a bound, as these let every variable keep
+# is more than the wanted gap in sum: the third lets each keep its share of that.
 FURTHER: tuple[tuple[float, dict[str, float]], ...] = (
     (1e-8, {}),
     (1e-10, {"bound_relax_factor": 1e-10, "mu_init": 1e-6}),
+    (0.0, {}),
 )
 
 
@@ -276,7 +279,7 @@ def tightened(runner: Runner, outcome: SolverOutcome) -> tuple[SolverOutcome, Ga
         near = not gap.total > wanted and (wanted == np.inf or _keeps_all(best))
         if near or time.perf_counter() > runner.until:
             break
-        tried = _further(runner, best, min(wanted, gap.slack), tolerance, options)
+        tried = _further(runner, best, min(wanted, gap.slack), wanted, tolerance, options)
         attempts.append(tried.attempt)
         if tried.attempt.status is Status.INTERRUPTED:
             return tried, UNKNOWN, attempts
@@ -305,6 +308,7 @@ def _further(
     runner: Runner,
     before: SolverOutcome,
     slack: float,
+    wanted: float,
     tolerance: float,
     options: Mapping[str, Any],
 ) -> SolverOutcome:
@@ -314,18 +318,21 @@ def _further(
     barrier = max(
         TIGHTENING.ratio * slack / program.cost_scale / max(count, 1), TIGHTENING.least_barrier
     )
+    share = wanted / program.cost_scale / before.point.x.size
+    relaxed = {} if tolerance else {"bound_relax_factor": share}
     closer: dict[str, Any] = {
         "compl_inf_tol": barrier,
         "constr_viol_tol": settings.tolerance,
         "mu_init": barrier,
         **dict.fromkeys(WARM_PUSHES, 1e-16),
         **options,
+        **relaxed,
         **settings.options.get("ipopt", {}),
     }
     finer = replace(
         settings,
         solver="ipopt",
-        tolerance=min(settings.tolerance, tolerance),
+        tolerance=min(settings.tolerance, tolerance or share),
         initial_barrier=None,
         options={**settings.options, "ipopt": closer},
     )

@@ -115,8 +115,8 @@ class ParametricSolver:
         bounds : mapping from phase to mapping from name to (lower, upper)
             Of states, controls, algebraic variables, path and end constraints; None in place of
             one of the two leaves it as it is.
-        initial, final : mapping from phase to mapping from name to value or (lower, upper)
-            Of what was declared with a condition there.
+        initial, final : mapping from phase to mapping from name to value, (lower, upper) or None
+            Of what was declared with a condition there; None leaves it free.
         durations : mapping from phase to duration or (lower, upper), s
         guess : guesses or Solution, optional
             A solution of this solver, or of any other (see :func:`microbot_ocp.ocp.solve`).
@@ -236,7 +236,8 @@ class ParametricSolver:
                     raise InputError(f"{what} has no phase {name!r}; there are {names}")
         layouts = []
         for layout in self.program.layouts:
-            of_phase = {what: changes.get(layout.phase.name) for what, changes in given.items()}
+            name = layout.phase.name
+            of_phase = {what: changes[name] for what, changes in given.items() if name in changes}
             layouts.append(replace(layout, phase=with_changes(layout.phase, of_phase)))
         return replace(
             self.program,

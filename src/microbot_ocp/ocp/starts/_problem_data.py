@@ -125,9 +125,14 @@ def with_changes(phase: Phase, changes: Mapping[str, Any]) -> Phase:
     }
     changed = copy.copy(phase)
     for kind, (what, groups, new) in kinds.items():
-        for name, value in (changes[kind] or {}).items():
+        if not isinstance(given := changes.get(kind, {}), Mapping):
+            raise InputError(
+                f"{kind} of phase {phase.name!r} must be a mapping from name to value, not "
+                f"{checks.shown(given)}"
+            )
+        for name, value in given.items():
             changed = _renewed(changed, what, groups, name, partial(new, value=value))
-    if changes["durations"] is not None:
+    if "durations" in changes:
         if phase.point_fractions:
             raise InputError(
                 f"phase {phase.name!r} has costs or constraints at given times: its duration is "
@@ -161,11 +166,16 @@ def _bounded(old: Any, value: Any) -> Any:
 
 def _conditioned(phase: str, which: str, old: Variable, value: Any) -> Variable:
     declared = getattr(old, which)
+    if value is None and declared is None:
+        return old
     if declared is None:
         raise InputError(
             f"{old.name!r} of phase {phase!r} was declared without {which}: the program has "
             f"no row for it; declare a range that always holds"
         )
+    if value is None:  # free, as in the declaration
+        value = np.full((2, old.size), [[-np.inf], [np.inf]])
+        return replace(old, **{which: (value[0], value[1])})
     pair = value if isinstance(value, tuple) and len(value) == 2 else (value, value)
     low, high = _pair(f"{which} {old.name}", pair, declared, old.unit)
     free = np.isinf(declared[0]) & np.isinf(declared[1])

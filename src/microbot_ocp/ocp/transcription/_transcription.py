@@ -103,6 +103,12 @@ def mesh_of(mesh: MeshLike) -> FloatArray:
     return given
 
 
+def _is_fractions(meshes: Any) -> bool:
+    """Return whether a list is one mesh for all phases, and not a number of intervals for each."""
+    flat = all(isinstance(entry, (float, int, np.number)) for entry in meshes)
+    return flat and len(meshes) > 2 and any(isinstance(k, (float, np.floating)) for k in meshes)
+
+
 def with_points(mesh: FloatArray, fractions: Sequence[float]) -> FloatArray:
     """Return the mesh with some fractions among its points.
 
@@ -206,6 +212,7 @@ class Transcription:
         """Return the mesh points of every phase as fractions."""
         phases = self.problem.phases
         several = isinstance(meshes, Sized) and getattr(meshes, "ndim", 1) > 0
+        several = several and not _is_fractions(meshes)
         chosen: list[Any] = list(meshes) if several else [meshes] * len(phases)  # type: ignore[arg-type]
         if len(chosen) != len(phases):
             raise InputError(f"mesh has {len(chosen)} entries for {len(phases)} phases")
