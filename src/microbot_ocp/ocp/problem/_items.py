@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError, shown
+from microbot_ocp._base.portable import Portable
 
 # lists of a phase
 VARIABLES = ("states", "controls", "algebraics", "free_parameters")
@@ -22,7 +23,7 @@ Bound = ArrayLike | ca.MX | tuple[ArrayLike | ca.MX, ArrayLike | ca.MX] | None
 
 
 @dataclass(frozen=True, eq=False)
-class Variable:
+class Variable(Portable):
     """A state, control or free parameter of a phase, with bounds [size] in its own unit."""
 
     name: str
@@ -46,7 +47,7 @@ class Variable:
 
 
 @dataclass(frozen=True, eq=False)
-class PathConstraint:
+class PathConstraint(Portable):
     """``lower <= expression <= upper`` along a phase, or at its end."""
 
     name: str
@@ -77,7 +78,7 @@ class PointConstraint(PathConstraint):
 
 
 @dataclass(frozen=True, eq=False)
-class PointCost:
+class PointCost(Portable):
     """A cost that is added at every one of some fractions [M] of a phase."""
 
     expression: ca.MX
@@ -85,7 +86,7 @@ class PointCost:
 
 
 @dataclass(frozen=True, eq=False)
-class Parameter:
+class Parameter(Portable):
     """A constant [size] of a phase; phases that differ in parameters only share kernels."""
 
     name: str
@@ -107,7 +108,7 @@ class Measurement(Parameter):
 
 
 @dataclass(frozen=True, eq=False)
-class PointValue:
+class PointValue(Portable):
     """The value of an expression at a fraction of a phase, as a symbol for other expressions."""
 
     name: str

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.portable import Portable
 from microbot_ocp._base.relations import Symbol
 from microbot_ocp.ocp.problem._coupling import owned, value_of
 from microbot_ocp.ocp.problem._items import (
@@ -44,7 +45,7 @@ Size = int | tuple[int, int]
 
 
 @dataclass(eq=False)
-class Phase:
+class Phase(Portable):
     """One phase: a stretch of time with one set of dynamics.
 
     Made by :meth:`OptimalControlProblem.phase`. The symbols ``time`` (since the start of the

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.portable import Portable
 from microbot_ocp._base.relations import Symbol
 from microbot_ocp.ocp.problem._coupling import copied, renamed
 from microbot_ocp.ocp.problem._items import (
@@ -35,7 +36,7 @@ from microbot_ocp.ocp.problem._phase import Phase
 from microbot_ocp.ocp.problem._relations import as_expression
 
 
-class OptimalControlProblem:
+class OptimalControlProblem(Portable):
     """Phases in a row, linked; minimise the sum of their costs.
 
     With ``maximize`` all costs are gains, and their sum is to be as large as possible: it is the

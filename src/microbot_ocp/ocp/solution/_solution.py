@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.outcome import Advice, Ledger, LedgerRow, Outcome, remark
+from microbot_ocp._base.portable import Portable
 from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.problem import Variable, node_variables, parts_of
@@ -72,7 +73,7 @@ class Attempt:
 
 
 @dataclass(frozen=True, eq=False)
-class PhaseSolution:
+class PhaseSolution(Portable):
     """Values of one phase at its mesh points.
 
     Attributes
@@ -175,7 +176,7 @@ class StartingPoint:
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
+class Solution(Portable):
     """Result of an optimal-control solve, converged or not.
 
     Attributes

@@ -6,13 +6,12 @@ neighbouring problem starts from its multipliers, too, and takes a few iteration
 
 from __future__ import annotations
 
-import pickle
+import copy
 import re
 import time
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from threading import RLock
 from typing import Any
 
 import casadi as ca
@@ -20,6 +19,7 @@ import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import InputError
+from microbot_ocp._base.portable import Portable
 from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
 from microbot_ocp._base.writing import write_whole
 from microbot_ocp.ocp.diagnosis import finite_start
@@ -44,16 +44,15 @@ from microbot_ocp.ocp.transcription import (
     Guesses,
     Meshes,
     Program,
+    Transcription,
     assemble,
     bounds_of,
 )
 
 Changes = Mapping[str, Mapping[str, Any]]
 
-_context = RLock()  # there is one of CasADi's
 
-
-class ParametricSolver:
+class ParametricSolver(Portable):
     """A transcribed problem on a mesh whose limits and parameters may change from solve to solve.
 
     Solvers are kept between solves, for each thread that solves: several may at once. It can be
@@ -247,10 +246,13 @@ class ParametricSolver:
         )
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # expressions are written into one context, so that symbols stay the same in all of them
-        with _context, ca.global_pickle_context():
-            state = pickle.dumps((self.transcription, self.mesh, self.settings, self._cost_scale))
-        return _restored, (state,)
+        return _restored, (self.transcription, self.mesh, self.settings, self._cost_scale)
+
+    def __copy__(self) -> ParametricSolver:
+        return _restored(*self.__reduce__()[1])
+
+    def __deepcopy__(self, memo: object) -> ParametricSolver:
+        return copy.copy(self)
 
 
 def _values(program: Program) -> ca.Function:
@@ -275,9 +277,9 @@ def _values(program: Program) -> ca.Function:
     return ca.Function("values", [x], list(outputs.values()), ["x"], list(outputs))
 
 
-def _restored(state: bytes) -> ParametricSolver:
-    with _context, ca.global_unpickle_context():
-        transcription, mesh, settings, cost_scale = pickle.loads(state)
+def _restored(
+    transcription: Transcription, mesh: Meshes, settings: SolverSettings, cost_scale: float | None
+) -> ParametricSolver:
     solver = ParametricSolver(transcription, mesh, settings)
     solver._cost_scale = cost_scale
     return solver

@@ -6,8 +6,9 @@ Theory: docs/theory/transcription.md, equation (3).
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -15,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.child_process import spare_processor
+from microbot_ocp._base.portable import Portable
 from microbot_ocp.ocp.transcription._kernels import Kernel, joined
 from microbot_ocp.ocp.transcription._layout import Bounds, PhaseLayout, bounds_of, labels_of
 from microbot_ocp.ocp.transcription._table import IntArray, Label
@@ -36,7 +38,7 @@ class MadeOnDemand(dict[str, ca.Function]):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Program(Bounds):
+class Program(Portable, Bounds):
     """A nonlinear program in stages, ready for a solver.
 
     Attributes
@@ -59,6 +61,9 @@ class Program(Bounds):
         sizes = f"{self.nlp['x'].numel()} variables, {self.nlp['g'].numel()} rows"
         functions = ", ".join(self.functions)
         return f"<Program of {sizes}; functions {functions}>"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _assembled_again, (self.layouts, "p" in self.nlp, self.cost_scale)
 
     @cached_property
     def row_labels(self) -> list[Label]:
@@ -177,6 +182,12 @@ def assemble(layouts: Sequence[PhaseLayout], *, parametric: bool = False) -> Pro
         **vars(bounds),
         parameters=parameters,
     )
+
+
+def _assembled_again(
+    layouts: Sequence[PhaseLayout], parametric: bool, cost_scale: float
+) -> Program:
+    return replace(assemble(layouts, parametric=parametric), cost_scale=cost_scale)
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,6 +16,7 @@ from functools import cached_property
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.portable import Portable
 from microbot_ocp.ocp.problem import Phase, Variable, node_variables, parts_of
 from microbot_ocp.ocp.transcription._kernels import (
     Derive,
@@ -110,7 +111,7 @@ class PointGroup:
 
 
 @dataclass(frozen=True, eq=False)
-class PhaseLayout:
+class PhaseLayout(Portable):
     """Where one phase stands in the program, and its kernels.
 
     Attributes

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.portable import Portable
 from microbot_ocp.ocp.problem import (
     OptimalControlProblem,
     Phase,
@@ -130,7 +131,7 @@ def with_points(mesh: FloatArray, fractions: Sequence[float]) -> FloatArray:
     return np.array(points) if wanted else mesh
 
 
-class Transcription:
+class Transcription(Portable):
     """A problem with its kernels built once, to be laid out on any number of meshes.
 
     Parameters
@@ -173,6 +174,9 @@ class Transcription:
             for phase in problem.phases
         ]
         self.kernels = [kind.kernels for kind in self._kinds]
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_last": None}  # assembled again where it is wanted
 
     @property
     def compiled(self) -> bool:
