@@ -6,6 +6,7 @@ import json
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 import pytest
@@ -122,3 +123,68 @@ def test_names_that_yaml_reads_as_numbers(tmp_path: Path) -> None:
     path = tmp_path / "a.yaml"
     path.write_text(json.dumps({"joint_names": [2, 1], "points": rows}))
     assert read_rows(path, arm(["1", "2"])).q.tolist() == [[0.0, 0.0], [2.0, 1.0]]
+
+
+TWO = [{"positions": [0.1 * k, 0.2 * k], "time_from_start": float(k)} for k in range(2)]
+ROWS = {"joint_names": ["waist", "elbow"], "points": TWO}
+EMPTY = {"joint_names": [], "points": []}
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        ROWS,
+        {"joint_trajectory": ROWS, "multi_dof_joint_trajectory": EMPTY},
+        {"model_id": "arm", "trajectory": [{"joint_trajectory": ROWS}], "trajectory_start": {}},
+        {"trajectory": {"joint_trajectory": ROWS}, "error_code": {"val": 1}, "group_name": "arm"},
+        {"motion_plan_response": {"trajectory": {"joint_trajectory": ROWS}}},
+        {
+            "planned_trajectory": {"joint_trajectory": ROWS},
+            "executed_trajectory": {"joint_trajectory": EMPTY},
+        },
+        {
+            "trajectory": ROWS,
+            "multi_dof_trajectory": EMPTY,
+            "path_tolerance": [{"name": "waist", "position": 0.1}],
+            "goal_time_tolerance": {"sec": 1, "nanosec": 0},
+        },
+        {"header": {}, "goal_id": {"id": ""}, "goal": {"trajectory": ROWS}},
+    ],
+)
+def test_messages_that_hold_a_trajectory(tmp_path: Path, message: dict[str, Any]) -> None:
+    path = tmp_path / "a.json"
+    path.write_text(json.dumps(message))
+    assert read_rows(path, arm(["waist", "elbow"])).q.tolist() == [[0.0, 0.0], [0.1, 0.2]]
+
+
+@pytest.mark.parametrize(
+    ("message", "path"),
+    [
+        ({**ROWS, "joint_name": []}, "joint_name is no field of JointTrajectory; did you mean"),
+        (
+            {**ROWS, "points": [{**TWO[0], "velocity": [0, 0]}, TWO[1]]},
+            r"points\[0\]\.velocity is no",
+        ),
+        (
+            {"joint_trajectory": ROWS, "multi_dof_joint_trajectory": {"points": [{"a": 1}]}},
+            r"multi_dof_joint_trajectory\.points is ",
+        ),
+        (
+            {
+                "trajectory": [{"joint_trajectory": ROWS}],
+                "trajectory_start": {"attached_collision_objects": [{"link_name": "hand"}]},
+            },
+            r"trajectory_start\.attached_collision_objects is ",
+        ),
+        (
+            {"trajectory": {"joint_trajectory": ROWS}, "error_code": {"val": -1}},
+            r"error_code\.val is -1",
+        ),
+        ({"trajectory": ROWS, "goal_tolerences": []}, "goal_tolerences is no field"),
+    ],
+)
+def test_fields_that_a_check_cannot_keep(tmp_path: Path, message: Any, path: str) -> None:
+    file = tmp_path / "a.json"
+    file.write_text(json.dumps(message))
+    with pytest.raises(mo.InputError, match=rf"^a.json: {path}"):
+        read_rows(file, arm(["waist", "elbow"]))

@@ -252,8 +252,9 @@ def solve(
     if file.suffix.lower() in (".yaml", ".yml"):
         if robot is None:
             raise InputError(f"give --robot: {file.name} names joints, but no robot")
-        around = None if scene is None else mo.load_scene(scene)
-        stops = request_cell(file, mo.load_robot(robot), around)
+        arm = mo.load_robot(robot)
+        around = None if scene is None else mo.load_scene(scene, robot=arm)
+        stops = request_cell(file, arm, around)
     elif robot is not None or scene is not None:
         raise InputError("--robot and --scene are for a request in .yaml; a task names its own")
     elif not is_cell_file(file):
@@ -313,8 +314,10 @@ def check(
         raise InputError("give --scene or --task, not both: a task has a scene")
     cell = None if task is None else read_cell(task)
     stops = stops_of(cell)
-    surroundings = stops.pop("scene", None) if scene is None else mo.load_scene(scene)
     arm = mo.load_robot(str(robot)) if cell is None else cell.robot.with_limits(cell.limits)
+    surroundings = stops.pop("scene", None)
+    if scene is not None:
+        surroundings = mo.load_scene(scene, robot=arm)
     certificate = mo.check(arm, file, profile, scene=surroundings, **stops)
     document = {"robot": arm.name, "profile": profile, "certificate": certificate.as_dict()}
 

@@ -25,6 +25,7 @@ from microbot_ocp._base.checks import (
     shown,
     warn_user,
 )
+from microbot_ocp._base.messages import check_message, kind_of
 from microbot_ocp._base.reading import bytes_of, text_of, yaml_of
 from microbot_ocp.motion import FIELDS, Mark, Motion
 from microbot_ocp.robot import Robot
@@ -34,6 +35,11 @@ KEYS = tuple(FIELDS.values())
 Order = dict[tuple[str, int], int]  # columns of a table by quantity and joint
 ARRAYS = ("t", "q", "qd", "qdd", "tau", "joint_names")
 TIME = ("t", "time")
+MESSAGES_HERE = (
+    "JointTrajectory", "RobotTrajectory", "DisplayTrajectory", "FollowJointTrajectoryGoal",
+    "FollowJointTrajectoryActionGoal", "ExecuteTrajectoryGoal", "MotionPlanResponse",
+    "GetMotionPlanResponse", "MoveGroupResult", "GetCartesianPathResponse",
+)  # fmt: skip
 # "qd elbow [rad/s]", "elbow", "time (s)"
 KEY = re.compile(r"(q|qd|qdd|tau) (.*)", re.DOTALL)
 UNIT = re.compile(r"(.*?) ?[\[(]([^\[\]()]*)[\])]", re.DOTALL)
@@ -310,6 +316,10 @@ def _document(path: Path) -> Any:
 
 
 def _of_message(document: Any, robot: Robot) -> CommandRows:
+    for message in document if isinstance(document, list) else [document]:
+        if isinstance(message, dict):
+            own = {key: value for key, value in message.items() if key != "marks"}
+            check_message(own, kind_of(own, MESSAGES_HERE))
     messages = list(_trajectories_in(document))
     if len(messages) != 1:
         raise InputError(
@@ -344,11 +354,12 @@ def _trajectories_in(document: Any, depth: int = 0) -> Iterator[Mapping[str, Any
     if depth > 6 or not isinstance(document, dict | list):
         return
     if isinstance(document, dict) and {"joint_names", "points"} <= set(document):
-        yield document
+        if document["joint_names"] or document["points"]:
+            yield document
         return
     inner = document.items() if isinstance(document, dict) else enumerate(document)
     for key, value in inner:
-        if key != "multi_dof_joint_trajectory":
+        if not str(key).startswith("multi_dof_"):
             yield from _trajectories_in(value, depth + 1)
 
 

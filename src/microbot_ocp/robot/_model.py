@@ -46,7 +46,9 @@ class Robot:
     figures are equal and share the functions built for them.
 
     ``disabled_pairs`` are the pairs of links, by name, that may touch, as an SRDF file lists them;
-    None where nothing lists any. ``named_poses`` are its named states [n], rad or m.
+    None where nothing lists any. ``named_poses`` are its named states [n], rad or m. ``frames`` are
+    the links of a URDF file by name: 0 for the base or the number of the joint that moves it, and
+    its frame [4,4] in that one.
     """
 
     name: str
@@ -67,6 +69,7 @@ class Robot:
     capsules: tuple[tuple[int, Capsule], ...] = ()
     disabled_pairs: tuple[tuple[str, str], ...] | None = None
     named_poses: Mapping[str, FloatArray] = field(default_factory=dict, compare=False)
+    frames: Mapping[str, tuple[int, FloatArray]] = field(default_factory=dict, compare=False)
 
     @classmethod
     def from_dh(

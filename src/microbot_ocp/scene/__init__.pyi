@@ -20,6 +20,11 @@ from ._detours import (
     Surroundings as Surroundings,
     detour as detour,
 )
+from ._moveit import (
+    Request as Request,
+    load_request as load_request,
+    read_request as read_request,
+)
 from ._obstacles import (
     Box as Box,
     ConvexMesh as ConvexMesh,
@@ -34,6 +39,5 @@ from ._scene import (
     with_arm_capsules as with_arm_capsules,
 )
 from ._scene_file import (
-    load_request as load_request,
     load_scene as load_scene,
 )

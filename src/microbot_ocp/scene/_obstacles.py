@@ -298,6 +298,19 @@ def _to_faces(x: ca.SX, numbers: ca.SX) -> ca.SX:
     return largest + rounding * (ca.log(rest) - np.log(faces))
 
 
+def solid_of(kind: str, size: FloatArray, pose: FloatArray, name: str) -> Obstacle:
+    """Return the obstacle of a kind and size of :class:`~microbot_ocp.robot.Shape`."""
+    center = pose[:3, 3]
+    if kind == "sphere":
+        return Sphere(center, size[0], name)
+    if kind == "box":
+        return Box(size, pose, name)
+    if kind == "cylinder":
+        return Cylinder(size[0], size[1], pose, name)
+    half = size[1] / 2 * pose[:3, 2]
+    return Capsule(center - half, center + half, size[0], name)
+
+
 @lru_cache(maxsize=256)
 def has_many_faces(obstacle: Obstacle) -> bool:
     """Return whether solvers see an obstacle by fewer planes than it has."""

@@ -46,7 +46,7 @@ from microbot_ocp.planning import (
     time_optimal,
 )
 from microbot_ocp.robot import Capsule, JointLimits, Robot, joint_scale, per_joint, rotation_of
-from microbot_ocp.scene import Scene, load_request, load_scene, with_arm_capsules
+from microbot_ocp.scene import Scene, load_scene, read_request, with_arm_capsules
 from microbot_ocp.tasks._front import SHARES, SLACKS, Front, time_effort_front, time_torque_front
 from microbot_ocp.tasks._task_file import (
     CELL,
@@ -335,7 +335,7 @@ def read_cell(path: str | Path) -> CellFile:
             segments=_segments(given.get("segment", []), stops, given.get("cycle", False)),
             settings=TimeOptimalSettings(**settings),
             outputs=tuple(given.get("outputs", CELL_OUTPUTS)),
-            scene=_scene(given.get("scene"), source.parent),
+            scene=_scene(given.get("scene"), source.parent, robot),
             front=front,
             **{key: given[key] for key in ("cycle", "order", "duration") if key in given},
         )
@@ -347,11 +347,14 @@ def request_cell(path: str | Path, robot: Robot, scene: Scene | None) -> CellFil
     Raises
     ------
     InputError
-        As :func:`~microbot_ocp.scene.load_request`.
+        As :func:`~microbot_ocp.scene.load_request`, but for limits, which the task keeps.
     """
-    ends = zip(("start", "goal"), load_request(path, robot), strict=True)
-    stops = tuple(Stop(q=q, name=name) for name, q in ends)
-    return CellFile(Path(path).name, robot, stops, robot.limits, scene=scene)
+    asked = read_request(path, robot)
+    stops = tuple(Stop(q=q, name=name) for name, q in zip(("start", "goal"), asked.q, strict=True))
+    settings = TimeOptimalSettings(time_limit=asked.time_limit)
+    return CellFile(
+        Path(path).name, robot, stops, asked.robot.limits, settings=settings, scene=scene
+    )
 
 
 def _front(table: Mapping[str, Any]) -> tuple[str, tuple[float, ...]]:
@@ -381,10 +384,10 @@ def _with_capsules(robot: Robot, rows: Sequence[Mapping[str, Any]]) -> Robot:
     return robot.with_capsules({**remaining, **capsules})
 
 
-def _scene(table: Any, folder: Path) -> Scene | None:
+def _scene(table: Any, folder: Path, robot: Robot) -> Scene | None:
     """Return the table [scene], or the file that it names."""
     if table is None or isinstance(table, str):
-        return None if table is None else load_scene(folder / table)
+        return None if table is None else load_scene(folder / table, robot=robot)
     if not isinstance(table, dict):
         raise InputError(f"scene must be a table, [scene], or the name of a file, not {table!r}")
     return load_scene(table, folder, "[scene]")

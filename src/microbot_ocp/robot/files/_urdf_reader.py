@@ -350,12 +350,13 @@ class _Tree:
                 f"the joints up to {tip!r} have no frames: numbers too large"
             ) from None
         shapes: list[Shape] = []
+        seen: dict[str, tuple[int, FloatArray]] = {}
         for name in self.order:
             number, frame = places[name]
-            pose = _seen_from(placed[number], frame)
+            seen[name] = number, (pose := _seen_from(placed[number], frame))
             given = self.links[name].shapes
             shapes += [replace(shape, frame=number, pose=pose @ shape.pose) for shape in given]
-        return Robot.from_dh(
+        robot = Robot.from_dh(
             *rows[:4],
             joint_type=["prismatic" if j.type == "prismatic" else "revolute" for j in moving],
             links=self._links(moving, places, rows.frames),
@@ -370,6 +371,7 @@ class _Tree:
             shapes=shapes,
             convention="modified",
         )
+        return replace(robot, frames=seen)
 
     def _remark_held(self, way: list[UrdfJoint], moving: list[UrdfJoint]) -> None:
         """Remark on what a serial chain cannot follow."""
