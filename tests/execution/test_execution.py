@@ -557,6 +557,68 @@ def test_a_tool_line_that_the_plan_uses_up_is_kept(line, profile):
         np.testing.assert_allclose(derivative[[0, -1]], 0.0, atol=1e-9)
 
 
+@pytest.fixture(scope="module")
+def moving_onto_a_line():
+    """A Microbot that passes a stop at speed and goes on along a tool line: stops and motion."""
+    robot = mo.load_robot("microbot")
+    tool = mo.forward_kinematics(robot)
+    middle, end = (np.array(tool(q))[:3, 3] for q in ([0.9, 0.9, 0.3], [1.3, 0.6, 0.6]))
+    stops = [mo.Stop(q=[0.3, 0.6, 0.5]), mo.Stop(position=middle, tolerance=0.05)]
+    stops.append(mo.Stop(position=end))
+    task = {"via_q": stops, "segments": [None, mo.Line(tolerance=2e-3)]}
+    return robot, task, mo.time_optimal(robot, stops, segments=task["segments"], mesh=20, starts=1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("profile", "most"),  # s that rows take longer
+    [
+        ("ur_servoj", 0.02),
+        ("hold@250", 0.05),
+        ("ros2_jtc_linear@200", 0.08),
+        ("ros2_jtc_cubic@100", 0.2),
+        ("ros2_jtc_quintic@100", 0.2),
+    ],
+)
+def test_a_line_that_is_reached_at_speed_is_kept_from_its_first_point_on(
+    moving_onto_a_line, profile, most
+):
+    """The tube was judged from the next sample on, and rows were drawn in one by one, with jerks:
+    all these were refused, ``ur_servoj`` 0.23 s longer.
+    """
+    robot, task, motion = moving_onto_a_line
+    command = mo.execution.commanded(robot, motion, profile, **task)
+    assert command.accepted, command.certificate.verdict
+    assert 0.0 < command.cost < most
+    tool = mo.forward_kinematics(robot)
+    start, end = (task["via_q"][k].position for k in (1, 2))
+    along = np.subtract(end, start) / np.linalg.norm(np.subtract(end, start))
+    played, mark = command.executed, command.executed.marks[1].time
+    q = played.sample(np.linspace(mark, played.duration, 2001)).q
+    points = np.array(tool.map(len(q))(q.T)).reshape(4, -1, 4)[:3, :, 3].T - start
+    across = np.linalg.norm(points - np.outer(points @ along, along), axis=1)
+    assert across.max() <= 2e-3
+    np.testing.assert_allclose(np.array(tool(command.rows.q[-1]))[:3, 3], end, atol=1e-6)
+
+
+def test_a_pose_outside_of_a_profile_is_refused_by_its_position(panda):
+    """It was refused as "velocity before the end" of the joint."""
+    inside = [0.0, -0.6, 0.0, -2.2, 0.0, 1.6, 0.7]
+    for joint, value, allowed in ((3, -0.1, "-3.0421 to -0.1518"), (5, 0.3, "0.5445 to 4.5169")):
+        outside = np.array(inside)
+        outside[joint] = value
+        free = panda.with_limits(q_min=-10.0, q_max=10.0)
+        motion = mo.Motion.from_polynomial(
+            free, mo.quintic([inside, outside], [0.0, 5.0]), label="quintic"
+        )
+        with pytest.raises(mo.InputError) as caught:
+            mo.execution.commanded(free, motion, "fr3")
+        sentence = str(caught.value)
+        assert f"position of {panda.joint_names[joint]} is {value:g} rad at 5 s" in sentence
+        assert "'fr3'" in sentence
+        assert allowed in sentence
+
+
 @pytest.mark.slow
 def test_a_corner_that_is_blended_is_passed_as_nearly_as_stops(microbot):
     """Where the blend begins and ends was asked for exactly, so that no controller was left."""

@@ -12,3 +12,6 @@ from ._certification import (
     certify as certify,
     limit_checks_of as limit_checks_of,
 )
+from ._task_certificate import (
+    stop_misses as stop_misses,
+)

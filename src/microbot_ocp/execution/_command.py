@@ -12,21 +12,20 @@ from typing import Any
 
 import numpy as np
 
-from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp.certificate import Certificate, limit_checks_of
+from microbot_ocp._base.checks import InputError
+from microbot_ocp.certificate import Certificate, LimitCheck, limit_checks_of
 from microbot_ocp.execution._check import AT_REST, efforts, judged
-from microbot_ocp.execution._curve import NEAR, played, played_task, rows_of, spline_of
+from microbot_ocp.execution._curve import NEAR, played, played_task, rows_of
 from microbot_ocp.execution._load import refuse_other_arm, torques_through
+from microbot_ocp.execution._moved_in import Leg, Part, drawn_in, state_of
 from microbot_ocp.execution._profile import HELD, Profile, load_profile
 from microbot_ocp.execution._rows import CommandRows
-from microbot_ocp.limits import ROUNDING, LimitFamily, LimitValues, MotionSamples, StateHistory
+from microbot_ocp.limits import ROUNDING, LimitFamily
 from microbot_ocp.motion import JUMP_GAP, Columns, Mark, Motion, State, write_columns
 from microbot_ocp.planning import Segment, Task
 from microbot_ocp.planning.free._within_limits import SLOWING
 from microbot_ocp.robot import Robot
 from microbot_ocp.scene import Scene
-
-Part = tuple[LimitFamily, StateHistory]
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,20 +141,32 @@ def commanded(
             raise InputError(
                 f"motion must {end} at rest to be a controller's, not at {speed:.3g} rad/s"
             )
+    _refuse_outside(robot, motion, chosen)
     if task is None:
-        rows = _soonest([LimitFamily.of(robot, chosen.limits_of(robot))], motion, chosen)
+        families = [LimitFamily.of(robot, chosen.limits_of(robot))]
+        rows = _soonest(Leg(families, motion, chosen))
     else:
         rows = _rows_through(task, motion, chosen)
     profile_of = partial(efforts, profile=chosen)
-    rows = replace(rows, tau=torques_through(robot, rows, task, profile_of)(rows.t, _state(rows)))
+    rows = replace(rows, tau=torques_through(robot, rows, task, profile_of)(rows.t, state_of(rows)))
     curve = played(robot, rows, chosen, task)
     certificate = judged(robot, rows, curve, chosen, task, scene, simulated=True)
     cost = float(rows.t[-1]) - motion.duration
     return ControllerCommand(chosen, rows, curve, certificate, motion.duration, cost)
 
 
-def _state(rows: CommandRows) -> State:
-    return State(rows.q, np.asarray(rows.qd), np.asarray(rows.qdd))
+def _refuse_outside(robot: Robot, motion: Motion, profile: Profile) -> None:
+    """Refuse a motion that leaves the positions which the robot and a profile allow."""
+    low, high = profile.limits_of(robot).bounds("q")
+    beyond = np.maximum(low - motion.q, motion.q - high)
+    sample, joint = np.unravel_index(int(beyond.argmax()), beyond.shape)
+    if beyond[sample, joint] > NEAR:
+        raise InputError(
+            f"position of {robot.joint_names[joint]} is {motion.q[sample, joint]:.5g} "
+            f"{robot.unit('q', int(joint))} at {motion.t[sample]:.4g} s, but robot and profile "
+            f"{profile.name!r} allow {low[joint]:.5g} to {high[joint]:.5g}; plan under the "
+            "limits of the profile, profile.limits_of(robot)"
+        )
 
 
 def _rows_through(task: Task, motion: Motion, profile: Profile) -> CommandRows:
@@ -186,9 +197,10 @@ def _rows_through(task: Task, motion: Motion, profile: Profile) -> CommandRows:
         rest(k)
         hold(pad)
         part = _from_rest(task, motion, k, after)
-        rows = _soonest(task.families[k:after], part, profile)
+        passed = task.stops[k + 1 : after]
+        rows = _soonest(Leg(task.families[k:after], part, profile, passed))
         marks += [Mark(count * step + mark.time, mark.name) for mark in rows.marks[1:-1]]
-        pieces.append(State(*(column[1:] for column in _state(rows))))
+        pieces.append(State(*(column[1:] for column in state_of(rows))))
         count += len(rows.q) - 1
         hold(pad)
     rest(last)
@@ -210,67 +222,39 @@ def _from_rest(task: Task, motion: Motion, first: int, last: int) -> Motion:
     return Motion(t - start, q, qd, qdd, np.zeros_like(q), motion.label, marks=tuple(marks))
 
 
-def _accepted(
-    families: Sequence[LimitFamily], motion: Motion, profile: Profile, window: int = 0
-) -> CommandRows:
+def _accepted(leg: Leg, window: int = 0) -> CommandRows:
     """Return rows of the motion slowed down until its execution keeps all limits, those of each
     segment there.
 
     With a ``window`` it is first made what a controller makes of it that holds its samples so many
     steps.
     """
+    motion, profile, robot = leg.motion, leg.profile, leg.families[0].robot
     steps = max(1, int(np.ceil(motion.duration / profile.step - ROUNDING)))
-    most, robot = SLOWING.most_evenly * steps + 1.0, families[0].robot
+    most = int(SLOWING.most_evenly * steps) + 1
     while True:
         slowed = motion.stretched(robot, steps * profile.step / motion.duration)
         if window:
             rounding = replace(profile, interpolation="hold", rate=1.0 / (window * profile.step))
             slowed = played(robot, rows_of(slowed, rounding), rounding)
-        rows, parts = _drawn_in(families, rows_of(slowed, profile), profile)
+        rows, parts = drawn_in(leg, rows_of(slowed, profile))
         off = np.abs(slowed.qdd).max() * (window * profile.step) ** 2 / 6.0
-        factor = max(_factor(parts, most / steps), np.sqrt(off / NEAR))
+        factor, worst = _slower(parts)
+        factor = max(factor, np.sqrt(off / NEAR))
         if factor <= 1.0:
             return rows
-        steps = max(steps + 1, int(np.ceil(steps * factor)))
+        if steps >= most:
+            why = f"it is off by {off:.3g} rad" if worst is None else worst.excess
+            raise InputError(
+                f"motion cannot be slowed down for profile {profile.name!r}: {why}; plan under the "
+                "limits of the profile, profile.limits_of(robot), and tool lines within less"
+            )
+        # what asks for more than there is, as a place does that is left, may ask for less later
+        goal = steps * factor if steps * factor <= most else np.sqrt(steps * most)
+        steps = max(steps + 1, int(np.ceil(goal)))
 
 
-def _drawn_in(
-    families: Sequence[LimitFamily], given: CommandRows, profile: Profile
-) -> tuple[CommandRows, list[Part]]:
-    """Return rows moved until their curve is within the limits of the place, and its parts.
-
-    They are moved by a cubic B-spline with a control point a row, each of these by the least change
-    of the joints that brings in what is farthest out beside it, again and again. A step by its
-    misses leaves 0 to 2/3 of them, so one of 3/2 as much at most half.
-    """
-    rows, worst, moves = given, np.inf, np.zeros_like(given.q)
-    while True:
-        curve, change, out = played(families[0].robot, rows, profile), np.zeros_like(moves), 0.0
-        parts = _parts(families, curve)
-        for family, history in parts:
-            q, late = history.samples.q, 0.5 * (curve.duration - given.t[-1])
-            excesses = (v.value - np.clip(v.value, v.lower, v.upper) for v in _of_place(family, q))
-            beyond = np.hstack([q[:, :0], *excesses])
-            out = max(out, float(np.abs(beyond).max(initial=0.0)))
-            outside = np.flatnonzero(beyond.any(axis=1))
-            row = np.rint((history.t[outside] - late) / profile.step).astype(int)
-            for k in set(row) & set(range(2, len(moves) - 2)):  # both ends stay at rest
-                here = outside[row == k]
-                most = beyond[here[np.abs(beyond[here]).argmax(axis=0)], range(beyond.shape[1])]
-                slopes = _slopes(family, q[here[0]])[most != 0.0]
-                change[k] -= 1.5 * np.linalg.lstsq(slopes, most[most != 0.0])[0]
-        if better := out < worst:
-            best, worst = (rows, parts), out
-        if not better or out <= ROUNDING * NEAR:
-            return best
-        moves += change
-        shift = spline_of(moves, profile.step)
-        orders = shift, (speed := shift.derivative()), speed.derivative()
-        added = (order(given.t + profile.step) for order in orders)
-        rows = replace(given, **State(*map(np.add, _state(given), added))._asdict())
-
-
-def _soonest(families: Sequence[LimitFamily], motion: Motion, profile: Profile) -> CommandRows:
+def _soonest(leg: Leg) -> CommandRows:
     """Return rows of the motion slowed down as it is, or rounded off, whichever takes less time.
 
     Where an acceleration jumps, polynomials between two rows make too much of it, and differences
@@ -280,19 +264,19 @@ def _soonest(families: Sequence[LimitFamily], motion: Motion, profile: Profile) 
     """
     best = None
     with suppress(InputError):
-        best = _accepted(families, motion, profile)
-    if best and best.t[-1] <= motion.duration + 3.0 * profile.step:
+        best = _accepted(leg)
+    if best and best.t[-1] <= leg.motion.duration + 3.0 * leg.profile.step:
         return best
     before = np.inf
-    for window in _windows(motion, profile):
+    for window in _windows(leg.motion, leg.profile):
         with suppress(InputError):
-            smooth = _accepted(families, motion, profile, window)
+            smooth = _accepted(leg, window)
             if smooth.t[-1] > before:
                 break
             before = smooth.t[-1]
             if best is None or before < best.t[-1]:
                 best = smooth
-    return best or _accepted(families, motion, profile)  # which says what is in the way
+    return best or _accepted(leg)  # which says what is in the way
 
 
 def _windows(motion: Motion, profile: Profile) -> list[int]:
@@ -303,52 +287,21 @@ def _windows(motion: Motion, profile: Profile) -> list[int]:
     return [window >> halvings for halvings in range(window.bit_length())]
 
 
-def _factor(parts: Sequence[Part], most: float) -> float:
-    """Return by what a curve has to be slower to keep all limits: about that, or somewhat less.
+def _slower(parts: Sequence[Part]) -> tuple[float, LimitCheck | None]:
+    """Return by what a curve has to be slower to keep all limits, about or somewhat less, and the
+    check that asks for it.
 
     A limit of a derivative of some order is used by the power of it less; of a torque all but the
-    part of gravity.
-
-    Raises
-    ------
-    InputError
-        Slowing down does not help, or takes more than ``most``.
+    part of gravity. Infinite where a place is left, as slowing down is no other place.
     """
-    limits = [c for part in parts for c in limit_checks_of(*part)[0]]
-    worst = max(limits, key=lambda check: check.violation, default=None)
-    if worst is None or worst.violation <= ROUNDING:
-        return 1.0
+    limits = [c for part in parts for c in limit_checks_of(*part)[0] if c.violation > ROUNDING]
+    if not limits:
+        return 1.0, None
     orders = {member.key: member.order for family, _ in parts for member in family}
-    factor = max((1.0 + c.violation) ** (1.0 / max(orders[c.quantity], 1)) for c in limits)
-    if orders[worst.quantity] and factor <= most:
-        return factor
-    raise InputError(
-        f"motion cannot be slowed down for the controller: {worst.title} is {worst.value:.5g} "
-        f"{worst.unit} at {worst.time:.4g} s; plan under the limits of the profile, "
-        "profile.limits_of(robot), and tool lines within less"
-    )
-
-
-def _parts(families: Sequence[LimitFamily], curve: Motion) -> list[Part]:
-    """Return the limits of each segment with the part of a curve where they hold."""
-    history, times = curve.history(), [mark.time for mark in curve.marks[1:-1]]
-    if len(families) == 1:
-        return [(families[0], history)]
-    inner = history.t[np.searchsorted(history.t, times)]  # not before a tool line begins
-    spans = pairwise([0.0, *inner, curve.duration])
-    return [(f, history.between(*span)) for f, span in zip(families, spans, strict=True)]
-
-
-def _of_place(family: LimitFamily, q: FloatArray) -> list[LimitValues]:
-    samples = MotionSamples(q, *3 * [np.zeros_like(q)])
-    return list(family.values(samples, family.of_order(0)).values())
-
-
-def _slopes(family: LimitFamily, q: FloatArray) -> FloatArray:
-    """Return how limits of the place change with the joints [k,n], by central differences."""
-    steps = np.cbrt(np.finfo(float).eps) * np.vstack([np.eye(q.size), -np.eye(q.size)])
-    sides = np.hstack([v.value for v in _of_place(family, q + steps)])
-    return (sides[: q.size] - sides[q.size :]).T / (2.0 * steps[0, 0])
+    worst = max(limits, key=lambda check: (orders[check.quantity] == 0, check.violation))
+    if not orders[worst.quantity]:
+        return np.inf, worst
+    return max((1.0 + c.violation) ** (1.0 / orders[c.quantity]) for c in limits), worst
 
 
 def exported(

@@ -20,7 +20,15 @@ from microbot_ocp.certificate import Tolerances
 from microbot_ocp.execution._load import given_task, refuse_other_arm
 from microbot_ocp.execution._profile import HELD, Profile, load_profile
 from microbot_ocp.execution._rows import CommandRows
-from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial, State, quintic_between
+from microbot_ocp.motion import (
+    JUMP_GAP,
+    Mark,
+    Motion,
+    PiecewisePolynomial,
+    State,
+    nearest_samples,
+    quintic_between,
+)
 from microbot_ocp.planning import Segment, Task, motion_along
 from microbot_ocp.robot import Robot
 from microbot_ocp.scene import Scene, with_arm_capsules
@@ -88,6 +96,11 @@ def played(robot: Robot, rows: CommandRows, chosen: Profile, task: Task | None =
     marks = [Mark(mark.time + delay, mark.name) for mark in rows.marks]
     origin = {"method": "what a controller makes of samples", "profile": chosen.name}
     about: Any = {"label": f"{rows.label}, by {chosen.name}", "provenance": origin}
+    # limits that change at a mark are judged from there on, so it is a break
+    inner = np.array([mark.time for mark in marks[1:-1]])
+    curve = curve.divided(
+        inner[np.abs(inner - curve.breaks[nearest_samples(curve.breaks, inner)]) > JUMP_GAP]
+    )
     if task is None:
         return Motion.from_polynomial(robot, curve, marks=marks, **about)
     return motion_along(task, curve, marks, **about)
