@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 import microbot_ocp as mo
 from microbot_ocp.limits import LimitFamily
 from microbot_ocp.motion import PiecewisePolynomial
-from microbot_ocp.planning import corners, straight_path, time_optimal_path
+from microbot_ocp.planning import corners, phase_plane, straight_path, time_optimal_path
 from microbot_ocp.planning.path import stops
 from planning.shared import ARM_VIA, VIA_Q, VIA_QD, VIA_T, arm, dense_excess, pendulum, slider
 
@@ -53,6 +53,55 @@ def test_under_torque_rate_limits_jumps_of_the_curvature_are_stops():
     np.testing.assert_array_equal(stops(passing, rated), [1.0])
     straight = straight_path([[0.0, 0.0], [1.0, 1.0], [2.0, 2.0]])
     assert stops(straight, rated).size == 0
+
+
+UNITS = [1e-9, 1e6, 1e9]
+
+
+def with_units(path, units):
+    """Return the same path with a parameter of other units, one a piece."""
+    powers = np.arange(path.coefficients.shape[1])[:, None]
+    table = path.coefficients / np.reshape(units, (-1, 1, 1)) ** powers
+    return PiecewisePolynomial(np.append(0.0, np.cumsum(np.diff(path.breaks) * units)), table)
+
+
+@pytest.mark.parametrize("offset", [0.0, -1e7])
+@pytest.mark.parametrize(
+    "path",
+    [REPORT_CUBIC, mo.quintic(VIA_Q, VIA_T), straight_path(VIA_Q)],
+    ids=["cubic", "quintic", "straight"],
+)
+def test_neither_the_unit_nor_the_offset_of_the_parameter_decides(path, offset):
+    robot = mo.load_robot("microbot")
+    expected = time_optimal_path(robot, path)
+    expected_speed = phase_plane(robot, path).speed
+    for unit in UNITS if not offset else [1.0]:
+        other = with_units(path, [unit, unit])
+        other = PiecewisePolynomial(other.breaks + offset, other.coefficients)
+        motion, plane = time_optimal_path(robot, other), phase_plane(robot, other)
+        assert motion.solved
+        assert motion.duration == pytest.approx(expected.duration, rel=1e-9)
+        ours = [x * unit + offset for x in expected.provenance["stops"]]
+        np.testing.assert_allclose(motion.provenance["stops"], ours, rtol=1e-9)
+        np.testing.assert_allclose(plane.speed, expected_speed * unit, rtol=1e-6, atol=1e-9 * unit)
+
+
+@pytest.mark.parametrize("units", [[1.0, 1e-4], [1e6, 1.0], [1e-9, 3.0]])
+@pytest.mark.parametrize("path", [REPORT_CUBIC, straight_path(VIA_Q)], ids=["cubic", "straight"])
+def test_each_piece_may_have_a_unit_of_its_own(path, units):
+    robot = mo.load_robot("microbot")
+    motion = time_optimal_path(robot, with_units(path, units))
+    assert len(motion.provenance["stops"]) == len(corners(path))
+    assert motion.duration == pytest.approx(time_optimal_path(robot, path).duration, rel=1e-6)
+
+
+@pytest.mark.slow
+def test_the_unit_does_not_decide_under_torque_rates_either():
+    robot = mo.load_robot("microbot").with_limits(taud_max=4000.0)
+    path = mo.quintic(VIA_Q, VIA_T)
+    expected = time_optimal_path(robot, path).duration
+    motion = time_optimal_path(robot, with_units(path, [1e6, 1e6]))
+    assert motion.duration == pytest.approx(expected, rel=1e-7)
 
 
 # closed forms -------------------------------------------------------------------------------------

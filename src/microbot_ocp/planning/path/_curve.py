@@ -70,6 +70,8 @@ class CurvePiece:
         Whether it is the first half of a piece of the path, so that it ends inside.
     leaves_like : int
         Power of r with which the path leaves the end that is bent (p).
+    unit : float
+        Range of the path's own parameter for every unit of s.
     """
 
     coefficients: FloatArray
@@ -78,6 +80,7 @@ class CurvePiece:
     bent_at_end: bool = False
     halved: bool = False
     leaves_like: int = 2
+    unit: float = 1.0
 
     @property
     def bent(self) -> bool:
@@ -172,14 +175,20 @@ class PathCurve:
     end_free: bool
 
     @classmethod
-    def of(cls, path: PiecewisePolynomial, leaves_like: int = 2) -> PathCurve:
+    def of(cls, path: PiecewisePolynomial, units: FloatArray, leaves_like: int = 2) -> PathCurve:
         """Give a path between two stops with a regular parameter.
 
-        ``leaves_like`` is the power of it with which the path leaves an end at rest: 2, or 3 where
-        rates are limited.
+        ``units`` [K] are those of its pieces, ``leaves_like`` is the power of the parameter with
+        which the path leaves an end at rest: 2, or 3 where rates are limited.
         """
         start, end = vanishing_orders(path, path.breaks[[0, -1]], from_left=True)
-        return cls(tuple(_bent_pieces(path, start, end, leaves_like)), start > 0, end > 0)
+        pieces = [
+            CurvePiece(table, float(length), leaves_like=leaves_like, unit=float(unit))
+            for table, length, unit in zip(
+                path.coefficients, np.diff(path.breaks), units, strict=True
+            )
+        ]
+        return cls(tuple(_bent_pieces(pieces, start, end)), start > 0, end > 0)
 
     @cached_property
     def breaks(self) -> FloatArray:
@@ -242,22 +251,16 @@ class PathCurve:
                 way, rise = (piece.length * _bent_power(x, piece.powers, 1, k) for k in (0, 1))
                 place = piece.length - way if piece.bent_at_end else way
                 slopes = np.abs(rise * per_r)
-            s[here], slope[here] = begin + place, slopes
-            begin += piece.length
+            s[here], slope[here] = begin + piece.unit * place, piece.unit * slopes
+            begin += piece.unit * piece.length
         return s, slope
 
 
-def _bent_pieces(
-    path: PiecewisePolynomial, start: int, end: int, leaves_like: int
-) -> list[CurvePiece]:
+def _bent_pieces(pieces: list[CurvePiece], start: int, end: int) -> list[CurvePiece]:
     """Bend the ends of a path where more derivatives vanish than they may.
 
     docs/theory/path_timing.md, "Ends at rest".
     """
-    pieces = [
-        CurvePiece(table, float(length), leaves_like=leaves_like)
-        for table, length in zip(path.coefficients, np.diff(path.breaks), strict=True)
-    ]
     bent = [replace(pieces[0], order=order).bent for order in (start, end)]
     if len(pieces) == 1 and all(bent):
         first = replace(pieces[0], length=pieces[0].length / 2, halved=True)
@@ -358,14 +361,16 @@ def check_path(family: LimitFamily, path: PiecewisePolynomial) -> FloatArray:
 
 
 def corners(path: PiecewisePolynomial) -> FloatArray:
-    """Find the breaks at which the tangent jumps, or vanishes while its direction jumps."""
-    before, after, size = _at_breaks(path, path.derivative())
-    rests = np.maximum(np.abs(before), np.abs(after)).max(axis=1) <= CURVE.vanishing * size
-    turns = [
-        bool(rest) and _turns(path, float(s))
-        for s, rest in zip(path.breaks[1:-1], rests, strict=True)
-    ]
-    return path.breaks[1:-1][_jumps(before, after, size) | np.array(turns, dtype=bool)]
+    """Find the breaks at which the direction of the path jumps, whatever its parameter does.
+
+    Where the path rests on one side only, they are those at which its tangent jumps.
+    """
+    before, after, _, is_passed = _tangents(path)
+    jump = _jump(before, after, np.maximum(_size(before), _size(after)))
+    jump = np.where(is_passed, _jump(_directions(before), _directions(after), 1.0), jump)
+    rests = ~np.any((before != 0.0) | (after != 0.0), axis=1)
+    turns = [bool(rest) and _turns(path, k) for k, rest in enumerate(rests)]
+    return path.breaks[1:-1][jump | np.array(turns, dtype=bool)]
 
 
 def stops(path: PiecewisePolynomial, family: LimitFamily) -> FloatArray:
@@ -377,51 +382,93 @@ def stops(path: PiecewisePolynomial, family: LimitFamily) -> FloatArray:
     turns = corners(path)
     if not family.jerk_matters:
         return turns
-    bends = _jumps(*_at_breaks(path, path.derivative().derivative()))
+    curvatures = _along(regular(path, turns), 2)
+    bends = _jump(curvatures[-1, :-1], curvatures[0, 1:], np.abs(curvatures).max())
     return np.union1d(turns, path.breaks[1:-1][bends])
+
+
+def regular(path: PiecewisePolynomial, turns: FloatArray) -> PiecewisePolynomial:
+    """Give a path with a parameter of its own, so that the unit of the one it has does not matter.
+
+    Between two of its corners ``turns`` the tangent is continuous, and its largest entry is 1.
+    """
+    before, after, sizes, is_passed = _tangents(path)
+    is_corner = np.isin(path.breaks[1:-1], turns)
+    ratios = np.ones(is_corner.size)
+    passed = is_passed & ~is_corner
+    ratios[passed] = (_size(after) / np.maximum(_size(before), 1e-300))[passed]
+    scales, run = np.ones(sizes.size), np.append(0, np.cumsum(is_corner))
+    for i in range(run[-1] + 1):
+        here = np.flatnonzero(run == i)
+        scale = np.cumprod(np.append(1.0, ratios[here[:-1]]))
+        scales[here] = scale * ((sizes[here] / scale).max() or 1.0)
+    powers = np.arange(path.coefficients.shape[1])[:, None]
+    table = path.coefficients / scales[:, None, None] ** powers
+    return PiecewisePolynomial(np.append(0.0, np.cumsum(scales * np.diff(path.breaks))), table)
 
 
 def segments(
     path: PiecewisePolynomial, between: FloatArray, leaves_like: int = 2
 ) -> list[PathCurve]:
     """Give what lies between two stops, with a parameter of which an end at rest is this power."""
-    if not between.size:
-        return [PathCurve.of(path, leaves_like)]
-    ends = [path.breaks[0], *between, path.breaks[-1]]
-    curves = []
-    for before, after in itertools.pairwise(ends):
-        keep = (path.breaks[:-1] >= before) & (path.breaks[:-1] < after)
-        breaks = np.append(path.breaks[:-1][keep], after)
-        curves.append(
-            PathCurve.of(PiecewisePolynomial(breaks, path.coefficients[keep]), leaves_like)
+    path, own = regular(path, corners(path)), path
+    units = np.diff(own.breaks) / np.diff(path.breaks)
+    ends = np.searchsorted(own.breaks, [own.breaks[0], *between, own.breaks[-1]])
+    return [
+        PathCurve.of(
+            PiecewisePolynomial(path.breaks[i : j + 1], path.coefficients[i:j]),
+            units[i:j],
+            leaves_like,
         )
-    return curves
+        for i, j in itertools.pairwise(ends)
+    ]
 
 
-def _turns(path: PiecewisePolynomial, s: float) -> bool:
-    """Tell whether the path comes to rest by itself at a break and goes on in another direction."""
+def _turns(path: PiecewisePolynomial, k: int) -> bool:
+    """Tell whether the path rests at the end of piece k and goes on in another direction."""
     directions = []
-    for from_left, sign in ((False, 1.0), (True, -1.0)):
-        (order,) = vanishing_orders(path, np.array([s]), from_left=from_left)
-        if order == 0:
-            return False
-        curve = path
+    for piece, from_left, sign in ((k + 1, False, 1.0), (k, True, -1.0)):
+        ends = slice(piece, piece + 2)
+        curve = PiecewisePolynomial(path.breaks[ends], path.coefficients[piece : piece + 1])
+        s = path.breaks[k + 1 : k + 2]
+        (order,) = vanishing_orders(curve, s, from_left=from_left)
         for _ in range(order + 1):
             curve = curve.derivative()
-        direction = sign**order * curve(s, from_left=from_left)[0]
-        directions.append(direction / np.linalg.norm(direction))
-    return bool(np.abs(directions[0] - directions[1]).max() > CURVE.corner)
+        directions.append(_directions(sign**order * curve(s, from_left=from_left)))
+    return bool(_jump(directions[0], directions[1], 1.0)[0])
 
 
-def _at_breaks(
-    path: PiecewisePolynomial, curve: PiecewisePolynomial
-) -> tuple[FloatArray, FloatArray, float]:
-    """Give a derivative of the path before and after inner breaks [K-1,n], and its largest size."""
-    inner, places = path.breaks[1:-1], np.linspace(path.breaks[0], path.breaks[-1], 101)
-    size = float(np.abs(curve(places)).max())
-    return curve(inner, from_left=True), curve(inner), size
+def _along(path: PiecewisePolynomial, order: int) -> FloatArray:
+    """Give a derivative of the path at 21 places of every piece [21,K,n], its ends included."""
+    table, lengths = path.coefficients.swapaxes(0, 1), np.diff(path.breaks)[:, None]
+    return np.array([_power_sum(list(table), x * lengths, order) for x in np.linspace(0, 1, 21)])
 
 
-def _jumps(before: FloatArray, after: FloatArray, size: float) -> NDArray[np.bool_]:
-    """Tell at which breaks a derivative of the path jumps."""
-    return np.abs(after - before).max(axis=1) > CURVE.corner * size
+def _tangents(
+    path: PiecewisePolynomial,
+) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.bool_]]:
+    """Give tangents before and after inner breaks [K-1,n], zero where they vanish in their piece.
+
+    With the largest entry in every piece [K], and whether a break is passed in motion.
+    """
+    tangents = _along(path, 1)
+    sizes = np.abs(tangents).max(axis=(0, 2))
+    sides = np.stack([tangents[-1, :-1], tangents[0, 1:]])
+    around = np.stack([sizes[:-1], sizes[1:]])
+    ratios = np.abs(sides).max(axis=2) / np.maximum(around, 1e-300)
+    sides[ratios <= CURVE.vanishing] = 0.0
+    return sides[0], sides[1], sizes, (ratios > CURVE.corner).all(axis=0)
+
+
+def _size(vectors: FloatArray) -> FloatArray:
+    """Give the largest entry of each vector [K,n]."""
+    return np.abs(vectors).max(axis=1)
+
+
+def _directions(vectors: FloatArray) -> FloatArray:
+    return vectors / np.maximum(_size(vectors), 1e-300)[:, None]
+
+
+def _jump(before: FloatArray, after: FloatArray, size: ArrayLike) -> NDArray[np.bool_]:
+    """Tell at which breaks [K-1] something [K-1,n] jumps, against a size."""
+    return _size(after - before) > CURVE.corner * np.asarray(size)
