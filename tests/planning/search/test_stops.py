@@ -8,8 +8,11 @@ import pytest
 
 import microbot_ocp as mo
 from microbot_ocp._base import deadline
+from microbot_ocp._base.checks import InputError
+from microbot_ocp.limits import LimitFamily
 from microbot_ocp.planning import least_duration, task_of
 from microbot_ocp.planning.search._through_stops import problem_of
+from microbot_ocp.planning.task import TaskScale
 from microbot_ocp.planning.task._segments import CircleArc, Straight, curve_limits
 from planning.shared import arm, pendulum, slider
 
@@ -477,3 +480,60 @@ def test_without_time_for_a_search_segments_go_from_rest_to_rest(rail):
     motion = known.motion
     assert motion.duration == pytest.approx(2 * np.sqrt(0.5 / 2.0) + 0.3 + 2.0, rel=1e-3)
     assert mo.certify(rail, motion, via_q=stops).ok
+
+
+# in motion at nearly one place ----------------------------------------------------------------
+
+
+PLACE, VELOCITY = np.array([0.27, 0.8, -0.24]), np.array([1.8, 1.7, -2.0])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("apart", [0.0, 1e-8])
+def test_how_near_the_places_are_does_not_decide_how_an_arm_in_motion_stops(microbot, apart):
+    """Sweeping out and back takes the same time, however near it comes to where it started."""
+    stops = [mo.Stop(q=PLACE, velocity=VELOCITY), mo.Stop(q=PLACE + apart)]
+    motion = mo.time_optimal(microbot, stops, starts=1, **QUICK)
+    assert motion.solved
+    assert motion.duration == pytest.approx(0.7228, rel=5e-3)
+    assert mo.certify(microbot, motion, via_q=stops).ok
+
+
+@pytest.mark.parametrize(
+    ("way", "end", "duration"),
+    [
+        (1e-6, VELOCITY, 1e-6),  # it only goes on
+        (-1e-8, VELOCITY, 1.1639),  # it goes round
+        (0.0, -VELOCITY, 0.6190),
+    ],
+)
+@pytest.mark.slow
+def test_an_arm_in_motion_may_end_in_motion_near_by(microbot, way, end, duration):
+    stops = [mo.Stop(q=PLACE, velocity=VELOCITY), mo.Stop(q=PLACE + way * VELOCITY, velocity=end)]
+    motion = mo.time_optimal(microbot, stops, starts=1, **QUICK)
+    assert motion.solved
+    assert motion.duration == pytest.approx(duration, rel=5e-3)
+    assert mo.certify(microbot, motion, via_q=stops).ok
+
+
+def test_an_arm_that_need_not_move_is_refused(microbot):
+    with pytest.raises(InputError, match="at the same place"):
+        mo.time_optimal(microbot, [mo.Stop(q=PLACE, velocity=VELOCITY)] * 2)
+    stops = [mo.Stop(q=PLACE, velocity=VELOCITY), mo.Stop(q=PLACE), mo.Stop(q=PLACE + 0.1)]
+    with pytest.raises(InputError, match="at the same place"):
+        mo.time_optimal(microbot, stops)
+
+
+def test_typical_durations_of_joints_in_motion_are_those_of_a_double_integrator():
+    robot = slider(qdd_max=2.0)
+    family = LimitFamily.of(robot)
+
+    def lasts(way, start, end):
+        scale = TaskScale.of(family, np.array([[0.0], [way]]), np.array([[start], [end]]))
+        return scale.durations[0]
+
+    assert lasts(1.0, 0.0, 0.0) == pytest.approx(2.0 * np.sqrt(0.5))
+    assert lasts(0.0, 1.0, 0.0) == pytest.approx(0.5 + 2.0 * np.sqrt(0.25 / 2.0))
+    assert lasts(0.0, 1.0, -1.0) == pytest.approx(1.0)
+    assert lasts(1e-6, 1.0, 1.0) == pytest.approx(1e-6, rel=1e-3)
+    assert lasts(-1.0, 1.0, 1.0) == pytest.approx((2.0 * np.sqrt(3.0) + 2.0) / 2.0)

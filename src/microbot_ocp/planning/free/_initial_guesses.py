@@ -59,6 +59,7 @@ def initial_guesses(
     seed: int,
     *,
     moving: bool = False,
+    velocities: FloatArray | None = None,
 ) -> Iterator[InitialGuess]:
     """Yield the first ``count`` of: the scaled cubic, straight segments, bows and swings in turn.
 
@@ -77,9 +78,11 @@ def initial_guesses(
     count : int
     seed : int
         Of the random segments.
+    velocities : array [m,n], optional
+        At the via points, which the durations are for; zero where they are free.
     """
     bows, waves = np.random.default_rng(seed), np.random.default_rng(seed + 1)
-    drawn = _Drawn(family, via, names)
+    drawn = _Drawn(family, via, names, velocities)
     way = float(np.abs(np.diff(via, axis=0)).sum(axis=0).max())
     largest = min(GUESSES.largest_bow, GUESSES.bow_ratio * way) * drawn.free
     for index in range(moving, count + moving):
@@ -123,11 +126,12 @@ class _Drawn:
     family: LimitFamily
     via: FloatArray
     names: Sequence[str]
+    velocities: FloatArray | None
 
     @cached_property
     def durations(self) -> FloatArray:
         """Typical ones of the segments, s."""
-        return TaskScale.of(self.family, self.via).durations
+        return TaskScale.of(self.family, self.via, self.velocities).durations
 
     @cached_property
     def free(self) -> FloatArray:

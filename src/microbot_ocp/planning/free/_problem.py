@@ -109,10 +109,11 @@ def free_problem(
     both ends and passes the others.
     """
     family = LimitFamily.of(robot)
+    conditions = conditions or passing(robot, via)
     form = _Form(
         family,
-        TaskScale.of(family, via),
-        conditions or passing(robot, via),
+        TaskScale.of(family, via, conditions.velocities),
+        conditions,
         payload=payload,
         budgeted=budgeted,
         jumps=jumps,

@@ -117,7 +117,7 @@ class MotionProblem:
     @cached_property
     def scale(self) -> TaskScale:
         """Typical sizes of the task."""
-        return TaskScale.of(self.family, self.via)
+        return TaskScale.of(self.family, self.via, self.task.conditions.velocities)
 
     @property
     def rested(self) -> float:

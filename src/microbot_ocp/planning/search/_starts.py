@@ -43,7 +43,7 @@ from microbot_ocp.planning.search._search import (
 from microbot_ocp.planning.search._settings import SEARCH
 from microbot_ocp.planning.task import LDL, Task, TaskScale, rounded
 from microbot_ocp.robot import Robot
-from microbot_ocp.trajectories import spline
+from microbot_ocp.trajectories import cubic, spline
 
 
 def explore_mesh(search: MotionSearch) -> int:
@@ -287,7 +287,9 @@ def _guesses(problem: MotionProblem, state: SearchState) -> Iterator[tuple[Way, 
     best = min(of_ways, key=lambda a: (not a.solved, a.solution.duration)).way
     assert best is not None
     further = min(SEARCH.bows, settings.starts - 1) + 1
-    for g in initial_guesses(problem.family, best.via, problem.names, further, settings.seed):
+    given = task.conditions.velocities
+    drawn = problem.family, best.via, problem.names, further, settings.seed
+    for g in initial_guesses(*drawn, moving=bool(given.any()), velocities=given):
         name = f"{best.name}, {g.name}"
         if name not in tried:
             yield best, replace(g, name=name)
@@ -304,15 +306,18 @@ def least_of_slower(problem: MotionProblem, state: SearchState, way: Way) -> flo
 
 def rest_to_rest(task: Task, way: Way, names: Sequence[str], compiled: bool) -> InitialGuess:
     """Return every segment from rest to rest, with its best timing where its path can be
-    travelled.
+    travelled; the free ones that begin or end in motion as cubics.
     """
-    guesses = {}
-    durations = TaskScale.of(task.family, way.via).durations
+    guesses, given = {}, task.conditions.velocities
+    durations = TaskScale.of(task.family, way.via, given).durations
     timings = segment_timings(task, way, compiled)
-    rows = zip(names, way.paths, durations, timings, strict=True)
-    for name, path, duration, timed in rows:
-        shape = spline(path, np.linspace(0.0, float(duration), len(path)))
-        guesses[name] = guess_along(timed or shape)
+    rows = zip(names, way.paths, durations, timings, task.segments, strict=True)
+    for k, (name, path, duration, timed, kind) in enumerate(rows):
+        if kind is None and given[k : k + 2].any():
+            shape = cubic(path[[0, -1]], [0.0, float(duration)], given[k : k + 2])
+        else:
+            shape = timed or spline(path, np.linspace(0.0, float(duration), len(path)))
+        guesses[name] = guess_along(shape)
     return InitialGuess(way.name, guesses)
 
 

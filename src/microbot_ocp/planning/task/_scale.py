@@ -80,18 +80,27 @@ class TaskScale:
     jerk: FloatArray
 
     @classmethod
-    def of(cls, family: LimitFamily, via: FloatArray) -> TaskScale:
-        """Return sizes of a task from its limits; motions joint by joint, without gravity."""
+    def of(
+        cls, family: LimitFamily, via: FloatArray, velocities: FloatArray | None = None
+    ) -> TaskScale:
+        """Return sizes of a task from its limits; motions joint by joint, without gravity.
+
+        With ``velocities`` [m,n] at the via points; by default it rests there.
+        """
         limits = family.robot.limits
-        steps = np.abs(np.diff(via, axis=0))
+        apart = steps = np.abs(np.diff(via, axis=0))
         speed = _larger(limits.bounds("qd"))
         share = np.linspace(0.0, 1.0, TYPICAL.poses)[:, None, None]
         accelerated, jerk_limit, holding = _alone(family, via[:-1] + share * np.diff(via, axis=0))
         with np.errstate(divide="ignore", invalid="ignore"):
+            alone, given = 2.0 * np.sqrt(steps / accelerated), 0.0
+            if velocities is not None and velocities.any():
+                given = np.abs(velocities).max(axis=0)
+                steps, alone = _in_motion(np.diff(via, axis=0), velocities, accelerated)
             times = np.nan_to_num(
                 [
                     1.5 * steps / speed,
-                    2.0 * np.sqrt(steps / accelerated),
+                    alone,
                     np.cbrt(32.0 * steps / jerk_limit),
                     holding,
                 ],
@@ -100,8 +109,9 @@ class TaskScale:
             durations = times.max(axis=(0, 2))
             durations = np.where(durations > 0, durations, steps.max(axis=1) / TYPICAL.speed)
             durations = durations * _stretch(family, via, durations)
-            highest = np.minimum(speed, np.sqrt(2.0 * accelerated * steps.sum(axis=0)))
-            fastest = np.nan_to_num(steps / highest, posinf=0.0).max(axis=1)
+            highest = np.sqrt(given**2 + 2.0 * accelerated * steps.sum(axis=0))
+            highest = np.minimum(speed, highest)
+            fastest = np.nan_to_num(apart / highest, posinf=0.0).max(axis=1)
             reached = steps / durations[:, None]
             gained = np.minimum(accelerated, 4.0 * reached / durations[:, None])
         velocity, acceleration = (
@@ -145,6 +155,23 @@ class TaskScale:
                 continue
             rows.append(Advice("bound", sentence, f"time {between}", duration, "s"))
         return tuple(rows)
+
+
+def _in_motion(
+    ways: FloatArray, velocities: FloatArray, acceleration: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return what joints alone sweep [m-1,n], at least half of it, and how long they take, s.
+
+    They go ``ways`` [m-1,n] between given velocities [m,n] as fast as an acceleration [n] lets
+    them: with one sign first, then with the other.
+    """
+    start, end = velocities[:-1], velocities[1:]
+    squares = 0.5 * (start**2 + end**2)
+    direct = 0.5 * (start + end) * np.abs(end - start) / acceleration  # with one sign alone
+    sign = np.where(ways >= direct, 1.0, -1.0)
+    peak = np.sqrt(np.maximum(sign * acceleration * ways + squares, 0.0))
+    lasts = (2.0 * peak - sign * (start + end)) / acceleration
+    return np.fmax(np.abs(ways), 0.5 * peak * lasts), lasts
 
 
 def _stretch(family: LimitFamily, via: FloatArray, durations: FloatArray) -> float:

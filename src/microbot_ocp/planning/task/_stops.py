@@ -327,6 +327,12 @@ class Conditions:
     ends: tuple[EndConditions, ...]
     closed: tuple[str, ...] = ()
 
+    @property
+    def velocities(self) -> FloatArray:
+        """Velocities [m,n] at the via points; zero where they are not given."""
+        bounds = [np.array(end.qd) for end in self.ends]
+        return np.array([np.where(low == high, low, 0.0) for low, high in bounds])
+
 
 def passing(robot: Robot, via: FloatArray) -> Conditions:
     """Return rest at both ends of via points [m,n], and any velocity at the others."""

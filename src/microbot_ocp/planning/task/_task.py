@@ -443,13 +443,25 @@ def _check_put_down(task: Task) -> None:
         )
 
 
+def _pace(stop: Stop, is_end: bool) -> tuple[float, ...] | None:
+    """Return the velocity that is given at a stop, empty at rest; None where any will do."""
+    if isinstance(stop.velocity, tuple):
+        return stop.velocity if any(stop.velocity) else ()
+    rests = is_end or bool(stop.dwell) or stop.payload is not None
+    return () if stop.velocity == "rest" or (stop.velocity is None and rests) else None
+
+
 def _check_stops(
     family: LimitFamily, stops: Sequence[Stop], kinds: Sequence[Segment], cycle: bool
 ) -> None:
     count = family.robot.joint_count
     for (before, after), kind in zip(itertools.pairwise(stops), kinds, strict=True):
         places = [(stop.q, stop.position, stop.orientation) for stop in (before, after)]
-        if places[0] == places[1] and not isinstance(kind, Circle):
+        paces = [
+            _pace(stop, stop in (stops[0], stops[-1]) and not cycle) for stop in (before, after)
+        ]
+        turns = None not in paces and paces[0] != paces[1]  # moving, it comes back
+        if places[0] == places[1] and not turns and not isinstance(kind, Circle):
             if cycle and len(stops) == 2:
                 raise InputError("a cycle needs at least two stops, not one")
             advice = ": a cycle returns to its first stop by itself" if cycle else ""
