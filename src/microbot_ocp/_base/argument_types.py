@@ -24,6 +24,7 @@ from typing import Any
 
 import numpy as np
 
+from microbot_ocp._base import interrupts
 from microbot_ocp._base.checks import InputError, shown
 
 PACKAGE = __name__.partition(".")[0]
@@ -60,7 +61,7 @@ def checked(thing: Any, face: str) -> Any:
     cached = isinstance(thing, functools._lru_cache_wrapper)
     if not (inspect.isfunction(thing) or cached) or hasattr(thing, "_is_checked"):
         return thing
-    function = _checking(thing)
+    function = _checking(thing, notes=not cached)
     function.__module__, function._is_checked = face, True  # pickle looks it up there
     return function
 
@@ -80,16 +81,17 @@ def _check_methods(kind: type) -> None:
                 setattr(kind, name, _checking(member, data is not None))
 
 
-def _checking(function: Any, data: bool = False) -> Any:
+def _checking(function: Any, data: bool = False, notes: bool = False) -> Any:
     """Return a function that calls the one given here, and looks at what it was given if that
     fails.
     """
     inner = inspect.unwrap(function)
     ours, foreign, refuse = InputError, Exception, functools.partial(_refuse, inner)
+    called = functools.partial(interrupts.obeyed, notes=notes)
 
     def run(*arguments, **named):  # type: ignore[no-untyped-def]  # uses no global name: see below
         try:
-            answer = function(*arguments, **named)
+            answer = called(function, arguments, named)
         except ours:
             raise
         except foreign as problem:

@@ -10,7 +10,8 @@ from contextvars import ContextVar
 
 import numpy as np
 
-from microbot_ocp._base import checks
+from microbot_ocp._base import checks, interrupts
+from microbot_ocp._base.status import Status
 
 _until: ContextVar[float] = ContextVar("until", default=np.inf)
 _given_up: ContextVar[bool] = ContextVar("given_up", default=False)
@@ -34,7 +35,8 @@ def within(time_limit: float) -> Iterator[None]:
     seconds = checks.time_limit(time_limit)
     token = _until.set(min(_until.get(), time.perf_counter() + seconds))
     try:
-        yield
+        with interrupts.noted():
+            yield
     finally:
         _until.reset(token)
 
@@ -43,12 +45,12 @@ def until() -> float:
     """Return when the time is over, by the clock of ``time.perf_counter``; infinite without a
     limit.
     """
-    return _until.get()
+    return 0.0 if interrupts.pressed() else _until.get()
 
 
 def left() -> float:
     """Return the time that is left, s; infinite without a limit."""
-    return max(0.0, _until.get() - time.perf_counter())
+    return max(0.0, until() - time.perf_counter())
 
 
 def processor_time() -> float:
@@ -57,8 +59,13 @@ def processor_time() -> float:
 
 
 def over() -> bool:
-    """Return whether the time is over."""
-    return time.perf_counter() >= _until.get()
+    """Return whether the time is over, by its limit or by Ctrl-C."""
+    return time.perf_counter() >= until()
+
+
+def status() -> Status:
+    """Return the status of what ended because the time is over."""
+    return Status.INTERRUPTED if interrupts.pressed() else Status.TIME_LIMIT
 
 
 @contextmanager

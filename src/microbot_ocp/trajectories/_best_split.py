@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp._base.status import Status
 from microbot_ocp.limits import ROUNDING, LimitFamily, MotionSamples
 from microbot_ocp.limits._history import PEAK_SEARCH, orders_of, samples_of
 from microbot_ocp.motion import PiecewisePolynomial
@@ -101,7 +100,7 @@ def best_split(
         factor=np.nan,
         iterations=search.tried + scaled.iterations,
         wall_time=time.perf_counter() - started,
-        status=Status.TIME_LIMIT if ended else scaled.status,
+        status=deadline.status() if ended else scaled.status,
     )
 
 

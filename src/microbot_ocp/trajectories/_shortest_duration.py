@@ -244,7 +244,7 @@ class _DurationSearch:
             utilisation=met.use,
             iterations=self.tried,
             wall_time=time.perf_counter() - started,
-            status=Status.TIME_LIMIT if deadline.over() else Status.SOLVED,
+            status=deadline.status() if deadline.over() else Status.SOLVED,
         )
 
     def _bracket(self) -> tuple[tuple[float, Peak], tuple[float, Peak]]:

@@ -23,6 +23,7 @@ from typing import NamedTuple, cast
 
 import numpy as np
 
+from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.diagnosis import BESIDE, falls_for_ever
@@ -265,7 +266,7 @@ class _Work:
         if not saddle and (not self.finer or (goal.met(seen.step) and not seen.coarse)):
             return Status.SOLVED
         if self.context.over:
-            return Status.TIME_LIMIT
+            return deadline.status()
         if len(rounds) > goal.rounds:
             return Status.ROUND_LIMIT
         if isinstance(proposal, Beside):

@@ -267,7 +267,7 @@ class SolveTask:
 
     @property
     def over(self) -> bool:
-        return time.perf_counter() >= self.until
+        return time.perf_counter() >= self.until or deadline.over()
 
     @property
     def alone(self) -> bool:

@@ -14,7 +14,6 @@ from ._progress import (
     StepProgress as StepProgress,
     Watch as Watch,
     quiet as quiet,
-    watching as watching,
 )
 from ._solution import (
     RIVALS as RIVALS,

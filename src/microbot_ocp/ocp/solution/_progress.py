@@ -9,10 +9,7 @@ there are no callbacks, but for the last iterate of a solver that may have to be
 from __future__ import annotations
 
 import mmap
-import signal
-import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -183,31 +180,3 @@ def _interrupts(problem: BaseException | None) -> bool:
     while problem is not None and not isinstance(problem, KeyboardInterrupt):
         problem = problem.__cause__ or problem.__context__
     return problem is not None
-
-
-@contextmanager
-def watching(solver: str) -> Iterator[Callable[[], bool]]:
-    """Note Ctrl-C during a solve instead of losing the result to it.
-
-    Yields a function that tells whether it was pressed. IPOPT and the SQP method look for the
-    exception at every evaluation and stop; fatrop does not, and would only lose its result.
-    """
-    seen = False
-
-    def note(*_: object) -> None:
-        nonlocal seen
-        seen = True
-        if solver != "fatrop":
-            raise KeyboardInterrupt
-
-    usual = signal.default_int_handler
-    # signals go to the main thread, and another handler may be installed
-    in_main = threading.current_thread() is threading.main_thread()
-    noted = in_main and signal.getsignal(signal.SIGINT) is usual
-    if noted:
-        signal.signal(signal.SIGINT, note)
-    try:
-        yield lambda: seen
-    finally:
-        if noted:
-            signal.signal(signal.SIGINT, usual)

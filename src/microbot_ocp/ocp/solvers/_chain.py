@@ -107,7 +107,7 @@ class SolveContext:
     @property
     def over(self) -> bool:
         """Whether the time is over."""
-        return time.perf_counter() >= self.until
+        return time.perf_counter() >= self.until or deadline.over()
 
     def solve(
         self, mesh: Meshes, guess: Given, *, uneven: bool = False, **settings: Any

@@ -13,10 +13,11 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from microbot_ocp._base import interrupts
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.child_process import Died, OutOfTime, Send, can_fork, in_child
 from microbot_ocp._base.status import Status
-from microbot_ocp.ocp.solution import Attempt, LastIterate, Progress, StartingPoint, Watch, watching
+from microbot_ocp.ocp.solution import Attempt, LastIterate, Progress, StartingPoint, Watch
 from microbot_ocp.ocp.solvers._plugins import SolverSettings, create
 from microbot_ocp.ocp.transcription import Program
 
@@ -100,7 +101,11 @@ class Runner:
             if forks:  # it answers before its process is ended, and what it had is known then
                 left -= max(SETTINGS.earlier * left, SETTINGS.least_earlier)
                 watch = watch or LastIterate(self.program, name)
-        solver = self._solver(name, variant, watch, left)
+        solver = (
+            _Answer(interrupted=True)
+            if interrupts.pressed()
+            else self._solver(name, variant, watch, left)
+        )
         created = time.perf_counter()
         if isinstance(solver, _Answer):
             answer = solver
@@ -149,6 +154,8 @@ class Runner:
         """Return what a call left, measured again."""
         program, stats, result = self.program, answer.stats, answer.values
         stopped = answer.interrupted or (watch is not None and watch.stopped)
+        if stopped:
+            interrupts.note()
         last = start.x if watch is None or watch.x is None else watch.x
         x = last if not result or (stopped and watch is not None) else result["x"]
         cost, infeasibility = checked(program, x)
@@ -220,7 +227,9 @@ def _called(solver: ca.Function, arguments: Mapping[str, Any]) -> _Answer:
 
 def _answered(call: Callable[[], _Answer], name: str, watch: Watch | None) -> _Answer:
     """Return what a solver answers, and whether Ctrl-C was pressed."""
-    with watching(name) as interrupted:
+    # IPOPT and the SQP method look for the exception at every evaluation and stop; fatrop does not,
+    # and would only lose its result
+    with interrupts.noted(is_raised=name != "fatrop") as interrupted:
         if watch is not None:
             watch.asked = interrupted
         try:

@@ -80,7 +80,7 @@ class PathTiming:
     @property
     def duration(self) -> float:
         """Time from end to end, s; NaN where the path cannot be travelled or time was over."""
-        return float("nan") if self.status is Status.TIME_LIMIT else float(self.t[-1])
+        return float(self.t[-1]) if self.solved else float("nan")
 
     def motion(self, label: str = "path, reachability") -> Motion:
         """Give the timing as a motion: the acceleration of the parameter is linear between points.
@@ -90,8 +90,8 @@ class PathTiming:
         InputError
             The path cannot be travelled, or the time limit was over.
         """
-        if self.status is Status.TIME_LIMIT:
-            raise checks.InputError(f"the time limit was over at s = {self.s[-1]:g} of the path")
+        if self.status not in (Status.SOLVED, Status.INFEASIBLE):
+            raise checks.InputError(f"the time was over at s = {self.s[-1]:g} of the path")
         if not self.solved:
             raise checks.InputError(
                 f"the path cannot be travelled within the limits beyond s = {self.blocked_at:g}"
@@ -198,7 +198,7 @@ def time_path(
             if not reached.feasible:
                 blocked.append(float(np.interp(reached.blocked_at, reached.s, s[-1])))
             begin, start = float(s[-1][-1]), float(t[-1][-1])
-    status = Status.SOLVED if len(parts) == len(curves) else Status.TIME_LIMIT
+    status = Status.SOLVED if len(parts) == len(curves) else deadline.status()
     status = Status.INFEASIBLE if blocked else status
     return PathTiming(
         robot=family.robot,

@@ -202,7 +202,7 @@ def phase_plane(
     }
     blocked = [part.blocked_at for part in parts if not part.feasible]
     late = len(parts) < len(curves)
-    status = Status.TIME_LIMIT if late else Status.SOLVED
+    status = deadline.status() if late else Status.SOLVED
     return PhasePlane(
         **joined,
         arcs=tuple(arc for part in parts for arc in part.arcs),

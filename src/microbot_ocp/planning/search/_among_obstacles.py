@@ -345,7 +345,7 @@ def at_least(fallback: ProvedPath | None, motion: Motion | None, proof: Clearanc
 def _outcome_of(fallback: ProvedPath, motion: Motion | None, proof: Clearance | None) -> Outcome:
     """Return how a search ended in whose place, or as whose motion, a fallback is returned."""
     if motion is None:
-        return Outcome.of(Status.TIME_LIMIT)
+        return Outcome.of(deadline.status())
     outcome, ledger = motion.outcome, motion.outcome.ledger.discarded()
     is_timed_path = "made_from" not in fallback.motion.provenance
     slower = is_timed_path and motion.duration >= fallback.motion.duration
@@ -354,7 +354,7 @@ def _outcome_of(fallback: ProvedPath, motion: Motion | None, proof: Clearance | 
     if proof is not None and proof.proved:
         outcome = Outcome.of(outcome.status, NOTHING_FASTER)
         if deadline.over():
-            outcome = Outcome.of(Status.TIME_LIMIT)
+            outcome = Outcome.of(deadline.status())
     elif proof is not None:
         outcome = Outcome.of(Status.NOT_ACCEPTED, proof.sentence)
     elif outcome.status in (Status.INFEASIBLE, Status.LIMITS_EXCEEDED):  # there is a motion

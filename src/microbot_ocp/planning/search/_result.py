@@ -269,10 +269,11 @@ def _known_if_better(best: Fastest, motion: Motion) -> Motion:
     if fast_enough and (best.calmer or more >= -WORSE):
         return motion
     outcome = motion.outcome
-    if motion.status is not Status.TIME_LIMIT and solution.status.solved and abs(more) <= WORSE:
+    is_whole = motion.status not in (Status.TIME_LIMIT, Status.INTERRUPTED)
+    if is_whole and solution.status.solved and abs(more) <= WORSE:
         outcome = Outcome.of(Status.SOLVED)
     elif motion.status in (Status.LIMITS_EXCEEDED, Status.SOLVED):
-        outcome = Outcome.of(Status.TIME_LIMIT if best.cut else Status.NOT_ACCEPTED)
+        outcome = Outcome.of(deadline.status() if best.cut else Status.NOT_ACCEPTED)
     elif motion.status is Status.INFEASIBLE:  # there is a motion
         outcome = Outcome.of(Status.FAILED, NONE_WITHIN)
     outcome = replace(outcome, ledger=motion.outcome.ledger)

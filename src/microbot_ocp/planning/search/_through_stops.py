@@ -17,7 +17,6 @@ import numpy as np
 from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import InputError
 from microbot_ocp._base.outcome import Outcome
-from microbot_ocp._base.status import Status
 from microbot_ocp.limits import JointLimits, Limits
 from microbot_ocp.motion import Motion
 from microbot_ocp.ocp.solution import StepProgress
@@ -179,7 +178,7 @@ def _without_search(way: Slowed, wall: float) -> Motion:
         "made_from": way.made_from,
         "wall_time": wall,
     }
-    outcome = Outcome.of(Status.TIME_LIMIT).and_(returned(way.made_from))
+    outcome = Outcome.of(deadline.status()).and_(returned(way.made_from))
     return replace(way.motion, provenance=provenance).ended(outcome)
 
 
@@ -246,6 +245,8 @@ def effort_front(search: MotionSearch, state: SearchState | None, slacks: Sequen
     first = best.answer.solution.duration
     points = [(effort_of(search, best.answer.solution), motion_of_answer(best))]
     for slack in sorted(slacks) if best.answer.solved else ():
+        if deadline.over():
+            return points, deadline.status().sentence
         share = (1.0 + slack) * first / best.answer.solution.duration - 1.0
         calmer = least_effort(search, best.answer, share)
         best = replace(best, answer=calmer.answer, calmer=calmer)
@@ -261,6 +262,8 @@ def torque_front(search: MotionSearch, state: SearchState | None, shares: Sequen
     problem, best = search.problem, fastest(search, state, slack=0.0)
     points, before = [(effort_of(search, best.answer.solution), motion_of_answer(best))], 1.0
     for share in sorted(shares, reverse=True) if best.answer.solved else ():
+        if deadline.over():
+            return points, deadline.status().sentence
         try:
             weaker = with_torques(problem.task, share)
         except InputError as refused:

@@ -68,7 +68,7 @@ def verdict(
     """
     worst = largest(excess)
     if deadline.over() and solution.status is not Status.INTERRUPTED:
-        return Outcome.of(Status.TIME_LIMIT)
+        return Outcome.of(deadline.status())
     if solution.status.solved and not worst <= limit_tolerance:
         return Outcome.of(
             Status.LIMITS_EXCEEDED,

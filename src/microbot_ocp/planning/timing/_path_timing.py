@@ -341,7 +341,7 @@ class _PathSearch:
         if deadline.over():
             left = self.limits_kept_by[LATER]
             advice = TOO_LATE.format(", ".join(left)) if left else LATE
-            outcome = Outcome.of(Status.TIME_LIMIT, advice)
+            outcome = Outcome.of(deadline.status(), advice)
         return self._motion(timings, PASSES, outcome, excess=excess)
 
     def _profile_motion(self, profiles: list[SpeedProfile]) -> Motion:
@@ -352,7 +352,8 @@ class _PathSearch:
         names = ", ".join(self.limits_kept_by[LATER]) or "every limit"
         advice = UNSOLVED.format(str(status), names, 100 * excess)
         if deadline.over() and status is not Status.INTERRUPTED:
-            status, advice = Status.TIME_LIMIT, Status.TIME_LIMIT.sentence
+            status = deadline.status()
+            advice = status.sentence
         elif status.solved:
             advice = ""
             if not excess <= self.settings.limit_tolerance:
