@@ -56,6 +56,13 @@ def test_a_second_declaration_of_the_same_name_is_refused(kind):
         TWICE[kind]()
 
 
+def test_what_holds_at_the_start_may_be_named_like_what_holds_at_the_end():
+    _, phase, x, v, _ = car()
+    phase.point_constraint("pose", x - v, 0.0, 0.0, at=0.0)
+    phase.end_constraint("pose", x, 10.0, 10.0)
+    assert phase.point_constraints[0].name == phase.end_constraints[0].name == "pose"
+
+
 @pytest.fixture(scope="module")
 def solver():
     return ParametricSolver(car(final=0.0)[0], mesh=20)

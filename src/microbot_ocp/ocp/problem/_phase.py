@@ -21,7 +21,6 @@ from microbot_ocp._base.portable import Portable
 from microbot_ocp._base.relations import Symbol
 from microbot_ocp.ocp.problem._coupling import owned, value_of
 from microbot_ocp.ocp.problem._items import (
-    LIMITS,
     Bound,
     Measurement,
     Parameter,
@@ -402,7 +401,7 @@ class Phase(Portable):
         """
         limits = declared_limits(name, expression, lower, upper, scale, unit)
         held = [replace(limit, interior_points=interior_points) for limit in limits]
-        self.constraints += self._owned(held)
+        self.constraints += self._owned([*self.end_constraints, *self.point_constraints], held)
 
     def end_constraint(
         self,
@@ -438,7 +437,7 @@ class Phase(Portable):
         6.283
         """
         limits = declared_limits(name, expression, lower, upper, scale, unit)
-        self.end_constraints += self._owned(limits, at=1.0)
+        self.end_constraints += self._owned(self.end_constraints, limits, at=1.0)
 
     def point_constraint(
         self,
@@ -461,7 +460,7 @@ class Phase(Portable):
         whole = ca.vertcat(*(limit.expression for limit in limits))
         fractions = self._point_fractions(f"constraint {name!r}", whole, at)
         place = float(fractions[0]) if fractions.size == 1 else None
-        there = self._owned(limits, at=place)
+        there = self._owned(self.point_constraints, limits, at=place)
         self.point_constraints += [PointConstraint.of(limit, fractions) for limit in there]
 
     def running_cost(self, expression: ca.MX) -> None:
@@ -560,12 +559,18 @@ class Phase(Portable):
         return -expression if gains else expression
 
     def _owned(
-        self, limits: Sequence[PathConstraint], at: float | None = None
+        self,
+        given: Sequence[PathConstraint],
+        limits: Sequence[PathConstraint],
+        at: float | None = None,
     ) -> list[PathConstraint]:
-        """Return limits with everything that comes from elsewhere among the free parameters."""
-        given = [getattr(self, kind) for kind in LIMITS]
+        """Return limits with everything that comes from elsewhere among the free parameters.
+
+        None may have the name of a path constraint, or of one that was ``given`` before: what holds
+        at the start may have that of what holds at the end.
+        """
         for limit in limits:
-            self._refuse_second(f"constraint {limit.name!r}", limit.name, *given)
+            self._refuse_second(f"constraint {limit.name!r}", limit.name, self.constraints, given)
         return [replace(k, expression=owned(self, k.expression, at)) for k in limits]
 
     def _refuse_second(
