@@ -1,14 +1,17 @@
 """URDF and SRDF files as data: what stands there, every number checked by name.
 
-Formats: https://wiki.ros.org/urdf/XML, with its defaults; what the format demands but files leave
-out all the same is filled in with a remark. http://wiki.ros.org/srdf is what MoveIt says of a robot
-beside its URDF: read are the chains of groups, named states, and the pairs of links whose
-collisions are disabled; what is about planning groups alone has no place in a robot.
+Formats: https://wiki.ros.org/urdf/XML, with its defaults, versions 1.0 to 1.2 as urdfdom 6 has
+them; files that leave out an entry which the format demands have it filled in with a remark.
+http://wiki.ros.org/srdf is MoveIt's description of a robot beside its URDF: read are the chains of
+groups, named states, and the pairs of links whose collisions are disabled; planning groups have no
+place in a robot. ``ELEMENTS`` lists the parts that are read and those that change no motion; any
+other part is left out with a remark.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from xml.etree.ElementTree import Element
@@ -20,7 +23,7 @@ from microbot_ocp._base.checks import FloatArray, InputError, naming
 from microbot_ocp._base.reading import bytes_of
 from microbot_ocp.limits import JOINT_QUANTITIES
 from microbot_ocp.robot._shapes import ROLES, SIZES, Role, Shape
-from microbot_ocp.robot._transforms import rotation_of, transform_of, without_dust
+from microbot_ocp.robot._transforms import of_quaternion, rotation_of, transform_of, without_dust
 from microbot_ocp.robot.files._ros_files import find_mesh
 from microbot_ocp.robot.files._xml import Remarks, read_xml
 
@@ -31,8 +34,76 @@ HELD = ("planar", "floating", "spherical")  # a serial chain has no such joints
 # What a joint's extension element may hold: rotor inertia, and limits that <limit> has no room for.
 RANGES = tuple(key for key in JOINT_QUANTITIES if key != "q")
 EXTRA_KEYS = ("armature", *(f"{quantity}_{side}" for quantity in RANGES for side in ("min", "max")))
-UNREAD = ("disable_default_collisions", "enable_collisions", "link_sphere_approximation")  # of SRDF
+PREFIXES = ("xmlns", "sensor", "controller")  # of attributes and elements that move nothing
 MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+VERSIONS = ("1.0", "1.1", "1.2")
+# Attributes and children of each element: those that are read, and those that change no motion of
+# an arm, some only with the value that stands behind "=". Others are remarked on by name.
+ELEMENTS = {
+    "robot": (
+        f"name version link joint gazebo transmission mujoco {EXTENSION}",
+        "material sensor ros2_control drake:collision_filter_group",
+    ),
+    "link": (
+        "name inertial collision contact",
+        "type visual surface self_filter collision_checking self_collision_checking "
+        "kinematic=0 gravity=1",
+    ),
+    "inertial": ("origin mass inertia", ""),
+    "mass": ("value", ""),
+    "inertia": (" ".join(MOMENTS), ""),
+    "collision": (
+        "name origin geometry",
+        "material verbose contact_coefficients drake:proximity_properties",
+    ),
+    "contact": (  # Bullet's
+        "",
+        "lateral_friction rolling_friction spinning_friction restitution stiffness damping "
+        "contact_cfm contact_erp friction_anchor",
+    ),
+    "origin": ("xyz rpy quat_xyzw", ""),
+    "geometry": (" ".join(SIZES), "name"),
+    "box": ("size", ""),
+    **{kind: (" ".join(SIZES[kind]), "") for kind in ("sphere", "cylinder", "capsule")},
+    "mesh": ("filename scale", "drake:declare_convex"),
+    "joint": (
+        f"name type origin parent child axis limit dynamics mimic safety_controller {EXTENSION} ",
+        "calibration dont_collapse hardwareInterface",
+    ),
+    "parent": ("link", ""),
+    "child": ("link", ""),
+    "axis": ("xyz", ""),
+    "limit": (f"lower upper effort velocity acceleration deceleration jerk {ACCELERATION}", ""),
+    "dynamics": ("damping friction", "D=0 K=0 mu_coulomb=0 mu_viscous=0 spring_stiffness=0"),
+    "mimic": ("joint multiplier offset", ""),
+    "safety_controller": ("soft_lower_limit soft_upper_limit", "k_position k_velocity"),
+    "transmission": (
+        "name type actuator",
+        "joint plugin mechanicalReduction robotNamespace leftActuator rightActuator flexJoint "
+        "rollJoint gap_joint passive_joint use_simulated_gripper_joint",
+    ),
+    "actuator": (
+        "name",
+        "role hardwareInterface mechanicalReduction mechanical_reduction encoderReduction "
+        "motorTorqueConstant",
+    ),
+    "gazebo": (
+        "reference",
+        "material visual sensor plugin camera ray contact collision mu1 mu2 fdir1 kp kd slip1 "
+        "slip2 torsionalFriction maxVel minDepth maxContacts laserRetro selfCollide self_collide "
+        "provideFeedback fudgeFactor stopKp stopKd stopCfm stopErp cfmDamping canonicalBody "
+        "implicitSpringDamper initial_joint_position preserveFixedJoint disableFixedJointLumping "
+        "dampingFactor=0 springStiffness=0 springReference=0 velocityDecay=0 kinematic=0 "
+        "static=0 enable_wind=0 turnGravityOff=0 gravity=1",
+    ),
+    "mujoco": ("", "compiler size visual"),
+}
+SRDF = {
+    "robot": (
+        "name version group group_state disable_collisions",
+        "virtual_joint end_effector joint_property",
+    ),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +138,7 @@ class UrdfJoint:
     velocity: float = math.inf
     effort: float = math.inf
     acceleration: float = math.inf
+    jerk: float = math.inf
     damping: float = 0.0
     friction: float = 0.0
     leader: str | None = None  # joint that it mimics
@@ -98,12 +170,46 @@ def urdf_file(root: Element, origin: str, folder: Path | None, remarks: Remarks)
     about = dict(_part(root, EXTENSION).attrib)
     for key in about:
         checks.one_of(f"<{EXTENSION}>", key, ("gravity", "description"))
+    remark_unread(root, ELEMENTS, remarks, "the file")
+    version = root.get("version", VERSIONS[0])
+    if version not in VERSIONS:
+        remarks.add(f"version {version!r} of URDF is unknown: it is read as {VERSIONS[-1]}")
+    elif version == VERSIONS[0] and next(root.iterfind(".//origin[@quat_xyzw]"), None) is not None:
+        remarks.add("quat_xyzw is read as of version 1.1, where version 1.0 has only rpy")
     reader = _Reader(root, folder, remarks)
     links = {name: reader.link(element, name) for name, element in _named(root, "link").items()}
     joints = {name: reader.joint(e, name) for name, e in _named(root, "joint").items()}
     gravity = numbers_from("gravity", about.get("gravity", "0 0 -9.81"))
     name = root.get("name") or Path(origin).stem
     return UrdfFile(name, links, joints, gravity, about.get("description", ""))
+
+
+def remark_unread(
+    element: Element, table: Mapping[str, tuple[str, str]], remarks: Remarks, owner: str
+) -> None:
+    """Remark on all of an element that a table has neither as read nor as harmless."""
+    read, harmless = (names.split() for names in table[element.tag])
+    parts = [(key, key, value) for key, value in element.attrib.items()]
+    parts += [(part.tag, f"<{part.tag}>", part.text or part.get("value", "")) for part in element]
+    for key, text, value in parts:
+        known = {key, f"{key}={_plain(value)}"} & {*read, *harmless}
+        if not known and key.partition(":")[0] not in PREFIXES:
+            kind = "left out is what may change how the arm moves or where it may"
+            remarks.add(kind, f"{text} of {owner}")
+    for part in element:
+        if part.tag in read and part.tag in table:
+            name = part.get("name", part.get("reference"))
+            inner = f"{part.tag} {name!r}" if name else f"<{part.tag}> of {owner}"
+            remark_unread(part, table, remarks, inner)
+
+
+def _plain(value: str) -> str:
+    """Return a number or truth as ``ELEMENTS`` has it: 0, 1."""
+    text = value.strip().lower()
+    try:
+        return f"{float(text):g}"
+    except ValueError:
+        return {"false": "0", "true": "1"}.get(text, text)
 
 
 def _named(root: Element, kind: str) -> dict[str, Element]:
@@ -155,7 +261,15 @@ def _vector(element: Element, key: str, label: str, default: str, count: int = 3
 def _frame(element: Element, label: str) -> FloatArray:
     """Return the transform [4,4] of an element's <origin>; the identity without one."""
     origin = _part(element, "origin")
-    rotation = rotation_of(_vector(origin, "rpy", label, "0 0 0"))
+    if "quat_xyzw" in origin.attrib:
+        if "rpy" in origin.attrib:
+            raise InputError(f"{label} must have rpy or quat_xyzw, not both")
+        x, y, z, w = _vector(origin, "quat_xyzw", f"quat_xyzw of the {label}", "", 4)
+        if not (x or y or z or w):
+            raise InputError(f"quat_xyzw of the {label} must be a quaternion, not zero")
+        rotation = of_quaternion(np.array([w, x, y, z]))
+    else:
+        rotation = rotation_of(_vector(origin, "rpy", label, "0 0 0"))
     return without_dust(transform_of(rotation, _vector(origin, "xyz", label, "0 0 0")))
 
 
@@ -221,6 +335,12 @@ class _Reader:
             checks.one_of(f"<{EXTENSION}> of {label}", key, EXTRA_KEYS)
         dynamics, limit = _part(element, "dynamics"), _part(element, "limit")
         lower, upper = self._range(limit, kind, name)
+        safety = _part(element, "safety_controller")
+        soft_lower = _finite(safety, "soft_lower_limit", label, lower)
+        soft_upper = _finite(safety, "soft_upper_limit", label, upper)
+        if kind != "continuous" and (soft_lower > lower or soft_upper < upper):
+            what = "soft limits, tighter than the limits of a joint, are left out"
+            self.remarks.add(what, f"[{soft_lower:g}, {soft_upper:g}] of {label}")
         return UrdfJoint(
             name,
             kind,
@@ -231,7 +351,8 @@ class _Reader:
             upper=upper,
             velocity=self._bound(limit, "velocity", label),
             effort=self._bound(limit, "effort", label),
-            acceleration=self._bound(limit, ACCELERATION, label),
+            acceleration=self._acceleration(limit, label),
+            jerk=self._bound(limit, "jerk", label),
             damping=_finite(dynamics, "damping", label, at_least=0.0),
             friction=_finite(dynamics, "friction", label, at_least=0.0),
             leader=None if element.find("mimic") is None else mimic.get("joint", ""),
@@ -265,6 +386,17 @@ class _Reader:
             kind = "limits of 0 are read as not stated: there is no such limit"
             self.remarks.add(kind, f"{key} of {label}")
         return bound or math.inf
+
+    def _acceleration(self, limit: Element, label: str) -> float:
+        """Return the smallest bound of speeding up and of slowing down."""
+        keys = [
+            key for key in ("acceleration", "deceleration", ACCELERATION) if key in limit.attrib
+        ]
+        bounds = [self._bound(limit, key, label) for key in keys]
+        if len({*bounds}) > 1:
+            kind = "of several limits of acceleration the smallest is taken, both ways"
+            self.remarks.add(kind, label)
+        return min(bounds, default=math.inf)
 
     def _range(self, limit: Element, kind: str, name: str) -> tuple[float, float]:
         """Return lower and upper position of a joint, rad or m."""
@@ -349,9 +481,7 @@ def read_srdf(path: str | Path) -> SrdfFile:
 def _content(root: Element, remarks: Remarks) -> SrdfFile:
     if root.tag != "robot":
         raise InputError(f"it is not an SRDF: its root is <{root.tag}>, not <robot>")
-    for kind in UNREAD:
-        if root.find(kind) is not None:
-            remarks.add("elements of the SRDF are left out", f"<{kind}>")
+    remark_unread(root, SRDF, remarks, "the SRDF")
     tips, states = dict[str, str](), list[tuple[str, dict[str, float]]]()
     for group in root.findall("group"):
         if (chain := group.find("chain")) is not None:

@@ -44,6 +44,7 @@ from microbot_ocp.robot.files._xml import Remarks, read_xml
 
 PARALLEL = 1e-12  # rad: what rounding in the computation leaves between parallel axes
 USUAL_TOOL = "tool0"  # name of the tool frame by ROS-Industrial's convention
+FIELDS = {"qd": "velocity", "tau": "effort", "qdd": "acceleration", "qddd": "jerk"}  # of a joint
 ROOM = 70  # characters that a list of names takes in a message
 Places = dict[str, tuple[int, FloatArray]]  # of links: number of the joint that moves it, frame
 
@@ -462,7 +463,7 @@ def _limits(moving: list[UrdfJoint]) -> Limits:
             )
     bounds: dict[str, Any] = {}
     for quantity in RANGES:
-        key = {"qd": "velocity", "tau": "effort", "qdd": "acceleration"}.get(quantity, "")
+        key = FIELDS.get(quantity, "")
         bounds[f"{quantity}_max"] = tuple(
             [_extra(j, f"{quantity}_{side}", sign * getattr(j, key, math.inf)) for j in moving]
             for side, sign in (("min", -1.0), ("max", 1.0))
