@@ -4,8 +4,8 @@
 ``--chains`` a line for every chain, too.
 
 The files come with ``example-robot-data``, ``rtb-data`` and ``airo-models``, which others maintain.
-Pinocchio reads the whole tree; joints that are not on the way to the tip stand still at zero, or
-where a mimic's offset has them.
+Pinocchio reads the whole tree without mimics; joints that are not on the way to the tip stand still
+at zero, or where a mimic's offset has them; those on it that follow others are moved with them.
 """
 
 from __future__ import annotations
@@ -110,20 +110,20 @@ def chains(file: File, most: int | None = None) -> Iterator[Chain]:
             warnings.simplefilter("always")
             robot = mo.robot.load_urdf(file.path, tip)
         states = random_states(robot, STATES, seed=7)
-        tree = Tree(model, robot.joint_names, file.offsets)
+        tree = Tree(model, robot, file.offsets)
         differences = _kinematics(robot, tree, tip, states[0])
-        if robot.joint_names not in told:
-            told[robot.joint_names] = _dynamics(robot, tree, *states)
-        differences += told[robot.joint_names]
+        if robot.chain.joint_names not in told:
+            told[robot.chain.joint_names] = _dynamics(robot, tree, *states)
+        differences += told[robot.chain.joint_names]
         yield Chain(tip, robot.joint_count, differences, tuple(str(w.message) for w in caught))
 
 
 class Tree:
     """Pinocchio's model of the whole file, of which only the joints of a chain move."""
 
-    def __init__(self, model: pin.Model, chain: tuple[str, ...], offsets: dict[str, float]) -> None:
-        self.model, self.data = model, model.createData()
-        self.joints = [model.joints[model.getJointId(name)] for name in chain]
+    def __init__(self, model: pin.Model, robot: mo.Robot, offsets: dict[str, float]) -> None:
+        self.model, self.data, self.robot = model, model.createData(), robot
+        self.joints = [model.joints[model.getJointId(name)] for name in robot.chain.joint_names]
         self.columns = [joint.idx_v for joint in self.joints]
         self.held = pin.neutral(model)
         for name, offset in offsets.items():
@@ -132,13 +132,13 @@ class Tree:
 
     def position(self, q: np.ndarray) -> np.ndarray:
         full = self.held.copy()
-        for joint, value in zip(self.joints, q, strict=True):
+        for joint, value in zip(self.joints, self.robot.chain_positions(q), strict=True):
             full[joint.idx_q : joint.idx_q + joint.nq] = _position(joint, value)
         return full
 
     def rate(self, qd: np.ndarray) -> np.ndarray:
         full = np.zeros(self.model.nv)
-        full[self.columns] = qd
+        full[self.columns] = self.robot.transmission @ qd
         return full
 
 
@@ -163,7 +163,7 @@ def _kinematics(robot: mo.Robot, tree: Tree, tip: str, q: np.ndarray) -> tuple[f
     poses, slopes = [], []
     for row in map(tree.position, q):
         slope = pin.computeFrameJacobian(model, data, row, frame, pin.LOCAL_WORLD_ALIGNED)
-        slopes.append(slope.reshape(6, model.nv)[:, tree.columns])
+        slopes.append(slope.reshape(6, model.nv)[:, tree.columns] @ robot.transmission)
         pin.framesForwardKinematics(model, data, row)
         poses.append(data.oMf[frame].homogeneous)
     ours = (batch(mo.forward_kinematics(robot), q), batch(mo.jacobian(robot), q))
@@ -173,9 +173,9 @@ def _kinematics(robot: mo.Robot, tree: Tree, tip: str, q: np.ndarray) -> tuple[f
 def _dynamics(
     robot: mo.Robot, tree: Tree, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray
 ) -> tuple[float, float]:
-    model, data, at = tree.model, tree.data, tree.columns
+    model, data, at, moved = tree.model, tree.data, tree.columns, robot.transmission
     tau = [
-        pin.rnea(model, data, tree.position(row), tree.rate(speed), tree.rate(change))[at]
+        moved.T @ pin.rnea(model, data, tree.position(row), tree.rate(speed), tree.rate(change))[at]
         for row, speed, change in zip(q, qd, qdd, strict=True)
     ]
     upper = []
@@ -187,7 +187,7 @@ def _dynamics(
         return np.nan, np.nan
     smooth = [replace(link, viscous_friction=0.0, coulomb_friction=0.0) for link in robot.links]
     bare = robot.with_links(smooth)
-    mass = np.array([u + np.triu(u, 1).T for u in upper])
+    mass = np.array([moved.T @ (u + np.triu(u, 1).T) @ moved for u in upper])
     return (
         relative(batch(mo.inverse_dynamics(bare), q, qd, qdd), np.array(tau)),
         relative(batch(mo.mass_matrix(bare), q), mass),

@@ -306,14 +306,13 @@ def test_each_finger_can_be_the_tip(finger: str, held: str) -> None:
     assert robot.joint_names == ("j1", f"to {finger}")
 
 
-def test_of_joints_on_one_way_that_mimic_each_other_the_leader_moves() -> None:
-    """The first follows the second: it stands at its offset."""
+def test_of_joints_on_one_way_that_mimic_each_other_the_leader_moves_both() -> None:
+    """The first follows the second."""
     mimic = LIMIT + "<mimic joint='j2' offset='0.5'/>"
-    with pytest.warns(RobotFileWarning, match=r"are held still: 'j1' at 0\.5"):
-        robot = parse_urdf(chain(revolute(more=mimic), revolute("1 0 0")))
+    robot = parse_urdf(chain(revolute(more=mimic), revolute("1 0 0")))
     assert robot.joint_names == ("j2",)
-    pose = np.array(mo.forward_kinematics(robot)([0.0]))
-    assert pose[:3, 3] == pytest.approx([np.cos(0.5), np.sin(0.5), 0.0], abs=1e-15)
+    pose = np.array(mo.forward_kinematics(robot)([0.2]))
+    assert pose[:3, 3] == pytest.approx([np.cos(0.7), np.sin(0.7), 0.0], abs=1e-15)
 
 
 @pytest.mark.parametrize("leader", ["nobody", "to other", "fixed"])
@@ -430,7 +429,7 @@ UMLAUT = "<!-- Gelenk für später -- hier -->"
     ],
 )
 def test_sloppy_xml_and_odd_encodings_are_read(data: str | bytes) -> None:
-    assert parse_urdf(data) == quiet(PLAIN)
+    assert quiet(data) == quiet(PLAIN)
 
 
 @pytest.mark.parametrize("declared", ["", "<?xml version='1.0' encoding='klingon'?>"])

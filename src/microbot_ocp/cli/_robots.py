@@ -87,7 +87,8 @@ def show(
     document = {
         "name": arm.name,
         "description": arm.description,
-        "joints": [_joint_document(arm, joint) for joint in range(arm.joint_count)],
+        "joints": [_joint_document(arm.chain, joint) for joint in range(arm.link_count)],
+        **({"mimic": arm.mimic} if arm.mimic else {}),
         **{key: getattr(arm, key) for key in ("tool", "base", "gravity")},
         "total_mass": sum(link.mass for link in arm.links) if arm.has_dynamics else None,
         "workspace": workspace,
@@ -123,8 +124,8 @@ def fk(
     --------
     $ microbot-ocp fk microbot --q-deg 0,45,30
     """
-    if frame is not None and not 1 <= frame <= robot.joint_count:
-        raise InputError(f"--frame must be 1 to {robot.joint_count}, not {frame}")
+    if frame is not None and not 1 <= frame <= robot.link_count:
+        raise InputError(f"--frame must be 1 to {robot.link_count}, not {frame}")
     pose = np.array(mo.forward_kinematics(robot, frame)(q))
     outside = _outside(robot, q)
     rpy = fixed_angles(pose[:3, :3])

@@ -83,13 +83,7 @@ def reach(robot: Robot) -> float:
 @lru_cache(maxsize=64)
 def joint_scale(robot: Robot) -> FloatArray:
     """Return the unit of every joint [n]: a radian, or the reach for a prismatic joint."""
-    return np.where(revolute(robot), 1.0, reach(robot))
-
-
-@lru_cache(maxsize=64)
-def revolute(robot: Robot) -> np.ndarray:
-    """Return which joints [n] are revolute."""
-    return np.array(robot.joint_types) == "revolute"
+    return np.where(np.array(robot.joint_types) == "revolute", 1.0, reach(robot))
 
 
 @lru_cache(maxsize=16)

@@ -11,7 +11,7 @@ from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.status import Status
 from microbot_ocp.inverse_kinematics import _search as search
-from microbot_ocp.inverse_kinematics._kernels import joint_scale, revolute
+from microbot_ocp.inverse_kinematics._kernels import joint_scale
 from microbot_ocp.inverse_kinematics._result import IKPath, read_only
 from microbot_ocp.inverse_kinematics._solve import checked_targets, nearest_solution
 from microbot_ocp.robot import Robot
@@ -99,7 +99,7 @@ def _with_turns(robot: Robot, starts: FloatArray) -> FloatArray:
     """
     low, high = robot.limits.bounds("q")
     rows = [starts]
-    for joint in np.flatnonzero(revolute(robot) & (np.isfinite(low) | np.isfinite(high))):
+    for joint in np.flatnonzero(robot.whole_turns & (np.isfinite(low) | np.isfinite(high))):
         for turn in (-2 * np.pi, 2 * np.pi):
             moved = np.array(starts)
             moved[:, joint] += turn

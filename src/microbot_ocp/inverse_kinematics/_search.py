@@ -99,7 +99,7 @@ def middle(robot: Robot) -> FloatArray:
 @lru_cache(maxsize=64)
 def start_range(robot: Robot) -> tuple[FloatArray, FloatArray]:
     """Give where starts lie: within the limits, at most half a turn (the reach) from the middle."""
-    around = np.where(kernels.revolute(robot), np.pi, kernels.reach(robot))
+    around = np.where(robot.whole_turns, np.pi, kernels.reach(robot))
     lower, upper = robot.limits.bounds("q")
     low = np.maximum(lower, middle(robot) - around)
     return read_only(low), read_only(np.minimum(upper, middle(robot) + around))
@@ -111,7 +111,7 @@ def difference(robot: Robot, ours: FloatArray, theirs: FloatArray) -> FloatArray
     """
     gap = ours - theirs
     turned = (gap + np.pi) % (2 * np.pi) - np.pi
-    return np.where(kernels.revolute(robot), turned, gap / kernels.joint_scale(robot))
+    return np.where(robot.whole_turns, turned, gap / kernels.joint_scale(robot))
 
 
 def within_limits(robot: Robot, q: FloatArray, near: FloatArray) -> tuple[FloatArray, np.ndarray]:
@@ -123,7 +123,7 @@ def within_limits(robot: Robot, q: FloatArray, near: FloatArray) -> tuple[FloatA
     last = np.floor((upper + slack - q) / turn)
     wished = np.round((near - q) / turn)
     moved = q + turn * np.where(
-        kernels.revolute(robot), np.clip(wished, first, np.maximum(first, last)), 0.0
+        robot.whole_turns, np.clip(wished, first, np.maximum(first, last)), 0.0
     )
     inside = (moved >= lower - slack) & (moved <= upper + slack)
     return np.clip(moved, lower, upper), np.asarray(inside.all(axis=-1))
@@ -199,7 +199,7 @@ def _clusters_of_each(
 
     Returns rows [K,n], their targets [K] in order, and how many rows each stands for.
     """
-    turn = np.where(kernels.revolute(robot), 2 * np.pi, np.inf)
+    turn = np.where(robot.whole_turns, 2 * np.pi, np.inf)
     place, which = difference(robot, q, middle(robot)), np.arange(len(q))
     targets, firsts, met = [[np.zeros(0, dtype=int)] for _ in range(3)]
     row = which
@@ -392,10 +392,10 @@ def find_branches(robot: Robot, targets: FloatArray) -> list[Found]:
     count, width = robot.joint_count, targets.shape[1]
     rank = kernels.generic_rank(robot, width)
     redundant = count > rank
-    balanced_when_complete = bool(kernels.revolute(robot).all()) and count == rank == min(width, 6)
+    balanced_when_complete = bool(robot.whole_turns.all()) and count == rank == min(width, 6)
     low, high = start_range(robot)
     if not redundant:
-        around = np.where(kernels.revolute(robot), np.pi, 0.0)
+        around = np.where(robot.whole_turns, np.pi, 0.0)
         low = np.minimum(low, middle(robot) - around)
         high = np.maximum(high, middle(robot) + around)
     bounds = robot.limits.bounds("q") if redundant else None

@@ -132,6 +132,7 @@ def link_capsules(robot: Robot, radius: ArrayLike | None = None) -> dict[int, tu
     >>> {frame: len(found) for frame, found in capsules.items()}
     {1: 1, 2: 1}
     """
+    robot = robot.chain
     count = robot.joint_count
     segments: list[tuple[int, FloatArray, FloatArray]] = []
     before = robot.base

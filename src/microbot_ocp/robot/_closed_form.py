@@ -201,7 +201,7 @@ def closed_form(robot: Robot) -> ClosedForm:
     Parameters
     ----------
     robot : Robot
-        At most six joints, revolute or prismatic.
+        At most six joints, revolute or prismatic, with those that follow others.
 
     Returns
     -------
@@ -210,7 +210,8 @@ def closed_form(robot: Robot) -> ClosedForm:
     Raises
     ------
     InputError
-        More than six joints.
+        More than six joints; a joint that turns another by no whole number of its own turns, or
+        slides one that turns: there is no sum of sines.
 
     Examples
     --------
@@ -225,9 +226,15 @@ def closed_form(robot: Robot) -> ClosedForm:
     >>> print(mo.robot.closed_form(mo.load_robot("stanford")).gravity[2])
     63.4707 cos(q2)
     """
-    if robot.joint_count > MOST_JOINTS:
+    if robot.link_count > MOST_JOINTS:
         raise InputError(
-            f"closed_form needs a robot of at most {MOST_JOINTS} joints, not {robot.joint_count}"
+            f"closed_form needs a robot of at most {MOST_JOINTS} joints, not {robot.link_count}"
+        )
+    turns = (np.array(robot.chain.joint_types) == "revolute") @ np.abs(robot.transmission)
+    for joint in np.flatnonzero((turns > 0) & ~robot.whole_turns).tolist():
+        raise InputError(
+            "closed_form needs joints that turn others by whole numbers: "
+            f"{robot.joint_names[joint]!r} does not"
         )
     pose, _ = _expanded(robot, forward_kinematics(robot), 1)
     if not robot.has_dynamics:
@@ -256,11 +263,14 @@ def _expanded(
     q = ca.SX.sym("q", count)
     value = function(q)
     joints = [joint for joint in range(count) if ca.depends_on(value, q[joint])]
-    around, along = np.arange(2 * degree + 1), np.linspace(-1.0, 1.0, degree + 1)
-    circle = around * 2 * np.pi / around.size
-    axes = [circle if turns[joint] else along for joint in joints]
+    along = np.linspace(-1.0, 1.0, degree + 1)
+    around = 2 * degree * np.abs(robot.transmission).sum(axis=0).astype(int) + 1
+    axes = [
+        np.arange(around[joint]) * 2 * np.pi / around[joint] if turns[joint] else along
+        for joint in joints
+    ]
     grid = np.zeros((count, int(np.prod([axis.size for axis in axes]))))
-    grid[joints] = np.array(list(product(*axes))).T.reshape(len(joints), -1)
+    grid[joints] = np.array(list(product(*axes))).T.reshape(len(joints), grid.shape[1])
     rows, columns = value.shape
     values = np.array(function.map(grid.shape[1])(grid)).reshape(rows, -1, columns)
     size = float(np.abs(values).max())
@@ -287,11 +297,11 @@ def _expanded(
 
 
 def _runs(robot: Robot) -> Runs:
-    """Return revolute joints, neighbours with parallel axes together."""
+    """Return revolute joints, neighbours with parallel axes together, each alone if some follow."""
     runs: list[list[int]] = []
     parallel = (np.abs(np.sin(robot.alpha)) < 1e-12) & (robot.beta == 0)
     for joint, kind in enumerate(robot.joint_types):
-        if joint == 0 or not parallel[joint]:
+        if joint == 0 or robot.coupling is not None or not parallel[joint]:
             runs.append([])
         if kind == "revolute":
             runs[-1].append(joint)

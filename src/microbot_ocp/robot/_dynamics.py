@@ -24,12 +24,14 @@ import casadi as ca
 from microbot_ocp._base.checks import InputError
 from microbot_ocp.robot._function import function_maker, robot_function, symbols
 from microbot_ocp.robot._kinematics import (
+    chain_motion,
     constant_transform,
     forward_kinematics,
     frames,
     jacobian,
     joint_transform,
     link_poses,
+    selection,
 )
 from microbot_ocp.robot._model import Robot
 
@@ -47,13 +49,14 @@ def _cross(left: ca.SX, right: ca.SX) -> ca.SX:
 
 def friction_torque(robot: Robot, qd: ca.SX) -> ca.SX:
     """Return torques [n] of friction, each of the speed of its own joint."""
+    kinds = (robot.friction_of(kind).tolist() for kind in ("viscous_friction", "coulomb_friction"))
     terms = []
-    for joint, link in enumerate(robot.links):
+    for joint, (viscous, coulomb) in enumerate(zip(*kinds, strict=True)):
         term = ca.SX(0)
-        if link.viscous_friction:
-            term = term + link.viscous_friction * qd[joint]
-        if link.coulomb_friction:
-            term = term + link.coulomb_friction * ca.tanh(qd[joint] / COULOMB_SMOOTHING)
+        if viscous:
+            term = term + viscous * qd[joint]
+        if coulomb:
+            term = term + coulomb * ca.tanh(qd[joint] / COULOMB_SMOOTHING)
         terms.append(term)
     return ca.vertcat(*terms)
 
@@ -61,6 +64,10 @@ def friction_torque(robot: Robot, qd: ca.SX) -> ca.SX:
 def _newton_euler(robot: Robot, q: ca.SX, qd: ca.SX, qdd: ca.SX, *, friction: bool = True) -> ca.SX:
     """Return joint torques [n] by the outward and inward recursions of Craig, section 6.5."""
     _require_links(robot)
+    if robot.coupling is not None:
+        motion = chain_motion(robot, q, qd, qdd)
+        total = selection(robot).T @ _newton_euler(robot.chain, *motion, friction=False)
+        return total + friction_torque(robot, qd) if friction else total
     count = robot.joint_count
     # An upward acceleration of the base acts as gravity does; here in frame 0 of the rows.
     acceleration = ca.sparsify(constant_transform(robot.base)[0].T @ ca.SX(ca.DM(-robot.gravity)))
@@ -114,6 +121,9 @@ def _newton_euler(robot: Robot, q: ca.SX, qd: ca.SX, qdd: ca.SX, *, friction: bo
 def _mass_matrix(robot: Robot, q: ca.SX) -> ca.SX:
     """Return mass matrix [n,n] by composite rigid bodies, carried inward in link frames."""
     _require_links(robot)
+    if robot.coupling is not None:
+        inner = _mass_matrix(robot.chain, *chain_motion(robot, q))
+        return selection(robot).T @ inner @ selection(robot)
     count = robot.joint_count
     transforms = [joint_transform(robot, joint, q[joint]) for joint in range(count)]
     matrix = ca.SX(count, count)
@@ -316,7 +326,7 @@ class MotionState:
         Of the tool's origin, linear (m/s, m/s^2, m/s^3), then angular (rad/s, ...), in the base
         frame.
     link_poses : tuple of expression [4,4]
-        Poses of the base and of link frames 1 to n in the base frame.
+        Poses of the base and of link frames 1 to N in the base frame.
     """
 
     def __init__(

@@ -40,6 +40,7 @@ def rest_pose(robot: Robot) -> FloatArray:
 
 def stretched_out(robot: Robot) -> float:
     """Return the distance of the tool from the base origin that is never exceeded, m."""
+    robot = robot.chain
     revolute = np.array(robot.joint_types) == "revolute"
     low, high = robot.limits.bounds("q")
     slides = np.maximum(np.abs(robot.d + low), np.abs(robot.d + high))
@@ -73,14 +74,13 @@ def largest_reach(robot: Robot, *, poses: int = 4000, rounds: int = 12) -> tuple
     """
     from microbot_ocp.robot._kinematics import forward_kinematics  # loads CasADi
 
-    revolute = np.array(robot.joint_types) == "revolute"
     low, high = robot.limits.bounds("q")
     bound = stretched_out(robot)
     if not np.isfinite(bound):
         return float("inf"), float("inf")
     rest = rest_pose(robot)  # beyond half a turn from it poses recur
-    low = np.where(revolute, np.maximum(low, rest - np.pi), low)
-    high = np.where(revolute, np.minimum(high, rest + np.pi), high)
+    low = np.where(robot.whole_turns | np.isinf(low), np.maximum(low, rest - np.pi), low)
+    high = np.where(robot.whole_turns | np.isinf(high), np.minimum(high, rest + np.pi), high)
     rng = np.random.default_rng(0)
     best, distance = rest, 0.0
     batch = forward_kinematics(robot).map(poses + 1)
@@ -126,11 +126,10 @@ def drive_advice(robot: Robot, qdd: Any = None) -> str:
     bounded |= limited["taud"] & masses
     unlimited = np.flatnonzero(~bounded & ~(limited["tau"] & masses)).tolist()
     limitless = np.flatnonzero(~bounded).tolist()
-    without_rotor = [
-        k
-        for k, link in enumerate(robot.links)
-        if link.inertia.any() and not link.armature and link.rotor is None and k in limitless
-    ]
+    owned = [*zip(robot.transmission.nonzero()[1].tolist(), robot.links, strict=False)]
+    geared = {k for k, link in owned if link.armature or link.rotor is not None}
+    heavy = {k for k, link in owned if link.inertia.any()}
+    without_rotor = sorted((heavy - geared) & {*limitless})
     if unlimited:
         joints, torque = unlimited, ("torque, ", "tau_max, ") if masses else ("", "")
         lacking = (

@@ -73,8 +73,22 @@ def constant_transform(transform: FloatArray) -> tuple[ca.SX, ca.SX]:
     return ca.sparsify(ca.SX(ca.DM(clean[:3, :3]))), ca.sparsify(ca.SX(ca.DM(clean[:3, 3])))
 
 
+def selection(robot: Robot) -> ca.SX:
+    """Return S [N,n], whose product with rates of the coordinates are those of all joints."""
+    return ca.sparsify(ca.SX(ca.DM(robot.transmission)))
+
+
+def chain_motion(robot: Robot, q: ca.SX, *rates: ca.SX) -> list[ca.SX]:
+    """Return positions and rates [N] of all joints of the chain from those of the coordinates."""
+    if robot.coupling is None:
+        return [q, *rates]
+    matrix = selection(robot)
+    return [matrix @ q + ca.DM(robot.coupling.offsets), *(matrix @ rate for rate in rates)]
+
+
 def frames(robot: Robot, q: ca.SX) -> list[tuple[ca.SX, ca.SX]]:
-    """Return the rotation and origin in the base frame of link frames 1 to n and of the tool."""
+    """Return the rotation and origin in the base frame of link frames 1 to N and of the tool."""
+    (q,), robot = chain_motion(robot, q), robot.chain
     rotation, origin = constant_transform(robot.base)
     placed = []
     for joint in range(robot.joint_count):
@@ -101,7 +115,7 @@ def forward_kinematics(
     ----------
     robot : Robot
     frame : int, optional
-        Link frame 1 to n (0 is the base); default the tool frame n+1.
+        Link frame 1 to N (0 is the base); default the tool frame N+1.
     compiled : bool
         Compile to C (cached); falls back to CasADi's virtual machine with a warning.
 
@@ -118,7 +132,7 @@ def forward_kinematics(
     >>> np.array(pose([0, 0, 0]))[:3, 3].tolist()
     [7.0, 0.0, 2.0]
     """
-    last = robot.joint_count + 1
+    last = robot.link_count + 1
     index = last if frame is None else frame
     if not isinstance(index, int | np.integer) or not 0 <= index <= last:
         raise InputError(
@@ -131,8 +145,8 @@ def forward_kinematics(
 
 @function_maker
 def link_poses(robot: Robot, *, compiled: bool = False) -> ca.Function:
-    """Return poses of the base and link frames 1 to n side by side: ``(q[n]) -> poses[4, 4
-    (n+1)]``.
+    """Return poses of the base and link frames 1 to N side by side: ``(q[n]) -> poses[4, 4
+    (N+1)]``.
     """
     state = symbols(robot, "q")
     poses = [ca.SX.eye(4), *(_homogeneous(*frame) for frame in frames(robot, **state)[:-1])]
@@ -141,7 +155,7 @@ def link_poses(robot: Robot, *, compiled: bool = False) -> ca.Function:
 
 @function_maker
 def frame_origins(robot: Robot, *, compiled: bool = False) -> ca.Function:
-    """Give origins of the base, every link frame and the tool: ``(q[n]) -> origins[3, n+2]``, m."""
+    """Give origins of the base, every link frame and the tool: ``(q[n]) -> origins[3, N+2]``, m."""
     state = symbols(robot, "q")
     origins = [ca.SX.zeros(3), *(ca.densify(origin) for _, origin in frames(robot, **state))]
     return robot_function("frame_origins", state, {"origins": ca.horzcat(*origins)}, compiled)
@@ -161,14 +175,16 @@ def jacobian(robot: Robot, *, compiled: bool = False) -> ca.Function:
     poses = frames(robot, **state)
     tool = poses[-1][1]
     columns = []
-    for joint in range(robot.joint_count):
+    for joint, kind in enumerate(robot.chain.joint_types):
         rotation, origin = poses[joint]
         axis = ca.densify(rotation)[:, 2]
-        if robot.joint_types[joint] == "revolute":
+        if kind == "revolute":
             columns.append(ca.vertcat(ca.cross(axis, ca.densify(tool - origin)), axis))
         else:
             columns.append(ca.vertcat(axis, ca.SX.zeros(3)))
-    return robot_function("jacobian", state, {"J": ca.horzcat(*columns)}, compiled)
+    whole = ca.horzcat(*columns)
+    whole = whole if robot.coupling is None else whole @ selection(robot)
+    return robot_function("jacobian", state, {"J": whole}, compiled)
 
 
 @function_maker
@@ -178,12 +194,12 @@ def velocity_propagation(robot: Robot, *, compiled: bool = False) -> ca.Function
     Returns
     -------
     casadi.Function
-        ``(q[n], qd[n]) -> v[3,n+1], omega[3,n+1]``: column i is the velocity of link frame i+1's
+        ``(q[n], qd[n]) -> v[3,N+1], omega[3,N+1]``: column i is the velocity of link frame i+1's
         origin (m/s) and its angular velocity (rad/s) expressed in that frame; the tool is last.
     """
-    count = robot.joint_count
     state = symbols(robot, "q", "qd")
-    q, qd = state.values()
+    (q, qd), robot = chain_motion(robot, *state.values()), robot.chain
+    count = robot.joint_count
     v, omega = ca.SX.zeros(3), ca.SX.zeros(3)
     all_v, all_omega = [], []
     for joint in range(count + 1):

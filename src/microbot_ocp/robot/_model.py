@@ -26,6 +26,7 @@ from microbot_ocp._base.checks import FloatArray, InputError, shown, warn_user
 from microbot_ocp._base.showing import view_for
 from microbot_ocp.limits import JOINT_QUANTITIES, JointLimits, LimitChanges, Limits
 from microbot_ocp.robot._convention import Convention, as_modified, doubts
+from microbot_ocp.robot._coupling import Coupling, Mimic, coupling_of
 from microbot_ocp.robot._links import Link, Rotor, checked_links, combined
 from microbot_ocp.robot._shapes import Capsule, Shape, checked_shapes
 from microbot_ocp.robot._transforms import rigid_transform
@@ -49,6 +50,9 @@ class Robot:
     None where nothing lists any. ``named_poses`` are its named states [n], rad or m. ``frames`` are
     the links of a URDF file by name: 0 for the base or the number of the joint that moves it, and
     its frame [4,4] in that one.
+
+    Where joints move together, ``coupling`` holds all N joints of the chain. Rows, links and frames
+    are N then; names, types and limits are those of the n joints that move on their own.
     """
 
     name: str
@@ -70,6 +74,7 @@ class Robot:
     disabled_pairs: tuple[tuple[str, str], ...] | None = None
     named_poses: Mapping[str, FloatArray] = field(default_factory=dict, compare=False)
     frames: Mapping[str, tuple[int, FloatArray]] = field(default_factory=dict, compare=False)
+    coupling: Coupling | None = None
 
     @classmethod
     def from_dh(
@@ -90,6 +95,7 @@ class Robot:
         beta: ArrayLike | None = None,
         shapes: Sequence[Shape] = (),
         convention: Convention | None = None,
+        mimic: Mimic | None = None,
     ) -> Robot:
         """Build a robot from a Denavit-Hartenberg table, Craig's modified one by default.
 
@@ -129,6 +135,11 @@ class Robot:
             at the far ends of the links, as in Paul, Spong and Corke; what is given of ``links``,
             ``shapes`` and ``tool`` is then in those frames. The robot itself has modified rows in
             either case. Default "modified", with a warning where a table looks like the other.
+        mimic : mapping of str to (str, float, float), optional
+            Joints that follow others: name, to the name of the other, the factor and the offset
+            (rad or m) of its position. They are no joints of the robot: q, the limits and the
+            torques are those of the others. ``limits`` are of all joints here, and the tightest
+            hold; of torques those of the joints that are followed, whose drives move both.
 
         Returns
         -------
@@ -138,7 +149,8 @@ class Robot:
         ------
         InputError
             Rows of different length, wrong counts or shapes, anything not finite; ``beta`` in
-            the standard convention.
+            the standard convention; joints that follow each other in a ring, or whose limits leave
+            no position.
 
         Examples
         --------
@@ -153,10 +165,19 @@ class Robot:
         ... )
         >>> standard == robot
         True
+
+        A telescope, whose second slide goes as far as the first:
+
+        >>> mast = Robot.from_dh(
+        ...     *[[0.0, 0.0]] * 3, joint_type="prismatic", joint_names=["lift", "second"],
+        ...     limits=Limits(q_min=0.0, q_max=[0.5, 0.4]), mimic={"second": ("lift", 1.0, 0.0)},
+        ... )
+        >>> mast.joint_names, mast.link_count, mast.limits.q_max.tolist()
+        (('lift',), 2, [0.4])
         """
         table = _columns(alpha=alpha, a=a, d=d, theta_offset=theta_offset, beta=beta)
         count = table["alpha"].size
-        types = _joint_types(joint_type, count)
+        types: tuple[JointType, ...] = _joint_types(joint_type, count)
         names = tuple(joint_names or (f"joint {i + 1}" for i in range(count)))
         all_text = all(isinstance(entry, str) and entry for entry in names)
         if not all_text or len(names) != count or len(set(names)) != count:
@@ -182,6 +203,11 @@ class Robot:
             rows, chain, geometry, end = as_modified(table["alpha"], table["a"], chain, geometry)
             table["alpha"], table["a"] = rows
             tool_pose = rigid_transform("tool", end @ tool_pose)
+        coupling = coupling_of(names, types, mimic) if mimic else None
+        if coupling:
+            names = tuple(names[k] for k in coupling.rows)
+            types = tuple(types[k] for k in coupling.rows)
+            joint_limits = coupling.joined(joint_limits)
         return cls(
             name=name,
             joint_types=types,
@@ -193,6 +219,7 @@ class Robot:
             description=description,
             base=rigid_transform("base", base),
             shapes=geometry,
+            coupling=coupling,
             **table,
         )
 
@@ -207,8 +234,65 @@ class Robot:
 
     @property
     def joint_count(self) -> int:
-        """Number of joints n."""
+        """Number of joints n, without those that follow others."""
+        return len(self.joint_names)
+
+    @property
+    def link_count(self) -> int:
+        """Number of links that move, N: that of the joints, unless some follow others."""
         return self.alpha.size
+
+    @cached_property
+    def chain(self) -> Robot:
+        """The same arm with N joints that all move on their own; itself where all do."""
+        if self.coupling is None:
+            return self
+        return replace(
+            self,
+            joint_names=self.coupling.names,
+            joint_types=self.coupling.types,
+            limits=self.coupling.spread(self.limits),
+            named_poses={},
+            coupling=None,
+        )
+
+    @cached_property
+    def transmission(self) -> FloatArray:
+        """Factors [N,n] from the speeds of the joints to those of all joints of the chain."""
+        return np.eye(self.link_count) if self.coupling is None else self.coupling.matrix
+
+    @property
+    def joint_frames(self) -> tuple[int, ...]:
+        """Numbers of the link frames at the n joints: 1 to n, unless some joints follow others."""
+        rows = range(self.link_count) if self.coupling is None else self.coupling.rows
+        return tuple(row + 1 for row in rows)
+
+    @cached_property
+    def whole_turns(self) -> np.ndarray:
+        """Whether each joint [n] moved by a whole turn leaves every link where it is."""
+        factors, revolute = self.transmission, np.array(self.chain.joint_types) == "revolute"
+        return np.all((revolute[:, None] & (factors % 1.0 == 0.0)) | (factors == 0.0), axis=0)
+
+    @property
+    def mimic(self) -> dict[str, tuple[str, float, float]]:
+        """Joints that follow others, as :meth:`from_dh` takes them."""
+        return {} if self.coupling is None else self.coupling.mimic
+
+    def chain_positions(self, q: FloatArray) -> FloatArray:
+        """Return positions [...,N] of all joints, those that follow others too, rad or m."""
+        return q if self.coupling is None else self.coupling.positions(q)
+
+    def friction_of(self, kind: str) -> FloatArray:
+        """Return sizes [n] of "viscous_friction" or "coulomb_friction" of the joints, SI; zero
+        without masses.
+
+        That of joints that follow others comes to their drives by their power.
+        """
+        if not self.links:
+            return np.zeros(self.joint_count)
+        power = 2 if kind == "viscous_friction" else 1
+        sizes = np.array([getattr(link, kind) for link in self.links])
+        return sizes @ np.abs(self.transmission) ** power
 
     @property
     def has_dynamics(self) -> bool:
@@ -337,7 +421,7 @@ class Robot:
 
     def with_links(self, links: Sequence[Link]) -> Robot:
         """Return the same robot with other links (payload, model mismatch, rotor inertia)."""
-        return replace(self, links=checked_links(links, self.joint_count))
+        return replace(self, links=checked_links(links, self.link_count))
 
     def with_payload(
         self,
@@ -412,9 +496,9 @@ class Robot:
         placed: list[tuple[int, Capsule]] = []
         for key, entries in capsules.items():
             frame = numbers.get(key, key) if isinstance(key, str) else key
-            if not isinstance(frame, int | np.integer) or not 0 <= frame <= self.joint_count:
+            if not isinstance(frame, int | np.integer) or not 0 <= frame <= self.link_count:
                 raise InputError(
-                    f"capsules must be of frames 0 (base) to {self.joint_count} or links "
+                    f"capsules must be of frames 0 (base) to {self.link_count} or links "
                     f"{sorted(numbers)}, not {key!r}"
                 )
             usual = f"link {frame}" if frame else "base"
@@ -457,7 +541,7 @@ class Robot:
             if not isinstance(entry, Capsule):
                 raise InputError(f"a part must be made of mo.Capsule, not {entry!r}")
             start, end = (turn @ end + shift for end in (entry.start, entry.end))
-            held.append((self.joint_count, Capsule(start, end, entry.radius, entry.name or "part")))
+            held.append((self.link_count, Capsule(start, end, entry.radius, entry.name or "part")))
         return replace(self, capsules=tuple(held))
 
     def with_gravity(self, gravity: ArrayLike) -> Robot:
@@ -477,6 +561,9 @@ class Robot:
             arrays += [(joint, rotor.inertia, rotor.gear_ratio, carrier), rotor.axis]
         arrays += [] if np.array_equal(self.base, np.eye(4)) else [self.base]
         arrays += [self.beta] if self.beta.any() else []
+        if self.coupling is not None:
+            digest.update(repr((self.coupling.names, self.coupling.types)).encode())
+            arrays += [self.coupling.matrix, self.coupling.offsets]
         if self.disabled_pairs is not None:
             digest.update(repr(self.disabled_pairs).encode())
         for frame, capsule in self.capsules:

@@ -198,7 +198,8 @@ def torque_derivatives(
 
 def has_torque_derivatives(robot: Robot) -> bool:
     """Return whether :func:`torque_derivatives` are smaller than automatic ones."""
-    return robot.joint_count >= FROM_JOINTS and not robot.rotors
+    alone = robot.coupling is None and not robot.rotors
+    return robot.joint_count >= FROM_JOINTS and alone
 
 
 @lru_cache(maxsize=16)

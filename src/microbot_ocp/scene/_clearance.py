@@ -256,6 +256,10 @@ def levers_of(robot: Robot, pairs: Sequence[Pair], farthest: FloatArray) -> Floa
 
     ``farthest`` [n] is how far joints are from zero at most.
     """
+    if robot.coupling is not None:
+        sizes = np.abs(robot.transmission)
+        chain = levers_of(robot.chain, pairs, sizes @ farthest + np.abs(robot.coupling.offsets))
+        return chain @ sizes
     sliding = np.array([kind == "prismatic" for kind in robot.joint_types])
     rows = zip(robot.alpha, robot.a, robot.d, robot.beta, strict=True)
     offsets = [dh_transform(alpha, a, d, 0.0, beta)[:3, 3] for alpha, a, d, beta in rows]

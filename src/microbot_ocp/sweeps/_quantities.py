@@ -76,8 +76,8 @@ def widths(robot: Robot, name: str) -> tuple[int, ...]:
     if pose:
         return (3,) if pose[2] == "position" else (count,)
     if plain in ("payload", "gravity", "masses"):
-        return {"payload": (1,), "gravity": (3,), "masses": (count,)}[plain]
-    return (1, count)
+        return {"payload": (1,), "gravity": (3,), "masses": (robot.link_count,)}[plain]
+    return (1, robot.link_count if plain in DYNAMICS else count)
 
 
 def scale_to_si(robot: Robot, name: str, width: int) -> FloatArray:
@@ -120,7 +120,7 @@ def robot_with(robot: Robot, values: Values) -> Robot:
     """Return the robot with the masses, friction, gravity and limits of a case, without its
     payload.
     """
-    count = robot.joint_count
+    count = robot.link_count
     links = list(robot.links)
     for name in set(DYNAMICS[:3]) & set(values):
         if not links:

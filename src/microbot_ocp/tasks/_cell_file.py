@@ -369,7 +369,7 @@ def _with_capsules(robot: Robot, rows: Sequence[Mapping[str, Any]]) -> Robot:
     """Return the robot with the capsules of [[capsule]] in the place of those of the same links."""
     if not rows:
         return robot
-    links = [link.name for link in robot.links] or robot.joint_names  # none without masses
+    links = [link.name for link in robot.links] or robot.chain.joint_names  # none without masses
     names = ["base", *links]
     capsules: dict[int, list[Capsule]] = {}
     for number, row in enumerate(rows, start=1):

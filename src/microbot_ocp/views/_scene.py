@@ -28,9 +28,9 @@ def solved_entries(comparison: Comparison) -> list[tuple[Entry, Motion]]:
 
 
 def link_origins(robot: Robot, q: FloatArray) -> FloatArray:
-    """Return origins [N,n+2,3] of the base, every link frame and the tool at q [N,n], m."""
+    """Return origins [N,links+2,3] of the base, link frames and the tool at q [N,n], m."""
     columns = buffered_call(frame_origins(robot).map(len(q)))(q.T)
-    return columns.T.reshape(len(q), robot.joint_count + 2, 3)
+    return columns.T.reshape(len(q), robot.link_count + 2, 3)
 
 
 def tool_places(robot: Robot, q: FloatArray) -> FloatArray:
@@ -39,17 +39,17 @@ def tool_places(robot: Robot, q: FloatArray) -> FloatArray:
 
 
 def link_poses(robot: Robot, q: FloatArray) -> FloatArray:
-    """Return poses [N,n+2,4,4] of the base, every link frame and the tool in the base frame."""
-    count = robot.joint_count + 2
+    """Return poses [N,links+2,4,4] of the base, every link frame and the tool in the base frame."""
+    count = robot.link_count + 2
     columns = buffered_call(_poses(robot).map(len(q)))(q.T)
     return columns.T.reshape(len(q), count, 4, 4).transpose(0, 1, 3, 2)
 
 
 @lru_cache(maxsize=64)
 def _poses(robot: Robot) -> ca.Function:
-    """Return ``(q[n]) -> T[4, 4 (n+2)]``, all poses side by side."""
+    """Return ``(q[n]) -> T[4, 4 (links+2)]``, all poses side by side."""
     q = ca.SX.sym("q", robot.joint_count)
-    poses = [forward_kinematics(robot, frame)(q) for frame in range(robot.joint_count + 2)]
+    poses = [forward_kinematics(robot, frame)(q) for frame in range(robot.link_count + 2)]
     return ca.Function("poses", [q], [ca.cse(ca.densify(ca.horzcat(*poses)))])
 
 

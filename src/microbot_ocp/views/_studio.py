@@ -269,7 +269,7 @@ class Studio(InteractiveTask):
             turns = self._quaternions(poses)
             for frame, pose, turn in zip(self._frames, poses, turns, strict=True):
                 frame.position, frame.wxyz = pose[:3, 3], turn
-            if "prismatic" in self._bare.joint_types and not self._bare.shapes:
+            if "prismatic" in self._bare.chain.joint_types and not self._bare.shapes:
                 for place, (frame, faces) in enumerate(arm_bodies(self._bare, poses, LINK, JOINT)):
                     self._add_body(f"/arm/{frame}/{place}", faces)
 

@@ -334,8 +334,7 @@ def _why(robot: Robot, poses: IKPath) -> tuple[float, str]:
 def _apart(robot: Robot, q: FloatArray, other: FloatArray) -> float:
     """Return the largest difference of two poses, whole turns aside."""
     step = q - other
-    revolute = np.array([kind == "revolute" for kind in robot.joint_types])
-    step = np.where(revolute, (step + np.pi) % (2 * np.pi) - np.pi, step)
+    step = np.where(robot.whole_turns, (step + np.pi) % (2 * np.pi) - np.pi, step)
     return float(np.abs(step).max())
 
 
@@ -349,7 +348,7 @@ def _speeds(robot: Robot) -> FloatArray:
 
 def _near(robot: Robot, q: FloatArray, other: FloatArray) -> FloatArray:
     """Give a pose [n] moved by whole turns to where it is nearest to another, within the limits."""
-    turn = 2 * np.pi * np.array([kind == "revolute" for kind in robot.joint_types])
+    turn = 2 * np.pi * robot.whole_turns
     low, high = robot.limits.q_min - 1e-9, robot.limits.q_max + 1e-9
     nearest = q + turn * np.round((other - q) / (2 * np.pi))
     best = nearest
@@ -475,9 +474,7 @@ def _joint_distances(robot: Robot, before: FloatArray, after: FloatArray) -> Flo
     allowed.
     """
     apart = np.abs(after[None] - before[:, None])
-    turns = (robot.limits.q_max - robot.limits.q_min >= 2 * np.pi) & [
-        kind == "revolute" for kind in robot.joint_types
-    ]
+    turns = (robot.limits.q_max - robot.limits.q_min >= 2 * np.pi) & robot.whole_turns
     return np.where(turns, np.abs((apart + np.pi) % (2 * np.pi) - np.pi), apart)
 
 

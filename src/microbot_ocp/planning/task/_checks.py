@@ -74,9 +74,9 @@ def reach_of(robot: Robot) -> float:
 
 
 def _slides(robot: Robot) -> FloatArray:
-    """Return the farthest place [n] of every prismatic joint, m; zero of the others."""
-    low, high = robot.limits.bounds("q")
-    prismatic = np.array([kind == "prismatic" for kind in robot.joint_types])
+    """Return the farthest place [N] of every prismatic joint, m; zero of the others."""
+    low, high = robot.chain.limits.bounds("q")
+    prismatic = np.array([kind == "prismatic" for kind in robot.chain.joint_types])
     return np.where(prismatic, np.maximum(np.abs(low), np.abs(high)), 0.0)
 
 
@@ -87,6 +87,7 @@ def farthest_tool(robot: Robot) -> float:
 
 def fastest_tool(robot: Robot) -> float:
     """Return a speed of the tool's origin that all joints at their limits cannot exceed, m/s."""
+    robot = robot.chain
     speeds = np.maximum(-robot.limits.qd_min, robot.limits.qd_max)
     prismatic = np.array([kind == "prismatic" for kind in robot.joint_types])
     rows = np.hypot(robot.a, np.abs(robot.d) + _slides(robot))

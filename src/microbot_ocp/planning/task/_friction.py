@@ -56,9 +56,7 @@ VISCOUS, DRY = "viscous_friction", "coulomb_friction"  # of a link
 
 def friction(robot: Robot, kind: str) -> FloatArray:
     """Return sizes [n] of one kind of friction, SI; zero without masses."""
-    if not robot.has_dynamics:
-        return np.zeros(robot.joint_count)
-    return np.array([getattr(link, kind) for link in robot.links])
+    return robot.friction_of(kind)
 
 
 def dry_friction(robot: Robot) -> FloatArray:

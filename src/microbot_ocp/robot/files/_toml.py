@@ -5,7 +5,8 @@ The key ``convention`` of the file, "modified" or "standard", is that of
 ``_deg``. Keys of a joint: ``name``,
 ``type``, ``alpha``, ``a``, ``d``, ``theta_offset``, ``beta``; ``mass``, ``center_of_mass``,
 ``inertia``, ``armature``, ``viscous_friction``, ``coulomb_friction``, ``allow_unphysical``; a table
-``rotor`` with ``inertia``, ``gear_ratio``, ``axis``, ``carrier``;
+``rotor`` with ``inertia``, ``gear_ratio``, ``axis``, ``carrier``; a table ``mimic`` of a joint that
+follows another with ``joint``, ``factor``, ``offset``;
 ``q_min``, ``q_max``, ``qd_max``, ``qdd_max``, ``qddd_max``, ``tau_max``, ``taud_max``. ``qd_max``
 and the like may be ``[lower, upper]``. The table ``[limits]`` holds further limits, such as
 ``tool_speed_max``. The tables ``[tool]`` and ``[base]`` hold a DH row or a ``matrix``; each
@@ -78,8 +79,10 @@ JOINT = {
     **dict.fromkeys(("theta_offset", "beta"), ANGLE),
     **dict.fromkeys(LINK, ANY),
     "rotor": TABLE,
+    "mimic": TABLE,
     **{key: Key(degrees=not key.startswith("tau")) for key in BOUNDS},
 }
+MIMIC = {"joint": Key(needed=True), "factor": ANY, "offset": ANGLE}
 PLACEMENT = {"matrix": ANY, "alpha": ANGLE, "a": ANY, "d": ANY, "theta": ANGLE}
 ROTOR = keys_of(Rotor)
 SHAPE = keys_of(Shape)
@@ -114,11 +117,26 @@ def _robot(data: dict[str, Any], name: str) -> Robot:
         beta=[row["beta"] for row in rows],
         shapes=[Shape(**read_table(table, SHAPE, "of a shape")) for table in data.get("shape", [])],
         convention=data.get("convention"),
+        mimic={row["name"]: _mimic(row) for row in rows if "mimic" in row},
     )
     pairs = _pairs(data["disabled_pairs"]) if "disabled_pairs" in data else None
     shape, named = (robot.joint_count,), data.get("named_poses", {}).items()
     poses = {key: checks.array(f"pose {key!r}", q, shape, "rad") for key, q in named}
     return replace(robot, disabled_pairs=pairs, named_poses=poses)
+
+
+def _mimic(row: dict[str, Any]) -> tuple[str, float, float]:
+    """Return the joint that a joint follows, the factor and the offset."""
+    where = f"of mimic of joint {row['name']!r}"
+    in_radians = partial(_in_radians, prismatic=row["type"] == "prismatic")
+    table: dict[str, Any] = {"factor": 1.0, "offset": 0.0}
+    table |= read_table(row["mimic"], MIMIC, where, convert=in_radians)
+    if torques := [key for key in ("tau_max", "taud_max") if key in row]:
+        raise InputError(
+            f"{torques[0]} of joint {row['name']!r} has no meaning: the drive of "
+            f"{table['joint']!r} moves it"
+        )
+    return table["joint"], table["factor"], table["offset"]
 
 
 def _pairs(pairs: Any) -> tuple[tuple[str, str], ...]:
@@ -132,7 +150,7 @@ def _pairs(pairs: Any) -> tuple[tuple[str, str], ...]:
 def _in_radians(key: str, name: str, value: Any, in_degrees: bool, prismatic: bool = False) -> Any:
     if not in_degrees:
         return value
-    if key in BOUNDS and prismatic:
+    if key in (*BOUNDS, "offset") and prismatic:
         raise InputError(f"{name} cannot be in degrees: the joint is prismatic")
     if key in BOUNDS and isinstance(value, list):
         return np.radians(checks.array(name, value, (2,), "deg")).tolist()
@@ -221,16 +239,21 @@ def robot_to_toml(robot: Robot) -> str:
     if robot.disabled_pairs is not None:
         rows = (f"  [{_text(first)}, {_text(second)}]," for first, second in robot.disabled_pairs)
         lines += ["disabled_pairs = [", *rows, "]"]
-    for joint in range(robot.joint_count):
-        lines += ["", "[[joint]]", f"name = {_text(robot.joint_names[joint])}"]
-        lines.append(f"type = {_text(robot.joint_types[joint])}")
+    chain = robot.chain
+    for joint, name in enumerate(chain.joint_names):
+        lines += ["", "[[joint]]", f"name = {_text(name)}"]
+        lines.append(f"type = {_text(chain.joint_types[joint])}")
+        if name in robot.mimic:
+            driver, factor, offset = robot.mimic[name]
+            text = f"joint = {_text(driver)}, factor = {factor!r}, offset = {offset!r}"
+            lines.append(f"mimic = {{ {text} }}")
         lines += [f"{key} = {float(getattr(robot, key)[joint])!r}" for key in GEOMETRY]
         if robot.beta[joint]:
             lines.append(f"beta = {float(robot.beta[joint])!r}")
         if robot.has_dynamics:
             lines += _lines(robot.links[joint], *LINK)
-        for key in BOUNDS:
-            lines += _bound_line(robot, key, joint)
+        for key in () if name in robot.mimic else BOUNDS:
+            lines += _bound_line(chain, key, joint)
     if robot.limits.also:
         from microbot_ocp.limits import limits_to_table
 

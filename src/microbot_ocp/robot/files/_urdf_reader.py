@@ -24,6 +24,7 @@ import numpy as np
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError, naming
 from microbot_ocp.limits import Limits
+from microbot_ocp.robot._coupling import Mimic
 from microbot_ocp.robot._links import Link, Part, combined, inertia_fault
 from microbot_ocp.robot._model import Robot
 from microbot_ocp.robot._shapes import Shape
@@ -71,8 +72,9 @@ def load_urdf(
         most).
     tip : str, optional
         Link at the end of the chain. Joints that are not on the way to it are held at zero, and
-        what they carry is carried along; so are planar and floating joints, with a warning. Of
-        joints that mimic each other one is free, the others are held. Without ``tip`` the file
+        what they carry is carried along; so are planar and floating joints, with a warning. Joints
+        on the way that mimic another move with it, under the limits of both; its effort moves them
+        all, their own is not used. Those off the way are held. Without ``tip`` the file
         must be one arm; where that ends in several frames, the tool is ``tool0``, or else the
         last link that moves, with a warning. Fingers that mimic each other are not part of it.
         With an SRDF file it may be a group with a chain; where all its chains end at one link,
@@ -244,8 +246,9 @@ class _Tree:
             tip = way[-1].parent
         return way[::-1]
 
-    def _leader(self, joint: UrdfJoint) -> tuple[str, float]:
-        """Give joint at the head of those that mimic each other, and the position with it at zero.
+    def _leader(self, joint: UrdfJoint) -> tuple[str, float, float]:
+        """Give joint at the head of those that mimic each other, the factor of its position and the
+        position with it at zero.
 
         A joint whose leader is not there, or is itself, leads itself.
         """
@@ -257,30 +260,31 @@ class _Tree:
                     "joints that mimic no other moving joint of the file move on their own",
                     f"{joint.name!r} (mimics {at.leader!r})",
                 )
-                return joint.name, 0.0
+                return joint.name, 1.0, 0.0
             factor, offset = factor * at.multiplier, offset + factor * at.offset
             at = following
             passed.add(at.name)
-        return at.name, offset
+        return at.name, factor, offset
 
-    def _free(self, way: list[UrdfJoint]) -> list[UrdfJoint]:
-        """Return the joints of the chain: those on the way that move, of a mimicking group only
-        one.
+    def _moving(self, way: list[UrdfJoint]) -> list[UrdfJoint]:
+        """Return the joints on the way that move, without those that mimic another by nothing."""
+        return [joint for joint in way if joint.moves and self._leader(joint)[1]]
+
+    def _coordinates(self, way: list[UrdfJoint]) -> dict[str, UrdfJoint]:
+        """Return by the head of each mimicking group its joint on the way that moves the others:
+        the head itself, or the first.
         """
-        groups: dict[str, list[UrdfJoint]] = {}
-        for joint in way:
-            if joint.moves:
-                groups.setdefault(self._leader(joint)[0], []).append(joint)
-        chosen = {
-            next((joint for joint in group if joint.name == head), group[0]).name
-            for head, group in groups.items()
-        }
-        return [joint for joint in way if joint.name in chosen]
+        chosen: dict[str, UrdfJoint] = {}
+        for joint in self._moving(way):
+            head = self._leader(joint)[0]
+            if head not in chosen or joint.name == head:
+                chosen[head] = joint
+        return chosen
 
     def _tips(self) -> str:
         """Return ends of the file, those with the most joints on the way first, for messages."""
         ends = [name for name in self.links if not self.below[name]]
-        counts = {name: len(self._free(self._way(name))) for name in ends}
+        counts = {name: len(self._coordinates(self._way(name))) for name in ends}
         longest = sorted(counts.items(), key=lambda pair: -pair[1])
         return _some([f"{name!r} ({count})" for name, count in longest if count])
 
@@ -295,7 +299,7 @@ class _Tree:
                 if self._is_gripper(last):
                     break
                 names = _some([repr(joint.name) for joint in arms])
-                here = len(self._free(self._way(last)))
+                here = len(self._coordinates(self._way(last)))
                 before = f"{last!r} ({here}) without them, " if here else ""
                 raise InputError(
                     f"the file branches at link {last!r} into joints {names}: choose an end by "
@@ -331,7 +335,7 @@ class _Tree:
                 f"their number of joints: {self._tips()}"
             )
         way = self._way(tip)
-        moving = self._free(way)
+        moving = self._moving(way)
         if not moving:
             raise InputError(
                 f"no joint moves between {self.root!r} and {tip!r}; ends that can be the tip, with "
@@ -361,7 +365,8 @@ class _Tree:
             *rows[:4],
             joint_type=["prismatic" if j.type == "prismatic" else "revolute" for j in moving],
             links=self._links(moving, places, rows.frames),
-            limits=_limits(moving),
+            limits=_limits([self._led(joint, moving) for joint in moving]),
+            mimic=self._mimic(way),
             gravity=self.file.gravity,
             tool=tool,
             name=self.file.name,
@@ -373,6 +378,40 @@ class _Tree:
             convention="modified",
         )
         return replace(robot, frames=seen)
+
+    def _mimic(self, way: list[UrdfJoint]) -> Mimic:
+        """Return the joints on the way that follow others there, with factor and offset."""
+        mimic: dict[str, tuple[str, float, float]] = {}
+        chosen = self._coordinates(way)
+        for joint in self._moving(way):
+            head, factor, offset = self._leader(joint)
+            first = chosen[head]
+            if first is not joint:
+                _, unit, zero = self._leader(first)
+                ratio = factor / unit
+                mimic[joint.name] = first.name, ratio, offset - ratio * zero
+        return mimic
+
+    def _led(self, joint: UrdfJoint, moving: list[UrdfJoint]) -> UrdfJoint:
+        """Return a joint within the limits of the one that it mimics, if that is off the way."""
+        name, factor, offset = self._leader(joint)
+        head = self.joints[name]
+        if head in moving:
+            return joint
+        ends = sorted(factor * end + offset for end in (head.lower, head.upper))
+        sides = (("min", -head.effort), ("max", head.effort))
+        torques = sorted(_extra(head, f"tau_{side}", effort) / factor for side, effort in sides)
+        forces = {f"tau_{side}": repr(t) for (side, _), t in zip(sides, torques, strict=True)}
+        return replace(
+            joint,
+            lower=max(joint.lower, ends[0]),
+            upper=min(joint.upper, ends[1]),
+            extra={k: v for k, v in joint.extra.items() if not k.startswith("tau_")} | forces,
+            **{
+                key: min(getattr(joint, key), abs(factor) * getattr(head, key))
+                for key in ("velocity", "acceleration", "jerk")
+            },
+        )
 
     def _remark_held(self, way: list[UrdfJoint], moving: list[UrdfJoint]) -> None:
         """Remark on what a serial chain cannot follow."""
@@ -388,7 +427,7 @@ class _Tree:
             elif joint.moves and self._leader(joint)[0] in heads:
                 self.remarks.add(
                     "joints that mimic one of the chain, or that it mimics, are held still",
-                    f"{joint.name!r} at {self._leader(joint)[1]:g}",
+                    f"{joint.name!r} at {self._leader(joint)[2]:g}",
                 )
 
     def places(self, chain: list[UrdfJoint]) -> Places:
@@ -402,7 +441,7 @@ class _Tree:
             for joint in self.below[name]:
                 place = frame @ joint.frame
                 if joint.moves and joint.name not in numbers:
-                    place = place @ joint_motion(joint, self._leader(joint)[1])
+                    place = place @ joint_motion(joint, self._leader(joint)[2])
                 placement[joint.child] = numbers.get(joint.name, number), place
         return placement
 

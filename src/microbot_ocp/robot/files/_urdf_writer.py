@@ -36,19 +36,24 @@ def robot_to_urdf(robot: Robot) -> str:
     names = _link_names(robot)
     for index, name in enumerate(names):
         link = ElementTree.SubElement(root, "link", name=name)
-        if robot.has_dynamics and 0 < index <= robot.joint_count:
+        if robot.has_dynamics and 0 < index <= robot.link_count:
             _write_inertial(link, robot.links[index - 1])
         for shape in robot.shapes:
             if shape.frame == index:
                 _write_shape(link, shape)
-    for joint in range(robot.joint_count):
+    chain = robot.chain
+    for joint in range(robot.link_count):
         columns = (robot.alpha, robot.a, robot.d, robot.theta_offset, robot.beta)
         placement = dh_transform(*(column[joint] for column in columns))
         if joint == 0:
             placement = robot.base @ placement
-        element = _write_joint(root, robot.joint_names[joint], names[joint : joint + 2], placement)
-        _write_moving(element, robot, joint)
-    name = _unused("tool_joint", robot.joint_names)
+        element = _write_joint(root, chain.joint_names[joint], names[joint : joint + 2], placement)
+        _write_moving(element, chain, joint)
+        if follows := robot.mimic.get(chain.joint_names[joint]):
+            driver, factor, offset = follows
+            about = {"joint": driver, "multiplier": repr(factor), "offset": repr(offset)}
+            ElementTree.SubElement(element, "mimic", about)
+    name = _unused("tool_joint", chain.joint_names)
     _write_joint(root, name, names[-2:], robot.tool).set("type", "fixed")
     if any(ACCELERATION in limit.attrib for limit in root.iter("limit")):
         root.set("xmlns:drake", "http://drake.mit.edu")
@@ -74,7 +79,7 @@ def _unused(name: str, taken: Iterable[str]) -> str:
 def _link_names(robot: Robot) -> list[str]:
     """Return different names: base_link, one a joint, tool."""
     names = ["base_link"]
-    for joint, joint_name in enumerate(robot.joint_names):
+    for joint, joint_name in enumerate(robot.chain.joint_names):
         link = robot.links[joint].name if robot.has_dynamics else None
         names.append(_unused(link if link and link != joint_name else f"{joint_name}_link", names))
     return [*names, _unused("tool", names)]

@@ -78,8 +78,8 @@ def arm_bodies(
 ) -> Sequence[tuple[int, Faces]]:
     """Return a robot's own geometry, or capsules and drums, in link frames (0 is the base).
 
-    ``poses`` [n+2,4,4] are those of :func:`link_poses`. Only a capsule along a prismatic joint is
-    another one in other poses.
+    ``poses`` [links+2,4,4] are those of :func:`link_poses`. Only a capsule along a prismatic joint
+    is another one in other poses.
     """
     geometry = _geometry(robot.shapes)
     if geometry:
@@ -87,12 +87,12 @@ def arm_bodies(
     size = reach(robot)
     edge, radius = STYLE.patch * size, STYLE.link * size
     bodies = [(0, Solid("cylinder", size * np.array([0.065, 0.02]), robot.base, joint))]
-    starts = [robot.base[:3, 3], *np.zeros((robot.joint_count, 3))]
+    starts = [robot.base[:3, 3], *np.zeros((robot.link_count, 3))]
     for frame, (start, (pose, after)) in enumerate(zip(starts, pairwise(poses), strict=True)):
         end = pose[:3, :3].T @ (after[:3, 3] - pose[:3, 3])
         if np.linalg.norm(end - start) > 1e-6 * size:
             bodies.append((frame, capsule_solid(Capsule(start, end, radius), link)))
-    for frame, kind in enumerate(robot.joint_types, start=1):
+    for frame, kind in enumerate(robot.chain.joint_types, start=1):
         bodies.append((frame, joint_solid(kind, STYLE.film_joint * radius, joint)))
     return [(frame, solid_faces(solid, edge)) for frame, solid in bodies]
 

@@ -303,7 +303,8 @@ class Film:
         for joint, kind in enumerate(self.robot.joint_types):
             if kind != "revolute":
                 continue
-            shares, pose = self._share(self.solid, joint, "tau"), poses[joint + 1]
+            shares = self._share(self.solid, joint, "tau")
+            pose = poses[self.robot.joint_frames[joint]]
             share = float(np.interp(t, self.solid.times[TIME], shares))
             curves = arcs(np.array([1.0, share]), radius) @ pose[:3, :3].T + pose[:3, 3]
             (ring, strip), _ = self.camera.project(curves)

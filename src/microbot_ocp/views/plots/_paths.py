@@ -102,7 +102,7 @@ def _page(comparison: Comparison, axes: GivenAxes | None) -> Page:
 
 def has_vertical_waist(comparison: Comparison) -> bool:
     """Return whether the first joint turns about the base's z axis."""
-    robot = comparison.robot
+    robot = comparison.robot.chain
     along = abs(robot.alpha[0]) < 1e-9 and abs(robot.a[0]) < 1e-9
     upright = np.allclose(robot.base[2, :3], [0, 0, 1]) and np.allclose(robot.base[:2, 3], 0)
     return bool(along and upright) and robot.joint_types[0] == "revolute"
@@ -128,7 +128,7 @@ def _onto(*axes: int) -> Projection:
 
 def _in_arm_plane(robot: Robot, q: FloatArray, points: FloatArray) -> FloatArray:
     """Project along link 1's x axis, so that an arm that folds over its waist has r below zero."""
-    turn = q[:, 0] + robot.theta_offset[0]
+    turn = robot.chain_positions(q)[:, 0] + robot.theta_offset[0]
     turn = turn.reshape(-1, *([1] * (points.ndim - 2)))
     r = points[..., 0] * np.cos(turn) + points[..., 1] * np.sin(turn)
     return np.stack([r, points[..., 2]], axis=-1)

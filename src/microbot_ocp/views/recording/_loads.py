@@ -30,7 +30,7 @@ def draw_torques(writer: Writer, robot: Robot, limits: JointLimits, arm: Animate
     circle = arcs(np.array([1.0]), ring)[0, :-3]
     whole, beside = np.array([0.0, 0.0, 3.0 * ring]), np.array([ring, 0.0, 0.0])
     for joint, kind in enumerate(robot.joint_types):
-        path = arm.link(joint + 1, "torque")
+        path = arm.link(robot.joint_frames[joint], "torque")
         share, at_limit = signed_share(limits, "tau", arm.curves["tau"][:, joint], joint)
         colors = _share_colors(share, at_limit)
         if kind == "revolute":
@@ -154,7 +154,7 @@ def wrist_force(robot: Robot, state: State) -> FloatArray:
 def _last_acceleration(robot: Robot) -> ca.Function:
     """Return ``(q, qd, qdd) -> a[3]`` of the last link's centre of mass, base frame, m/s^2."""
     q, qd, qdd = (ca.SX.sym(name, robot.joint_count) for name in ("q", "qd", "qdd"))
-    pose = forward_kinematics(robot, robot.joint_count)(q)
+    pose = forward_kinematics(robot, robot.link_count)(q)
     place = (pose @ ca.vertcat(ca.DM(robot.links[-1].center_of_mass), 1))[:3]
     velocity = ca.jtimes(place, q, qd)
     acceleration = ca.jtimes(velocity, q, qd) + ca.jtimes(velocity, qd, qdd)

@@ -127,7 +127,7 @@ class Recording:
     @property
     def hidden(self) -> list[str]:
         """Entities that are hidden at first, so that the scene is not crowded."""
-        frames, alone = range(1, self.robot.joint_count + 1), len(self.arms) == 1
+        frames, alone = range(1, self.robot.link_count + 1), len(self.arms) == 1
         paths = []
         for arm in self.arms:
             paths += [arm.tool("frame"), *(arm.link(frame, "frame") for frame in frames)]

@@ -139,7 +139,7 @@ def draw_arm(writer: Writer, robot: Robot, arm: AnimatedArm, end: Times) -> None
         _draw_link(writer, arm.link(0, "shape"), look, times, start, origins[:, 1])
     axes = rr.TransformAxes3D(0.07 * reach(robot))
     radii = _mass_radii(robot)
-    for k, kind in enumerate(robot.joint_types, start=1):
+    for k, kind in enumerate(robot.chain.joint_types, start=1):
         turned = quaternions(rotations[:, k])
         pose = rr.Transform3D.columns(translation=origins[:, k], quaternion=turned)
         writer.columns(arm.link(k), times, pose)

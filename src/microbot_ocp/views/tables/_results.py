@@ -17,7 +17,7 @@ from microbot_ocp.robot import Robot
 from microbot_ocp.sweeps import Quartiles, Sweep, SweepSummary
 from microbot_ocp.views import _scene as scene
 from microbot_ocp.views._style import method_title
-from microbot_ocp.views.tables._terminal import dh_table
+from microbot_ocp.views.tables._terminal import dh_table, following
 
 
 def robot(robot: Robot) -> Table:
@@ -28,12 +28,14 @@ def robot(robot: Robot) -> Table:
         columns.append(Column("mass", "kg", ".4g"))
         cells.append(tuple(link.mass for link in robot.links))
     notes = ["Modified DH (Craig): alpha and a of a row come before its joint"]
-    notes += [robot.description, f"{scene.reach(robot):.4g} m stretched out"]
+    notes += [*following(robot), robot.description, f"{scene.reach(robot):.4g} m stretched out"]
     for member in LimitFamily.of(robot):
         texts = scene.limit_texts(robot, member.key)
         if scene.of_joints(robot, member.key):
             columns.append(Column(f"{member.name} limits"))
-            cells.append(tuple(text or "none" for text in texts))
+            of_joint = dict(zip(robot.joint_names, texts, strict=True))
+            names = robot.chain.joint_names
+            cells.append(tuple(of_joint.get(name, "follows") or "none" for name in names))
         else:
             notes.append(f"{member.name}: {', '.join(texts)}")
     return _table(robot, columns, zip(*cells, strict=True), notes)

@@ -58,6 +58,7 @@ def robot_blocks(robot: Robot) -> Iterator[str | Table]:
     yield f"{robot.name}{f': {robot.description}' if robot.description else ''}"
     yield "\nModified DH rows (Craig)"
     yield dh_table(robot)
+    yield from following(robot)
     yield f"Tool origin in the last link frame: {point_text(robot.tool[:3, 3])} m"
     if not np.array_equal(robot.base, np.eye(4)):
         turned = "" if np.array_equal(robot.base[:3, :3], np.eye(3)) else ", turned"
@@ -71,10 +72,19 @@ def robot_blocks(robot: Robot) -> Iterator[str | Table]:
         yield f"{left.capitalize()}.\n"
 
 
+def following(robot: Robot) -> Iterator[str]:
+    """Yield a sentence for each joint that follows another."""
+    for name, (driver, factor, offset) in robot.mimic.items():
+        sign = "-" if offset < 0 else "+"
+        shift = f" {sign} {number(abs(offset))}" if offset else ""
+        yield f"{name} follows {driver}: it stands at {number(factor)} q{shift} (rad or m)"
+
+
 def dh_table(robot: Robot) -> Table:
     """Return the rows of modified DH parameters, in degrees and metres."""
     heads = ["joint", "type", "alpha [deg]", "a [m]", "d [m]", "theta [deg]"]
     heads += ["beta [deg]"] if robot.beta.any() else []
+    robot = robot.chain
     rows = [_dh_row(robot, joint)[: len(heads)] for joint in range(robot.joint_count)]
     return Table.of_text(heads, rows, left=2)
 
@@ -97,7 +107,7 @@ def _masses(robot: Robot) -> Iterator[str | Table]:
     total = number(sum(link.mass for link in robot.links))
     yield f"Links, {total} kg in all; inertia about the centre of mass"
     masses, drives = [], []
-    for name, link in zip(robot.joint_names, robot.links, strict=True):
+    for name, link in zip(robot.chain.joint_names, robot.links, strict=True):
         centre = ", ".join(number(x) for x in link.center_of_mass)
         inertia = ", ".join(f"{x:.3g}" for x in np.diag(link.inertia))
         masses.append([name, number(link.mass), centre, inertia])
