@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from microbot_ocp._base.reading import bytes_of
 from microbot_ocp.robot._model import Robot
 from microbot_ocp.robot._shapes import Shape
 from microbot_ocp.robot._transforms import of_quaternion, transform_of, without_dust
+from microbot_ocp.robot.files._mjcf_forces import Forces
 from microbot_ocp.robot.files._urdf_file import Inertial, UrdfFile, UrdfJoint, UrdfLink
 from microbot_ocp.robot.files._urdf_reader import PARALLEL, joint_motion, robot_of
 from microbot_ocp.robot.files._xml import Remarks
@@ -38,7 +40,9 @@ def load_mjcf(
     Joint names, positive directions and zero positions are those of the file, and the base frame is
     that of the world. Armature, damping and dry friction of a joint are taken as they stand, the
     torque limits from force ranges of its actuators and its own; MJCF has no limits of velocities
-    or accelerations: give them by :meth:`~microbot_ocp.Robot.with_limits`.
+    or accelerations: give them by :meth:`~microbot_ocp.Robot.with_limits`. Joints that an equality
+    of joints or of fixed tendons ties to another with a factor and an offset follow it, and one
+    that is tied alone stands still; actuators of all act on the one that the others follow.
 
     Parameters
     ----------
@@ -59,14 +63,16 @@ def load_mjcf(
     ------
     InputError
         A file that MuJoCo cannot read, with what it says; no moving joint; several arms without
-        ``tip``; the extra ``mjcf`` is missing.
+        ``tip``; joints of the arm that are tied by a polynomial of a higher degree; the extra
+        ``mjcf`` is missing.
 
     Warns
     -----
     RobotFileWarning
-        What a serial chain has no place for: springs, compensated gravity, free bodies; and damping
-        that alone takes more than a joint's torque at 1 rad/s, as is usual where it stands for a
-        controller's.
+        What a serial chain has no place for, by name, if the torques of its joints feel it: springs
+        of joints and tendons, compensated gravity, equalities that close loops, fluids; actuators
+        that do not act on a joint; and damping that alone takes more than a joint's torque at
+        1 rad/s, as is usual where it stands for a controller's.
 
     Examples
     --------
@@ -90,8 +96,10 @@ def load_mjcf(
         except ValueError as problem:
             reason = " ".join(str(problem).split())
             raise InputError(f"MuJoCo cannot read it: {reason}") from None
-        content = _Model(mujoco, model, Path(path).absolute().parent, remarks).file()
-        robot = robot_of(content, remarks, tip, parallel_tolerance)
+        reader = _Model(mujoco, model, Path(path).absolute().parent, remarks)
+        robot = robot_of(reader.file(), remarks, tip, parallel_tolerance)
+        forces = Forces(mujoco, model, robot, reader.joint_names, reader.held())
+        forces.remark(remarks)
     remarks.warn(origin)
     return robot
 
@@ -104,6 +112,7 @@ class _Model:
         enum = mujoco.mjtObj
         self.bodies = self._names(enum.mjOBJ_BODY, model.nbody, "body")
         self.joint_names = self._names(enum.mjOBJ_JOINT, model.njnt, "joint")
+        self.followed = self._followed()
         self.links: dict[str, UrdfLink] = {}
         self.joints: dict[str, UrdfJoint] = {}
 
@@ -115,6 +124,11 @@ class _Model:
     def _kind(self, enum: str, value: int) -> str:
         """Return the name of a constant of MuJoCo: HINGE of mjJNT_HINGE."""
         return getattr(self.mujoco, enum)(value).name.partition("_")[2]
+
+    def _on(self, *parts: str) -> bool:
+        """Return whether none of these parts of the physics is switched off."""
+        bits = [int(getattr(self.mujoco.mjtDisableBit, f"mjDSBL_{part}")) for part in parts]
+        return not any(self.model.opt.disableflags & bit for bit in bits)
 
     def file(self) -> UrdfFile:
         model = self.model
@@ -131,12 +145,7 @@ class _Model:
                 self.links[name] = UrdfLink()
                 frame = _pose(model.site_pos[site], model.site_quat[site])
                 self._fix(self.bodies[model.site_bodyid[site]], name, frame)
-        if np.any(model.body_gravcomp):
-            self.remarks.add("compensation of gravity is left out: bodies have their weight")
-        if model.opt.density or model.opt.viscosity:
-            self.remarks.add("forces of the air or water around it are left out")
-        off = model.opt.disableflags & self.mujoco.mjtDisableBit.mjDSBL_GRAVITY
-        gravity = [0.0] * 3 if off else model.opt.gravity.tolist()
+        gravity = model.opt.gravity.tolist() if self._on("GRAVITY") else [0.0] * 3
         name = bytes(model.names).split(b"\0")[0].decode() or "robot"
         return UrdfFile(name, self.links, self.joints, gravity, "")
 
@@ -174,72 +183,144 @@ class _Model:
         if kind in ("floating", "spherical"):
             return UrdfJoint(name, kind, parent, child, frame)
         dof = int(model.jnt_dofadr[number])
-        limited = model.jnt_limited[number]
+        limited = model.jnt_limited[number] and self._on("LIMIT", "CONSTRAINT")
         lower, upper = model.jnt_range[number].tolist() if limited else (-math.inf, math.inf)
         axis = np.array(model.jnt_axis[number])
         least, most = self._forces(number)
-        damping = float(np.ravel(model.dof_damping[dof])[0])
-        if np.any(model.jnt_stiffness[number]):
-            self.remarks.add("springs of joints are left out", repr(name))
+        damping = float(np.ravel(model.dof_damping[dof])[0]) + self._of_actuators(number, "damping")
+        damping = damping if self._on("DAMPER") else 0.0
+        armature = float(model.dof_armature[dof]) + self._of_actuators(number, "armature")
+        rubs = self._on("FRICTIONLOSS", "CONSTRAINT")
         if kind == "revolute" and damping > max(most, -least):
             self.remarks.add(
                 "damping that takes more than the torque of a joint at 1 rad/s is taken as it "
                 "stands; where it stands for a controller's, set viscous_friction of the links",
                 f"{name!r} ({damping:g} N m s/rad of {most:g} N m)",
             )
-        leader, factor, offset = self._leader(number)
+        leader, factor, offset = self.followed.get(number, (number, 1.0, 0.0))
         joint = UrdfJoint(
             name, kind, parent, child, frame, axis, lower, upper,
             damping=damping,
-            friction=float(model.dof_frictionloss[dof]),
-            leader=leader,
+            friction=float(model.dof_frictionloss[dof]) if rubs else 0.0,
+            leader=None if leader in (None, number) else self.joint_names[leader],
             multiplier=factor,
             offset=offset,
             extra={
-                "armature": repr(float(model.dof_armature[dof])),
+                "armature": repr(armature),
                 "tau_min": repr(least),
                 "tau_max": repr(most),
             },
         )  # fmt: skip
         # the file's pose is that at the reference
-        return replace(joint, frame=frame @ joint_motion(joint, -self._reference(number)))
+        joint = replace(joint, frame=frame @ joint_motion(joint, -self._reference(number)))
+        if leader is None:  # tied to a place of its own
+            frame = joint.frame @ joint_motion(joint, offset)
+            return UrdfJoint(name, "fixed", parent, child, frame)
+        return joint
 
     def _reference(self, number: int) -> float:
         return float(self.model.qpos0[self.model.jnt_qposadr[number]])
 
-    def _leader(self, number: int) -> tuple[str | None, float, float]:
-        """Return joint that another follows by an equality, with the factor and the offset."""
+    def _followed(self) -> dict[int, tuple[int | None, float, float]]:
+        """Return by number the joints that equalities tie to another, or to none, with the factor
+        and the offset.
+        """
+        model, tied = self.model, dict[int, tuple[int | None, float, float]]()
+        for k in np.flatnonzero(model.eq_active0).tolist():
+            kind = self._kind("mjtEq", model.eq_type[k])
+            constant, slope, *curved = model.eq_data[k][:5]
+            holds = self._on("EQUALITY", "CONSTRAINT") and not any(curved)
+            if kind not in ("JOINT", "TENDON") or not holds:
+                continue
+            terms, total = self._terms(kind, int(model.eq_obj1id[k]))
+            if (other := int(model.eq_obj2id[k])) >= 0:
+                others, rest = self._terms(kind, other)
+                total -= slope * rest
+                for joint, factor in others.items():
+                    terms[joint] = terms.get(joint, 0.0) - slope * factor
+            # the sum of terms times positions is this
+            total += constant
+            joints = [joint for joint, factor in terms.items() if factor]
+            first = next((joint for joint in joints if joint not in tied), None)
+            if first is None or len(joints) > 2:
+                continue
+            joints.remove(first)
+            leader = head = joints[0] if joints else None
+            while head in tied:
+                head = tied[head][0]
+            if head == first:  # tied twice to the same
+                continue
+            factor = -terms[leader] / terms[first] if leader is not None else 1.0
+            tied[first] = leader, float(factor), float(total / terms[first])
+        return tied
+
+    def _terms(self, kind: str, number: int) -> tuple[dict[int, float], float]:
+        """Return factors of the joints of one side of an equality, and its length in the pose of
+        the file.
+        """
         model = self.model
-        for k in range(model.neq):
-            same = self._kind("mjtEq", model.eq_type[k]) == "JOINT" and model.eq_active0[k]
-            other = int(model.eq_obj2id[k])
-            if same and model.eq_obj1id[k] == number and other >= 0:
-                constant, factor = model.eq_data[k][:2].tolist()
-                shift = self._reference(number) - factor * self._reference(other)
-                return self.joint_names[other], factor, constant + shift
-        return None, 1.0, 0.0
+        if kind == "JOINT":
+            return {number: 1.0}, self._reference(number)
+        first = int(model.tendon_adr[number])
+        wraps = range(first, first + int(model.tendon_num[number]))
+        if any(self._kind("mjtWrap", model.wrap_type[k]) != "JOINT" for k in wraps):
+            return {}, 0.0
+        terms = {int(model.wrap_objid[k]): float(model.wrap_prm[k]) for k in wraps}
+        return terms, float(model.tendon_length0[number])
+
+    def held(self) -> dict[int, float]:
+        """Return places of joints by number, rad or m, where all that lead others are at zero."""
+
+        def place(joint: int) -> float:
+            leader, factor, offset = self.followed.get(joint, (None, 0.0, 0.0))
+            return offset if leader is None else factor * place(leader) + offset
+
+        kinds = map(partial(self._kind, "mjtJoint"), self.model.jnt_type)
+        return {k: place(k) for k, kind in enumerate(kinds) if kind in ("SLIDE", "HINGE")}
+
+    def _drives(self, number: int) -> Iterator[tuple[int, float]]:
+        """Yield a joint and all that follow it, with the factors of their speeds."""
+        yield number, 1.0
+        for joint, (leader, factor, _) in self.followed.items():
+            if leader == number:
+                yield from ((k, factor * further) for k, further in self._drives(joint))
 
     def _forces(self, number: int) -> tuple[float, float]:
-        """Give least and greatest torque of the actuators of a joint; infinite without a limit."""
-        model, ranges = self.model, []
+        """Give least and greatest torque of the actuators of a joint and of those that follow it;
+        infinite without a limit.
+        """
+        model, ranges, alone = self.model, list[FloatArray](), (-math.inf, math.inf)
+        for joint, factor in self._drives(number):
+            least, most = -math.inf, math.inf
+            if model.jnt_actfrclimited[joint]:
+                least, most = model.jnt_actfrcrange[joint].tolist()
+            if own := [np.sort(gear * limits) for _, gear, limits in self._actuators(joint)]:
+                ranges.append(np.sort(factor * np.clip(np.sum(own, axis=0), least, most)))
+            elif joint == number:
+                alone = least, most
+        least, most = np.sum(ranges, axis=0).tolist() if ranges else alone
+        return least, most
+
+    def _actuators(self, joint: int) -> Iterator[tuple[int, float, FloatArray]]:
+        """Yield number, gear and limits [2] of force of each actuator that acts on a joint."""
+        model = self.model
         for k in range(model.nu):
-            direct = self._kind("mjtTrn", model.actuator_trntype[k]) == "JOINT"
-            if not direct or model.actuator_trnid[k, 0] != number:
+            direct = self._kind("mjtTrn", model.actuator_trntype[k]) in ("JOINT", "JOINTINPARENT")
+            gear, limits = float(model.actuator_gear[k, 0]), np.array([-np.inf, np.inf])
+            if not direct or model.actuator_trnid[k, 0] != joint or not gear:
                 continue
-            gear, limits = model.actuator_gear[k, 0], np.array([-np.inf, np.inf])
             gain = self._kind("mjtGain", model.actuator_gaintype[k])
             bias = self._kind("mjtBias", model.actuator_biastype[k])
             if model.actuator_forcelimited[k]:
                 limits = model.actuator_forcerange[k]
             elif model.actuator_ctrllimited[k] and (gain, bias) == ("FIXED", "NONE"):  # a motor
                 limits = model.actuator_ctrlrange[k] * model.actuator_gainprm[k, 0]
-            if gear:
-                ranges.append(np.sort(gear * limits))
-        least, most = np.sum(ranges, axis=0).tolist() if ranges else (-math.inf, math.inf)
-        if model.jnt_actfrclimited[number]:
-            lower, upper = model.jnt_actfrcrange[number].tolist()
-            least, most = max(least, lower), min(most, upper)
-        return least, most
+            yield k, gear, limits
+
+    def _of_actuators(self, joint: int, name: str) -> float:
+        """Return what the actuators of a joint add to its own armature or damping."""
+        values = getattr(self.model, f"actuator_{name}", np.zeros(self.model.nu))
+        return float(sum(gear**2 * values[k] for k, gear, _ in self._actuators(joint)))
 
     def _shapes(self, body: int) -> Iterator[Shape]:
         model = self.model
