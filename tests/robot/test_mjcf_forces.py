@@ -76,6 +76,13 @@ LEFT_OUT = {
         },
         "'tie'",
     ),
+    "spring of an actuator": (
+        {
+            "more": '<actuator><general name="m" joint="a" gainprm="0" biastype="affine" '
+            'biasprm="0 -90 -9"/></actuator>'
+        },
+        "'m'",
+    ),
     "actuator of a tendon": (
         {"more": tendon("") + '<actuator><motor name="m" tendon="t" ctrlrange="-1 1"/></actuator>'},
         "'m'",

@@ -242,19 +242,19 @@ class Robot:
         """Number of links that move, N: that of the joints, unless some follow others."""
         return self.alpha.size
 
-    @cached_property
+    @property
     def chain(self) -> Robot:
         """The same arm with N joints that all move on their own; itself where all do."""
-        if self.coupling is None:
-            return self
-        return replace(
-            self,
-            joint_names=self.coupling.names,
-            joint_types=self.coupling.types,
-            limits=self.coupling.spread(self.limits),
-            named_poses={},
-            coupling=None,
-        )
+        return self if self.coupling is None else self._uncoupled
+
+    @cached_property
+    def _uncoupled(self) -> Robot:
+        chain = self.coupling
+        assert chain is not None
+        limits = chain.spread(self.limits)
+        names, types = chain.names, chain.types
+        change: dict[str, Any] = {"joint_names": names, "joint_types": types, "limits": limits}
+        return replace(self, coupling=None, named_poses={}, **change)
 
     @cached_property
     def transmission(self) -> FloatArray:

@@ -307,7 +307,8 @@ class _Model:
         for k in range(model.nu):
             direct = self._kind("mjtTrn", model.actuator_trntype[k]) in ("JOINT", "JOINTINPARENT")
             gear, limits = float(model.actuator_gear[k, 0]), np.array([-np.inf, np.inf])
-            if not direct or model.actuator_trnid[k, 0] != joint or not gear:
+            controlled = model.actuator_gainprm[k].any()
+            if not (direct and gear and controlled) or model.actuator_trnid[k, 0] != joint:
                 continue
             gain = self._kind("mjtGain", model.actuator_gaintype[k])
             bias = self._kind("mjtBias", model.actuator_biastype[k])

@@ -144,7 +144,7 @@ class Forces:
             )
 
     def _remark_actuators(self, remarks: Remarks) -> None:
-        """Name the actuators whose limits are not read, for they act on no joint."""
+        """Name the actuators that are not read: those that act on no joint, or by no control."""
         mujoco, model, data = self.mujoco, self.model, self.data
         mujoco.mj_forward(model, data)
         moments = np.zeros((model.nu, model.nv))
@@ -152,6 +152,9 @@ class Forces:
         if model.nu and model.nv:
             mujoco.mju_sparse2dense(moments, data.actuator_moment.ravel(), *lines)
         for number in np.flatnonzero(moments[:, self.columns].any(axis=1)).tolist():
-            if not self._direct(number):
+            if model.actuator_biasprm[number].any() and not model.actuator_gainprm[number].any():
+                words = "actuators that no control changes are left out: they act as springs"
+                remarks.add(words, self._name("ACTUATOR", number))
+            elif not self._direct(number):
                 words = "limits of actuators that act by tendons, sites or cranks are left out"
                 remarks.add(words, self._name("ACTUATOR", number))
