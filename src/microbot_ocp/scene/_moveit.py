@@ -211,7 +211,7 @@ def read_request(path: str | Path, robot: Robot) -> Request:
         goal = _by_joint("the goal", *aimed)
         rows = [_in_order("start", start, robot), _in_order("goal", goal, robot)]
         q = checks.array("positions of joints", rows, (2, robot.joint_count), "rad")
-        if others := start.keys() - robot.joint_names:
+        if others := start.keys() - {*robot.chain.joint_names}:
             warn_user(f"held as the robot's file has them: {', '.join(sorted(others))}")
         for name in goal.keys() - robot.joint_names:
             if start.get(name) != goal[name]:
