@@ -3,7 +3,8 @@
 Values (shapes, ranges, what is finite) are checked inside, by ``checks``, which say more of a value
 than an annotation. So annotations are asked only after a call failed by another error than ours,
 and of what makes a frozen dataclass, where a wrong type may have no effect; not of answers, which
-are made here, by the thousand. Missing and unknown arguments stay Python's own ``TypeError``.
+are made here, by the thousand. A missing argument stays Python's own ``TypeError``, and an unknown
+one is one, too.
 """
 
 from __future__ import annotations
@@ -25,7 +26,8 @@ from typing import Any
 import numpy as np
 
 from microbot_ocp._base import interrupts
-from microbot_ocp._base.checks import InputError, shown
+from microbot_ocp._base.checks import NAME_FIRST, InputError, did_you_mean, shown
+from microbot_ocp._base.foreign_words import remedy
 
 PACKAGE = __name__.partition(".")[0]
 MOST_ENTRIES = 100_000  # of a sequence that are looked at
@@ -33,15 +35,23 @@ SPECIAL = ("__init__", "__call__")  # what is public of a class besides names wi
 UNIONS = (typing.Union, types.UnionType)
 SEQUENCES = (abc.Sequence, abc.Iterable, abc.Collection, list, tuple)
 MAPPINGS = (abc.Mapping, dict)
-# What makes what is wanted of what was given, by the names of both classes
+# How what is wanted is made of what was given, by the names of both classes
 MAKERS = {
-    ("Robot", "str"): "mo.load_robot(name_or_path)",
-    ("Scene", "str"): "mo.load_scene(path)",
-    ("Motion", "str"): "mo.Motion.load(path)",
-    ("Motion", "PiecewisePolynomial"): "mo.Motion.from_polynomial(robot, polynomial)",
-    ("PiecewisePolynomial", "list"): "mo.straight_path(via_q)",
-    ("PiecewisePolynomial", "ndarray"): "mo.straight_path(via_q)",
+    ("Robot", "str"): "mo.load_robot(name_or_path) makes one",
+    ("Scene", "str"): "mo.load_scene(path) makes one",
+    ("Motion", "str"): "mo.Motion.load(path) makes one",
+    ("Motion", "PiecewisePolynomial"): "mo.Motion.from_polynomial(robot, polynomial) makes one",
+    ("PiecewisePolynomial", "list"): "mo.straight_path(via_q) makes one",
+    ("PiecewisePolynomial", "ndarray"): "mo.straight_path(via_q) makes one",
+    ("text", "MX"): NAME_FIRST,
+    ("text", "Symbol"): NAME_FIRST,
 }
+
+
+class UnknownArgument(InputError, TypeError):
+    """An argument by a name that a function does not have."""
+
+
 _classes: set[type] = set()
 
 
@@ -116,12 +126,18 @@ def _refuse(
 ) -> None:
     """Refuse the first argument of a wrong type."""
     rules, positional = _rules(function)
+    if isinstance(problem, TypeError):
+        there = inspect.signature(function).parameters
+        for name in (name for name in named if name not in there):
+            if str(problem).endswith(f"unexpected keyword argument {name!r}"):
+                hint = remedy(name) or did_you_mean(name, there)
+                raise UnknownArgument(f"{problem}{hint}") from None
     for name, value in itertools.chain(zip(positional, given, strict=False), named.items()):
         if name in rules and not rules[name][0](value):
             wanted, kind = rules[name][1], type(value).__name__
             makers = (MAKERS.get((word, kind)) for word in wanted.split())
-            remedy = "".join(f"; {maker} makes one" for maker in makers if maker)
-            raise InputError(f"{name} must be {wanted}, not {shown(value)}{remedy}") from problem
+            hint = "".join(f"; {maker}" for maker in makers if maker)
+            raise InputError(f"{name} must be {wanted}, not {shown(value)}{hint}") from problem
 
 
 @functools.cache

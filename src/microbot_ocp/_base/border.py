@@ -21,8 +21,10 @@ def attach_stub(name: str, file: str) -> tuple[Callable[[str], Any], Callable[[]
             if wanted.startswith("_") or wanted in names:
                 raise
             from microbot_ocp._base.checks import similar
+            from microbot_ocp._base.foreign_words import remedy
 
-            raise AttributeError(f"{name} has no {wanted!r}{similar(wanted, names)}") from None
+            hint = remedy(wanted) or similar(wanted, names)
+            raise AttributeError(f"{name} has no {wanted!r}{hint}") from None
         from microbot_ocp._base.argument_types import checked  # with numpy, not before a name
 
         # A user may get an object of a class whose name nobody has asked for.

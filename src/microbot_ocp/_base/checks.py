@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 FloatArray = NDArray[np.float64]
 
 
+NAME_FIRST = 'a name goes first, as in constraint("speed", v <= 1)'
 MOST_MESSAGE = 290  # characters
 LONGEST = 1e4  # s, of a motion that is given or looked for
 MOST_SAMPLES = 100_000  # of a new motion

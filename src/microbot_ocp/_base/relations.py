@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from typing import Any, NoReturn
 
 import casadi as ca
 
-from microbot_ocp._base.checks import InputError
+from microbot_ocp._base.checks import InputError, shortened, shown
 
 IF = "write casadi.if_else(condition, a, b) for if"
+TABLES = "casadi.interpolant is a table of the time or a state"
 ORDERS = (ca.OP_LE, ca.OP_LT)
 RELATIONS = (*ORDERS, ca.OP_EQ, ca.OP_NE, ca.OP_NOT, ca.OP_AND, ca.OP_OR)
 
@@ -27,6 +29,10 @@ def reason_of(problem: Exception) -> str:
     return lines[-1]
 
 
+# CasADi says it once, of numpy's functions of its symbols; nobody can do anything about it here
+warnings.filterwarnings("ignore", r"\s*casadi: a numpy function was called", FutureWarning)
+
+
 class Symbol(ca.MX):
     """An expression that says what to write where Python asks for its number, which it has not.
 
@@ -41,8 +47,27 @@ class Symbol(ca.MX):
             f"{self} is no number before it is solved for: write casadi.sin for math.sin"
         )
 
+    def __index__(self) -> NoReturn:
+        raise InputError(
+            f"{self} is no index before it is solved for: {TABLES}, and a sum of casadi.if_else "
+            "steps where it is to jump"
+        )
+
+    @property
+    def T(self) -> Symbol:  # as CasADi calls it
+        """The transpose."""
+        return Symbol(ca.transpose(self))
+
     def __array_function__(self, func: Any, types: Any, args: Any, kwargs: Any) -> Any:
-        return super().__array_function__(func, (ca.MX,), args, kwargs)  # it compares exact types
+        try:
+            # it compares exact types
+            return super().__array_function__(func, (ca.MX,), args, kwargs)
+        except (RuntimeError, NotImplementedError) as refused:
+            line = str(refused).strip().splitlines()[-1].strip()
+            raise InputError(
+                f"numpy's {func.__name__} takes no such symbols ({shortened(line, 150)}): write "
+                "a.T @ b, casadi.dot(a, b), casadi.vertcat(a, b)"
+            ) from None
 
 
 def _operator(name: str) -> Callable[..., Any]:
@@ -51,12 +76,37 @@ def _operator(name: str) -> Callable[..., Any]:
 
     def operator(self: Symbol, *others: Any) -> Any:
         result = plain(self, *others)
+        if result is NotImplemented and isinstance(others[0], ca.SX):
+            raise InputError(
+                f"{self} is of casadi.MX, {shown(others[0])} of casadi.SX, which do not mix: "
+                "declare parameters of the problem, or call a casadi.Function of SX"
+            )
         return Symbol(result) if isinstance(result, ca.MX) else result
 
     return operator
 
 
-_ARITHMETIC = ("add", "sub", "mul", "truediv", "pow")
+_ARITHMETIC = ("add", "sub", "mul", "truediv", "floordiv", "mod", "pow", "matmul")
 _REVERSED = tuple(f"r{_name}" for _name in _ARITHMETIC)
 for _name in (*_ARITHMETIC, *_REVERSED, "neg", "getitem", "lt", "le", "gt", "ge", "eq", "ne"):
     setattr(Symbol, f"__{_name}__", _operator(f"__{_name}__"))
+
+
+def _junction(sign: str, join: Callable[..., ca.MX]) -> Callable[..., Symbol]:
+    """Return an operator that joins relations."""
+
+    def operator(*relations: Any) -> Symbol:
+        if not all(isinstance(each, ca.MX) and is_relation(each) for each in relations):
+            raise InputError(
+                f"{sign} joins relations, each in brackets, as (0 <= x) {sign} (x <= 1); a power "
+                "is written **"
+            )
+        return Symbol(join(*relations))
+
+    return operator
+
+
+_JUNCTIONS = {"&": ca.logic_and, "|": ca.logic_or, "^": ca.MX.__ne__, "~": ca.logic_not}
+for _sign, _name in (("&", "and"), ("|", "or"), ("^", "xor"), ("~", "invert")):
+    for _prefix in ("", *("r" * (_sign != "~"))):
+        setattr(Symbol, f"__{_prefix}{_name}__", _junction(_sign, _JUNCTIONS[_sign]))

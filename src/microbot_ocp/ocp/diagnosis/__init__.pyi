@@ -14,4 +14,5 @@ from ._finiteness import (
     BESIDE as BESIDE,
     NotFinite as NotFinite,
     finite_start as finite_start,
+    singular as singular,
 )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -113,6 +113,23 @@ def not_finite(program: Program, x: FloatArray, where: str) -> str | None:
     bad[entries] = True
     row = f": {program.row_labels[int(np.argmax(bad))]}" if bad.any() else ""
     return f"{where} gives values that are not finite between mesh points{row}"
+
+
+def singular(phase: PhaseSolution) -> str:
+    """Return where the dynamics have no finite value or slope along a phase; empty where they
+    have.
+
+    A state that is zero but for rounding counts as zero.
+    """
+    rounding = np.sqrt(np.finfo(float).eps)
+    values = {
+        name: np.where(np.abs(table) <= rounding * np.abs(table).max(), 0.0, table)
+        for name, table in phase.values.items()
+    }
+    phase = replace(phase, values=values)
+    terms = [term for term in _terms(phase.laid_out.phase) if term.label.startswith("the dynamics")]
+    found = (_complaint(phase, term, k, "the solution") for k in (False, True) for term in terms)
+    return next(filter(None, found), "")
 
 
 def _inside(program: Program, x: FloatArray) -> FloatArray:
@@ -245,7 +262,10 @@ def _cause(
             if not np.isfinite(value) and np.isfinite(a) and np.isfinite(b):
                 operand = _OPERATIONS.get(operation, lambda a, b: f"an operation on {a:.4g}")(a, b)
                 used = [_entry(symbols[i][0], point[i], j) for i, j in sorted(behind)]
-                return operand + (f", from {', '.join(used)}" if used else "")
+                divisor = sources[inputs[-1]] if operation in (ca.OP_DIV, ca.OP_INV) else ()
+                names = " and ".join(sorted({symbols[i][0] for i, _ in divisor}))
+                divides = f"; it divides by {names}" if names else ""
+                return operand + (f", from {', '.join(used)}" if used else "") + divides
             work[outputs[0]], sources[outputs[0]] = value, behind
     return "a parameter or variable is not finite"
 

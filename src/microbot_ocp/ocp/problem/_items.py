@@ -145,8 +145,11 @@ def fill(name: str, value: ArrayLike, size: int) -> FloatArray:
 def duration_bounds(phase: str, value: float | tuple[float, float]) -> tuple[float, float]:
     """Return bounds of the duration of a phase, s, from a fixed one or from (lower, upper)."""
     low, high = value if isinstance(value, tuple | list) and len(value) == 2 else (value, value)
-    low = checks.number(f"duration of phase {phase!r}", low, "s", above=0.0)
-    return low, checks.number(f"upper duration of phase {phase!r}", high, "s", at_least=low)
+    try:
+        low = checks.number(f"duration of phase {phase!r}", low, "s", above=0.0)
+        return low, checks.number(f"upper duration of phase {phase!r}", high, "s", at_least=low)
+    except InputError as refused:
+        raise InputError(f"{refused}; a free one is within a range, such as (0.1, 100.0)") from None
 
 
 def ordered(name: str, lower: ArrayLike, upper: ArrayLike, size: int, unit: str) -> Range:
@@ -183,6 +186,8 @@ def limit_of(
     unit: str = "",
 ) -> PathConstraint:
     """Return a limit whose bounds are not crossed, with its scale if one was declared."""
+    if not isinstance(name, str):
+        raise InputError(f"name must be text, not {shown(name)}; {checks.NAME_FIRST}")
     expression = ca.vec(expression)
     size = expression.shape[0]
     low, high = ordered(name, lower, upper, size, unit)

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.foreign_words import Hinting, remedy
 from microbot_ocp._base.portable import Portable
 from microbot_ocp._base.relations import Symbol
 from microbot_ocp.ocp.problem._coupling import owned, value_of
@@ -44,7 +45,7 @@ Size = int | tuple[int, int]
 
 
 @dataclass(eq=False)
-class Phase(Portable):
+class Phase(Hinting, Portable):
     """One phase: a stretch of time with one set of dynamics.
 
     Made by :meth:`OptimalControlProblem.phase`. The symbols ``time`` (since the start of the
@@ -209,6 +210,8 @@ class Phase(Portable):
         end or its :meth:`rate` is used, else polynomial with collocation and constant with any
         other scheme. Bounds that are expressions make path constraints.
         """
+        if hint := remedy(shape):
+            raise InputError(f"shape of control {name!r} cannot be {shape!r}{hint}")
         checks.one_of("shape", shape, ("auto", "constant", "linear", "polynomial"))
         if shape == "auto" and (initial is not None or final is not None):
             shape = "linear"

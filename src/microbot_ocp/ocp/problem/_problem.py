@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.foreign_words import Hinting
 from microbot_ocp._base.portable import Portable
 from microbot_ocp._base.relations import Symbol
 from microbot_ocp.ocp.problem._coupling import copied, renamed
@@ -33,10 +34,10 @@ from microbot_ocp.ocp.problem._items import (
     variable_of,
 )
 from microbot_ocp.ocp.problem._phase import Phase
-from microbot_ocp.ocp.problem._relations import as_expression
+from microbot_ocp.ocp.problem._relations import as_expression, refuse_indices
 
 
-class OptimalControlProblem(Portable):
+class OptimalControlProblem(Hinting, Portable):
     """Phases in a row, linked; minimise the sum of their costs.
 
     With ``maximize`` all costs are gains, and their sum is to be as large as possible: it is the
@@ -337,6 +338,12 @@ class OptimalControlProblem(Portable):
             tied = {*(c.name for c in after.point_constraints), *(f"start of {k}" for k in jumps)}
             states = (v.name for v in before.states if f"start of {v.name}" not in tied)
             names = [name for name in states if name in sizes_after]
+            if not names and not jumps and not tied:
+                raise InputError(
+                    f"phases {before.name!r} and {after.name!r} have no state in common to be "
+                    f"linked: {', '.join(sizes)} and {', '.join(sizes_after)}; give "
+                    "initial=before.final(state) to the states of the second, or names=()"
+                )
         chosen = tuple(names)
         for name in chosen:
             if name not in sizes or sizes[name] != sizes_after.get(name):
@@ -374,6 +381,8 @@ class OptimalControlProblem(Portable):
             slopes = phase.derivatives.values()
             used = ca.vertcat(*slopes, *limits, *costs, *phase.algebraic_equations)
             _check_symbols(phase, used)
+            points = (c.expression for c in (*phase.point_constraints, *phase.point_costs))
+            refuse_indices(f"phase {phase.name!r}", ca.vertcat(used, *points))
             unknowns = sum(v.size for v in phase.algebraics)
             equations = sum(e.shape[0] for e in phase.algebraic_equations)
             if unknowns != equations:

@@ -7,7 +7,7 @@ relation is taken apart here, before it gets there, and refused wherever its val
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from microbot_ocp._base.checks import InputError, shown
-from microbot_ocp._base.relations import ORDERS, RELATIONS, is_relation
+from microbot_ocp._base.relations import ORDERS, RELATIONS, TABLES, is_relation
 from microbot_ocp.ocp.problem._items import Bound, PathConstraint, converted, limit_of, moving
 
 
@@ -94,9 +94,35 @@ def refuse_steps(label: str, expression: ca.MX) -> None:
                 )
 
 
+def refuse_indices(label: str, expression: ca.MX) -> None:
+    """Raise InputError where entries are chosen by the value of an expression, with no slope."""
+    whole = _graph(expression)
+    for graph in (k for k in (whole, *whole.find_functions()) if k.is_a("MXFunction")):
+        for k in range(graph.n_instructions()):
+            if graph.instruction_id(k) != ca.OP_GETNONZEROS_PARAM:
+                continue
+            entry = graph.instruction_MX(k)
+            places = ca.vertcat(*(ca.vec(entry.dep(j)) for j in range(1, entry.n_dep())))
+            symbols = ca.symvar(places)
+            # a table that is written out looks its interval up and is continuous
+            if symbols and not _has(places, (ca.OP_LOW,)):
+                raise InputError(
+                    f"{label} takes an entry of {shown(str(entry.dep(0)))} by the value of "
+                    f"{', '.join(s.name() for s in symbols)}, which has no slope: {TABLES}"
+                )
+
+
+def _graph(expression: ca.MX) -> ca.Function:
+    return ca.Function("expression", ca.symvar(expression), [expression])
+
+
+def _has(expression: ca.MX, operations: Container[int]) -> bool:
+    graph = _graph(expression)
+    return any(graph.instruction_id(k) in operations for k in range(graph.n_instructions()))
+
+
 def _compares(expression: ca.MX) -> bool:
-    graph = ca.Function("expression", ca.symvar(expression), [expression])
-    return any(graph.instruction_id(k) in RELATIONS for k in range(graph.n_instructions()))
+    return _has(expression, RELATIONS)
 
 
 def _terms(sum_of_terms: ca.MX) -> list[ca.MX]:

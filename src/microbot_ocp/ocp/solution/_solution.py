@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.foreign_words import Hinting
 from microbot_ocp._base.outcome import Advice, Ledger, LedgerRow, Outcome, remark
 from microbot_ocp._base.portable import Portable
 from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
@@ -73,7 +74,7 @@ class Attempt:
 
 
 @dataclass(frozen=True, eq=False)
-class PhaseSolution(Portable):
+class PhaseSolution(Hinting, Portable):
     """Values of one phase at its mesh points.
 
     Attributes
@@ -176,7 +177,7 @@ class StartingPoint:
 
 
 @dataclass(frozen=True, eq=False)
-class Solution(Portable):
+class Solution(Hinting, Portable):
     """Result of an optimal-control solve, converged or not.
 
     Attributes

@@ -18,6 +18,7 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.growth import carry, transition_matrices
 from microbot_ocp._base.quiet import quiet
 from microbot_ocp._base.status import Status
+from microbot_ocp.ocp.diagnosis import singular
 from microbot_ocp.ocp.problem import Phase, Variable
 from microbot_ocp.ocp.solution import PhaseSolution
 from microbot_ocp.ocp.transcription import PhaseLayout, StageKind
@@ -91,7 +92,7 @@ def each_interval(phase: PhaseSolution, *, until: float = 1.0, cost: bool = Fals
                 run = _integrator(layout, method, cost).map(layout.intervals)
                 states, summed = run(start.T, data.T)
         except RuntimeError as problem:
-            failure = _why(problem)
+            failure = singular(phase) or _why(problem)
             continue
         costs = summed.full().ravel() if cost else np.zeros(len(start))
         return Integrated(states.full().T, costs)
