@@ -143,3 +143,12 @@ def test_a_long_message_keeps_its_ends():
     message = str(mo.InputError("begin " + "x" * 5000 + " end"))
     assert len(message) < 300
     assert (message[:5], message[-3:]) == ("begin", "end")
+
+
+@pytest.mark.parametrize("words", [40, 80, 200])
+def test_a_long_sentence_is_whole(words):
+    """Certificates and advice in messages were cut in their middle at 290 characters."""
+    sentence = " ".join(f"part{k}" for k in range(words))
+    assert str(mo.InputError(sentence)) == sentence
+    path = "/".join(["folder"] * 19)  # 132 characters
+    assert str(mo.InputError(f"{path} {sentence}")) == f"{path} {sentence}"

@@ -50,7 +50,7 @@ from microbot_ocp.tasks import is_cell_file, read_cell, read_task
 SLOW = 10.0  # s of processor time
 MOST_MEMORY = 1_000_000  # kB that one case may add to the most that was ever taken
 PIECE = 1000  # cases of a line of the record
-MOST_MESSAGE = 300  # characters
+MOST_MESSAGE = 400  # characters: a whole sentence, with what is quoted cut short
 VIA = np.radians([[0, 0, 0], [-90, 90, 90]])
 ODD = [
     None, True, False, 0, 1, -1, 3, 10**400, 1e308, -1e308, 1e-320, 0.5, float("nan"), float("inf"),

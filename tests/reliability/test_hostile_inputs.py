@@ -32,7 +32,7 @@ def refused(read, *given) -> str:
     assert time.process_time() - begun < 10.0
     line = str(caught.value)
     assert line.isprintable()
-    assert len(line) < 300
+    assert len(line) < 400
     return line
 
 

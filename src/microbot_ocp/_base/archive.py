@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from microbot_ocp._base.argument_types import fits
-from microbot_ocp._base.checks import InputError, shortened, shown
+from microbot_ocp._base.checks import InputError, shown
 from microbot_ocp._base.reading import content_of
 from microbot_ocp._base.writing import digest_of_document, write_whole
 
@@ -73,7 +73,7 @@ def read_archive(
     """
     if not os.path.isfile(path):  # False of what cannot be a name of a file, too
         raise InputError(
-            f"{shortened(str(path), 150)} is no file: give the path of a saved {what} (.npz)"
+            f"{path} is no file: give the path of a saved {what} (.npz)"
         )
     try:
         arrays = arrays_in(Path(path))
@@ -87,7 +87,7 @@ def read_archive(
         raise no_archive(path, what, problem) from None
     if schema > newest:
         raise InputError(
-            f"{shortened(str(path), 150)} was written by a newer version (schema {shown(schema)}; "
+            f"{path} was written by a newer version (schema {shown(schema)}; "
             f"this one reads up to {newest})"
         )
     if changed:
@@ -101,7 +101,7 @@ def no_archive(path: str | Path, what: str, problem: Exception) -> InputError:
     sentence = repr(problem) if isinstance(problem, KeyError) else message
     reason = " ".join(sentence.split()) or type(problem).__name__
     return InputError(
-        f"{shortened(str(path), 130)} is not a saved {what}: {shortened(reason, 120)}"
+        f"{path} is not a saved {what}: {reason}"
     )
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import difflib
 import operator
+import re
 import reprlib
 import sys
 import warnings
@@ -22,7 +23,8 @@ FloatArray = NDArray[np.float64]
 
 
 NAME_FIRST = 'a name goes first, as in constraint("speed", v <= 1)'
-MOST_MESSAGE = 290  # characters
+LONGEST_WORD = 150  # characters: a longer one is a value that nobody reads
+MOST_MESSAGE = 2000  # characters: only values that are longer make a longer one
 LONGEST = 1e4  # s, of a motion that is given or looked for
 MOST_SAMPLES = 100_000  # of a new motion
 SLOW = 100.0  # s: longer motions have fewer samples, as they are slow
@@ -34,11 +36,11 @@ MOST_GIVEN = 2_000_000  # samples that may be asked for
 class InputError(ValueError):
     """Bad input, found before any solver starts; the message is one complete sentence.
 
-    It has less than 300 characters: a value that is longer is quoted by its ends.
+    A value that is long is quoted by its ends, the sentence is whole.
     """
 
     def __init__(self, *arguments: object) -> None:
-        brief = (shortened(a, MOST_MESSAGE) if isinstance(a, str) else a for a in arguments)
+        brief = (sentence(a) if isinstance(a, str) else a for a in arguments)
         super().__init__(*brief)
 
 
@@ -85,6 +87,16 @@ def shortened(text: str, most: int) -> str:
         return text
     line = " ".join(text.split())
     return line if len(line) <= most else f"{line[: most // 2]}…{line[len(line) - most // 2 + 1 :]}"
+
+
+def sentence(text: str) -> str:
+    """Return a message whole, but for words that are too long to be read: those by their ends.
+
+    >>> sentence("a file of the name " + "x" * 200 + " is not there")[-60:]
+    'xxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxx is not there'
+    """
+    words = (shortened(word, LONGEST_WORD) for word in re.split(r"(\s+)", text))
+    return shortened("".join(words), MOST_MESSAGE)
 
 
 # what numpy and Python raise of what they cannot make numbers of; recursion is a RuntimeError

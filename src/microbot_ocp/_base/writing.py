@@ -21,7 +21,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from microbot_ocp._base.checks import InputError, shortened
+from microbot_ocp._base.checks import InputError, sentence
 from microbot_ocp._base.reading import opened
 
 # .NAME.HOST.PID.RANDOM.microbot.part: at most 200 bytes, where file systems allow 255
@@ -34,8 +34,8 @@ class NotWritten(OSError, InputError):
     """A file could not be written; the message names it and says why."""
 
     def __init__(self, path: str | Path, reason: str) -> None:
-        super().__init__(f"{shortened(str(path), 150)} was not written: {shortened(reason, 120)}")
-        self.path, self.reason = str(path), shortened(reason, 120)
+        super().__init__(sentence(f"{path} was not written: {reason}"))
+        self.path, self.reason = str(path), sentence(reason)
 
 
 @contextlib.contextmanager

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import microbot_ocp as mo
 from microbot_ocp._base import checks
-from microbot_ocp._base.checks import InputError, plain, shortened
+from microbot_ocp._base.checks import InputError, plain
 from microbot_ocp._base.reading import opened
 from microbot_ocp._base.writing import made_folder, write_whole
 from microbot_ocp.cli._declaration import FILE, OTHER_ROBOT, PROFILE, command
@@ -156,8 +156,8 @@ def replay(
     if file.suffix == ".rrd":
         if rerun is not None or not file.is_file():
             raise InputError(
-                f"{shortened(str(file), 150)} is a recording already, which replay can show only: "
-                f"microbot-ocp replay {shortened(file.name, 60)} --open"
+                f"{file} is a recording already, which replay can show only: "
+                f"microbot-ocp replay {file.name} --open"
             )
         _check_recording(file)
         return Answer({"recording": str(file)}, record=file)
@@ -187,8 +187,7 @@ def _check_recording(path: Path) -> None:
         RrdReader(path)
     except Exception as problem:  # it raises whatever happens to go wrong inside
         reason = getattr(problem, "strerror", None) or " ".join(str(problem).split())
-        name = shortened(str(path), 130)
-        raise InputError(f"{name} is no recording: {shortened(reason, 120)}") from None
+        raise InputError(f"{path} is no recording: {reason}") from None
 
 
 def _robot_of(motion: Motion, origin: str, named: str | None) -> Robot:

@@ -24,7 +24,8 @@ from typing import Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from microbot_ocp._base.checks import InputError, shortened
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import InputError
 from microbot_ocp._base.schema import suggestion
 from microbot_ocp._base.writing import NotWritten
 from microbot_ocp.cli import _process as process
@@ -235,9 +236,9 @@ def _refuse(problem: Exception) -> int:
             sentence = f"the task is too large: {what}"
         else:
             code = ExitCode.FAULT
-            what = f"{shortened(what, 200)} ({TRACEBACK}=1 shows where)"
+            what = f"{what} ({TRACEBACK}=1 shows where)"
             sentence = f"a fault of this program, please report it: {what}"
-    _print_error(f"error: {shortened(sentence, 290)}")
+    _print_error(f"error: {checks.sentence(sentence)}")
     return code
 
 

@@ -14,7 +14,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from microbot_ocp._base.checks import InputError, plain, shortened
+from microbot_ocp._base.checks import InputError, plain, sentence
 from microbot_ocp._base.table import Table
 from microbot_ocp._base.writing import NotWritten, check_writable
 from microbot_ocp.cli import _process as process
@@ -138,7 +138,7 @@ class Report:
         except Exception as problem:
             process.check()
             reason = str(problem) or type(problem).__name__
-            self.missing.append({"file": str(path), "reason": shortened(reason, 120)})
+            self.missing.append({"file": str(path), "reason": sentence(reason)})
         else:
             self.written += map(str, files) if isinstance(files, list) else [str(path)]
 

@@ -21,7 +21,6 @@ from microbot_ocp._base.checks import (
     FloatArray,
     InputError,
     naming,
-    shortened,
     shown,
     warn_user,
 )
@@ -291,7 +290,7 @@ def _of_archive(path: Path, robot: Robot) -> CommandRows | Motion:
     try:
         arrays: Any = arrays_in(path, (*ARRAYS, METADATA))
     except Exception as problem:  # as archives raise on damage
-        raise InputError(f"it is no archive of numpy: {shortened(str(problem), 120)}") from None
+        raise InputError(f"it is no archive of numpy: {problem}") from None
     if arrays.pop(METADATA, None) is not None:
         return Motion.load(path)
     if not {"t", "q"} <= set(arrays):

@@ -18,7 +18,8 @@ from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from microbot_ocp._base.checks import FloatArray, shortened
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.child_process import Died, OutOfTime, end_with_parent
 from microbot_ocp._base.status import Status
 
@@ -148,7 +149,7 @@ def serve(pipe: int) -> None:
                 raise RuntimeError(f"the worker has {versions()}, the study is of {plan.version}")
             solver = CaseSolver(plan)
         except BaseException as problem:
-            sentence = shortened(f"{type(problem).__name__}: {problem}", 200)
+            sentence = checks.sentence(f"{type(problem).__name__}: {problem}")
             place = traceback.extract_tb(problem.__traceback__)[-1]
             worker.send(f"{sentence} ({place.filename}, line {place.lineno})")
             return

@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from microbot_ocp._base import checks
-from microbot_ocp._base.checks import FloatArray, InputError, shortened
+from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.status import Status
 from microbot_ocp.robot import Robot
 from microbot_ocp.sweeps._cases import Cases
@@ -187,7 +187,7 @@ def _connected(client: Any, workers: int | None) -> Iterator[Any]:
         try:
             connected = distributed.Client(client, timeout="10s", set_as_default=False)
         except (OSError, ValueError) as problem:
-            reason = shortened(str(problem) or type(problem).__name__, 120)
+            reason = str(problem) or type(problem).__name__
             raise InputError(f"no scheduler answers at {client!r}: {reason}") from None
         with connected:
             yield connected
@@ -336,7 +336,7 @@ class _Run:
         if killed and chunk.deaths + 1 < LIVES:
             self._send(chunk._replace(deaths=chunk.deaths + 1))
             return
-        sentence = shortened(f"{type(problem).__name__}: {problem}", 200)
+        sentence = checks.sentence(f"{type(problem).__name__}: {problem}")
         raise self._stopped(f"a worker could not do its cases: {sentence}")
 
     def _check(self) -> None:

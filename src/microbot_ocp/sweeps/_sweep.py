@@ -15,7 +15,7 @@ import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.archive import no_archive, read_document
-from microbot_ocp._base.checks import FloatArray, InputError, shortened
+from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.reading import opened as opened_file
 from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
 from microbot_ocp._base.status import Status
@@ -212,14 +212,14 @@ class Sweep:
             table = _rows(paths, columns=wanted) if paths else self._schema().empty_table()
         except DAMAGED as problem:
             raise InputError(
-                f"a file in {shortened(str(self.folder / PARTS), 120)} is damaged: "
-                f"{shortened(str(problem), 120)}; the sweep's command does its cases again"
+                f"a file in {self.folder / PARTS} is damaged: "
+                f"{problem}; the sweep's command does its cases again"
             ) from None
         if len(paths) < len(belongs):
             strays = ", ".join(path.name for path, belonging in belongs.items() if not belonging)
             warnings.warn(
-                f"{shortened(str(self.folder / PARTS), 120)} has files of other cases, which are "
-                f"left out: {shortened(strays, 120)}",
+                f"{self.folder / PARTS} has files of other cases, which are "
+                f"left out: {strays}",
                 SweepFileWarning,
                 stacklevel=2,
             )

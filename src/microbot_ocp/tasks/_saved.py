@@ -10,7 +10,7 @@ import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.archive import read_document
-from microbot_ocp._base.checks import FloatArray, InputError, shortened, shown
+from microbot_ocp._base.checks import FloatArray, InputError, shown
 from microbot_ocp._base.schema import check_schema
 from microbot_ocp._base.status import Status
 from microbot_ocp.certificate import certify
@@ -50,7 +50,7 @@ def load_comparison(folder: str | Path, robot: Robot | str | None = None) -> Com
     folder = Path(folder)
     origin = str(folder / INDEX)
     saved = read_document(origin, "comparison", KINDS)
-    with checks.naming(f"{shortened(origin, 150)}: "):
+    with checks.naming(f"{origin}: "):
         check_schema(saved, SCHEMA)
     names = [str(row.get("name")) for row in saved["entries"]]
     if not all(map(NAME.fullmatch, names)) or len(set(names)) < len(names):

@@ -16,7 +16,7 @@ import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.archive import no_archive, read_archive, write_archive
-from microbot_ocp._base.checks import FloatArray, InputError, shortened
+from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.outcome import Advice, Ledger, Outcome
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.problem import with_phases
@@ -129,7 +129,7 @@ def _read(path: str | Path, problem: AnyProblem | None = None) -> tuple[Solution
         solution = _restored(metadata, arrays, problem)
         _check_numbers(solution)
     except InputError as refusal:
-        raise InputError(f"{shortened(str(path), 130)}: {refusal}") from None
+        raise InputError(f"{path}: {refusal}") from None
     except Exception as failure:  # whatever a document of another shape does to what reads it
         raise no_archive(path, "solution", failure) from None
     return solution, metadata
@@ -159,7 +159,7 @@ def repeat(path: str | Path, problem: AnyProblem) -> Solution:
     try:
         settings = SolverSettings(**dict(before.settings))  # type: ignore[arg-type]
     except TypeError:
-        raise InputError(f"{shortened(str(path), 150)} has unknown settings of a solver") from None
+        raise InputError(f"{path} has unknown settings of a solver") from None
     return run_chain(program, settings, before.start)
 
 
