@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -188,3 +189,29 @@ def test_fields_that_a_check_cannot_keep(tmp_path: Path, message: Any, path: str
     file.write_text(json.dumps(message))
     with pytest.raises(mo.InputError, match=rf"^a.json: {path}"):
         read_rows(file, arm(["waist", "elbow"]))
+
+
+def test_marks_of_a_message_are_beside_it(tmp_path):
+    """A message of ROS has no field of marks, and strict readers refused the whole file."""
+    robot = mo.load_robot("microbot")
+    shape = mo.quintic([[0.0, 0.0, 0.0], [0.3, 0.4, 0.2]], [0.0, 2.0])
+    marks = [mo.motion.Mark(0.0, "grip"), mo.motion.Mark(2.0, "release")]
+    motion = mo.Motion.from_polynomial(robot, shape, label="a", marks=marks)
+    path, beside = tmp_path / "a.json", tmp_path / "a.marks.json"
+    for names, marked in ((["grip", "release"], motion), ([], replace(motion, marks=()))):
+        marked.export(path, profile="ros2_jtc_quintic@50", robot=robot)
+        document = json.loads(path.read_text("utf-8"))
+        assert set(document) == {"header", "joint_names", "points"}
+        assert beside.exists() == bool(names)
+        assert [mark.name for mark in mo.execution.read_rows(path, robot).marks] == names
+    motion.export(path, robot=robot)  # without a profile a file has no marks
+    assert not beside.exists()
+    motion.export(path, profile="ros2_jtc_quintic@50", robot=robot)
+    for text, sentence in (
+        ('{"of": "0", "marks": []}', "marks of another file"),
+        ("[]", "no list of marks"),
+        ("{", "no JSON"),
+    ):
+        beside.write_text(text)
+        with pytest.raises(mo.InputError, match=rf"a\.marks\.json: it .*{sentence}"):
+            mo.execution.read_rows(path, robot)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -532,6 +533,34 @@ def test_a_stretched_motion_has_no_slopes_of_the_faster_one():
     given = {"multipliers": {"rows": {}}, "method": "search"}
     fast = Motion.from_polynomial(robot, shape, label="quintic", provenance=given)
     slow = fast.stretched(robot, 2.0)
-    assert slow.provenance == {"method": "search"}
+    named = {"robot": robot.name, "robot_digest": robot.chain_digest}
+    assert slow.provenance == {"method": "search", **named}
     with pytest.raises(InputError, match="no multipliers"):
         slow.sensitivities(robot)
+
+
+def test_a_motion_names_its_robot_and_certify_says_so_of_another(tmp_path):
+    robot = mo.load_robot("microbot")
+    shape = mo.quintic([[0.0, 0.0, 0.0], [0.5, 0.5, 0.5]], [0.0, 5.0])
+    motion = Motion.load(
+        Motion.from_polynomial(robot, shape, label="quintic").save(tmp_path / "a.npz")
+    )
+    assert motion.provenance["robot"] == "microbot"
+    assert motion.provenance["robot_digest"] == robot.chain_digest
+    longer = replace(robot, d=robot.d + 0.1)
+    heavier = robot.with_payload(1.0)
+    renamed = replace(robot, name="other")
+    for arm, sentence in (
+        (robot, ""),
+        (heavier, ""),
+        (renamed, ""),
+        (robot.with_limits(qd_max=0.1), ""),
+        (longer, "this motion names robot 'microbot' with other rows"),
+        (mo.load_robot("planar_3r"), "this motion names robot 'microbot', not 'planar_3r'"),
+    ):
+        head, _, verdict = mo.certify(arm, motion).verdict.partition(": ")
+        assert head in ("Passed", "Failed")
+        assert verdict.startswith(sentence or ("every", "re-sim", "the stored", "velocity")), (
+            verdict
+        )
+        assert ("names robot" in verdict) == bool(sentence)

@@ -72,9 +72,7 @@ def read_archive(
         No such file, something else, damaged, too large, or written by a newer version.
     """
     if not os.path.isfile(path):  # False of what cannot be a name of a file, too
-        raise InputError(
-            f"{path} is no file: give the path of a saved {what} (.npz)"
-        )
+        raise InputError(f"{path} is no file: give the path of a saved {what} (.npz)")
     try:
         arrays = arrays_in(Path(path))
         digest = str(arrays.pop(DIGEST, ""))
@@ -100,9 +98,7 @@ def no_archive(path: str | Path, what: str, problem: Exception) -> InputError:
     message = getattr(problem, "strerror", None) or str(problem)  # of a file, without its name
     sentence = repr(problem) if isinstance(problem, KeyError) else message
     reason = " ".join(sentence.split()) or type(problem).__name__
-    return InputError(
-        f"{path} is not a saved {what}: {reason}"
-    )
+    return InputError(f"{path} is not a saved {what}: {reason}")
 
 
 def read_document(

@@ -42,6 +42,7 @@ from microbot_ocp.motion import (
     dense_times,
     history_of,
     jump_gaps,
+    other_arm,
     quadrature,
     torque_along,
 )
@@ -219,6 +220,10 @@ def certified(
         certificate = certificate_of_task(subject, motion, tolerances, simulated=simulated)
     else:
         certificate = certificate_of(subject, motion, via, tolerances, simulated=simulated)
+    if other := other_arm(subject.robot, motion):
+        passes, _, because = certificate.verdict.partition(": ")
+        verdict = f"{passes}: {other}; {because}"
+        certificate = replace(certificate, verdict=verdict)
     if scene is None:
         return certificate
     places: Any = [(0.0, motion.duration, subject.robot, scene)]

@@ -16,7 +16,7 @@ from microbot_ocp._base.writing import made_folder, write_whole
 from microbot_ocp.cli._declaration import FILE, OTHER_ROBOT, PROFILE, command
 from microbot_ocp.cli._process import NotDone
 from microbot_ocp.cli._report import Answer, Progress, Save, check_output, say
-from microbot_ocp.motion import EXPORT_FORMATS, FILM_FORMATS, Motion
+from microbot_ocp.motion import EXPORT_FORMATS, FILM_FORMATS, Motion, other_arm
 from microbot_ocp.robot import Robot, packaged_robots
 from microbot_ocp.tasks import Step, named_robot, read_cell
 
@@ -194,6 +194,8 @@ def _robot_of(motion: Motion, origin: str, named: str | None) -> Robot:
     """Load the robot of a motion; refuse one whose joints do not fit."""
     robot = named_robot(origin, motion.provenance.get("robot"), named)
     checks.joints(origin, motion.joint_count, robot)
+    if named is None and (other := other_arm(robot, motion)):
+        raise InputError(f"{origin}: {other}: name its own with --robot, a packaged name or a file")
     return robot
 
 
@@ -252,6 +254,8 @@ def export(
         films = " and ".join(FILM_FORMATS)
         raise InputError(f"--task is for films, {films}, or a profile, not {target.suffix} alone")
     cell = None if task is None else read_cell(task).certified(motion)
+    if cell and robot and mo.load_robot(robot).chain_digest != cell.robot.chain_digest:
+        raise InputError(f"give --robot or --task, not both: the task's is {cell.robot.name!r}")
     if cell is not None and film:
         document = {"robot": cell.robot.name, "certified": cell.certificate.ok}
         save = partial(cell.export, **options)
@@ -263,9 +267,10 @@ def export(
         save = partial(animate_motion, arm, motion, **options)
     else:
         named = robot is not None or profile is not None or name in packaged_robots()
-        arm = _robot_of(motion, str(file), robot) if named else None
         if cell is not None:
             arm, name, named = cell.robot, cell.robot.name, True
+        else:
+            arm = _robot_of(motion, str(file), robot) if named else None
         sampled = motion if rate is None or profile else motion.resample(rate, arm)
         document = {"robot": name if named else None, "samples": sampled.t.size}
         save = partial(sampled.export, robot=arm)

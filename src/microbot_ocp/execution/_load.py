@@ -12,7 +12,7 @@ from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.certificate import Tolerances
 from microbot_ocp.execution._rows import CommandRows
 from microbot_ocp.limits import JointLimits
-from microbot_ocp.motion import Motion, State, torque_along
+from microbot_ocp.motion import Motion, State, other_arm, torque_along
 from microbot_ocp.planning import Segment, Task, over_stretches, stretches, task_of
 from microbot_ocp.robot import Robot
 
@@ -54,9 +54,11 @@ def refuse_other_arm(robot: Robot, motion: Motion, task: Task | None = None) -> 
     off = np.abs(motion.tau - torques_through(robot, motion, task)(motion.t, state))
     sample, joint = np.unravel_index(int(off.argmax()), off.shape)
     if off[sample, joint] > Tolerances().torque * np.abs(motion.tau).max():
+        other = other_arm(robot, motion)
         raise InputError(
-            f"motion's torques are not those of {robot.name!r}: that of {robot.joint_names[joint]} "
-            f"is off by {off[sample, joint]:.4g} {robot.unit('tau', int(joint))} at "
+            f"{other and other + ': '}motion's torques are not those of {robot.name!r}: that of "
+            f"{robot.joint_names[joint]} is off by {off[sample, joint]:.4g} "
+            f"{robot.unit('tau', int(joint))} at "
             f"{motion.t[sample]:.4g} s. Give the arm with its load, robot.with_payload(...), "
             "and where that changes, the stops, via_q=... or --task, to what takes them"
         )

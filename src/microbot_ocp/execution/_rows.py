@@ -26,7 +26,8 @@ from microbot_ocp._base.checks import (
 )
 from microbot_ocp._base.messages import check_message, kind_of
 from microbot_ocp._base.reading import bytes_of, text_of, yaml_of
-from microbot_ocp.motion import FIELDS, Mark, Motion
+from microbot_ocp._base.writing import digest
+from microbot_ocp.motion import FIELDS, Mark, Motion, marks_path
 from microbot_ocp.robot import Robot
 
 FORMATS = (".csv", ".json", ".yaml", ".yml", ".npz")
@@ -108,7 +109,7 @@ def read_rows(path: str | Path, robot: Robot) -> CommandRows | Motion:
             rows = _of_archive(target, robot)
         else:
             try:
-                rows = _of_message(_document(target), robot)
+                rows = _of_message(_document(target), _marks_beside(target), robot)
             except OverflowError:  # of a whole number that is no float
                 raise InputError("it holds a number that is too large") from None
         checks.joints("it", rows.q.shape[1], robot)
@@ -314,11 +315,24 @@ def _document(path: Path) -> Any:
         raise InputError(f"it is no JSON: {problem}") from None
 
 
-def _of_message(document: Any, robot: Robot) -> CommandRows:
+def _marks_beside(path: Path) -> Sequence[Any]:
+    """Return the marks that were written beside a message; none where there are none."""
+    beside = marks_path(path)
+    if not beside.is_file():
+        return ()
+    with naming(f"{beside.name}: "):
+        document = _document(beside)
+        if not isinstance(document, dict) or not isinstance(document.get("marks"), list):
+            raise InputError("it holds no list of marks")
+        if document.get("of") != digest(path):
+            raise InputError(f"it holds marks of another file than {path.name}: remove it")
+    return document["marks"]
+
+
+def _of_message(document: Any, given: Sequence[Any], robot: Robot) -> CommandRows:
     for message in document if isinstance(document, list) else [document]:
         if isinstance(message, dict):
-            own = {key: value for key, value in message.items() if key != "marks"}
-            check_message(own, kind_of(own, MESSAGES_HERE))
+            check_message(message, kind_of(message, MESSAGES_HERE))
     messages = list(_trajectories_in(document))
     if len(messages) != 1:
         raise InputError(
@@ -343,7 +357,6 @@ def _of_message(document: Any, robot: Robot) -> CommandRows:
         columns[key] = np.array(rows, dtype=float)[:, order]
     if "q" not in columns:
         raise InputError("its points have no positions")
-    given = document.get("marks", ()) if isinstance(document, dict) else ()
     marks = [Mark(_seconds(mark, k) - t[0], str(mark.get("name"))) for k, mark in enumerate(given)]
     return CommandRows(np.array(t), **columns, marks=tuple(marks))
 

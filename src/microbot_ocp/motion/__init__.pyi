@@ -5,6 +5,7 @@ from ._export import (
     FIELDS as FIELDS,
     FILM_FORMATS as FILM_FORMATS,
     Columns as Columns,
+    marks_path as marks_path,
     write_columns as write_columns,
 )
 from ._motion import (
@@ -13,6 +14,7 @@ from ._motion import (
     Mark as Mark,
     Motion as Motion,
     Outcome as Outcome,
+    other_arm as other_arm,
     pieces_of as pieces_of,
     polynomial_of as polynomial_of,
     sample_times as sample_times,

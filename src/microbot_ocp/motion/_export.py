@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
@@ -19,7 +19,7 @@ from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.needed import needed
 from microbot_ocp._base.showing import view_for
-from microbot_ocp._base.writing import whole_file
+from microbot_ocp._base.writing import digest, whole_file, write_whole
 from microbot_ocp.robot import Robot
 
 QUANTITIES = {"q": "rad", "qd": "rad/s", "qdd": "rad/s^2", "tau": "N m"}
@@ -94,7 +94,26 @@ def write_columns(path: str | Path, columns: Columns) -> Path:
     checks.one_of("ending of path", target.suffix, EXPORT_FORMATS)
     with whole_file(target) as partial:
         EXPORT_FORMATS[target.suffix](partial, columns)
+    if target.suffix == ".json":
+        _write_marks(target, columns.marks or ())
     return target
+
+
+def marks_path(path: str | Path) -> Path:
+    """Return the path of the marks beside a message of ROS, which has no field for them."""
+    return Path(path).with_suffix(".marks.json")
+
+
+def _write_marks(path: Path, marks: Sequence[tuple[float, str]]) -> None:
+    """Write the marks of a message beside it; without any none are left of an earlier one."""
+    if not path.is_file():  # as standard output
+        return
+    if not marks:
+        marks_path(path).unlink(missing_ok=True)
+        return
+    stamps = [(name, _stamp(round(time * NANOSECONDS))) for time, name in marks]
+    rows = [{"name": name, "time_from_start": stamp} for name, stamp in stamps]
+    write_whole(marks_path(path), json.dumps({"of": digest(path), "marks": rows}) + "\n")
 
 
 def _check_size(motion: Any, rate: float | None, suffix: str) -> None:
@@ -139,16 +158,11 @@ def _write_trajectory(path: Path, columns: Columns) -> None:
         }
         for i in np.flatnonzero(apart)
     ]
-    document: dict[str, Any] = {
+    document = {
         "header": {"stamp": _stamp(0), "frame_id": ""},
         "joint_names": list(columns.joints),
         "points": points,
     }
-    if columns.marks is not None:
-        document["marks"] = [
-            {"name": name, "time_from_start": _stamp(round(time * NANOSECONDS))}
-            for time, name in columns.marks
-        ]
     path.write_text(json.dumps(document) + "\n", "utf-8")
 
 

@@ -238,7 +238,8 @@ class Motion:
         """Return the motion with the torques that inverse dynamics asks for at every sample."""
         times, tau = np.asarray(t, dtype=float), torque_along(robot, state)
         ends = None if breaks is None else np.asarray(breaks, dtype=float)
-        about = tuple(marks), dict(provenance or {}), remark
+        names = {"robot": robot.name, "robot_digest": robot.chain_digest}
+        about = tuple(marks), {**names, **(provenance or {})}, remark
         return cls(times, *state, tau, label, ends, *about)
 
     def stretched(self, robot: Robot, factor: float) -> Motion:
@@ -425,8 +426,8 @@ class Motion:
         profile : str or Profile, optional
             Of the controller that plays the file: rows at its rate, from rest to rest, slowed down
             until what it makes of them keeps every limit, as of
-            :func:`microbot_ocp.execution.commanded`; with its quantities only, and with the marks.
-            It needs ``robot``.
+            :func:`microbot_ocp.execution.commanded`; with its quantities only, and with the marks:
+            those of a message of ROS in a file ``.marks.json`` beside it. It needs ``robot``.
         via_q, segments, cycle
             Of a motion through stops that a profile is given for, as of
             :func:`microbot_ocp.certify`.
@@ -499,6 +500,15 @@ class Motion:
             )
         except (LookupError, TypeError, ValueError, OverflowError) as problem:
             raise no_archive(path, "motion", problem) from None
+
+
+def other_arm(robot: Robot, motion: Motion) -> str:
+    """Return what to say of a motion that was made for another arm; empty where it was not."""
+    name, digest = (motion.provenance.get(key) for key in ("robot", "robot_digest"))
+    if name is None or digest == robot.chain_digest or (digest is None and name == robot.name):
+        return ""
+    besides = "" if name != robot.name else " with other rows, base or tool"
+    return f"this motion names robot {name!r}{besides or f', not {robot.name!r}'}"
 
 
 def torque_along(robot: Robot, state: State) -> FloatArray:

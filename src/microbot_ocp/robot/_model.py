@@ -549,6 +549,15 @@ class Robot:
         return replace(self, gravity=checks.array("gravity", gravity, (3,), "m/s^2"))
 
     @cached_property
+    def chain_digest(self) -> str:
+        """Digest of joint types, rows, base and tool, 12 digits: of names, links or limits none."""
+        digest = hashlib.sha256(repr(self.joint_types).encode())
+        rows = self.alpha, self.a, self.d, self.theta_offset, self.beta
+        for item in (*rows, self.base, self.tool):
+            digest.update(np.ascontiguousarray(item + 0.0).tobytes())
+        return digest.hexdigest()[:12]
+
+    @cached_property
     def _digest(self) -> str:
         digest = hashlib.sha256(repr((self.name, self.joint_types, self.joint_names)).encode())
         rows = self.alpha, self.a, self.d, self.theta_offset

@@ -218,8 +218,7 @@ class Sweep:
         if len(paths) < len(belongs):
             strays = ", ".join(path.name for path, belonging in belongs.items() if not belonging)
             warnings.warn(
-                f"{self.folder / PARTS} has files of other cases, which are "
-                f"left out: {strays}",
+                f"{self.folder / PARTS} has files of other cases, which are left out: {strays}",
                 SweepFileWarning,
                 stacklevel=2,
             )
