@@ -25,7 +25,7 @@ def main() -> int:
     comparison = mo.compare(
         robot,
         report.VIA_Q,
-        ["cubic", "time_optimal"],
+        ["cubic", "lspb", "time_optimal"],
         via_t=report.VIA_T,
         via_qd=report.VIA_QD,
         mesh=200,

@@ -121,6 +121,8 @@ from .tasks import (
     load_comparison as load_comparison,
 )
 from .trajectories import (
+    best_cubic as best_cubic,
+    best_lspb as best_lspb,
     best_split as best_split,
     cubic as cubic,
     lspb as lspb,

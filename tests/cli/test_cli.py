@@ -442,7 +442,7 @@ def test_compare_writes_nothing_unless_it_is_asked(call, tmp_path):
     assert "\x1b" not in out
     assert max(map(len, out.splitlines())) <= 80
     assert any(
-        line.startswith("cubic, best split of times") and line.split()[-1] == "ok"
+        line.startswith("cubic, best times and velocities") and line.split()[-1] == "ok"
         for line in out.splitlines()
     )
 
@@ -518,13 +518,13 @@ def test_a_method_that_cannot_do_the_task_is_exit_code_1(call, monkeypatch):
     def fail(_):
         raise mo.InputError("it cannot be done")
 
-    method = methods.Method("LSPB, best split of times", fail)
+    method = methods.Method("LSPB, best times and velocities", fail)
     monkeypatch.setitem(methods.METHODS, "lspb", method)
     arguments = ("compare", "microbot", "--via-deg", VIA_DEG, "--methods", "cubic,lspb")
     code, out, err = call(*arguments)
     assert (code, err) == (1, "")
     assert "it cannot be done" in out
-    assert "cubic, best split of times" in out
+    assert "cubic, best times and velocities" in out
 
 
 @pytest.mark.slow

@@ -167,7 +167,7 @@ def test_a_study_file_is_read() -> None:
     [
         ("schema = 1", "schema = 2", "schema must be 1, not 2"),
         ("methods =", "method =", "unknown key 'method' at the top level; did you mean 'methods'"),
-        ('"lspb"', '"spline"', "methods must be one of cubic, lspb"),
+        ('"lspb"', '"spline"', "methods must be one of cubic_textbook, cubic, lspb"),
         ('kind = "random"', 'kind = "sobol"', "cases.kind must be one of random, grid, table"),
         ("count = 8", "", "cases.count is missing"),
         ("count = 8", "count = 0", "cases.count must be at least 1, not 0"),

@@ -50,7 +50,7 @@ def test_every_method_is_there_and_solved(comparison):
     assert [entry.name for entry in comparison.entries] == list(METHODS)
     assert comparison.solved
     assert {entry.status for entry in comparison.entries} == {"solved"}
-    assert comparison["lspb"].title == "LSPB, best split of times"
+    assert comparison["lspb"].title == "LSPB, best times and velocities"
     with pytest.raises(KeyError):
         comparison["spline"]
 
@@ -62,8 +62,10 @@ def test_every_method_is_there_and_solved(comparison):
         ("time_optimal", "straight_path"),
         ("time_optimal", "lspb"),
         ("cubic_path", "cubic"),
-        ("cubic", "cubic_scaled"),
-        ("lspb", "lspb_scaled"),
+        ("cubic", "cubic_textbook"),
+        ("cubic_textbook", "cubic_scaled"),
+        ("lspb", "lspb_textbook"),
+        ("lspb_textbook", "lspb_scaled"),
     ],
 )
 def test_more_freedom_is_never_slower(comparison, fast, slow):
@@ -85,7 +87,7 @@ def test_durations_are_those_of_the_methods(microbot, comparison):
 
 
 def test_a_shape_that_is_scaled_meets_its_limit_and_does_not_pass_it(microbot, comparison):
-    for name in ("cubic", "cubic_scaled", "lspb", "lspb_scaled"):
+    for name in (name for name, method in METHODS.items() if method.baseline):
         motion = comparison.motions[name]
         use = max(
             np.abs(motion.qd / microbot.limits.qd_max).max(),
@@ -243,7 +245,10 @@ def test_a_corner_that_cannot_be_held_is_an_entry_without_motion(pendulum):
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ({"methods": ["spline"]}, "method must be one of cubic_report, cubic_scaled, cubic, lspb"),
+        (
+            {"methods": ["spline"]},
+            "method must be one of cubic_report, cubic_scaled, cubic_textbook",
+        ),
         ({"methods": []}, "methods must be different names, not []"),
         ({"methods": ["cubic", "cubic"]}, "methods must be different names"),
         ({"methods": ["cubic_report"]}, "method 'cubic_report' needs via_t"),
@@ -287,20 +292,48 @@ def test_methods_of_given_times_are_left_out_where_none_are_given():
     ]
 
 
-def test_the_baseline_has_the_best_split_of_its_times(microbot):
+def test_the_textbook_has_the_best_split_of_its_times(microbot):
     """Whatever times are given; what was assumed is said."""
-    result = mo.compare(microbot, VIA_Q, ["cubic", "lspb"])
+    names = ["cubic_textbook", "lspb_textbook"]
+    result = mo.compare(microbot, VIA_Q, names)
+    cubic, lspb = (result[name] for name in names)
     for skewed in ([0, 1, 4], [0, 3, 4]):
-        again = mo.compare(microbot, VIA_Q, ["cubic", "cubic_scaled"], via_t=skewed)
-        found, given = again["cubic"].motion.duration, again["cubic_scaled"].motion.duration
-        assert found == pytest.approx(result["cubic"].motion.duration, rel=2e-4)
-        assert found < 0.9 * given
+        again = mo.compare(microbot, VIA_Q, ["cubic_textbook", "cubic_scaled"], via_t=skewed)
+        found = again["cubic_textbook"].motion.duration
+        assert found == pytest.approx(cubic.motion.duration, rel=2e-4)
+        assert found < 0.9 * again["cubic_scaled"].motion.duration
     grid = [[0, x, 4] for x in np.linspace(1.4, 2.6, 25)]
     durations = [mo.shortest_duration(microbot, mo.cubic(VIA_Q, t)).duration for t in grid]
-    assert result["cubic"].motion.duration < min(durations) * (1 + 1e-4)
-    assert "segments of 1.37" in result["cubic"].note
-    assert "via velocities by Craig's heuristic" in result["cubic"].note
-    assert "blends of 0.60" in result["lspb"].note
+    assert cubic.motion.duration < min(durations) * (1 + 1e-4)
+    assert "segments of 1.37" in cubic.note
+    assert "via velocities by Craig's heuristic" in cubic.note
+    assert "full stop" not in cubic.note  # the waist goes on
+    assert "blends of 0.60" in lspb.note
+
+
+def test_a_full_stop_by_craigs_heuristic_is_said(microbot):
+    """Where every joint turns back at a via point."""
+    via_q = np.radians([[0, 0, 0], [20, 60, -30], [-60, 30, 80], [-70, 20, 90]])
+    result = mo.compare(microbot, via_q, ["cubic_textbook", "cubic"])
+    assert "a full stop at via 2;" in result["cubic_textbook"].note
+    assert "full stop" not in result["cubic"].note
+    assert "via velocities chosen" in result["cubic"].note
+    given = mo.compare(
+        microbot, VIA_Q, ["cubic_textbook"], via_t=VIA_T, via_qd=np.zeros((3, 3))
+    ).entries[0]
+    assert "via velocities as given, scaled like the times; a full stop at via 2" in given.note
+
+
+def test_durations_are_compared_with_the_fastest_baseline(comparison, microbot):
+    durations = {
+        name: comparison[name].motion.duration for name, m in METHODS.items() if m.baseline
+    }
+    assert comparison.reference == min(durations, key=durations.get) == "cubic"
+    assert durations["cubic"] == pytest.approx(2.0737, rel=2e-4)
+    other = mo.compare(microbot, np.radians([[0, 0, 0], [20, 60, -30], [-60, 30, 80]]),
+                       ["lspb_textbook", "cubic", "lspb"])  # fmt: skip
+    assert other.reference == "lspb"
+    assert other.table().notes[0].endswith("Ratio: to LSPB, best times and velocities.")
 
 
 @pytest.mark.parametrize(

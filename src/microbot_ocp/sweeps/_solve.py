@@ -18,13 +18,13 @@ from microbot_ocp._base.status import Status
 from microbot_ocp._base.writing import locked
 from microbot_ocp.certificate import certify
 from microbot_ocp.limits import AT_LIMIT, limit_history
-from microbot_ocp.motion import Motion, PiecewisePolynomial
+from microbot_ocp.motion import Motion
 from microbot_ocp.planning import TimeOptimalSolver, straight_path, time_path
 from microbot_ocp.robot import Robot, forward_kinematics
 from microbot_ocp.sweeps._quantities import DYNAMICS, CaseTask, NoTask, robot_with, task_of
 from microbot_ocp.sweeps._study import AXES, BY_SOLVER, Plan, Study, versions
 from microbot_ocp.tasks import Entry, compare
-from microbot_ocp.trajectories import best_durations, cubic, first_splits
+from microbot_ocp.trajectories import Segments, fastest_path
 
 BY_TIMING = ("cubic_path", "straight_path")
 Row = dict[str, Any]
@@ -122,14 +122,7 @@ class CaseSolver:
 
     def _timed(self, name: str, robot: Robot, task: CaseTask) -> Entry:
         via = task.via_q
-        if name == "straight_path":
-            path = straight_path(via)
-        else:
-
-            def path_of(durations: FloatArray) -> PiecewisePolynomial:
-                return cubic(via, np.cumsum([0.0, *durations]))
-
-            path = path_of(best_durations(robot, path_of, first_splits(via)))
+        path = straight_path(via) if name == "straight_path" else fastest_path(robot, Segments(via))
         timing = time_path(robot, path, grid=self.study.settings["grid"], compiled=False)
         if not timing.solved:
             reason = f"path blocked beyond s = {timing.blocked_at:.3g}"

@@ -29,6 +29,7 @@ from microbot_ocp._base.writing import (
 from microbot_ocp.sweeps._extra import needed
 from microbot_ocp.sweeps._solve import Row
 from microbot_ocp.sweeps._study import Study, outcome_columns, versions
+from microbot_ocp.tasks import METHODS
 
 if TYPE_CHECKING:
     from microbot_ocp._base.table import Table
@@ -168,6 +169,16 @@ class Sweep:
     def best(self) -> str:
         """The method that others are compared with: "time_optimal", or the last one."""
         return BEST if BEST in self.methods else self.methods[-1]
+
+    @property
+    def reference(self) -> str:
+        """The fastest baseline in the median, of the textbook's methods if any: the headline."""
+        others = [name for name in self.methods if name != self.best]
+        textbook = [name for name in others if name in METHODS and METHODS[name].baseline]
+        medians = self.summary().durations
+        return min(
+            textbook or others, key=lambda name: np.nan_to_num(medians[name].median, nan=np.inf)
+        )
 
     @property
     def done(self) -> int:

@@ -30,7 +30,7 @@ from microbot_ocp.tasks._methods import METHODS, ComparedTask
 if TYPE_CHECKING:
     from microbot_ocp._base.table import Table
 
-REFERENCE = "cubic"
+REFERENCE = "cubic"  # where no baseline is solved
 LEAST_TIME = 1e-3  # s, of a method where the time is over
 SOLVING = 0.8  # share of a method's time; the rest is its certificate's
 # Work of a method and of an output where it is more than one unit, of about a second at most.
@@ -107,7 +107,7 @@ class Comparison:
     via_q: FloatArray
     limits: JointLimits
     entries: tuple[Entry, ...]
-    reference: str  # name of the entry to which durations are compared
+    reference: str  # name of the entry to which durations are compared: the fastest baseline
     details: Mapping[str, Any] = field(default_factory=dict)
 
     def __repr__(self) -> str:
@@ -290,12 +290,13 @@ def compare(
     limits : Limits, optional
         Default the robot's own.
     via_t : array_like [m], optional
-        Times at the via points for the methods of given times, s. "cubic" and "lspb" share their
-        time between the segments as is best: :func:`best_split`.
+        Times at the via points for the methods of given times, s. "cubic" and "lspb" choose all
+        times and via velocities as is best: :func:`best_cubic`, :func:`best_lspb`;
+        "cubic_textbook" and "lspb_textbook" choose the times only.
     via_qd : array_like [m,n], optional
-        Via velocities of the textbook methods at ``via_t``, rad/s, slower where the whole motion
-        is slower than that; default Craig's heuristic: the mean of the slopes on both sides, zero
-        where their sign changes.
+        Velocities at the via points of the textbook's own methods at ``via_t``, rad/s, slower where
+        the whole motion is slower than that; default Craig's heuristic: the mean of the slopes on
+        both sides, zero where their sign changes.
     blend : float, optional
         Blend time of LSPB as a share of each segment, up to 0.5. By default a quarter at given
         times, else what is best for each segment.
@@ -378,7 +379,18 @@ def compare(
             entries[-1] = _certified(entries[-1], task, motion, seconds - wall, played)
     if progress is not None:
         progress(Step(sum(work), sum(work), "done", f"{len(names)} methods done"))
-    return Comparison(robot, via, family.robot.limits, tuple(entries), REFERENCE)
+    return Comparison(robot, via, family.robot.limits, tuple(entries), _reference(entries))
+
+
+def _reference(entries: Sequence[Entry]) -> str:
+    """Return the fastest baseline that is solved and certified, by name."""
+    durations = {
+        entry.name: entry.motion.duration
+        for entry in entries
+        if METHODS[entry.name].baseline and entry.solved and entry.motion
+        if entry.certificate and entry.certificate.ok
+    }
+    return min(durations, key=durations.__getitem__, default=REFERENCE)
 
 
 def _method_names(methods: Sequence[str] | None, timed: bool) -> list[str]:

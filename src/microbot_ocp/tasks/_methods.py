@@ -29,17 +29,19 @@ from microbot_ocp.planning import (
 )
 from microbot_ocp.robot import Robot
 from microbot_ocp.trajectories import (
+    BLEND,
+    Scaled,
+    Segments,
     ViaPoints,
-    best_durations,
-    best_split,
-    cubic_through,
+    fastest,
+    fastest_path,
     first_splits,
-    lspb_through,
     shortest_duration,
+    textbook,
     via_velocities,
 )
 
-BLEND = 0.25  # of each segment, where LSPB's times are as given; its best ones start from it
+STANDSTILL = 1e-9  # of the largest velocity
 CUBIC, LINEAR = "cubic segments", "linear segments with parabolic blends"
 
 
@@ -89,22 +91,11 @@ class ComparedTask:
         first = first_splits(self.via_q)
         return first if self.via_t is None else np.vstack([self.given, first])
 
-    def cubic(self, durations: FloatArray) -> PiecewisePolynomial:
-        """Return cubic segments of these durations."""
-        via, velocities = self._via(durations)
-        return cubic_through(via, velocities)
-
-    def lspb(self, durations: FloatArray, blends: FloatArray) -> PiecewisePolynomial:
-        """Return linear segments of these durations with parabolic blends."""
-        via, velocities = self._via(durations)
-        return lspb_through(via, blends, velocities)
-
-    def _via(self, durations: FloatArray) -> tuple[ViaPoints, FloatArray]:
-        """Return via points and velocities there; given ones are slower as the whole motion is."""
-        via = ViaPoints(self.via_q, np.concatenate([[0.0], np.cumsum(durations)]))
+    def usual(self, via: ViaPoints) -> FloatArray:
+        """Return the textbook's velocities; given ones are slower as the whole motion is."""
         if self.via_qd is None or self.via_t is None:
-            return via, via_velocities(via)
-        return via, self.via_qd * (self.via_t[-1] / via.t[-1])
+            return via_velocities(via)
+        return self.via_qd * (self.via_t[-1] / via.t[-1])
 
 
 @dataclass(frozen=True)
@@ -115,12 +106,13 @@ class Method:
     solve: Callable[..., Motion]
     arguments: Callable[[ComparedTask], tuple[Any, ...]] = lambda task: (task,)
     timed: bool = False  # needs the times of the task
+    baseline: bool = False  # of the textbook: the fastest of these is the reference
 
 
 def _as_given(task: ComparedTask) -> Motion:
     return Motion.from_polynomial(
         task.robot,
-        task.cubic(task.given),
+        Segments(task.via_q).with_velocities(task.given, task.usual),
         label="cubic as given",
         marks=_via_marks(task.given),
         provenance={"method": "cubic segments at the given timing"},
@@ -128,66 +120,45 @@ def _as_given(task: ComparedTask) -> Motion:
     )
 
 
-def _cubic(task: ComparedTask, best: bool) -> Motion:
-    return _scaled(task, best, CUBIC, task.cubic, task.first if best else task.given)[0]
+def _scaled(task: ComparedTask, blended: bool) -> Motion:
+    """Stretch the textbook's own shape at the given times."""
+    segments = Segments(task.via_q, blended, task.blend or BLEND)
+    scaled = shortest_duration(task.robot, segments.with_velocities(task.given, task.usual))
+    scaled = replace(scaled, split=task.given * scaled.factor)
+    note = f"all times x {scaled.factor:.4f}"
+    return _told(task, segments, scaled, "as given, scaled", "one time scale", note)
 
 
-def _lspb(task: ComparedTask, best: bool) -> Motion:
-    """Take blends of a share of each segment, or as is best for each."""
-    share = BLEND if task.blend is None and not best else task.blend
-    parts = task.first if best else task.given
-    count = len(task.via_q) - 1
-    if share is None:  # blends, then what is between them
-        parts = np.hstack([BLEND * parts, (1.0 - 2.0 * BLEND) * parts])
-
-    def both(parts: FloatArray) -> tuple[FloatArray, FloatArray]:
-        if share is None:
-            return 2.0 * parts[:count] + parts[count:], parts[:count]
-        return parts, share * parts
-
-    motion, parts = _scaled(
-        task, best, LINEAR, lambda parts: task.lspb(*both(parts)), parts, lambda p: both(p)[0]
-    )
-    blends = f"blends {share:g} of each segment" if share else _seconds("blends", both(parts)[1])
-    state = motion.sample([mark.time for mark in motion.marks[1:-1]])
-    units = {task.robot.unit("q", joint) for joint in range(task.robot.joint_count)}
-    passes = map(partial(_passage, sorted(units)), task.via_q[1:-1], state.q, state.qd)
-    return replace(motion, remark="; ".join([motion.remark, blends, *passes]))
+def _textbook(task: ComparedTask, blended: bool) -> Motion:
+    """Choose the times (and blends), with the textbook's via velocities."""
+    segments = Segments(task.via_q, blended, task.blend)
+    scaled = textbook(task.robot, segments, task.usual, task.first)
+    return _told(task, segments, scaled, "textbook velocities", "a time scale each")
 
 
-def _scaled(
-    task: ComparedTask,
-    best: bool,
-    shape: str,
-    make: Callable[[FloatArray], PiecewisePolynomial],
-    parts: FloatArray,
-    segments: Callable[[FloatArray], FloatArray] = lambda parts: parts,
-) -> tuple[Motion, FloatArray]:
-    """Return a shape scaled to the limits, all of its parts alike or each as is best, and their
-    durations.
+def _fastest(task: ComparedTask, blended: bool) -> Motion:
+    """Choose the times (and blends) and the via velocities."""
+    segments = Segments(task.via_q, blended, task.blend)
+    scaled = fastest(task.robot, segments, task.usual, task.first)
+    kind = "best times and velocities"
+    return _told(task, segments, scaled, kind, "a time scale each, best via velocities")
 
-    ``segments`` makes durations of the segments of those of the parts.
-    """
-    if best:
-        scaled = best_split(task.robot, make, parts)
-        assert scaled.split is not None
-        parts, label, scale = scaled.split, "best split", "a time scale each"
-        note = _seconds("segments", segments(parts))
-    else:
-        scaled = shortest_duration(task.robot, make(parts))
-        parts, label, scale = parts * scaled.factor, "as given, scaled", "one time scale"
-        note = f"all times x {scaled.factor:.4f}"
-    durations = segments(parts)
+
+def _told(
+    task: ComparedTask, segments: Segments, scaled: Scaled, kind: str, scale: str, note: str = ""
+) -> Motion:
+    """Return the motion with remarks on what was chosen and on what holds it back."""
+    assert scaled.split is not None
+    durations = segments.durations(scaled.split)
+    marks = _via_marks(durations)
     of = f" of {scaled.joint}" if scaled.joint else ""
     where = f"{scaled.quantity.replace('_', ' ')}{of} at {scaled.time:.3f} s"
-    if len(durations) > 1:
-        craig, given = "by Craig's heuristic", "as given, scaled like the times"
-        note += f"; via velocities {craig if task.via_qd is None else given}"
+    shape, name = (LINEAR, "LSPB") if segments.blended else (CUBIC, "cubic")
     motion = Motion.from_polynomial(
         task.robot,
         scaled.polynomial,
-        label=f"{'cubic' if shape == CUBIC else 'LSPB'}, {label}",
-        marks=_via_marks(durations),
+        label=f"{name}, {kind}",
+        marks=marks,
         provenance={
             "method": f"{shape}, {scale}",
             "factor": scaled.factor,
@@ -196,9 +167,23 @@ def _scaled(
             "iterations": scaled.iterations,
             "wall_time": scaled.wall_time,
         },
-        remark=f"{note}; held back by {where}",
     ).ended(Outcome.of(scaled.status))
-    return motion, parts
+    remarks = [note or _seconds("segments", durations)]
+    state = motion.sample([mark.time for mark in marks[1:-1]])
+    if marks[1:-1]:
+        given = "by Craig's heuristic" if task.via_qd is None else "as given, scaled like the times"
+        remarks.append(f"via velocities {'chosen' if 'best' in kind else given}")
+        slow = np.abs(state.qd).max(axis=1) <= STANDSTILL * np.abs(motion.qd).max()
+        stops = [mark.name for mark, stands in zip(marks[1:-1], slow, strict=True) if stands]
+        remarks += [f"a full stop at {', '.join(stops)}"] if stops else []
+    remarks.append(f"held back by {where}")
+    if segments.blended:
+        share = segments.blend
+        blends = segments.blends(scaled.split)
+        remarks.append(f"blends {share:g} of each segment" if share else _seconds("blends", blends))
+        units = {task.robot.unit("q", joint) for joint in range(task.robot.joint_count)}
+        remarks += map(partial(_passage, sorted(units)), task.via_q[1:-1], state.q, state.qd)
+    return replace(motion, remark="; ".join(remarks))
 
 
 def _seconds(of: str, durations: FloatArray) -> str:
@@ -222,9 +207,9 @@ def _straight_path(task: ComparedTask) -> Motion:
 
 
 def _cubic_path(task: ComparedTask) -> Motion:
-    """Time the path of the best split, which is not refused for a torque rate, as its cubic is."""
-    durations = best_durations(task.robot, task.cubic, task.first)
-    return _timed(task, task.cubic(durations), "cubic's path, best timing")
+    """Time the path of the fastest cubic, which is not refused for a torque rate, as that is."""
+    path = fastest_path(task.robot, Segments(task.via_q), task.usual, task.first)
+    return _timed(task, path, "cubic's path, best timing")
 
 
 def _timed(task: ComparedTask, path: PiecewisePolynomial, label: str) -> Motion:
@@ -232,12 +217,24 @@ def _timed(task: ComparedTask, path: PiecewisePolynomial, label: str) -> Motion:
     return best_timing(task.family, path, task.path_settings, label, task.tell)
 
 
+def _textbooks(name: str, blended: bool) -> dict[str, Method]:
+    """Return the methods of one kind of segments."""
+    title = "LSPB" if blended else "cubic"
+    kinds: dict[str, tuple[str, Callable[..., Motion], bool]] = {
+        f"{name}_scaled": ("as given, scaled", _scaled, True),
+        f"{name}_textbook": ("textbook velocities", _textbook, False),
+        name: ("best times and velocities", _fastest, False),
+    }
+    return {
+        key: Method(f"{title}, {kind}", partial(solve, blended=blended), timed=timed, baseline=True)
+        for key, (kind, solve, timed) in kinds.items()
+    }
+
+
 METHODS: dict[str, Method] = {
     "cubic_report": Method("cubic, as given", _as_given, timed=True),
-    "cubic_scaled": Method("cubic, as given, scaled", partial(_cubic, best=False), timed=True),
-    "cubic": Method("cubic, best split of times", partial(_cubic, best=True)),
-    "lspb_scaled": Method("LSPB, as given, scaled", partial(_lspb, best=False), timed=True),
-    "lspb": Method("LSPB, best split of times", partial(_lspb, best=True)),
+    **_textbooks("cubic", blended=False),
+    **_textbooks("lspb", blended=True),
     "straight_path": Method("straight path, best timing", _straight_path),
     "cubic_path": Method("cubic's path, best timing", _cubic_path),
     "time_optimal": Method(

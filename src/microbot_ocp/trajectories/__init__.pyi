@@ -1,9 +1,17 @@
 """Public names; loaded when they are first asked for."""
 
 from ._best_split import (
-    best_durations as best_durations,
     best_split as best_split,
     first_splits as first_splits,
+)
+from ._best_through import (
+    BLEND as BLEND,
+    Segments as Segments,
+    best_cubic as best_cubic,
+    best_lspb as best_lspb,
+    fastest as fastest,
+    fastest_path as fastest_path,
+    textbook as textbook,
 )
 from ._joint_sweep import (
     joint_sweep as joint_sweep,

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -13,7 +14,7 @@ from numpy.typing import ArrayLike
 from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.limits import ROUNDING, LimitFamily, MotionSamples
-from microbot_ocp.limits._history import PEAK_SEARCH, orders_of, samples_of
+from microbot_ocp.limits._history import orders_of, samples_of
 from microbot_ocp.motion import PiecewisePolynomial
 from microbot_ocp.robot import JointLimits, Limits, Robot
 from microbot_ocp.trajectories._shortest_duration import (
@@ -23,8 +24,10 @@ from microbot_ocp.trajectories._shortest_duration import (
     shortest_duration,
 )
 
-MakeSplit = Callable[[FloatArray], PiecewisePolynomial]
+MakeSplit = Callable[..., PiecewisePolynomial]
 DIFFERENCE = float(np.sqrt(np.finfo(float).eps))  # of logarithms, for slopes by differences
+POINTS = 48  # of a piece, among which the largest uses are; the answer is stretched exactly
+EVERY = 3  # of them: a use there is one that a step looks at, too
 
 
 def best_split(
@@ -33,33 +36,41 @@ def best_split(
     first_durations: ArrayLike,
     limits: Limits | JointLimits | None = None,
     *,
+    first_shape: ArrayLike | None = None,
     tolerance: float = 1e-4,
     time_limit: float = np.inf,
 ) -> Scaled:
-    """Return the shortest duration of a shape over all splits of its time between its parts.
+    """Return the shortest duration of a shape over all splits of its time between its parts, and
+    over further numbers that shape it.
 
     :func:`shortest_duration` stretches all parts alike; here each part, such as the segment between
-    two via points, has a duration of its own. The uses of the limits are linearised at all their
-    local maxima in the logarithms of the durations, and a linear program (HiGHS) proposes the best
-    durations within a factor, which grows where promises are kept and shrinks where they are not;
-    what is proposed is stretched until a limit is just met. This is a trust-region method for the
-    maximum of smooth functions (Fletcher, *Practical Methods of Optimization*, 2nd ed., chapter
-    14). Splits that leave the position limits, or whose poses cannot be held at rest, are left the
-    same way. The answer is a local optimum: the best of those from the first splits.
+    two via points, has a duration of its own. The uses of the limits, at their local maxima and on
+    a grid between them, are linearised in the logarithms of the durations and in the further
+    numbers, and a quadratic program (DAQP) with the curvature of the Lagrangian (damped BFGS; at
+    first a linear one, HiGHS)
+    proposes the best within a distance, which grows where promises are kept and shrinks where they
+    are not; the proposal is stretched until a limit is just met. This is a trust-region method for
+    the maximum of smooth functions (Fletcher, *Practical Methods of Optimization*, 2nd ed.,
+    chapter 14). Splits that leave the position limits, or whose poses cannot be held at rest, are
+    left the same way. The answer is a local optimum: the best of those from the first splits.
 
     Parameters
     ----------
     robot : Robot
     make_motion : callable
         ``durations of the parts (array [k], s) -> PiecewisePolynomial``, which is stretched as they
-        are: twice the durations give the same shape, twice as slow.
+        are: twice the durations give the same shape, twice as slow. With ``first_shape``:
+        ``(durations, shape (array [p])) -> PiecewisePolynomial``.
     first_durations : array_like [k] or [s,k]
         One or several splits to start from, s; only their ratios matter. :func:`first_splits` has
         two for segments between via points.
     limits : Limits or JointLimits, optional
         Default ``robot.limits``.
+    first_shape : array_like [p] or [s,p], optional
+        Further numbers to start from that are the same at any speed, of the size of the way of a
+        joint, such as velocities at via points times the sum of the durations.
     tolerance : float
-        The search ends where, to first order, no split promises a duration that is shorter by more
+        The search ends where the quadratic program promises no duration that is shorter by more
         than this share.
     time_limit : float
         Wall time, s, after which the best so far is returned with the status "time limit".
@@ -81,22 +92,23 @@ def best_split(
     >>> import microbot_ocp as mo
     >>> robot = mo.load_robot("microbot")
     >>> via_q = [[0.0, 0.0, 0.0], [0.5, 0.2, 0.0], [2.0, 0.0, 0.0]]
-    >>> def make(durations):
-    ...     return mo.cubic(via_q, np.cumsum([0.0, *durations]))
-    >>> even = mo.shortest_duration(robot, make([1.0, 1.0]))
-    >>> best = mo.best_split(robot, make, [1.0, 1.0])
+    >>> def make(durations, shape):
+    ...     speeds = [np.zeros(3), shape / sum(durations), np.zeros(3)]
+    ...     return mo.cubic(via_q, np.cumsum([0.0, *durations]), speeds)
+    >>> even = mo.shortest_duration(robot, mo.cubic(via_q, [0.0, 1.0, 2.0]))
+    >>> best = mo.best_split(robot, make, [1.0, 1.0], first_shape=[0.0, 0.0, 0.0])
     >>> best.duration < 0.9 * even.duration
     True
     """
     started = time.perf_counter()
     with deadline.within(time_limit):
         search = _SplitSearch(robot, make_motion, limits, tolerance)
-        durations = search.best(first_durations)
+        split = search.best(first_durations, first_shape)
         ended = deadline.over()
-        scaled = shortest_duration(robot, make_motion(durations), limits)
+        scaled = shortest_duration(robot, split.shape, limits)
     return replace(
         scaled,
-        split=durations * scaled.factor,
+        split=np.exp(split.point[: search.parts]) * scaled.factor,
         factor=np.nan,
         iterations=search.tried + scaled.iterations,
         wall_time=time.perf_counter() - started,
@@ -104,18 +116,22 @@ def best_split(
     )
 
 
-def best_durations(
+def split_and_shape(
     robot: Robot,
     make_motion: MakeSplit,
     first_durations: ArrayLike,
     limits: Limits | JointLimits | None = None,
-) -> FloatArray:
-    """Return durations [k] of the parts as :func:`best_split` chooses them, of a shape that it may
-    refuse.
+    *,
+    first_shape: ArrayLike | None = None,
+) -> tuple[FloatArray, PiecewisePolynomial]:
+    """Return the durations [k] and the shape that :func:`best_split` chooses, also one that it
+    would refuse.
 
-    For the timing of a path, whose shape depends on their ratios.
+    For the timing of its path, which may keep limits that the shape breaks at any duration.
     """
-    return _SplitSearch(robot, make_motion, limits).best(first_durations)
+    search = _SplitSearch(robot, make_motion, limits)
+    split = search.best(first_durations, first_shape)
+    return np.exp(split.point[: search.parts]), split.shape
 
 
 def first_splits(via_q: ArrayLike) -> FloatArray:
@@ -134,32 +150,19 @@ def first_splits(via_q: ArrayLike) -> FloatArray:
     return np.stack([np.ones(steps.size), steps / steps.max()])
 
 
-def _check_stretch(robot: Robot, make: MakeSplit, durations: FloatArray) -> None:
-    shape, slower = checked_shape(robot, make(durations)), make(2.0 * durations)
-    same = shape.stretched(2.0)
-    if slower.coefficients.shape != same.coefficients.shape or not (
-        np.allclose(slower.breaks, same.breaks)
-        and np.allclose(slower.coefficients, same.coefficients)
-    ):
-        raise InputError(
-            "make_motion must return the same shape, twice as slow, where all durations are twice "
-            "as long"
-        )
-
-
 @dataclass(frozen=True, eq=False)
 class _Split:
-    """Durations of the parts, and the local maxima of every use along the shape.
+    """A shape, and the uses of the limits at their local maxima and on a coarse grid along it.
 
     Attributes
     ----------
-    logs : array [k]
-        Logarithms of the durations.
+    point : array [k+p]
+        Logarithms of the durations of the parts, then what else shapes the motion.
     shape : PiecewisePolynomial
     piece, fraction : array [S]
-        Where the maxima are.
+        Where the uses are.
     at, channel, use : array [R]
-        Sample, limit and value of each maximum.
+        Sample, limit and value of each use.
     lasting : array [R] of bool
         Whether it does not depend on the duration: of positions, and of the arm held at rest.
     violation : float
@@ -167,7 +170,7 @@ class _Split:
     log_duration : float
     """
 
-    logs: FloatArray
+    point: FloatArray
     shape: PiecewisePolynomial
     piece: np.ndarray
     fraction: FloatArray
@@ -177,6 +180,16 @@ class _Split:
     lasting: np.ndarray
     violation: float
     log_duration: float
+
+
+class _Step(NamedTuple):
+    """A change of the point, the share of the duration that it promises, and the multipliers [R]
+    of the uses.
+    """
+
+    change: FloatArray
+    promise: float
+    multipliers: FloatArray
 
 
 class _SplitSearch:
@@ -194,58 +207,89 @@ class _SplitSearch:
         self.make = make
         self.tolerance = checks.number("tolerance", tolerance, above=0.0, at_most=0.1)
         self.tried = 0
+        self.parts, self.shaped = 0, False
         self.weights = np.empty(0)  # of the parts' durations in the whole one
+        self.units = np.empty(0)  # of a point's entries
 
-    def best(self, first_durations: ArrayLike) -> FloatArray:
-        """Return the durations of the best split that is found from any of the first ones."""
+    def best(self, first_durations: ArrayLike, first_shape: ArrayLike | None = None) -> _Split:
+        """Return the best split that is found from any of the first ones."""
         first = checks.array("first_durations", np.atleast_2d(first_durations), (None, None), "s")
         if not first.size or not np.all(first > 0.0):
             raise InputError(f"first_durations must be above 0 s, not {first.tolist()}")
-        _check_stretch(self.family.robot, self.make, first[0])
-        if first.shape[1] == 1:
-            return first[0]
-        units = first[0] * (1.0 + np.eye(first.shape[1]))
-        longer = np.array([self.make(durations).duration for durations in units])
-        self.weights = (longer - self.make(first[0]).duration) / first[0]
-        splits = [self.best_from(np.log(durations)) for durations in first]
-        best = min(splits, key=lambda split: (split.violation, split.log_duration))
-        return np.exp(best.logs)
+        count, self.parts = first.shape
+        shapes = np.empty((count, 0))
+        self.shaped = first_shape is not None
+        if first_shape is not None:
+            shapes = np.atleast_2d(first_shape)
+            shapes = checks.array("first_shape", shapes, (count, None))
+        points = np.unique(np.hstack([np.log(first), shapes]), axis=0)
+        shape = self._check_stretch(points[0])
+        extent = max(np.ptp(shape(shape.breaks), axis=0).max(), DIFFERENCE)
+        self.units = np.append(np.ones(self.parts), np.full(shapes.shape[1], extent))
+        longer = points[0] + np.log(2.0) * np.eye(self.parts, points.shape[1])
+        added = np.array([self.shape_at(point).duration for point in longer]) - shape.duration
+        self.weights = added / np.exp(points[0, : self.parts])
+        splits = [self.best_from(point) for point in points]
+        return min(splits, key=lambda split: (split.violation, split.log_duration))
 
-    def best_from(self, logs: FloatArray) -> _Split:
-        """Follow linear programs downhill."""
-        split, reach = self.stretched(logs), np.log(2.0)
-        slopes = None
+    def _check_stretch(self, point: FloatArray) -> PiecewisePolynomial:
+        shape = checked_shape(self.family.robot, self.shape_at(point))
+        slower = self.shape_at(point + np.log(2.0) * (np.arange(point.size) < self.parts))
+        same = shape.stretched(2.0)
+        if slower.coefficients.shape != same.coefficients.shape or not (
+            np.allclose(slower.breaks, same.breaks)
+            and np.allclose(slower.coefficients, same.coefficients)
+        ):
+            raise InputError(
+                "make_motion must return the same shape, twice as slow, where all durations are "
+                "twice as long"
+            )
+        return shape
+
+    def shape_at(self, point: FloatArray) -> PiecewisePolynomial:
+        """Return the shape of a point."""
+        durations = np.exp(point[: self.parts])
+        return self.make(durations, point[self.parts :]) if self.shaped else self.make(durations)
+
+    def best_from(self, point: FloatArray) -> _Split:
+        """Follow quadratic programs downhill."""
+        split, reach = self.stretched(point), np.log(2.0)
+        slopes, curvature = None, np.zeros((point.size, point.size))
         while (split.violation or not split.lasting.all()) and not deadline.over():
-            slopes = self.slopes(split) if slopes is None else slopes
-            step, promise = self.step(split, slopes, reach)
-            if promise <= self.tolerance:
+            slopes = self.slopes(split.point, split) if slopes is None else slopes
+            step = self.step(split, slopes, curvature, reach)
+            if step.promise <= self.tolerance * (split.violation or 1.0):
                 break
-            logs = split.logs + step
+            point = split.point + self.units * step.change
             if split.violation:  # which no stretch changes
-                logs = logs - np.log(self.weights @ np.exp(logs))
-            other = self.stretched(logs)
+                point[: self.parts] -= np.log(self.weights @ np.exp(point[: self.parts]))
+            other = self.stretched(point)
             gain = split.violation - other.violation
             if not split.violation:
                 gain = -np.inf if other.violation else split.log_duration - other.log_duration
-            reach *= 2.0 if gain > 0.5 * promise else 0.5
+                curvature = self.updated(curvature, split, slopes, other, step.multipliers)
+            if gain > 0.5 * step.promise:
+                reach *= 2.0
+            elif gain < 0.25 * step.promise:
+                reach = 0.5 * min(reach, np.abs(step.change).max())
             if gain > 0.0:
                 split, slopes = other, None
         return split
 
-    def stretched(self, logs: FloatArray) -> _Split:
+    def stretched(self, point: FloatArray) -> _Split:
         """Return the split with these ratios that just meets a limit: Newton's method, with a
         bracket.
         """
-        first, too_short, enough = float(logs[0]), -np.inf, np.inf
+        first, too_short, enough = float(point[0]), -np.inf, np.inf
         while True:
-            split = self.at(logs)
+            split = self.at(point)
             moving = ~split.lasting
             if split.violation or not moving.any() or deadline.over():
                 return split
             use = split.use[moving]
-            slower = split.shape.stretched(1.0 + DIFFERENCE)
-            slope = (self.uses(slower, split)[moving] - use) / DIFFERENCE
-            here, double = float(logs[0]), float(np.log(2.0))
+            pair = self.uses([split.shape, split.shape.stretched(1.0 + DIFFERENCE)], split)
+            slope = (pair[1] - pair[0])[moving] / DIFFERENCE
+            here, double = float(point[0]), float(np.log(2.0))
             if here - first > np.log(DURATION_SEARCH.longest):
                 return replace(split, violation=float(use.max()) - 1.0)
             too_short, enough = (here, enough) if use.max() > 1.0 else (too_short, here)
@@ -257,24 +301,30 @@ class _SplitSearch:
                 return replace(split, log_duration=split.log_duration + change)
             if not too_short < here + change < enough:
                 change = 0.5 * (too_short + enough) - here
-            logs = logs + change
+            point = point + change * (np.arange(point.size) < self.parts)
 
-    def at(self, logs: FloatArray) -> _Split:
+    def at(self, point: FloatArray) -> _Split:
         """Look for the maxima at these durations."""
         self.tried += 1
-        shape = self.make(np.exp(logs))
-        count, points = len(shape.breaks) - 1, PEAK_SEARCH.points_per_piece + 1
+        shape = self.shape_at(point)
+        count, points = len(shape.breaks) - 1, POINTS + 1
         piece = np.repeat(np.arange(count), points)
         fraction = np.tile(np.linspace(0, 1, points), count)
-        lasting, moving = self.uses_at(shape, piece, fraction)
+        lasting, moving = self.uses_at(_samples(shape, piece, fraction))
         use = np.hstack([lasting, moving]).reshape(count, points, -1)
-        beside = np.pad(use, ((0, 0), (1, 1), (0, 0)), constant_values=-np.inf)
-        peaks = (use >= beside[:, :-2]) & (use > beside[:, 2:]) & (use > 0.0)
-        row, channel = np.nonzero(peaks.reshape(count * points, -1))
+        padded = np.pad(use, ((0, 0), (1, 1), (0, 0)), constant_values=-np.inf)
+        before, after = padded[:, :-2], padded[:, 2:]
+        chosen = (use >= before) & (use > after)
+        inside = chosen & np.isfinite(before) & np.isfinite(after)
+        bend = np.where(inside, 2.0 * use - before - after, 1.0)
+        # The parabola through a maximum and its neighbours rises above it.
+        use = use + np.where(inside, (after - before) ** 2, 0.0) / (8.0 * bend)
+        chosen[:, ::EVERY] = True  # between the maxima new ones arise, and old ones move
+        row, channel = np.nonzero((chosen & (use > 0.0)).reshape(count * points, -1))
         sample, at = np.unique(row, return_inverse=True)
-        violation = float(lasting.max(initial=0.0)) - 1.0
+        violation = float(use[..., : lasting.shape[1]].max(initial=0.0)) - 1.0
         return _Split(
-            logs=logs,
+            point=point,
             shape=shape,
             piece=piece[sample],
             fraction=fraction[sample],
@@ -286,58 +336,110 @@ class _SplitSearch:
             log_duration=float(np.log(shape.duration)),
         )
 
-    def uses(self, shape: PiecewisePolynomial, split: _Split) -> FloatArray:
-        """Use [R] of another shape at the places of the maxima."""
-        uses = np.hstack(self.uses_at(shape, split.piece, split.fraction))
-        return uses[split.at, split.channel]
+    def uses(self, shapes: Sequence[PiecewisePolynomial], split: _Split) -> FloatArray:
+        """Uses [c,R] of other shapes at the places of those of a split."""
+        samples = [_samples(shape, split.piece, split.fraction) for shape in shapes]
+        joined = MotionSamples(*map(np.concatenate, zip(*samples, strict=True)))
+        uses = np.hstack(self.uses_at(joined)).reshape(len(shapes), split.piece.size, -1)
+        return uses[:, split.at, split.channel]
 
-    def uses_at(
-        self, shape: PiecewisePolynomial, piece: np.ndarray, fraction: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
+    def uses_at(self, samples: MotionSamples) -> tuple[FloatArray, FloatArray]:
         """Use [S, ...] of the limits at any duration, and of those of the motion."""
-        samples = samples_of(orders_of(shape), piece, np.diff(shape.breaks)[piece] * fraction)
         rest, limited = MotionSamples.at_rest(samples.q), self.family.of_order(1, 2, 3)
         held = [key for key in limited if key not in ("qd", "qdd", "qddd", "taud")]
         lasting = self.family.use(samples, self.family.of_order(0)) | self.family.use(rest, held)
-        empty = np.empty((len(piece), 0))
+        empty = np.empty((len(samples.q), 0))
         moving = self.family.use(samples, limited)
         return np.hstack([empty, *lasting.values()]), np.hstack([empty, *moving.values()])
 
-    def slopes(self, split: _Split) -> FloatArray:
-        """Return slopes [R,k] of the maxima in the logarithms of the durations."""
-        changed = np.exp(split.logs + DIFFERENCE * np.eye(split.logs.size))
-        uses = [self.uses(self.make(durations), split) for durations in changed]
-        return (np.stack(uses, axis=1) - split.use[:, None]) / DIFFERENCE
+    def slopes(self, point: FloatArray, split: _Split) -> FloatArray:
+        """Return slopes [R,k+p] of the uses at a point, at the places of those of a split."""
+        changes = np.vstack([np.zeros(point.size), DIFFERENCE * np.diag(self.units)])
+        uses = self.uses([self.shape_at(point + change) for change in changes], split)
+        return (uses[1:] - uses[0]).T / DIFFERENCE
 
-    def step(self, split: _Split, slopes: FloatArray, reach: float) -> tuple[FloatArray, float]:
-        """Return the change of the logarithms, each by at most ``reach``, that promises most,
-        and what.
-        """
-        weights = self.weights * np.exp(split.logs - split.log_duration)
+    def shares(self, point: FloatArray) -> FloatArray:
+        """Return the slopes [k+p] of the logarithm of the duration."""
+        durations = self.weights * np.exp(point[: self.parts])
+        return np.append(durations / durations.sum(), np.zeros(point.size - self.parts))
+
+    def updated(
+        self,
+        curvature: FloatArray,
+        split: _Split,
+        slopes: FloatArray,
+        other: _Split,
+        multipliers: FloatArray,
+    ) -> FloatArray:
+        """Return the curvature [k+p,k+p] of the Lagrangian as a step shows it: damped BFGS."""
+        active = multipliers > 0.0
+        if not active.any():
+            return curvature
+        at = split.at[active]
+        places = replace(
+            split,
+            piece=split.piece[at],
+            fraction=split.fraction[at],
+            at=np.arange(at.size),
+            channel=split.channel[active],
+        )
+        turned = self.slopes(other.point, places) - slopes[active]
+        change = (other.point - split.point) / self.units
+        rise = multipliers[active] @ turned + self.shares(other.point) - self.shares(split.point)
+        if not curvature.any():  # of the size that the first step shows
+            size = max(float(change @ rise), 0.0) / max(float(change @ change), DIFFERENCE)
+            curvature = max(size, DIFFERENCE) * np.eye(change.size)
+        there = curvature @ change
+        known, seen = float(change @ there), float(change @ rise)
+        if known <= 0.0:
+            return curvature
+        damping = 1.0 if seen >= 0.2 * known else 0.8 * known / (known - seen)
+        rise = damping * rise + (1.0 - damping) * there
+        return curvature + np.outer(rise, rise) / (change @ rise) - np.outer(there, there) / known
+
+    def step(self, split: _Split, slopes: FloatArray, curvature: FloatArray, reach: float) -> _Step:
+        """Return the step, by at most ``reach`` units each, that promises most."""
+        cost = self.shares(split.point)
+        size = cost.size
         # Limits that last are aimed at from inside, so that a step along them does not leave them.
         inside = 1.0 - self.tolerance
-        nearest = -0.5 * reach * np.abs(slopes).sum(axis=1)
+        farthest = reach * np.abs(slopes).sum(axis=1)
         room = np.maximum(1.0 - split.use, 0.0)
-        room = np.where(split.lasting, np.maximum(inside - split.use, nearest), room)
-        cost, rows = weights, slopes
+        room = np.where(split.lasting, np.maximum(inside - split.use, -0.5 * farthest), room)
+        within, rows = farthest > room, slopes
+        least, most = np.full(size, -reach), np.full(size, reach)
         # A part shorter than this share of the whole is not told from nothing.
-        shortest = np.minimum(np.log(DIFFERENCE) + split.log_duration - split.logs, 0.0)
-        least, farthest = np.maximum(shortest, -reach), np.full(weights.size, reach)
+        shortest = np.log(DIFFERENCE) + split.log_duration - split.point[: self.parts]
+        least[: self.parts] = np.maximum(np.minimum(shortest, 0.0), -reach)
         if split.violation:  # the largest use that lasts is the last variable
-            rows = np.column_stack([slopes, -np.ones(len(slopes))])[split.lasting]
-            room, cost = -split.use[split.lasting], np.append(0.0 * weights, 1.0)
-            least, farthest = np.append(least, inside), np.append(farthest, np.inf)
-        i, j = np.nonzero(rows)
-        matrix = ca.DM.triplet(i.tolist(), j.tolist(), rows[i, j], *rows.shape)
-        solver = ca.conic(
-            "split",
-            "highs",
-            {"h": ca.Sparsity(cost.size, cost.size), "a": matrix.sparsity()},
-            {"error_on_fail": False, "highs": {"output_flag": False}},
-        )
-        answer = solver(g=cost, a=matrix, uba=room, lbx=least, ubx=farthest)
+            within, room, cost = split.lasting, -split.use, np.append(np.zeros(size), 1.0)
+            rows = np.column_stack([slopes, -np.ones(len(slopes))])
+            least, most = np.append(least, inside), np.append(most, np.inf)
+            curvature = np.zeros((cost.size, cost.size))
+        solver = _program(cost.size, int(within.sum()), bool(curvature.any()))
+        given = {"h": curvature} if curvature.any() else {}
+        answer = solver(**given, g=cost, a=rows[within], uba=room[within], lbx=least, ubx=most)
         change = np.array(answer["x"]).ravel()
+        multipliers = np.zeros(room.size)
+        multipliers[within] = np.maximum(np.array(answer["lam_a"]).ravel(), 0.0)
         if not solver.stats()["success"]:
-            return 0.0 * weights, 0.0
-        promise = 1.0 + split.violation - change[-1] if split.violation else -weights @ change
-        return change[: weights.size], float(promise)
+            return _Step(np.zeros(size), 0.0, multipliers)
+        promise = 1.0 + split.violation - change[-1] if split.violation else -cost @ change
+        promise = promise if split.violation else promise - 0.5 * change @ curvature @ change
+        return _Step(change[:size], float(promise), multipliers)
+
+
+def _program(count: int, rows: int, curved: bool) -> ca.Function:
+    """Return the solver of a step: of quadratic programs, or of linear ones."""
+    h = ca.Sparsity.dense(count, count) if curved else ca.Sparsity(count, count)
+    options: dict[str, Any] = {} if curved else {"highs": {"output_flag": False}}
+    return ca.conic(
+        "step",
+        "daqp" if curved else "highs",
+        {"h": h, "a": ca.Sparsity.dense(rows, count)},
+        {"error_on_fail": False, **options},
+    )
+
+
+def _samples(shape: PiecewisePolynomial, piece: np.ndarray, fraction: FloatArray) -> MotionSamples:
+    return samples_of(orders_of(shape), piece, np.diff(shape.breaks)[piece] * fraction)

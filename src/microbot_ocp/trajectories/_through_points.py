@@ -234,16 +234,21 @@ def spline(
         raise InputError("end_qd cannot be given for natural ends: their velocities follow")
     shape = (2, via.q.shape[1])
     end = np.zeros(shape) if end_qd is None else checks.array("end_qd", end_qd, shape, "rad/s")
+    return cubic_through(via, spline_velocities(via, None if natural else end))
+
+
+def spline_velocities(via: ViaPoints, end: FloatArray | float | None = 0.0) -> FloatArray:
+    """Return the velocities [m,n] of :func:`spline`, of a natural one without those at its ends."""
     weight = 1.0 / np.diff(via.t)
     slope = np.diff(via.q, axis=0) * weight[:, None]
     pull = 3.0 * weight[:, None] * slope
     diagonal = np.concatenate([weight[:1], weight[:-1] + weight[1:], weight[-1:]]) * 2.0
     right = np.concatenate([pull[:1], pull[:-1] + pull[1:], pull[-1:]])
     beside = np.stack([weight, weight])  # below and above the diagonal
-    if not natural:
+    if end is not None:
         diagonal[[0, -1]], right[[0, -1]] = 1.0, end
         beside[0, -1] = beside[1, 0] = 0.0
-    return cubic_through(via, _solve_tridiagonal(beside[0], diagonal, beside[1], right))
+    return _solve_tridiagonal(beside[0], diagonal, beside[1], right)
 
 
 def _solve_tridiagonal(

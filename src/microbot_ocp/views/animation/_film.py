@@ -127,7 +127,7 @@ class Film:
             self.figure.text(0.027, y, "●", color=self._color(arm), fontsize=11, va="center")
             self.clocks.append((arm, self._text(0.052, y)))
         self.gap_text = self._text(0.027, 0.885 - 0.052 * len(self.arms), color="faint")
-        self.saving = self._text(0.025, 0.045, fontsize=12, fontweight="bold")
+        self.saving = self._text(0.025, 0.02, fontsize=12, fontweight="bold", va="bottom")
 
     def _draw_space(self) -> None:
         """Draw what does not move, and make the artists of what does."""
@@ -338,10 +338,11 @@ class Film:
             how = f"{apart:.1f} mm apart" if apart > 0.0 else f"overlap of {-apart:.1f} mm"
             self.gap_text.set_text(f"{near.pair.label}: {how}")
         end = float(self.solid.times[TIME][-1])
-        longest = max([float(a.times[TIME][-1]) for a in self.arms[:-1] if a.title], default=end)
-        percent = f"{100 * (longest - end) / longest:.0f} % less time"
-        saving = f"{percent} ({longest - end:.2f} s) under the same limits"
-        self.saving.set_text(saving if t >= end and longest > end else "")
+        others = [(float(a.times[TIME][-1]), a.title) for a in self.arms[:-1] if a.title]
+        usual, title = min(others, default=(end, ""))
+        percent = f"{100 * (usual - end) / usual:.0f} % less time ({usual - end:.2f} s) than"
+        saving = f"{percent}\n{title}"
+        self.saving.set_text(saving if t >= end and usual > end else "")
 
 
 def _sample(arm: AnimatedArm, t: float) -> float:

@@ -37,7 +37,7 @@ def sweep(
         same maps, in most cases of a hexagon. "quantities": the saving against what varies, median
         and quartiles. "failures": how many cases ended in which way.
     method : str, optional
-        The one that the best is compared with; default the first.
+        The one that the best is compared with; default the fastest baseline, ``results.reference``.
 
     Returns
     -------
@@ -55,7 +55,7 @@ def sweep(
     if kind in ("atlas", "quantities"):
         if not others:
             raise checks.InputError("one method alone saves nothing: the sweep has no other")
-        method = checks.one_of("method", method or others[0], others)
+        method = checks.one_of("method", method or results.reference, others)
     draw: Any = {"atlas": _atlas, "limits": _limits, "quantities": _trends, "failures": _failures}
     return draw[kind](results, axes, method)
 
