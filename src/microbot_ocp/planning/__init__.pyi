@@ -38,6 +38,7 @@ from .search import (
 from .task import (
     TIME_LIMIT as TIME_LIMIT,
     Circle as Circle,
+    Corner as Corner,
     JointLine as JointLine,
     Line as Line,
     Payload as Payload,

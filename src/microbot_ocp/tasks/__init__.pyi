@@ -15,6 +15,9 @@ from ._comparison import (
     Step as Step,
     compare as compare,
 )
+from ._controller import (
+    controller_duration as controller_duration,
+)
 from ._front import (
     Front as Front,
     FrontPoint as FrontPoint,

@@ -18,8 +18,6 @@ from pathlib import Path
 from string import Template
 from typing import Any
 
-import numpy as np
-
 from microbot_ocp._base.checks import InputError
 from microbot_ocp._base.showing import view_for
 from microbot_ocp._base.table import Table
@@ -27,8 +25,7 @@ from microbot_ocp._base.writing import write_whole
 from microbot_ocp.certificate import Certificate
 from microbot_ocp.motion import Motion
 from microbot_ocp.robot import Robot
-from microbot_ocp.tasks import Cell, Comparison
-from microbot_ocp.trajectories import cubic, quintic, shortest_duration
+from microbot_ocp.tasks import Cell, Comparison, controller_duration
 from microbot_ocp.views.plots import figure_of
 from microbot_ocp.views.tables import comparison_table
 
@@ -50,8 +47,8 @@ def comparison_report(comparison: Comparison, path: str | Path) -> Path:
         if reference in times and reference != best:
             usual, saved = comparison[reference].title, 1.0 - times[best] / times[reference]
             sentences.append(
-                f"The usual one ({usual}) takes {times[reference]:.3f} s under the same limits: "
-                f"{100 * saved:.0f} % is saved."
+                f"The fastest of the textbook's ({usual}) takes {times[reference]:.3f} s under the "
+                f"same limits: against it {100 * saved:.0f} % is saved."
             )
     film = _film(lambda to: comparison.export(to, RATE)) if times else ""
     verdicts = [
@@ -59,7 +56,7 @@ def comparison_report(comparison: Comparison, path: str | Path) -> Path:
         for entry in comparison.entries
     ]
     sections = {
-        "The fastest motion, the usual one as a ghost": film,
+        "The fastest motion, the fastest of the textbook's as a ghost": film,
         "Every method": comparison_table(comparison)._repr_html_(),
         "Position, velocity and torque": _figure(comparison.plot(), "Curves over time"),
         "Way of the tool": _figure(comparison.plot_paths(), "Tool paths in space"),
@@ -77,17 +74,22 @@ def cell_report(cell: Cell, path: str | Path) -> Path:
     cycles = [motion.duration]
     if motion.solved:  # else there is nothing to compare
         try:
-            shape, usual = _point_to_point(cell)
+            usual = controller_duration(cell.task, motion)
         except InputError as problem:
-            sentences.append(f"Moves from stop to stop cannot be compared: {problem}.")
+            sentences.append(f"A controller's own moves cannot be compared: {problem}.")
         else:
             cycles.append(usual)
             saved = 100.0 * (1.0 - motion.duration / usual)
             saving = f"{saved:.0f} % is saved" if saved >= 0.0 else f"{-saved:.0f} % is lost"
+            moves = (
+                "moves of all joints in step from rest to rest, of limited jerk"
+                if cell.task.family.jerk_matters
+                else "trapezoidal moves of all joints in step, blended at stops that need no rest"
+            )
             sentences.append(
-                f"Moves from stop to stop, each with the fastest {shape} of every joint from "
-                f"rest to rest, take {usual:.3f} s{', obstacles aside' * bool(cell.scene)}"
-                f": {saving}."
+                f"Against the same stops by a controller's own moves ({moves}; tool lines from rest"
+                f" to rest), which take {usual:.3f} s at best under the same limits"
+                f"{', obstacles aside' * bool(cell.scene)}: {saving}."
             )
     if cell.task.cycle:
         hourly = " instead of ".join(f"{3600.0 / duration:.0f}" for duration in cycles)
@@ -106,19 +108,6 @@ def cell_report(cell: Cell, path: str | Path) -> Path:
         "Is it true?": _verdicts([("certificate", cell.certificate.verdict)]),
     }
     return _written(f"{robot.name}: a cell", sentences, sections, path)
-
-
-def _point_to_point(cell: Cell) -> tuple[str, float]:
-    """Return the shape of moves from rest to rest, and how long the stops take with their rests."""
-    task, motion = cell.task, cell.motion
-    smooth = task.family.jerk_matters
-    name, shape = ("quintic", quintic) if smooth else ("cubic", cubic)
-    times, arrives = float(task.dwells.sum()), [mark.time for mark in motion.marks]
-    for place, load in enumerate(task.payloads):
-        ends = motion.sample([arrives[place] + task.dwells[place], arrives[place + 1]]).q
-        if np.ptp(ends, axis=0).any():
-            times += shortest_duration(load.on(task.robot), shape(ends, [0.0, 1.0])).duration
-    return name, times
 
 
 def certificate_report(

@@ -61,6 +61,7 @@ from ._scale import (
 )
 from ._segments import (
     Circle as Circle,
+    Corner as Corner,
     JointLine as JointLine,
     Line as Line,
     Segment as Segment,

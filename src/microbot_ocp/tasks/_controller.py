@@ -1,0 +1,129 @@
+"""The baseline of a cell: the moves that a robot's own controller makes through the same stops.
+
+Point to point (PTP) all joints start, cruise and stop together, with a trapezoidal velocity, or,
+where a limit depends on the jerk, with one of limited jerk (double S); lines and circles of the
+tool (LIN, CIRC) have the same profile along their path.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray
+from microbot_ocp.motion import Motion, PiecewisePolynomial
+from microbot_ocp.planning import Corner, Task, tool_poses
+from microbot_ocp.robot import Robot
+from microbot_ocp.trajectories import best_lspb, best_split, cubic, lspb, quintic, spline
+
+POINTS = 25  # of the plan's own path of a line, through which its curve is laid
+FINE = 6  # pieces of such a curve in each part of a profile
+LEAST = 1e-3  # of the whole: no part of such a profile is shorter
+
+
+def controller_duration(task: Task, motion: Motion) -> float:
+    """Return how long a controller takes for the stops of a motion, rests included, s.
+
+    In the same order, by the same branches, under the same limits, the times of all parts chosen.
+    Trapezoidal moves are blended through stops at which the arm need not rest; moves of limited
+    jerk and tool paths go from rest to rest.
+
+    Parameters
+    ----------
+    task : Task
+    motion : Motion
+        Of this task, with a mark a stop.
+
+    Returns
+    -------
+    float
+
+    Raises
+    ------
+    InputError
+        As of :func:`best_split`, where such moves cannot keep the limits.
+    """
+    smooth, duration = task.family.jerk_matters, float(task.dwells.sum())
+    arrives = np.array([mark.time for mark in motion.marks])
+    leaves = arrives + task.dwells
+    for first, last in _runs(task, smooth):
+        robot = task.payloads[first].on(task.robot)
+        if task.curves[first] is not None:
+            times = np.linspace(leaves[first], arrives[last], POINTS * (last - first))
+            duration += _along(robot, motion.sample(times).q, smooth)
+            continue
+        via_q = motion.sample(np.append(leaves[first:last], arrives[last])).q
+        via_q = via_q[np.append(True, np.diff(via_q, axis=0).any(axis=1))]
+        if len(via_q) > 1:
+            moves = _straight(robot, via_q) if smooth else best_lspb(robot, via_q).duration
+            duration += moves
+    return duration
+
+
+def _runs(task: Task, smooth: bool) -> Iterator[tuple[int, int]]:
+    """Yield the first and the last stop of every run from rest to rest."""
+    first, last = 0, len(task.segments)
+    for stop in range(1, last + 1):
+        beside = task.segments[stop - 1 : stop + 1]
+        blended = not (smooth or any(beside) or task.at_rest(stop))
+        corner = any(isinstance(segment, Corner) for segment in beside)
+        if stop == last or not (blended or corner):
+            yield first, stop
+            first = stop
+
+
+def _straight(robot: Robot, ends: FloatArray) -> float:
+    def make(parts: FloatArray) -> PiecewisePolynomial:
+        profile = _double_s(parts)
+        coefficients = profile.coefficients * np.diff(ends, axis=0)
+        coefficients[:, 0] += ends[0]
+        return PiecewisePolynomial(profile.breaks, coefficients)
+
+    return best_split(robot, make, [1.0, 1.0, 1.0]).duration
+
+
+def _along(robot: Robot, q: FloatArray, smooth: bool) -> float:
+    """Return how long a profile along the path through poses [N,n] takes from rest to rest."""
+    tool = tool_poses(robot, q)
+    way = np.linalg.norm(np.diff(tool[:, :3, 3], axis=0), axis=1)
+    if not way.max() > 1e-9 * np.ptp(q, axis=0).max():  # the tool turns in its place
+        way = np.linalg.norm(np.diff(q, axis=0), axis=1)
+    far = np.append(True, way > 1e-6 * way.max())
+    length = np.append(0.0, np.cumsum(way))[far]
+    path = spline(q[far], length / length[-1], "natural")
+    make = partial(_paced, path, smooth=smooth)
+    return best_split(robot, make, [1.0, 1.0, 1.0] if smooth else [1.0, 1.0]).duration
+
+
+def _paced(path: PiecewisePolynomial, parts: FloatArray, smooth: bool) -> PiecewisePolynomial:
+    """Return the motion along a path over 0 to 1 with a profile of these parts."""
+    parts = parts + LEAST * parts.sum()
+    profile = (
+        _double_s(parts)
+        if smooth
+        else lspb([[0.0], [1.0]], [0.0, 2.0 * parts[0] + parts[1]], parts[0])
+    )
+    breaks = profile.breaks
+    t = np.append(np.linspace(breaks[:-1], breaks[1:], FINE, endpoint=False).T, breaks[-1])
+    rate, slope = profile.derivative(), path.derivative()
+    s, sd, sdd = profile(t).clip(0.0, 1.0)[:, 0], rate(t), rate.derivative()(t)
+    if not smooth:
+        return cubic(path(s), t, slope(s) * sd)
+    return quintic(path(s), t, slope(s) * sd, slope.derivative()(s) * sd**2 + slope(s) * sdd)
+
+
+def _double_s(parts: FloatArray) -> PiecewisePolynomial:
+    """Return the profile from 0 to 1 of a jerk that is constant in times of ``parts[0]``, with
+    constant acceleration for ``parts[1]`` and constant velocity for ``parts[2]``.
+    """
+    rise, hold, cruise = parts
+    times = np.array([rise, hold, rise, cruise, rise, hold, rise])
+    state, rows = np.zeros(3), []
+    for jerk, h in zip((1, 0, -1, 0, -1, 0, 1), times, strict=True):
+        row = [*state[:2], state[2] / 2, jerk / 6]
+        rows.append(row)
+        state = np.array([np.polyval(np.polyder(row[::-1], k), h) for k in range(3)])
+    coefficients = np.array(rows)[:, :, None] / state[0]
+    return PiecewisePolynomial(np.append(0.0, np.cumsum(times)), coefficients)
