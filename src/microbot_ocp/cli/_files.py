@@ -174,8 +174,14 @@ def replay(
         name, motions = arm.name, {"motion": motion}
         record = partial(motion.to_rerun, arm)
     entries = {key: {"label": m.label, "duration": m.duration} for key, m in motions.items()}
-    lines = [f"{motion.label}: {motion.duration:.3f} s" for motion in motions.values()]
+    lines = [f"{motion.label}: {_lasting(motion)}" for motion in motions.values()]
     return Answer({"robot": name, "motions": entries}, lines=lines, record=record)
+
+
+def _lasting(motion: Motion) -> str:
+    """Return how long a motion lasts, and whether it is an answer."""
+    status = "" if motion.solved else f", best motion found, not solved: {motion.status}"
+    return f"{motion.duration:.3f} s{status}"
 
 
 def _check_recording(path: Path) -> None:
@@ -249,7 +255,7 @@ def export(
         return Answer(document, files={target: save})
     motion = Motion.load(file)
     name = robot or motion.provenance.get("robot")
-    line = f"{motion.label}: {motion.duration:.3f} s"
+    line = f"{motion.label}: {_lasting(motion)}"
     if task is not None and not film and profile is None:
         films = " and ".join(FILM_FORMATS)
         raise InputError(f"--task is for films, {films}, or a profile, not {target.suffix} alone")

@@ -123,6 +123,11 @@ class Limit:
         """Its name as one word, as columns and mappings have it."""
         return self.name.strip().replace(" ", "_")
 
+    @property
+    def is_size(self) -> bool:
+        """Whether it bounds the length of a vector, which has a kink where that vanishes."""
+        return isinstance(self.expression, _Size)
+
     def constant(self, side: str) -> FloatArray | None:
         """Give the bound [k] or [1] of a side; None where there is none or it is an expression."""
         bound = getattr(self, checks.one_of("side", side, ("lower", "upper")))

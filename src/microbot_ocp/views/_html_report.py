@@ -37,7 +37,11 @@ def comparison_report(comparison: Comparison, path: str | Path) -> Path:
     """Write a comparison as one HTML file, with a film of its fastest motion."""
     robot, reference = comparison.robot, comparison.reference
     times = {name: motion.duration for name, motion in comparison.motions.items()}
-    sure = [name for name, certificate in comparison.certificates.items() if certificate.ok]
+    sure = [
+        name
+        for name, certificate in comparison.certificates.items()
+        if certificate.ok and comparison.motions[name].solved
+    ]
     sentences = [
         f"The arm {robot.name} goes through {len(comparison.via_q)} poses, from rest to rest."
     ]
@@ -50,6 +54,8 @@ def comparison_report(comparison: Comparison, path: str | Path) -> Path:
                 f"The fastest of the textbook's ({usual}) takes {times[reference]:.3f} s under the "
                 f"same limits: against it {100 * saved:.0f} % is saved."
             )
+    else:
+        sentences.append("No motion is both solved and certified.")
     film = _film(lambda to: comparison.export(to, RATE)) if times else ""
     verdicts = [
         (entry.title, entry.certificate.verdict if entry.certificate else entry.note)
@@ -68,9 +74,12 @@ def comparison_report(comparison: Comparison, path: str | Path) -> Path:
 def cell_report(cell: Cell, path: str | Path) -> Path:
     """Write a cell as one HTML file: its time, parts an hour, stops, film, curves, certificate."""
     motion, robot = cell.motion, cell.robot
-    sentences = [
-        f"The arm {robot.name} takes {motion.duration:.3f} s for the task ({motion.status})."
-    ]
+    sentences = [f"The arm {robot.name} takes {motion.duration:.3f} s for the task."]
+    if not motion.solved:
+        sentences = [
+            f"The task is not solved for the arm {robot.name} ({motion.status}): the best motion "
+            f"found lasts {motion.duration:.3f} s, and it may do with much less."
+        ]
     cycles = [motion.duration]
     if motion.solved:  # else there is nothing to compare
         try:
@@ -91,7 +100,7 @@ def cell_report(cell: Cell, path: str | Path) -> Path:
                 f" to rest), which take {usual:.3f} s at best under the same limits"
                 f"{', obstacles aside' * bool(cell.scene)}: {saving}."
             )
-    if cell.task.cycle:
+    if cell.task.cycle and motion.solved:
         hourly = " instead of ".join(f"{3600.0 / duration:.0f}" for duration in cycles)
         sentences.append(f"Repeated, that is {hourly} parts an hour.")
     carried = [f"{load.mass:g}" for load in cell.task.payloads]

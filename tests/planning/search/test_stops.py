@@ -8,9 +8,9 @@ import pytest
 
 import microbot_ocp as mo
 from microbot_ocp._base import deadline
-from microbot_ocp._base.checks import InputError
 from microbot_ocp.limits import LimitFamily
 from microbot_ocp.planning import least_duration, task_of
+from microbot_ocp.planning.free import slowed_together
 from microbot_ocp.planning.search._through_stops import problem_of
 from microbot_ocp.planning.task import TaskScale
 from microbot_ocp.planning.task._segments import CircleArc, Straight, curve_limits
@@ -517,10 +517,10 @@ def test_an_arm_in_motion_may_end_in_motion_near_by(microbot, way, end, duration
 
 
 def test_an_arm_that_need_not_move_is_refused(microbot):
-    with pytest.raises(InputError, match="at the same place"):
+    with pytest.raises(mo.InputError, match="at the same place"):
         mo.time_optimal(microbot, [mo.Stop(q=PLACE, velocity=VELOCITY)] * 2)
     stops = [mo.Stop(q=PLACE, velocity=VELOCITY), mo.Stop(q=PLACE), mo.Stop(q=PLACE + 0.1)]
-    with pytest.raises(InputError, match="at the same place"):
+    with pytest.raises(mo.InputError, match="at the same place"):
         mo.time_optimal(microbot, stops)
 
 
@@ -537,3 +537,44 @@ def test_typical_durations_of_joints_in_motion_are_those_of_a_double_integrator(
     assert lasts(0.0, 1.0, -1.0) == pytest.approx(1.0)
     assert lasts(1e-6, 1.0, 1.0) == pytest.approx(1e-6, rel=1e-3)
     assert lasts(-1.0, 1.0, 1.0) == pytest.approx((2.0 * np.sqrt(3.0) + 2.0) / 2.0)
+
+
+# tool lines under limits of the tool -----------------------------------------------------------
+
+
+SQUARE = [Stop(position=p) for p in ([1.2, 0.2, 0.0], [1.2, 0.9, 0.0], [0.3, 1.4, 0.0])]
+LINES = [mo.Line(tolerance=2e-3), None]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "limit", [mo.limits.tool_speed(1.0), mo.limits.tool_acceleration(4.0), mo.limits.power(60.0)]
+)
+def test_a_tool_line_under_a_limit_of_the_tool_is_solved_from_the_first_start(two_links, limit):
+    limits = two_links.with_limits(also=[limit]).limits
+    motion = mo.time_optimal(two_links, SQUARE, limits, segments=LINES, starts=1, **QUICK)
+    assert motion.solved
+    assert mo.certify(two_links, motion, limits, via_q=SQUARE, segments=LINES).ok
+    assert motion.outcome.ledger[0].cost_after is not None
+
+
+@pytest.mark.parametrize("speed", [0.3, 1.0, 5.0])
+def test_a_way_that_rests_at_every_stop_is_known_along_tool_lines_too(two_links, speed):
+    limits = two_links.with_limits(also=[mo.limits.tool_speed(speed)]).limits
+    task = task_of(two_links, SQUARE, limits, segments=LINES)
+    known = problem_of(task, mo.planning.TimeOptimalSettings(**QUICK)).fallback
+    assert known is not None
+    assert mo.certify(two_links, known.motion, limits, via_q=SQUARE, segments=LINES).ok
+    assert known.motion.duration >= 1.6 / speed
+
+
+def test_shapes_that_follow_one_another_are_slowed_down_by_one_factor():
+    """The peak velocity of a quintic over 1 m is 1.875 m over its duration."""
+    families = [LimitFamily.of(slider(qd_max=1.0, tau_max=1e3))] * 2
+    shapes = [mo.quintic([[0.0], [1.0]], [0.0, T]) for T in (1.5, 3.0)]
+    slower = slowed_together(families, shapes, 5e-4)
+    assert slower is not None
+    assert [shape.duration for shape in slower] == pytest.approx([1.875, 3.75], rel=1e-3)
+    assert slowed_together(families, slower, 5e-4) == slower  # within limits as they are
+    shapes = [mo.quintic([[0.0], [1.0]], [0.0, 1.0])] * 2
+    assert slowed_together(families, shapes, 5e-4) is None  # it was nowhere near its limits

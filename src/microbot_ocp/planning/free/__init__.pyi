@@ -34,6 +34,7 @@ from ._within_limits import (
     Slowed as Slowed,
     known_ways as known_ways,
     largest_excess as largest_excess,
+    slowed_together as slowed_together,
     with_steady_ends as with_steady_ends,
     within_limits as within_limits,
 )

@@ -18,6 +18,7 @@ from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.limits import LimitFamily, MotionSamples
 from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial, dense_times, unresolved
+from microbot_ocp.planning.free._problem import excess_along
 from microbot_ocp.planning.path import (
     LATER,
     CurveLimits,
@@ -266,6 +267,29 @@ def _slowed_evenly(family: LimitFamily, motion: Motion, tolerance: float) -> Mot
             low, high = (low, middle) if fits else (middle, high)
         ratios = use(high, every)
     return motion.stretched(family.robot, high)
+
+
+def slowed_together(
+    families: Sequence[LimitFamily], shapes: Sequence[PiecewisePolynomial], tolerance: float
+) -> list[PiecewisePolynomial] | None:
+    """Return shapes that follow one another, slowed down evenly by one factor until each keeps the
+    limits of its family to the tolerance; None where that does not help.
+    """
+
+    def kept(shape: PiecewisePolynomial, family: LimitFamily) -> bool:
+        return float(excess_along(family, shape).max()) <= tolerance
+
+    if all(map(kept, shapes, families)):
+        return list(shapes)
+    factor = 1.0
+    for family, shape in zip(families, shapes, strict=True):
+        motion = Motion.from_polynomial(family.robot, shape, label="")
+        slowed = _slowed_evenly(family, motion, tolerance)
+        if slowed is None:
+            return None
+        factor = max(factor, slowed.duration / shape.duration)
+    slower = [shape.stretched(factor) for shape in shapes]
+    return slower if all(map(kept, slower, families)) else None
 
 
 def _scaled_shape(family: LimitFamily, shape: PiecewisePolynomial) -> Motion | None:

@@ -7,6 +7,7 @@ the solver is started from the best way through each branch.
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -17,6 +18,8 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.status import Status
 from microbot_ocp.inverse_kinematics import IKPath, IKSolution, follow_ik, solve_ik_all
+from microbot_ocp.motion import PiecewisePolynomial, polynomial_of
+from microbot_ocp.planning.path import time_path
 from microbot_ocp.planning.task import (
     STOP_SIZES,
     TYPICAL,
@@ -30,6 +33,7 @@ from microbot_ocp.planning.task import (
     reach_of,
 )
 from microbot_ocp.robot import Robot, forward_kinematics, jacobian
+from microbot_ocp.trajectories import spline
 
 
 @dataclass(frozen=True)
@@ -488,3 +492,28 @@ def _tool_distance(robot: Robot, before: Stop, after: Stop) -> float:
     for stop in (before, after):
         apart = apart if stop.q is not None else np.maximum(apart - stop.slack, 0.0)
     return float(np.linalg.norm(apart))
+
+
+def segment_timings(task: Task, way: Way, compiled: bool) -> tuple[PiecewisePolynomial | None, ...]:
+    """Return the best timing from rest to rest of every segment of a way; None where there is
+    none.
+    """
+    rows = zip(way.paths, task.payloads, strict=True)
+    return tuple(
+        _best_timing(payload.on(task.robot), path.tobytes(), len(path), compiled)
+        for path, payload in rows
+    )
+
+
+@lru_cache(maxsize=1024)
+def _best_timing(
+    robot: Robot, path_bytes: bytes, count: int, compiled: bool
+) -> PiecewisePolynomial | None:
+    """Do as :func:`segment_timings`, of one path [count,n]; other orders of stops have it, too."""
+    shape = spline(np.frombuffer(path_bytes).reshape(count, -1), np.linspace(0.0, 1.0, count))
+    with contextlib.suppress(InputError):
+        timing = time_path(robot, shape, compiled=compiled)
+        if timing.solved:
+            motion = timing.motion()
+            return polynomial_of(motion)
+    return None

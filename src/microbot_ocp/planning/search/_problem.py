@@ -33,11 +33,12 @@ from microbot_ocp.planning.free import (
     phase_names,
     phase_shapes,
     polynomial,
+    slowed_together,
     transcription,
     via_times,
     within_limits,
 )
-from microbot_ocp.planning.search._branches import Way, straight_way
+from microbot_ocp.planning.search._branches import Way, segment_timings, straight_way
 from microbot_ocp.planning.search._settings import SEARCH, TimeOptimalSettings
 from microbot_ocp.planning.search._stop_motion import motion_of
 from microbot_ocp.planning.task import Conditions, Task, TaskScale, with_locked_joints_held
@@ -228,28 +229,45 @@ class MotionProblem:
     def _at_rest(self) -> Slowed | None:
         """Return what rests at every stop, where stops and segments allow it."""
         task, tolerance = self.task, self.settings.limit_tolerance
-        moves = any(stop.velocity not in (None, "any", "rest") for stop in task.stops)
-        if moves or task.around is not None or any(kind is not None for kind in task.segments):
+        if self._moves or task.around is not None:
             return None
-        shapes = []
-        for k, family in enumerate(task.families):
-            way = None
-            if not deadline.over():
-                way = known_ways(family, self.via[k : k + 2], tolerance, self.fast)
-            if way is None:
+        timings, shapes = segment_timings(task, self.ways[0], self.settings.compiled), []
+        for k, (family, kind) in enumerate(zip(task.families, task.segments, strict=True)):
+            if deadline.over():
                 return None
-            shapes.append(polynomial_of(way.motion))
+            if kind is None:
+                way = known_ways(family, self.via[k : k + 2], tolerance, self.fast)
+                found = way and [polynomial_of(way.motion)]
+            else:
+                timed = timings[k]
+                found = timed and slowed_together([family], [timed], tolerance)
+            if not found:
+                return None
+            shapes += found
         return Slowed(motion_of(task, shapes, {}), "a way that rests at every stop")
 
     def slowed(self, solution: Solution) -> Motion | None:
         """Return a solution slowed down until it keeps the limits; None where it is none."""
-        if self.is_free and solution not in self._slowed:
-            self._slowed[solution] = self._slowed_anew(solution)
+        if solution not in self._slowed and self.timed_path is None:
+            anew = self._slowed_anew if self.is_free else self._slowed_with_stops
+            self._slowed[solution] = anew(solution)
         return self.slowed_before(solution)
 
     def slowed_before(self, solution: Solution) -> Motion | None:
         """Return the same where it was asked for before."""
         return self._slowed.get(solution)
+
+    @property
+    def _moves(self) -> bool:
+        """Whether a velocity is asked for, which another pace would not have."""
+        return any(stop.velocity not in (None, "any", "rest") for stop in self.task.stops)
+
+    def _slowed_with_stops(self, solution: Solution) -> Motion | None:
+        if self._moves or self.family.means or not solution.status.solved:
+            return None
+        shapes, tolerance = phase_shapes(solution), self.settings.limit_tolerance
+        slower = slowed_together(self.task.families, shapes, tolerance)
+        return None if slower is None else motion_of(self.task, slower, {})
 
     def _slowed_anew(self, solution: Solution) -> Motion | None:
         if not solution.phases or not np.isfinite(solution.duration):

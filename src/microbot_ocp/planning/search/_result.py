@@ -251,8 +251,8 @@ def _known_if_better(best: Fastest, motion: Motion) -> Motion:
     search, solution = best.search, best.answer.solution
     problem = search.problem
     fast_enough = motion.solved and not is_enough(problem, solution)
-    # not even time may be left to slow it down
-    if not fast_enough and (problem.way is None or not deadline.over()):
+    # not even time may be left to slow a free one down
+    if not fast_enough and not (problem.is_free and problem.way and deadline.over()):
         problem.slowed(solution)
     slower = [problem.way] if problem.way else []
     for answer in (*best.state.answers, best.answer):

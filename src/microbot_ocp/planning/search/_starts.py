@@ -7,15 +7,11 @@ obstacles the only start is a timed path.
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from functools import lru_cache
 
 import numpy as np
 
-from microbot_ocp._base.checks import InputError
-from microbot_ocp.motion import PiecewisePolynomial, polynomial_of
 from microbot_ocp.ocp import Solution
 from microbot_ocp.ocp.refinement import Refiner
 from microbot_ocp.planning.free import (
@@ -28,8 +24,7 @@ from microbot_ocp.planning.free import (
     least_violation,
     limited_rates,
 )
-from microbot_ocp.planning.path import time_path
-from microbot_ocp.planning.search._branches import Way, few_poses, least_time
+from microbot_ocp.planning.search._branches import Way, few_poses, least_time, segment_timings
 from microbot_ocp.planning.search._problem import MotionProblem, TrialStart
 from microbot_ocp.planning.search._search import (
     MotionAnswer,
@@ -42,7 +37,6 @@ from microbot_ocp.planning.search._search import (
 )
 from microbot_ocp.planning.search._settings import SEARCH
 from microbot_ocp.planning.task import LDL, Task, TaskScale, rounded
-from microbot_ocp.robot import Robot
 from microbot_ocp.trajectories import cubic, spline
 
 
@@ -319,28 +313,3 @@ def rest_to_rest(task: Task, way: Way, names: Sequence[str], compiled: bool) -> 
             shape = timed or spline(path, np.linspace(0.0, float(duration), len(path)))
         guesses[name] = guess_along(shape)
     return InitialGuess(way.name, guesses)
-
-
-def segment_timings(task: Task, way: Way, compiled: bool) -> tuple[PiecewisePolynomial | None, ...]:
-    """Return the best timing from rest to rest of every segment of a way; None where there is
-    none.
-    """
-    rows = zip(way.paths, task.payloads, strict=True)
-    return tuple(
-        _best_timing(payload.on(task.robot), path.tobytes(), len(path), compiled)
-        for path, payload in rows
-    )
-
-
-@lru_cache(maxsize=1024)
-def _best_timing(
-    robot: Robot, path_bytes: bytes, count: int, compiled: bool
-) -> PiecewisePolynomial | None:
-    """Do as :func:`segment_timings`, of one path [count,n]; other orders of stops have it, too."""
-    shape = spline(np.frombuffer(path_bytes).reshape(count, -1), np.linspace(0.0, 1.0, count))
-    with contextlib.suppress(InputError):
-        timing = time_path(robot, shape, compiled=compiled)
-        if timing.solved:
-            motion = timing.motion()
-            return polynomial_of(motion)
-    return None

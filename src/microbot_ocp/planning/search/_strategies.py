@@ -239,7 +239,7 @@ def next_smoother(search: MotionSearch, state: SearchState) -> NextStep | None:
 
 def _within_limits(search: MotionSearch, answer: MotionAnswer) -> Any:
     """Return a motion within the limits from a coarse answer, or any."""
-    slowed = search.problem.slowed(answer.solution)
+    slowed = search.problem.slowed(answer.solution) if search.problem.is_free else None
     return slowed or getattr(search.problem.fallback, "motion", None)
 
 

@@ -406,6 +406,8 @@ def declare_limits(
         if member.limit is None or not member.varies:
             value = joint_values[key] if member.limit is None else expressions[key][0]
             scale = finite_scale(member.lower, member.upper)
+            if member.limit is not None and member.limit.is_size:  # smooth at rest, too
+                value = 0.5 * (value**2 / member.upper + member.upper)
             declare(member.name, value, member.lower, member.upper, scale=scale)
             continue
         value, lower, upper = expressions[key]

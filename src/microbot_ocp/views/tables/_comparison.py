@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from microbot_ocp._base.checks import plain
+from microbot_ocp._base.status import Status
 from microbot_ocp._base.table import NOTHING, Column, Table
 from microbot_ocp._base.writing import write_whole
 from microbot_ocp.certificate import Certificate, LimitCheck
@@ -234,6 +235,8 @@ def _notes(comparison: Comparison, rows: list[Row]) -> Iterator[str]:
         remarks = []
         if row["duration"] is None:
             remarks.append(f"not solved: {row['status']}")
+        elif row["status"] != Status.SOLVED:
+            remarks.append(f"the best motion found, not solved: {row['status']}")
         if row["certificate_ok"] is False:
             remarks.append(f"certificate refused: {row['verdict']}")
             remarks += _violation_text(row["worst_violation"], row["verdict"])
