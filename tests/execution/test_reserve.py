@@ -157,3 +157,32 @@ def test_a_delay_of_one_sample_is_a_step_of_the_torque(microbot):
 def test_what_is_no_reserve(microbot, call, message):
     with pytest.raises(mo.InputError, match=message):
         call(microbot)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("mass", "bound"), [(0.05, 0.01), (0.2, 0.02), (0.2, 0.04)])
+def test_the_bound_holds_until_the_arm_has_settled(mass, bound):
+    """A grip follows the end of a motion; the tool was 45 mm off after it with a bound of 40."""
+    link = mo.Link(1.0, np.array([0.5, 0.0, 0.0]), 0.1 * np.eye(3))
+    limits = mo.Limits(tau_max=10.0)
+    robot = mo.Robot.from_dh(
+        [0.0], [0.0], [0.0], links=[link], limits=limits, gravity=[0, 0, 0], tool=[0, 1.0, 0, 0]
+    )
+    plants = mo.execution.differing_plants(robot, mass=mass, count=0)
+    loop = mo.ComputedTorque(kp=400.0)
+    found = mo.smallest_reserve(robot, [[0.0], [1.0]], loop, plants, bound, sample_rate=1000.0)
+    assert found.solved
+    motion, after, within = found.motion, 0.0, 0.0
+    t = np.append(motion.t, motion.duration + np.array([1e-6, 3.0]))
+    still = [
+        np.vstack([column, np.zeros((2, 1))]) for column in (motion.qd, motion.qdd, motion.tau)
+    ]
+    q = np.vstack([motion.q, motion.q[[-1, -1]]])
+    held = mo.Motion(t, q, *still, label="held")
+    for plant in plants:
+        run = mo.track(robot, held, loop, plant=plant, sample_rate=1000.0)
+        off = np.abs(2.0 * np.sin(0.5 * (run.q - run.reference.q)))  # of a tool 1 m away
+        moving = run.t <= motion.duration
+        within, after = max(within, off[moving].max()), max(after, off[~moving].max())
+    assert after > within  # so that this is about what follows the end
+    assert after <= 1.01 * bound

@@ -17,9 +17,10 @@ from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
 from microbot_ocp._base.status import Status
 from microbot_ocp._base.table import Column, Table
+from microbot_ocp.execution._check import AT_REST
 from microbot_ocp.execution._load import refuse_other_arm
 from microbot_ocp.limits import LIMIT_TOLERANCE, JointLimits, LimitFamily, Limits
-from microbot_ocp.motion import Motion, polynomial_of
+from microbot_ocp.motion import JUMP_GAP, Motion, mesh_of, polynomial_of
 from microbot_ocp.planning import (
     checked_box,
     robust_limits as robust_limits,  # offered beside the arms of the same box
@@ -47,7 +48,7 @@ class Trial:
         Largest distance of the tool from where it should be, over all plants, m; infinite where one
         is lost.
     saturated : float
-        Largest share of the time in which a torque is at its true limit.
+        Largest share of the time, with that of settling, in which a torque is at its true limit.
     """
 
     reserve: float
@@ -201,7 +202,8 @@ def smallest_reserve(
     """Find the least reserve of torque with which the tool stays near its reference.
 
     The motion is planned with a share of the torques kept back, and played on every plant by the
-    controller, whose torques saturate at the true limits. The share doubles from ``accuracy`` on
+    controller, whose torques saturate at the true limits; its end is held as long as it took, so
+    that settling counts, unless a ``duration`` is given. The share doubles from ``accuracy`` on
     until no plant is off by more than ``bound``, and is then halved in.
 
     Parameters
@@ -216,7 +218,7 @@ def smallest_reserve(
     plants : sequence of Robot
         Arms that are simulated, such as :func:`differing_plants` of the robot.
     bound : float
-        Of the distance of the tool from its reference, at any time of the motion, m.
+        Of the distance of the tool from its reference, at any time until it has settled, m.
     limits : Limits, optional
         Of the plan, before a share is kept back; default the robot's own.
     accuracy : float
@@ -335,11 +337,26 @@ def _tried(
     robot: Robot, motion: Motion, plants: Sequence[Robot], reserve: float, play: Callable[..., Any]
 ) -> Trial:
     error = saturated = 0.0
+    reference = motion if "duration" in play.keywords else _held(motion)
     for plant in plants:
-        run = play(motion, plant=plant)
+        run = play(reference, plant=plant)
         saturated = max(saturated, run.saturated_fraction)
         if not run.solved:
             return Trial(reserve, motion.duration, np.inf, saturated)
         tool, wanted = (tool_poses(robot, q)[:, :3, 3] for q in (run.q, run.reference.q))
         error = max(error, float(np.linalg.norm(tool - wanted, axis=1).max()))
     return Trial(reserve, motion.duration, error, saturated)
+
+
+def _held(motion: Motion) -> Motion:
+    """Return the motion with its end held as long as it took, where it ends at rest."""
+    if np.abs(motion.qd[-1]).max() > AT_REST:
+        return motion
+    end, still = motion.duration, np.zeros((2, motion.joint_count))
+    ends = {key: getattr(motion, key)[[-1, -1]] for key in ("q", "tau")} | {
+        "qd": still,
+        "qdd": still,
+    }
+    columns = {key: np.vstack([getattr(motion, key), rows]) for key, rows in ends.items()}
+    t = np.concatenate([motion.t, [end + JUMP_GAP, 2.0 * end]])
+    return replace(motion, t=t, breaks=np.append(mesh_of(motion), 2.0 * end), **columns)
