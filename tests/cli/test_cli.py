@@ -212,10 +212,11 @@ def test_bad_input_is_one_line(refused, tmp_path, arguments, words):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("option", [["--q", "0,90,0"], ["--position", "3,-1,4", "--rpy", "0,90,0"]])
-def test_angles_that_look_like_degrees_are_warned_of(call, option):
-    with pytest.warns(UserWarning, match=rf"{option[-2]} is '0,90,0' rad; that looks like degrees"):
-        call("fk" if len(option) == 2 else "ik", "microbot", *option)
+def test_angles_that_look_like_degrees_are_warned_of_or_refused(call, refused):
+    with pytest.warns(UserWarning, match=r"--q is '0,90,0' rad, which looks like degrees: --q-deg"):
+        call("fk", "microbot", "--q", "0,90,0")
+    line = refused("ik", "microbot", "--position", "3,-1,4", "--rpy", "0,90,0")
+    assert "--rpy must be within a turn" in line
 
 
 def test_a_limit_given_in_both_units(refused):

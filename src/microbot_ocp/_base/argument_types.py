@@ -27,7 +27,7 @@ import numpy as np
 
 from microbot_ocp._base import interrupts
 from microbot_ocp._base.checks import NAME_FIRST, InputError, did_you_mean, shown
-from microbot_ocp._base.foreign_words import remedy
+from microbot_ocp._base.foreign_words import our_name, remedy
 
 PACKAGE = __name__.partition(".")[0]
 MOST_ENTRIES = 100_000  # of a sequence that are looked at
@@ -130,7 +130,7 @@ def _refuse(
         there = inspect.signature(function).parameters
         for name in (name for name in named if name not in there):
             if str(problem).endswith(f"unexpected keyword argument {name!r}"):
-                hint = remedy(name) or did_you_mean(name, there)
+                hint = our_name(name, there) or remedy(name) or did_you_mean(name, there)
                 raise UnknownArgument(f"{problem}{hint}") from None
     for name, value in itertools.chain(zip(positional, given, strict=False), named.items()):
         if name in rules and not rules[name][0](value):

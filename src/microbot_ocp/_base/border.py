@@ -21,9 +21,10 @@ def attach_stub(name: str, file: str) -> tuple[Callable[[str], Any], Callable[[]
             if wanted.startswith("_") or wanted in names:
                 raise
             from microbot_ocp._base.checks import similar
-            from microbot_ocp._base.foreign_words import remedy
+            from microbot_ocp._base.foreign_words import WORDS, WORDS_OF_ARMS, remedy
 
-            hint = remedy(wanted) or similar(wanted, names)
+            words = WORDS | WORDS_OF_ARMS if ".ocp" not in name else WORDS_OF_ARMS | WORDS
+            hint = remedy(wanted, words) or similar(wanted, names)
             raise AttributeError(f"{name} has no {wanted!r}{hint}") from None
         from microbot_ocp._base.argument_types import checked  # with numpy, not before a name
 

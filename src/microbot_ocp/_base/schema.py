@@ -40,6 +40,33 @@ def parsed(text: str) -> dict[str, Any]:
         raise InputError(f"it is not valid TOML: {problem}") from None
 
 
+OF_KIND = {  # what a file is, and who takes it, by a key that this kind alone has
+    "cases": "a study: microbot-ocp sweep FILE",
+    "quantities": "a study: microbot-ocp sweep FILE",
+    "stop": "a task of stops: microbot-ocp solve FILE, or --task FILE of export and check",
+    "via": "a task of via points: microbot-ocp solve FILE",
+    "joint": 'a robot: microbot-ocp show FILE, and robot = "FILE" in a task or study',
+    "obstacle": 'a scene: scene = "FILE" in a task, or --scene FILE of check',
+    "interpolation": "the profile of a controller: --profile FILE of check, compare and export",
+}
+ENDINGS = {
+    ".npz": "a saved motion or solution: microbot-ocp check, export or replay FILE",
+    ".csv": "a trajectory: microbot-ocp check FILE",
+    ".json": "a trajectory or a result: microbot-ocp check FILE",
+    ".rrd": "a recording: microbot-ocp replay FILE --open",
+    ".urdf": 'a robot: microbot-ocp show FILE, and robot = "FILE" in a task or study',
+    ".xacro": 'a robot: microbot-ocp show FILE, and robot = "FILE" in a task or study',
+}
+
+
+def refuse_toml(path: str | Path, wanted: str) -> None:
+    """Refuse a TOML file where another one is wanted, with what it is."""
+    if Path(path).suffix.lower() == ".toml":
+        with table_from(path, "TOML") as table:
+            kind = next((OF_KIND[key] for key in OF_KIND if key in table), "a table of TOML")
+        raise InputError(f"{Path(path).name} is no {wanted}, but {kind}")
+
+
 @contextmanager
 def table_from(path: str | Path, kind: str) -> Iterator[dict[str, Any]]:
     """Yield what a file of this kind holds; messages of what is done with it name the file.
@@ -48,6 +75,8 @@ def table_from(path: str | Path, kind: str) -> Iterator[dict[str, Any]]:
     ------
     InputError
     """
+    if (ending := Path(path).suffix.lower()) in ENDINGS:
+        raise InputError(f"{Path(path).name} is no {kind} file, but {ENDINGS[ending]}")
     text = text_of(path, f"{kind} file")
     with checks.naming(f"{Path(path).name or path}: "):
         yield parsed(text)
@@ -160,6 +189,9 @@ def read_table(
         if written not in allowed:
             if elsewhere and written in elsewhere:
                 raise InputError(f"key {written!r} {where} {elsewhere[written]}")
+            of_another = next((key for key in OF_KIND if key in table), written)
+            if where == "at the top level" and of_another not in allowed and of_another in OF_KIND:
+                raise InputError(f"it is {OF_KIND[of_another]}")
             raise InputError(f"unknown key {written!r} {where}{suggestion(written, allowed)}")
         key = written if written in schema else written.removesuffix("_deg")
         name = named.replace("{}", written)

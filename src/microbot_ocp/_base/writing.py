@@ -30,6 +30,12 @@ _DIRECT = re.compile(r"/dev/(stdout|stderr|fd/.*)|/proc/.*")
 _open: set[str] = set()  # temporary paths of this process that are in use
 
 
+FILES = (  # endings that no folder has
+    *(".csv", ".json", ".mat", ".npz", ".parquet", ".toml", ".txt", ".xlsx", ".xml", ".yaml"),
+    *(".gif", ".html", ".jpg", ".mp4", ".pdf", ".png", ".rrd", ".svg", ".tex"),
+)
+
+
 class NotWritten(OSError, InputError):
     """A file could not be written; the message names it and says why."""
 
@@ -83,8 +89,11 @@ def check_writable(path: str | Path) -> Path:
 
 def made_folder(path: str | Path) -> Path:
     """Return a folder, made with those above it if need be; :class:`NotWritten` where it cannot
-    be.
+    be, InputError of a path with the ending of a file.
     """
+    if Path(path).suffix.lower() in FILES and not Path(path).exists():
+        advice = "a figure is written by plot().savefig(path)"
+        raise InputError(f"{str(path)!r} must be a folder, not a file; {advice}")
     with _explained(path):
         Path(path).mkdir(parents=True, exist_ok=True)
     return Path(path)

@@ -13,6 +13,7 @@ from __future__ import annotations
 import inspect
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, partial
 from operator import attrgetter
@@ -24,7 +25,7 @@ import typer
 
 import microbot_ocp
 from microbot_ocp._base import checks
-from microbot_ocp._base.checks import InputError, naming
+from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.cli._report import Answer, Report
 from microbot_ocp.execution import packaged_profiles
 from microbot_ocp.limits import JOINT_QUANTITIES, MEMBER_KEYS, MEMBERS, JointLimits, changes_by_name
@@ -144,11 +145,28 @@ class Numbers(Kind):
         rows = [_floats(option, text, self.labels or robot.joint_names) for text in texts]
         values = checks.array(option, rows if self.rows else rows[0], (None,) * (1 + self.rows))
         if not option.endswith("-deg"):
-            hint = checks.degrees_hint(values) if self.degrees and not self.rows else ""
-            if hint and "rad/" not in self.text:
-                checks.warn_user(f"{option} is {word!r} rad{hint}")
+            if self.degrees and not self.rows and "rad/" not in self.text:
+                self._check_degrees(option, word, values, robot)
             return values
         return values * (np.pi / 180.0 if self.labels else joint_scale(robot))
+
+    def _check_degrees(self, option: str, word: str, values: FloatArray, robot: Any) -> None:
+        """Refuse orientations of more than a turn, warn of joints that are beyond their limits so
+        far.
+        """
+        if self.labels:
+            if np.abs(values).max() > 2 * np.pi:
+                raise InputError(
+                    f"{option} must be within a turn, in rad, not {word!r}; {option}-deg takes deg"
+                )
+        elif robot is not None:
+            turning = np.array(robot.joint_types) == "revolute"
+            outside = (values > robot.limits.q_max) | (values < robot.limits.q_min)
+            far = turning & outside & (np.abs(values) > 2 * np.pi)
+            if far.any() or checks.degrees_hint(values[turning]):
+                checks.warn_user(
+                    f"{option} is {word!r} rad, which looks like degrees: {option}-deg takes deg"
+                )
 
 
 class RobotFile(Kind):
@@ -158,10 +176,23 @@ class RobotFile(Kind):
         """Yield an argument and an option."""
         yield replace(SOURCE, default=self.default).option()
         yield TIP.option()
+        yield XACRO.option()
 
     def value(self, words: Words, robot: Any) -> Robot:
         """Load the robot."""
-        return load_robot(words["robot"], words["tip"])
+        return load_robot(words["robot"], words["tip"], XACRO.value(words, robot))
+
+
+class XacroArguments(Kind):
+    """Arguments of a xacro file, the option once each."""
+
+    def value(self, words: Words, robot: Any) -> dict[str, str]:
+        """Return them by name."""
+        pairs = [word.partition(":=") for word in words[self.name] or ()]
+        for name, sign, value in pairs:
+            if not (name and sign):
+                raise InputError(f"--xacro must be NAME:=VALUE, not {name + sign + value!r}")
+        return {name: value for name, _, value in pairs}
 
 
 class LimitOptions(Kind):
@@ -199,8 +230,24 @@ class LimitOptions(Kind):
                 option, _ = _chosen(limit.name, words)
                 scale = joint_scale(robot) if option.endswith("-deg") else 1.0
                 changes[limit.name] = per_joint(robot, option, value) * scale
-        with naming("limits: "):
+        with _named_by_options(changes, robot):
             return robot.with_limits(**changes_by_name(robot.limits.also, changes)).limits
+
+
+@contextmanager
+def _named_by_options(limits: Mapping[str, Any], robot: Robot) -> Iterator[None]:
+    """Let messages call limits by their options, and joints by their names; without an option they
+    begin with "limits: ".
+    """
+    try:
+        yield
+    except InputError as problem:
+        text = re.sub(
+            r"\bof joint (\d+)", lambda k: f"of {robot.joint_names[int(k[1]) - 1]}", str(problem)
+        )
+        name = text.split(" ")[0]
+        text = text.replace(name, _option(name), 1) if name in limits else f"limits: {text}"
+        raise InputError(text) from None
 
 
 def _option(name: str) -> str:
@@ -243,6 +290,9 @@ SOURCE = Kind(
     positional=True,
 )
 TIP = Kind(metavar="LINK", name="tip", text="Last link of the chain in a URDF or MuJoCo file.")
+XACRO = XacroArguments(
+    of=list[str], metavar="NAME:=VALUE", name="xacro", text="Argument of a .xacro file, once each."
+)
 OTHER_ROBOT = Kind(
     metavar="ROBOT", text="Robot of the motion, where the file names none.", choices=packaged_robots
 )
@@ -360,7 +410,21 @@ class Command:
             if name in wanted or name not in vars(report):
                 arguments[name] = kind.value(words, arguments.get("robot"))
         report.check(self.writes)
-        return report.give(partial(self.function, **arguments), long="progress" in wanted)
+        return report.give(partial(self._find, **arguments), long="progress" in wanted)
+
+    def _find(self, **arguments: Any) -> Answer:
+        """Call the function; messages call its parameters by their options."""
+        try:
+            return self.function(**arguments)
+        except InputError as problem:
+            text = str(problem)
+            for name, kind in self.kinds.items():
+                if kind.positional or _option(kind.name) in text:
+                    continue
+                text = re.sub(rf"^{name}\b(?=\W? (must|has|is)\b)", _option(kind.name), text)
+            if type(problem) is not InputError or text == str(problem):
+                raise
+            raise InputError(text) from None
 
 
 def command(

@@ -222,7 +222,12 @@ def _refuse(problem: Exception) -> int:
     elif isinstance(problem, typer.TyperException):
         sentence = _lowered(problem.format_message())
         if re.search(r"argument\(s\)|: -[\d.]", sentence):  # numbers that the shell took apart
-            sentence += "; numbers go with commas between: 3,-1,4.5, points in quotes: '0,0 1,1'"
+            name = re.search(r"\(([^() ]+)[^()]*\)$", sentence)
+            if name and getattr(getattr(problem, "ctx", None), "info_name", "") == "robots":
+                advice = f"one robot is shown by: {PROGRAM} show {name[1]}"
+            else:
+                advice = "numbers go with commas between: 3,-1,4.5, points in quotes: '0,0 1,1'"
+            sentence += f"; {advice}"
     elif isinstance(problem, OSError):
         reason = _lowered(problem.strerror or str(problem))
         sentence = f"{problem.filename}: {reason}" if problem.filename else _no_folder() + reason

@@ -12,7 +12,7 @@ import microbot_ocp as mo
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.table import Table
 from microbot_ocp._base.writing import write_whole
-from microbot_ocp.cli._declaration import ARM, JOINTS, SOURCE, TIP, Numbers, command
+from microbot_ocp.cli._declaration import ARM, JOINTS, SOURCE, TIP, XACRO, Numbers, command
 from microbot_ocp.cli._report import Answer
 from microbot_ocp.robot import Robot, fixed_angles, rotation_of
 from microbot_ocp.robot.files import load_robot, packaged_robots, robot_text
@@ -44,6 +44,7 @@ def robots() -> Answer:
 def show(
     robot: Annotated[str, SOURCE],
     tip: Annotated[str | None, TIP] = None,
+    xacro: Annotated[Any, XACRO] = None,
     toml: bool = False,
     json: bool = False,
 ) -> Answer:
@@ -66,7 +67,7 @@ def show(
     from microbot_ocp.robot import largest_reach, rest_pose  # with CasADi, unlike `robots`
     from microbot_ocp.trajectories import joint_sweep
 
-    arm = load_robot(robot, tip)
+    arm = load_robot(robot, tip, xacro)
     if toml and json:
         raise InputError("give --toml or --json, not both")
     rest = rest_pose(arm)
@@ -77,7 +78,7 @@ def show(
         if path.suffix in EQUATIONS:
             return mo.robot.closed_form(arm).export(path)
         if path.suffix == ".toml":
-            return write_whole(path, robot_text(robot, tip))
+            return write_whole(path, robot_text(robot, tip, xacro))
         return mo.save_robot(arm, path)
 
     def record(path: Path) -> object:
@@ -94,7 +95,7 @@ def show(
         "workspace": workspace,
     }
     if toml:
-        text = robot_text(robot, tip)
+        text = robot_text(robot, tip, xacro)
         return Answer(document, save=save, record=record, verbatim=text)
     at = f"{tables.pose_text(arm, rest)} (nearest to zero in limits)" if rest.any() else "zero"
     farthest = f"; at most {tables.number(bound, 3)} m with every link stretched out"

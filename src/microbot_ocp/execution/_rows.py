@@ -26,6 +26,7 @@ from microbot_ocp._base.checks import (
 )
 from microbot_ocp._base.messages import check_message, kind_of
 from microbot_ocp._base.reading import bytes_of, text_of, yaml_of
+from microbot_ocp._base.schema import refuse_toml
 from microbot_ocp._base.writing import digest
 from microbot_ocp.motion import FIELDS, Mark, Motion, marks_path
 from microbot_ocp.robot import Robot
@@ -101,6 +102,7 @@ def read_rows(path: str | Path, robot: Robot) -> CommandRows | Motion:
         more than a turn beyond the limits, such as degrees.
     """
     target = Path(path)
+    refuse_toml(target, "trajectory")
     checks.one_of("ending of the file", target.suffix, FORMATS)
     with naming(f"{target.name}: "):
         if target.suffix == ".csv":

@@ -17,7 +17,7 @@ from microbot_ocp._base.status import Status
 from microbot_ocp.inverse_kinematics import _search as search
 from microbot_ocp.inverse_kinematics._kernels import generic_rank, joint_scale, pose_of
 from microbot_ocp.inverse_kinematics._result import IKSolution, read_only
-from microbot_ocp.robot import Robot, is_rotation, stretched_out
+from microbot_ocp.robot import Robot, checked_rotations, stretched_out
 
 REACHED = "The tool reaches the target within the joint limits."
 
@@ -337,14 +337,8 @@ def _check_near(name: str, places: FloatArray) -> None:
 
 def _rotation_rows(name: str, turns: FloatArray) -> FloatArray:
     """Return columns [N,9] of rotations [N,3,3], made exact; ``name`` has a place for the index."""
-    bad = np.flatnonzero(~is_rotation(turns))
-    if bad.size:
-        raise InputError(
-            f"{name.format(bad[0])} must be a rotation (orthonormal, determinant +1), not "
-            f"{turns[bad[0]].tolist()}"
-        )
     # The nearest true rotation: digits lost in a file must not keep a pose from being reached.
-    left, _, right = np.linalg.svd(turns)
+    left, _, right = np.linalg.svd(checked_rotations(name, turns))
     return (left @ right).swapaxes(1, 2).reshape(-1, 9)
 
 

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.foreign_words import HintingOfArms
 from microbot_ocp.limits._limit import Limit
 
 TORQUES_OF_A_BOX = ("largest_torque", "least_torque")  # keys of limits for arms that may be off
@@ -71,7 +72,7 @@ class LimitChanges(TypedDict, total=False):
 
 
 @dataclass(frozen=True, eq=False)
-class Limits:
+class Limits(HintingOfArms):
     """Limits of every joint; whatever is not given is unlimited.
 
     Each argument is a scalar (all joints alike) or a list or array [n] (one value a joint).
@@ -162,7 +163,7 @@ class Limits:
 
 
 @dataclass(frozen=True, eq=False)
-class JointLimits:
+class JointLimits(HintingOfArms):
     """Limits of every joint as arrays [n], and further ones; see :meth:`Limits.for_joints`."""
 
     q_min: FloatArray

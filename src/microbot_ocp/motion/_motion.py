@@ -20,7 +20,9 @@ from numpy.typing import ArrayLike
 from microbot_ocp._base import checks
 from microbot_ocp._base.archive import no_archive, read_archive, write_archive
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.foreign_words import HintingOfArms
 from microbot_ocp._base.outcome import SOLVED, Outcome
+from microbot_ocp._base.schema import refuse_toml
 from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import MotionSamples, StateHistory
@@ -70,7 +72,7 @@ class Mark:
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class Motion(HintingOfArms):
     """A sampled motion of a robot.
 
     Parameters
@@ -174,7 +176,7 @@ class Motion:
         robot: Robot,
         polynomial: PiecewisePolynomial,
         *,
-        label: str,
+        label: str = "motion",
         marks: Sequence[Mark] = (),
         provenance: Mapping[str, Any] | None = None,
         remark: str = "",
@@ -488,6 +490,7 @@ class Motion:
         InputError
             No such file, not a motion, or written by a newer version.
         """
+        refuse_toml(path, "saved motion")
         arrays, metadata = read_archive(path, "motion", SCHEMA)
         try:
             return cls(

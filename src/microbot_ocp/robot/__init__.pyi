@@ -57,9 +57,10 @@ from ._torque_derivatives import (
     torque_derivatives as torque_derivatives,
 )
 from ._transforms import (
+    checked_rotations as checked_rotations,
     dh_transform as dh_transform,
     fixed_angles as fixed_angles,
-    is_rotation as is_rotation,
+    nearest_rotation as nearest_rotation,
     of_quaternion as of_quaternion,
     rigid_transform as rigid_transform,
     rotation_of as rotation_of,

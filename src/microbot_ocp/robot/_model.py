@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError, shown, warn_user
+from microbot_ocp._base.foreign_words import HintingOfArms, our_name
 from microbot_ocp._base.showing import view_for
 from microbot_ocp.limits import JOINT_QUANTITIES, JointLimits, LimitChanges, Limits
 from microbot_ocp.robot._convention import Convention, as_modified, doubts
@@ -40,7 +41,7 @@ LOOSE = {"q_min": 10 * np.pi, "q_max": 10 * np.pi, "qd_max": 20 * np.pi}
 
 
 @dataclass(frozen=True, eq=False)
-class Robot:
+class Robot(HintingOfArms):
     """A serial manipulator: modified-DH rows, links, limits, gravity, base and tool.
 
     Make one with :meth:`from_dh` or :func:`microbot_ocp.load_robot`. Two robots with the same
@@ -187,7 +188,7 @@ class Robot:
                 raise InputError(f"{key} must be text, not {text!r}")
         if convention is not None:
             checks.one_of("convention", convention, ("modified", "standard"))
-        _warn_of_units(name, table)
+        _check_units(name, table)
         joint_limits = _joint_limits(Limits() if limits is None else limits, count)
         _warn_of_degrees(joint_limits, types, ("q_min", "q_max"))
         tool_pose, geometry = rigid_transform("tool", tool), checked_shapes(shapes, count)
@@ -409,6 +410,8 @@ class Robot:
         ([-40.0, -40.0, -40.0], [400.0, 500.0, 200.0])
         """
         for name in changes:
+            if asked := our_name(name, LimitChanges.__annotations__):
+                raise InputError(f"there is no limit {name!r}{asked}")
             checks.one_of("limit", name, LimitChanges.__annotations__)
         given = {name: value for name, value in changes.items() if value is not None}
         if limits is None:
@@ -636,11 +639,15 @@ def _warn_of_degrees(limits: JointLimits, joint_types: Sequence[str], keys: Iter
             warn_user(f"{key} is {angles.tolist()} rad{'/s' * key.startswith('qd')}{hint}")
 
 
-def _warn_of_units(name: str, table: Mapping[str, FloatArray]) -> None:
-    """Warn of a table whose angles look like degrees, or its lengths like millimetres."""
-    for key in ("alpha", "theta_offset"):
-        if hint := checks.degrees_hint(table[key]):
-            warn_user(f"{name}: {key} is {table[key].tolist()} rad{hint}")
+def _check_units(name: str, table: Mapping[str, FloatArray]) -> None:
+    """Refuse angles of more than a turn; warn of lengths that look like millimetres."""
+    for key in ("alpha", "theta_offset", "beta"):
+        if np.abs(table[key]).max() > 2 * np.pi * (1.0 + 1e-9):
+            angles = table[key].tolist()
+            raise InputError(
+                f"{key} must be within a turn, in rad, not {angles}; of degrees "
+                f"np.radians({angles})"
+            )
     for key in ("a", "d"):
         if np.abs(table[key]).max() > checks.LONGEST_LINK:
             warn_user(f"{name}: {key} is {table[key].tolist()} m; that looks like millimetres")

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import FloatArray, InputError, warn_user
 
 
 def transform_of(rotation: ArrayLike, position: ArrayLike) -> FloatArray:
@@ -74,10 +74,48 @@ def dh_transform(alpha: float, a: float, d: float, theta: float, beta: float = 0
     return matrix + 0.0  # no -0.0, which would be printed and written
 
 
-def is_rotation(matrices: FloatArray) -> np.ndarray:
-    """Return whether matrices [...,3,3] are rotations, to six digits."""
+EXACT, ROUNDED = 1e-6, 1e-3  # of R R' from the identity: a rotation, one written with four digits
+
+
+def nearest_rotation(matrix: ArrayLike) -> FloatArray:
+    """Return the rotation [3,3] with the least sum of squared differences from a matrix [3,3].
+
+    Golub and Van Loan, *Matrix Computations*, 4th ed., section 6.4.1.
+
+    Examples
+    --------
+    >>> nearest_rotation([[0.71, -0.71, 0.0], [0.71, 0.71, 0.0], [0.0, 0.0, 1.0]])[0].round(6)
+    array([ 0.707107, -0.707107,  0.      ])
+    """
+    left, _, right = np.linalg.svd(checks.array("matrix", matrix, (3, 3)))
+    left[:, 2] *= np.sign(np.linalg.det(left @ right))
+    return left @ right
+
+
+def checked_rotations(name: str, matrices: FloatArray) -> FloatArray:
+    """Return rotations [...,3,3]; of rounded ones the nearest, with a warning.
+
+    ``name`` may have a place, {}, for the index of one of several.
+    """
     slip = np.abs(matrices @ np.swapaxes(matrices, -1, -2) - np.eye(3)).max(axis=(-2, -1))
-    return (slip <= 1e-6) & (np.linalg.det(matrices) > 0)
+    mirrored = np.linalg.det(matrices) <= 0.0
+    for i in np.argwhere((slip > ROUNDED) | mirrored)[:1]:
+        at = tuple(i)
+        why = "it mirrors" if mirrored[at] else f"R R' is {slip[at]:.2g} off the identity"
+        remedy = "" if mirrored[at] else "; mo.robot.nearest_rotation(R) is the nearest one"
+        raise InputError(
+            f"{name.format(*i)} must be a rotation (orthonormal to {ROUNDED:g}, determinant +1), "
+            f"but {why}: {matrices[at].tolist()}{remedy}"
+        )
+    rounded, exact = slip > EXACT, np.array(matrices)
+    for i in np.argwhere(rounded):
+        exact[tuple(i)] = nearest_rotation(matrices[tuple(i)])
+    if rounded.any():
+        warn_user(
+            f"{name.format('')} has few digits, R R' is {slip.max():.1g} off the identity: the "
+            "nearest rotation is taken"
+        )
+    return exact
 
 
 def rigid_transform(name: str, value: ArrayLike | None) -> FloatArray:
@@ -88,11 +126,12 @@ def rigid_transform(name: str, value: ArrayLike | None) -> FloatArray:
         matrix = dh_transform(*checks.array(name, value, (4,)))
     else:
         matrix = np.array(checks.array(name, value, (4, 4)))
-        if not is_rotation(matrix[:3, :3]) or np.abs(matrix[3] - [0, 0, 0, 1]).max() > 1e-9:
+        if np.abs(matrix[3] - [0, 0, 0, 1]).max() > 1e-9:
             raise InputError(
-                f"{name} must be a homogeneous transform (rotation of determinant +1, last row "
-                f"0 0 0 1), not {matrix.tolist()}"
+                f"{name} must be a homogeneous transform with a last row 0 0 0 1, not "
+                f"{matrix.tolist()}"
             )
+        matrix[:3, :3] = checked_rotations(f"{name}[:3, :3]", matrix[:3, :3])
     matrix.setflags(write=False)
     return matrix
 

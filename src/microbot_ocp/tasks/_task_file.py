@@ -168,8 +168,6 @@ def read_task(path: str | Path) -> TaskFile:
     """
     source = Path(path)
     with table_from(source, "task") as data:
-        if "joint" in data:
-            raise InputError('it describes a robot; a task names such a file: robot = "FILE"')
         if "via" not in data:  # [[stops]] may be meant for [[stop]]
             read_table(data, TASK | CELL)
         given = read_table(data, TASK, elsewhere=dict.fromkeys(CELL, "is for tasks of [[stop]]"))

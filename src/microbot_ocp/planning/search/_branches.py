@@ -246,7 +246,9 @@ def _out_of_reach(robot: Robot, stop: Stop, missed: Sequence[IKSolution]) -> str
         return f"stop {stop.name!r} is reached, but not in its orientation: missed by {turn}"
     names = _held(robot, best.q) if best.status is Status.LIMITS else []
     at = f": {', '.join(names)} at {'its limit' if len(names) == 1 else 'their limits'}"
-    return f"stop {stop.name!r} is out of reach by {far or turn}{at if names else ''}"
+    unit = "; that looks like millimetres: positions are in m"
+    hint = unit if "millimetres" in best.advice else ""
+    return f"stop {stop.name!r} is out of reach by {far or turn}{at if names else ''}{hint}"
 
 
 def _held(robot: Robot, q: FloatArray) -> list[str]:

@@ -14,10 +14,12 @@ from numpy.typing import ArrayLike
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.codegen import compile_recipe
+from microbot_ocp._base.foreign_words import NAMES
 from microbot_ocp.limits import (
     ROUNDING,
     JointLimits,
     Limit,
+    LimitChanges,
     LimitFamily,
     Limits,
     Member,
@@ -61,6 +63,10 @@ def with_changes(settings: Settings, changes: Mapping[str, Any]) -> Settings:
     for name in changes:
         if name not in names:
             hint = checks.did_you_mean(name, names)
+            if NAMES.get(name, name) in LimitChanges.__annotations__:
+                hint = (
+                    f"; limits go into limits=robot.with_limits({NAMES.get(name, name)}=...).limits"
+                )
             raise TypeError(f"there is no setting {name!r}{hint} (settings: {', '.join(names)})")
     return replace(settings, **changes)  # type: ignore[type-var]
 

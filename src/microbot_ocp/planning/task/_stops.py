@@ -14,7 +14,7 @@ import numpy as np
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError, naming
 from microbot_ocp.limits import LimitFamily
-from microbot_ocp.robot import Capsule, Link, Robot, forward_kinematics, is_rotation
+from microbot_ocp.robot import Capsule, Link, Robot, checked_rotations, forward_kinematics
 
 AXES = ("x", "y", "z")
 SHAPE = ("start", "end", "radius", "name")  # of a part
@@ -268,9 +268,7 @@ def _capsules(given: Any) -> tuple[Capsule, ...]:
 
 
 def _rotation(what: str, given: Any) -> tuple[Numbers, ...]:
-    matrix = checks.array(what, given, (3, 3))
-    if not is_rotation(matrix):
-        raise InputError(f"{what} must be a rotation matrix, not {matrix.tolist()}")
+    matrix = checked_rotations(what, checks.array(what, given, (3, 3)))
     return tuple(tuple(row) for row in matrix.tolist())
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from importlib import import_module, resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
@@ -38,7 +39,11 @@ def is_robot_name(source: str) -> bool:
     return source.startswith(DESCRIPTIONS) or source in packaged_robots()
 
 
-def load_robot(source: str | Path, tip: str | None = None) -> Robot:
+def load_robot(
+    source: str | Path,
+    tip: str | None = None,
+    xacro_arguments: Mapping[str, str] | None = None,
+) -> Robot:
     """Load a packaged robot by name, or a robot file by path.
 
     Parameters
@@ -51,6 +56,8 @@ def load_robot(source: str | Path, tip: str | None = None) -> Robot:
     tip : str, optional
         Of a URDF or MJCF file: the link at the end of the chain, whose frame is the tool; needed
         where the file has several arms (see :func:`~microbot_ocp.robot.files.load_urdf`).
+    xacro_arguments : mapping of str to str, optional
+        Of a ``.xacro`` file: its arguments, such as ``{"ur_type": "ur10e"}``.
 
     Returns
     -------
@@ -68,6 +75,10 @@ def load_robot(source: str | Path, tip: str | None = None) -> Robot:
     ('waist', 'shoulder', 'elbow')
     """
     name = str(source)
+    if xacro_arguments:
+        if not name.lower().endswith(".xacro"):
+            raise InputError(f"xacro_arguments are for .xacro files, not for {name!r}")
+        return load_urdf(name, tip, xacro_arguments=xacro_arguments)
     if name.startswith(DESCRIPTIONS):
         return _described(name.removeprefix(DESCRIPTIONS), tip)
     reader = None if name in packaged_robots() else READERS.get(Path(name).suffix.lower())
@@ -129,7 +140,11 @@ def _described(name: str, tip: str | None) -> Robot:
     return load_mjcf(files.MJCF_PATH, tip)
 
 
-def robot_text(source: str | Path, tip: str | None = None) -> str:
+def robot_text(
+    source: str | Path,
+    tip: str | None = None,
+    xacro_arguments: Mapping[str, str] | None = None,
+) -> str:
     """Return the text of a robot's TOML file, to be changed into another robot.
 
     Of a packaged robot and of a TOML file it is the file as it stands, with its comments and the
@@ -137,7 +152,7 @@ def robot_text(source: str | Path, tip: str | None = None) -> str:
 
     Parameters
     ----------
-    source, tip
+    source, tip, xacro_arguments
         As in :func:`load_robot`.
 
     Raises
@@ -150,7 +165,7 @@ def robot_text(source: str | Path, tip: str | None = None) -> str:
     >>> print(robot_text("microbot").splitlines()[1])
     name = "microbot"
     """
-    robot = load_robot(source, tip)
+    robot = load_robot(source, tip, xacro_arguments)
     name = str(source)
     in_toml = name in packaged_robots() or name.lower().endswith(".toml")
     return _toml_file(name)[0] if in_toml else robot_to_toml(robot)

@@ -128,5 +128,8 @@ def _expanded(path: Path, arguments: Mapping[str, str] | None) -> str:
     finally:
         substitution_args._eval_find = before
     if not good:
-        raise InputError(f"{path.name} cannot be expanded by xacro: {text}")
+        advice = ""
+        if "ndefined substitution argument" in text:
+            advice = "; give it as --xacro NAME:=VALUE, in Python load_robot(..., xacro_arguments=)"
+        raise InputError(f"{path.name} cannot be expanded by xacro: {text}{advice}")
     return text

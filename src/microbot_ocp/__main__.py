@@ -1,0 +1,8 @@
+"""``python -m microbot_ocp`` is ``microbot-ocp``."""
+
+import sys
+
+from microbot_ocp.cli import entry
+
+if __name__ == "__main__":
+    sys.exit(entry())
