@@ -9,6 +9,7 @@ from ._accuracy import (
 from ._judged import (
     CONVERGED as CONVERGED,
     COST as COST,
+    IMPROVEMENT as IMPROVEMENT,
     improvable as improvable,
     improved as improved,
     judged as judged,

@@ -19,6 +19,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import pairwise
+from math import ceil
 from typing import NamedTuple, cast
 
 import numpy as np
@@ -52,10 +53,12 @@ class CostSettings:
     Attributes
     ----------
     settled : times the change that is aimed at, at which it still is where meshes end
+    finer : times the intervals of a mesh has one whose cost tells an error of the first
     unmet : share of the cost: where no solve saves it what is more is missed, less is said
     """
 
     settled: float = 5.0
+    finer: float = 1.5
     unmet: float = 1e-2
 
     @property
@@ -208,8 +211,7 @@ class _Work:
             return self._below(best, proposal).with_rivals_of(best)
         answer = self._solve(proposal, best)
         attempts = tuple(named("on a finer mesh", answer.attempts))
-        rows = answer.rows if answer.status is Status.GAP_LEFT else best.rows
-        return replace(answer, rows=rows, attempts=attempts).with_rivals_of(best)
+        return replace(answer, attempts=attempts).with_rivals_of(best)
 
     def _solve(self, meshes: Sequence[FloatArray], start: Solution) -> Solution:
         solver = self.context.settings.solver if self._alone else "ipopt"
@@ -239,16 +241,26 @@ class _Work:
 
     def _measured(self, began: float, rounds: Rounds, solution: Solution) -> Seen:
         judgement = judge(self.context.transcription, solution)
-        before, left = rounds[-1].measure if rounds else None, Left()
-        if before is not None and not self._at_saddle(before):
-            costs = solution.cost, rounds[-1].solution.cost
-            size = max(cost_size(cost, solution.cost_scale) for cost in costs)
-            left = before.left.entered(abs(costs[0] - costs[1]) / size)
+        before, left = rounds[-1].measure if rounds else None, self._left(rounds, solution)
         dearer = solution.cost - self.freer_cost
         error = max(left.estimate, dearer / cost_size(solution.cost, solution.cost_scale))
         spent = time.perf_counter() - (before.at if before else began)
         step = step_of(solution, judgement, spent)
         return Seen(judgement, replace(step, cost_error=error), left)
+
+    def _left(self, rounds: Rounds, solution: Solution) -> Left:
+        """Return what the cost would still change by, by the last mesh that is coarser by a factor:
+        two that hardly differ agree wherever the optimum is.
+        """
+        count = _intervals([phase.mesh for phase in solution.phases])
+        for each in reversed(rounds):
+            if self._at_saddle(each.measure):
+                return Left()
+            if COST.finer * sum(each.measure.step.intervals) <= count:
+                costs = solution.cost, each.solution.cost
+                size = max(cost_size(cost, solution.cost_scale) for cost in costs)
+                return each.measure.left.entered(abs(costs[0] - costs[1]) / size)
+        return rounds[-1].measure.left if rounds else Left()
 
     def _split(self, rounds: Rounds) -> Next:
         solution, seen, goal = rounds[-1].solution, rounds[-1].measure, self.goal
@@ -256,8 +268,11 @@ class _Work:
             return _beside(solution, seen.judgement)
         whole = seen.step.cost_error > goal.cost
         meshes = goal.finer(solution, seen.judgement, seen.step, whole=whole)
-        if _intervals(meshes) > goal.most_intervals:
+        if whole and _intervals(meshes) > goal.most_intervals:
             meshes = goal.finer(solution, seen.judgement, seen.step, whole=False)
+            least = ceil(COST.finer * sum(seen.step.intervals))
+            if _intervals(meshes) < least <= goal.most_intervals:
+                meshes = _widest_halved(meshes, least)
         return meshes
 
     def _ended(self, rounds: Rounds, proposal: Next) -> Status | None:
@@ -291,7 +306,7 @@ class _Work:
             self.journal.attempts.extend(tried)
             return state, saved
         seen = self._measured(began, state.rounds, better)
-        better = replace(better, attempts=tuple(tried), rows=state.solution.rows)
+        better = replace(better, attempts=tuple(tried))
         step = replace(seen.step, cost_error=before.step.cost_error)
         last = Round(better, replace(seen, step=step, left=before.left))
         return replace(state, rounds=(*state.rounds, last)), improvable(better)
@@ -361,6 +376,16 @@ def named(way: str, attempts: Sequence[Attempt]) -> list[Attempt]:
 
 def _intervals(meshes: Sequence[FloatArray]) -> int:
     return sum(mesh.size - 1 for mesh in meshes)
+
+
+def _widest_halved(meshes: Sequence[FloatArray], least: int) -> list[FloatArray]:
+    """Return meshes of at least so many intervals in all: the widest of them are halved."""
+    widths = np.concatenate([np.diff(mesh) for mesh in meshes])
+    wide = np.zeros(widths.size, dtype=bool)
+    wide[np.argsort(-widths, kind="stable")[: least - widths.size]] = True
+    parts = np.split(wide, np.cumsum([mesh.size - 1 for mesh in meshes])[:-1])
+    pairs = zip(meshes, parts, strict=True)
+    return [np.union1d(mesh, (mesh[:-1] + mesh[1:])[part] / 2) for mesh, part in pairs]
 
 
 def _beside(solution: Solution, judgement: Judgement) -> Beside:

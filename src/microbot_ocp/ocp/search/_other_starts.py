@@ -17,7 +17,7 @@ import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import cycle, islice
+from itertools import cycle, islice, zip_longest
 
 import numpy as np
 
@@ -25,10 +25,17 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.diagnosis import NotFinite, finite_start
 from microbot_ocp.ocp.problem import OptimalControlProblem
-from microbot_ocp.ocp.refinement import named
+from microbot_ocp.ocp.refinement import IMPROVEMENT, named
 from microbot_ocp.ocp.solution import RIVALS, Attempt, Solution, StartingPoint, cost_size
 from microbot_ocp.ocp.solvers import SolveContext, Solvers, run_chain, with_cost_scale
-from microbot_ocp.ocp.starts import Ranges, Rollouts, default_guess, starting_point
+from microbot_ocp.ocp.starts import (
+    Ranges,
+    Rollouts,
+    default_guess,
+    driving_ranges,
+    starting_point,
+    within,
+)
 from microbot_ocp.ocp.transcription import (
     Collocation,
     Guess,
@@ -46,6 +53,7 @@ class StartComparison:
     ----------
     coarse : intervals a phase of meshes of comparison; the first on which the answer costs
         about the same is used
+    fewest : of every phase of a problem of many
     about : share of the cost that is about the same
     meshes : intervals of others on which the guess is solved: it may end in another valley
         there
@@ -70,6 +78,7 @@ class StartComparison:
     """
 
     coarse: tuple[int, ...] = (10, 20, 40)
+    fewest: int = 3
     about: float = 0.05
     meshes: tuple[int, ...] = (5, 15)
     worth: float = 1e-4
@@ -96,7 +105,6 @@ COMPARISON = StartComparison()
 
 WAY = "from another start"
 CUT_SHORT = "It was not compared with all other starts for want of time."
-ALONE = "It was compared with nothing: no other start led to an answer."
 Given = Mapping[str, Guess] | Solution | str | None
 Pair = tuple[FloatArray, FloatArray]
 
@@ -136,14 +144,11 @@ def cheaper_elsewhere(
     met = sum(k.cost - least <= COMPARISON.same * size for k in (here, *answers))
     several = here is comparable and (near or (others and met <= COMPARISON.agree))
     rivals = sorted((k.cost - least) / size for k in (here, *others)) if several else ()
-    if several:
-        best = replace(best, agreed=met, compared=len(answers) + 1)
+    best = replace(best, agreed=met, compared=len(answers))
     if best.status is Status.INTERRUPTED:
         return best, []
     if context.over:
         best = best.remarked(CUT_SHORT)
-    elif not answers:
-        best = best.remarked(ALONE)
     return replace(best, rivals=tuple(rivals)), attempts
 
 
@@ -219,11 +224,13 @@ def _answers(
         yield from ((answer, True) for answer in simulated)
         return
     guess = on_any_mesh(guess, problem)
-    for intervals in COMPARISON.meshes:
+    # the first barrier may outweigh a cost and leave what runs to infinity where that is flat
+    for intervals, barrier in zip(COMPARISON.meshes, (IMPROVEMENT.barrier, None), strict=True):
         with contextlib.suppress(NotFinite):
-            elsewhere = coarse.context.solve(intervals, guess)
+            mesh = per_phase(problem, intervals)
+            elsewhere = coarse.context.solve(mesh, guess, initial_barrier=barrier)
             yield (coarse.solved(elsewhere) if elsewhere.status.solved else elsewhere), False
-    curves = islice(_curves(problem, here), COMPARISON.random)
+    curves = islice(_curves(problem, here, driving_ranges(problem, here)), COMPARISON.random)
     kinds = {True: simulated, False: _solved(coarse, curves)}
     solved, tried = dict.fromkeys(kinds, 0), dict.fromkeys(kinds, 0)
     while kinds:
@@ -261,10 +268,16 @@ def _until_they_agree(
             return
 
 
-def _curves(problem: OptimalControlProblem, here: Solution) -> Iterator[dict[str, Guess]]:
-    """Smooth random curves of the states between the ends that an answer has."""
-    usual, ranges, draw = default_guess(problem), _ranges(here), np.random.default_rng(0)
-    parameters = _parameters(problem)
+def _curves(
+    problem: OptimalControlProblem, here: Solution, ranges: Ranges
+) -> Iterator[dict[str, Guess]]:
+    """Smooth random curves of the states about an answer, whose ends move where they are free."""
+    usual, draw, draw_ends = (
+        default_guess(problem),
+        np.random.default_rng(0),
+        np.random.default_rng(1),
+    )
+    parameters = _parameters(problem, ranges)
     for share in cycle(COMPARISON.heights):
         guesses = {}
         drawn = next(parameters)
@@ -274,29 +287,43 @@ def _curves(problem: OptimalControlProblem, here: Solution) -> Iterator[dict[str
             values: dict[str, GuessValue] = dict(ordinary.values)
             for state in phase.states:
                 table = solved.values[state.name].reshape(-1, state.size)
-                height = share * np.ptp(table, axis=0)
+                least, size = COMPARISON.worth * state.scale, np.abs(table).max(axis=0)
+                size = np.where(size > least, size, state.scale)
+                reached = np.ptp(table, axis=0)
+                height = share * np.where(reached > least, reached, size)
                 waves = height * draw.standard_normal((COMPARISON.waves, state.size))
-                ends, bounds = (table[0], table[-1]), (state.lower, state.upper)
-                values[state.name] = partial(_curve, ends, waves, bounds)
-            for name, (low, high) in ranges[phase.name].items():
+                free = np.array([[side is None] for side in (state.initial, state.final)])
+                moved = 2 * share * size * draw_ends.standard_normal((2, state.size)) * free
+                ends, bounds = table[[0, -1]] + moved, (state.lower, state.upper)
+                values[state.name] = partial(_curve, tuple(ends), waves, bounds)
+            for control in phase.controls:
+                low, high = ranges[phase.name][control.name]
                 usually = np.clip(0.0, low, high)
                 pushed = low + (high - low) * draw.random(low.size)
-                values[name] = (1 - COMPARISON.push) * usually + COMPARISON.push * pushed
+                values[control.name] = (1 - COMPARISON.push) * usually + COMPARISON.push * pushed
             values |= {v.name: drawn[v.name] for v in phase.free_parameters if v.name in drawn}
             guesses[phase.name] = Guess(float(np.clip(duration, *phase.duration_bounds)), values)
         yield guesses
 
 
-def _parameters(problem: OptimalControlProblem) -> Iterator[dict[str, FloatArray]]:
-    """Free parameters that have both bounds, spread over these: Latin hypercubes."""
-    bounded = [p for p in problem.free_parameters if np.isfinite(p.upper - p.lower).all()]
+def _parameters(problem: OptimalControlProblem, ranges: Ranges) -> Iterator[dict[str, FloatArray]]:
+    """Free parameters, spread over their bounds, or ranges where there are none: Latin
+    hypercubes.
+    """
+    known = {name: pair for of_phase in ranges.values() for name, pair in of_phase.items()}
+    pairs = {p.name: within(p, known) for p in problem.free_parameters if p.name in known}
     draw, count = np.random.default_rng(0), COMPARISON.random
     while True:
-        strata = [draw.permuted(np.tile(np.arange(count), (p.size, 1)), axis=1) for p in bounded]
+        strata = {
+            name: draw.permuted(np.tile(np.arange(count), (low.size, 1)), axis=1)
+            for name, (low, _) in pairs.items()
+        }
         for k in range(count):
-            shares = [(rows[:, k] + draw.random(len(rows))) / count for rows in strata]
-            pairs = zip(bounded, shares, strict=True)
-            yield {p.name: p.lower + share * (p.upper - p.lower) for p, share in pairs}
+            drawn = {}
+            for name, (low, high) in pairs.items():
+                share = (strata[name][:, k] + draw.random(low.size)) / count
+                drawn[name] = low + share * (high - low)
+            yield drawn
 
 
 def _curve(ends: Pair, waves: FloatArray, bounds: Pair, s: FloatArray) -> FloatArray:
@@ -306,27 +333,18 @@ def _curve(ends: Pair, waves: FloatArray, bounds: Pair, s: FloatArray) -> FloatA
     return np.clip(first + (last - first) * share + sines @ waves, *bounds)
 
 
-def _ranges(solution: Solution) -> Ranges:
-    """Return what the controls of a solution range over."""
-    return {
-        phase.name: {
-            control.name: (table.min(axis=0), table.max(axis=0))
-            for control in phase.laid_out.phase.controls
-            for table in [phase.values[control.name].reshape(-1, control.size)]
-        }
-        for phase in solution.phases
-    }
-
-
 def _starts(coarse: _Coarse, most: int, here: Solution | None = None) -> Iterator[dict[str, Guess]]:
     """Return simulations, where there is an answer with the ranges of its controls and by their
     costs.
     """
     problem = coarse.context.transcription.problem
     ordinary = default_guess(problem)
-    ranges, cost = ({}, None) if here is None else (_ranges(here), coarse.cost)
+    ranges = None if here is None else driving_ranges(problem, here)
+    cost = None if here is None else coarse.cost
     simulations = Rollouts(problem, ordinary, ranges)
     nearest = simulations.nearest_first(steps=most > COMPARISON.each, cost=cost) or [ordinary]
+    corners = [] if here is None else simulations.corners(cost)
+    nearest = [one for pair in zip_longest(nearest, corners) for one in pair if one is not None]
     if all(low == high for low, high in (p.duration_bounds for p in problem.phases)):
         yield from nearest
         return
@@ -344,12 +362,18 @@ def _comparable(solution: Solution, context: SolveContext) -> tuple[_Coarse, Sol
     size = cost_size(solution.cost, solution.cost_scale)
     fewest = min(phase.mesh.size - 1 for phase in solution.phases)
     for intervals in COMPARISON.coarse:
+        intervals = per_phase(context.transcription.problem, intervals)
         coarse = _Coarse(context, intervals)
         answer = coarse.solved(solution)
         about = abs(answer.cost - solution.cost) <= COMPARISON.about * size
         if (answer.status.solved and about) or 2 * intervals > fewest:
             break
     return coarse, answer
+
+
+def per_phase(problem: OptimalControlProblem, intervals: int) -> int:
+    """Return intervals of every phase, fewer where there are more than two."""
+    return max(COMPARISON.fewest, round(2 * intervals / max(len(problem.phases), 2)))
 
 
 class _Coarse:

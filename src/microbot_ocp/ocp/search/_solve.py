@@ -23,18 +23,36 @@ from microbot_ocp._base.checks import InputError
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.diagnosis import POOR, NotFinite
 from microbot_ocp.ocp.problem import OptimalControlProblem, with_shapes
-from microbot_ocp.ocp.refinement import CONVERGED, COST, Accuracy, improvable, judged, named
+from microbot_ocp.ocp.refinement import (
+    CONVERGED,
+    COST,
+    IMPROVEMENT,
+    PASSING,
+    Accuracy,
+    improvable,
+    judged,
+    named,
+)
 from microbot_ocp.ocp.search._other_starts import (
     Given,
     cheaper_elsewhere,
     cheapest_of_starts,
     on_any_mesh,
 )
-from microbot_ocp.ocp.solution import Attempt, Journal, Progress, Solution, StepProgress, cost_size
+from microbot_ocp.ocp.solution import (
+    UNCOMPARED,
+    Attempt,
+    Journal,
+    Progress,
+    Solution,
+    StepProgress,
+    cost_size,
+)
 from microbot_ocp.ocp.solvers import SolveContext, SolverSettings, transcribed
 from microbot_ocp.ocp.starts import Rollouts, default_guess, guess_from
 from microbot_ocp.ocp.transcription import Meshes, Transcription
 from microbot_ocp.ocp.transcription.schemes import Scheme
+from microbot_ocp.ocp.verification import judge
 
 ENDED = (*CONVERGED, Status.INTERRUPTED)
 # other shapes of controls may help
@@ -45,6 +63,7 @@ OWN_SCALES = "with the scales of the first answer"
 CONSTANT = "with controls that are constant over every interval"
 COARSER = "from a coarser mesh"
 OTHER_STARTS = "from other starts"
+ALONE = f"It was {UNCOMPARED}: there may be cheaper optima."
 NOT_ALL = "Not every strategy was tried for want of time."
 
 
@@ -226,7 +245,7 @@ def _ended(task: SolveTask, best: Solution) -> Solution:
         best = best.remarked(NOT_ALL)
     if best.solved and best.unsettled:
         best = best.ended(Status.LOCAL_OPTIMUM, best.several)
-    return best
+    return best.remarked(ALONE if best.solved and not best.compared else "")
 
 
 def default_mesh(problem: OptimalControlProblem | Transcription) -> int:
@@ -339,10 +358,12 @@ def _finished(task: SolveTask, way: str, solution: Solution, start: Start) -> tu
 
 
 def _in_own_scales(task: SolveTask, solution: Solution, start: Start) -> tuple[Solution, Start]:
-    """Give the solution, solved again with scales of its own where these are far from the guessed.
+    """Give the better of the solution and of one with scales of its own, where these are far from
+    the guessed.
 
     What is small beside its scale is not accurate, and a cost of such a scale seems to be
-    settled; what is far larger may be on its way to a slope at infinity.
+    settled; what is far larger may be on its way to a slope at infinity. The cheaper one is better
+    if it passes where the other does.
     """
     settings, problem = start.context.settings, start.context.transcription.problem
     automatic = settings.scaling == "auto" and not task.alone
@@ -360,12 +381,21 @@ def _in_own_scales(task: SolveTask, solution: Solution, start: Start) -> tuple[S
     if max(ratios) < np.log(POOR):
         return solution, start
     answer = again.context.solve(again.mesh, again.guess)
-    tried = named(OWN_SCALES, answer.attempts)
-    most = solution.cost + COST.unmet * cost_size(answer.cost, solution.cost_scale)
-    better = answer.status in CONVERGED and answer.cost <= most
+    tried, better = named(OWN_SCALES, answer.attempts), False
+    if answer.status in CONVERGED:
+        more = _passes(answer, again) - _passes(solution, start)
+        allowed = COST.unmet if more > 0 else PASSING.cost
+        dearer = answer.cost - solution.cost
+        better = more >= 0 and dearer <= allowed * cost_size(solution.cost, solution.cost_scale)
     spent = time.perf_counter() - began
     task.journal.enter(OWN_SCALES, solution, answer if better else None, tried, spent)
     return (answer.with_rivals_of(solution), again) if better else (solution, start)
+
+
+def _passes(solution: Solution, start: Start) -> bool:
+    """Return whether a solution passes, or would on a finer mesh."""
+    failures = judge(start.context.transcription, solution).failures
+    return all(failure.status is Status.TOO_COARSE for failure in failures)
 
 
 def _swings(problem: OptimalControlProblem | Transcription, solution: Solution) -> bool:
@@ -429,8 +459,13 @@ class Strategy:
 
 
 def _moved(task: SolveTask, _: list[Attempt]) -> Iterator[Start]:
+    settings = task.few
+    phases = getattr(task.problem, "phases", ())
+    if not task.alone and settings.initial_barrier is None and not any(p.controls for p in phases):
+        # a fit begins near its data, and the usual barrier outweighs what rates still change there
+        settings = replace(settings, initial_barrier=IMPROVEMENT.barrier)
     # where scales are wrong what is uneven is far from the guess
-    yield task.start(uneven=not task.alone)
+    yield task.start(settings=settings, uneven=not task.alone)
 
 
 def _as_it_is(task: SolveTask, _: list[Attempt]) -> Iterator[Start]:

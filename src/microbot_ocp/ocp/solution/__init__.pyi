@@ -17,6 +17,7 @@ from ._progress import (
 )
 from ._solution import (
     RIVALS as RIVALS,
+    UNCOMPARED as UNCOMPARED,
     Attempt as Attempt,
     Given as Given,
     Journal as Journal,

@@ -50,6 +50,7 @@ class Rivals:
 
 RIVALS = Rivals()
 INSIDE = ("polynomial", "algebraic")  # shapes with values at the points of a scheme
+UNCOMPARED = "compared with no other start"
 
 
 @dataclass(frozen=True)
@@ -198,8 +199,9 @@ class Solution(Hinting, Portable):
     maximize : whether its cost is a gain with the other sign, see ``objective``
     rivals : where other starts led to local optima of nearly the same cost, how much each of these
         and this one is above the least on a coarse mesh, relative to the cost, in order
-    agreed : how many starts led to the least of them; 0 where no other optima were seen
-    compared : how many starts ended in any of them, likewise
+    agreed : how many starts led to the least cost that was found, its own among them
+    compared : how many other starts led to an answer that it was compared with; where it is 0
+        nothing is known of other optima, which ``advice`` and the printed solution say
     history : the meshes that led to it, with their errors; printed as a table
     ledger : the strategies that led to it, and whether they decided; printed as a table
     """
@@ -229,7 +231,8 @@ class Solution(Hinting, Portable):
         cost = f"cost {self.cost:.8g}{self.gap}"
         if self.maximize:
             cost = f"objective {self.objective:.8g}{self.gap}".replace("above", "below")
-        return f"<Solution: {self.status}, {cost}, {self.duration:.6g} s{last}>"
+        alone = f", {UNCOMPARED}" if self.solved and not self.compared else ""
+        return f"<Solution: {self.status}, {cost}, {self.duration:.6g} s{last}{alone}>"
 
     def _repr_html_(self) -> str:
         return view_for(self, "table")(self)._repr_html_()
@@ -279,8 +282,12 @@ class Solution(Hinting, Portable):
         return bool(self.rivals) and self.agreed < max(RIVALS.agreed, RIVALS.rare * self.compared)
 
     def with_rivals_of(self, other: Solution) -> Solution:
-        """Return the same with what is known of the optima beside another solution."""
-        return replace(self, rivals=other.rivals, agreed=other.agreed, compared=other.compared)
+        """Return the same with what is known of the optima beside another solution, and remarked
+        on it.
+        """
+        remarks = [r for r in other.rows if r.kind == "remark" and r not in self.rows]
+        known = {"rivals": other.rivals, "agreed": other.agreed, "compared": other.compared}
+        return replace(self, **known, rows=(*self.rows, *remarks))
 
     @property
     def several(self) -> str:

@@ -74,6 +74,7 @@ def save_solution(solution: Solution, path: str | Path) -> Path:
         "cost_scale": solution.cost_scale,
         "maximize": solution.maximize,
         "gap": vars(solution.gap),
+        "rivals": [list(solution.rivals), solution.agreed, solution.compared],
         "build_time": solution.build_time,
         "advice": solution.outcome.as_dict()["advice"],
         "attempts": [{**vars(a), "status": a.status.name} for a in solution.attempts],
@@ -189,6 +190,7 @@ def _restored(
         phases.append(PhaseSolution(*named, values, layout, stages, free))
     attempts = (Attempt(**{**a, "status": Status[a["status"]]}) for a in metadata["attempts"])
     status = Status[metadata["status"]]
+    rivals, agreed, compared = metadata.get("rivals", ((), 0, 0))
     x, rows, variables = (arrays.get(f"start.{what}") for what in ("x", "rows", "variables"))
     return Solution(
         status=status,
@@ -205,6 +207,9 @@ def _restored(
         maximize=bool(metadata.get("maximize", False)),
         gap=Gap(**metadata["gap"]) if metadata.get("gap") else UNKNOWN,
         rows=_advice(metadata.get("advice"), status),
+        rivals=tuple(map(float, rivals)),
+        agreed=int(agreed),
+        compared=int(compared),
         start=None if x is None else StartingPoint(x, rows, variables),
     )
 

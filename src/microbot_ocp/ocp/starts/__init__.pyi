@@ -15,8 +15,10 @@ from ._rollout import (
     Ranges as Ranges,
     Rollouts as Rollouts,
     rollouts as rollouts,
+    within as within,
 )
 from ._scaling import (
     cost_scale as cost_scale,
+    driving_ranges as driving_ranges,
     scaled as scaled,
 )

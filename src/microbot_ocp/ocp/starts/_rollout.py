@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -22,6 +22,7 @@ class RolloutSettings:
     ----------
     levels : of the range of all controls that are tried, as shares of it
     steps : the same in both halves of every phase
+    factors : components of which every combination of two values is tried
     middle : the point at which controls change: as many are integrated at once
     tolerance : of the integrator, relative
     small : the same, absolute
@@ -30,6 +31,7 @@ class RolloutSettings:
 
     levels: tuple[float, ...] = (0.5, 0.2, 0.1, 0.8, 0.0, 1.0)
     steps: tuple[tuple[float, float], ...] = ((0.2, 1.0), (0.8, 0.0), (0.0, 1.0), (1.0, 0.0))
+    factors: int = 4
     middle: int = 50
     tolerance: float = 1e-6
     small: float = 1e-10
@@ -42,6 +44,7 @@ FACTORS = 10.0 ** np.arange(-6.0, 9.5, 0.5)  # times the usual durations
 POINTS = 2 * SETTINGS.middle + 1  # of every phase
 GRID = np.linspace(0.0, 1.0, POINTS)
 Ranges = Mapping[str, Mapping[str, Range]]
+Shares = tuple[float, float] | np.ndarray  # of all ranges in both halves; who of all is far
 Scored = tuple[dict[str, Guess], float]  # guesses, and how far they are from bounds and conditions
 
 
@@ -71,8 +74,10 @@ class Rollouts:
     problem : OptimalControlProblem
     ordinary : mapping from phase name to Guess
         Where states start that have no condition, and what algebraic variables are.
-    ranges : mapping from phase to mapping from control to (lower, upper), each [size], optional
+    ranges : mapping from phase to mapping from name to (lower, upper), each [size], optional
         Of controls: what stands for bounds that are infinite. By default such controls are zero.
+        Where no control has a range, of free parameters and of states that begin anywhere, too:
+        by default these are as in ``ordinary``.
     """
 
     def __init__(
@@ -80,12 +85,17 @@ class Rollouts:
     ) -> None:
         self.problem, self.ordinary = problem, ordinary
         self.ranges = {
-            p.name: {c.name: _range(c, (ranges or {}).get(p.name, {})) for c in p.controls}
+            p.name: {c.name: within(c, (ranges or {}).get(p.name, {})) for c in p.controls}
             for p in problem.phases
         }
         self.integrators = {p.name: _Integrators(p, ordinary[p.name]) for p in problem.phases}
-        pairs = [pair for of_phase in self.ranges.values() for pair in of_phase.values()]
-        self.bounded = any(np.isfinite(pair).all(axis=0).any() for pair in pairs)
+        self.others: dict[str, dict[str, Range]] = {p.name: {} for p in problem.phases}
+        if ranges is not None and not _wide(self.ranges):
+            for p in problem.phases:
+                free = (*p.free_parameters, *p.states)
+                known = ranges[p.name]
+                self.others[p.name] = {v.name: within(v, known) for v in free if v.name in known}
+        self.components = _wide(self.ranges) + _wide(self.others)
 
     def nearest_first(
         self,
@@ -99,12 +109,20 @@ class Rollouts:
         With ``steps`` controls that change once, in the middle of every phase, are tried as well.
         Of those that are as near the cheapest comes first where ``cost`` tells it.
         """
-        pairs = self._nearest(durations or {}, steps=steps)
-        if cost is not None:
-            costs = [cost(guess) for guess, _ in pairs]
-            order = sorted(range(len(pairs)), key=lambda k: (round(pairs[k][1], 6), costs[k]))
-            pairs = [pairs[k] for k in order]
-        return [guess for guess, _ in pairs]
+        return _ordered(self._nearest(durations or {}, steps=steps), cost)
+
+    def corners(
+        self, cost: Callable[[dict[str, Guess]], float] | None = None
+    ) -> list[dict[str, Guess]]:
+        """Return the same where some components are in the middle of their ranges and the others
+        at the end on the other side of zero: all combinations of the first few, the others at
+        random. None where there is but one component.
+        """
+        full, draw = min(self.components, SETTINGS.factors), np.random.default_rng(0)
+        numbers = range(1, 2**full) if self.components > 1 else ()
+        others = draw.integers(0, 2, (2**full, max(self.components - full, 0)))
+        all_sides = [np.append(number >> np.arange(full) & 1, others[number]) for number in numbers]
+        return _ordered(self._finite({}, all_sides), cost)
 
     def of_any_duration(self) -> list[dict[str, Guess]]:
         """Return the nearest of durations from the lowest to the highest, three times as long each.
@@ -125,27 +143,39 @@ class Rollouts:
     def _nearest(self, durations: Mapping[str, float], *, steps: bool) -> list[Scored]:
         """Return guesses with how far they are, the nearest first."""
         pairs = [*((share, share) for share in SETTINGS.levels), *(SETTINGS.steps if steps else ())]
-        shares = pairs if self.bounded else pairs[:1]
-        tried = [self._simulated(durations, pair) for pair in shares]
+        return self._finite(durations, pairs if self.components else pairs[:1])
+
+    def _finite(self, durations: Mapping[str, float], shares: Sequence[Shares]) -> list[Scored]:
+        tried = [self._simulated(durations, each) for each in shares]
         return sorted((pair for pair in tried if np.isfinite(pair[1])), key=lambda pair: pair[1])
 
-    def _simulated(self, durations: Mapping[str, float], shares: tuple[float, float]) -> Scored:
+    def _simulated(self, durations: Mapping[str, float], shares: Shares) -> Scored:
         """Return guesses, and how far they are from bounds and conditions, relative to their
         sizes.
         """
+        each = iter(shares)
+
+        def held(low: FloatArray, high: FloatArray) -> Range:
+            if isinstance(shares, tuple):
+                return _constant(low, high, shares[0]), _constant(low, high, shares[1])
+            far = np.array([next(each) if wide else 0 for wide in _is_wide(low, high)])
+            other_side = np.where(np.abs(low) <= np.abs(high), 0.0, 1.0)
+            value = _constant(low, high, np.where(far, other_side, 0.5))
+            return value, value
+
         guesses, miss = {}, 0.0
         links = {link.after: link.names for link in self.problem.links}
         last: dict[str, FloatArray] = {}
         for phase in self.problem.phases:
             phase_guess = self.ordinary[phase.name]
             duration = float(durations.get(phase.name, phase_guess.duration or 1.0))
+            others = {k: held(*bounds)[0] for k, bounds in self.others[phase.name].items()}
+            phase_guess = phase_guess.with_values(others)
             start = {s.name: _at_start(phase_guess, s) for s in phase.states}
+            free = [_at_start(phase_guess, f) for f in phase.free_parameters]
             start |= {k: last[k] for k in links.get(phase.name, ()) if k in last and k in start}
-            controls = {
-                name: (_constant(*bounds, shares[0]), _constant(*bounds, shares[1]))
-                for name, bounds in self.ranges[phase.name].items()
-            }
-            table = self.integrators[phase.name].table(start, controls, duration)
+            controls = {k: held(*bounds) for k, bounds in self.ranges[phase.name].items()}
+            table = self.integrators[phase.name].table(start, controls, duration, free)
             values: dict[str, GuessValue] = dict(phase_guess.values)
             for name, (before, after) in controls.items():
                 same = np.array_equal(before, after)
@@ -170,16 +200,37 @@ class Rollouts:
         return guesses, miss if np.isfinite(miss) else np.inf
 
 
-def _range(control: Variable, ranges: Mapping[str, Range]) -> Range:
-    """Give bounds of a control; where they are infinite what is known of it, within the others."""
-    low, high = ranges.get(control.name, (control.lower, control.upper))
+def _ordered(
+    pairs: Sequence[Scored], cost: Callable[[dict[str, Guess]], float] | None
+) -> list[dict[str, Guess]]:
+    """Return guesses of those that are as near by their costs, if these are told."""
+    order = list(range(len(pairs)))
+    if cost is not None:
+        costs = [cost(guess) for guess, _ in pairs]
+        order.sort(key=lambda k: (round(pairs[k][1], 6), costs[k]))
+    return [pairs[k][0] for k in order]
+
+
+def _wide(ranges: Ranges) -> int:
+    """Return how many components have two finite ends of their range that differ."""
+    pairs = [pair for of_phase in ranges.values() for pair in of_phase.values()]
+    return sum(int(_is_wide(low, high).sum()) for low, high in pairs)
+
+
+def _is_wide(low: FloatArray, high: FloatArray) -> np.ndarray:
+    return np.isfinite(low) & np.isfinite(high) & (low < high)
+
+
+def within(variable: Variable, ranges: Mapping[str, Range]) -> Range:
+    """Give bounds of a variable; where they are infinite what it ranges over, within the others."""
+    low, high = ranges.get(variable.name, (variable.lower, variable.upper))
     return (
-        np.where(np.isfinite(control.lower), control.lower, low),
-        np.where(np.isfinite(control.upper), control.upper, high),
+        np.where(np.isfinite(variable.lower), variable.lower, low),
+        np.where(np.isfinite(variable.upper), variable.upper, high),
     )
 
 
-def _constant(low: FloatArray, high: FloatArray, share: float) -> FloatArray:
+def _constant(low: FloatArray, high: FloatArray, share: float | FloatArray) -> FloatArray:
     both = np.isfinite(low) & np.isfinite(high)
     with np.errstate(invalid="ignore"):
         return np.where(both, low + share * (high - low), np.clip(0.0, low, high))
@@ -211,11 +262,10 @@ class _Integrators:
         pairs = [(phase.duration, duration), (phase.time, duration * (begin + share))]
         pairs += [(rate, ca.MX.zeros(rate.shape[0])) for rate in phase.rates.values()]
         pairs += [(p.symbol, ca.MX(ca.DM(p.value))) for p in phase.parameters]
-        pairs += [(f.symbol, ca.MX(ca.DM(_at_start(guess, f)))) for f in phase.free_parameters]
         symbols, values = ([pair[k] for pair in pairs] for k in range(2))
         slopes, equations = ca.graph_substitute([slopes, equations], symbols, values)
         held = ca.vertcat(*(c.symbol for c in phase.controls), ca.MX(0, 1))
-        given = ca.vertcat(begin, duration, held)
+        given = ca.vertcat(begin, duration, held, *(f.symbol for f in phase.free_parameters))
         dae = {"x": states, "t": share, "p": given, "ode": duration * slopes}
         if phase.algebraics:
             dae |= {"z": algebraic, "alg": equations}
@@ -230,6 +280,7 @@ class _Integrators:
         start: Mapping[str, FloatArray],
         controls: Mapping[str, tuple[FloatArray, FloatArray]],
         duration: float,
+        free: Sequence[FloatArray],
     ) -> FloatArray:
         """Return states [POINTS, n]; no numbers from where the integrator stops."""
         x, z = np.concatenate([start[s.name] for s in self.phase.states]), self.z
@@ -237,7 +288,7 @@ class _Integrators:
         table[0] = x
         for half in range(2):
             first, held = half * SETTINGS.middle, [pair[half] for pair in controls.values()]
-            given = np.concatenate([[GRID[first], duration], *held])
+            given = np.concatenate([[GRID[first], duration], *held, *free])
             if not np.isfinite(table[first]).all():
                 break
             try:

@@ -28,6 +28,7 @@ from microbot_ocp.ocp.problem import (
     PathConstraint,
     Phase,
     PointConstraint,
+    Range,
     Variable,
     parts_of,
     with_items,
@@ -49,8 +50,9 @@ class ScalingSettings:
     rounds : of sizes that follow from other sizes
     loose : bounds that are so many times wider than the guess say nothing of a control's size
     tiny : share of its bounds, or of one, below which a guess says nothing of a size
-    missed : share of the size that rates tell: less is a peak that the points of a simulation
-        miss
+    least : share of what moves a state during the phase, or of one where nothing is known to, below
+        which rates say nothing of its size
+    peak : share of the largest rate that counts where most rates are smaller, as around a pulse
     band : sizes within this factor of one are left alone
     cost : change of the cost that is aimed at
     cost_band : changes of the cost within this factor of one are left alone
@@ -60,7 +62,8 @@ class ScalingSettings:
     rounds: int = 10
     loose: float = 1e3
     tiny: float = 1e-9
-    missed: float = 1e-6
+    least: float = 1e-6
+    peak: float = 1e-3
     band: float = 10.0
     cost: float = 10.0
     cost_band: float = 100.0
@@ -96,12 +99,16 @@ def scaled(problem: OptimalControlProblem, guess: Given = None) -> OptimalContro
     """
     problem.check()
     given: Guesses = {}
+    told: Mapping[str, Mapping[str, FloatArray]] = {}
     if isinstance(guess, Solution):
-        given = guess_from(problem, guess)
+        given, told = guess_from(problem, guess), _least_told(guess)
     elif guess is not None:
         given = completed(problem, guess) if isinstance(guess, str) else guess
     ordinary = default_guess(problem)
-    looks = [_Look(phase, given.get(phase.name), ordinary[phase.name]) for phase in problem.phases]
+    looks = [
+        _Look(phase, given.get(phase.name), ordinary[phase.name], told.get(phase.name, {}))
+        for phase in problem.phases
+    ]
     if any(np.isnan(look.sizes[s.name]).any() for look in looks for s in look.phase.states):
         for simulated in rollouts(problem, {k: given.get(k, g) for k, g in ordinary.items()}):
             for look in looks:
@@ -119,6 +126,44 @@ def scaled(problem: OptimalControlProblem, guess: Given = None) -> OptimalContro
         scales = {v.name: scale_of.get(v.name, np.asarray(v.scale)) for v in look.variables}
         phases.append(look.scaled(scales))
     return with_phases(problem, phases)
+
+
+def driving_ranges(
+    problem: OptimalControlProblem, solution: Solution
+) -> dict[str, dict[str, Range]]:
+    """Return ranges of controls, free parameters and free starts about a solution, by phase.
+
+    Whatever values it has, each ranges so far to both sides that a state goes from the largest
+    value that the solution has to the opposite of it during the phase. States have the sizes that
+    they reach, those that stay zero their scales.
+    """
+    ranges: dict[str, dict[str, Range]] = {}
+    given, ordinary = guess_from(problem, solution), default_guess(problem)
+    linked = {(link.after, name) for link in problem.links for name in link.names}
+    shared = {v.name for v in problem.free_parameters}
+    common: dict[str, Range] = {}
+    for phase in problem.phases:
+        look = _Look(phase, given[phase.name], ordinary[phase.name], {})
+        for v in phase.variables:
+            reached = np.abs(look.tables[v.name]).max(axis=0)
+            look.sizes[v.name] = np.where(reached > SETTINGS.least * v.scale, reached, v.scale)
+        drives, tables, states = look.drives(), look.tables, phase.states
+        parameters = [v for v in phase.free_parameters if v.name in shared]
+        widths = {v.name: 2 * drives[v.name] for v in (*phase.controls, *parameters)}
+        for s in states:
+            if s.initial is None and (phase.name, s.name) not in linked:
+                widths[s.name], tables[s.name] = 2 * look.sizes[s.name], tables[s.name][:1]
+        found = {
+            name: (tables[name].min(axis=0) - width, tables[name].max(axis=0) + width)
+            for name, width in widths.items()
+        }
+        for name in shared & found.keys():  # a parameter ranges over the same in all phases
+            low, high = common.get(name, found[name])
+            found[name] = common[name] = np.fmin(low, found[name][0]), np.fmax(high, found[name][1])
+        ranges[phase.name] = found
+    return {
+        k: {**found, **{n: common[n] for n in shared & found.keys()}} for k, found in ranges.items()
+    }
 
 
 def cost_scale(program: Program, x: FloatArray) -> float:
@@ -148,7 +193,13 @@ def _rounded(size: FloatArray, band: float = SETTINGS.band) -> FloatArray:
 class _Look:
     """What is known of the sizes in one phase; unknown ones are not numbers."""
 
-    def __init__(self, phase: Phase, given: Guess | None, ordinary: Guess) -> None:
+    def __init__(
+        self,
+        phase: Phase,
+        given: Guess | None,
+        ordinary: Guess,
+        told: Mapping[str, FloatArray],
+    ) -> None:
         self.phase = phase
         self.variables = phase.variables
         self.unscaled = [v for v in self.variables if not v.scaled]
@@ -166,7 +217,8 @@ class _Look:
         guessed_names = {*values, *(v.name for v in phase.free_parameters)}  # also by measurements
         tables = {v.name: self.tables[v.name] for v in self.variables if v.name in guessed_names}
         self.sizes = {
-            v.name: v.scale if v.scaled else _size(v, tables.get(v.name)) for v in self.variables
+            v.name: v.scale if v.scaled else _size(v, tables.get(v.name), told.get(v.name, 0.0))
+            for v in self.variables
         }
         self.rates = [c for c in phase.controls if c.name in phase.rates]
         self.reached: dict[str, FloatArray] = {}  # by states, in simulations
@@ -196,7 +248,7 @@ class _Look:
                 self.sizes[limit.defines] = np.where(size > 0, size, _typical(np.abs(values)))
 
     def _follow_dynamics(self) -> None:
-        slope = ca.vertcat(*(self.phase.derivatives[s.name] for s in self.phase.states))
+        slope = self._slopes()
         reached = [self.reached.get(s.name, np.zeros(s.size)) for s in self.phase.states]
         most = np.concatenate(reached)
         most[most == 0] = np.inf
@@ -207,13 +259,13 @@ class _Look:
             values, slopes = self._evaluated(slope)
             states = sum(s.size for s in self.phase.states)
             with np.errstate(all="ignore"):
-                forward = self.duration * _typical(np.abs(values))
-                forward = np.fmax(np.fmin(forward, most), SETTINGS.missed * forward)
-                # what would move a state by its size during the phase
-                drive = sizes[:states, None] / (self.duration * _typical(np.abs(slopes)))
-            drive[~np.isfinite(drive)] = np.inf
-            np.fill_diagonal(drive, np.inf)
-            backward = drive.min(axis=0)
+                rates, peaks = _typical(np.abs(values)), _typical(np.abs(values), 100)
+                forward = self.duration * np.fmax(rates, SETTINGS.peak * peaks)
+                moved = self.duration * _typical(np.abs(slopes)) * np.nan_to_num(sizes)
+                moved = np.where(moved.any(axis=1), moved.max(axis=1), 1.0)
+                forward = np.fmax(np.fmin(forward, most), SETTINGS.least * forward)
+                forward[forward < SETTINGS.least * moved] = 0.0
+            backward = self._backward(sizes, slopes)
             unknown = np.isnan(sizes)
             new = np.full(sizes.size, np.nan)
             new[:states] = np.where(forward > 0, forward, np.nan)
@@ -222,6 +274,25 @@ class _Look:
             if not np.isfinite(new[unknown]).any():
                 return
             self.sizes = parts_of(self.variables, np.where(unknown, new, sizes))
+
+    def _backward(self, sizes: FloatArray, slopes: FloatArray) -> FloatArray:
+        """Return the change of each variable that would move a state by its size during the phase;
+        infinite where none does.
+        """
+        with np.errstate(all="ignore"):
+            drive = sizes[: slopes.shape[1], None] / (self.duration * _typical(np.abs(slopes)))
+        drive[~np.isfinite(drive)] = np.inf
+        np.fill_diagonal(drive, np.inf)
+        return drive.min(axis=0)
+
+    def drives(self) -> dict[str, FloatArray]:
+        """Return the same by name, of the sizes that are known; zero where none does."""
+        drives = self._backward(self._stacked(), self._evaluated(self._slopes())[1])
+        drives[np.isinf(drives)] = 0.0
+        return parts_of(self.variables, drives)
+
+    def _slopes(self) -> ca.MX:
+        return ca.vertcat(*(self.phase.derivatives[s.name] for s in self.phase.states))
 
     def scaled(self, scales: Mapping[str, FloatArray]) -> Phase:
         """Give the phase with these scales of its variables, and those of constraints for them."""
@@ -274,15 +345,29 @@ class _Look:
         return results.T, table.reshape(rows, count, columns).transpose(1, 0, 2)
 
 
-def _size(variable: Variable, guess: FloatArray | None) -> FloatArray:
-    """Return size of a variable by what was declared and guessed; NaN where neither gives one."""
+def _least_told(solution: Solution) -> dict[str, dict[str, FloatArray]]:
+    """Return the values of variables by phase, below which a solution does not tell them from 0."""
+    return {
+        phase.name: {v.name: SETTINGS.least * v.scale for v in phase.layout.phase.variables}
+        for phase in solution.phases
+        if phase.layout is not None
+    }
+
+
+def _size(
+    variable: Variable, guess: FloatArray | None, told: FloatArray | float = 0.0
+) -> FloatArray:
+    """Return size of a variable by what was declared and guessed, if that is more than what the
+    guess tells from 0; NaN where neither gives one.
+    """
     sizes = [np.zeros(variable.size)]
     bounded = np.isfinite(variable.lower) & np.isfinite(variable.upper)
     bounds = np.where(bounded, np.fmax(np.abs(variable.lower), np.abs(variable.upper)), np.nan)
     if guess is not None:
         size = np.abs(guess).max(axis=0)
         # what a computation left instead of zero is no size
-        sizes.append(np.where(size > SETTINGS.tiny * np.where(bounded, bounds, 1.0), size, 0.0))
+        least = np.fmax(SETTINGS.tiny * np.where(bounded, bounds, 1.0), told)
+        sizes.append(np.where(size > least, size, 0.0))
     for condition in (variable.initial, variable.final):
         if condition is not None:
             sizes += [np.where(np.isfinite(side), np.abs(side), 0.0) for side in condition]
@@ -294,13 +379,13 @@ def _size(variable: Variable, guess: FloatArray | None) -> FloatArray:
     return np.where(typical > 0, np.fmin(typical, np.where(bounded, bounds, np.inf)), np.nan)
 
 
-def _typical(table: FloatArray) -> FloatArray:
+def _typical(table: FloatArray, percentage: int = 75) -> FloatArray:
     """Return upper quartile over the points of what is finite: half of them may stand on a
     bound at 0.
     """
     finite = np.isfinite(table)
     filled = np.where(finite, table, np.where(finite.any(axis=0), np.nan, 0.0))
-    return np.nanpercentile(filled, 75, axis=0)
+    return np.nanpercentile(filled, percentage, axis=0)
 
 
 def _magnitude(limit: PathConstraint) -> FloatArray:
