@@ -94,12 +94,15 @@ class Child:
         receive: Callable[[Any], bool] | None = None,
         silence: float = np.inf,
         steps: Callable[[], int] | None = None,
+        most: float = np.inf,
     ) -> Any:
         """Return what the work returns, as :func:`in_child`."""
         heard = 0.0  # processor time of the process when something was known of it last
         last_count = 0
         while True:
             left = min(until - time.perf_counter(), 1e6)
+            if np.isfinite(most):  # nothing is used faster than time goes by
+                left = min(left, most - self._processor_time())
             if left <= 0:
                 raise OutOfTime
             if not self.reading.poll(min(left, silence)):
@@ -140,6 +143,7 @@ def in_child(
     most_bytes: int | None = None,
     silence: float = np.inf,
     steps: Callable[[], int] | None = None,
+    most: float = np.inf,
 ) -> Any:
     """Do work in a copy of this process and return what it returns.
 
@@ -156,6 +160,7 @@ def in_child(
         Processor time of the copy, s, in which it sends nothing, and which is more than all that it
         used before, after which it counts as looping for ever. However busy the machine is, it is
         the same.
+    most : processor time of the copy, s, after which it is out of time, too
 
     Raises
     ------
@@ -169,7 +174,7 @@ def in_child(
         return work(send)
 
     with contextlib.closing(Child(work if most_bytes is None else limited)) as child:
-        return child.answer(until, receive, silence, steps)
+        return child.answer(until, receive, silence, steps, most)
 
 
 def _work(work: Callable[[Send], Any], reading: Connection, writing: Connection) -> None:

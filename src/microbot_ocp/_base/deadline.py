@@ -1,4 +1,8 @@
-"""A time limit kept by all that is called inside it: solvers, compilers, loops between solves."""
+"""A limit kept by all that is called inside it: solvers, compilers, loops between solves.
+
+It is of wall time, of work, or of both. Work is processor time, of this thread and of the processes
+that it waits for: however busy the machine is, as much is done.
+"""
 
 from __future__ import annotations
 
@@ -14,6 +18,7 @@ from microbot_ocp._base import checks, interrupts
 from microbot_ocp._base.status import Status
 
 _until: ContextVar[float] = ContextVar("until", default=np.inf)
+_worked: ContextVar[float] = ContextVar("worked", default=np.inf)
 _given_up: ContextVar[bool] = ContextVar("given_up", default=False)
 
 
@@ -22,8 +27,9 @@ class Over(Exception):
 
 
 @contextmanager
-def within(time_limit: float) -> Iterator[None]:
-    """End what is called inside after so much wall time, s, with the best it has by then.
+def within(time_limit: float, work: float = np.inf) -> Iterator[None]:
+    """End what is called inside after so much wall time, s, or work, s, with the best it has by
+    then.
 
     Limits nest: the one that ends first counts.
 
@@ -34,11 +40,13 @@ def within(time_limit: float) -> Iterator[None]:
     """
     seconds = checks.time_limit(time_limit)
     token = _until.set(min(_until.get(), time.perf_counter() + seconds))
+    limit = _worked.set(min(_worked.get(), worked() + work))
     try:
         with interrupts.noted():
             yield
     finally:
         _until.reset(token)
+        _worked.reset(limit)
 
 
 def until() -> float:
@@ -49,8 +57,19 @@ def until() -> float:
 
 
 def left() -> float:
-    """Return the time that is left, s; infinite without a limit."""
-    return max(0.0, until() - time.perf_counter())
+    """Return the time that is left, s, if all of it is worked; infinite without a limit."""
+    return max(0.0, min(until() - time.perf_counter(), work_left()))
+
+
+def worked() -> float:
+    """Return the work so far: processor time of this thread and of processes it waited for, s."""
+    return time.thread_time() + sum(os.times()[2:4])
+
+
+def work_left() -> float:
+    """Return the work that is left, s; infinite without a limit."""
+    limit = _worked.get()
+    return limit - worked() if limit < np.inf else np.inf
 
 
 def processor_time() -> float:
@@ -59,8 +78,8 @@ def processor_time() -> float:
 
 
 def over() -> bool:
-    """Return whether the time is over, by its limit or by Ctrl-C."""
-    return time.perf_counter() >= until()
+    """Return whether the time is over, or the work, by its limit or by Ctrl-C."""
+    return time.perf_counter() >= until() or work_left() <= 0
 
 
 def status() -> Status:

@@ -6,6 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from microbot_ocp._base import deadline
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.search import solve
 from microbot_ocp.ocp.solution import Status
@@ -186,11 +187,32 @@ def test_what_one_solver_leaves_open_goes_to_the_next():
 
 def test_only_the_limit_of_time_of_all_ends_a_solver_that_another_follows(monkeypatch):
     ends, runner = [], _chain.Runner
-    monkeypatch.setattr(_chain, "Runner", lambda *given: ends.append(given[-1]) or runner(*given))
+    monkeypatch.setattr(
+        _chain, "Runner", lambda *given: ends.append(deadline.until()) or runner(*given)
+    )
     before = time.perf_counter()
     settings = SolverSettings(("fatrop", "ipopt"), time_limit=100.0)
     assert solve(double_integrator(), 10, settings=settings, time_limit=100.0).status.solved
     assert ends[0] >= before + 100.0
+
+
+def test_a_limit_counts_work_and_what_the_wall_time_ends_says_so():
+    """A progress that sleeps takes wall time alone: ten times the limit are enough, not more."""
+
+    def idle(_):
+        time.sleep(0.05)
+
+    begun = time.perf_counter()
+    solution = solve(double_integrator(), time_limit=3.0, progress=idle)
+    assert solution.status.solved
+    assert time.perf_counter() - begun > 1.0
+    ended = solve(double_integrator(), time_limit=0.05, progress=idle)
+    assert not ended.compared or not ended.status.solved
+    with deadline.within(np.inf, 1.0):
+        assert 0.0 < deadline.work_left() <= 1.0
+        time.sleep(0.1)
+        assert deadline.work_left() > 0.95
+    assert deadline.work_left() == np.inf
 
 
 def test_a_solver_that_succeeds_is_the_last_one_tried():

@@ -11,6 +11,7 @@ from benchmarks.suite.table import BY_NAME
 
 from external.published_problems import cart_pole_slopes
 from microbot_ocp import InputError, Status
+from microbot_ocp._base import deadline
 from microbot_ocp._base.child_process import Died, OutOfTime, in_child
 from microbot_ocp.ocp import verify
 from microbot_ocp.ocp.problem import OptimalControlProblem
@@ -37,10 +38,10 @@ def hypersensitive(duration=1e4):
 
 
 def test_fatrop_ends_at_the_time_limit_where_it_would_never():
-    began = time.perf_counter()
+    began = deadline.worked()
     settings = SolverSettings("fatrop")
     solution = solve(hypersensitive(), 50, None, settings, scheme="shooting", time_limit=0.5)
-    assert time.perf_counter() - began < 5.0
+    assert deadline.worked() - began < 2.0
     assert solution.status is Status.TIME_LIMIT
     assert solution.attempts[0].iterations == 0
 
@@ -61,12 +62,12 @@ def test_what_never_returned_is_solved_by_default(accuracy):
 
 
 def test_a_solve_in_progress_is_stopped():
-    began = time.perf_counter()
+    began = deadline.worked()
     solution = solve(hypersensitive(), 4000, time_limit=0.3)
     assert solution.status is Status.TIME_LIMIT
     refined = solve(hypersensitive(), 4000, accuracy=1e-9, time_limit=0.3)
     assert refined.status is Status.TIME_LIMIT
-    assert time.perf_counter() - began < 20.0  # most of it builds the program
+    assert deadline.worked() - began < 20.0  # most of it builds the program
     with pytest.raises(InputError, match="time_limit must be above 0 s"):
         solve(double_integrator(), 4, time_limit=0.0)
 
@@ -388,7 +389,7 @@ def test_scales_of_states_behind_fast_ones_are_those_of_a_simulation():
 def test_where_optima_are_near_the_best_of_several_is_kept_and_it_is_said():
     """Newton's body of least resistance: its slopes have two valleys, and a solve ends in any."""
     newton = BY_NAME["newton"].build()
-    how = None, SolverSettings(), "radau", np.inf, None, None
+    how = None, SolverSettings(), "radau", None, None
     task = _solve.SolveTask(newton, 20, *how)
     (start,) = _solve._moved(task, [])
     first = start.context.solve(start.mesh, start.guess)

@@ -242,3 +242,70 @@ def test_limits_in_odd_units_are_explained():
 def test_a_scaling_that_there_is_not():
     with pytest.raises(InputError, match="scaling must be one of auto, declared, not 'none'"):
         SolverSettings(scaling="none")
+
+
+# a floor ------------------------------------------------------------------------------------------
+
+
+def gust(width: float, at: float) -> OptimalControlProblem:
+    """Rest to rest at the same place in 10 s, against a push whose tail is all that samples see."""
+    problem = OptimalControlProblem("gust")
+    phase = problem.phase("one", 10.0)
+    x, v = phase.state("x", initial=0.0, final=0.0), phase.state("v", initial=0.0, final=0.0)
+    u = phase.control("u")
+    phase.derivative(x, v)
+    phase.derivative(v, u + 0.8 * ca.exp(-(((phase.time - at) / width) ** 2)))
+    phase.running_cost(u**2)
+    return problem
+
+
+@pytest.mark.parametrize(("width", "at"), [(0.3, 4.1), (0.1, 4.1), (0.05, 4.3), (0.02, 2.222)])
+def test_the_tail_of_a_pulse_is_no_size(width, at):
+    """The least effort is linear in time: it undoes the impulse and its moment."""
+    assert min(scales(scaled(gust(width, at))).values()) >= 1e-4
+    impulse = 0.8 * width * np.sqrt(np.pi)
+    moments = np.array([[10.0, 50.0], [50.0, 1000 / 3]])
+    effort = np.linalg.solve(moments, -impulse * np.array([1.0, at]))
+    found = solve(gust(width, at))
+    assert found.status.solved
+    assert found.cost == pytest.approx(effort @ moments @ effort, rel=1e-5)
+
+
+def test_components_that_stay_zero_keep_a_scale():
+    """A plane motion in space: nothing ever moves along z, and a second scaling sees zeros."""
+    problem = OptimalControlProblem("in a plane")
+    phase = problem.phase("one", 100.0)
+    x, v = phase.state("x", 3, initial=0.0, final=[3e4, 1e4, 0.0]), phase.state("v", 3, initial=0.0)
+    u = phase.control("u", 3)
+    phase.derivative(x, v)
+    phase.derivative(v, u)
+    phase.running_cost(ca.sumsqr(u))
+    found = solve(problem)
+    assert found.cost == pytest.approx(3 * 1e9 / 100.0**3, rel=1e-6)
+    again = scaled(problem, found).phases[0]
+    assert min(variable.scale.min() for variable in again.variables) >= 1e-9
+
+
+@pytest.mark.slow
+def test_a_fit_in_phases_with_rates_as_states_stays_near_its_data():
+    """The barrier of a usual start outweighs what rates change, which ran away to a poor fit."""
+    problem = OptimalControlProblem("a chain of reactions")
+    seen = [(70.0, 22.0, 8.0), (50.0, 29.0, 21.0), (26.0, 26.0, 48.0), (10.0, 16.0, 74.0)]
+    before = None
+    for number, data in enumerate(seen):
+        phase = problem.phase(f"phase {number}", 1e3 * (1 + number))
+        y = phase.state("y", 3, initial=[100.0, 0.0, 0.0] if number == 0 else None)
+        rate = phase.state("rate", 3, lower=0.0)
+        first, second, back = (rate[i] * y[i] for i in range(3))
+        phase.derivative(y, ca.vertcat(-first, first - second + back, second - back))
+        phase.derivative(rate, ca.MX.zeros(3))
+        phase.end_cost(ca.sumsqr(y - ca.DM(data)))
+        if before is not None:
+            problem.link(before, phase)
+        before = phase
+    found = solve(problem)
+    assert found.status.solved
+    assert found.cost == pytest.approx(FITTED, rel=1e-5)
+
+
+FITTED = 125.8143213  # by matrix exponentials and scipy.optimize.least_squares from 20 starts

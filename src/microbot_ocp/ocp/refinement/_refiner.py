@@ -135,7 +135,7 @@ class Refiner:
         if self.fitted is not None:
             kernels = self.fitted(kernels, mesh, guesses)
         progress = None if self.progress is quiet else self.progress
-        solution = solve_on(kernels, mesh, guesses, settings, np.inf, progress, once=self.once)
+        solution = solve_on(kernels, mesh, guesses, settings, progress, once=self.once)
         entry = {
             "intervals": [phase.mesh.size - 1 for phase in solution.phases],
             "cost": solution.cost,

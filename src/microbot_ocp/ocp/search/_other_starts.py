@@ -13,7 +13,6 @@ of the answer, for a coarse one does not tell which is the least.
 from __future__ import annotations
 
 import contextlib
-import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -21,6 +20,7 @@ from itertools import cycle, islice, zip_longest
 
 import numpy as np
 
+from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.diagnosis import NotFinite, finite_start
@@ -392,7 +392,7 @@ class _Coarse:
             solver="ipopt",
             gap=np.inf,
             max_iterations=min(context.settings.max_iterations, COMPARISON.iterations),
-            time_limit=max(context.until - time.perf_counter(), COMPARISON.least_time),
+            time_limit=max(deadline.left(), COMPARISON.least_time),
         )
         self.context = replace(context, transcription=transcription, settings=settings)
 
@@ -415,5 +415,4 @@ class _Coarse:
             begin,
             progress=context.progress,
             solvers=self.solvers,
-            until=context.until,
         )

@@ -4,7 +4,7 @@ A solve that does not converge says little about the problem: it may have begun 
 scales. So the rows of a table are tried in turn. What a solve is good for is told by the judgement
 that a certificate is made of: meshes are made finer until it passes, from a saddle the solve goes
 down, and what is missing at last is the status. All is counted in iterations, starts and meshes;
-time is the limit only.
+processor time is the limit only.
 
 Theory: docs/theory/transcription.md, "Solvers".
 """
@@ -63,7 +63,8 @@ OWN_SCALES = "with the scales of the first answer"
 CONSTANT = "with controls that are constant over every interval"
 COARSER = "from a coarser mesh"
 OTHER_STARTS = "from other starts"
-ALONE = f"It was {UNCOMPARED}: there may be cheaper optima."
+ALONE = f"It was {UNCOMPARED}: there may be a cheaper optimum."
+BUSY = "The wall time ended it: {:.0f} s, of which it had the processor for {:.0f} s."
 NOT_ALL = "Not every strategy was tried for want of time."
 
 
@@ -81,6 +82,7 @@ class Search:
     compared : other starts that an answer is compared with, on any mesh
     compared_there : the same on a mesh that was given
     least_tolerance : of solvers, that an accuracy may ask for
+    wall : times the processor time that is allowed, after which it ends on a busy machine
     """
 
     intervals: int = 50
@@ -91,6 +93,7 @@ class Search:
     compared: int = 12
     compared_there: int = 4
     least_tolerance: float = 1e-10
+    wall: float = 10.0
 
 
 SEARCH = Search()
@@ -136,8 +139,10 @@ def solve(
         met; where it is not ``status`` and ``advice`` tell why and what is missing. The solver's
         tolerance becomes a tenth of it if it is more.
     time_limit : float
-        Wall time after which it is stopped, s. Strategies are limited by iterations, starts and
-        meshes, so the answer is the same on a busy machine unless this limit is met, which is said.
+        Processor time after which it is stopped, s, of this thread and of the processes that
+        solvers run in, so that the answer is the same on a busy machine. Strategies are limited by
+        iterations, starts and meshes; where this limit is met that is said. After ten times as much
+        wall time it is stopped in any case, which is said, too.
     progress : callable, optional
         Called with an :class:`~microbot_ocp.ocp.solution.Iteration` at every iteration, and with
         a line of text for every mesh where there is an accuracy. It may raise KeyboardInterrupt to
@@ -172,10 +177,19 @@ def solve(
     ('solved', 2.0)
     """
     goal, settings = _asked(accuracy, settings or SolverSettings())
-    seconds = min(checks.time_limit(time_limit), settings.time_limit)
-    until = min(time.perf_counter() + seconds, deadline.until())
-    how = mesh, guess, settings, scheme, until, cast("Progress | None", progress), goal
-    task = SolveTask(problem, *how)
+    seconds, began = checks.time_limit(time_limit), (time.perf_counter(), deadline.worked())
+    how = mesh, guess, settings, scheme, cast("Progress | None", progress), goal
+    with deadline.within(min(SEARCH.wall * seconds, settings.time_limit), seconds):
+        best = _searched(SolveTask(problem, *how))
+        if best.status not in ENDED and deadline.over() and deadline.work_left() > 0:
+            wall, work = time.perf_counter() - began[0], deadline.worked() - began[1]
+            best = best.remarked(BUSY.format(wall, work))
+    return best
+
+
+def _searched(task: SolveTask) -> Solution:
+    """Return the answer of the first strategy that is final, or the best of all."""
+    settings, guess = task.settings, task.guess
     journal = task.journal
     best: Solution | None = None
     unconverged: tuple[Solution, SolveContext] | None = None
@@ -275,7 +289,6 @@ class SolveTask:
     guess: Given
     settings: SolverSettings
     scheme: str | Scheme
-    until: float
     progress: Progress | None
     accuracy: Accuracy | None
     journal: Journal = field(default_factory=Journal)
@@ -286,7 +299,7 @@ class SolveTask:
 
     @property
     def over(self) -> bool:
-        return time.perf_counter() >= self.until or deadline.over()
+        return deadline.over()
 
     @property
     def alone(self) -> bool:
@@ -316,7 +329,7 @@ class SolveTask:
         """Start from the guess, by the few iterations of a try or by other settings."""
         scaled = replace(self.settings, scaling=scaling or self.settings.scaling)
         program = transcribed(self.problem, scaled, scheme=self.scheme, guess=self.guess)
-        context = SolveContext(program, settings or self.few, self.until, self.progress)
+        context = SolveContext(program, settings or self.few, self.progress)
         return Start(context, self.mesh, self.guess, uneven)
 
     def judged(

@@ -50,7 +50,7 @@ class Rivals:
 
 RIVALS = Rivals()
 INSIDE = ("polynomial", "algebraic")  # shapes with values at the points of a scheme
-UNCOMPARED = "compared with no other start"
+UNCOMPARED = "compared with nothing"
 
 
 @dataclass(frozen=True)

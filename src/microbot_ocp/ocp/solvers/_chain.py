@@ -55,7 +55,6 @@ def solve_on(
     mesh: Meshes,
     guess: Given,
     settings: SolverSettings,
-    until: float | None = None,
     progress: Progress | None = None,
     *,
     uneven: bool = False,
@@ -67,9 +66,7 @@ def solve_on(
     solve that begins with multipliers is not repeated without where it does not converge.
     """
     program, begin, build_time = program_on(transcription, mesh, guess, settings, uneven)
-    return run_chain(
-        program, settings, begin, progress=progress, build_time=build_time, until=until, once=once
-    )
+    return run_chain(program, settings, begin, progress=progress, build_time=build_time, once=once)
 
 
 def program_on(
@@ -90,32 +87,29 @@ def program_on(
 
 @dataclass(frozen=True, eq=False)
 class SolveContext:
-    """How a transcription is solved, and until when.
+    """How a transcription is solved.
 
     Attributes
     ----------
     transcription, settings : of every solve
-    until : when the time of all is over, by ``time.perf_counter``
     progress : called at every iteration
     """
 
     transcription: Transcription
     settings: SolverSettings
-    until: float
     progress: Progress | None = None
 
     @property
     def over(self) -> bool:
         """Whether the time is over."""
-        return time.perf_counter() >= self.until or deadline.over()
+        return deadline.over()
 
     def solve(
         self, mesh: Meshes, guess: Given, *, uneven: bool = False, **settings: Any
     ) -> Solution:
         """Return one solve, with other settings where these are given."""
         changed = replace(self.settings, **settings)
-        how = self.until, self.progress
-        return solve_on(self.transcription, mesh, guess, changed, *how, uneven=uneven)
+        return solve_on(self.transcription, mesh, guess, changed, self.progress, uneven=uneven)
 
 
 def transcribed(
@@ -149,41 +143,17 @@ def run_chain(
     progress: Progress | None = None,
     build_time: float = 0.0,
     solvers: Solvers | None = None,
-    until: float | None = None,
     once: bool = False,
 ) -> Solution:
     """Try the solvers of the settings in turn until one converges; with ``once`` the first alone
     where that begins with multipliers.
 
-    ``solvers`` keeps them for further solves of the same program; ``until`` is when the time of all
-    is over, by the clock of ``time.perf_counter``: by default the limit of the settings from now.
+    ``solvers`` keeps them for further solves of the same program.
     """
-    until = time.perf_counter() + settings.time_limit if until is None else until
-    until = min(until, deadline.until())
-    runner = Runner(program, settings, progress, solvers, until)
-    turns = [(name, False) for name in settings.chain()]
-    if settings.solver == "sqp":
-        turns.append(("sqp", True))
-    if begins_warm(settings, start):
-        turns = [("ipopt", True), *([] if once else turns)]
-    attempts: list[Attempt] = []
-    outcome: SolverOutcome | None = None
-    for name, variant in turns:
-        given = start if variant or name == "sqp" else StartingPoint(start.x)
-        tried = runner.run(name, given, variant=variant)
-        attempts.append(tried.attempt)
-        if name == "ipopt" and tried.attempt.status in UNSURE and asks_for_ldl(settings.options):
-            usual = replace(settings, options=without_ldl(settings.options))
-            tried = replace(runner, settings=usual, solvers=None).run(name, given, variant=variant)
-            attempts.append(tried.attempt)
-        status = tried.attempt.status
-        # what one solver finds infeasible is not less so where the next one breaks down
-        if outcome is None or _rank(status) <= _rank(outcome.attempt.status):
-            outcome = tried
-        if time.perf_counter() >= until or status in (Status.SOLVED, Status.INTERRUPTED):
-            break
-    assert outcome is not None
-    outcome, gap, further = tightened(runner, outcome)
+    with deadline.within(settings.time_limit):
+        runner = Runner(program, settings, progress, solvers)
+        outcome, attempts = _in_turn(runner, start, once)
+        outcome, gap, further = tightened(runner, outcome)
     attempts += further
     ended = [*(a for a in attempts if a is not outcome.attempt), outcome.attempt]
     point, problem = outcome.point, program.layouts[0].phase.problem
@@ -203,6 +173,36 @@ def run_chain(
         rows=advice(program, start, point.x, ended),
         maximize=problem is not None and problem.maximize,
     )
+
+
+def _in_turn(
+    runner: Runner, start: StartingPoint, once: bool
+) -> tuple[SolverOutcome, list[Attempt]]:
+    """Return what the first solver that converges leaves, or the one that says most."""
+    settings = runner.settings
+    turns = [(name, False) for name in settings.chain()]
+    if settings.solver == "sqp":
+        turns.append(("sqp", True))
+    if begins_warm(settings, start):
+        turns = [("ipopt", True), *([] if once else turns)]
+    attempts: list[Attempt] = []
+    outcome: SolverOutcome | None = None
+    for name, variant in turns:
+        given = start if variant or name == "sqp" else StartingPoint(start.x)
+        tried = runner.run(name, given, variant=variant)
+        attempts.append(tried.attempt)
+        if name == "ipopt" and tried.attempt.status in UNSURE and asks_for_ldl(settings.options):
+            usual = replace(settings, options=without_ldl(settings.options))
+            tried = replace(runner, settings=usual, solvers=None).run(name, given, variant=variant)
+            attempts.append(tried.attempt)
+        status = tried.attempt.status
+        # what one solver finds infeasible is not less so where the next one breaks down
+        if outcome is None or _rank(status) <= _rank(outcome.attempt.status):
+            outcome = tried
+        if deadline.over() or status in (Status.SOLVED, Status.INTERRUPTED):
+            break
+    assert outcome is not None
+    return outcome, attempts
 
 
 def begins_warm(settings: SolverSettings, start: StartingPoint) -> bool:
@@ -277,7 +277,7 @@ def tightened(runner: Runner, outcome: SolverOutcome) -> tuple[SolverOutcome, Ga
     wanted = wanted_gap(program, settings, best.attempt.cost)
     for tolerance, options in FURTHER:
         near = not gap.total > wanted and (wanted == np.inf or _keeps_all(best))
-        if near or time.perf_counter() > runner.until:
+        if near or deadline.over():
             break
         tried = _further(runner, best, min(wanted, gap.slack), wanted, tolerance, options)
         attempts.append(tried.attempt)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import os
+import time
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from functools import lru_cache, partial
@@ -19,7 +20,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from microbot_ocp._base import checks
+from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import InputError
 from microbot_ocp.ocp.solution import Watch
 from microbot_ocp.ocp.solvers._ldl import as_ipopt_knows, check_linear_solver
@@ -160,7 +161,7 @@ def create(
     seconds: float = np.inf,
 ) -> ca.Function:
     """Return a solver of a program, with its derivatives and options; IPOPT stops itself after
-    seconds.
+    seconds of processor time, or where the wall time is over.
     """
     _keep_to_one_thread()
     common: dict[str, Any] = {
@@ -175,7 +176,10 @@ def create(
     plugin, options, cache = make(program, functions, settings, variant)
     cache["nlp_grad"] = functions["lagrangian"]
     if name == "ipopt" and np.isfinite(seconds):
-        timed = {"max_wall_time": max(seconds, 1e-3), **options["ipopt"]}
+        wall = max(deadline.until() - time.perf_counter(), 1e-3)
+        timed = {"max_cpu_time": max(seconds, 1e-3), **options["ipopt"]}
+        if np.isfinite(wall):
+            timed = {"max_wall_time": wall, **timed}
         options = {**options, "ipopt": timed}
     if watch is not None:
         options, cache = watch.hooked(options, cache)

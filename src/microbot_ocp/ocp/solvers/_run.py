@@ -13,7 +13,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from microbot_ocp._base import interrupts
+from microbot_ocp._base import deadline, interrupts
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.child_process import Died, OutOfTime, Send, can_fork, in_child
 from microbot_ocp._base.status import Status
@@ -81,14 +81,12 @@ class Runner:
     settings : SolverSettings
     progress : callable, optional
     solvers : of earlier solves of the program, and of this one for further ones
-    until : when they end, by the clock of ``time.perf_counter``
     """
 
     program: Program
     settings: SolverSettings
     progress: Progress | None = None
     solvers: Solvers | None = None
-    until: float = np.inf
 
     def run(self, name: str, start: StartingPoint, *, variant: bool = False) -> SolverOutcome:
         """Run one solver from a start."""
@@ -97,7 +95,7 @@ class Runner:
         watch = None if self.progress is None else Watch(self.program, name, self.progress)
         left = self.settings.time_limit
         if self.solvers is None:
-            left = self.until - begin
+            left = deadline.left()
             if forks:  # it answers before its process is ended, and what it had is known then
                 left -= max(SETTINGS.earlier * left, SETTINGS.least_earlier)
                 watch = watch or LastIterate(self.program, name)
@@ -111,7 +109,7 @@ class Runner:
             answer = solver
         else:
             call = partial(_called, solver, arguments_of(self.program, start))
-            answered = partial(_answered_by_child, until=self.until) if forks else _answered
+            answered = _answered_by_child if forks else _answered
             answer = answered(call, name, watch)
         refused = answer.broken and self.settings.options.get(name)
         if refused and "option" in answer.broken.lower():
@@ -129,7 +127,7 @@ class Runner:
         reused = self.solvers is not None and self.progress is None
         endless = reused and not np.isfinite(self.settings.time_limit)
         short = size <= SETTINGS.large and not endless
-        return name == "ipopt" and (short or not np.isfinite(self.until))
+        return name == "ipopt" and (short or not np.isfinite(deadline.left()))
 
     def _solver(
         self, name: str, variant: bool, watch: Watch | None, seconds: float
@@ -242,9 +240,7 @@ def _answered(call: Callable[[], _Answer], name: str, watch: Watch | None) -> _A
             return _Answer(broken="" if asked else first_cause(problem), interrupted=interrupted())
 
 
-def _answered_by_child(
-    call: Callable[[], _Answer], name: str, watch: Watch | None, until: float
-) -> _Answer:
+def _answered_by_child(call: Callable[[], _Answer], name: str, watch: Watch | None) -> _Answer:
     seen = watch if isinstance(watch, LastIterate) else None
 
     def work(send: Send) -> _Answer:
@@ -259,12 +255,13 @@ def _answered_by_child(
         assert watch is not None
         return watch.report(*what)
 
-    until = min(until, time.perf_counter() + SETTINGS.most)
+    until = min(deadline.until(), time.perf_counter() + SETTINGS.most)
     # fatrop may loop without an evaluation
     silence = SETTINGS.silence if name == "fatrop" and watch is not None else np.inf
     look = None if seen is None else seen.look
     try:
-        return in_child(work, until, receive, silence=silence, steps=look)
+        most = deadline.work_left()
+        return in_child(work, until, receive, silence=silence, steps=look, most=most)
     except OutOfTime:
         return _Answer(out_of_time=True)
     except Died:

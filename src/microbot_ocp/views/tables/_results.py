@@ -98,7 +98,9 @@ def solution(solution: Solution) -> Table:
         (a.solver, a.status, a.iterations, a.cost, a.infeasibility, a.wall_time)
         for a in solution.attempts
     ]
-    advice = [] if solution.status.solved else solution.advice.splitlines()
+    advice = [
+        row.sentence for row in solution.rows if row.kind == "remark" or not solution.status.solved
+    ]
     phases = [repr(phase).strip("<>") for phase in solution.phases]
     return _table(solution, columns, rows, [*advice, *phases])
 
