@@ -157,6 +157,27 @@ def deferred_call(
 
 
 @lru_cache(maxsize=128)
+def table_call(function: ca.Function) -> FastCall:
+    """Return a CasADi function as a numpy function of many states, by the interpreter's table.
+
+    Nothing is compiled for the function: the interpreter is the same for all. Without a compiler
+    CasADi's virtual machine does the same, more slowly.
+
+    Parameters
+    ----------
+    function : casadi.Function
+        As of :func:`deferred_call`.
+
+    Raises
+    ------
+    InputError
+        As :func:`fast_call`.
+    """
+    _check_vectors(function)
+    return _stand_in(function)
+
+
+@lru_cache(maxsize=128)
 def fast_loop(function: ca.Function, most: int) -> FastCall:
     """Return the repetition of a CasADi function as a numpy function of one state or of many.
 

@@ -98,10 +98,10 @@ def not_finite(program: Program, x: FloatArray, where: str) -> str | None:
     x : scaled variables
     where : what x is, for the message
     """
-    f, slope = program.functions["gradient"](x, program.parameters)
-    g, jacobian = program.functions["jacobian"](x, program.parameters)
-    if all(np.isfinite(value.nonzeros()).all() for value in (f, slope, g, jacobian)):
+    parts = program.cost(x), *program.slopes(x)
+    if all(np.isfinite(value).all() for value in parts):
         return None
+    g, jacobian = program.functions["jacobian"](x, program.parameters)
     for slopes in (False, True):
         for phase in unpack(program.layouts, x):
             for term in _terms(phase.laid_out.phase):

@@ -96,7 +96,7 @@ class Refiner:
         Tells of a solution that exceeds constraints whether it is refined no further all the same.
     """
 
-    transcription: Transcription
+    transcription: Any  # a Transcription, or what takes its place
     guess_from: GuessFrom
     excess: Excess
     limit_tolerance: float

@@ -96,7 +96,7 @@ class PhaseSolution(Hinting, Portable):
     duration: float
     mesh: FloatArray
     values: Mapping[str, FloatArray]
-    layout: PhaseLayout | None = None
+    layout: Any = None
     stages: FloatArray | None = None
     parameters: Mapping[str, FloatArray] = field(default_factory=dict)
 
@@ -410,9 +410,12 @@ class Journal:
         return replace(solution, attempts=tuple(self.attempts), ledger=Ledger.of(self.rows))
 
 
-def unpack(layouts: Sequence[PhaseLayout], x: FloatArray) -> tuple[PhaseSolution, ...]:
+def unpack(layouts: Sequence[Any], x: FloatArray) -> tuple[PhaseSolution, ...]:
     """Return values by name from the scaled variables."""
-    return tuple(_phase_values(layout, x) for layout in layouts)
+    return tuple(
+        layout.unpacked(x) if hasattr(layout, "unpacked") else _phase_values(layout, x)
+        for layout in layouts
+    )
 
 
 def _phase_values(layout: PhaseLayout, x: FloatArray) -> PhaseSolution:

@@ -20,7 +20,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-import casadi as ca
 import numpy as np
 
 from microbot_ocp._base import deadline
@@ -35,13 +34,14 @@ from microbot_ocp.ocp.solution import (
     Progress,
     Solution,
     StartingPoint,
+    complementarity,
     cost_size,
     gap_of,
     unpack,
 )
 from microbot_ocp.ocp.solvers._ldl import asks_for_ldl, without_ldl
-from microbot_ocp.ocp.solvers._plugins import WARM_PUSHES, SolverSettings
-from microbot_ocp.ocp.solvers._run import Runner, SolverOutcome, Solvers
+from microbot_ocp.ocp.solvers._plugins import SETTINGS, WARM_PUSHES, SolverSettings
+from microbot_ocp.ocp.solvers._run import Runner, SolverOutcome, Solvers, arguments_of
 from microbot_ocp.ocp.starts import cost_scale, scaled, starting_point
 from microbot_ocp.ocp.transcription import AnyProblem, Meshes, Program, Transcription
 from microbot_ocp.ocp.transcription.schemes import Scheme
@@ -66,6 +66,9 @@ def solve_on(
     solve that begins with multipliers is not repeated without where it does not converge.
     """
     program, begin, build_time = program_on(transcription, mesh, guess, settings, uneven)
+    own = getattr(transcription, "solver_settings", None)
+    if own is not None:
+        settings = own(program, settings, warm_barrier(settings, program, begin))
     return run_chain(program, settings, begin, progress=progress, build_time=build_time, once=once)
 
 
@@ -79,10 +82,13 @@ def program_on(
     """Return the program on a mesh, where it starts from a guess, and the time it took, s."""
     start = time.perf_counter()
     program = transcription.program(mesh)
-    begin = starting_point(program, transcription.problem, guess)
+    own = getattr(transcription, "starting_point", None)
+    begin = own(program, guess) if own else starting_point(program, transcription.problem, guess)
     uneven = uneven and not isinstance(guess, Solution)
     begin = replace(begin, x=finite_start(program, begin.x, uneven=uneven))
-    return with_cost_scale(program, begin.x, settings), begin, time.perf_counter() - start
+    if not own:
+        program = with_cost_scale(program, begin.x, settings)
+    return program, begin, time.perf_counter() - start
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,6 +216,23 @@ def begins_warm(settings: SolverSettings, start: StartingPoint) -> bool:
     return start.warm and settings.initial_barrier is None and settings.solver in ("auto", "ipopt")
 
 
+def warm_barrier(settings: SolverSettings, program: Program, start: StartingPoint) -> float | None:
+    """Return the power of ten below the complementarity of a start with multipliers; None where
+    the settings say with which barrier parameter it begins, or there are no multipliers.
+
+    From a smaller barrier parameter steps to limits that were moved are short, from a larger
+    one much of what is known is lost.
+    """
+    is_given = "mu_init" in settings.options.get("ipopt", {})
+    if is_given or not begins_warm(settings, start):
+        return None
+    data = arguments_of(program, start)
+    multipliers = np.concatenate([data["lam_x0"], data["lam_g0"]])
+    mean = complementarity(program, start.x, program.row_values(start.x), multipliers)
+    barrier = np.clip(mean, SETTINGS.warm_barrier, SETTINGS.cold_barrier)
+    return float(10.0 ** np.floor(np.log10(barrier)))
+
+
 def _rank(status: Status) -> int:
     """Return the lower, the more it says of a problem."""
     order = (Status.SOLVED, Status.INTERRUPTED, Status.INFEASIBLE, Status.ITERATION_LIMIT)
@@ -251,10 +274,8 @@ def gap_at(program: Program, outcome: SolverOutcome) -> Gap:
     x, lam_g, lam_x = outcome.point.x, *outcome.point.multipliers
     if not all(np.isfinite(k).all() for k in (x, lam_g, lam_x)):
         return UNKNOWN
-    rows, jacobian = program.functions["jacobian"](x, program.parameters)
-    _, slope = program.functions["gradient"](x, program.parameters)
-    slope = np.array(slope + ca.mtimes(jacobian.T, ca.DM(lam_g))).ravel() + lam_x
-    return gap_of(program, x, np.array(rows).ravel(), slope, np.concatenate([lam_x, lam_g]))
+    slope, rows = program.stationarity(x, lam_g)
+    return gap_of(program, x, rows, slope + lam_x, np.concatenate([lam_x, lam_g]))
 
 
 def wanted_gap(program: Program, settings: SolverSettings, cost: float) -> float:

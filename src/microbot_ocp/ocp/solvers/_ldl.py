@@ -29,6 +29,7 @@ from microbot_ocp._base.codegen import build_library, compiler, compiles
 
 Options = Mapping[str, Mapping[str, Any]]  # by solver
 
+BAND = "band"
 NAME = "ldl"  # as ``linear_solver`` in the options of IPOPT
 
 
@@ -45,9 +46,10 @@ def without_ldl(options: Options) -> Options:
 
 def as_ipopt_knows(options: Mapping[str, Any]) -> dict[str, Any]:
     """Return options of IPOPT that may ask for this solver, with what IPOPT needs to load it."""
-    if options.get("linear_solver") != NAME:
+    name = options.get("linear_solver")
+    if name not in (NAME, BAND):
         return dict(options)
-    built = library()
+    built = library() if name == NAME else band_library()
     if built is None:
         return {k: v for k, v in options.items() if k != "linear_solver"}
     return {
@@ -81,6 +83,14 @@ def library() -> Path | None:
     return _known[cc]
 
 
+def band_library() -> Path | None:
+    cc = compiler() if compiles() else None
+    if cc is None:
+        return None
+    source = Path(__file__).with_name("_band.c").read_text("utf-8")
+    return build_library(source, BAND, cc, "-O3", further=("-ffast-math", "-fno-finite-math-only"))
+
+
 def _built(cc: str) -> Path:
     source = Path(__file__).with_suffix(".c").read_text("utf-8")
     name = "libosqp.dylib" if sys.platform == "darwin" else "libosqp.so"
@@ -103,7 +113,7 @@ def check_linear_solver(name: Any) -> None:
     ------
     InputError
     """
-    if name in (NAME, LINEAR_SOLVERS[0]):
+    if name in (NAME, BAND, LINEAR_SOLVERS[0]):
         return
     if name not in LINEAR_SOLVERS or not _works(name):
         there = [NAME, *(other for other in LINEAR_SOLVERS if _works(other))]

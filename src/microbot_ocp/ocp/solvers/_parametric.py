@@ -24,7 +24,7 @@ from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
 from microbot_ocp._base.writing import write_whole
 from microbot_ocp.ocp.diagnosis import finite_start
 from microbot_ocp.ocp.problem import with_phases
-from microbot_ocp.ocp.solution import Progress, Solution, StartingPoint, complementarity
+from microbot_ocp.ocp.solution import Progress, Solution, StartingPoint
 from microbot_ocp.ocp.solvers import (
     SOLVERS,
     Solvers,
@@ -35,8 +35,7 @@ from microbot_ocp.ocp.solvers import (
     transcribed,
     with_cost_scale,
 )
-from microbot_ocp.ocp.solvers._chain import begins_warm
-from microbot_ocp.ocp.solvers._plugins import SETTINGS
+from microbot_ocp.ocp.solvers._chain import warm_barrier
 from microbot_ocp.ocp.starts import starting_point, with_changes
 from microbot_ocp.ocp.transcription import (
     DURATION,
@@ -139,7 +138,7 @@ class ParametricSolver(Portable):
         if self._cost_scale is None:  # the same for all solves: solvers are made for it
             self.scale_cost(None)
         program = replace(program, cost_scale=self._cost_scale)
-        barrier = self._barrier(program, start)
+        barrier = warm_barrier(self.settings, program, start)
         settings, solvers = self.settings, self._solvers.setdefault(barrier, {})
         if barrier is not None:
             warm = {"mu_init": barrier, **settings.options.get("ipopt warm", {})}
@@ -148,21 +147,6 @@ class ParametricSolver(Portable):
         return run_chain(
             program, settings, start, progress=progress, build_time=spent, solvers=solvers
         )
-
-    def _barrier(self, program: Program, start: StartingPoint) -> float | None:
-        """Return the power of ten below the complementarity of a start with multipliers.
-
-        From a smaller barrier parameter steps to limits that were moved are short, from a larger
-        one much of what is known is lost.
-        """
-        is_given = "mu_init" in self.settings.options.get("ipopt", {})
-        if is_given or not begins_warm(self.settings, start):
-            return None
-        data = arguments_of(program, start)
-        multipliers = np.concatenate([data["lam_x0"], data["lam_g0"]])
-        mean = complementarity(program, start.x, program.row_values(start.x), multipliers)
-        barrier = np.clip(mean, SETTINGS.warm_barrier, SETTINGS.cold_barrier)
-        return float(10.0 ** np.floor(np.log10(barrier)))
 
     def scale_cost(self, guess: Guesses | Solution | None) -> None:
         """Take the scale of the cost from this guess."""

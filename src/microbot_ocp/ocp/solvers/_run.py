@@ -18,6 +18,7 @@ from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.child_process import Died, OutOfTime, Send, can_fork, in_child
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.solution import Attempt, LastIterate, Progress, StartingPoint, Watch
+from microbot_ocp.ocp.solvers._ldl import BAND
 from microbot_ocp.ocp.solvers._plugins import SolverSettings, create
 from microbot_ocp.ocp.transcription import Program
 
@@ -126,7 +127,8 @@ class Runner:
         # one that is kept was made with the limit of the settings in place of that of this call
         reused = self.solvers is not None and self.progress is None
         endless = reused and not np.isfinite(self.settings.time_limit)
-        short = size <= SETTINGS.large and not endless
+        banded = self.settings.options.get("ipopt", {}).get("linear_solver") == BAND
+        short = (size <= SETTINGS.large or banded) and not endless
         return name == "ipopt" and (short or not np.isfinite(deadline.left()))
 
     def _solver(
@@ -314,7 +316,7 @@ def checked(program: Program, x: FloatArray) -> tuple[float, float]:
     """Return the cost and largest violation of a bound or row at x, independent of what the solver
     reports.
     """
-    cost = float(program.functions["gradient"](x, program.parameters)[0])
+    cost = program.cost(x)
     worst = float(program.violations(x, program.row_values(x)).max())
     return cost, worst if np.isfinite(cost) else np.inf
 

@@ -45,6 +45,8 @@ def starting_point(program: Program, problem: OptimalControlProblem, guess: Give
 
 def _alike(a: PhaseLayout, b: PhaseLayout) -> bool:
     """Return whether two layouts differ in their meshes and degrees only."""
+    if type(a) is not type(b):
+        return False
     return type(a.kind.scheme) is type(b.kind.scheme) and _content(a) == _content(b)
 
 

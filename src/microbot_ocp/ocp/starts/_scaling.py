@@ -176,7 +176,7 @@ def cost_scale(program: Program, x: FloatArray) -> float:
     beside = np.clip(x + 0.5, program.variable_lower, program.variable_upper)
     sizes = []
     for point in (x, beside):
-        slope = np.array(program.functions["gradient"](point, program.parameters)[1])
+        slope = program.slopes(point)[0]
         sizes.append(float(np.abs(slope).sum()))
     change = max((size for size in sizes if np.isfinite(size)), default=SETTINGS.cost)
     return float(_rounded(np.array(change / SETTINGS.cost), SETTINGS.cost_band))

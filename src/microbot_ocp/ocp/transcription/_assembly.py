@@ -51,7 +51,7 @@ class Program(Portable, Bounds):
     cost_scale : what solvers divide the cost by; it is whole in ``nlp`` and ``functions``
     """
 
-    layouts: tuple[PhaseLayout, ...]
+    layouts: tuple[Any, ...]
     nlp: Mapping[str, ca.MX]
     functions: Mapping[str, ca.Function]
     parameters: FloatArray
@@ -89,6 +89,25 @@ class Program(Portable, Bounds):
     def row_values(self, x: FloatArray) -> FloatArray:
         """Return values of all rows at x, scaled."""
         return np.array(self.functions["jacobian"](x, self.parameters)[0]).ravel()
+
+    def cost(self, x: FloatArray) -> float:
+        """Return the cost at x."""
+        return float(self.functions["gradient"](x, self.parameters)[0])
+
+    def slopes(self, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the gradient of the cost, values of all rows and nonzeros of their Jacobian at
+        x.
+        """
+        rows, jacobian = self.functions["jacobian"](x, self.parameters)
+        slope = self.functions["gradient"](x, self.parameters)[1]
+        return np.array(slope).ravel(), np.array(rows).ravel(), np.array(jacobian.nonzeros())
+
+    def stationarity(self, x: FloatArray, multipliers: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the gradient of the cost and the rows with their multipliers, and the rows."""
+        rows, jacobian = self.functions["jacobian"](x, self.parameters)
+        slope = self.functions["gradient"](x, self.parameters)[1]
+        along = slope + ca.mtimes(jacobian.T, ca.DM(multipliers))
+        return np.array(along).ravel(), np.array(rows).ravel()
 
 
 class _Entries:

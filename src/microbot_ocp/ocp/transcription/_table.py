@@ -41,6 +41,7 @@ _DESCRIPTIONS = {
     "algebraic": "algebraic variable {}",
     "duration": "{}",
     "transition": "start of {} in the next phase",
+    "coefficient": "spline coefficient of {}",
 }
 
 
@@ -119,11 +120,14 @@ class Block:
     entries : what they are [K]
     intervals : in which intervals [M]
     places : where they stand in the program [M, K]
+    factors : numbers [M] that a value in the program is times this of the entry's own scale;
+        one where there are none
     """
 
     entries: tuple[TableEntry, ...]
     intervals: IntArray
     places: IntArray
+    factors: FloatArray | None = None
 
 
 def entries_of(phase: Phase, kind: str, item: Item, fraction: float = 0.0) -> list[TableEntry]:

@@ -1,5 +1,6 @@
 """Public names; loaded when they are first asked for."""
 
+from ._flat_program import FlatTranscription as FlatTranscription, flat_form as flat_form
 from ._initial_guesses import (
     InitialGuess as InitialGuess,
     guess_along as guess_along,

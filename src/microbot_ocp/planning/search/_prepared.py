@@ -6,6 +6,7 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,13 +28,15 @@ from microbot_ocp.limits import (
 )
 from microbot_ocp.motion import DurationLine, Motion, State
 from microbot_ocp.ocp import ParametricSolver, Solution, SolverSettings
-from microbot_ocp.ocp.refinement import WORSE, split
+from microbot_ocp.ocp.refinement import WORSE, Refiner, split
 from microbot_ocp.ocp.solution import quiet
 from microbot_ocp.ocp.transcription import Guess, Transcription
 from microbot_ocp.planning.free import (
     JERK_WEIGHT,
     OF_VARIABLES,
     SMOOTHING,
+    FlatTranscription,
+    flat_form,
     initial_guesses,
     largest_excess,
     phase_names,
@@ -46,18 +49,21 @@ from microbot_ocp.planning.search._problem import MotionProblem
 from microbot_ocp.planning.search._result import fastest
 from microbot_ocp.planning.search._search import from_plain, plain_of
 from microbot_ocp.planning.search._settings import SEARCH, TimeOptimalSettings
-from microbot_ocp.planning.search._strategies import search_of
+from microbot_ocp.planning.search._strategies import graded, search_of, switch_marks
 from microbot_ocp.planning.task import (
+    BAND,
     FRICTION_WINDOWS,
     LDL,
     SMOOTHING as FRICTION_SMOOTHING,
     TIME_LIMIT,
+    EndConditions,
     TaskScale,
     check_limits,
     check_via,
     dry_friction,
     largest,
     locked_joints,
+    passing,
     provenance_of,
     verdict,
     with_drives_noted,
@@ -70,6 +76,7 @@ from microbot_ocp.robot import Robot
 NEAR = 0.1
 REFERENCE_TOLERANCE = 2e-3  # excess of a limit of the prepared motion between mesh points
 
+FLAT_RATIO = 0.1  # of the tolerance: iterations of the flat program are cheap
 # of a prepared solver, which a user waits for; without a time limit even a small solve would fork
 PREPARED = SolverSettings(
     "ipopt", tolerance=1e-6, gap=np.inf, max_iterations=150, options=LDL, time_limit=TIME_LIMIT
@@ -191,7 +198,7 @@ class TimeOptimalSolver:
     >>> via_q = np.radians([[0, 0, 0], [-8, 45, 30], [-90, 90, 90]])
     >>> solver = mo.TimeOptimalSolver(mo.load_robot("microbot"), via_q)
     >>> round(solver().duration, 2), round(solver(payload=1.0).duration, 2)
-    (1.92, 2.54)
+    (1.92, 2.53)
     """
 
     def __init__(
@@ -199,9 +206,9 @@ class TimeOptimalSolver:
         robot: Robot,
         via_q: ArrayLike,
         *,
-        mesh: int = 60,
+        mesh: int = 80,
         starts: int = 5,
-        rounds: int = 3,
+        rounds: int = 8,
         compiled: bool = True,
         seed: int = 0,
         tolerance: float = PREPARED.tolerance,
@@ -220,9 +227,12 @@ class TimeOptimalSolver:
         # for its own via points, and for others
         self._solvers: dict[bool, ParametricSolver] = {}
 
-    def _transcribed(self) -> Transcription:
+    def _transcribed(self) -> Any:
         held: Robot = with_locked_joints_held(LimitFamily.of(self.robot)).robot
         via, compiled = self.via_q, self._settings.compiled
+        flat = flat_form(held, via.tobytes(), len(via), payload=True)
+        if flat is not None:
+            return flat
         return transcription(held, via.tobytes(), len(via), compiled, payload=True)
 
     def __call__(
@@ -292,26 +302,15 @@ class TimeOptimalSolver:
             prepared = None
             if via_q is None and moving is None:
                 prepared = self._own or self._under_own_limits()
-            solver = self._solver(prepared)
             usual = prepared.smoothing if prepared else SMOOTHING
             # where more digits are asked for the smoothing costs fewer of them
             smoothing = usual * min(1.0, self._solver_settings.tolerance / PREPARED.tolerance)
-            changes = self._changes(problem, float(payload), smoothing, moving)
             near = prepared if self._slower(family) <= NEAR else None
-            tried: list[tuple[str, Solution]] = []
-            for name, first in self._starts(problem, near, moving is not None):
-                solution = _solved_near(solver, first, changes)
-                tried.append((name, solution))
-                led_there = not isinstance(first, Solution) or (
-                    abs(solution.duration - first.duration) <= NEAR * first.duration
-                )
-                if (solution.status.solved and led_there and not search) or deadline.over():
-                    break
-            name, best = min(tried, key=lambda pair: (not pair[1].status.solved, pair[1].duration))
-            # what begins moving may have no slower timing of its path
-            allowed = LIMIT_TOLERANCE if moving is None else moving.tolerance
-            kernels = prepared.kernels if prepared else self._kernels
-            solution = self._refined(problem, best, changes, kernels, allowed)
+            how = problem, float(payload), smoothing, moving, near, search
+            if isinstance(self._kernels, FlatTranscription):
+                tried, name, solution = self._solved_flat(*how)
+            else:
+                tried, name, solution = self._solved_stated(*how, prepared)
             # an arm with a payload is met once: nothing is compiled for it
             with interpreted() if payload else nullcontext():
                 slowed, outcome, worst = _slowed_down(problem, solution, moving)
@@ -332,6 +331,99 @@ class TimeOptimalSolver:
             if slowed is not None:
                 motion = replace(slowed, provenance=about, remark="slowed down at limits")
             return with_drives_noted(family.robot, motion.ended(outcome))
+
+    def _solved_flat(
+        self,
+        problem: MotionProblem,
+        payload: float,
+        smoothing: float,
+        moving: _Start | None,
+        near: _Prepared | None,
+        search: bool,
+    ) -> tuple[list[tuple[str, Solution]], str, Solution]:
+        """Return what was tried on a first mesh, the name of the start that led to the best, and
+        that refined.
+        """
+        kernels = self._numbered(problem, payload, smoothing, moving)
+        allowed = TimeOptimalSettings.limit_tolerance if moving is None else moving.tolerance
+        refiner = Refiner(
+            kernels,
+            problem.guesses,
+            problem.excess,
+            allowed,
+            tolerance=self._solver_settings.tolerance * FLAT_RATIO,
+            rounds=self._rounds,
+            settings=replace(self._solver_settings, options=BAND),
+            foresight=SEARCH.foresight,
+        )
+        marks = partial(switch_marks, problem.family)
+        tried: list[tuple[str, Solution]] = []
+        for name, first in self._starts(problem, near, moving is not None):
+            known = isinstance(first, Solution)
+            meshes: Any = [phase.mesh for phase in first.phases] if known else SEARCH.explore_mesh
+            solution = refiner.solve(meshes, first)
+            tried.append((name, solution))
+            led_there = not known or (
+                abs(solution.duration - first.duration) <= NEAR * first.duration
+            )
+            if (solution.status.solved and led_there and not search) or deadline.over():
+                break
+        name, best = min(tried, key=lambda pair: (not pair[1].status.solved, pair[1].duration))
+        if name != "prepared" and best.status.solved:
+            mesh, jumps = self._settings.mesh or SEARCH.full_mesh, not problem.family.jerk_matters
+            meshes = [graded(phase, mesh) if jumps else mesh for phase in best.phases]
+            best = refiner.finer(best, meshes)
+            if best.cost - best.duration > SEARCH.smoothing_told * best.duration:
+                weight = SEARCH.less_smoothing * smoothing
+                less = {name: {JERK_WEIGHT: weight} for name in self._phases}
+                refiner = replace(refiner, transcription=kernels.with_parameters(less))
+                best = refiner.finer(best, [phase.mesh for phase in best.phases])
+        return tried, name, refiner.refine(best, marks, worth=SEARCH.worth)
+
+    def _numbered(
+        self, problem: MotionProblem, payload: float, smoothing: float, moving: _Start | None
+    ) -> FlatTranscription:
+        """Return the program with the numbers of a call."""
+        assert isinstance(self._kernels, FlatTranscription)
+        family = with_locked_joints_held(problem.family)
+        conditions, widened = passing(family.robot, problem.via), {}
+        if moving is not None:
+            q, qd, qdd = (part[0] for part in moving.state)
+            given = moving.acceleration_given and family.jerk_matters
+            start = EndConditions((q, q), (qd, qd), qdd=(qdd, qdd) if given else None)
+            conditions = replace(conditions, ends=(start, *conditions.ends[1:]))
+            widened = moving.bounds
+        numbers = {"payload": payload, JERK_WEIGHT: smoothing}
+        kernels = self._kernels.under(family, conditions, problem.scale, widened)
+        return kernels.with_parameters(dict.fromkeys(self._phases, numbers))
+
+    def _solved_stated(
+        self,
+        problem: MotionProblem,
+        payload: float,
+        smoothing: float,
+        moving: _Start | None,
+        near: _Prepared | None,
+        search: bool,
+        prepared: _Prepared | None,
+    ) -> tuple[list[tuple[str, Solution]], str, Solution]:
+        """Return the same of a program with states."""
+        solver = self._solver(prepared)
+        changes = self._changes(problem, payload, smoothing, moving)
+        tried: list[tuple[str, Solution]] = []
+        for name, first in self._starts(problem, near, moving is not None):
+            solution = _solved_near(solver, first, changes)
+            tried.append((name, solution))
+            led_there = not isinstance(first, Solution) or (
+                abs(solution.duration - first.duration) <= NEAR * first.duration
+            )
+            if (solution.status.solved and led_there and not search) or deadline.over():
+                break
+        name, best = min(tried, key=lambda pair: (not pair[1].status.solved, pair[1].duration))
+        # what begins moving may have no slower timing of its path
+        allowed = LIMIT_TOLERANCE if moving is None else moving.tolerance
+        kernels = prepared.kernels if prepared else self._kernels
+        return tried, name, self._refined(problem, best, changes, kernels, allowed)
 
     def along(
         self,

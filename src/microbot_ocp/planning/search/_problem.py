@@ -22,10 +22,12 @@ from microbot_ocp.motion import Motion, polynomial_of
 from microbot_ocp.ocp import Solution
 from microbot_ocp.ocp.transcription import Guess, Transcription
 from microbot_ocp.planning.free import (
+    FlatTranscription,
     InitialGuess,
     Slowed,
     excess_along,
     excess_between,
+    flat_form,
     guess_along,
     guesses_along,
     initial_guesses,
@@ -140,12 +142,17 @@ class MotionProblem:
         """Whether functions are compiled."""
         return compiles(self.settings.compiled)
 
-    def kernels(self, *, budgeted: bool = False) -> Transcription:
+    @cached_property
+    def is_flat(self) -> bool:
+        """Whether the states are left out."""
+        return isinstance(self.kernels(), FlatTranscription)
+
+    def kernels(self, *, budgeted: bool = False, stated: bool = False) -> Any:
         """Return the program with the limits and payloads of every segment, built once.
 
         ``budgeted`` that of the least effort in a time that is given.
         """
-        if self.given is not None and not budgeted:
+        if self.given is not None and not (budgeted or stated):
             return self.given
         conditions = None
         if not self.task.is_plain:
@@ -154,6 +161,10 @@ class MotionProblem:
             conditions = Conditions(held, asked.ends, asked.closed)
         base: Robot = with_locked_joints_held(self.family).robot
         via = np.ascontiguousarray(self.via)
+        if not (budgeted or stated) and self.settings.solver != "fatrop":
+            flat = flat_form(base, via.tobytes(), len(via), conditions=conditions)
+            if flat is not None:
+                return flat
         options: dict[str, Any] = {"budgeted": budgeted, "conditions": conditions}
         return transcription(base, via.tobytes(), len(via), self.settings.compiled, **options)
 

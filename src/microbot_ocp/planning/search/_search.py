@@ -220,6 +220,7 @@ class MotionSearch:
             and self.settings.starts > 1
             and self.progress is quiet
             and self.problem.is_free
+            and not self.problem.is_flat
             and strategies[0].next_step(self, state) is not None
             and not self.over
             and spare_processor()

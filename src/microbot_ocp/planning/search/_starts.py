@@ -36,7 +36,7 @@ from microbot_ocp.planning.search._search import (
     settled,
 )
 from microbot_ocp.planning.search._settings import SEARCH
-from microbot_ocp.planning.task import LDL, Task, TaskScale, rounded
+from microbot_ocp.planning.task import BAND, LDL, Task, TaskScale, rounded
 from microbot_ocp.trajectories import cubic, spline
 
 
@@ -187,7 +187,7 @@ def from_relaxed(search: MotionSearch, step: NextStep) -> MotionAnswer:
     first = problem.drawn(0)
     assert first is not None
     starts = [first.guesses, subject.solution]
-    relaxed = least_violation(refiner.transcription, starts, meshes)
+    relaxed = least_violation(search.problem.kernels(stated=True), starts, meshes)
     search.progress(f"relaxed problem: {relaxed}")
     solution = subject.solution
     if relaxed.conclusive and relaxed.feasible:
@@ -243,6 +243,7 @@ def _next_drawn(problem: MotionProblem, state: SearchState) -> TrialStart | None
     both: str | tuple[str, ...] = ("fatrop", "ipopt")
     if index >= settings.starts:  # what one misses the other may find
         both = "ipopt" if index % 3 == 2 else "fatrop"
+    both = "ipopt" if problem.is_flat else both
     solver = both if settings.solver == "auto" else settings.solver
     solved = [answer for answer in tried if answer.solved]
     if not solved:
@@ -259,12 +260,14 @@ def _next_through_ways(problem: MotionProblem, state: SearchState) -> TrialStart
         return None
     way, guess = pair
     fatrop = {"max_iter": SEARCH.usual_iterations}
+    both = "ipopt" if problem.is_flat else ("fatrop", "ipopt")
+    linear = BAND if problem.is_flat else LDL
     return TrialStart(
         replace(guess, guesses=problem.with_closed(guess.guesses)),
-        ("fatrop", "ipopt") if problem.settings.solver == "auto" else problem.settings.solver,
+        both if problem.settings.solver == "auto" else problem.settings.solver,
         way,
         # IPOPT solves what takes it more
-        {"max_iterations": SEARCH.most_iterations, "options": {**LDL, "fatrop": fatrop}},
+        {"max_iterations": SEARCH.most_iterations, "options": {**linear, "fatrop": fatrop}},
     )
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.status import Status
+from microbot_ocp.limits import LimitFamily
 from microbot_ocp.ocp import PhaseSolution, Solution, SolverSettings
 from microbot_ocp.ocp.refinement import WORSE, Refiner, RefinerSettings
 from microbot_ocp.ocp.solution import StepProgress
@@ -43,6 +44,7 @@ from microbot_ocp.planning.search._search import (
 from microbot_ocp.planning.search._settings import SEARCH
 from microbot_ocp.planning.search._starts import FROM_GUESSES, FROM_PATHS, full_mesh, nearest
 from microbot_ocp.planning.task import (
+    BAND,
     GAP,
     LDL,
     ROUGH_TOLERANCE,
@@ -71,7 +73,7 @@ def search_of(problem: MotionProblem, progress: StepProgress) -> MotionSearch:
         settings.limit_tolerance,
         solver="ipopt" if settings.solver == "auto" else settings.solver,
         progress=with_motion(progress, problem.family.robot, problem.via),
-        settings=SolverSettings(gap=GAP, options=LDL),
+        settings=SolverSettings(gap=GAP, options=BAND if problem.is_flat else LDL),
         rough=ROUGH_TOLERANCE,
         polishing=0 if is_rough else SEARCH.usual_iterations,
         fitted=partial(with_windows, dry_friction(problem.family.robot) > 0.0) if windows else None,
@@ -298,10 +300,12 @@ def less_smoothing(search: MotionSearch, step: NextStep) -> MotionAnswer:
     subject = step.answer
     refiner, weight = _going_on(subject), SEARCH.less_smoothing * SMOOTHING
     # without pivots so little curvature is lost in rounding: 40 iterations in place of 21
-    usual = replace(refiner.settings, options={})
+    usual = replace(refiner.settings, options=BAND if search.problem.is_flat else {})
     kernels = _smoothed(search, refiner.transcription, weight)
     finer = replace(refiner, transcription=kernels, settings=usual)
-    options = {"ipopt": {"mu_init": SEARCH.less_smoothing_barrier}}
+    options = {
+        "ipopt": {**usual.options.get("ipopt", {}), "mu_init": SEARCH.less_smoothing_barrier}
+    }
     settings = replace(usual, options=options, max_iterations=SEARCH.usual_iterations)
     meshes = [phase.mesh for phase in subject.solution.phases]
     solution = replace(finer, settings=settings).solve(meshes, subject.solution)
@@ -333,7 +337,7 @@ def split_where_exceeded(search: MotionSearch, step: NextStep) -> MotionAnswer:
     """Split intervals until limits hold between mesh points, and where something switches."""
     subject = step.answer
     refiner, best = _going_on(subject), subject.solution
-    marks: Any = {"switching": partial(switch_marks, search), "worth": SEARCH.worth}
+    marks: Any = {"switching": partial(switch_marks, search.problem.family), "worth": SEARCH.worth}
     if accelerations_jump(search.problem.family):
         usual = _at_most(refiner.settings, SEARCH.smoother_iterations)
         refiner = replace(refiner, foresight=SEARCH.foresight, settings=usual)
@@ -374,7 +378,7 @@ def last_digits(search: MotionSearch, step: NextStep) -> MotionAnswer:
 # where meshes are split, and where a finer one is dense -------------------------------------------
 
 
-def switch_marks(search: MotionSearch, solution: Solution) -> list[np.ndarray]:
+def switch_marks(family: LimitFamily, solution: Solution) -> list[np.ndarray]:
     """Return intervals in which a velocity goes through more than half of its limit at once, or a
     limited jerk or torque rate switches.
 
@@ -382,7 +386,6 @@ def switch_marks(search: MotionSearch, solution: Solution) -> list[np.ndarray]:
     so it is with accelerations and torques: half an interval is lost at rest and at every switch,
     1 % of the motions of a Panda on 60 even intervals.
     """
-    family = search.problem.family
     robot, rated = family.robot, limited_rates(family)
     marks = []
     for phase in solution.phases:

@@ -1,6 +1,7 @@
 """Public names; loaded when they are first asked for."""
 
 from ._checks import (
+    BAND as BAND,
     CELL_TIME_LIMIT as CELL_TIME_LIMIT,
     CHECKS_PER_INTERVAL as CHECKS_PER_INTERVAL,
     GAP as GAP,
@@ -15,6 +16,7 @@ from ._checks import (
     declare_limits as declare_limits,
     derivatives_for as derivatives_for,
     fastest_tool as fastest_tool,
+    finite_scale as finite_scale,
     knows_derivatives as knows_derivatives,
     length_text as length_text,
     locked_joints as locked_joints,
@@ -70,6 +72,7 @@ from ._stops import (
     STOP_SIZES as STOP_SIZES,
     Bounds as Bounds,
     Conditions as Conditions,
+    EndConditions as EndConditions,
     Payload as Payload,
     Stop as Stop,
     passing as passing,

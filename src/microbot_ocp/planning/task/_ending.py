@@ -224,7 +224,8 @@ def _bounds(
                 share = np.where(block.intervals > last, 1.0, entry.fraction)
                 step = np.diff(layout.mesh)[last]
                 times = (layout.mesh[last] + share * step) * phase.duration
-                yield entry, times, multipliers[block.places[:, column]]
+                values = multipliers[block.places[:, column]]
+                yield entry, times, values if block.factors is None else values * block.factors
 
 
 def _plain(values: Any) -> Any:

@@ -1,0 +1,481 @@
+/* Cholesky factors of a band with a border, behind the names of MA27's subroutines, which IPOPT
+ * loads from any library: for programs that have inequality rows alone. IPOPT's matrix is then
+ *
+ *     | H    0     J'    | |x|   |a|    with Sigma of the slacks s and Delta of the rows y diagonal.
+ *     | 0  Sigma  -I     | |s| = |b|    Slacks and rows are eliminated one by one, and what is left,
+ *     | J   -I    -Delta | |y|   |c|
+ *
+ *     (H + J' W J) x = a + J' W (c + b / Sigma),    W = Sigma / (1 + Sigma Delta),
+ *
+ * is positive definite exactly where IPOPT's matrix has the inertia that it looks for (A. Forsgren,
+ * P. Gill, M. Wright, Interior methods for nonlinear optimization, SIAM Review 44, 2002, section 6).
+ * Unknowns that meet few others, such as coefficients of a spline, make a band in the order in
+ * which they are given; those that meet many, such as durations, are its border.
+ *
+ * Memory is IPOPT's own. `ikeep` has the place of every unknown, in the border negative, and a
+ * number that is another one in each analysis. Integers `iw`: that number and the sizes, then where
+ * each entry goes and the lists of the rows, made by the first factorisation. Numbers `a`: entries
+ * as given, then what Layout has offsets of.
+ */
+#include <math.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define ACCURATE 1e-11 /* residual relative to the right side at which a solution is refined enough */
+#define MOST_REFINED 3
+#define SMALLEST 1e-14 /* pivot that counts as positive */
+#define MEMORY_LACKS (-7)
+#define WIDE 8         /* numbers at once */
+#define BLOCK 8        /* rows at once */
+#define WIDEST 1024    /* of a column of the band */
+#define OFTEN 3        /* times as many entries as the middle unknown has one of the border */
+#define SPARSE 3       /* a row is kept as a list where it has one entry in so many */
+#define HEAD 8
+
+typedef double Numbers __attribute__((vector_size(8 * WIDE)));
+typedef double Unaligned __attribute__((vector_size(8 * WIDE), aligned(8)));
+#define AT(p) (*(Unaligned *)(p))
+
+typedef struct {
+    int unknowns, rows, border, band, width, entries; /* width: of a column; entries: of all rows */
+    int *place, *to, *start, *first, *length, *column; /* of rows; a list has negative length */
+    long side;                                 /* of a vector over the band */
+    long h, f, b, l, c, s, sigma, delta, row, x, product, right, left, kept, waste, numbers;
+} Layout;
+
+static void lay_out(Layout *o, int count, int *iw)
+{
+    const long square = (long)(o->band + o->width) * o->width + 2 * WIDE, m = o->rows;
+    const long corner = (long)o->border * o->border, size = o->unknowns + 2 * m;
+    o->side = o->band + o->width + 2 * WIDE;
+    long at = count;
+    o->h = at, at += square;   /* H, a column of the band after the other, its diagonal first */
+    o->f = at, at += square;   /* factors */
+    o->b = at, at += o->border * o->side; /* H of the border with the band, and its factors */
+    o->l = at, at += o->border * o->side;
+    o->c = at, at += corner;
+    o->s = at, at += corner;
+    o->sigma = at, at += m;
+    o->delta = at, at += m;
+    o->row = at, at += o->entries + 2 * WIDE;
+    o->x = at, at += o->side + o->border;
+    o->product = at, at += o->side + o->border;
+    o->right = at, at += size;
+    o->left = at, at += size;
+    o->kept = at, at += size;
+    o->waste = at, at += 1;    /* for entries that are always the same */
+    o->numbers = at;
+    if (!iw) return;
+    o->place = iw + HEAD, o->to = o->place + o->unknowns, o->start = o->to + count;
+    o->first = o->start + m + 1;
+    o->length = o->first + m, o->column = o->length + m;
+}
+
+void ma27id_(int *icntl, double *cntl)
+{
+    memset(icntl, 0, 30 * sizeof *icntl);
+    memset(cntl, 0, 5 * sizeof *cntl);
+}
+
+static int by_size(const void *a, const void *b) { return *(const int *)a - *(const int *)b; }
+
+static void sorted(const int *irn, const int *icn, int k, int *i, int *j)
+{
+    *i = (irn[k] > icn[k] ? irn[k] : icn[k]) - 1, *j = (irn[k] > icn[k] ? icn[k] : irn[k]) - 1;
+}
+
+/* The last row has the last slack, which stands right before the rows. */
+static int count_rows(int size, int count, const int *irn, const int *icn)
+{
+    int last = -1, i, j;
+    for (int k = 0; k < count; k++) {
+        sorted(irn, icn, k, &i, &j);
+        if (i == size - 1 && j < i && j > last) last = j;
+    }
+    return size - 1 - last;
+}
+
+/* Places of the unknowns; whether the matrix has no entries but those of this kind. */
+static int order(int n, int m, int count, const int *irn, const int *icn, int *place)
+{
+    int *degree = calloc(2 * (long)n, sizeof *degree), i, j, fits = degree != NULL;
+    for (int k = 0; k < count && fits; k++) {
+        sorted(irn, icn, k, &i, &j);
+        if (i < n) degree[i]++, degree[j]++;
+        else if (i < n + m) fits = i == j;
+        else fits = j < n || j == i || j == i - m;
+    }
+    if (fits) {
+        int border = 0, band = 0;
+        memcpy(degree + n, degree, n * sizeof *degree);
+        qsort(degree + n, n, sizeof *degree, by_size);
+        for (int k = 0; k < n; k++)
+            place[k] = degree[k] > OFTEN * degree[n + n / 2] ? -1 - border++ : band++;
+    }
+    free(degree);
+    return fits;
+}
+
+/* Sizes of what is kept; with lists in `iw` also these. Return 0 where memory lacks. */
+static int analyse(Layout *o, int size, int count, const int *irn, const int *icn,
+                   const int *place, int *iw)
+{
+    const int m = o->rows, n = o->unknowns = size - 2 * m;
+    int *low = malloc((4L * m + 1) * sizeof *low), *high = low + m, *held = low + 2 * m;
+    int *edges = low + 3 * m, i, j;
+    if (!low) return 0;
+    o->border = o->band = 0, o->width = 1, o->entries = 0;
+    for (int k = 0; k < n; k++) place[k] < 0 ? o->border++ : o->band++;
+    for (int r = 0; r < m; r++) low[r] = o->band, high[r] = -1, held[r] = edges[r] = 0;
+    for (int k = 0; k < count; k++) {
+        sorted(irn, icn, k, &i, &j);
+        if (j >= n) continue;
+        const int p = place[j], r = i - n - m;
+        if (i < n && p >= 0 && place[i] >= 0 && abs(place[i] - p) >= o->width)
+            o->width = abs(place[i] - p) + 1;
+        if (i < n) continue;
+        if (p < 0) edges[r]++;
+        else held[r]++, low[r] = p < low[r] ? p : low[r], high[r] = p > high[r] ? p : high[r];
+    }
+    for (int r = 0; r < m; r++) {
+        const int span = held[r] ? high[r] - low[r] + 1 : 0;
+        if (span > o->width) o->width = span;
+        high[r] = SPARSE * held[r] >= span ? span : -held[r]; /* the length */
+        o->entries += abs(high[r]) + edges[r];
+    }
+    o->width = (o->width + WIDE - 1) / WIDE * WIDE;
+    lay_out(o, count, iw);
+    for (int r = 0; r < m && iw; r++) {
+        o->start[r] = r ? o->start[r - 1] + abs(o->length[r - 1]) + edges[r - 1] : 0;
+        o->first[r] = held[r] ? low[r] : 0, o->length[r] = high[r];
+        if (r) edges[r - 1] = held[r - 1] = 0;
+    }
+    if (iw) {
+        o->start[m] = o->start[m - 1] + abs(o->length[m - 1]) + edges[m - 1];
+        edges[m - 1] = held[m - 1] = 0;
+        memset(o->column, 0, o->entries * sizeof *o->column);
+    }
+    for (int k = 0; k < count && iw; k++) {
+        long to = o->waste;
+        sorted(irn, icn, k, &i, &j);
+        if (i < n) {
+            const int p = place[i], q = place[j], s = -1 - p, t = -1 - q;
+            if (p >= 0 && q >= 0) to = o->h + (long)(p < q ? p : q) * o->width + abs(p - q);
+            else if (p < 0 && q < 0)
+                to = o->c + (long)(s > t ? s : t) * o->border + (s > t ? t : s);
+            else to = o->b + (p < 0 ? s : t) * o->side + (p < 0 ? q : p);
+        } else if (i < n + m) to = o->sigma + i - n;
+        else if (i == j) to = o->delta + i - n - m;
+        else if (j < n) {
+            const int r = i - n - m, begin = o->start[r], length = o->length[r];
+            int at = begin + place[j] - o->first[r];
+            if (place[j] < 0)
+                at = begin + abs(length) + edges[r]++, o->column[at] = -1 - place[j];
+            else if (length < 0) at = begin + held[r]++, o->column[at] = place[j];
+            to = o->row + at;
+        }
+        o->to[k] = (int)to;
+    }
+    free(low);
+    return 1;
+}
+
+void ma27ad_(const int *size, const int *entries, const int *irn, const int *icn, int *iw,
+             const int *liw, int *ikeep, int *iw1, int *nsteps, int *iflag, int *icntl,
+             double *cntl, int *info, double *ops)
+{
+    static int analyses;
+    Layout o = {.rows = count_rows(*size, *entries, irn, icn)};
+    (void)iw, (void)liw, (void)iw1, (void)iflag, (void)icntl, (void)cntl;
+    memset(info, 0, 20 * sizeof *info);
+    *nsteps = 1, *ops = 0, info[0] = MEMORY_LACKS;
+    const int n = *size - 2 * o.rows, m = o.rows;
+    if (n < 1 || m < 1 || !order(n, m, *entries, irn, icn, ikeep)) return;
+    if (!analyse(&o, *size, *entries, irn, icn, ikeep, NULL) || o.width > WIDEST) return;
+    const int64_t integers = HEAD + n + (int64_t)*entries + 3 * m + 1 + o.entries;
+    if (o.numbers > INT32_MAX / 2 || integers > INT32_MAX / 2) return;
+    ikeep[n] = __atomic_add_fetch(&analyses, 1, __ATOMIC_RELAXED);
+    info[0] = 0, info[4] = (int)o.numbers, info[5] = (int)integers;
+}
+
+/* Sum of the rows r to end, which have the same columns, times their weights and each other. */
+static void add_block(const Layout *o, double *a, int r, int end, const double *weight)
+{
+    const int length = o->length[r], width = o->width;
+    for (int i = 0; i < length; i++) {
+        double *to = a + o->f + (long)(o->first[r] + i) * width, factor[BLOCK];
+        const double *row[BLOCK];
+        for (int k = r; k < end; k++) {
+            row[k - r] = a + o->row + o->start[k];
+            factor[k - r] = weight[k - r] * row[k - r][i];
+        }
+        for (int q = i; q < length; q += WIDE) {
+            Numbers sum = AT(to + q - i);
+            for (int k = 0; k < end - r; k++) {
+                /* behind a row stand numbers of others: they would be added beyond its columns */
+                Numbers part = AT(row[k] + q);
+                if (q + WIDE > length)
+                    for (int z = length - q; z < WIDE; z++) part[z] = 0.0;
+                sum += factor[k] * part;
+            }
+            AT(to + q - i) = sum;
+        }
+    }
+}
+
+static void add_row(const Layout *o, double *a, int r, double weight)
+{
+    const double *value = a + o->row + o->start[r];
+    const int length = abs(o->length[r]), *column = o->column + o->start[r];
+    const int edges = o->start[r + 1] - o->start[r] - length;
+    const int is_list = o->length[r] < 0;
+    for (int i = 0; i < length && is_list; i++)
+        for (int q = 0; q <= i; q++) {
+            const int low = column[i] < column[q] ? column[i] : column[q];
+            a[o->f + (long)low * o->width + abs(column[i] - column[q])] +=
+                weight * value[i] * value[q];
+        }
+    for (int e = 0; e < edges; e++) {
+        const int b = column[length + e];
+        const double factor = weight * value[length + e];
+        double *to = a + o->l + b * o->side + (is_list ? 0 : o->first[r]);
+        if (is_list)
+            for (int q = 0; q < length; q++) to[column[q]] += factor * value[q];
+        else
+            for (int q = 0; q < length; q++) to[q] += factor * value[q];
+        for (int d = 0; d < edges; d++) {
+            const int other = column[length + d];
+            if (other <= b) a[o->s + b * o->border + other] += factor * value[length + d];
+        }
+    }
+}
+
+static int same_columns(const Layout *o, int r, int q)
+{
+    return o->length[r] > 0 && o->length[r] == o->length[q] && o->first[r] == o->first[q];
+}
+
+static int factor_band(const Layout *o, double *a)
+{
+    const int width = o->width, n = o->band;
+    for (int j = 0; j < n; j++) {
+        double *column = a + o->f + (long)j * width, kept[WIDEST + WIDE];
+        if (!(column[0] > SMALLEST)) return 0;
+        const double pivot = sqrt(column[0]), inverse = 1.0 / pivot;
+        int length = width < n - j ? width : n - j;
+        while (length > 1 && column[length - 1] == 0.0) length--;
+        for (int i = 0; i < length; i++) kept[i] = column[i] *= inverse;
+        for (int i = length; i < length + WIDE; i++) kept[i] = 0.0;
+        for (int i = 1; i < length; i++) {
+            double *to = column + (long)i * width;
+            for (int q = i; q < length; q += WIDE)
+                AT(to + q - i) -= kept[i] * AT(kept + q);
+        }
+    }
+    return 1;
+}
+
+static void forward(const Layout *o, const double *a, double *x)
+{
+    for (int j = 0; j < o->band; j++) {
+        const double *column = a + o->f + (long)j * o->width;
+        const double value = x[j] /= column[0];
+        for (int i = 1; i < o->width; i++) x[j + i] -= column[i] * value;
+    }
+}
+
+static int factor_border(const Layout *o, double *a)
+{
+    const int nb = o->border;
+    double *s = a + o->s;
+    for (int b = 0; b < nb; b++) {
+        double *x = a + o->l + b * o->side;
+        forward(o, a, x);
+        for (int q = 0; q <= b; q++) {
+            const double *y = a + o->l + q * o->side;
+            double sum = s[b * nb + q];
+            for (int j = 0; j < o->band; j++) sum -= x[j] * y[j];
+            for (int k = 0; k < q; k++) sum -= s[b * nb + k] * s[q * nb + k];
+            if (q < b) s[b * nb + q] = sum / s[q * nb + q];
+            else if (!(sum > SMALLEST)) return 0;
+            else s[b * nb + b] = sqrt(sum);
+        }
+    }
+    return 1;
+}
+
+void ma27bd_(const int *size, const int *entries, const int *irn, const int *icn, double *a,
+             const int *la, int *iw, const int *liw, int *ikeep, const int *nsteps, int *maxfrt,
+             int *iw1, int *icntl, double *cntl, int *info)
+{
+    const int count = *entries;
+    (void)la, (void)liw, (void)nsteps, (void)iw1, (void)icntl, (void)cntl;
+    memset(info, 0, 20 * sizeof *info);
+    *maxfrt = 1;
+    Layout o = {.rows = count_rows(*size, count, irn, icn)};
+    const int n = *size - 2 * o.rows, m = o.rows, sizes[] = {n, m, ikeep[n]};
+    if (memcmp(iw, sizes, sizeof sizes) != 0) {
+        if (!analyse(&o, *size, count, irn, icn, ikeep, iw)) {
+            info[0] = MEMORY_LACKS;
+            return;
+        }
+        memcpy(iw, sizes, sizeof sizes);
+        memcpy(o.place, ikeep, n * sizeof *ikeep);
+        iw[3] = o.border, iw[4] = o.band, iw[5] = o.width, iw[6] = o.entries, iw[7] = count;
+    }
+    o.unknowns = n, o.border = iw[3], o.band = iw[4], o.width = iw[5], o.entries = iw[6];
+    lay_out(&o, count, iw);
+    memset(a + count, 0, (o.x - count) * sizeof *a);
+    for (int k = 0; k < count; k++) a[o.to[k]] += a[k];
+    memcpy(a + o.f, a + o.h, (o.b - o.f) * sizeof *a);
+    memcpy(a + o.l, a + o.b, (o.c - o.l) * sizeof *a);
+    memcpy(a + o.s, a + o.c, (o.sigma - o.s) * sizeof *a);
+    for (int r = 0, end; r < m; r = end) {
+        double weight[BLOCK];
+        for (end = r; end < m && end < r + BLOCK && (end == r || same_columns(&o, r, end)); end++) {
+            const double sigma = a[o.sigma + end];
+            weight[end - r] = sigma / (1.0 - sigma * a[o.delta + end]); /* -Delta is given */
+            add_row(&o, a, end, weight[end - r]);
+        }
+        if (o.length[r] > 0) add_block(&o, a, r, end, weight);
+    }
+    info[14] = factor_band(&o, a) && factor_border(&o, a) ? m : m + 1;
+}
+
+static double row_times(const Layout *o, const double *a, int r, const double *x)
+{
+    const double *value = a + o->row + o->start[r];
+    const int length = abs(o->length[r]), count = o->start[r + 1] - o->start[r];
+    const int *column = o->column + o->start[r];
+    double sum = 0.0;
+    if (o->length[r] > 0)
+        for (int q = 0; q < length; q++) sum += value[q] * x[o->first[r] + q];
+    else
+        for (int q = 0; q < length; q++) sum += value[q] * x[column[q]];
+    for (int q = length; q < count; q++) sum += value[q] * x[o->side + column[q]];
+    return sum;
+}
+
+static void add_times_row(const Layout *o, const double *a, int r, double factor, double *x)
+{
+    const double *value = a + o->row + o->start[r];
+    const int length = abs(o->length[r]), count = o->start[r + 1] - o->start[r];
+    const int *column = o->column + o->start[r];
+    if (o->length[r] > 0)
+        for (int q = 0; q < length; q++) x[o->first[r] + q] += value[q] * factor;
+    else
+        for (int q = 0; q < length; q++) x[column[q]] += value[q] * factor;
+    for (int q = length; q < count; q++) x[o->side + column[q]] += value[q] * factor;
+}
+
+/* Solution in the place of the right side: of unknowns, band and border, then slacks and rows. */
+static void solve(const Layout *o, double *a, const int *place, double *right)
+{
+    const int nb = o->border, m = o->rows, n = o->unknowns;
+    double *x = a + o->x, *border = x + o->side, *of_slacks = right + n, *of_rows = of_slacks + m;
+    const double *s = a + o->s;
+    memset(x, 0, (o->side + nb) * sizeof *x);
+    for (int i = 0; i < n; i++) (place[i] < 0 ? border - 1 - place[i] : x + place[i])[0] = right[i];
+    for (int r = 0; r < m; r++) {
+        const double sigma = a[o->sigma + r], scale = 1.0 - sigma * a[o->delta + r];
+        add_times_row(o, a, r, (sigma * of_rows[r] + of_slacks[r]) / scale, x);
+    }
+    forward(o, a, x);
+    for (int b = 0; b < nb; b++) {
+        const double *l = a + o->l + b * o->side;
+        for (int j = 0; j < o->band; j++) border[b] -= l[j] * x[j];
+        for (int k = 0; k < b; k++) border[b] -= s[b * nb + k] * border[k];
+        border[b] /= s[b * nb + b];
+    }
+    for (int b = nb - 1; b >= 0; b--) {
+        for (int k = b + 1; k < nb; k++) border[b] -= s[k * nb + b] * border[k];
+        border[b] /= s[b * nb + b];
+        const double *l = a + o->l + b * o->side;
+        for (int j = 0; j < o->band; j++) x[j] -= l[j] * border[b];
+    }
+    for (int j = o->band; j < o->side; j++) x[j] = 0.0;
+    for (int j = o->band - 1; j >= 0; j--) {
+        const double *column = a + o->f + (long)j * o->width;
+        double value = x[j];
+        for (int i = 1; i < o->width; i++) value -= column[i] * x[j + i];
+        x[j] = value / column[0];
+    }
+    for (int i = 0; i < n; i++) right[i] = place[i] < 0 ? border[-1 - place[i]] : x[place[i]];
+    for (int r = 0; r < m; r++) {
+        const double sigma = a[o->sigma + r], delta = -a[o->delta + r];
+        const double along = row_times(o, a, r, x) - of_rows[r];
+        const double y = (sigma * along - of_slacks[r]) / (1.0 + sigma * delta);
+        of_slacks[r] = along - delta * y, of_rows[r] = y;
+    }
+}
+
+/* Right side less the matrix times a solution, into `left`; its largest entry. */
+static double residual(const Layout *o, double *a, const int *place, const double *right,
+                       const double *solution, double *left)
+{
+    const int n = o->unknowns, m = o->rows, nb = o->border, band = o->band;
+    const double *s = solution + n, *y = s + m;
+    double *x = a + o->x, *product = a + o->product, most = 0.0;
+    memset(x, 0, (o->side + nb) * sizeof *x);
+    memset(product, 0, (o->side + nb) * sizeof *product);
+    for (int i = 0; i < n; i++)
+        (place[i] < 0 ? x + o->side - 1 - place[i] : x + place[i])[0] = solution[i];
+    for (int r = 0; r < m; r++) {
+        left[n + r] = right[n + r] - a[o->sigma + r] * s[r] + y[r];
+        left[n + m + r] = right[n + m + r] - row_times(o, a, r, x) + s[r] - a[o->delta + r] * y[r];
+        add_times_row(o, a, r, y[r], product);
+    }
+    for (int j = 0; j < band; j++) {
+        const double *column = a + o->h + (long)j * o->width;
+        double sum = column[0] * x[j];
+        for (int i = 1; i < o->width; i++) {
+            sum += column[i] * x[j + i];
+            product[j + i] += column[i] * x[j];
+        }
+        product[j] += sum;
+    }
+    for (int b = 0; b < nb; b++) {
+        const double *of_border = a + o->b + b * o->side, *corner = a + o->c;
+        double sum = 0.0;
+        for (int j = 0; j < band; j++) {
+            sum += of_border[j] * x[j];
+            product[j] += of_border[j] * x[o->side + b];
+        }
+        for (int d = 0; d < nb; d++)
+            sum += (d < b ? corner[b * nb + d] : corner[d * nb + b]) * x[o->side + d];
+        product[o->side + b] += sum;
+    }
+    for (int i = 0; i < n; i++)
+        left[i] = right[i] - product[place[i] < 0 ? o->side - 1 - place[i] : place[i]];
+    for (int i = 0; i < n + 2 * m; i++)
+        if (!(fabs(left[i]) <= most)) most = fabs(left[i]);
+    return most;
+}
+
+void ma27cd_(const int *size, double *a, const int *la, int *iw, const int *liw, double *w,
+             const int *maxfrt, double *rhs, int *iw1, const int *nsteps, int *icntl, double *cntl)
+{
+    const int length = *size, *place;
+    (void)la, (void)liw, (void)w, (void)maxfrt, (void)iw1, (void)nsteps, (void)icntl, (void)cntl;
+    Layout o = {.unknowns = iw[0], .rows = iw[1], .border = iw[3], .band = iw[4], .width = iw[5]};
+    o.entries = iw[6];
+    lay_out(&o, iw[7], iw);
+    place = o.place;
+    double *right = a + o.right, *left = a + o.left, *kept = a + o.kept, wanted = 0.0, last;
+    memcpy(right, rhs, length * sizeof *right);
+    for (int i = 0; i < length; i++) wanted = fmax(wanted, fabs(rhs[i]));
+    solve(&o, a, place, rhs);
+    last = residual(&o, a, place, right, rhs, left);
+    for (int round = 0; round < MOST_REFINED && last > ACCURATE * wanted; round++) {
+        memcpy(kept, rhs, length * sizeof *kept);
+        solve(&o, a, place, left);
+        for (int i = 0; i < length; i++) rhs[i] += left[i];
+        const double now = residual(&o, a, place, right, rhs, left);
+        if (!(now < last)) {
+            memcpy(rhs, kept, length * sizeof *kept);
+            break;
+        }
+        last = now;
+    }
+}

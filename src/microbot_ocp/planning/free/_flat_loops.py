@@ -1,0 +1,432 @@
+"""Motion and derivatives in the windows of a flat program: by numpy, and the same in C.
+
+With ``y_d`` derivative d of the position in a window, ``y_d = sum_m W_dm T^(p_m - d) u_m``, a limit
+g(y_0, y_1, y_2) has the slopes ``g_y W`` by the unknowns and ``g_y dy/dT`` by the duration, and a
+weighted sum of limits with the second derivatives G and the gradient g the second derivatives
+
+``W' G W``,  ``W' G dy/dT + (dW/dT)' g``  and  ``(dy/dT)' G dy/dT + g' d^2y/dT^2``.
+
+``_windows.c`` has the loops that numpy has no words for; without a compiler numpy does the same.
+
+Theory: docs/theory/flat.md.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import subprocess
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from microbot_ocp._base import codegen
+from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.codegen import build_library, compiles
+from microbot_ocp.planning.free._flat_rows import NOWHERE, FlatRows, Scales, WindowPlaces
+from microbot_ocp.planning.free._point_limits import ORDERS
+from microbot_ocp.planning.free._spline import PLACES, IntArray, Windows
+
+FLAGS = ("-ffast-math", "-fno-finite-math-only")
+
+
+@dataclass(frozen=True, eq=False)
+class Form:
+    """Sizes that all windows of a program share.
+
+    Attributes
+    ----------
+    joints, rows, points : int
+        n, limits at a point R, points P.
+    torques : array of int [J]
+        Limits whose rates are limited.
+    pairs : array of int [B,2]
+        Orders of the derivatives that blocks of second derivatives are by.
+    scales : Scales
+    starts : array [m-1,n]
+        Positions that coefficients of a phase are relative to.
+    jerk_weight : array [n]
+        Of the squared jerk in the cost.
+    """
+
+    joints: int
+    rows: int
+    points: int
+    torques: IntArray
+    pairs: IntArray
+    scales: Scales
+    starts: FloatArray
+    jerk_weight: FloatArray
+
+
+@dataclass(eq=False)
+class MovedWindows:
+    """Windows of one size with the motion in them at the last unknowns.
+
+    Attributes
+    ----------
+    weights, weight_slopes : arrays [K,3,3,M]
+        W T^(p-d) and its slope by the duration.
+    y, y_slopes, y_curvature : arrays [K,3,3,n]
+        Position, velocity, acceleration at start, middle and end, with slopes and second
+        derivatives by the duration.
+    jerk_weights, jerk_weight_slopes : arrays [K,M]
+    jerk, jerk_slopes, jerk_curvature : arrays [K,n]
+    """
+
+    windows: Windows
+    places: WindowPlaces
+    form: Form
+
+    def __post_init__(self) -> None:
+        (count, unknowns), joints = self.windows.columns.shape, self.form.joints
+        self.weights, self.weight_slopes = np.zeros((2, count, PLACES.size, ORDERS, unknowns))
+        shape = (3, count, PLACES.size, ORDERS, joints)
+        self.y, self.y_slopes, self.y_curvature = np.zeros(shape)
+        self.jerk_weights, self.jerk_weight_slopes = np.zeros((2, count, unknowns))
+        self.jerk, self.jerk_slopes, self.jerk_curvature = np.zeros((3, count, joints))
+
+
+class NumpyLoops:
+    """The loops by numpy."""
+
+    def __init__(self, moved: Sequence[MovedWindows]) -> None:
+        self.moved = moved
+
+    def move(self, x: FloatArray, T: FloatArray, q: FloatArray) -> None:
+        """Work out the motion at unknowns x with durations T; q [3,P,n] at all points, positions
+        relative to the start of the phase.
+        """
+        for moved in self.moved:
+            windows, n = moved.windows, moved.form.joints
+            u = x[windows.columns[..., None] + np.arange(n)]
+            u = u - windows.anchored[..., None] * moved.form.starts[windows.phase][:, None]
+            times = T[windows.phase][:, None, None]
+            orders = np.arange(ORDERS)[:, None]
+            parts = self._moved(windows.weights, windows.powers, orders, times, u)
+            moved.weights[...], moved.weight_slopes[...], moved.y[...] = parts[:3]
+            moved.y_slopes[...], moved.y_curvature[...] = parts[3:]
+            q[:, windows.points[:, windows.own]] = moved.y[:, windows.own].transpose(2, 0, 1, 3)
+            if windows.is_interval:
+                given = windows.jerks[:, None, None], windows.powers, np.array([[ORDERS]])
+                w, w_slopes, *jerks = (part[:, 0, 0] for part in self._moved(*given, times, u))
+                moved.jerk_weights[...], moved.jerk_weight_slopes[...] = w, w_slopes
+                moved.jerk[...], moved.jerk_slopes[...], moved.jerk_curvature[...] = jerks
+
+    @staticmethod
+    def _moved(
+        weights: FloatArray, powers: FloatArray, orders: Any, T: FloatArray, u: FloatArray
+    ) -> list[FloatArray]:
+        exponents = powers[:, None, :] - orders
+        factor = T**exponents
+        slope = factor * exponents / T
+        curvature = slope * (exponents - 1.0) / T
+        parts = [weights * power[:, None] for power in (factor, slope, curvature)]
+        return [*parts[:2], *(part @ u[:, None] for part in parts)]
+
+    def cost(self, T: FloatArray, gradient: FloatArray) -> float:
+        """Return the sum of durations and weighted squares of jerks; its gradient is added."""
+        total, durations = float(T.sum()), gradient[-T.size :]
+        durations += 1.0
+        for moved in self.moved:
+            windows = moved.windows
+            if not windows.is_interval:
+                continue
+            squares = (moved.jerk**2) @ moved.form.jerk_weight * windows.lengths
+            total += float(squares @ T[windows.phase])
+            spans = (windows.lengths * T[windows.phase])[:, None]
+            slope = 2.0 * moved.jerk * moved.form.jerk_weight * spans
+            columns = windows.columns[..., None] + np.arange(moved.form.joints)
+            np.add.at(gradient, columns, moved.jerk_weights[..., None] * slope[:, None])
+            np.add.at(durations, windows.phase, (slope * moved.jerk_slopes).sum(1) + squares)
+        return total
+
+    def jacobian(
+        self, T: FloatArray, values: FloatArray, slopes: FloatArray, entries: FloatArray
+    ) -> None:
+        """Work out the entries of the Jacobian from values [P,R] and slopes [P,3*R*n] of limits."""
+        for moved in self.moved:
+            windows, form, to = moved.windows, moved.form, moved.places
+            (count, unknowns), n, own = windows.columns.shape, form.joints, windows.own
+            by_motion = slopes.reshape(-1, ORDERS, form.rows * n)[windows.points]
+            block = (moved.weights.swapaxes(2, 3) @ by_motion).reshape(
+                count, PLACES.size, unknowns, form.rows, n
+            )
+            shaped = by_motion.reshape(count, PLACES.size, ORDERS, form.rows, n)
+            by_time = np.einsum("kldri,kldi->klr", shaped, moved.y_slopes)
+            _put(entries, to.limit, block[:, own])
+            _put(entries, to.limit_time, by_time[:, own])
+            motion = form.scales.motion
+            _put(entries, to.bound, moved.weights[:, own, :, :, None] / motion[:, None])
+            _put(entries, to.bound_time, moved.y_slopes[:, own] / motion)
+            if to.rate is not None:
+                factor, scale = self._rates(moved, T)
+                chosen = np.diff(block[..., form.torques, :], axis=1) * factor[..., None, None]
+                _put(entries, to.rate, chosen / scale[:, None])
+                steps = np.diff(values[windows.points][..., form.torques], axis=1)
+                change = np.diff(by_time[..., form.torques], axis=1)
+                change -= steps / T[windows.phase][:, None, None]
+                _put(entries, to.rate_time, change * factor / scale)
+            if to.jerk is not None:
+                _put(entries, to.jerk, moved.jerk_weights[..., None] / form.scales.jerk)
+                _put(entries, to.jerk_time, moved.jerk_slopes / form.scales.jerk)
+
+    @staticmethod
+    def _rates(moved: MovedWindows, T: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the factor [K,1,1] of differences of torques, and their scales [J]."""
+        phase, scales = moved.windows.phase, moved.form.scales
+        return (scales.durations / T)[phase][:, None, None], scales.change[moved.form.torques]
+
+    def hessian(
+        self,
+        T: FloatArray,
+        values: FloatArray,
+        slopes: FloatArray,
+        blocks: FloatArray,
+        gradient: FloatArray,
+        of_rates: FloatArray,
+        of_jerks: FloatArray,
+        of_cost: float,
+        entries: FloatArray,
+    ) -> None:
+        """Add the entries of the Hessian.
+
+        Parameters
+        ----------
+        T : durations
+        values, slopes : of limits, as for the Jacobian; only used where torque rates are limited
+        blocks : array [P,B*n*n], second derivatives of the weighted limits
+        gradient : array [P,3n], slopes of all weighted rows by the motion at the points
+        of_rates : array [P,J], weights of differences of torques
+        of_jerks : array [P,n], weights of jerks
+        of_cost : weight of the cost
+        entries : array
+        """
+        for moved in self.moved:
+            windows, form, to = moved.windows, moved.form, moved.places
+            (count, unknowns), n, own = windows.columns.shape, form.joints, windows.own
+            points = windows.points[:, own]
+            weights, y_slopes = moved.weights[:, own], moved.y_slopes[:, own]
+            block = blocks.reshape(-1, len(form.pairs), n, n)[points]
+            slope = gradient.reshape(-1, ORDERS, n)[points]
+            part = np.zeros((count, unknowns, unknowns, n, n))
+            turned = np.zeros((count, points.shape[1], ORDERS, n))
+            for b, (d, e) in enumerate(form.pairs.tolist()):
+                one, two = weights[:, :, d], weights[:, :, e]
+                product = np.einsum("klm,klo,klij->kmoij", one, two, block[:, :, b], optimize=True)
+                part += product
+                turned[:, :, d] += np.einsum("klij,klj->kli", block[:, :, b], y_slopes[:, :, e])
+                if d != e:
+                    part += product.transpose(0, 2, 1, 4, 3)
+                    turned[:, :, e] += np.einsum("klij,kli->klj", block[:, :, b], y_slopes[:, :, d])
+            by_time = np.einsum("kldm,kldi->kmi", weights, turned)
+            by_time += np.einsum("kldm,kldi->kmi", moved.weight_slopes[:, own], slope)
+            twice = (y_slopes * turned + slope * moved.y_curvature[:, own]).sum(axis=(1, 2, 3))
+            if windows.is_interval:
+                self._add_jerks(moved, T, of_jerks, of_cost, part, by_time, twice)
+            if to.rate is not None:
+                self._add_rates(moved, T, values, slopes, of_rates, by_time, twice)
+            for place, value in (
+                (to.hessian, part),
+                (to.hessian_time, by_time),
+                (to.time_time, twice),
+            ):
+                kept = place != NOWHERE
+                np.add.at(entries, place[kept], value[kept])
+
+    @staticmethod
+    def _add_jerks(
+        moved: MovedWindows,
+        T: FloatArray,
+        of_jerks: FloatArray,
+        of_cost: float,
+        part: FloatArray,
+        by_time: FloatArray,
+        twice: FloatArray,
+    ) -> None:
+        windows, diagonal = moved.windows, np.arange(moved.form.joints)
+        weight, lengths = 2.0 * of_cost * moved.form.jerk_weight, windows.lengths[:, None]
+        spans = lengths * T[windows.phase][:, None]
+        w, of_rows = moved.jerk_weights, of_jerks[windows.points[:, 0]]
+        products = (w[:, :, None] * w[:, None, :] * spans[..., None])[..., None]
+        part[..., diagonal, diagonal] += products * weight
+        slope = weight * moved.jerk
+        change = slope * lengths + spans * weight * moved.jerk_slopes
+        by_time += w[..., None] * change[:, None]
+        by_time += moved.jerk_weight_slopes[..., None] * (slope * spans + of_rows)[:, None]
+        twice += (
+            2.0 * slope * moved.jerk_slopes * lengths
+            + spans * (weight * moved.jerk_slopes**2 + slope * moved.jerk_curvature)
+            + of_rows * moved.jerk_curvature
+        ).sum(axis=1)
+
+    @staticmethod
+    def _add_rates(
+        moved: MovedWindows,
+        T: FloatArray,
+        values: FloatArray,
+        slopes: FloatArray,
+        of_rates: FloatArray,
+        by_time: FloatArray,
+        twice: FloatArray,
+    ) -> None:
+        """Add what rows of rates have besides differences of torques: the duration below them."""
+        windows, form = moved.windows, moved.form
+        weight = of_rates[windows.points[:, :2]]  # [K,2,J]
+        change = np.diff(np.pad(weight, ((0, 0), (1, 1), (0, 0))), axis=1)
+        of_torques = slopes.reshape(-1, ORDERS, form.rows, form.joints)[windows.points]
+        sums = -np.einsum("klr,kldri->kldi", change, of_torques[..., form.torques, :])
+        times = T[windows.phase]
+        by_time -= np.einsum("kldm,kldi->kmi", moved.weights, sums) / times[:, None, None]
+        steps = np.diff(values[windows.points][..., form.torques], axis=1)
+        twice -= 2.0 * (sums * moved.y_slopes).sum(axis=(1, 2, 3)) / times
+        twice += 2.0 * (weight * steps).sum(axis=(1, 2)) / times**2
+
+
+def _put(entries: FloatArray, places: IntArray | None, values: FloatArray) -> None:
+    assert places is not None
+    kept = places != NOWHERE
+    entries[places[kept]] = np.broadcast_to(values, places.shape)[kept]
+
+
+# the same in C -----------------------------------------------------------------------------------
+
+
+class _Form(ctypes.Structure):
+    _fields_ = [
+        *((name, ctypes.c_long) for name in ("joints", "rows", "rated", "pairs", "points")),
+        *((name, ctypes.c_void_p) for name in ("torque", "first", "second", "bound_scale")),
+        *(
+            (name, ctypes.c_void_p)
+            for name in ("rate_scale", "jerk_scale", "jerk_weight", "typical", "starts")
+        ),
+    ]
+
+
+_OF_WINDOWS = {
+    name: np.intc if name in ("phase", "columns", "points") else float
+    for name in ("phase", "columns", "points", "powers", "anchored", "weights", "jerks", "lengths")
+}
+_OF_PLACES = tuple(field.name for field in fields(WindowPlaces))
+_OF_MOTION = (
+    *("weights", "weight_slopes", "y", "y_slopes", "y_curvature"),
+    *("jerk_weights", "jerk_weight_slopes", "jerk", "jerk_slopes", "jerk_curvature"),
+)
+
+
+class _Windows(ctypes.Structure):
+    _fields_ = [
+        *((n, ctypes.c_long) for n in ("count", "unknowns", "own_begin", "own_end", "inside")),
+        *((name, ctypes.c_void_p) for name in _OF_WINDOWS),
+        *((f"to_{name}", ctypes.c_void_p) for name in _OF_PLACES),
+        *((f"moved_{name}", ctypes.c_void_p) for name in _OF_MOTION),
+    ]
+
+
+class CompiledLoops(NumpyLoops):
+    """The loops in C, with the same arrays."""
+
+    def __init__(self, moved: Sequence[MovedWindows], library: ctypes.CDLL) -> None:
+        super().__init__(moved)
+        self._library, self._kept = library, list[Any]()
+        form = moved[0].form
+        scales, joints = form.scales, form.torques
+        numbers = form.joints, form.rows, joints.size, len(form.pairs), form.points
+        arrays = (
+            *(np.asarray(part, dtype=np.intc) for part in (joints, *form.pairs.T)),
+            *(
+                scales.motion,
+                scales.change[joints],
+                scales.jerk,
+                form.jerk_weight,
+                scales.durations,
+                form.starts,
+            ),
+        )
+        self._form = _Form(*numbers, *map(self._address, arrays))
+        self._windows = [self._structure(each) for each in moved]
+        widest = max(each.windows.columns.shape[1] for each in moved)
+        n, rows = form.joints, form.rows
+        first = PLACES.size * rows * (widest * n + 1) + widest * joints.size * n
+        second = (widest**2 + widest) * n**2 + (ORDERS + widest) * n
+        self._work = self._address(np.zeros(max(first, second)))
+
+    def _address(self, array: FloatArray | IntArray | None) -> int | None:
+        if array is None:
+            return None
+        array = np.ascontiguousarray(array)
+        self._kept.append(array)
+        return array.ctypes.data
+
+    def _structure(self, moved: MovedWindows) -> _Windows:
+        windows = moved.windows
+        own = windows.own
+        sizes = *windows.columns.shape, own.start, own.stop, windows.is_interval
+        given = (np.asarray(getattr(windows, k), dtype=v) for k, v in _OF_WINDOWS.items())
+        places = (getattr(moved.places, name) for name in _OF_PLACES)
+        motion = (getattr(moved, name) for name in _OF_MOTION)
+        return _Windows(
+            *sizes, *(self._address(array) for part in (given, places, motion) for array in part)
+        )
+
+    def _each(self, name: str, *given: Any) -> None:
+        function = getattr(self._library, name)
+        for windows in self._windows:
+            function(ctypes.byref(windows), ctypes.byref(self._form), *given)
+
+    def move(self, x: FloatArray, T: FloatArray, q: FloatArray) -> None:
+        self._each("windows_move", _at(x), _at(T), _at(q))
+
+    def cost(self, T: FloatArray, gradient: FloatArray) -> float:
+        total = np.array([T.sum()])
+        durations = gradient[-T.size :]
+        durations += 1.0
+        self._each("windows_cost", _at(T), _at(durations), _at(gradient), _at(total))
+        return float(total[0])
+
+    def jacobian(
+        self, T: FloatArray, values: FloatArray, slopes: FloatArray, entries: FloatArray
+    ) -> None:
+        work = ctypes.c_void_p(self._work)
+        self._each("windows_jacobian", _at(T), _at(values), _at(slopes), work, _at(entries))
+
+    def hessian(
+        self,
+        T: FloatArray,
+        values: FloatArray,
+        slopes: FloatArray,
+        blocks: FloatArray,
+        gradient: FloatArray,
+        of_rates: FloatArray,
+        of_jerks: FloatArray,
+        of_cost: float,
+        entries: FloatArray,
+    ) -> None:
+        arrays = map(_at, (T, values, slopes, blocks, gradient, of_rates, of_jerks))
+        work = ctypes.c_void_p(self._work)
+        self._each("windows_hessian", *arrays, ctypes.c_double(of_cost), work, _at(entries))
+
+
+def _at(array: FloatArray) -> ctypes.c_void_p:
+    return ctypes.c_void_p(array.ctypes.data)
+
+
+@lru_cache(maxsize=1)
+def _library(cc: str) -> ctypes.CDLL | None:
+    text = Path(__file__).with_name("_windows.c").read_text("utf-8")
+    try:
+        return ctypes.CDLL(str(build_library(text, "windows", cc, "-O3", further=FLAGS)))
+    except (OSError, RuntimeError, subprocess.SubprocessError):
+        return None  # numpy does the same, more slowly
+
+
+def loops_of(rows: FlatRows, form: Form, places: Sequence[WindowPlaces]) -> NumpyLoops:
+    """Return the loops of a program: in C where there is a compiler."""
+    pairs = zip(rows.layout.every, places, strict=True)
+    moved = [MovedWindows(windows, place, form) for windows, place in pairs]
+    cc = codegen.compiler() if compiles() else None
+    library = _library(cc) if cc is not None else None
+    return NumpyLoops(moved) if library is None else CompiledLoops(moved, library)

@@ -1,0 +1,197 @@
+"""Limits at a point of a motion as functions of q, qd and qdd, with their derivatives.
+
+They are evaluated for all points of a program at once. Torques bring their own derivatives where
+these are smaller than automatic ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import lru_cache, reduce
+from operator import add
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.fast_calls import FastCall, table_call
+from microbot_ocp.limits import LimitFamily, MotionSamples
+from microbot_ocp.planning.task import finite_scale, torques_of
+from microbot_ocp.robot import Robot, torque_derivatives
+
+STATE = ("q", "qd", "qdd")
+ORDERS = len(STATE)
+
+
+@dataclass(frozen=True, eq=False)
+class PointLimits:
+    """Functions of q, qd, qdd [P,n] and the mass at the tool [P,1] at all points.
+
+    Attributes
+    ----------
+    names : tuple of (key, component, side)
+        Limit that each row is of, and "lower" or "upper" where its bound varies: the row is then
+        how far the value is beyond it.
+    labels : tuple of str
+        Names of the rows.
+    scale : array [R]
+        Divides each row.
+    values : callable
+        Rows [P,R].
+    slopes : callable
+        Rows [P,R], and their derivatives by q, qd and qdd [P,3*R*n] in this order.
+    curvature : callable
+        Of weights [P,R], too: gradient [P,3n] of the weighted sum, and its second derivatives
+        [P,B*n*n] by ``pairs``.
+    pairs : tuple of (int, int), B
+        Orders of the derivatives that the blocks of the curvature are by.
+    """
+
+    names: tuple[tuple[str, int, str], ...]
+    labels: tuple[str, ...]
+    scale: FloatArray
+    values: FastCall
+    slopes: FastCall
+    curvature: FastCall
+    pairs: tuple[tuple[int, int], ...]
+
+    @property
+    def count(self) -> int:
+        """Number of rows at a point."""
+        return len(self.names)
+
+    def bounds(
+        self, family: LimitFamily, widened: Mapping[str, tuple[FloatArray, FloatArray]]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the scaled bounds [R] of the rows under the limits of a family, some of them
+        ``widened``.
+        """
+        low, high = np.full((2, self.count), np.inf) * [[-1.0], [1.0]]
+        for row, (key, component, side) in enumerate(self.names):
+            if side:
+                high[row] = 0.0
+            elif key in family:
+                sides = widened.get(key, (family[key].lower, family[key].upper))
+                low[row], high[row] = (side[component] for side in sides)
+        return low / self.scale, high / self.scale
+
+
+@lru_cache(maxsize=32)
+def point_limits(robot: Robot, keys: tuple[str, ...], payload: bool = False) -> PointLimits:
+    """Return the functions of the limits of these keys of a robot.
+
+    Parameters
+    ----------
+    robot : Robot
+        With limits; bounds that vary are expressions, the others numbers that may change.
+    keys : tuple of str
+        Of limits that do not depend on the jerk.
+    payload : bool
+        Whether a mass at the tool is an argument of the torques; else it is none.
+    """
+    n = robot.joint_count
+    state, mass = [ca.SX.sym(name, n) for name in STATE], ca.SX.sym("payload")
+    parts = [part for key in keys for part in _parts(robot, key, state, [mass] if payload else [])]
+    weight = ca.vertcat(*(part.weight for part in parts))
+    value, jacobian = (ca.vertcat(*(getattr(p, k) for p in parts)) for k in ("value", "jacobian"))
+    gradient = reduce(add, (part.gradient for part in parts), ca.SX(ORDERS * n, 1))
+    hessian = reduce(add, (part.hessian for part in parts), ca.SX(ORDERS * n, ORDERS * n))
+    blocks = {
+        (d, e): hessian[d * n : (d + 1) * n, e * n : (e + 1) * n]
+        for d in range(ORDERS)
+        for e in range(d, ORDERS)
+    }
+    blocks = {pair: block for pair, block in blocks.items() if block.nnz() or pair == (0, 0)}
+    by_order = [jacobian[:, d * n : (d + 1) * n] for d in range(ORDERS)]
+    slopes = ca.vertcat(*map(_row_major, by_order))
+    curvature = ca.vertcat(*map(_row_major, blocks.values()))
+    outputs = {
+        "values": ([], [value]),
+        "slopes": ([], [value, slopes]),
+        "curvature": ([weight], [gradient, curvature]),
+    }
+    calls = [
+        table_call(ca.Function(name, [*state, mass, *more], ca.cse([*map(ca.densify, given)])))
+        for name, (more, given) in outputs.items()
+    ]
+    names, labels = (
+        tuple(k for part in parts for k in getattr(part, key)) for key in ("names", "labels")
+    )
+    scale = np.concatenate([np.zeros(0), *(part.scale for part in parts)])
+    values, slopes_of, curvature_of = calls
+    return PointLimits(names, labels, scale, values, slopes_of, curvature_of, tuple(blocks))
+
+
+class _Part(NamedTuple):
+    """Rows of one limit, scaled, with derivatives of their weighted sum."""
+
+    names: list[tuple[str, int, str]]
+    labels: list[str]
+    scale: FloatArray
+    weight: ca.SX
+    value: ca.SX
+    jacobian: ca.SX
+    gradient: ca.SX
+    hessian: ca.SX
+
+
+def _parts(robot: Robot, key: str, state: list[ca.SX], held: list[ca.SX]) -> Iterator[_Part]:
+    family, y, n = LimitFamily.of(robot), ca.vertcat(*state), robot.joint_count
+    member = next((m for m in family if m.key == key), None)
+    if key == "tau":
+        bounds = robot.limits.bounds("tau")
+        scale = finite_scale(*bounds)
+        names, labels = [(key, k, "") for k in range(n)], ["torque"] * n
+        own, weight = torque_derivatives(robot, payload=bool(held)), ca.SX.sym("weight", n)
+        if own is not None:
+            value, jacobian = own[0](*state, *held)
+            slope, hessian = own[1](*state, *held, weight / ca.DM(scale))
+            inverse = ca.diag(1.0 / ca.DM(scale))
+            rows = inverse @ value, inverse @ jacobian[:, : 3 * n]
+            yield _Part(
+                names, labels, scale, weight, *rows, slope[: 3 * n], hessian[: 3 * n, : 3 * n]
+            )
+            return
+        value, _ = torques_of(robot, ["tau"], bool(held))(*state, None, *held)
+        yield _with_derivatives(names, labels, scale, value, y, weight)
+        return
+    assert member is not None
+    value, lower, upper = family.expressions([key], (*state, ca.SX(n, 1)))[key]
+    size = member.lower.size
+    if not member.varies:
+        scale = finite_scale(member.lower, member.upper) * np.ones(size)
+        names, labels = [(key, k, "") for k in range(size)], [member.name] * size
+        yield _with_derivatives(names, labels, scale, value, y)
+        return
+    usual = family.values(MotionSamples.at_rest(np.zeros(n)), [key])[key]
+    for side, sign, bound, typical in (
+        ("lower", -1.0, lower, usual.lower),
+        ("upper", 1.0, upper, usual.upper),
+    ):
+        if not isinstance(bound, ca.SX) and not np.isfinite(bound).any():
+            continue
+        room = sign * (value - (bound if isinstance(bound, ca.SX) else ca.DM(bound)))
+        scale = finite_scale(np.ravel(typical), np.ravel(typical)) * np.ones(size)
+        names = [(key, k, side) for k in range(size)]
+        yield _with_derivatives(names, [f"{member.name}, {side} limit"] * size, scale, room, y)
+
+
+def _with_derivatives(
+    names: list[tuple[str, int, str]],
+    labels: list[str],
+    scale: FloatArray,
+    value: ca.SX,
+    y: ca.SX,
+    weight: ca.SX | None = None,
+) -> _Part:
+    value = value / ca.DM(scale)
+    weight = ca.SX.sym("weight", scale.size) if weight is None else weight
+    hessian, gradient = ca.hessian(ca.dot(weight, value), y)
+    return _Part(names, labels, scale, weight, value, ca.jacobian(value, y), gradient, hessian)
+
+
+def _row_major(block: ca.SX) -> ca.SX:
+    """Return the entries of a matrix, row after row."""
+    return ca.densify(ca.vec(ca.densify(block).T))

@@ -1,0 +1,255 @@
+"""The flat program: its derivatives, its optimum, and the band solver behind IPOPT."""
+
+import ctypes
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import microbot_ocp as mo
+from microbot_ocp._base import codegen
+from microbot_ocp.limits import LimitFamily
+from microbot_ocp.ocp import SolverSettings
+from microbot_ocp.ocp.solvers import solve_on
+from microbot_ocp.ocp.solvers._ldl import band_library
+from microbot_ocp.planning.free import (
+    FlatTranscription,
+    flat_form,
+    initial_guesses,
+    phase_names,
+    transcription,
+)
+from microbot_ocp.planning.free._flat_loops import NumpyLoops
+from microbot_ocp.planning.free._flat_program import FlatProgram
+from planning.shared import VIA_Q, arm
+
+needs_a_compiler = pytest.mark.skipif(codegen.compiler() is None, reason="there is no C compiler")
+TIGHT = SolverSettings("ipopt", tolerance=1e-8, gap=np.inf)
+
+
+def flat_of(robot, via, payload=False) -> FlatTranscription:
+    form = flat_form(robot, np.ascontiguousarray(via).tobytes(), len(via), payload=payload)
+    assert form is not None
+    return form
+
+
+def guess_of(robot, via):
+    first, *_ = initial_guesses(LimitFamily.of(robot), via, phase_names(len(via) - 1), 3, 0)
+    return first.guesses
+
+
+def uneven_program(robot, via, seed=1) -> tuple[FlatProgram, np.ndarray]:
+    """Return a small program on an uneven mesh, and unknowns near a guess."""
+    rng, form = np.random.default_rng(seed), flat_of(robot, via)
+    meshes = [np.r_[0.0, np.sort(rng.uniform(0.02, 0.98, 6)), 1.0] for _ in via[1:]]
+    program = form.program(meshes)
+    x = form.starting_point(program, guess_of(robot, via)).x
+    return program, x + 0.01 * rng.normal(size=x.size)
+
+
+def dense(sparsity, entries):
+    return np.array(ca.DM(sparsity, entries))
+
+
+def differences(function, x, step=1e-6):
+    columns = [(function(x + d) - function(x - d)) / (2 * step) for d in step * np.eye(x.size)]
+    return np.array(columns).T
+
+
+LIMITED = {
+    "torques": {},
+    "accelerations": {"qdd_max": 30.0},
+    "tool": {"also": [mo.limits.tool_speed(2.0), mo.limits.power(300.0)]},
+}
+
+
+@pytest.mark.parametrize("changes", LIMITED.values(), ids=LIMITED)
+def test_derivatives_are_those_of_differences(microbot, changes):
+    program, x = uneven_program(microbot.with_limits(**changes), VIA_Q)
+    lam = np.random.default_rng(0).normal(size=program.row_lower.size)
+    slope, _, entries = program.slopes(x)
+    jacobian = dense(program.structure.jacobian, entries)
+
+    def close(found, wanted):
+        np.testing.assert_allclose(found, wanted, atol=1e-8 * np.abs(wanted).max())
+
+    close(slope, differences(program.cost, x))
+    close(jacobian, differences(program.row_values, x))
+    upper = dense(program.structure.hessian, program.evaluation.hessian(x, 0.7, lam))
+
+    def gradient(x):
+        slope, _, entries = program.slopes(x)
+        return 0.7 * slope + dense(program.structure.jacobian, entries).T @ lam
+
+    close(upper + np.triu(upper, 1).T, differences(gradient, x))
+    np.testing.assert_allclose(program.stationarity(x, lam)[0], slope + jacobian.T @ lam)
+
+
+@needs_a_compiler
+@pytest.mark.parametrize("name", ["microbot", "ur5e"])
+def test_numpy_and_c_do_the_same(name):
+    robot = mo.load_robot(name)
+    via = VIA_Q if name == "microbot" else 0.5 * np.random.default_rng(3).normal(size=(3, 6))
+    program, x = uneven_program(robot, via)
+    lam = np.random.default_rng(0).normal(size=program.row_lower.size)
+    evaluation = program.evaluation
+    assert type(evaluation.loops) is not NumpyLoops
+
+    def everything():
+        evaluation._at = b""
+        return evaluation.gradient(x)[1], *evaluation.jacobian(x), evaluation.hessian(x, 0.7, lam)
+
+    in_c = [part.copy() for part in everything()]
+    evaluation.loops = NumpyLoops(evaluation.loops.moved)
+    for fast, slow in zip(in_c, everything(), strict=True):
+        np.testing.assert_allclose(fast, slow, rtol=1e-10, atol=1e-12 * np.abs(slow).max())
+
+
+def test_the_derivative_test_of_ipopt_finds_no_error(capfd):
+    robot, via = arm(), np.array([[0.0, 0.0], [1.0, 0.5], [0.5, 1.0]])
+    options = {
+        "derivative_test": "second-order",
+        "derivative_test_perturbation": 1e-7,
+        "derivative_test_tol": 0.1,  # differences to one side: a missing entry is all wrong
+        "max_iter": 0,
+        "print_level": 3,
+    }
+    settings = SolverSettings("ipopt", gap=np.inf, options={"ipopt": options})
+    solve_on(flat_of(robot, via), 6, guess_of(robot, via), settings)
+    assert "No errors detected by derivative checker" in capfd.readouterr().out
+
+
+def test_its_optimum_is_that_of_the_program_with_states(microbot):
+    """Both keep limits at mesh points and in the middles of intervals."""
+    stated = transcription(microbot, VIA_Q.tobytes(), len(VIA_Q), False)
+    guess = guess_of(microbot, VIA_Q)
+    with_states = solve_on(stated, 20, guess, TIGHT)
+    without = solve_on(flat_of(microbot, VIA_Q), 20, guess, TIGHT)
+    assert with_states.status.solved
+    assert without.status.solved
+    assert without.cost == pytest.approx(with_states.cost, rel=1e-6)
+    for before, after in zip(with_states.phases, without.phases, strict=True):
+        np.testing.assert_allclose(after["q"], before["q"], atol=1e-3)
+
+
+def test_its_mesh_points_are_one_spline(microbot):
+    solution = solve_on(flat_of(microbot, VIA_Q), 12, guess_of(microbot, VIA_Q), TIGHT)
+    for phase in solution.phases:
+        t = np.linspace(0.0, phase.duration, 50)
+        values, h = phase.sample(t), 1e-6
+        slope = (phase.sample(t[1:-1] + h)["q"] - phase.sample(t[1:-1] - h)["q"]) / (2 * h)
+        np.testing.assert_allclose(slope, values["qd"][1:-1], atol=1e-5)
+    for before, after in zip(solution.phases[:-1], solution.phases[1:], strict=True):
+        for key in ("q", "qd", "qdd"):
+            np.testing.assert_allclose(before[key][-1], after[key][0], atol=1e-12)
+
+
+def test_a_finer_mesh_begins_with_the_multipliers_of_the_coarser_one(microbot):
+    form, guess = flat_of(microbot, VIA_Q), guess_of(microbot, VIA_Q)
+    rough = SolverSettings("ipopt", tolerance=1e-6, gap=np.inf)
+    coarse = solve_on(form, 20, guess, rough)
+    mesh = [np.linspace(0.0, 1.0, 41)] * 2  # every interval halved
+    warm, cold = solve_on(form, mesh, coarse, rough), solve_on(form, mesh, guess, rough)
+    assert warm.duration == pytest.approx(cold.duration, rel=1e-5)
+    assert warm.attempts[0].iterations < cold.attempts[0].iterations
+
+
+def test_the_payload_is_a_number_of_the_program(microbot):
+    form, guess = flat_of(microbot, VIA_Q, payload=True), guess_of(microbot, VIA_Q)
+    numbers = {name: {"payload": 1.0} for name in phase_names(2)}
+    held = solve_on(form.with_parameters(numbers), 20, guess, TIGHT)
+    other = solve_on(flat_of(microbot.with_payload(1.0), VIA_Q), 20, guess, TIGHT)
+    assert held.duration == pytest.approx(other.duration, rel=1e-6)
+
+
+def test_what_it_cannot_state_is_left_to_the_program_with_states():
+    via = np.array([[0.0, 0.0], [1.0, 0.5]])
+    rated = arm().with_limits(taud_max=1000.0)
+    averaged = arm().with_limits(also=[mo.limits.rms_torque(50.0)])
+    for robot in (rated, averaged):
+        assert flat_form(robot, via.tobytes(), 2) is None
+
+
+# the band solver ----------------------------------------------------------------------------------
+
+
+def banded_matrix(rng, unknowns=30, rows=50, width=4, border=2):
+    """Return entries of IPOPT's matrix of a program with inequality rows, H positive definite."""
+    size = unknowns + border
+    hessian, jacobian = np.zeros((size, size)), np.zeros((rows, size))
+    for k in range(unknowns):
+        hessian[k, max(0, k - width) : k] = rng.normal(size=min(k, width))
+    hessian[unknowns:, :unknowns] = 0.1 * rng.normal(size=(border, unknowns))
+    hessian = hessian + hessian.T + np.diag(rng.uniform(10.0, 20.0, size))
+    for r in range(rows):
+        first = rng.integers(0, unknowns - width)
+        jacobian[r, first : first + width] = rng.normal(size=width)
+        jacobian[r, unknowns + rng.integers(border)] = rng.normal()
+    sigma, delta = 10.0 ** rng.uniform(-3, 5, rows), rng.uniform(0.0, 1e-6, rows)
+    matrix = np.block(
+        [
+            [hessian, np.zeros((size, rows)), jacobian.T],
+            [np.zeros((rows, size)), np.diag(sigma), -np.eye(rows)],
+            [jacobian, -np.eye(rows), -np.diag(delta)],
+        ]
+    )
+    return matrix, rows
+
+
+def factored(matrix, rows):
+    """Return what the band solver makes of a matrix: negative eigenvalues, and a function that
+    solves.
+    """
+    library, size = ctypes.CDLL(str(band_library())), len(matrix)
+    row, column = np.nonzero(np.tril(matrix))
+    slack = size - rows + np.arange(rows)  # Delta stands in the structure where it is zero
+    missing = slack[matrix[slack, slack] == 0.0]
+    row, column = (np.concatenate([part, missing]) for part in (row, column))
+    irn, icn = (np.ascontiguousarray(part + 1, dtype=np.intc) for part in (row, column))
+    integers = [np.zeros(n, dtype=np.intc) for n in (3 * size, 2 * size, 30, 20)]
+    keep, work, icntl, info = integers
+    count, n = ctypes.c_int(row.size), ctypes.c_int(size)
+    one, real = ctypes.c_int(1), (ctypes.c_double * 5)()
+    at = lambda array: ctypes.c_void_p(array.ctypes.data)  # noqa: E731
+    by = ctypes.byref
+    library.ma27ad_(
+        by(n), by(count), at(irn), at(icn), None, None, at(keep), at(work), by(one), by(one),
+        at(icntl), real, at(info), real,
+    )  # fmt: skip
+    assert info[0] == 0
+    a, iw = np.zeros(info[4]), np.zeros(info[5], dtype=np.intc)
+    a[: row.size] = matrix[row, column]
+    library.ma27bd_(
+        by(n), by(count), at(irn), at(icn), at(a), None, at(iw), None, at(keep), by(one), by(one),
+        at(work), at(icntl), real, at(info),
+    )  # fmt: skip
+
+    def solve(right):
+        x = right.copy()
+        library.ma27cd_(
+            by(n), at(a), None, at(iw), None, None, by(one), at(x), at(work), by(one), at(icntl),
+            real,
+        )  # fmt: skip
+        return x
+
+    return info[14], solve
+
+
+@needs_a_compiler
+@pytest.mark.parametrize("seed", range(5))
+def test_the_band_solver_solves_and_tells_the_inertia(seed):
+    rng = np.random.default_rng(seed)
+    matrix, rows = banded_matrix(
+        rng, width=int(rng.integers(2, 12)), border=int(rng.integers(1, 4))
+    )
+    negative, solve = factored(matrix, rows)
+    assert negative == rows == (np.linalg.eigvalsh(matrix) < 0).sum()
+    right = rng.normal(size=len(matrix))
+    np.testing.assert_allclose(matrix @ solve(right), right, atol=1e-8)
+
+
+@needs_a_compiler
+def test_the_band_solver_tells_what_is_not_positive_definite():
+    matrix, rows = banded_matrix(np.random.default_rng(0))
+    matrix[0, 0] = -1e9
+    assert factored(matrix, rows)[0] > rows
