@@ -674,3 +674,41 @@ def test_a_pose_that_is_passed_is_kept_as_nearly_as_via_points() -> None:
     kept = played_task(mo.load_robot("ur5e"), profile, stops, None, False).stops
     assert [stop.orientation_tolerance for stop in kept] == [0.0, NEAR, 0.0]
     assert [float(stop.tolerance) for stop in kept] == [0.0, NEAR, 0.0]
+
+
+def test_marks_on_the_way_need_no_stops(microbot):
+    """Via points of a plain motion were taken for stops that nobody had given."""
+    shape = mo.quintic([[0, 0, 0], [0.3, 0.4, 0.2], [0.5, 0.8, 0.4]], [0.0, 1.5, 3.0])
+    marks = [mo.motion.Mark(t, name) for t, name in zip((0.0, 1.5, 3.0), "abc", strict=True)]
+    motion = mo.Motion.from_polynomial(microbot, shape, label="via", marks=marks)
+    for profile in ("hold@100", "ros2_jtc_cubic@50", "ros2_jtc_linear@50"):
+        command = mo.execution.commanded(microbot, motion, profile)
+        assert command.accepted
+        assert [mark.name for mark in command.rows.marks] == ["a", "b", "c"]
+
+
+@pytest.mark.thorough
+@pytest.mark.slow
+def test_a_plan_is_made_again_where_rounding_its_jumps_off_costs_more():
+    """Rows of a free motion took up to 17 % longer than those of a plan that limits the jerk."""
+    robot, profile = mo.load_robot("ur5e"), "ros2_jtc_cubic@100"
+    via = np.random.default_rng(0).uniform(-1.5, 1.5, (3, 6))
+    motion = mo.time_optimal(robot, via, starts=1)
+    anonymous = replace(motion, provenance={})  # of it nobody knows how it was planned
+    command, before = (mo.execution.commanded(robot, m, profile) for m in (motion, anonymous))
+    assert command.accepted
+    assert before.accepted
+    assert command.rows.t[-1] < 0.97 * before.rows.t[-1]
+    assert "planned again" in command.rows.label
+    assert "again" not in before.rows.label
+    assert mo.check(robot, command.rows, profile).ok
+    passed = [np.abs(command.executed.q - pose).max(axis=1).min() for pose in via]
+    assert max(passed) < 5e-3
+    # what had other limits, or shall take longer, keeps its way
+    for other in (robot.with_limits(qd_max=9.0), robot.with_limits(also=[mo.limits.power(9e9)])):
+        rows = mo.execution.commanded(other, motion, profile).rows
+        assert "again" not in rows.label
+    calm = motion.stretched(robot, 1.05)
+    rows = mo.execution.commanded(robot, calm, "ros2_jtc_cubic@50").rows
+    assert "again" not in rows.label
+    assert rows.t[-1] >= calm.duration

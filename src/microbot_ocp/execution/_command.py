@@ -20,9 +20,9 @@ from microbot_ocp.execution._load import refuse_other_arm, torques_through
 from microbot_ocp.execution._moved_in import Leg, Part, drawn_in, state_of
 from microbot_ocp.execution._profile import HELD, Profile, load_profile
 from microbot_ocp.execution._rows import CommandRows
-from microbot_ocp.limits import ROUNDING, LimitFamily
+from microbot_ocp.limits import LIMIT_TOLERANCE, ROUNDING, LimitFamily
 from microbot_ocp.motion import JUMP_GAP, Columns, Mark, Motion, State, write_columns
-from microbot_ocp.planning import Segment, Task
+from microbot_ocp.planning import FREE, Segment, Task, limits_digest, time_optimal
 from microbot_ocp.planning.free._within_limits import SLOWING
 from microbot_ocp.robot import Robot
 from microbot_ocp.scene import Scene
@@ -91,8 +91,10 @@ def commanded(
     controller makes of the rows exceeds a limit, of the robot or of the profile, the motion is
     slowed down evenly, until it does not any more. Where accelerations or torques that jump cost
     more than some steps so, they are rounded off: by the cubic B-spline of samples some steps
-    apart, at most 1e-3 rad (m) off. Of these the soonest is returned. Where their execution would
-    leave a tool line or a range of positions, rows are moved in.
+    apart, at most 1e-3 rad (m) off. A motion of :func:`microbot_ocp.time_optimal` through joint
+    poses, without a ``scene``, is also planned again with a limit of the jerk, so that only its via
+    points stay; the label of the rows says so. Of these the soonest is returned. Where their
+    execution would leave a tool line or a range of positions, rows are moved in.
 
     Of a motion through stops this is done from rest to rest with what the tool holds there, so that
     grip and release are at rows; the certificate is that of every stretch.
@@ -145,6 +147,10 @@ def commanded(
     if task is None:
         families = [LimitFamily.of(robot, chosen.limits_of(robot))]
         rows = _soonest(Leg(families, motion, chosen))
+        again = None if scene else _planned_again(robot, motion, rows, chosen)
+        if again is not None:
+            sooner = _soonest(Leg(families, again, chosen))
+            rows = sooner if sooner.t[-1] < rows.t[-1] else rows
     else:
         rows = _rows_through(task, motion, chosen)
     profile_of = partial(efforts, profile=chosen)
@@ -153,6 +159,32 @@ def commanded(
     certificate = judged(robot, rows, curve, chosen, task, scene, simulated=True)
     cost = float(rows.t[-1]) - motion.duration
     return ControllerCommand(chosen, rows, curve, certificate, motion.duration, cost)
+
+
+def _planned_again(
+    robot: Robot, motion: Motion, rows: CommandRows, profile: Profile
+) -> Motion | None:
+    """Return another plan through the via points, whose accelerations take two steps to change by
+    their largest, where a motion of :func:`time_optimal` under these limits costs much as it is.
+
+    A jerk costs a plan little, but rows that see a jump of the acceleration much. No other motion
+    is planned again: one that is slower than such a plan had other limits or a wish besides.
+    """
+    made, limits = motion.provenance, profile.limits_of(robot)
+    known = [limits_digest(each) for each in (robot.limits, limits)]
+    if rows.t[-1] <= motion.duration + 3.0 * profile.step or len(motion.marks) < 2:
+        return None
+    if made.get("method") != FREE or made.get("limits_digest") not in known:
+        return None
+    via_q = motion.sample([mark.time for mark in motion.marks]).q
+    jerk = np.abs(motion.qdd).max() / (2.0 * profile.step)
+    gentle = robot.with_limits(limits)
+    gentle = gentle.with_limits(qddd_max=np.minimum(gentle.limits.qddd_max, jerk))
+    again = time_optimal(gentle, via_q, starts=1)
+    slower = again.duration >= (1.0 - LIMIT_TOLERANCE) * motion.duration
+    return (
+        replace(again, label=f"{motion.label}, planned again") if again.solved and slower else None
+    )
 
 
 def _refuse_outside(robot: Robot, motion: Motion, profile: Profile) -> None:

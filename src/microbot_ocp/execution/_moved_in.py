@@ -48,7 +48,7 @@ class Leg:
             if family.of_order(0):
                 yield history.t, history.samples.q, partial(_of_place, family)
         robot = self.families[0].robot
-        for stop, mark in zip(self.stops, curve.marks[1:-1], strict=True):
+        for stop, mark in zip(self.stops, curve.marks[1:-1], strict=bool(self.stops)):
             t = np.array([mark.time])
             yield t, curve.sample(t).q, partial(_misses, robot, stop)
 

@@ -15,6 +15,7 @@ from .path import (
     time_path as time_path,
 )
 from .search import (
+    FREE as FREE,
     Part as Part,
     Place as Place,
     ProvedPath as ProvedPath,
@@ -49,6 +50,7 @@ from .task import (
     check_via as check_via,
     checked_box as checked_box,
     is_task as is_task,
+    limits_digest as limits_digest,
     reach_of as reach_of,
     robust_limits as robust_limits,
     task_of as task_of,

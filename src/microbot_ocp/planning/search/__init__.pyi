@@ -7,6 +7,7 @@ from ._among_obstacles import (
 )
 from ._branches import least_duration as least_duration
 from ._prepared import TimeOptimalSolver as TimeOptimalSolver
+from ._result import FREE as FREE
 from ._settings import SEARCH as SEARCH, TimeOptimalSettings as TimeOptimalSettings
 from ._stop_motion import (
     Part as Part,

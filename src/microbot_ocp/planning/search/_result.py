@@ -55,6 +55,8 @@ from microbot_ocp.planning.task import (
 LEFT_OUT = "left out"  # status of a way that was not tried
 NONE_WITHIN = "The search found no motion within the limits."
 
+FREE = "free time-optimal motion, multiple shooting on the inverse dynamics"  # its method
+
 
 def returned(made_from: str) -> Advice:
     """Return advice on a motion that is returned in the place of a solution."""
@@ -196,7 +198,7 @@ def motion_of_answer(best: Fastest) -> Motion:
     outcome = replace(outcome, ledger=ledger_of(state, best.answer))
     starts = starts_of(state, problem.rested)
     optima = sorted({round(s["duration"], 3) for s in starts if s["status"] == "solved"})
-    method = "free time-optimal motion, multiple shooting on the inverse dynamics"
+    method = FREE
     remark = _remark(problem, len(starts), optima)
     if not problem.task.is_plain:
         method = "time-optimal motion through stops"

@@ -29,6 +29,7 @@ from ._checks import (
 )
 from ._ending import (
     largest as largest,
+    limits_digest as limits_digest,
     multipliers_of as multipliers_of,
     one_remark as one_remark,
     place_in_task as place_in_task,

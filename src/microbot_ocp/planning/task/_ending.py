@@ -17,6 +17,7 @@ import numpy as np
 
 from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.digest import digest_of
 from microbot_ocp._base.outcome import Advice, Outcome
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import (
@@ -125,6 +126,11 @@ def place_in_task(
     return f"{what} {where}" + ("" if at is None else f", {at:.4g} s after the first of them")
 
 
+def limits_digest(limits: JointLimits) -> str:
+    """Return a digest of limits, of the joints and others: 12 digits."""
+    return digest_of(joints=limits.as_dict(), also=limits.also)[:12]
+
+
 def provenance_of(
     method: str,
     family: LimitFamily,
@@ -143,6 +149,7 @@ def provenance_of(
         "intervals": [phase.mesh.size - 1 for phase in solution.phases],
         "phase_durations": [phase.duration for phase in solution.phases],
         "multipliers": multipliers_of(solution, family),
+        "limits_digest": limits_digest(family.robot.limits),
         **more,
         "wall_time": wall_time,
         "smoothing": smoothing,
