@@ -405,7 +405,7 @@ class FlatLayout:
         layout, unknowns = self.rows_of_all.layout, x * self.scales.unknowns
         duration = float(unknowns[layout.durations][self.index])
         q = _sampled(layout, self.index, unknowns, duration, self.start)
-        values = {str(key): table for key, table in zip(POINT_KEYS, q, strict=True)}
+        values: dict[str, FloatArray] = {"q": q[0], "qd": q[1], "qdd": q[2]}
         stages = np.hstack([*q, np.full((self.mesh.size, 1), duration)])
         return PhaseSolution(self.phase.name, duration, self.mesh, values, self, stages)  # type: ignore[arg-type]
 
