@@ -53,6 +53,11 @@ class Status(StrEnum):
         "Converged to a point that is stationary but no minimum, and no solve from there went "
         "below it: give a guess that is less symmetric.",
     )
+    OUTSIDE_TABLE = (
+        "outside of a table",
+        "Converged where a table is read outside of its grid, which extrapolates it: bound what it "
+        "is read at, or give it more points.",
+    )
     # refinement
     NOT_ACCEPTED = (
         "finer mesh not accepted",

@@ -267,11 +267,17 @@ def certificate_of(
     robot: Robot = family.robot
     tolerances = tolerances or Tolerances()
     t, ratio = dense_times(motion)
-    limit_checks, saturated = limit_checks_of(family, history or history_of(motion, t))
+    history = history or history_of(motion, t)
+    limit_checks, saturated = limit_checks_of(family, history)
     limit_checks += tuple(_mean_check(family, member, motion) for member in family.means)
     vias = [] if via is None else _check_vias(motion, via, t, tolerances.via)
     figures: dict[str, Any] = {}
     passed = [_limit_kept(check, tolerances.limit) for check in limit_checks]
+    if outside := family.outside_of_tables(history.samples):
+        read, k = outside
+        moment = start + float(history.t[k])
+        problem = f"{read.at(k)}, at {moment:.4g} s"
+        passed.append(Check("table", False, problem, read.name, moment, float(read.values[k])))
     if robot.has_dynamics and simulated:
         again = resimulate(robot, motion, tolerances.torque, start)
         stored = _stored_torque(robot, motion, tolerances.torque, start)

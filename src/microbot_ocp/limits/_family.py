@@ -19,11 +19,12 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.codegen import compiles
 from microbot_ocp._base.fast_calls import deferred_call
+from microbot_ocp._base.interpolants import Read, has_tables, reads
 from microbot_ocp._base.relations import is_relation, reason_of
 from microbot_ocp.limits._finite_slopes import with_finite_slopes
 from microbot_ocp.limits._joint_limits import JOINT_QUANTITIES, JointLimits, Limits
 from microbot_ocp.limits._limit import Limit
-from microbot_ocp.limits._use import nearest_bound, use_of
+from microbot_ocp.limits._use import LIMIT_TOLERANCE, nearest_bound, use_of
 
 STATE = ("q", "qd", "qdd", "qddd")
 OF_TORQUES = ("tau", "taud")
@@ -277,6 +278,22 @@ class LimitFamily:
         uses = [use.max(axis=1) - 1.0 for use in self.use(samples).values()]
         return np.max([np.full(len(samples.q), -1.0), *uses], axis=0)
 
+    def outside_of_tables(self, samples: MotionSamples) -> tuple[Read, int] | None:
+        """Return the table of a further limit that is read farthest outside of its grid, and at
+        which sample; None where none is.
+        """
+        found: list[tuple[float, Read, int]] = []
+        for limit in self.robot.limits.also:
+            function, _, used = _function(self.robot, (limit.key,))
+            if function.is_a("MXFunction"):  # those of scalars read no tables
+                given = function.mx_in()
+                table = np.hstack([samples[k] for k in used]).T
+                for each in reads(function.call(given, True, False), given, table):
+                    k = int(each.relative.argmax())
+                    found.append((float(each.relative[k]), each, k))
+        farthest = max(found, key=lambda one: one[0], default=None)
+        return None if farthest is None or farthest[0] <= LIMIT_TOLERANCE else farthest[1:]
+
     def expressions(
         self, keys: Sequence[str], state: Sequence[Any], torques: ca.Function | None = None
     ) -> dict[str, tuple[Any, Any, Any]]:
@@ -399,7 +416,7 @@ def _function(
     """
     further = {limit.key: limit for limit in robot.limits.also}
     reasons: list[str] = []
-    for symbol in (ca.SX.sym, ca.MX.sym):  # a table or a spline is no SX
+    for symbol in (ca.SX.sym, ca.MX.sym):  # of the second where a table or a spline is called
         symbols: list[Any] = [symbol(name, robot.joint_count) for name in STATE]
         if torques is not None:
             extra = [symbol(torques.name_in(k)) for k in range(4, torques.n_in())]
@@ -412,6 +429,8 @@ def _function(
             every = ca.vertcat(*outputs)
             used = tuple(k for k, s in enumerate(symbols) if ca.depends_on(every, s)) or (0,)
             function = ca.Function("limits", [symbols[k] for k in used], outputs)
+            if symbol is ca.SX.sym and has_tables(function):
+                continue
         except Exception as found:  # the expression is the user's
             reasons.append(reason_of(found))
             continue

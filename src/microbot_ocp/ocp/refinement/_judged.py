@@ -43,7 +43,8 @@ from microbot_ocp.ocp.transcription import Guess
 from microbot_ocp.ocp.verification import Judgement, Thresholds, better_controls, judge
 
 CONVERGED = (Status.SOLVED, Status.GAP_LEFT)
-FINAL = (*CONVERGED, Status.INTERRUPTED, Status.TOO_COARSE)  # no other strategy would change it
+# no other strategy would change it
+FINAL = (*CONVERGED, Status.INTERRUPTED, Status.TOO_COARSE, Status.OUTSIDE_TABLE)
 
 
 @dataclass(frozen=True)

@@ -236,7 +236,9 @@ class _Piece:
         count = self.rows.shape[0]
         threads = self.v.size1() >= LARGE_STAGE and count >= MANY_STAGES and spare_processor()
         mapped = function.map(count, "thread", 2) if threads else function.map(count)
-        return mapped.call([self.v, self.constants, *more])
+        outputs = mapped.call([self.v, self.constants, *more])
+        # a single call is written out, and loses nonzeros that are zero for good
+        return [ca.project(each, mapped.sparsity_out(k)) for k, each in enumerate(outputs)]
 
     def values(self, rows: _Entries) -> ca.MX:
         """Return cost; rows are added to those of the program."""

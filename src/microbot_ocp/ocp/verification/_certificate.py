@@ -116,7 +116,8 @@ class OCPLimitUse:
     Attributes
     ----------
     phase, name, component : which
-    kind : "state", "control", "algebraic", "constraint", "end constraint" or "duration"
+    kind : "state", "control", "algebraic", "constraint", "end constraint", "duration"
+        or "table", of which it is the argument
     time, value, limit, unit : where it is nearest to (or farthest beyond) its limit
     excess : by how much the limit is exceeded, in the unit; 0 where it is kept
     relative : the excess divided by half the range, or by the limit where there is only one

@@ -68,7 +68,8 @@ from microbot_ocp.ocp.verification._recomputation import (
 )
 from microbot_ocp.ocp.verification._reintegration import each_interval, interval_errors, resimulate
 
-JUDGED = (Status.TOO_COARSE, Status.SADDLE)  # by the same checks, which are made again
+# by the same checks, which are made again
+JUDGED = (Status.TOO_COARSE, Status.SADDLE, Status.OUTSIDE_TABLE)
 RESIDUALS = {
     "feasibility": "not feasible: {} is violated by {}",
     "stationarity": "not stationary: {} has a slope of {} left",
@@ -282,6 +283,13 @@ def _problems_of(solution: Solution, stages: Sequence[PhaseSolution]) -> list[Fa
 def _failures_of(checked: Judgement, cost_scale: float) -> Iterator[Failure]:
     """Yield what did not pass; nothing where all did."""
     cost, optimality, passes = checked.cost, checked.optimality, checked.passes
+    tables = [use for use in checked.limits if use.kind == "table"]
+    if tables and not (use := max(tables, key=lambda use: use.relative)).relative <= passes.excess:
+        sentence = (
+            f"table {_component(use.name, use.component)} is read at {use.value:.6g}, outside of "
+            f"its grid, which ends at {use.limit:.6g}, in phase {use.phase!r} at {use.time:.4g} s"
+        )
+        yield Failure(Status.OUTSIDE_TABLE, sentence)
     if not cost.error <= passes.cost:
         sentence = f"the cost is {cost.recomputed:.8g}, not the {cost.given:.8g} given"
         yield Failure(Status.FAILED, sentence)
@@ -301,7 +309,7 @@ def _failures_of(checked: Judgement, cost_scale: float) -> Iterator[Failure]:
             )
             yield Failure(Status.TOO_COARSE, sentence)
     for use in checked.limits:
-        if not use.relative <= passes.excess:
+        if use.kind != "table" and not use.relative <= passes.excess:
             sentence = (
                 f"{use.kind} {_component(use.name, use.component)} of phase {use.phase!r} is "
                 f"{use.value:.6g} {use.unit} at {use.time:.4g} s, {use.excess:.3g} beyond its "

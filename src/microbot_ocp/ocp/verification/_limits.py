@@ -8,10 +8,12 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
 
+import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.ocp.problem import Expressions
+from microbot_ocp._base.interpolants import reads
+from microbot_ocp.ocp.problem import Expressions, Phase
 from microbot_ocp.ocp.solution import PhaseSolution
 from microbot_ocp.ocp.transcription import DURATION, IntArray
 from microbot_ocp.ocp.verification._certificate import Arc, OCPLimitUse
@@ -106,7 +108,23 @@ def dense_phase(
         for limit in limits:
             values = expressions.function([limit.expression])(table[:, rows]).full().T
             limited += _limited(kind, limit, values, end=kind != "constraint")
+    for terms, rows in _readers(declared, t / phase.duration):
+        for name, k, values, low, high in reads(terms, expressions.symbols, table):
+            inside = np.where(rows, values, low)
+            limited.append(Limited("table", name, k, "", low, high, 1.0, inside))
     return DensePhase(phase, t, interval, limited)
+
+
+def _readers(phase: Phase, fractions: FloatArray) -> Iterator[tuple[list[ca.MX], np.ndarray]]:
+    """Yield expressions of a phase, and at which of some fractions [M] they are evaluated."""
+    limits = [k.expression for k in phase.constraints]
+    along = [*phase.derivatives.values(), *phase.running_costs, *phase.algebraic_equations]
+    yield [*along, *limits], np.ones(fractions.size, bool)
+    ends = [k.expression for k in phase.end_constraints]
+    yield [*phase.end_costs, *ends], fractions >= fractions[-1]
+    for point in (*phase.point_constraints, *phase.point_costs):
+        near = np.abs(fractions[:, None] - point.fractions).argmin(axis=0)
+        yield [point.expression], np.isin(np.arange(fractions.size), near)
 
 
 def _limited(kind: str, item: Any, values: FloatArray, end: bool = False) -> Iterator[Limited]:

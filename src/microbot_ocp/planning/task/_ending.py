@@ -48,10 +48,15 @@ def with_drives_noted(
     """Return the motion, whose note and outcome say what of the drives nothing is known of.
 
     These are limits of torques without masses, and torques on light links that alone decide how
-    fast it begins.
+    fast it begins. A motion that reads a table of a limit outside of its grid is not solved.
     """
     family = LimitFamily.of(robot, limits)
     advice = drive_advice(family.robot, motion.qdd)
+    if motion.solved and (outside := family.outside_of_tables(motion.samples(motion.t))):
+        read, k = outside
+        rest = motion.outcome.advice[1:]
+        ended = Outcome.of(Status.OUTSIDE_TABLE, None, Advice("table", read.at(k)), *rest)
+        motion = motion.ended(replace(ended, ledger=motion.outcome.ledger))
     rows = [("drives", advice), ("not judged", not_judged(family.unjudged))]
     rows = [Advice(kind, text) for kind, text in rows if text]
     new = [row for row in rows if row not in motion.outcome.advice]

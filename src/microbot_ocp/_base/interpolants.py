@@ -1,0 +1,180 @@
+"""Tables that expressions read: at which argument, and the range that they have.
+
+CasADi extrapolates beyond a grid without a word. It does not tell a grid either; its serialization
+with names of its members does. Not seen are tables in functions that are never to be written out,
+and in branches that are short-circuited.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from itertools import pairwise
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray
+
+
+class Lookup(NamedTuple):
+    """A table read in an expression: ``argument`` [d, K] in a grid from ``lower`` to ``upper``
+    [d], where the branches of ``casadi.if_else`` that it stands in are taken.
+    """
+
+    name: str
+    argument: ca.MX
+    lower: ca.MX
+    upper: ca.MX
+
+
+def lookups(expressions: Sequence[ca.MX]) -> list[Lookup]:
+    """Return tables (interpolants and B-splines of CasADi) that expressions read, also inside of
+    the functions that they call, each once.
+    """
+    column = ca.vertcat(ca.MX(0, 1), *map(ca.vec, expressions))
+    whole = ca.Function("whole", ca.symvar(column), [column])
+    found: list[Lookup] = []
+    for each in _all(expressions) if has_tables(whole) else ():
+        if not any(ca.is_equal(each.argument, other.argument, 9) for other in found):
+            found.append(each)
+    return found
+
+
+class Read(NamedTuple):
+    """One argument of a table at some points: ``values`` [M], and the range of its grid."""
+
+    name: str
+    component: int
+    values: FloatArray
+    lower: float
+    upper: float
+
+    @property
+    def relative(self) -> FloatArray:
+        """How far values [M] are outside of the grid, by half of its range."""
+        beyond = np.maximum(self.lower - self.values, self.values - self.upper)
+        return beyond / max((self.upper - self.lower) / 2, np.finfo(float).tiny)
+
+    def at(self, k: int) -> str:
+        """Return where the table is read at a point."""
+        value = self.values[k]
+        end = self.upper if value > self.lower else self.lower
+        name = f"{self.name}[{self.component}]" if self.component else self.name
+        return f"table {name} is read at {value:.6g}, outside of its grid, which ends at {end:.6g}"
+
+
+def reads(
+    expressions: Sequence[ca.MX], symbols: Sequence[ca.MX], table: FloatArray
+) -> Iterator[Read]:
+    """Yield what tables are read at, by a table of the values of all symbols [..., M].
+
+    Lookups by other symbols are left out.
+    """
+    for name, *parts in lookups(expressions):
+        given = [ca.vertcat(*symbols)]
+        run = ca.Function("read", given, [ca.vec(k.T) for k in parts], {"allow_free": True})
+        if run.has_free():
+            continue
+        argument, lower, upper = (np.array(k) for k in run(table))
+        columns = len(argument) // len(lower)
+        for row, values in enumerate(argument):
+            k = row // columns
+            yield Read(name, k, values, float(lower[k, 0]), float(upper[k, 0]))
+
+
+_Waiting = tuple[ca.MX, str, ca.MX]  # a node, the function that it is of, whether it is used
+
+
+def has_tables(function: ca.Function) -> bool:
+    """Return whether a function, or one that it calls, reads a table."""
+    return any(map(_has_table, (function, *function.find_functions())))
+
+
+def _has_table(function: ca.Function) -> bool:
+    """Return whether a function, without those that it calls, reads a table."""
+    if not function.is_a("MXFunction"):
+        return function.class_name().endswith("Interpolant")
+    nodes = range(function.n_instructions())
+    return any(function.instruction_id(k) in (ca.OP_LOW, ca.OP_BSPLINE) for k in nodes)
+
+
+def _all(expressions: Sequence[ca.MX]) -> Iterator[Lookup]:
+    always = ca.MX(1)
+    waiting: list[_Waiting] = [(each, "a table", always) for each in expressions]
+    seen: dict[tuple[int, int], _Waiting] = {}
+    while waiting:
+        node, label, used = here = waiting.pop()
+        if (key := (node.__hash__(), used.__hash__())) in seen:
+            continue
+        seen[key] = here  # alive, so that no other one has its hash
+        given = [node.dep(k) for k in range(node.n_dep())]
+        branch = ca.logic_and(used, given[0]) if node.op() == ca.OP_IF_ELSE_ZERO else used
+        waiting += [(e, label, branch if k else used) for k, e in enumerate(given)]
+        for name, argument, lower, upper in _read(node, label, given):
+            inside = ca.repmat(lower, 1, argument.shape[1])
+            yield Lookup(name, ca.if_else(used, argument, inside), lower, upper)
+        if node.is_call():
+            waiting += [(each, name, used) for each, name in _inside(node.which_function(), given)]
+
+
+def _read(node: ca.MX, label: str, given: Sequence[ca.MX]) -> Iterator[Lookup]:
+    """Yield the table that a node reads, if it does."""
+    if node.op() == ca.OP_LOW:  # a linear one that is written out
+        yield Lookup(label, given[1], given[0][0], given[0][-1])
+    elif node.op() == ca.OP_BSPLINE:
+        whole = _written(ca.Function("spline", ca.symvar(node), [node]))
+        knots = _vectors(whole, "BSplineCommon", "knots")
+        degree = _member(whole, "BSplineCommon::degree", "<i8")
+        ends = [(k[d], k[-d - 1]) for k, d in zip(knots, degree, strict=True)]
+        yield Lookup(label, given[0], *(ca.MX(ca.DM(each)) for each in zip(*ends, strict=True)))
+    elif node.is_call() and node.which_function().class_name().endswith("Interpolant"):
+        yield _interpolant(node.which_function(), given)
+
+
+def _inside(function: ca.Function, given: Sequence[ca.MX]) -> Iterator[tuple[ca.MX, str]]:
+    """Yield results of a function, written out where CasADi can, with its name."""
+    name, kind = function.name(), function.class_name()
+    calls = [given]
+    if kind in ("Map", "OmpMap", "ThreadMap"):
+        function = function.find_functions(0)[0]
+        count = [e.shape[1] // function.size2_in(k) for k, e in enumerate(given)]
+        parts = [ca.horzsplit_n(e, n) for e, n in zip(given, count, strict=True)]
+        calls = list(zip(*parts, strict=True))
+    if function.is_a("MXFunction") or (function.is_a("SXFunction") and function.find_functions()):
+        with suppress(RuntimeError):  # one that is never to be written out
+            yield from ((e, name) for call in calls for e in function.call(call, True, False))
+
+
+def _interpolant(function: ca.Function, given: Sequence[ca.MX]) -> Lookup:
+    whole = _written(function)
+    if "g" in function.name_in():
+        offsets = _member(whole, "Interpolant::offset", "<i8")
+        grid = given[function.name_in().index("g")]
+        ends = [(grid[a], grid[b - 1]) for a, b in pairwise(offsets)]
+        lower, upper = (ca.vertcat(*each) for each in zip(*ends, strict=True))
+    else:
+        grids = _vectors(whole, "Interpolant", "grid")
+        lower, upper = (ca.MX(ca.DM([grid[k] for grid in grids])) for k in (0, -1))
+    return Lookup(function.name(), ca.reshape(given[0], lower.shape[0], -1), lower, upper)
+
+
+def _written(function: ca.Function) -> bytes:
+    """Return the serialization of a function with the names of its members."""
+    letters = np.frombuffer(function.serialize({"debug": True}).encode(), np.uint8) - ord("a")
+    return (letters[::2] | letters[1::2] << 4).tobytes()  # one for four bits, the lower ones first
+
+
+def _vectors(whole: bytes, owner: str, name: str) -> list[np.ndarray]:
+    """Return vectors that stand in one, by their offsets."""
+    offsets = _member(whole, f"{owner}::offset", "<i8")
+    return np.split(_member(whole, f"{owner}::{name}", "<f8"), offsets[1:-1])
+
+
+def _member(whole: bytes, name: str, kind: str) -> np.ndarray:
+    """Return a member that is a vector: "V", "J" and its size, then entries with their kinds."""
+    start = whole.index(name.encode()) + len(name)
+    count = int.from_bytes(whole[start + 2 : start + 10], "little")
+    entry = np.dtype([("kind", "S1"), ("value", kind)])
+    return np.frombuffer(whole, entry, count, start + 10)["value"]

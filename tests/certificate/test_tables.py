@@ -1,0 +1,33 @@
+"""Limits whose tables are read outside of their grids: neither solved nor certified."""
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import microbot_ocp as mo
+
+VIA = np.radians([[0.0, 0.0, 0.0], [-8.0, 45.0, 30.0], [-90.0, 90.0, 90.0]])
+SPEEDS = ca.interpolant("derating", "linear", [[-0.2, 0.0, 0.2, 0.6]], [3.0, 3.0, 2.5, 2.0])
+LIMITS = {
+    "of a value": mo.Limit("use", lambda k: k.qd[0] / SPEEDS(k.q[0]), lower=-1.0, upper=1.0),
+    "of a bound": mo.Limit("elbow", lambda k: k.qd[2], upper=lambda k: SPEEDS(k.q[0])),
+}
+
+
+@pytest.mark.parametrize("kind", LIMITS)
+def test_a_motion_that_leaves_a_table_is_not_certified(kind):
+    robot = mo.load_robot("microbot").with_limits(also=[LIMITS[kind]])
+    motion = mo.time_optimal_path(robot, mo.straight_path(VIA))
+    assert motion.status == "outside of a table"
+    assert "derating is read at -1.57" in motion.advice
+    certificate = mo.certify(robot, motion)
+    assert not certificate.ok
+    assert "derating is read at -1.57" in certificate.verdict
+
+
+def test_within_the_table_it_is():
+    near = mo.Limit("use", lambda k: k.qd[0] / SPEEDS(k.q[0] / 10.0), lower=-1.0, upper=1.0)
+    robot = mo.load_robot("microbot").with_limits(also=[near])
+    motion = mo.time_optimal_path(robot, mo.straight_path(VIA))
+    assert motion.solved
+    assert mo.certify(robot, motion).ok
