@@ -14,35 +14,55 @@ from typing import Any
 
 STREAMS = ("stdout", "stderr")
 _lock = threading.Lock()
-_silent: set[int] = set()  # threads
+_silent: dict[str, set[int]] = {name: set() for name in STREAMS}  # threads
 
 
 class _Stream:
     """A stream that silent threads do not write to."""
 
-    def __init__(self, stream: Any) -> None:
-        self.stream = stream
+    def __init__(self, stream: Any, name: str) -> None:
+        self.stream, self.name = stream, name
 
     def write(self, text: str) -> int:
-        return len(text) if threading.get_ident() in _silent else self.stream.write(text)
+        silent = threading.get_ident() in _silent[self.name]
+        return len(text) if silent else self.stream.write(text)
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.stream, name)
 
 
 @contextlib.contextmanager
-def quiet() -> Iterator[None]:
-    """Print nothing from this thread; not to be entered twice by one."""
+def quiet(*names: str) -> Iterator[None]:
+    """Print nothing from this thread, to some streams or to both."""
+    me = threading.get_ident()
     with _lock:
-        if not _silent:
-            for name in STREAMS:
-                setattr(sys, name, _Stream(getattr(sys, name)))
-        _silent.add(threading.get_ident())
+        new = [name for name in names or STREAMS if me not in _silent[name]]
+        for name in new:
+            if not _silent[name]:
+                setattr(sys, name, _Stream(getattr(sys, name), name))
+            _silent[name].add(me)
     try:
         yield
     finally:
         with _lock:
-            _silent.remove(threading.get_ident())
-            for name in STREAMS if not _silent else ():
+            for name in new:
+                _silent[name].discard(me)
                 stream = getattr(sys, name)
-                setattr(sys, name, stream.stream if isinstance(stream, _Stream) else stream)
+                if not _silent[name] and isinstance(stream, _Stream):
+                    setattr(sys, name, stream.stream)
+
+
+@contextlib.contextmanager
+def aloud() -> Iterator[None]:
+    """Let through what this thread prints inside of :func:`quiet`: that of a user's function."""
+    me = threading.get_ident()
+    with _lock:
+        held = [name for name in STREAMS if me in _silent[name]]
+        for name in held:
+            _silent[name].remove(me)
+    try:
+        yield
+    finally:
+        with _lock:
+            for name in held:
+                _silent[name].add(me)

@@ -17,6 +17,7 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.quiet import aloud
 from microbot_ocp.ocp.problem import PythonFunction
 from microbot_ocp.ocp.solution._solution import PhaseSolution, unpack
 from microbot_ocp.ocp.transcription import Program
@@ -105,7 +106,8 @@ class Watch:
             cost = float(self.program.functions["gradient"](x, self.program.parameters)[0])
         worst = float(self.program.violations(x, self.program.row_values(x)).max())
         try:
-            self.progress(Iteration(self.solver, self.count, cost, worst, self.program, x))
+            with aloud():
+                self.progress(Iteration(self.solver, self.count, cost, worst, self.program, x))
         except BaseException as problem:  # raised again by the caller: solvers would swallow it
             self.stopped = True
             if not _interrupts(problem):

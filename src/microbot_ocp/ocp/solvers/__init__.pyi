@@ -2,7 +2,7 @@
 
 from ._chain import (
     SolveContext as SolveContext,
-    program_on as program_on,
+    not_started as not_started,
     run_chain as run_chain,
     solve_on as solve_on,
     transcribed as transcribed,

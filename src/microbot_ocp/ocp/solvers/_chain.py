@@ -24,6 +24,8 @@ import numpy as np
 
 from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.outcome import Outcome, remark
+from microbot_ocp._base.quiet import quiet
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.diagnosis import advice, finite_start
 from microbot_ocp.ocp.solution import (
@@ -41,7 +43,13 @@ from microbot_ocp.ocp.solution import (
 )
 from microbot_ocp.ocp.solvers._ldl import asks_for_ldl, without_ldl
 from microbot_ocp.ocp.solvers._plugins import SETTINGS, WARM_PUSHES, SolverSettings
-from microbot_ocp.ocp.solvers._run import Runner, SolverOutcome, Solvers, arguments_of
+from microbot_ocp.ocp.solvers._run import (
+    Runner,
+    SolverOutcome,
+    Solvers,
+    arguments_of,
+    first_cause,
+)
 from microbot_ocp.ocp.starts import cost_scale, scaled, starting_point
 from microbot_ocp.ocp.transcription import AnyProblem, Meshes, Program, Transcription
 from microbot_ocp.ocp.transcription.schemes import Scheme
@@ -65,30 +73,44 @@ def solve_on(
     With ``uneven`` a guess that is no solution is moved off what is symmetric. With ``once`` a
     solve that begins with multipliers is not repeated without where it does not converge.
     """
-    program, begin, build_time = program_on(transcription, mesh, guess, settings, uneven)
-    own = getattr(transcription, "solver_settings", None)
-    if own is not None:
-        settings = own(program, settings, warm_barrier(settings, program, begin))
-    return run_chain(program, settings, begin, progress=progress, build_time=build_time, once=once)
-
-
-def program_on(
-    transcription: Transcription,
-    mesh: Meshes,
-    guess: Given,
-    settings: SolverSettings,
-    uneven: bool = False,
-) -> tuple[Program, StartingPoint, float]:
-    """Return the program on a mesh, where it starts from a guess, and the time it took, s."""
     start = time.perf_counter()
     program = transcription.program(mesh)
     own = getattr(transcription, "starting_point", None)
     begin = own(program, guess) if own else starting_point(program, transcription.problem, guess)
     uneven = uneven and not isinstance(guess, Solution)
-    begin = replace(begin, x=finite_start(program, begin.x, uneven=uneven))
-    if not own:
-        program = with_cost_scale(program, begin.x, settings)
-    return program, begin, time.perf_counter() - start
+    try:
+        with quiet():
+            begin = replace(begin, x=finite_start(program, begin.x, uneven=uneven))
+            if not own:
+                program = with_cost_scale(program, begin.x, settings)
+    except RuntimeError as problem:
+        return not_started(program, settings, begin, problem)
+    spent = time.perf_counter() - start
+    if own:
+        barrier = warm_barrier(settings, program, begin)
+        settings = transcription.solver_settings(program, settings, barrier)  # pyright: ignore
+    return run_chain(program, settings, begin, progress=progress, build_time=spent, once=once)
+
+
+def not_started(
+    program: Program, settings: SolverSettings, start: StartingPoint, problem: RuntimeError
+) -> Solution:
+    """Return what there is where a function, such as an integrator, has no answer at the start."""
+    sentence = f"A function of the problem has no answer at the guess: {first_cause(problem)}"
+    failed = Attempt(settings.chain()[0], Status.FAILED, sentence, 0, np.inf, np.inf, 0.0, 0.0, 0.0)
+    return Solution(
+        status=Status.FAILED,
+        cost=np.inf,
+        phases=unpack(program.layouts, start.x),
+        attempts=(replace(failed, broke_down=True),),
+        row_multipliers=np.zeros(program.row_lower.size),
+        build_time=0.0,
+        variable_multipliers=np.zeros(start.x.size),
+        variables=start.x,
+        settings=settings.as_dict(),
+        start=start,
+        rows=Outcome.of(Status.FAILED).and_(remark(sentence)).advice,
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,6 +20,7 @@ import numpy as np
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import InputError
 from microbot_ocp._base.portable import Portable
+from microbot_ocp._base.quiet import quiet
 from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
 from microbot_ocp._base.writing import write_whole
 from microbot_ocp.ocp.diagnosis import finite_start
@@ -31,6 +32,7 @@ from microbot_ocp.ocp.solvers import (
     SolverSettings,
     arguments_of,
     create,
+    not_started,
     run_chain,
     transcribed,
     with_cost_scale,
@@ -134,9 +136,14 @@ class ParametricSolver(Portable):
             "durations": durations or {},
         }
         program = self.program if not any(given.values()) else self._changed(given)
-        start = self._start(program, guess)
-        if self._cost_scale is None:  # the same for all solves: solvers are made for it
-            self.scale_cost(None)
+        try:
+            with quiet():
+                start = self._start(program, guess)
+                if self._cost_scale is None:  # the same for all solves: solvers are made for it
+                    self.scale_cost(None)
+        except RuntimeError as problem:
+            given_start = self._given(program, guess)
+            return not_started(program, self.settings, given_start, problem)
         program = replace(program, cost_scale=self._cost_scale)
         barrier = warm_barrier(self.settings, program, start)
         settings, solvers = self.settings, self._solvers.setdefault(barrier, {})
@@ -205,10 +212,13 @@ class ParametricSolver(Portable):
         code.add(_values(program))
         return write_whole(path, code.dump())
 
-    def _start(self, program: Program, guess: Guesses | Solution | None) -> StartingPoint:
+    def _given(self, program: Program, guess: Guesses | Solution | None) -> StartingPoint:
         phases = (layout.phase for layout in program.layouts)
         problem = with_phases(self.transcription.problem, phases)
-        start = starting_point(program, problem, guess)
+        return starting_point(program, problem, guess)
+
+    def _start(self, program: Program, guess: Guesses | Solution | None) -> StartingPoint:
+        start = self._given(program, guess)
         return replace(start, x=finite_start(program, start.x))
 
     def _changed(self, given: Mapping[str, Mapping[str, Any]]) -> Program:

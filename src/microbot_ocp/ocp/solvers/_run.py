@@ -16,6 +16,7 @@ import numpy as np
 from microbot_ocp._base import deadline, interrupts
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.child_process import Died, OutOfTime, Send, can_fork, in_child
+from microbot_ocp._base.quiet import quiet
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.solution import Attempt, LastIterate, Progress, StartingPoint, Watch
 from microbot_ocp.ocp.solvers._ldl import BAND
@@ -215,7 +216,8 @@ def arguments_of(program: Program, start: StartingPoint) -> dict[str, Any]:
 
 
 def _called(solver: ca.Function, arguments: Mapping[str, Any]) -> _Answer:
-    result = solver(**arguments)
+    with quiet("stderr"):  # functions that fail at a trial point print their inputs
+        result = solver(**arguments)
     values = {key: np.array(result[key]).ravel() for key in ("x", "lam_g", "lam_x")}
     try:
         stats = solver.stats()
@@ -316,8 +318,12 @@ def checked(program: Program, x: FloatArray) -> tuple[float, float]:
     """Return the cost and largest violation of a bound or row at x, independent of what the solver
     reports.
     """
-    cost = program.cost(x)
-    worst = float(program.violations(x, program.row_values(x)).max())
+    try:
+        with quiet():
+            cost = program.cost(x)
+            worst = float(program.violations(x, program.row_values(x)).max())
+    except RuntimeError:  # an integrator has no answer there
+        return np.inf, np.inf
     return cost, worst if np.isfinite(cost) else np.inf
 
 

@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.quiet import quiet
 from microbot_ocp.ocp.problem import OptimalControlProblem, Phase, Range, Variable, parts_of
 from microbot_ocp.ocp.transcription import Guess, Guesses, GuessValue, sampled
 
@@ -292,7 +293,8 @@ class _Integrators:
             if not np.isfinite(table[first]).all():
                 break
             try:
-                result = self.half(x0=table[first], z0=z, p=given)
+                with quiet():  # of a failure SUNDIALS prints a line
+                    result = self.half(x0=table[first], z0=z, p=given)
             except RuntimeError:
                 break
             table[first + 1 : first + 1 + SETTINGS.middle] = np.array(result["xf"]).T

@@ -17,6 +17,7 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.portable import Portable
+from microbot_ocp._base.quiet import quiet
 from microbot_ocp.ocp.problem import Phase, Variable, node_variables, parts_of
 from microbot_ocp.ocp.transcription._kernels import (
     Derive,
@@ -265,8 +266,13 @@ class PhaseLayout(Portable):
         polynomial controls are kept within their bounds: :func:`within_bounds`.
         """
         v = _within_bounds(self.phase, self.kind, self.table(stages)[intervals]).T
-        dense = self.kind.kernels.dense(v, self.constants(intervals), share[None])
-        table = np.vstack([part.full() for part in dense])
+        try:
+            with quiet():
+                dense = self.kind.kernels.dense(v, self.constants(intervals), share[None])
+            table = np.vstack([part.full() for part in dense])
+        except RuntimeError:  # an integrator has no answer there
+            height = sum(k.size for k in interpolated_variables(self.phase))
+            table = np.full((height, intervals.size), np.nan)
         return parts_of(interpolated_variables(self.phase), table.T)
 
 

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import casadi as ca
 
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import InputError
+from microbot_ocp._base.quiet import quiet
 from microbot_ocp.ocp.problem import Phase
 from microbot_ocp.ocp.transcription.schemes._base import (
     Fraction,
@@ -67,17 +71,45 @@ def _runge_kutta(
     return x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4), h / 6 * (l1 + 2 * l2 + 2 * l3 + l4)
 
 
+_ADAPTIVE = ("cvodes", "idas")
+INTEGRATORS = (*_ADAPTIVE, "collocation", "rk")
+
+
 @dataclass(frozen=True)
 class IntegratorShooting:
     """Multiple shooting on a CasADi integrator: "cvodes", "idas", "collocation" or "rk".
 
     Adaptive integrators differentiate slowly; for stiff dynamics that a fixed step cannot follow.
+
+    Raises
+    ------
+    InputError
+        An integrator that there is not, or options that it does not take.
     """
 
     integrator: str = "cvodes"
     options: Mapping[str, Any] = field(default_factory=dict)
     points: tuple[float, ...] = (0.5,)
     order: int = 4
+
+    def __post_init__(self) -> None:
+        checks.one_of("integrator", self.integrator, INTEGRATORS)
+        x = ca.MX.sym("x")
+        try:
+            with quiet():
+                ca.integrator("probe", self.integrator, {"x": x, "ode": x}, 0.0, 1.0, self._options)
+        except (RuntimeError, NotImplementedError) as refused:
+            lines = [re.sub(r"^\S*\.cpp:\d+: ", "", k) for k in str(refused).splitlines()]
+            reason = next((k for k in lines if re.match("Unknown|Illegal", k)), lines[-1])
+            sentence = f"options of integrator {self.integrator!r} were refused: {reason}"
+            raise InputError(sentence) from None
+
+    @property
+    def _options(self) -> dict[str, Any]:
+        # without control of its error the running cost is integrated by steps for the states alone
+        tolerant = {"abstol": 1e-10, "reltol": 1e-10, "quad_err_con": True}
+        tolerant |= {"disable_internal_warnings": True, "show_eval_warnings": False}
+        return {**(tolerant if self.integrator in _ADAPTIVE else {}), **self.options}
 
     def variables(self, phase: Phase) -> tuple[StageVariable, ...]:
         """Return none: the state inside follows from the start."""
@@ -101,16 +133,10 @@ class IntegratorShooting:
             "ode": reach * inner.length * slope,
             "quad": reach * inner.length * cost,
         }
-        # without control of its error the running cost is integrated by steps for the states alone
-        tolerant = {"abstol": 1e-10, "reltol": 1e-10, "quad_err_con": True}
-        options = {**(tolerant if self.integrator in _ADAPTIVE else {}), **self.options}
-        run = ca.integrator("step", self.integrator, dae, 0.0, 1.0, options)
+        run = ca.integrator("step", self.integrator, dae, 0.0, 1.0, self._options)
 
         def after(fraction: Fraction) -> tuple[ca.MX, ca.MX]:
             result = run(x0=interval.x, p=ca.vertcat(*inputs, fraction))
             return result["xf"], result["qf"]
 
         return _shot(interval, after)
-
-
-_ADAPTIVE = ("cvodes", "idas")
