@@ -8,13 +8,13 @@ and in branches that are short-circuited.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from itertools import pairwise
 from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 
+from microbot_ocp._base.calls import written_out
 from microbot_ocp._base.checks import FloatArray
 
 
@@ -116,7 +116,9 @@ def _all(expressions: Sequence[ca.MX]) -> Iterator[Lookup]:
             inside = ca.repmat(lower, 1, argument.shape[1])
             yield Lookup(name, ca.if_else(used, argument, inside), lower, upper)
         if node.is_call():
-            waiting += [(each, name, used) for each, name in _inside(node.which_function(), given)]
+            function = node.which_function()
+            inside = written_out(function, given) or ()
+            waiting += [(each, function.name(), used) for each in inside]
 
 
 def _read(node: ca.MX, label: str, given: Sequence[ca.MX]) -> Iterator[Lookup]:
@@ -131,20 +133,6 @@ def _read(node: ca.MX, label: str, given: Sequence[ca.MX]) -> Iterator[Lookup]:
         yield Lookup(label, given[0], *(ca.MX(ca.DM(each)) for each in zip(*ends, strict=True)))
     elif node.is_call() and node.which_function().class_name().endswith("Interpolant"):
         yield _interpolant(node.which_function(), given)
-
-
-def _inside(function: ca.Function, given: Sequence[ca.MX]) -> Iterator[tuple[ca.MX, str]]:
-    """Yield results of a function, written out where CasADi can, with its name."""
-    name, kind = function.name(), function.class_name()
-    calls = [given]
-    if kind in ("Map", "OmpMap", "ThreadMap"):
-        function = function.find_functions(0)[0]
-        count = [e.shape[1] // function.size2_in(k) for k, e in enumerate(given)]
-        parts = [ca.horzsplit_n(e, n) for e, n in zip(given, count, strict=True)]
-        calls = list(zip(*parts, strict=True))
-    if function.is_a("MXFunction") or (function.is_a("SXFunction") and function.find_functions()):
-        with suppress(RuntimeError):  # one that is never to be written out
-            yield from ((e, name) for call in calls for e in function.call(call, True, False))
 
 
 def _interpolant(function: ca.Function, given: Sequence[ca.MX]) -> Lookup:

@@ -9,6 +9,7 @@ problem.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -16,10 +17,11 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
+from microbot_ocp._base.calls import from_origins, refuse_without_derivatives
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.codegen import compiles
 from microbot_ocp._base.fast_calls import deferred_call
-from microbot_ocp._base.interpolants import Read, has_tables, reads
+from microbot_ocp._base.interpolants import Read, reads
 from microbot_ocp._base.relations import is_relation, reason_of
 from microbot_ocp.limits._finite_slopes import with_finite_slopes
 from microbot_ocp.limits._joint_limits import JOINT_QUANTITIES, JointLimits, Limits
@@ -416,7 +418,7 @@ def _function(
     """
     further = {limit.key: limit for limit in robot.limits.also}
     reasons: list[str] = []
-    for symbol in (ca.SX.sym, ca.MX.sym):  # of the second where a table or a spline is called
+    for symbol in (ca.SX.sym, ca.MX.sym):  # of the second where functions are called
         symbols: list[Any] = [symbol(name, robot.joint_count) for name in STATE]
         if torques is not None:
             extra = [symbol(torques.name_in(k)) for k in range(4, torques.n_in())]
@@ -429,8 +431,12 @@ def _function(
             every = ca.vertcat(*outputs)
             used = tuple(k for k, s in enumerate(symbols) if ca.depends_on(every, s)) or (0,)
             function = ca.Function("limits", [symbols[k] for k in used], outputs)
-            if symbol is ca.SX.sym and has_tables(function):
+            if symbol is ca.SX.sym and function.find_functions():
                 continue
+            if not function.is_a("SXFunction"):
+                with suppress(RuntimeError):  # tables have no scalar graph
+                    scalar = function.expand()
+                    function = function if scalar.find_functions() else scalar
         except Exception as found:  # the expression is the user's
             reasons.append(reason_of(found))
             continue
@@ -465,6 +471,9 @@ def _outputs(
 
 
 def _column(value: Any) -> Any:
+    if isinstance(value, ca.MX):
+        value = from_origins(value)
+        refuse_without_derivatives("it", value)
     if isinstance(value, int | float | np.ndarray | list | tuple):
         value = ca.DM(np.atleast_1d(np.asarray(value, dtype=float)))
     return ca.densify(ca.vec(value))

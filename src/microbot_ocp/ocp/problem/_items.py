@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
+from microbot_ocp._base.calls import from_origins
 from microbot_ocp._base.checks import FloatArray, InputError, shown
 from microbot_ocp._base.portable import Portable
 
@@ -240,4 +241,4 @@ def converted(value: Any) -> ca.MX:
         raise InputError(sentence) from None
     if 0 in expression.shape:
         raise InputError(f"expression must have entries, but its shape is {expression.shape}")
-    return expression
+    return from_origins(expression)

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
+from microbot_ocp._base.calls import refuse_without_derivatives
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.foreign_words import Hinting
 from microbot_ocp._base.portable import Portable
@@ -34,7 +35,10 @@ from microbot_ocp.ocp.problem._items import (
     variable_of,
 )
 from microbot_ocp.ocp.problem._phase import Phase
-from microbot_ocp.ocp.problem._relations import as_expression, refuse_indices
+from microbot_ocp.ocp.problem._relations import (
+    as_expression,
+    refuse_indices,
+)
 
 
 class OptimalControlProblem(Hinting, Portable):
@@ -382,7 +386,9 @@ class OptimalControlProblem(Hinting, Portable):
             used = ca.vertcat(*slopes, *limits, *costs, *phase.algebraic_equations)
             _check_symbols(phase, used)
             points = (c.expression for c in (*phase.point_constraints, *phase.point_costs))
-            refuse_indices(f"phase {phase.name!r}", ca.vertcat(used, *points))
+            every = ca.vertcat(used, *points)
+            refuse_indices(f"phase {phase.name!r}", every)
+            refuse_without_derivatives(f"phase {phase.name!r}", every)
             unknowns = sum(v.size for v in phase.algebraics)
             equations = sum(e.shape[0] for e in phase.algebraic_equations)
             if unknowns != equations:
