@@ -16,3 +16,6 @@ from ._finiteness import (
     finite_start as finite_start,
     singular as singular,
 )
+from ._redundancy import (
+    independent as independent,
+)

@@ -16,7 +16,7 @@ or bound of the program by a thousand times the tolerance.
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -27,7 +27,7 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.outcome import Outcome, remark
 from microbot_ocp._base.quiet import quiet
 from microbot_ocp._base.status import Status
-from microbot_ocp.ocp.diagnosis import advice, finite_start
+from microbot_ocp.ocp.diagnosis import advice, finite_start, independent
 from microbot_ocp.ocp.solution import (
     UNKNOWN,
     Attempt,
@@ -81,15 +81,19 @@ def solve_on(
     try:
         with quiet():
             begin = replace(begin, x=finite_start(program, begin.x, uneven=uneven))
+            redundant: Sequence[str] = ()
             if not own:
                 program = with_cost_scale(program, begin.x, settings)
+                program, redundant = independent(program, begin.x, settings.tolerance)
     except RuntimeError as problem:
         return not_started(program, settings, begin, problem)
     spent = time.perf_counter() - start
     if own:
         barrier = warm_barrier(settings, program, begin)
         settings = transcription.solver_settings(program, settings, barrier)  # pyright: ignore
-    return run_chain(program, settings, begin, progress=progress, build_time=spent, once=once)
+    how: dict[str, Any] = {"progress": progress, "build_time": spent, "once": once}
+    solution = run_chain(program, settings, begin, **how)
+    return solution.remarked(f"Left out: {'; '.join(redundant)}." if redundant else "")
 
 
 def not_started(

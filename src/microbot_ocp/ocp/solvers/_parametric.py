@@ -142,8 +142,7 @@ class ParametricSolver(Portable):
                 if self._cost_scale is None:  # the same for all solves: solvers are made for it
                     self.scale_cost(None)
         except RuntimeError as problem:
-            given_start = self._given(program, guess)
-            return not_started(program, self.settings, given_start, problem)
+            return not_started(program, self.settings, self._given(program, guess), problem)
         program = replace(program, cost_scale=self._cost_scale)
         barrier = warm_barrier(self.settings, program, start)
         settings, solvers = self.settings, self._solvers.setdefault(barrier, {})

@@ -1,0 +1,113 @@
+"""Equations at mesh points that follow from others, or contradict them, found by their rank.
+
+A condition that is declared twice (an end, and a link to a start with the same value) makes the
+equations dependent. Solvers bear some of that; where there are as many equations as unknowns they
+refuse the program.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp.ocp.transcription import IntArray, Program
+
+RANK = 1e-9  # of a row: what is left of it by others is rounding
+
+
+def independent(program: Program, x: FloatArray, tolerance: float) -> tuple[Program, list[str]]:
+    """Return the program without conditions at ends, links and points that say nothing new, whose
+    rows have no bounds in it, and a sentence on each.
+
+    A row follows from others where its slopes are a sum of theirs and its value, too, at x and
+    beside it.
+
+    Raises
+    ------
+    InputError
+        Where the value is not: the row contradicts them.
+    """
+    rows = _equations(program)
+    fixed = program.variable_lower == program.variable_upper
+    at = np.where(fixed, program.variable_lower, x)
+    beside = at + np.where(fixed, 0.0, 0.1 + 0.2 * (np.arange(x.size) % 7))
+    for point in (at, beside):
+        for first, others in _constant(program):
+            point[others] = point[first]
+    values = [_values(program, at, rows)]
+    weights = _dependent(values[0][1])
+    if not weights:
+        return program, []
+    values.append(_values(program, beside, rows))
+    redundant, dropped = [], []
+    for k, weight in weights.items():
+        size = max(1.0, float(np.abs(weight).max()))
+        missed, slopes = (
+            max(float(np.abs(each[j][k] - weight @ each[j]).max()) for each in values)
+            for j in (0, 1)
+        )
+        if not (slopes <= RANK * size and np.isfinite(missed)):
+            continue  # by chance, at x
+        others = " and ".join(_named(program, rows[j]) for j in np.flatnonzero(weight))
+        others = others or "what is fixed"
+        if missed > tolerance * size:
+            raise InputError(f"{_named(program, rows[k])} contradicts {others}")
+        redundant.append(f"{_named(program, rows[k])} follows from {others}")
+        dropped.append(rows[k])
+    lower, upper = program.row_lower.copy(), program.row_upper.copy()
+    lower[dropped], upper[dropped] = -np.inf, np.inf
+    return replace(program, row_lower=lower, row_upper=upper), redundant
+
+
+def _equations(program: Program) -> IntArray:
+    """Return rows that are equations at mesh points: links first, which solvers need."""
+    blocks = [layout.link for layout in program.layouts]
+    for layout in program.layouts:
+        blocks += [layout.initial, *(group.block for group in layout.points), layout.final]
+    rows = np.concatenate([block.places.ravel() for block in blocks]).astype(int)
+    return rows[program.row_lower[rows] == program.row_upper[rows]]
+
+
+def _named(program: Program, row: int) -> str:
+    label = program.row_labels[row]
+    return f"{label.description} in phase {label.phase!r}"
+
+
+def _values(program: Program, x: FloatArray, rows: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Return what equations miss [m], and their slopes [m, n] by variables that are not fixed."""
+    g, jacobian = program.functions["jacobian"](x, program.parameters)
+    slopes = np.array(jacobian[rows.tolist(), :])
+    for first, others in _constant(program):
+        slopes[:, first] += slopes[:, others].sum(axis=1)
+        slopes[:, others] = 0.0
+    slopes[:, program.variable_lower == program.variable_upper] = 0.0
+    return np.array(g).ravel()[rows] - program.row_lower[rows], slopes
+
+
+def _constant(program: Program) -> Iterator[tuple[int, IntArray]]:
+    """Yield where durations and free parameters stand at the first mesh point and at the others:
+    along a phase they are the same.
+    """
+    for layout in program.layouts:
+        for k, entry in enumerate(layout.kind.node):
+            if entry.kind == "parameter" or entry.source is None:
+                yield int(layout.nodes[0, k]), layout.nodes[1:, k]
+
+
+def _dependent(slopes: FloatArray) -> dict[int, FloatArray]:
+    """Return rows [m, n] that are sums of those before them, with the weights [m] of these."""
+    basis, kept, weights = np.zeros((0, slopes.shape[1])), [], {}
+    for k, row in enumerate(slopes):
+        rest = row - basis.T @ (basis @ row)
+        size = np.linalg.norm(rest)
+        if size > RANK * max(1.0, float(np.linalg.norm(row))):
+            basis, kept = np.vstack([basis, rest / size]), [*kept, k]
+            continue
+        weights[k] = np.zeros(len(slopes))
+        if kept:
+            found = np.linalg.lstsq(slopes[kept].T, row, rcond=None)[0]
+            weights[k][kept] = np.where(np.abs(found) > RANK, found, 0.0)
+    return weights
