@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from math import log, pi
 
 import casadi as ca
@@ -11,6 +12,7 @@ from benchmarks.suite.problem import (
     LUUS_PROPT,
     OPTI,
     PROPT,
+    Array,
     SuiteProblem,
     along,
     line,
@@ -133,6 +135,41 @@ def marine_population() -> OptimalControlProblem:
     data = phase.measurement("data", np.linspace(0.0, 10.0, 21), np.array(_STAGES, dtype=float))
     phase.point_cost(ca.sumsqr(y - data))
     return problem
+
+
+def marine_population_in_phases() -> OptimalControlProblem:
+    """The same fit in a phase between any two counts, with rates that are states."""
+    problem, counts, before = OptimalControlProblem("marine phases"), ca.DM(_STAGES).T, None
+    for number in range(20):
+        phase = problem.phase(f"from count {number}", 0.5)
+        y = phase.state("animals", 8)
+        growth = phase.state("growth", 7, lower=0.0)
+        mortality = phase.state("mortality", 8, lower=0.0)
+        grown = growth * y[:7]
+        phase.derivative(y, ca.vertcat(0, grown) - ca.vertcat(grown, 0) - mortality * y)
+        phase.derivative(growth, ca.MX.zeros(7))
+        phase.derivative(mortality, ca.MX.zeros(8))
+        phase.end_cost(ca.sumsqr(y - counts[:, number + 1]))
+        if before is None:
+            phase.point_cost(ca.sumsqr(y - counts[:, 0]), at=0.0)
+        else:
+            problem.link(before, phase)
+        before = phase
+    return problem
+
+
+def _counts_guess() -> dict[str, Guess]:
+    rates, counts = {"growth": 0.5, "mortality": 0.1}, np.array(_STAGES, dtype=float)
+    return {
+        f"from count {number}": Guess(
+            0.5, {"animals": partial(_between_counts, *counts[number : number + 2]), **rates}
+        )
+        for number in range(20)
+    }
+
+
+def _between_counts(first: Array, last: Array, s: Array) -> Array:
+    return first + s[:, None] * (last - first)
 
 
 def fishing_with_two_fleets() -> OptimalControlProblem:
@@ -336,6 +373,15 @@ PROBLEMS = (
         published=1.97465e7,
         tolerance=1e-5,
         confirmed="fine mesh",
+    ),
+    SuiteProblem(
+        marine_population_in_phases,
+        kind="parameters, data, phases",
+        source="COPS 3.0 (Dolan, Moré, Munson 2004), problem 15: 1.97465e7",
+        published=1.97465e7,
+        tolerance=1e-5,
+        confirmed="fine mesh",
+        guess=_counts_guess,
     ),
     SuiteProblem(
         fishing_with_two_fleets,

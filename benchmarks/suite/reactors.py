@@ -152,6 +152,31 @@ def isomerisation() -> OptimalControlProblem:
     return problem
 
 
+def isomerisation_in_phases() -> OptimalControlProblem:
+    """The same fit in a phase between any two measurements, with rates that are states."""
+    problem, before = OptimalControlProblem("alpha-pinene phases"), None
+    times = (0.0, *map(float, _MINUTES))
+    for number, data in enumerate(np.transpose(_ISOMERS)):
+        phase = problem.phase(f"to sample {number}", times[number + 1] - times[number])
+        start = None if before else [100.0, 0.0, 0.0, 0.0, 0.0]
+        y, k = phase.state("y", 5, initial=start), phase.state("k", 5, lower=0.0)
+        to_third, back = k[1] * y[0], k[4] * y[4]
+        slopes = (
+            -k[0] * y[0] - to_third,
+            k[0] * y[0],
+            to_third - (k[2] + k[3]) * y[2] + back,
+            k[2] * y[2],
+            k[3] * y[2] - back,
+        )
+        phase.derivative(y, ca.vertcat(*slopes))
+        phase.derivative(k, ca.MX.zeros(5))
+        phase.end_cost(ca.sumsqr(y - ca.DM(data)))
+        if before is not None:
+            problem.link(before, phase)
+        before = phase
+    return problem
+
+
 _SAMPLES = (
     0.0, 0.05, 0.065, 0.08, 0.123, 0.233, 0.273, 0.354, 0.397, 0.418, 0.502, 0.553, 0.681, 0.75,
     0.916, 0.937, 1.122,
@@ -451,6 +476,14 @@ PROBLEMS = (
     SuiteProblem(
         isomerisation,
         kind="parameters, data",
+        source="COPS 3.0 (Dolan, Moré, Munson 2004), problem 12 (Box et al. 1973): 19.8721",
+        published=19.8721,
+        tolerance=1e-5,
+        confirmed=FINE,
+    ),
+    SuiteProblem(
+        isomerisation_in_phases,
+        kind="parameters, data, phases",
         source="COPS 3.0 (Dolan, Moré, Munson 2004), problem 12 (Box et al. 1973): 19.8721",
         published=19.8721,
         tolerance=1e-5,
