@@ -194,7 +194,7 @@ def test_completion(call, monkeypatch, words, offered, kept_back):
         (["compare", "microbot", "--via", "0,0,0 0,0,0"], ["the same"]),
         (["compare", "microbot", "--via", "0,0,0 1,1,1", "--methods", "a"], ["cubic", "'a'"]),
         (["compare", "microbot", "--via", "0,0,0 1,1,1", "--tau-max", "1,2"], ["--tau-max"]),
-        (["compare", "microbot", "--via", "0,0,0 1,1,1", "--tau-max", "-1"], ["tau_max", "-1"]),
+        (["compare", "microbot", "--via", "0,0,0 1,1,1", "--tau-max", "-1"], ["--tau-max", "-1"]),
         (["compare", "microbot", "--via", "0,0,0 1,1,1", "--mesh", "2"], ["mesh", "4", "2"]),
         (["time-optimal", "microbot", "--via", "0,0,0 1,1,1", "--out", "x.txt"], [".npz"]),
         (["time-optimal", "microbot", "--via", "0,0,0 9,9,9"], ["position limits", "515.6"]),

@@ -50,7 +50,7 @@ def test_dynamics_that_break_down_are_a_status_and_an_infinite_error(capfd):
     phase.derivative(x, u)
     phase.running_cost(u**2)
     solution = solve(problem, 2, settings=FINE)
-    phase.derivative(x, u + 1e-3 * ca.sqrt(x - 0.5))
+    phase.derivatives["x"] = u + 1e-3 * ca.sqrt(x - 0.5)
     assert each_interval(solution["down"]).failure.startswith("the integrator failed: ")
     assert np.isinf(state_errors(solution)[0]).all()
     (finer,) = PASSING.finer(solution, judge(problem, solution), solution.history[-1], whole=False)

@@ -167,7 +167,7 @@ def test_what_does_not_work_is_said():
         solve_switching_times(another(), solve(problem, 10))
     scaled = along(np.inf)
     phase = scaled.phases[0]
-    phase.derivative(phase.states[0].symbol, phase.states[1].symbol * phase.duration)
+    phase.derivatives[phase.states[0].name] = phase.states[1].symbol * phase.duration
     with pytest.raises(InputError, match="cannot be cut into arcs"):
         solve_switching_times(scaled, solve(scaled, 20))
     halfway = OptimalControlProblem("halfway")

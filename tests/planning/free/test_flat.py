@@ -59,7 +59,6 @@ def differences(function, x, step=1e-6):
 LIMITED = {
     "torques": {},
     "accelerations": {"qdd_max": 30.0},
-    "tool": {"also": [mo.limits.tool_speed(2.0), mo.limits.power(300.0)]},
 }
 
 

@@ -388,7 +388,7 @@ def test_what_cannot_be_is_said_in_words_of_the_task(two_links, stops, options, 
         ({}, "a q or a position, not neither"),
         ({"q": [0.0], "dwell": 1.0, "velocity": "any"}, "so it is at rest"),
         ({"position": [0, 0, 0], "free_turn": "z"}, "no orientation"),
-        ({"position": [0, 0, 0], "orientation": np.ones((3, 3))}, "rotation matrix"),
+        ({"position": [0, 0, 0], "orientation": np.ones((3, 3))}, "must be a rotation"),
         ({"q": [0.0], "tolerance": -1.0}, "at least 0"),
         (
             {"q": [0.0], "tolerance": [[0.0], "a"]},

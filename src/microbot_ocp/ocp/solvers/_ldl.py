@@ -30,6 +30,8 @@ from microbot_ocp._base.codegen import build_library, compiler, compiles
 Options = Mapping[str, Mapping[str, Any]]  # by solver
 
 BAND = "band"
+# sums in any order; -ffast-math would set the whole process to flush small numbers to zero
+FLAGS = ("-fassociative-math", "-fno-signed-zeros", "-fno-trapping-math", "-fno-math-errno")
 NAME = "ldl"  # as ``linear_solver`` in the options of IPOPT
 
 
@@ -88,7 +90,7 @@ def band_library() -> Path | None:
     if cc is None:
         return None
     source = Path(__file__).with_name("_band.c").read_text("utf-8")
-    return build_library(source, BAND, cc, "-O3", further=("-ffast-math", "-fno-finite-math-only"))
+    return build_library(source, BAND, cc, "-O3", further=FLAGS)
 
 
 def _built(cc: str) -> Path:

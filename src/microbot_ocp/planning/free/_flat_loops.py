@@ -30,7 +30,7 @@ from microbot_ocp.planning.free._flat_rows import NOWHERE, FlatRows, Scales, Win
 from microbot_ocp.planning.free._point_limits import ORDERS
 from microbot_ocp.planning.free._spline import PLACES, IntArray, Windows
 
-FLAGS = ("-ffast-math", "-fno-finite-math-only")
+FLAGS = ("-fassociative-math", "-fno-signed-zeros", "-fno-trapping-math", "-fno-math-errno")
 
 
 @dataclass(frozen=True, eq=False)

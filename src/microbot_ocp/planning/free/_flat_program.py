@@ -382,6 +382,7 @@ class FlatLayout:
     scales: Scales
     family: LimitFamily
     start: FloatArray
+    fixed: np.ndarray
 
     @property
     def intervals(self) -> int:
@@ -487,6 +488,8 @@ class FlatLayout:
         last = index == len(layout.meshes) - 1
 
         def entry(kind: str, key: str, k: int, at: int, fraction: float = 0.0) -> TableEntry:
+            if kind in ("state", "control") and self.fixed[at]:
+                kind = "initial"  # a condition, not a limit
             unit, scale = robot.unit(key, k), float(self.scales.unknowns[at])
             return TableEntry(kind, None, key, k, n, fraction, unit, scale)
 
@@ -724,14 +727,16 @@ class FlatTranscription:
         functions = _functions(structure, evaluation)
         x = ca.MX.sym("x", rows.layout.size)
         f, g = functions["values"].call([x])
+        low, high = self._variable_bounds(structure, scales)
         layouts = tuple(
-            FlatLayout(phase, mesh, k, rows, scales, family, form.starts[k])
+            FlatLayout(phase, mesh, k, rows, scales, family, form.starts[k], low == high)
             for k, (phase, mesh, family) in enumerate(
                 zip(phases, chosen, self.families, strict=True)
             )
         )
         return FlatProgram(
-            *self._variable_bounds(structure, scales),
+            low,
+            high,
             *self._row_bounds(structure, scales),
             layouts=layouts,  # type: ignore[arg-type]
             nlp={"x": x, "f": f, "g": g},
@@ -928,7 +933,7 @@ def flat_transcription(
     families = [LimitFamily.of(robot) for robot in robots]
     keys = families[0].keys
     for family in families:
-        others = {m.key for m in family if m.order == 3} - {"taud", "qddd"}
+        others = {member.key for member in family if member.limit is not None}
         if has_windows(family) or family.means or others or family.keys != keys:
             return None
         if family.jerk_matters:
