@@ -414,7 +414,7 @@ def test_a_limit_without_derivatives_is_named(microbot):
 
     blind = Blind()
     limit = mo.Limit("blind", lambda s: blind(s.qd[0], s.tau[0]), upper=100.0)
-    with pytest.raises(mo.InputError, match="limit 'blind'.*derivatives"):
+    with pytest.raises(mo.InputError, match=r"limit 'blind'.*derivatives"):
         time_optimal_path(microbot.with_limits(also=[limit]), REPORT_CUBIC)
 
 
