@@ -101,8 +101,9 @@ def cell_report(cell: Cell, path: str | Path) -> Path:
                 f"{', obstacles aside' * bool(cell.scene)}: {saving}."
             )
     if cell.task.cycle and motion.solved:
-        hourly = " instead of ".join(f"{3600.0 / duration:.0f}" for duration in cycles)
-        sentences.append(f"Repeated, that is {hourly} parts an hour.")
+        parts, *usual = (f"{3600.0 / duration:.0f}" for duration in cycles)
+        against = "".join(f", against {each} by the controller's own moves" for each in usual)
+        sentences.append(f"Repeated, that is {parts} parts an hour{against}.")
     carried = [f"{load.mass:g}" for load in cell.task.payloads]
     stops = [
         [mark.name, f"{mark.time:.3f}", f"{dwell:g}", load]
