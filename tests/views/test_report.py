@@ -131,7 +131,8 @@ def test_a_cell_says_how_often_an_hour(tmp_path):
     (path,) = cell.save(tmp_path, ["report"])
     page = Reader(path.read_text("utf-8"))
     assert page.loaded == []
-    assert re.search(rf"{3600 / motion.duration:.0f} parts an hour, against \d+ by the controller", page.text)
+    hourly = rf"{3600 / motion.duration:.0f} parts an hour, against \d+ by the controller"
+    assert re.search(hourly, page.text)
     assert "here again" not in page.text
     assert "here" in page.text
     assert "there" in page.text
