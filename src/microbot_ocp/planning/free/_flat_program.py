@@ -416,10 +416,12 @@ class FlatLayout:
         """Return the motion at shares [M] of intervals, from that at mesh points and the duration
         [N+1,3n+1].
         """
-        motion = dict(zip(POINT_KEYS, np.split(stages[:, :-1], ORDERS, axis=1), strict=True))
+        q, qd, qdd = np.split(stages[:, :-1], ORDERS, axis=1)
+        motion: dict[str, Any] = {"q": q, "qd": qd, "qdd": qdd}
         phase = PhaseSolution("", float(stages[0, -1]), self.mesh, motion)
         at = self.mesh[k] + share * np.diff(self.mesh)[k]
-        return dict(zip(POINT_KEYS, _resampled(phase, at), strict=True))
+        q, qd, qdd = _resampled(phase, at)
+        return {"q": q, "qd": qd, "qdd": qdd}
 
     # tables ---------------------------------------------------------------------------------------
 
