@@ -81,12 +81,12 @@ def test_of_the_payload(solver):
 @pytest.mark.thorough
 @pytest.mark.slow
 def test_of_the_place_of_the_payload():
-    robot, step = mo.load_robot("microbot"), 0.02
+    robot, step = mo.load_robot("microbot"), 0.2
     via = VIA_Q[[0, 2]]
 
     def motion(along: float) -> mo.Motion:
         held = robot.with_payload(1.0, [along, 0.0, 0.0])
-        return mo.TimeOptimalSolver(held, via, rounds=0)()
+        return mo.TimeOptimalSolver(held, via, tolerance=1e-8)()
 
     slopes = motion(0.0).sensitivities(robot, 1.0)
     found = difference(motion(-step), motion(step), step)
