@@ -27,6 +27,7 @@ PR_SET_PDEATHSIG = 1
 Send = Callable[[Any], None]
 
 PACKAGE = str(Path(__file__).parents[1])
+SIGNALS = str(Path(PACKAGE, "cli", "_process.py"))  # its thread waits for one and holds no lock
 _is_child = False
 _forking = threading.RLock()  # its owner, who forks, owns it in the child, too
 
@@ -52,9 +53,12 @@ def can_fork() -> bool:
 
 
 def _is_ours(frame: FrameType | None) -> bool:
-    while frame is not None and not frame.f_code.co_filename.startswith(PACKAGE):
+    while frame is not None:
+        file = frame.f_code.co_filename
+        if file.startswith(PACKAGE) and file != SIGNALS:
+            return True
         frame = frame.f_back
-    return frame is not None
+    return False
 
 
 def spare_processor() -> bool:

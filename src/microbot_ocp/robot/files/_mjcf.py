@@ -23,7 +23,6 @@ from microbot_ocp._base.reading import bytes_of
 from microbot_ocp.robot._model import Robot
 from microbot_ocp.robot._shapes import Shape
 from microbot_ocp.robot._transforms import of_quaternion, transform_of, without_dust
-from microbot_ocp.robot.files._mjcf_forces import Forces
 from microbot_ocp.robot.files._urdf_file import Inertial, UrdfFile, UrdfJoint, UrdfLink
 from microbot_ocp.robot.files._urdf_reader import PARALLEL, joint_motion, robot_of
 from microbot_ocp.robot.files._xml import Remarks
@@ -98,6 +97,8 @@ def load_mjcf(
             raise InputError(f"MuJoCo cannot read it: {reason}") from None
         reader = _Model(mujoco, model, Path(path).absolute().parent, remarks)
         robot = robot_of(reader.file(), remarks, tip, parallel_tolerance)
+        from microbot_ocp.robot.files._mjcf_forces import Forces  # which loads CasADi
+
         forces = Forces(mujoco, model, robot, reader.joint_names, reader.held())
         forces.remark(remarks)
     remarks.warn(origin)
