@@ -37,6 +37,8 @@ from microbot_ocp._base.reading import content_of
 from microbot_ocp._base.writing import digest, temporary_path, whole_file
 
 FLAGS = ("-fno-math-errno", "-shared", "-fPIC")
+# sums in any order; -ffast-math would set the whole process to flush small numbers to zero
+ANY_ORDER = ("-fassociative-math", "-fno-signed-zeros", "-fno-trapping-math")
 # Measured for recursive Newton-Euler: no gain with 3 joints, 6 % with 7; for its derivatives with
 # 7 joints a third of the time (fused multiply-add). Hence the processor in the key of the cache.
 NATIVE = "-march=native"

@@ -105,17 +105,19 @@ def test_without_a_compiler_mumps_solves(monkeypatch):
         assert _ldl.library() is None
 
 
-def test_a_compiler_that_fails_is_asked_once(monkeypatch):
+@pytest.mark.parametrize("name", [_ldl.NAME, _ldl.BAND])
+def test_a_compiler_that_fails_is_asked_once(monkeypatch, name):
     asked = []
 
-    def fails(*_):
+    def fails(*_, **__):
         asked.append(1)
         raise RuntimeError("it ended with status 1")
 
     monkeypatch.setattr(_ldl, "_known", {})
     monkeypatch.setattr(_ldl, "build_library", fails)
-    assert _ldl.library() is None
-    assert _ldl.library() is None
+    assert _ldl.library(name) is None
+    assert _ldl.library(name) is None
+    assert "hsllib" not in _ldl.as_ipopt_knows({"linear_solver": name})
     assert len(asked) == 1
 
 

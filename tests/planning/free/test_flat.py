@@ -10,8 +10,7 @@ import microbot_ocp as mo
 from microbot_ocp._base import codegen
 from microbot_ocp.limits import LimitFamily
 from microbot_ocp.ocp import SolverSettings
-from microbot_ocp.ocp.solvers import solve_on
-from microbot_ocp.ocp.solvers._ldl import band_library
+from microbot_ocp.ocp.solvers import _ldl, solve_on
 from microbot_ocp.planning.free import (
     FlatTranscription,
     flat_form,
@@ -199,7 +198,7 @@ def factored(matrix, rows):
     """Return what the band solver makes of a matrix: negative eigenvalues, and a function that
     solves.
     """
-    library, size = ctypes.CDLL(str(band_library())), len(matrix)
+    library, size = ctypes.CDLL(str(_ldl.library(_ldl.BAND))), len(matrix)
     row, column = np.nonzero(np.tril(matrix))
     slack = size - rows + np.arange(rows)  # Delta stands in the structure where it is zero
     missing = slack[matrix[slack, slack] == 0.0]

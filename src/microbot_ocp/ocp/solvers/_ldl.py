@@ -1,9 +1,10 @@
-"""Linear solvers for IPOPT: one that does not look for pivots, and which others are installed.
+"""Linear solvers for IPOPT: two that do not look for pivots, and which others are installed.
 
-The one is L D L' in an order of AMD's: stage by stage the matrices of an optimal-control program
+One is L D L' in an order of AMD's: stage by stage the matrices of an optimal-control program
 are small, and MUMPS spends most of its time on more than their numbers. ``_ldl.c`` says how it
 works. AMD is that of the OSQP library which comes with CasADi; where it or a compiler is missing,
-and where IPOPT breaks down or finds a program infeasible with it, MUMPS solves.
+and where IPOPT breaks down or finds a program infeasible with it, MUMPS solves. The other one, in
+``_band.c``, is for programs without equations, whose unknowns make a band.
 
 Theory: docs/theory/transcription.md, "Solvers".
 """
@@ -25,14 +26,12 @@ import numpy as np
 from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import InputError, shown
 from microbot_ocp._base.child_process import Died, can_fork, in_child
-from microbot_ocp._base.codegen import build_library, compiler, compiles
+from microbot_ocp._base.codegen import ANY_ORDER, build_library, compiler, compiles
 
 Options = Mapping[str, Mapping[str, Any]]  # by solver
 
-BAND = "band"
-# sums in any order; -ffast-math would set the whole process to flush small numbers to zero
-FLAGS = ("-fassociative-math", "-fno-signed-zeros", "-fno-trapping-math", "-fno-math-errno")
 NAME = "ldl"  # as ``linear_solver`` in the options of IPOPT
+BAND = "band"  # the other one, for programs without equations
 
 
 def asks_for_ldl(options: Options) -> bool:
@@ -51,7 +50,7 @@ def as_ipopt_knows(options: Mapping[str, Any]) -> dict[str, Any]:
     name = options.get("linear_solver")
     if name not in (NAME, BAND):
         return dict(options)
-    built = library() if name == NAME else band_library()
+    built = library(name)
     if built is None:
         return {k: v for k, v in options.items() if k != "linear_solver"}
     return {
@@ -66,31 +65,30 @@ def as_ipopt_knows(options: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-_known: dict[str, Path | None] = {}  # by compiler
+_known: dict[tuple[str, str], Path | None] = {}  # by solver and compiler
 
 
-def library() -> Path | None:
-    """Return the compiled solver; None where there is no compiler, it fails, or AMD is missing."""
+def library(name: str = NAME) -> Path | None:
+    """Return a compiled solver, "ldl" or "band"; None where there is no compiler, it fails, or AMD
+    is missing.
+    """
     cc = compiler() if compiles() else None
     if cc is None:
         return None
-    if cc not in _known:
+    if (name, cc) not in _known:
         try:
-            built = _built(cc)
+            built = _built(cc) if name == NAME else _built_band(cc)
         except (OSError, AttributeError, RuntimeError, subprocess.SubprocessError):
             if deadline.over():  # it may be there the next time
                 return None
             built = None
-        _known[cc] = built
-    return _known[cc]
+        _known[name, cc] = built
+    return _known[name, cc]
 
 
-def band_library() -> Path | None:
-    cc = compiler() if compiles() else None
-    if cc is None:
-        return None
+def _built_band(cc: str) -> Path:
     source = Path(__file__).with_name("_band.c").read_text("utf-8")
-    return build_library(source, BAND, cc, "-O3", further=FLAGS)
+    return build_library(source, BAND, cc, "-O3", further=ANY_ORDER)
 
 
 def _built(cc: str) -> Path:

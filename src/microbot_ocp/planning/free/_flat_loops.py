@@ -25,12 +25,10 @@ import numpy as np
 
 from microbot_ocp._base import codegen
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp._base.codegen import build_library, compiles
+from microbot_ocp._base.codegen import ANY_ORDER, build_library, compiles
 from microbot_ocp.planning.free._flat_rows import NOWHERE, FlatRows, Scales, WindowPlaces
 from microbot_ocp.planning.free._point_limits import ORDERS
 from microbot_ocp.planning.free._spline import PLACES, IntArray, Windows
-
-FLAGS = ("-fassociative-math", "-fno-signed-zeros", "-fno-trapping-math", "-fno-math-errno")
 
 
 @dataclass(frozen=True, eq=False)
@@ -418,7 +416,7 @@ def _at(array: FloatArray) -> ctypes.c_void_p:
 def _library(cc: str) -> ctypes.CDLL | None:
     text = Path(__file__).with_name("_windows.c").read_text("utf-8")
     try:
-        return ctypes.CDLL(str(build_library(text, "windows", cc, "-O3", further=FLAGS)))
+        return ctypes.CDLL(str(build_library(text, "windows", cc, "-O3", further=ANY_ORDER)))
     except (OSError, RuntimeError, subprocess.SubprocessError):
         return None  # numpy does the same, more slowly
 

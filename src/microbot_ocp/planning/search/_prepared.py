@@ -51,7 +51,6 @@ from microbot_ocp.planning.search._search import from_plain, plain_of
 from microbot_ocp.planning.search._settings import SEARCH, TimeOptimalSettings
 from microbot_ocp.planning.search._strategies import graded, search_of, switch_marks
 from microbot_ocp.planning.task import (
-    BAND,
     FRICTION_WINDOWS,
     LDL,
     SMOOTHING as FRICTION_SMOOTHING,
@@ -353,7 +352,7 @@ class TimeOptimalSolver:
             allowed,
             tolerance=self._solver_settings.tolerance * FLAT_RATIO,
             rounds=self._rounds,
-            settings=replace(self._solver_settings, options=BAND),
+            settings=self._solver_settings,
             foresight=SEARCH.foresight,
         )
         marks = partial(switch_marks, problem.family)

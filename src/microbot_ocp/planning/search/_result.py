@@ -44,7 +44,6 @@ from microbot_ocp.planning.search._settings import SEARCH, sparing
 from microbot_ocp.planning.search._starts import least_of_slower, sample
 from microbot_ocp.planning.search._strategies import STRATEGIES, best_of
 from microbot_ocp.planning.task import (
-    LDL,
     one_remark,
     provenance_of,
     rates_at_reversals,
@@ -382,8 +381,7 @@ def least_effort(search: MotionSearch, fastest: MotionAnswer, slack: float) -> L
     allowed = {problem.names[-1]: {BUDGET: slower * solution.duration}}
     kernels, guess = kernels.with_parameters(allowed), partial(_with_clock, search)
     refiner = replace(fastest.refiner, transcription=kernels, guess_from=guess)
-    settings = replace(refiner.settings, options=LDL)
-    refiner = replace(refiner, rough=None, history=[], settings=settings)
+    refiner = replace(refiner, rough=None, history=[])
     # what is smooth needs no mesh that was made for jumps
     meshes: list[Any] = [min(SEARCH.full_mesh, phase.mesh.size - 1) for phase in solution.phases]
     guesses = guess(solution, slower)

@@ -36,7 +36,7 @@ from microbot_ocp.planning.search._search import (
     settled,
 )
 from microbot_ocp.planning.search._settings import SEARCH
-from microbot_ocp.planning.task import BAND, LDL, Task, TaskScale, rounded
+from microbot_ocp.planning.task import LDL, Task, TaskScale, rounded
 from microbot_ocp.trajectories import cubic, spline
 
 
@@ -261,13 +261,12 @@ def _next_through_ways(problem: MotionProblem, state: SearchState) -> TrialStart
     way, guess = pair
     fatrop = {"max_iter": SEARCH.usual_iterations}
     both = "ipopt" if problem.is_flat else ("fatrop", "ipopt")
-    linear = BAND if problem.is_flat else LDL
     return TrialStart(
         replace(guess, guesses=problem.with_closed(guess.guesses)),
         both if problem.settings.solver == "auto" else problem.settings.solver,
         way,
         # IPOPT solves what takes it more
-        {"max_iterations": SEARCH.most_iterations, "options": {**linear, "fatrop": fatrop}},
+        {"max_iterations": SEARCH.most_iterations, "options": {**LDL, "fatrop": fatrop}},
     )
 
 

@@ -44,7 +44,6 @@ from microbot_ocp.planning.search._search import (
 from microbot_ocp.planning.search._settings import SEARCH
 from microbot_ocp.planning.search._starts import FROM_GUESSES, FROM_PATHS, full_mesh, nearest
 from microbot_ocp.planning.task import (
-    BAND,
     GAP,
     LDL,
     ROUGH_TOLERANCE,
@@ -73,7 +72,7 @@ def search_of(problem: MotionProblem, progress: StepProgress) -> MotionSearch:
         settings.limit_tolerance,
         solver="ipopt" if settings.solver == "auto" else settings.solver,
         progress=with_motion(progress, problem.family.robot, problem.via),
-        settings=SolverSettings(gap=GAP, options=BAND if problem.is_flat else LDL),
+        settings=SolverSettings(gap=GAP, options=LDL),
         rough=ROUGH_TOLERANCE,
         polishing=0 if is_rough else SEARCH.usual_iterations,
         fitted=partial(with_windows, dry_friction(problem.family.robot) > 0.0) if windows else None,
@@ -300,12 +299,10 @@ def less_smoothing(search: MotionSearch, step: NextStep) -> MotionAnswer:
     subject = step.answer
     refiner, weight = _going_on(subject), SEARCH.less_smoothing * SMOOTHING
     # without pivots so little curvature is lost in rounding: 40 iterations in place of 21
-    usual = replace(refiner.settings, options=BAND if search.problem.is_flat else {})
+    usual = replace(refiner.settings, options={})
     kernels = _smoothed(search, refiner.transcription, weight)
     finer = replace(refiner, transcription=kernels, settings=usual)
-    options = {
-        "ipopt": {**usual.options.get("ipopt", {}), "mu_init": SEARCH.less_smoothing_barrier}
-    }
+    options = {"ipopt": {"mu_init": SEARCH.less_smoothing_barrier}}
     settings = replace(usual, options=options, max_iterations=SEARCH.usual_iterations)
     meshes = [phase.mesh for phase in subject.solution.phases]
     solution = replace(finer, settings=settings).solve(meshes, subject.solution)

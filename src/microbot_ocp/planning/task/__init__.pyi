@@ -1,7 +1,6 @@
 """Public names; loaded when they are first asked for."""
 
 from ._checks import (
-    BAND as BAND,
     CELL_TIME_LIMIT as CELL_TIME_LIMIT,
     CHECKS_PER_INTERVAL as CHECKS_PER_INTERVAL,
     GAP as GAP,

@@ -39,7 +39,6 @@ STATE: tuple[str, ...] = ("q", "qd", "qdd", "qddd")
 GAP = 1e-5  # relative, of a duration above its local optimum
 ROUGH_TOLERANCE = 1e-6  # of solves on all meshes but the last one
 LDL = {"ipopt": {"linear_solver": "ldl"}}  # options by solver: see ocp/solvers/_ldl.py
-BAND = {"ipopt": {"linear_solver": "band"}}  # of programs without equations
 # A joint alone takes (factor way / limit)^(1 / order) from rest to rest under one limit.
 REST_TO_REST = {"qd": (1, 1), "qdd": (4, 2), "qddd": (32, 3), "taud": (1, 1)}
 MOST_VIA = 500
