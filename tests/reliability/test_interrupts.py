@@ -72,6 +72,14 @@ CALLS = {
 HERE = ("problem", "prepared", "explanation")
 
 
+@pytest.fixture(autouse=True)
+def listening():
+    """Take SIGINT as a terminal's program does: what runs in the background ignores it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 def interrupted(call, after):
     """Return what a call answers that gets SIGINT so many seconds later, or None where it raises.
 
