@@ -41,8 +41,7 @@ def test_the_kink_and_a_form_without_are_named(form):
     assert "sumsqr(u) + e**2 <= (s + e)**2" in solution.advice
 
 
-@pytest.mark.slow
-def test_the_form_that_is_named_is_solved():
+def test_the_form_that_is_named_is_solved_and_not_sent_round_in_a_circle():
     problem = OptimalControlProblem("least fuel")
     phase = problem.phase("a", 4.0)
     x = phase.state("x", 2, initial=np.zeros(2), final=[1.0, 0.5])
@@ -52,12 +51,13 @@ def test_the_form_that_is_named_is_solved():
     phase.derivative(v, u)
     phase.constraint("size", ca.sumsqr(u) + 1e-6 <= (s + 1e-3) ** 2)
     phase.running_cost(s)
-    solution = solve(problem)
-    assert solution.solved
-    # straight there: half of the time spent on each thrust is its share of the way
+    solution = solve(problem, 48)
+    assert solution.attempts[-1].status.solved
+    assert kinks(solution) == ""
+    # half of the time at full thrust speeds up, the other half slows down
     distance, duration = np.hypot(1.0, 0.5), 4.0
     thrust = duration / 2 - np.sqrt(duration**2 / 4 - distance)
-    assert 2 * thrust - 1e-3 * duration <= solution.cost <= 2 * thrust
+    assert 2 * thrust - 1e-3 * duration <= solution.cost <= 1.01 * 2 * thrust
 
 
 def test_without_a_kink_nothing_is_said():

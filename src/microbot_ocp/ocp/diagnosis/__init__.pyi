@@ -16,6 +16,9 @@ from ._finiteness import (
     finite_start as finite_start,
     singular as singular,
 )
+from ._kinks import (
+    kinks as kinks,
+)
 from ._redundancy import (
     independent as independent,
 )

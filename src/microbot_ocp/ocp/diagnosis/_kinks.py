@@ -1,0 +1,95 @@
+"""Kinks at which a solution stands: sizes of controls that are zero, as where no fuel is burnt.
+
+No solver converges where a slope jumps, and none proves its answer where the slope of a constraint
+that holds with equality is zero: its multiplier has no bound there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import casadi as ca
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray
+from microbot_ocp.ocp.problem import Expressions
+from microbot_ocp.ocp.solution import PhaseSolution, Solution
+
+ZERO = 1e-2  # share of the largest size along the phase
+LEAST = 0.05  # share of a phase at a kink that is worth a word
+SHARES = np.array([0.25, 0.75])  # places in every interval, as fractions
+REMEDY = (
+    "make the size a control s >= 0 with the cost of s and sumsqr(u) + e**2 <= (s + e)**2, e a "
+    "thousandth of its largest (the cost is less than e a second too small), or of one control "
+    "u = p - m with p, m >= 0 and the cost of p + m"
+)
+
+
+def kinks(solution: Solution) -> str:
+    """Return where a solution stands at a kink for a part of a phase, and a form without one; empty
+    where it stands at none, or the solver converged all the same.
+    """
+    if solution.attempts[-1].status.solved:
+        return ""
+    for phase in solution.phases:
+        layout = phase.laid_out
+        assert phase.stages is not None
+        k = np.repeat(np.arange(layout.intervals), SHARES.size)
+        share = np.tile(SHARES, layout.intervals)
+        t = (layout.mesh[k] + share * np.diff(layout.mesh)[k]) * phase.duration
+        values = layout.interpolated(phase.stages, k, share)
+        for label, sizes in _sizes(phase, {name: v.T for name, v in values.items()}, t):
+            zero = sizes <= ZERO * sizes.max(initial=0.0)
+            if zero.mean() >= LEAST and not zero.all():
+                return (
+                    f"{label} of phase {phase.name!r} has a kink at which the answer stands, as at "
+                    f"{t[zero][0]:.3g} s: {REMEDY}."
+                )
+    return ""
+
+
+def _sizes(
+    phase: PhaseSolution, values: dict[str, FloatArray], t: FloatArray
+) -> Iterator[tuple[str, FloatArray]]:
+    """Yield sizes [M] that are zero at kinks, with whose they are: roots and absolute values, and
+    slopes of constraints that act.
+    """
+    declared = phase.laid_out.phase
+    expressions = Expressions(declared)
+    table = expressions.table(values, t, phase.duration)
+    terms = [("A running cost", each) for each in declared.running_costs]
+    terms += [(f"Constraint {each.name!r}", each.expression) for each in declared.constraints]
+    for label, expression in terms:
+        for size in _roots(expressions.function([expression])):
+            yield label, np.abs(size(table).full().ravel())
+    controls = ca.vertcat(*(v.symbol for v in declared.controls), ca.MX(0, 1))
+    for limit in (each for each in declared.constraints if each.expression.is_scalar()):
+        if ca.depends_on(limit.expression, controls):
+            slopes = ca.vec(ca.jacobian(limit.expression, controls))
+            value, *slope = expressions.function([limit.expression, slopes])(table).full()
+            left = np.minimum(value - limit.lower, limit.upper - value)
+            size = np.linalg.norm(slope, axis=0)
+            acts = left <= ZERO * np.abs(value).max(initial=limit.scale[0])
+            yield f"Constraint {limit.name!r}", np.where(acts, size, size.max())
+
+
+def _roots(function: ca.Function) -> Iterator[ca.Function]:
+    """Yield functions of the roots and absolute values in a function of one table."""
+    if not function.is_a("SXFunction"):
+        return
+    (given,) = function.sx_in()
+    work: dict[int, ca.SX] = {}
+    for k in range(function.n_instructions()):
+        operation, inputs = function.instruction_id(k), function.instruction_input(k)
+        outputs = function.instruction_output(k)
+        if operation == ca.OP_INPUT:
+            work[outputs[0]] = given[inputs[1]]
+        elif operation == ca.OP_CONST:
+            work[outputs[0]] = ca.SX(function.instruction_constant(k))
+        elif operation == ca.OP_CALL:  # a table has no scalar graph
+            return
+        elif operation != ca.OP_OUTPUT:
+            value = ca.SX.binary(operation, work[inputs[0]], work[inputs[-1]])
+            work[outputs[0]] = value
+            if operation in (ca.OP_SQRT, ca.OP_FABS):
+                yield ca.Function("size", [given], [value])
