@@ -11,6 +11,7 @@ from microbot_ocp._base import deadline
 from microbot_ocp.limits import LimitFamily
 from microbot_ocp.planning import least_duration, task_of
 from microbot_ocp.planning.free import slowed_together
+from microbot_ocp.planning.search._branches import ways_through
 from microbot_ocp.planning.search._through_stops import problem_of
 from microbot_ocp.planning.task import TaskScale
 from microbot_ocp.planning.task._segments import CircleArc, Straight, curve_limits
@@ -578,3 +579,50 @@ def test_shapes_that_follow_one_another_are_slowed_down_by_one_factor():
     assert slowed_together(families, slower, 5e-4) == slower  # within limits as they are
     shapes = [mo.quintic([[0.0], [1.0]], [0.0, 1.0])] * 2
     assert slowed_together(families, shapes, 5e-4) is None  # it was nowhere near its limits
+
+
+# tool lines through singular places ------------------------------------------------------------
+
+
+def over_the_shoulder(y):
+    return [Stop(position=[3.0, y, 4.0]), Stop(position=[-3.0, y, 4.0])]
+
+
+def turns_of_the_first_joint(robot, stops, tolerance):
+    task = task_of(robot, stops, segments=[mo.Line(tolerance=tolerance)])
+    return [float(np.ptp(way.paths[0][:, 0])) for way in ways_through(task)]
+
+
+@pytest.mark.parametrize(
+    ("tolerance", "share"), [(1e-3, 0.0), (1e-3, 1e-3), (1e-3, -0.8), (5e-3, 0.75), (1e-5, -0.3)]
+)
+def test_what_is_singular_within_the_tolerance_of_a_line_is_no_obstacle(microbot, tolerance, share):
+    """The line through the axis of the waist is within the tolerance of all others."""
+    stops = over_the_shoulder(share * tolerance)
+    assert min(turns_of_the_first_joint(microbot, stops, tolerance)) < 0.1
+
+
+@pytest.mark.slow
+def test_a_line_beside_a_singular_place_takes_as_long_as_that_through_it(microbot):
+    durations = []
+    for y in (0.0, 3e-4):
+        stops, lines = over_the_shoulder(y), [mo.Line(tolerance=1e-3)]
+        motion = mo.time_optimal(microbot, stops, segments=lines, mesh=12, starts=1)
+        assert mo.certify(microbot, motion, via_q=stops, segments=lines).ok
+        durations.append(motion.duration)
+    assert durations[1] <= 1.005 * durations[0]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("beside", [-2e-4, 3e-4])
+def test_a_six_joint_arm_passes_its_shoulder_within_the_tolerance(beside):
+    """The arm of a UR5e stands over the axis of its base 0.1333 m beside it."""
+    robot, down = mo.load_robot("ur5e"), np.diag([1.0, -1.0, -1.0])
+    y = 0.1333 + beside
+    stops = [Stop(position=[x, y, 0.3], orientation=down) for x in (0.4, -0.4)]
+    turns = turns_of_the_first_joint(robot, stops, 1e-3)
+    assert min(turns) < 0.2  # where the line itself turns the base by nearly half a turn
+
+
+def test_a_line_beside_the_tolerance_goes_round(microbot):
+    assert min(turns_of_the_first_joint(microbot, over_the_shoulder(2e-3), 1e-3)) > 3.0

@@ -18,6 +18,7 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.status import Status
 from microbot_ocp.inverse_kinematics import IKPath, IKSolution, follow_ik, solve_ik_all
+from microbot_ocp.limits import MotionSamples
 from microbot_ocp.motion import PiecewisePolynomial, polynomial_of
 from microbot_ocp.planning.path import time_path
 from microbot_ocp.planning.task import (
@@ -65,6 +66,7 @@ Joined = dict[tuple[int, int], FloatArray | None]  # branches at both ends: the 
 
 _even = np.linspace(0.0, 1.0, BRANCHES.rows)
 EASED = _even**3 * (10.0 - 15.0 * _even + 6.0 * _even**2)  # shares of a way at even times
+WEIGHTS = np.geomspace(100.0, 1.0, 5)  # tolerances a rad (m), so that first steps are short
 
 
 @dataclass(frozen=True, eq=False)
@@ -271,21 +273,27 @@ def _followed(task: Task, index: int, nodes: list[Poses]) -> tuple[Poses, Poses,
     joint_paths: Joined = {}
     failures: list[tuple[float, str]] = []
     for a, q in enumerate(list(origin)):
-        poses = _follow(task, index, q, backwards)
+        places = _places(task, index, q, backwards)
+        poses = follow_ik(task.robot, *places, seed=q)
+        near_line = _near_line(task, index, places, q)
         if not poses.solved:
             share, reason = _why(task.robot, poses)
             failures.append((1.0 - share if backwards else share, reason))
-            continue
-        near = [_apart(task.robot, poses.q[-1], other) for other in target]
-        if near and min(near) < BRANCHES.same_branch:
-            b = int(np.argmin(near))
-        elif task.stops[index if backwards else index + 1].q is None:
-            target.append(poses.q[-1])
-            b = len(target) - 1
-        else:
-            failures.append((1.0, "it ends on another branch than that of the joint pose there"))
-            continue
-        joint_paths[(b, a) if backwards else (a, b)] = poses.q[::-1] if backwards else poses.q
+        for path in (poses.q if poses.solved else None, near_line):
+            if path is None:
+                continue
+            near = [_apart(task.robot, path[-1], other) for other in target]
+            if near and min(near) < BRANCHES.same_branch:
+                b = int(np.argmin(near))
+            elif task.stops[index if backwards else index + 1].q is None:
+                target.append(path[-1])
+                b = len(target) - 1
+            else:
+                why = "it ends on another branch than that of the joint pose there"
+                failures.append((1.0, why))
+                continue
+            pair = (b, a) if backwards else (a, b)
+            joint_paths.setdefault(pair, path[::-1] if backwards else path)
     if joint_paths:
         return starts, ends, joint_paths
     curve = task.curves[index]
@@ -297,8 +305,11 @@ def _followed(task: Task, index: int, nodes: list[Poses]) -> tuple[Poses, Poses,
     return starts, ends, _free(starts, ends)  # a turn is free on the way: the solver may find one
 
 
-def _follow(task: Task, index: int, q: FloatArray, backwards: bool) -> IKPath:
-    """Return joint poses [N,n] along a tool line from a branch at its start, or from its end on."""
+Places = tuple[FloatArray, FloatArray | None]  # positions [N,3], orientations [N,3,3] of the tool
+
+
+def _places(task: Task, index: int, q: FloatArray, backwards: bool) -> Places:
+    """Return places along a tool line from a branch at its start, or from its end on."""
     curve = task.curves[index]
     assert curve is not None
     way, turning = curve
@@ -314,7 +325,43 @@ def _follow(task: Task, index: int, q: FloatArray, backwards: bool) -> IKPath:
     if backwards:
         positions = positions[::-1]
         orientations = None if orientations is None else orientations[::-1]
-    return follow_ik(task.robot, positions, orientations, seed=q)
+    return positions, orientations
+
+
+def _near_line(task: Task, index: int, places: Places, q: FloatArray) -> FloatArray | None:
+    """Return joint poses [N,n] along a tool line from q on, within its tolerances and with little
+    motion from each to the next; None where they do not lead to its end.
+
+    A place that is singular, or nearly, within the tolerances is passed so, where the line itself
+    asks a joint to turn about it in no time, or ends. Damped least squares: Buss, "Introduction to
+    inverse kinematics with Jacobian transpose, pseudoinverse and damped least squares methods".
+    """
+    kind, robot, (positions, orientations) = task.segments[index], task.robot, places
+    assert isinstance(kind, Line | Circle)
+    last, path, low, high = len(positions) - 1, [q], robot.limits.q_min, robot.limits.q_max
+    sizes = np.repeat([kind.tolerance, kind.orientation_tolerance], 3)
+    sizes = sizes[: 3 if orientations is None else 6, None]
+    for k in range(1, last):
+        here = path[-1]
+        for weight in WEIGHTS:
+            pose = np.array(forward_kinematics(robot)(here))
+            missed = positions[k] - pose[:3, 3]
+            if orientations is not None:
+                turn = 0.5 * np.cross(pose[:3, :3].T, orientations[k].T).sum(axis=0)
+                missed = np.append(missed, turn)
+            rows = np.array(jacobian(robot)(here))[: sizes.size] / sizes
+            slope = np.vstack([rows, weight * np.eye(q.size)])
+            wanted = np.append(missed / sizes[:, 0], weight * (path[-1] - here))
+            here = np.clip(here + np.linalg.lstsq(slope, wanted)[0], low, high)
+        path.append(here)
+    turned = None if orientations is None else orientations[last:]
+    end = follow_ik(robot, positions[last:], turned, seed=path[-1])
+    path = np.vstack([*path, end.q])
+    if not end.solved or np.abs(np.diff(path, axis=0)).max() > BRANCHES.apart:
+        return None
+    family = task.families[index]
+    uses = family.use(MotionSamples.at_rest(path), family.of_order(0)).values()
+    return path if max(float(use.max()) for use in uses) <= 1.0 + 1e-9 else None
 
 
 def _why(robot: Robot, poses: IKPath) -> tuple[float, str]:
