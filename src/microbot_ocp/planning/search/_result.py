@@ -30,6 +30,7 @@ from microbot_ocp.planning.free import (
     via_times,
 )
 from microbot_ocp.planning.search._branches import Way
+from microbot_ocp.planning.search._chatter import chatter
 from microbot_ocp.planning.search._problem import MotionProblem
 from microbot_ocp.planning.search._search import (
     MotionAnswer,
@@ -220,7 +221,10 @@ def motion_of_answer(best: Fastest) -> Motion:
         **more,
     )
     motion = problem.motion(solution, provenance)
-    return replace(motion, remark=one_remark(remark, *_further_remarks(best)), outcome=outcome)
+    robot, calmer = problem.family.robot, best.calmer is not None
+    swings = chatter(robot, motion, calmer=calmer) if outcome.solved else ()
+    told = one_remark(remark, *_further_remarks(best), *(row.sentence for row in swings))
+    return replace(motion, remark=told, outcome=outcome.and_(*swings))
 
 
 def starts_of(state: SearchState, rested: float = 0.0) -> list[dict[str, Any]]:
@@ -382,8 +386,8 @@ def least_effort(search: MotionSearch, fastest: MotionAnswer, slack: float) -> L
     kernels, guess = kernels.with_parameters(allowed), partial(_with_clock, search)
     refiner = replace(fastest.refiner, transcription=kernels, guess_from=guess)
     refiner = replace(refiner, rough=None, history=[])
-    # what is smooth needs no mesh that was made for jumps
-    meshes: list[Any] = [min(SEARCH.full_mesh, phase.mesh.size - 1) for phase in solution.phases]
+    # on its own mesh alone the fastest is known to keep to the time that is allowed
+    meshes = [phase.mesh for phase in solution.phases]
     guesses = guess(solution, slower)
     calmer = refiner.refine(refiner.solve(meshes, guesses, barrier=SEARCH.near_way_barrier))
     search.progress(f"least effort: {calmer.duration:.6f} s, {calmer.status}")
