@@ -4,8 +4,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from microbot_ocp.ocp import OptimalControlProblem, SolverSettings, solve
-from microbot_ocp.ocp.diagnosis import kinks
+from microbot_ocp.ocp import OptimalControlProblem, SolverSettings, Status, solve
+from microbot_ocp.ocp.diagnosis import kinks, unheld
 
 
 def fuel(form):
@@ -68,3 +68,27 @@ def test_without_a_kink_nothing_is_said():
     phase.constraint("ball", ca.sumsqr(u), upper=4.0)
     phase.running_cost(ca.norm_2(u))
     assert kinks(solve(problem, 6, settings=SolverSettings("ipopt"))) == ""
+
+
+@pytest.mark.parametrize(
+    ("declared", "told"),
+    [
+        ({}, True),
+        ({"shape": "linear"}, False),
+        ({"lower": -9.0}, False),
+        ({"shape": "constant"}, False),
+    ],
+)
+def test_a_control_that_a_constraint_alone_limits_is_named_where_a_gap_is_left(declared, told):
+    problem = OptimalControlProblem("pendulum")
+    phase = problem.phase("swing", (0.1, 5.0))
+    q, v = phase.state("q", initial=0.0, final=1.0), phase.state("v", initial=0.0, final=0.0)
+    a = phase.control("a", **declared)
+    phase.derivative(q, v)
+    phase.derivative(v, a)
+    phase.constraint("torque", 2.0 * a + 5.0 * ca.sin(q), lower=-8.0, upper=8.0)
+    phase.end_cost(phase.duration)
+    solution = solve(problem, 10)
+    assert unheld(solution) == ""
+    sentence = unheld(solution.ended(Status.GAP_LEFT))
+    assert ("'torque' limits control 'a' of phase 'swing'" in sentence) is told

@@ -18,6 +18,7 @@ from ._finiteness import (
 )
 from ._kinks import (
     kinks as kinks,
+    unheld as unheld,
 )
 from ._redundancy import (
     independent as independent,

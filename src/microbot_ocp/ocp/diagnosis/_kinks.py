@@ -12,6 +12,7 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.problem import Expressions
 from microbot_ocp.ocp.solution import PhaseSolution, Solution
 
@@ -45,6 +46,28 @@ def kinks(solution: Solution) -> str:
                     f"{label} of phase {phase.name!r} has a kink at which the answer stands, as at "
                     f"{t[zero][0]:.3g} s: {REMEDY}."
                 )
+    return ""
+
+
+def unheld(solution: Solution) -> str:
+    """Return the control that is free in every interval and limited by a constraint alone, where a
+    gap is left, and forms that leave none; empty where there is no such control.
+
+    On singular arcs such controls swing between collocation points at no cost.
+    """
+    if solution.status is not Status.GAP_LEFT:
+        return ""
+    for phase in solution.phases:
+        declared = phase.laid_out.phase
+        for control in declared.shaped("polynomial"):
+            free = np.isinf(control.lower).all() and np.isinf(control.upper).all()
+            for limit in declared.constraints if free else ():
+                if ca.depends_on(limit.expression, control.symbol):
+                    return (
+                        f"Nothing but constraint {limit.name!r} limits control {control.name!r} of "
+                        f"phase {phase.name!r}: declare it with shape='linear', or make the "
+                        "limited quantity the control, such as torques in place of accelerations."
+                    )
     return ""
 
 

@@ -21,7 +21,7 @@ import numpy as np
 from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import InputError
 from microbot_ocp._base.status import Status
-from microbot_ocp.ocp.diagnosis import POOR, NotFinite, kinks
+from microbot_ocp.ocp.diagnosis import POOR, NotFinite, kinks, unheld
 from microbot_ocp.ocp.problem import OptimalControlProblem, with_shapes
 from microbot_ocp.ocp.refinement import (
     CONVERGED,
@@ -259,7 +259,9 @@ def _ended(task: SolveTask, best: Solution) -> Solution:
         best = best.remarked(NOT_ALL)
     if best.solved and best.unsettled:
         best = best.ended(Status.LOCAL_OPTIMUM, best.several)
-    return best.remarked(kinks(best), ALONE if best.solved and not best.compared else "")
+    return best.remarked(
+        kinks(best), unheld(best), ALONE if best.solved and not best.compared else ""
+    )
 
 
 def default_mesh(problem: OptimalControlProblem | Transcription) -> int:
