@@ -1,6 +1,7 @@
 """The flat program: its derivatives, its optimum, and the band solver behind IPOPT."""
 
 import ctypes
+from dataclasses import replace
 
 import casadi as ca
 import numpy as np
@@ -58,6 +59,7 @@ def differences(function, x, step=1e-6):
 LIMITED = {
     "torques": {},
     "accelerations": {"qdd_max": 30.0},
+    "rates": {"taud_max": 2000.0, "qddd_max": 500.0},
 }
 
 
@@ -84,9 +86,10 @@ def test_derivatives_are_those_of_differences(microbot, changes):
 
 
 @needs_a_compiler
-@pytest.mark.parametrize("name", ["microbot", "ur5e"])
+@pytest.mark.parametrize("name", ["microbot", "ur5e", "with rates"])
 def test_numpy_and_c_do_the_same(name):
-    robot = mo.load_robot(name)
+    rated = mo.load_robot("ur5e").with_limits(**LIMITED["rates"])
+    robot = rated if name == "with rates" else mo.load_robot(name)
     via = VIA_Q if name == "microbot" else 0.5 * np.random.default_rng(3).normal(size=(3, 6))
     program, x = uneven_program(robot, via)
     lam = np.random.default_rng(0).normal(size=program.row_lower.size)
@@ -130,6 +133,34 @@ def test_its_optimum_is_that_of_the_program_with_states(microbot):
         np.testing.assert_allclose(after["q"], before["q"], atol=1e-3)
 
 
+def test_rows_of_rates_are_rates_at_the_ends_of_intervals_to_second_order(microbot):
+    robot = microbot.with_limits(taud_max=2000.0)
+    form, guess = flat_of(robot, VIA_Q), guess_of(robot, VIA_Q)
+
+    def error(mesh):
+        program = form.program(mesh)
+        x = form.starting_point(program, guess).x
+        rows, scales = program.structure.rows, program.scales
+        spans = rows.lengths() * scales.durations[rows.phase]
+        there = rows.of_rates[:, 0] >= 0
+        rates = program.row_values(x)[rows.of_rates[there]] * scales.rate / spans[there, None]
+        expected = []
+        for layout in program.layouts:
+            phase = layout.unpacked(x)
+            motion = [phase[key] for key in ("q", "qd", "qdd")]
+            jerk = np.diff(motion[2], axis=0) / np.diff(phase.t)[:, None]
+            ends = [
+                robot.torques_along(*(table[part] for table in motion), jerk)["taud"]
+                for part in (slice(None, -1), slice(1, None))
+            ]
+            expected.append(np.stack(ends, axis=1).reshape(-1, 3))
+        return np.abs(rates - np.concatenate(expected)).mean()
+
+    errors = [error(mesh) for mesh in (20, 40, 80)]
+    assert errors[1] < 0.3 * errors[0]
+    assert errors[2] < 0.3 * errors[1]
+
+
 def test_its_mesh_points_are_one_spline(microbot):
     solution = solve_on(flat_of(microbot, VIA_Q), 12, guess_of(microbot, VIA_Q), TIGHT)
     for phase in solution.phases:
@@ -162,9 +193,10 @@ def test_the_payload_is_a_number_of_the_program(microbot):
 
 def test_what_it_cannot_state_is_left_to_the_program_with_states():
     via = np.array([[0.0, 0.0], [1.0, 0.5]])
-    rated = arm().with_limits(taud_max=1000.0)
+    rubbing = arm()
+    rubbing = rubbing.with_links([replace(link, coulomb_friction=1.0) for link in rubbing.links])
     averaged = arm().with_limits(also=[mo.limits.rms_torque(50.0)])
-    for robot in (rated, averaged):
+    for robot in (rubbing, averaged):
         assert flat_form(robot, via.tobytes(), 2) is None
 
 

@@ -28,7 +28,7 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.codegen import ANY_ORDER, build_library, compiles
 from microbot_ocp.planning.free._flat_rows import NOWHERE, FlatRows, Scales, WindowPlaces
 from microbot_ocp.planning.free._point_limits import ORDERS
-from microbot_ocp.planning.free._spline import PLACES, IntArray, Windows
+from microbot_ocp.planning.free._spline import PLACES, SLOPES, IntArray, Windows
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,10 +162,10 @@ class NumpyLoops:
             _put(entries, to.bound_time, moved.y_slopes[:, own] / motion)
             if to.rate is not None:
                 factor, scale = self._rates(moved, T)
-                chosen = np.diff(block[..., form.torques, :], axis=1) * factor[..., None, None]
+                chosen = _slopes(block[..., form.torques, :]) * factor[..., None, None]
                 _put(entries, to.rate, chosen / scale[:, None])
-                steps = np.diff(values[windows.points][..., form.torques], axis=1)
-                change = np.diff(by_time[..., form.torques], axis=1)
+                steps = _slopes(values[windows.points][..., form.torques])
+                change = _slopes(by_time[..., form.torques])
                 change -= steps / T[windows.phase][:, None, None]
                 _put(entries, to.rate_time, change * factor / scale)
             if to.jerk is not None:
@@ -274,14 +274,19 @@ class NumpyLoops:
         """Add what rows of rates have besides differences of torques: the duration below them."""
         windows, form = moved.windows, moved.form
         weight = of_rates[windows.points[:, :2]]  # [K,2,J]
-        change = np.diff(np.pad(weight, ((0, 0), (1, 1), (0, 0))), axis=1)
         of_torques = slopes.reshape(-1, ORDERS, form.rows, form.joints)[windows.points]
-        sums = -np.einsum("klr,kldri->kldi", change, of_torques[..., form.torques, :])
+        chosen = of_torques[..., form.torques, :]
+        sums = np.einsum("kpr,pl,kldri->kldi", weight, SLOPES, chosen, optimize=True)
         times = T[windows.phase]
         by_time -= np.einsum("kldm,kldi->kmi", moved.weights, sums) / times[:, None, None]
-        steps = np.diff(values[windows.points][..., form.torques], axis=1)
+        steps = _slopes(values[windows.points][..., form.torques])
         twice -= 2.0 * (sums * moved.y_slopes).sum(axis=(1, 2, 3)) / times
         twice += 2.0 * (weight * steps).sum(axis=(1, 2)) / times**2
+
+
+def _slopes(values: FloatArray) -> FloatArray:
+    """Return ``SLOPES`` [K,2,...] of values [K,3,...] at the places of intervals."""
+    return np.moveaxis(np.tensordot(SLOPES, values, (1, 1)), 0, 1)
 
 
 def _put(entries: FloatArray, places: IntArray | None, values: FloatArray) -> None:

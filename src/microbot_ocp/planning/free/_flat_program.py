@@ -45,14 +45,18 @@ from microbot_ocp.planning.free._flat_rows import (
 from microbot_ocp.planning.free._initial_guesses import guess_along
 from microbot_ocp.planning.free._point_limits import ORDERS, PointLimits, point_limits
 from microbot_ocp.planning.free._problem import JERK_WEIGHT, free_problem, phase_shapes
-from microbot_ocp.planning.free._spline import DEGREE, IntArray, SplineLayout, spline_layout
+from microbot_ocp.planning.free._spline import (
+    DEGREE,
+    PLACES,
+    SLOPES,
+    IntArray,
+    SplineLayout,
+    spline_layout,
+)
 from microbot_ocp.planning.task import (
     Conditions,
-    EndConditions,
     TaskScale,
-    finite_scale,
     has_windows,
-    knows_derivatives,
     passing,
 )
 from microbot_ocp.robot import Robot
@@ -86,9 +90,10 @@ class FlatEvaluation:
         self._motion = order, point, joint
         self._motion_scale = form.scales.motion[order, joint]
         self._limits = np.nonzero(rows.at_points >= 0)
-        self._pairs = np.flatnonzero((rows.of_rates >= 0).any(axis=1))
-        lengths = form.scales.durations[rows.phase[self._pairs]]
-        self._rate_factor = lengths[:, None] / form.scales.change[form.torques]
+        self._rated = np.flatnonzero((rows.of_rates >= 0).any(axis=1))  # starts and middles
+        self._inside = self._rated[::2, None] + np.arange(PLACES.size)
+        typical = form.scales.durations[rows.phase[self._rated]]
+        self._rate_factor = typical[:, None] / form.scales.change[form.torques]
         self._jerks = np.nonzero(rows.of_jerks >= 0)
         counts = np.cumsum([0, *(int((table >= 0).sum()) for table in rows.tables)])
         self._parts = [slice(a, b) for a, b in itertools.pairwise(counts)]
@@ -146,9 +151,9 @@ class FlatEvaluation:
         g[limits] = values[self._limits]
         g[motion] = self._q[self._motion] / self._motion_scale
         if self.form.torques.size:
-            torques = values[:, self.form.torques]
-            change = (torques[self._pairs + 1] - torques[self._pairs]) * self._rate_factor
-            g[rates] = (change / self._T[self.rows.phase[self._pairs]][:, None]).ravel()
+            torques = values[:, self.form.torques][self._inside]
+            change = (SLOPES @ torques).reshape(self._rate_factor.shape) * self._rate_factor
+            g[rates] = (change / self._T[self.rows.phase[self._rated]][:, None]).ravel()
         if jerks.stop > jerks.start:
             table = np.zeros((self.form.points, self.form.joints))
             for moved in self.loops.moved:
@@ -183,10 +188,11 @@ class FlatEvaluation:
         if form.torques.size:
             self._with_slopes()
             values, slopes = self._known["values"], self._known["slopes"]
-            spans = self._T[rows.phase[self._pairs]][:, None]
-            of_rates[self._pairs] = lam[rates].reshape(spans.size, -1) * self._rate_factor / spans
-            weights[1:, form.torques] += of_rates[:-1]
-            weights[:, form.torques] -= of_rates
+            spans = self._T[rows.phase[self._rated]][:, None]
+            of_rates[self._rated] = lam[rates].reshape(spans.size, -1) * self._rate_factor / spans
+            of_torques = SLOPES.T @ of_rates[self._inside[:, :2]]
+            for place, points in enumerate(self._inside.T):  # each point once
+                weights[np.ix_(points, form.torques)] += of_torques[:, place]
         of_jerks[self._jerks] = lam[jerks] / form.scales.jerk[self._jerks[1]]
         gradient, blocks = self._called("curvature", weights)
         by_motion = np.zeros((form.points, ORDERS, form.joints))
@@ -699,8 +705,8 @@ class FlatTranscription:
             unknowns[v : v + n] = motion[1]
             unknowns[before : before + n] = unknowns[after : after + n] = motion[2]
         unknowns[layout.durations] = size.time
-        torque = finite_scale(*limits.bounds("tau"))  # as the rows of torques have it
-        rate = _finite(limits.bounds("taud"), torque / size.time)
+        torque = self.limits[0].torque_scale  # whatever the limits are now
+        rate = _finite(limits.bounds("taud"), size.acceleration / size.time)
         jerk = _finite(limits.bounds("qddd"), size.jerk)
         return Scales(unknowns, motion, torque, rate, jerk, size.durations)
 
@@ -919,45 +925,6 @@ class FlatTranscription:
         return StartingPoint(x, moved, variables)
 
 
-def flat_transcription(
-    problem: OptimalControlProblem,
-    robots: Sequence[Robot],
-    conditions: Conditions,
-    size: TaskScale,
-    payload: bool,
-) -> FlatTranscription | None:
-    """Return the flat transcription of a free motion's problem; None where it has none.
-
-    That is with dry friction, means over the motion, limits that depend on the jerk other than
-    jerks and torque rates, conditions on the pose of the tool, cycles, distances to obstacles, and
-    limits of the user's own that are no formula.
-    """
-    families = [LimitFamily.of(robot) for robot in robots]
-    keys = families[0].keys
-    for family in families:
-        others = {member.key for member in family if member.limit is not None}
-        if has_windows(family) or family.means or others or family.keys != keys:
-            return None
-        if family.jerk_matters:
-            return None
-        if any(knows_derivatives(member.limit) for member in family):
-            return None
-    if not size.durations.min() >= LEAST_RATIO * size.durations.max() > 0.0:
-        return None
-    if any(_in_motion(end) for end in (conditions.ends[0], conditions.ends[-1])):
-        return None
-    if conditions.closed or any(end.rows for end in conditions.ends):
-        return None
-    try:
-        return FlatTranscription(problem, tuple(families), conditions, size, payload)
-    except (RuntimeError, NotImplementedError):  # CasADi has no formula of a table
-        return None
-
-
-def _in_motion(end: EndConditions) -> bool:
-    return not all(np.all(bound == 0.0) for bound in end.qd)
-
-
 @lru_cache(maxsize=16)
 def flat_form(
     robot: Robot,
@@ -967,12 +934,35 @@ def flat_form(
     payload: bool = False,
     conditions: Conditions | None = None,
 ) -> FlatTranscription | None:
-    """Return the flat transcription of the same problem; None where it has none."""
+    """Return the flat transcription of the problem of a free motion; None where states are kept.
+
+    They are without torques, with dry friction, whose turns take several times the iterations, with
+    means over the motion, limits of the user's own, conditions on the pose of the tool, cycles,
+    ends in motion, and segments that are far shorter than others.
+    """
     via = np.frombuffer(via_bytes).reshape(count, -1)
-    problem = free_problem(robot, via, payload=payload, conditions=conditions)
     given = conditions or passing(robot, via)
+    families = tuple(LimitFamily.of(moving) for moving in given.robots)
     size = TaskScale.of(LimitFamily.of(robot), via)
-    return flat_transcription(problem, given.robots, given, size, payload)
+    if not _is_flat(families, given, size):
+        return None
+    problem = free_problem(robot, via, payload=payload, conditions=conditions)
+    return FlatTranscription(problem, families, given, size, payload)
+
+
+def _is_flat(families: Sequence[LimitFamily], conditions: Conditions, size: TaskScale) -> bool:
+    for family in families:
+        own = any(member.limit is not None for member in family)
+        if has_windows(family) or family.means or own or family.keys != families[0].keys:
+            return False
+        if not {"tau", "taud"} & set(family.keys):
+            return False
+    start, *_, end = conditions.ends
+    moves = not all(np.all(bound == 0.0) for point in (start, end) for bound in point.qd)
+    posed = conditions.closed or any(point.rows for point in conditions.ends)
+    durations = size.durations
+    short = not durations.min() >= LEAST_RATIO * durations.max() > 0.0
+    return not (moves or posed or short)
 
 
 def _finite(bounds: tuple[FloatArray, FloatArray], typical: FloatArray) -> FloatArray:

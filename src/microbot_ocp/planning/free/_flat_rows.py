@@ -46,7 +46,7 @@ class Scales:
     @property
     def change(self) -> FloatArray:
         """What changes [n] of scaled torques in a second are divided by."""
-        return self.rate / self.torque
+        return self.rate / self.torque if self.torque.size else self.rate
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +64,7 @@ class FlatRows:
     of_motion : array of int [P,3,n]
         Of bounds of position, velocity and acceleration.
     of_rates : array of int [P,J]
-        Of the torque rate from a point to the next one.
+        Of the torque rate at the start of an interval, and at its end by its middle point.
     of_jerks : array of int [P,n]
         Of the jerk in the interval that begins at a point.
     torques : array of int [J]

@@ -62,6 +62,11 @@ class PointLimits:
         """Number of rows at a point."""
         return len(self.names)
 
+    @property
+    def torque_scale(self) -> FloatArray:
+        """Scales [n] of the torques; empty where there are none."""
+        return self.scale[[key == "tau" for key, *_ in self.names]]
+
     def bounds(
         self, family: LimitFamily, widened: Mapping[str, tuple[FloatArray, FloatArray]]
     ) -> tuple[FloatArray, FloatArray]:

@@ -36,6 +36,7 @@ from microbot_ocp.robot import Robot
 # Weight of the squared jerk: picks one motion where many are equally fast. It costs 1.3e-5 of the
 # duration of the Microbot task and halves the swing of the torques that are not at a limit.
 SMOOTHING = 1e-6
+BEFORE = 1e-9  # of a piece, by which a place is before its end
 JERK_WEIGHT = "jerk weight"  # the parameter of a phase
 CLOSED = 1e-5  # share of the way, or of the change of velocity, that gaps add up to
 BUDGET = "budget"  # a parameter of every phase
@@ -333,10 +334,12 @@ def excess_between(family: LimitFamily, solution: Solution) -> list[FloatArray]:
 
 
 def excess_along(family: LimitFamily, shape: PiecewisePolynomial) -> FloatArray:
-    """Return the largest relative excess of any limit at K places of every piece [N, K]."""
+    """Return the largest relative excess of any limit at K places of every piece [N, K], the last
+    just before its end: from there on the jerk is that of the next piece.
+    """
     velocity = shape.derivative()
     acceleration = velocity.derivative()
-    inside = np.linspace(0, 1, CHECKS_PER_INTERVAL + 1)
+    inside = np.linspace(0.0, 1.0 - BEFORE, CHECKS_PER_INTERVAL + 1)
     t = (shape.breaks[:-1, None] + inside * np.diff(shape.breaks)[:, None]).ravel()
     orders = (shape, velocity, acceleration, acceleration.derivative())
     excess = family.excess(MotionSamples(*(order(t) for order in orders)))

@@ -27,6 +27,9 @@ IntArray = np.ndarray
 DEGREE = 3
 ENDS = 3  # coefficients at either end that position, velocity and acceleration decide
 PLACES = np.array([0.0, 0.5, 1.0])  # of an interval where limits are looked at
+# half an interval times the slope of the parabola through values at the places, at start and end:
+# a mean over half an interval would let rates exceed their limits by a share of its length
+SLOPES = np.array([[-1.5, 2.0, -0.5], [0.5, -2.0, 1.5]])
 
 
 def local_bases(

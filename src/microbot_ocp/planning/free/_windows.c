@@ -6,6 +6,10 @@
 
 #define ORDERS 3
 #define PLACES 3
+
+/* half an interval times the slope of the parabola through three values, at start and end */
+static const double SLOPES[2][PLACES] = {{-1.5, 2.0, -0.5}, {0.5, -2.0, 1.5}};
+
 typedef struct {
     long count, unknowns, own_begin, own_end, inside; /* inside: of an interval, not of an end */
     const int *phase, *columns, *points;
@@ -151,20 +155,22 @@ void windows_jacobian(const Windows *s, const Form *f, const double *T, const do
             }
         }
         for (long p = 0; rates && p < 2; p++) {
-            const double factor = f->typical[s->phase[k]] / t;
-            const long before = s->points[k * PLACES + p], after = s->points[k * PLACES + p + 1];
+            const double factor = f->typical[s->phase[k]] / t, *slope = SLOPES[p];
+            const int *points = s->points + k * PLACES;
             for (long j = 0; j < J; j++) {
                 const long r = f->torque[j];
                 const double scale = factor / f->rate_scale[j];
                 for (long m = 0; m < M; m++)
                     for (long i = 0; i < n; i++)
                         difference[(m * J + j) * n + i] =
-                            scale * (block[((p + 1) * M + m) * size + r * n + i] -
-                                     block[(p * M + m) * size + r * n + i]);
+                            scale * (slope[0] * block[m * size + r * n + i] +
+                                     slope[1] * block[(M + m) * size + r * n + i] +
+                                     slope[2] * block[(2 * M + m) * size + r * n + i]);
                 const int place = s->rate_time[(k * 2 + p) * J + j];
-                if (place >= 0)
-                    entries[place] = scale * (by_time[(p + 1) * R + r] - by_time[p * R + r] -
-                                              (values[after * R + r] - values[before * R + r]) / t);
+                double change = 0.0;
+                for (int l = 0; l < PLACES; l++)
+                    change += slope[l] * (by_time[l * R + r] - values[points[l] * R + r] / t);
+                if (place >= 0) entries[place] = scale * change;
             }
             put(entries, s->rate + (k * 2 + p) * M * J * n, M * J * n, difference);
         }
@@ -272,20 +278,19 @@ void windows_hessian(const Windows *s, const Form *f, const double *T, const dou
                 for (int d = 0; d < ORDERS; d++)
                     for (long i = 0; i < n; i++) {
                         double sum = 0.0;
-                        for (long r = 0; r < J; r++) {
-                            const double after = p > 0 ? of_rates[(start + p - 1) * J + r] : 0.0;
-                            const double before = p < 2 ? of_rates[(start + p) * J + r] : 0.0;
-                            sum += (after - before) * of[(d * R + f->torque[r]) * n + i];
-                        }
+                        for (long r = 0; r < J; r++)
+                            sum += (SLOPES[0][p] * of_rates[start * J + r] +
+                                    SLOPES[1][p] * of_rates[(start + 1) * J + r]) *
+                                   of[(d * R + f->torque[r]) * n + i];
                         for (long m = 0; m < M; m++)
                             by_time[m * n + i] -= w[(p * ORDERS + d) * M + m] * sum / t;
                         time_time -= 2.0 * sum * y1[d * n + i] / t;
                     }
-                for (long r = 0; r < J && p > 0; r++) {
-                    const long row = f->torque[r], before = s->points[k * PLACES + p - 1];
-                    time_time += 2.0 * of_rates[(start + p - 1) * J + r] *
-                                 (values[point * R + row] - values[before * R + row]) / (t * t);
-                }
+                for (long r = 0; r < J; r++)
+                    time_time += 2.0 *
+                                 (SLOPES[0][p] * of_rates[start * J + r] +
+                                  SLOPES[1][p] * of_rates[(start + 1) * J + r]) *
+                                 values[point * R + f->torque[r]] / (t * t);
             }
         }
         const int *places = s->hessian + k * M * M * nn;

@@ -8,6 +8,7 @@ first of them first.
 from __future__ import annotations
 
 import time
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -25,6 +26,7 @@ from microbot_ocp.ocp.transcription import Transcription
 from microbot_ocp.planning.free import (
     JERK_WEIGHT,
     SMOOTHING,
+    FlatTranscription,
     accelerations_jump,
     limited_rates,
     transcription,
@@ -62,18 +64,20 @@ def search_of(problem: MotionProblem, progress: StepProgress) -> MotionSearch:
     if deadline.over():  # they may not be compiled: made again the next time
         transcription.cache_clear()
     kernel_time = time.perf_counter() - begin
-    windows = has_windows(problem.family)
+    windows, is_flat = has_windows(problem.family), isinstance(kernels, FlatTranscription)
+    rated = is_flat and problem.family.jerk_matters  # rounding takes the last digits of the rates
     is_guided = problem.timed_path is not None  # a motion within limits is known
-    is_rough = not is_guided and (windows or len(problem.names) > SEARCH.most_polished)
+    is_rough = not is_guided and (windows or rated or len(problem.names) > SEARCH.most_polished)
     refiner = Refiner(
         kernels,
         problem.guesses,
-        problem.excess,
+        partial(by_interval, problem.excess) if is_flat else problem.excess,
         settings.limit_tolerance,
         solver="ipopt" if settings.solver == "auto" else settings.solver,
         progress=with_motion(progress, problem.family.robot, problem.via),
         settings=SolverSettings(gap=GAP, options=LDL),
-        rough=ROUGH_TOLERANCE,
+        rough=RATED * ROUGH_TOLERANCE if rated else ROUGH_TOLERANCE,
+        foresight=SEARCH.foresight if rated else 1.0,
         polishing=0 if is_rough else SEARCH.usual_iterations,
         fitted=partial(with_windows, dry_friction(problem.family.robot) > 0.0) if windows else None,
         enough=partial(is_enough, problem) if problem.is_free else None,
@@ -88,9 +92,22 @@ def search_of(problem: MotionProblem, progress: StepProgress) -> MotionSearch:
     return MotionSearch(problem, refiner, progress, kernel_time)
 
 
+def by_interval(
+    excess: Callable[[Solution], Sequence[FloatArray]], solution: Solution
+) -> list[FloatArray]:
+    """Return the largest excess [N] inside every interval, which is halved as a whole then: a
+    spline loses digits where neighbours differ in length by more.
+    """
+    return [phase.reshape(len(phase), -1).max(axis=1) for phase in excess(solution)]
+
+
+RATED = 0.1  # of the rough tolerance, with which rates of torques and jerks are done
+
+
 # finer meshes ---------------------------------------------------------------------------------
 
 TINY = 1e-12
+SHORTEST = 0.05  # of the longest interval of a phase: shorter ones are not split at switches
 COARSE = ("start", "known way", "relaxed problem", "timed path")
 ON_FULL_MESH = ("full mesh", "less and less smoothing")
 
@@ -381,7 +398,7 @@ def switch_marks(family: LimitFamily, solution: Solution) -> list[np.ndarray]:
 
     The arm could reach the velocity in far less time than the mesh lets it. With limits of a rate
     so it is with accelerations and torques: half an interval is lost at rest and at every switch,
-    1 % of the motions of a Panda on 60 even intervals.
+    1 % of the motions of a Panda on 60 even intervals. Far shorter ones gain nothing.
     """
     robot, rated = family.robot, limited_rates(family)
     marks = []
@@ -403,7 +420,8 @@ def switch_marks(family: LimitFamily, solution: Solution) -> list[np.ndarray]:
             rows |= (np.abs(np.diff(values, axis=0)) > 0.5 * limit).any(axis=1)
         for key in rated:
             rows |= rate_switches(rates[key], family[key])
-        marks.append(rows)
+        steps = np.diff(phase.mesh)
+        marks.append(rows & (steps > SHORTEST * steps.max()))
     return marks
 
 
