@@ -7,7 +7,7 @@ import pytest
 
 import microbot_ocp as mo
 from microbot_ocp._base import codegen
-from planning.shared import VIA_Q, pendulum, slider
+from planning.shared import VIA_Q, arm, pendulum, slider
 
 pytestmark = pytest.mark.slow
 
@@ -213,3 +213,32 @@ def test_on_a_coarse_mesh_a_motion_from_a_moving_start_keeps_its_limits(microbot
     assert (motion.remark == "slowed down at limits") == slowed
     assert mo.certify(microbot, motion, limit_tolerance=6e-4).ok
     np.testing.assert_allclose([motion.q[0], motion.qd[0]], [state.q[0], state.qd[0]], atol=1e-6)
+
+
+def as_fast_as_cold(solver, robot, via_q):
+    motion, cold = solver(via_q=via_q), mo.time_optimal(robot, via_q)
+    assert motion.solved
+    assert cold.solved
+    assert motion.duration <= (1.0 + 1e-4) * cold.duration
+    assert mo.certify(robot, motion, via_q=via_q).ok
+
+
+@pytest.mark.parametrize("via_q", [[[0.2, -0.3], [1.2, 0.8]], [[0.0, 0.0], [-0.5, 1.0]]])
+def test_under_torque_rates_other_via_points_are_as_fast_as_a_cold_solve(via_q):
+    """On an even mesh half an interval would be lost at every switch: 1 % of the motion."""
+    robot = arm(tau_max=[60.0, 25.0], taud_max=[400.0, 150.0])
+    as_fast_as_cold(mo.TimeOptimalSolver(robot, [[0, 0], [1, 0.5]], starts=2), robot, via_q)
+
+
+@pytest.mark.thorough
+def test_with_dry_friction_other_via_points_are_as_fast_as_a_cold_solve():
+    robot = mo.load_robot("panda")
+    via_q = np.array(
+        [
+            [-1.2005, -0.464, 0.8729, -1.4475, -1.1759, 1.7414, -0.0607],
+            [-0.9858, 0.4135, -1.1193, -1.7341, 0.0485, 1.7367, 0.2515],
+        ]
+    )
+    solver = mo.TimeOptimalSolver(robot, via_q, starts=2)
+    as_fast_as_cold(solver, robot, via_q)
+    as_fast_as_cold(solver, robot, via_q + 0.1 * np.sin(np.arange(14.0)).reshape(2, 7))

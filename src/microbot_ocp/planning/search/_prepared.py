@@ -47,9 +47,9 @@ from microbot_ocp.planning.free import (
 )
 from microbot_ocp.planning.search._problem import MotionProblem
 from microbot_ocp.planning.search._result import fastest
-from microbot_ocp.planning.search._search import from_plain, plain_of
+from microbot_ocp.planning.search._search import from_plain, is_enough, plain_of
 from microbot_ocp.planning.search._settings import SEARCH, TimeOptimalSettings
-from microbot_ocp.planning.search._strategies import graded, search_of, switch_marks
+from microbot_ocp.planning.search._strategies import by_interval, graded, search_of, switch_marks
 from microbot_ocp.planning.task import (
     FRICTION_WINDOWS,
     LDL,
@@ -64,6 +64,7 @@ from microbot_ocp.planning.task import (
     locked_joints,
     passing,
     provenance_of,
+    reversals,
     verdict,
     with_drives_noted,
     with_locked_joints_held,
@@ -348,12 +349,13 @@ class TimeOptimalSolver:
         refiner = Refiner(
             kernels,
             problem.guesses,
-            problem.excess,
+            partial(by_interval, problem.excess),
             allowed,
             tolerance=self._solver_settings.tolerance * FLAT_RATIO,
             rounds=self._rounds,
             settings=self._solver_settings,
             foresight=SEARCH.foresight,
+            enough=partial(is_enough, problem),
         )
         marks = partial(switch_marks, problem.family)
         tried: list[tuple[str, Solution]] = []
@@ -419,8 +421,7 @@ class TimeOptimalSolver:
             if (solution.status.solved and led_there and not search) or deadline.over():
                 break
         name, best = min(tried, key=lambda pair: (not pair[1].status.solved, pair[1].duration))
-        # what begins moving may have no slower timing of its path
-        allowed = LIMIT_TOLERANCE if moving is None else moving.tolerance
+        allowed = TimeOptimalSettings.limit_tolerance if moving is None else moving.tolerance
         kernels = prepared.kernels if prepared else self._kernels
         return tried, name, self._refined(problem, best, changes, kernels, allowed)
 
@@ -576,13 +577,31 @@ class TimeOptimalSolver:
         kernels: Transcription,
         allowed: float,
     ) -> Solution:
-        """Split intervals inside which a limit is exceeded; keep what is no worse."""
+        """Split intervals inside which a limit is exceeded, or something switches while that gains
+        more than it is worth; keep the last answer that is no worse.
+
+        The mesh was made for another motion: where accelerations jump, one that is finer where
+        they do comes first.
+        """
+        gained, dry = np.inf, dry_friction(self.robot) > 0.0
+        fine = 0 if problem.family.jerk_matters else 2 * (self._settings.mesh or SEARCH.full_mesh)
         for _ in range(self._rounds if solution.status.solved else 0):
             excess = problem.excess(solution)
-            if largest(excess) <= allowed or deadline.over():
+            bad = [e > allowed for e in excess]
+            if gained > SEARCH.worth * solution.duration:
+                switches = switch_marks(problem.family, solution)
+                turns = (reversals(phase["qd"], dry) for phase in solution.phases)
+                marks = zip(bad, switches, turns, strict=True)
+                bad = [b | (s | t)[:, None] for b, s, t in marks]
+            if fine:
+                meshes, fine = [graded(phase, fine) for phase in solution.phases], 0
+            elif any(rows.any() for rows in bad):
+                marked = zip(solution.phases, bad, strict=True)
+                meshes = [split(phase.mesh, rows) for phase, rows in marked]
+            else:
                 break
-            rows = zip(solution.phases, excess, strict=True)
-            meshes = [split(phase.mesh, e > allowed) for phase, e in rows]
+            if deadline.over():
+                break
             fitted = self._fitted(kernels, meshes, solution)
             solver = ParametricSolver(fitted, meshes, self._solver_settings)
             finer = solver.solve(guess=solution, **changes)
@@ -590,7 +609,7 @@ class TimeOptimalSolver:
             better = largest(problem.excess(finer)) < largest(excess)
             if not finer.status.solved or not (better or finer.cost <= solution.cost * (1 + WORSE)):
                 break
-            solution = finer
+            gained, solution = solution.duration - finer.duration, finer
         return solution
 
     def _changes(
