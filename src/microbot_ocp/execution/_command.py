@@ -17,7 +17,7 @@ from microbot_ocp.certificate import Certificate, LimitCheck, limit_checks_of
 from microbot_ocp.execution._check import AT_REST, efforts, judged
 from microbot_ocp.execution._curve import NEAR, played, played_task, rows_of
 from microbot_ocp.execution._load import refuse_other_arm, torques_through
-from microbot_ocp.execution._moved_in import Leg, Part, drawn_in, state_of
+from microbot_ocp.execution._moved_in import MoveLeg, Part, drawn_in, state_of
 from microbot_ocp.execution._profile import HELD, Profile, load_profile
 from microbot_ocp.execution._rows import CommandRows
 from microbot_ocp.limits import LIMIT_TOLERANCE, ROUNDING, LimitFamily
@@ -146,10 +146,10 @@ def commanded(
     _refuse_outside(robot, motion, chosen)
     if task is None:
         families = [LimitFamily.of(robot, chosen.limits_of(robot))]
-        rows = _soonest(Leg(families, motion, chosen))
+        rows = _soonest(MoveLeg(families, motion, chosen))
         again = None if scene else _planned_again(robot, motion, rows, chosen)
         if again is not None:
-            sooner = _soonest(Leg(families, again, chosen))
+            sooner = _soonest(MoveLeg(families, again, chosen))
             rows = sooner if sooner.t[-1] < rows.t[-1] else rows
     else:
         rows = _rows_through(task, motion, chosen)
@@ -230,7 +230,7 @@ def _rows_through(task: Task, motion: Motion, profile: Profile) -> CommandRows:
         hold(pad)
         part = _from_rest(task, motion, k, after)
         passed = task.stops[k + 1 : after]
-        rows = _soonest(Leg(task.families[k:after], part, profile, passed))
+        rows = _soonest(MoveLeg(task.families[k:after], part, profile, passed))
         marks += [Mark(count * step + mark.time, mark.name) for mark in rows.marks[1:-1]]
         pieces.append(State(*(column[1:] for column in state_of(rows))))
         count += len(rows.q) - 1
@@ -254,7 +254,7 @@ def _from_rest(task: Task, motion: Motion, first: int, last: int) -> Motion:
     return Motion(t - start, q, qd, qdd, np.zeros_like(q), motion.label, marks=tuple(marks))
 
 
-def _accepted(leg: Leg, window: int = 0) -> CommandRows:
+def _accepted(leg: MoveLeg, window: int = 0) -> CommandRows:
     """Return rows of the motion slowed down until its execution keeps all limits, those of each
     segment there.
 
@@ -286,7 +286,7 @@ def _accepted(leg: Leg, window: int = 0) -> CommandRows:
         steps = max(steps + 1, int(np.ceil(goal)))
 
 
-def _soonest(leg: Leg) -> CommandRows:
+def _soonest(leg: MoveLeg) -> CommandRows:
     """Return rows of the motion slowed down as it is, or rounded off, whichever takes less time.
 
     Where an acceleration jumps, polynomials between two rows make too much of it, and differences

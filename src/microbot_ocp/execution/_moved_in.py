@@ -26,7 +26,7 @@ Place = tuple[FloatArray, FloatArray, Callable[[FloatArray], list[LimitValues]]]
 
 
 @dataclass(frozen=True, eq=False)
-class Leg:
+class MoveLeg:
     """A motion from rest to rest, with the limits of each segment and the stops between them."""
 
     families: Sequence[LimitFamily]
@@ -63,7 +63,7 @@ def _misses(robot: Robot, stop: Stop, q: FloatArray) -> list[LimitValues]:
     return [LimitValues(rows, np.full_like(rows, -np.inf), np.full_like(rows, -ROUNDING))]
 
 
-def drawn_in(leg: Leg, given: CommandRows) -> tuple[CommandRows, list[Part]]:
+def drawn_in(leg: MoveLeg, given: CommandRows) -> tuple[CommandRows, list[Part]]:
     """Return rows moved until their curve is where limits and stops allow, and its parts.
 
     They are moved by a cubic B-spline: the farther its control points are apart, the less
@@ -79,7 +79,9 @@ def drawn_in(leg: Leg, given: CommandRows) -> tuple[CommandRows, list[Part]]:
     return best
 
 
-def _moved_in(leg: Leg, given: CommandRows, spacing: int) -> tuple[CommandRows, list[Part], float]:
+def _moved_in(
+    leg: MoveLeg, given: CommandRows, spacing: int
+) -> tuple[CommandRows, list[Part], float]:
     """Return rows moved by a spline with a control point every ``spacing`` rows, the parts of their
     curve, and how far it is out.
 

@@ -182,7 +182,7 @@ class _Split:
     log_duration: float
 
 
-class _Step(NamedTuple):
+class _Trial(NamedTuple):
     """A change of the point, the share of the duration that it promises, and the multipliers [R]
     of the uses.
     """
@@ -397,7 +397,9 @@ class _SplitSearch:
         rise = damping * rise + (1.0 - damping) * there
         return curvature + np.outer(rise, rise) / (change @ rise) - np.outer(there, there) / known
 
-    def step(self, split: _Split, slopes: FloatArray, curvature: FloatArray, reach: float) -> _Step:
+    def step(
+        self, split: _Split, slopes: FloatArray, curvature: FloatArray, reach: float
+    ) -> _Trial:
         """Return the step, by at most ``reach`` units each, that promises most."""
         cost = self.shares(split.point)
         size = cost.size
@@ -423,10 +425,10 @@ class _SplitSearch:
         multipliers = np.zeros(room.size)
         multipliers[within] = np.maximum(np.array(answer["lam_a"]).ravel(), 0.0)
         if not solver.stats()["success"]:
-            return _Step(np.zeros(size), 0.0, multipliers)
+            return _Trial(np.zeros(size), 0.0, multipliers)
         promise = 1.0 + split.violation - change[-1] if split.violation else -cost @ change
         promise = promise if split.violation else promise - 0.5 * change @ curvature @ change
-        return _Step(change[:size], float(promise), multipliers)
+        return _Trial(change[:size], float(promise), multipliers)
 
 
 def _program(count: int, rows: int, curved: bool) -> ca.Function:

@@ -298,7 +298,7 @@ def _put(entries: FloatArray, places: IntArray | None, values: FloatArray) -> No
 # the same in C -----------------------------------------------------------------------------------
 
 
-class _Form(ctypes.Structure):
+class _FormArrays(ctypes.Structure):
     _fields_ = [
         *((name, ctypes.c_long) for name in ("joints", "rows", "rated", "pairs", "points")),
         *((name, ctypes.c_void_p) for name in ("torque", "first", "second", "bound_scale")),
@@ -320,7 +320,7 @@ _OF_MOTION = (
 )
 
 
-class _Windows(ctypes.Structure):
+class _WindowArrays(ctypes.Structure):
     _fields_ = [
         *((n, ctypes.c_long) for n in ("count", "unknowns", "own_begin", "own_end", "inside")),
         *((name, ctypes.c_void_p) for name in _OF_WINDOWS),
@@ -349,7 +349,7 @@ class CompiledLoops(NumpyLoops):
                 form.starts,
             ),
         )
-        self._form = _Form(*numbers, *map(self._address, arrays))
+        self._form = _FormArrays(*numbers, *map(self._address, arrays))
         self._windows = [self._structure(each) for each in moved]
         widest = max(each.windows.columns.shape[1] for each in moved)
         n, rows = form.joints, form.rows
@@ -364,14 +364,14 @@ class CompiledLoops(NumpyLoops):
         self._kept.append(array)
         return array.ctypes.data
 
-    def _structure(self, moved: MovedWindows) -> _Windows:
+    def _structure(self, moved: MovedWindows) -> _WindowArrays:
         windows = moved.windows
         own = windows.own
         sizes = *windows.columns.shape, own.start, own.stop, windows.is_interval
         given = (np.asarray(getattr(windows, k), dtype=v) for k, v in _OF_WINDOWS.items())
         places = (getattr(moved.places, name) for name in _OF_PLACES)
         motion = (getattr(moved, name) for name in _OF_MOTION)
-        return _Windows(
+        return _WindowArrays(
             *sizes, *(self._address(array) for part in (given, places, motion) for array in part)
         )
 

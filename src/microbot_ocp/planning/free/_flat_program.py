@@ -10,8 +10,7 @@ Theory: docs/theory/flat.md.
 from __future__ import annotations
 
 import copy
-import itertools
-from collections.abc import Callable, Iterator, Mapping, Sequence, Sized
+from collections.abc import Mapping, Sequence, Sized
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from typing import Any
@@ -21,35 +20,35 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.limits import LimitFamily
-from microbot_ocp.ocp import OptimalControlProblem, Phase, PhaseSolution, Solution, SolverSettings
+from microbot_ocp.ocp import OptimalControlProblem, Solution, SolverSettings
 from microbot_ocp.ocp.problem import with_phases, with_values
 from microbot_ocp.ocp.solution import StartingPoint
 from microbot_ocp.ocp.transcription import (
-    Block,
     Guess,
-    Label,
     Meshes,
     Program,
-    TableEntry,
     mesh_of,
 )
-from microbot_ocp.planning.free._flat_loops import Form, loops_of
+from microbot_ocp.planning.free._flat_evaluation import (
+    FlatEvaluation,
+    FlatProgram,
+    FlatStructure,
+    functions_of,
+)
+from microbot_ocp.planning.free._flat_layout import FlatLayout, resampled
+from microbot_ocp.planning.free._flat_loops import Form
 from microbot_ocp.planning.free._flat_rows import (
     POINT_KEYS,
     FlatRows,
     Scales,
-    WindowPlaces,
     flat_rows,
     window_places,
 )
 from microbot_ocp.planning.free._initial_guesses import guess_along
-from microbot_ocp.planning.free._point_limits import ORDERS, PointLimits, point_limits
+from microbot_ocp.planning.free._point_limits import point_limits
 from microbot_ocp.planning.free._problem import JERK_WEIGHT, free_problem, phase_shapes
 from microbot_ocp.planning.free._spline import (
     DEGREE,
-    PLACES,
-    SLOPES,
-    IntArray,
     SplineLayout,
     spline_layout,
 )
@@ -64,517 +63,6 @@ from microbot_ocp.robot import Robot
 DUAL = 1e-6  # tolerance of stationarity, scaled
 LEAST_RATIO = 0.1  # of typical durations: from rest in a shorter segment a start may run off
 LEAST_INTERVALS = 4  # of a phase: fewer leave nothing between what its ends decide
-
-
-# values and derivatives ---------------------------------------------------------------------------
-
-
-class FlatEvaluation:
-    """Values and derivatives of a flat program at scaled unknowns; the last ones are kept."""
-
-    def __init__(self, structure: FlatStructure, form: Form, payloads: FloatArray) -> None:
-        rows = structure.rows
-        self.rows, self.form = rows, form
-        self.loops = loops_of(rows, form, structure.places)
-        unknowns = form.scales.unknowns
-        first, second = structure.of_hessian
-        self._jacobian_scale = unknowns[structure.of_jacobian[1]]
-        self._hessian_scale = unknowns[first] * unknowns[second]
-        self._payload = payloads[rows.phase][:, None]
-        self._starts = form.starts[rows.phase]
-        self._groups = _phases_with(rows)
-        self._q = np.zeros((ORDERS, form.points, form.joints))
-        self._at: bytes = b""
-        self._known: dict[str, Any] = {}
-        point, order, joint = np.nonzero(rows.of_motion >= 0)
-        self._motion = order, point, joint
-        self._motion_scale = form.scales.motion[order, joint]
-        self._limits = np.nonzero(rows.at_points >= 0)
-        self._rated = np.flatnonzero((rows.of_rates >= 0).any(axis=1))  # starts and middles
-        self._inside = self._rated[::2, None] + np.arange(PLACES.size)
-        typical = form.scales.durations[rows.phase[self._rated]]
-        self._rate_factor = typical[:, None] / form.scales.change[form.torques]
-        self._jerks = np.nonzero(rows.of_jerks >= 0)
-        counts = np.cumsum([0, *(int((table >= 0).sum()) for table in rows.tables)])
-        self._parts = [slice(a, b) for a, b in itertools.pairwise(counts)]
-
-    def _move(self, x: FloatArray) -> None:
-        key = x.tobytes()
-        if key == self._at:
-            return
-        unknowns = x * self.form.scales.unknowns
-        self._T = np.ascontiguousarray(unknowns[self.rows.layout.durations])
-        self.loops.move(unknowns, self._T, self._q)
-        self._q[0] += self._starts
-        self._at, self._known = key, {}
-
-    def _called(self, name: str, *given: FloatArray) -> list[FloatArray]:
-        """Return outputs of functions of the limits at all points."""
-        if len(self._groups) == 1:
-            answer = getattr(self._groups[0][1], name)(*self._q, self._payload, *given)
-            given_back = answer if isinstance(answer, tuple) else (answer,)
-            return [np.ascontiguousarray(output) for output in given_back]
-        outputs: list[FloatArray] = []
-        for points, limits in self._groups:
-            size = limits.count
-            weights = [np.ascontiguousarray(w[points, :size]) for w in given]
-            moved = (np.ascontiguousarray(q) for q in self._q[:, points])
-            answer = getattr(limits, name)(*moved, self._payload[points], *weights)
-            for k, part in enumerate(answer if isinstance(answer, tuple) else (answer,)):
-                if len(outputs) <= k:
-                    outputs.append(np.zeros((self.form.points, part.shape[1])))
-                outputs[k][points] = part
-        return outputs
-
-    def cost(self, x: FloatArray) -> float:
-        return self.gradient(x)[0]
-
-    def gradient(self, x: FloatArray) -> tuple[float, FloatArray]:
-        """Return the cost and its gradient."""
-        self._move(x)
-        if "gradient" not in self._known:
-            slope = np.zeros(x.size)
-            cost = self.loops.cost(self._T, slope)
-            self._known["gradient"] = cost, slope * self.form.scales.unknowns
-        return self._known["gradient"]
-
-    def values(self, x: FloatArray) -> FloatArray:
-        """Return the values of all rows."""
-        self._move(x)
-        if "values" not in self._known:
-            self._known["values"] = self._called("values")[0]
-        return self._rows_of(self._known["values"])
-
-    def _rows_of(self, values: FloatArray) -> FloatArray:
-        g = np.empty(self.rows.height)
-        limits, motion, rates, jerks = self._parts
-        g[limits] = values[self._limits]
-        g[motion] = self._q[self._motion] / self._motion_scale
-        if self.form.torques.size:
-            torques = values[:, self.form.torques][self._inside]
-            change = (SLOPES @ torques).reshape(self._rate_factor.shape) * self._rate_factor
-            g[rates] = (change / self._T[self.rows.phase[self._rated]][:, None]).ravel()
-        if jerks.stop > jerks.start:
-            table = np.zeros((self.form.points, self.form.joints))
-            for moved in self.loops.moved:
-                if moved.windows.is_interval:
-                    table[moved.windows.points[:, 0]] = moved.jerk / self.form.scales.jerk
-            g[jerks] = table[self._jerks]
-        return g
-
-    def jacobian(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return values of the rows and the nonzeros of their Jacobian."""
-        self._move(x)
-        self._with_slopes()
-        entries = np.zeros(self._jacobian_scale.size)
-        self.loops.jacobian(self._T, self._known["values"], self._known["slopes"], entries)
-        return self._rows_of(self._known["values"]), entries * self._jacobian_scale
-
-    def _with_slopes(self) -> None:
-        if "slopes" not in self._known:
-            self._known["values"], self._known["slopes"] = self._called("slopes")
-
-    def hessian(self, x: FloatArray, of_cost: float, lam: FloatArray) -> FloatArray:
-        """Return the nonzeros of the upper triangle of the Hessian of the Lagrangian."""
-        self._move(x)
-        rows, form = self.rows, self.form
-        limits, motion, rates, jerks = self._parts
-        weights = np.zeros(rows.at_points.shape)
-        weights[self._limits] = lam[limits]
-        of_rates = np.zeros(rows.of_rates.shape)
-        of_jerks = np.zeros(rows.of_jerks.shape)
-        nothing = np.zeros(1)
-        values = slopes = nothing
-        if form.torques.size:
-            self._with_slopes()
-            values, slopes = self._known["values"], self._known["slopes"]
-            spans = self._T[rows.phase[self._rated]][:, None]
-            of_rates[self._rated] = lam[rates].reshape(spans.size, -1) * self._rate_factor / spans
-            of_torques = SLOPES.T @ of_rates[self._inside[:, :2]]
-            for place, points in enumerate(self._inside.T):  # each point once
-                weights[np.ix_(points, form.torques)] += of_torques[:, place]
-        of_jerks[self._jerks] = lam[jerks] / form.scales.jerk[self._jerks[1]]
-        gradient, blocks = self._called("curvature", weights)
-        by_motion = np.zeros((form.points, ORDERS, form.joints))
-        by_motion[self._motion[1], self._motion[0], self._motion[2]] = (
-            lam[motion] / self._motion_scale
-        )
-        gradient = gradient + by_motion.reshape(form.points, -1)
-        entries = np.zeros(self._hessian_scale.size)
-        given = self._T, values, slopes, blocks, gradient, of_rates, of_jerks
-        self.loops.hessian(*given, of_cost, entries)
-        return entries * self._hessian_scale
-
-
-def _phases_with(rows: FlatRows) -> list[tuple[Any, PointLimits]]:
-    """Return points of phases with the same limits, and these."""
-    groups: dict[int, list[int]] = {}
-    for k, limits in enumerate(rows.limits):
-        groups.setdefault(id(limits), []).append(k)
-    return [
-        (np.flatnonzero(np.isin(rows.phase, phases)), rows.limits[phases[0]])
-        for phases in groups.values()
-    ]
-
-
-class _Numeric(ca.Callback):
-    """A function of arrays as one of CasADi's, by the sparsities of its inputs and outputs."""
-
-    def __init__(
-        self,
-        name: str,
-        inputs: Sequence[ca.Sparsity],
-        outputs: Sequence[ca.Sparsity],
-        function: Callable[..., Sequence[Any]],
-    ) -> None:
-        ca.Callback.__init__(self)
-        self.inputs, self.outputs, self.function = inputs, outputs, function
-        self.construct(name, {})
-
-    def get_n_in(self) -> int:
-        return len(self.inputs)
-
-    def get_n_out(self) -> int:
-        return len(self.outputs)
-
-    def get_sparsity_in(self, i: int) -> ca.Sparsity:
-        return self.inputs[i]
-
-    def get_sparsity_out(self, i: int) -> ca.Sparsity:
-        return self.outputs[i]
-
-    def has_eval_buffer(self) -> bool:
-        return True
-
-    def eval_buffer(self, arg: Sequence[Any], res: Sequence[Any]) -> int:
-        given = (np.frombuffer(a) if a is not None else np.zeros(0) for a in arg)
-        for to, value in zip(res, self.function(*given), strict=True):
-            if to is not None:
-                np.frombuffer(to)[:] = value
-        return 0
-
-
-# the program --------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, eq=False)
-class FlatStructure:
-    """What a program is by its meshes and kinds of limits alone.
-
-    Attributes
-    ----------
-    rows : FlatRows
-    jacobian, hessian : casadi.Sparsity
-    places : list of WindowPlaces
-    """
-
-    rows: FlatRows
-    jacobian: ca.Sparsity
-    hessian: ca.Sparsity
-    places: list[WindowPlaces]
-
-    @cached_property
-    def of_jacobian(self) -> tuple[IntArray, IntArray]:
-        """Rows and columns of the nonzeros of the Jacobian."""
-        return np.array(self.jacobian.row()), np.array(self.jacobian.get_col())
-
-    @cached_property
-    def of_hessian(self) -> tuple[IntArray, IntArray]:
-        """Rows and columns of the nonzeros of the Hessian."""
-        return np.array(self.hessian.row()), np.array(self.hessian.get_col())
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class FlatProgram(Program):
-    """A flat program, ready for a solver.
-
-    Attributes
-    ----------
-    structure : FlatStructure
-    evaluation : FlatEvaluation
-        With the scales.
-    """
-
-    structure: FlatStructure = None  # pyright: ignore[reportAssignmentType]
-    evaluation: FlatEvaluation = None  # pyright: ignore[reportAssignmentType]
-
-    @property
-    def scales(self) -> Scales:
-        """What the program is divided by."""
-        return self.evaluation.form.scales
-
-    def time_of(self, label: Label, x: FloatArray) -> float:
-        """Return when a row or variable stands at x, s since the start of its phase."""
-        names = [layout.phase.name for layout in self.layouts]
-        k = names.index(label.phase)
-        scales, layout = self.scales, self.structure.rows.layout
-        at = layout.durations.start + k
-        return self.layouts[k].place_of(label) * float(x[at] * scales.unknowns[at])
-
-    def row_values(self, x: FloatArray) -> FloatArray:
-        """Return values of all rows at x, scaled."""
-        return self.evaluation.values(x)
-
-    def cost(self, x: FloatArray) -> float:
-        """Return the cost at x."""
-        return self.evaluation.cost(x)
-
-    def stationarity(self, x: FloatArray, multipliers: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the gradient of the cost and the rows with their multipliers, and the rows."""
-        slope, rows, entries = self.slopes(x)
-        row, column = self.structure.of_jacobian
-        along = np.bincount(column, entries * multipliers[row], minlength=slope.size)
-        return slope + along, rows
-
-    def slopes(self, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the gradient of the cost, the values of the rows and the nonzeros of their
-        Jacobian.
-        """
-        rows, entries = self.evaluation.jacobian(x)
-        return self.evaluation.gradient(x)[1], rows, entries
-
-
-def _functions(structure: FlatStructure, evaluation: FlatEvaluation) -> dict[str, ca.Function]:
-    """Return a flat program's functions as solvers ask for them."""
-    size, height = structure.rows.layout.size, structure.rows.height
-    dense = ca.Sparsity.dense
-    x, p, one, g = dense(size), dense(0), dense(1), dense(height)
-    jacobian, hessian = structure.jacobian, structure.hessian
-
-    def of_lagrangian(x: FloatArray, _: Any, sigma: FloatArray, lam: FloatArray) -> Any:
-        cost, slope = evaluation.gradient(x)
-        rows, entries = evaluation.jacobian(x)
-        along = ca.mtimes(ca.DM(jacobian, entries).T, ca.DM(lam))
-        return cost, rows, sigma * slope + np.array(along).ravel(), np.zeros(0)
-
-    def curvature(x: FloatArray, _: Any, sigma: FloatArray, lam: FloatArray) -> Any:
-        return (evaluation.hessian(x, float(sigma[0]), lam),)
-
-    return {
-        "values": _Numeric(
-            "nlp", [x], [one, g], lambda x: (evaluation.cost(x), evaluation.values(x))
-        ),
-        "jacobian": _Numeric(
-            "nlp_jac_g", [x, p], [g, jacobian], lambda x, _: evaluation.jacobian(x)
-        ),
-        "gradient": _Numeric("nlp_grad_f", [x, p], [one, x], lambda x, _: evaluation.gradient(x)),
-        "hessian_upper": _Numeric("nlp_hess_l", [x, p, one, g], [hessian], curvature),
-        "lagrangian": _Numeric("nlp_grad", [x, p, one, g], [one, g, x, p], of_lagrangian),
-    }
-
-
-# where everything stands, for labels and multipliers ----------------------------------------------
-
-
-@dataclass(frozen=True, eq=False)
-class FlatLayout:
-    """Where one phase stands in a flat program.
-
-    Attributes
-    ----------
-    phase : Phase
-    mesh : array [N+1]
-    index : int
-        Of the phase.
-    rows_of_all : FlatRows
-    scales : Scales
-    families : tuple of LimitFamily
-    """
-
-    phase: Phase
-    mesh: FloatArray
-    index: int
-    rows_of_all: FlatRows
-    scales: Scales
-    family: LimitFamily
-    start: FloatArray
-    fixed: np.ndarray
-
-    @property
-    def intervals(self) -> int:
-        """Number of intervals."""
-        return self.mesh.size - 1
-
-    @property
-    def stage_sizes(self) -> tuple[IntArray, IntArray, IntArray]:
-        """Nothing: there are no stages with equations."""
-        return np.zeros(0, dtype=int), np.zeros(0, dtype=int), np.zeros(0, dtype=int)
-
-    def place_of(self, label: Label) -> float:
-        """Return where a row or variable of the phase stands, as a fraction of the phase."""
-        if label.interval == self.intervals:
-            return 1.0
-        start, end = self.mesh[label.interval : label.interval + 2]
-        return float(start + label.fraction * (end - start))
-
-    def unpacked(self, x: FloatArray) -> PhaseSolution:
-        """Return the motion of the phase at its mesh points."""
-        layout, unknowns = self.rows_of_all.layout, x * self.scales.unknowns
-        duration = float(unknowns[layout.durations][self.index])
-        q = _sampled(layout, self.index, unknowns, duration, self.start)
-        values: dict[str, FloatArray] = {"q": q[0], "qd": q[1], "qdd": q[2]}
-        stages = np.hstack([*q, np.full((self.mesh.size, 1), duration)])
-        return PhaseSolution(self.phase.name, duration, self.mesh, values, self, stages)  # type: ignore[arg-type]
-
-    def interpolated(
-        self, stages: FloatArray, k: IntArray, share: FloatArray
-    ) -> dict[str, FloatArray]:
-        """Return the motion at shares [M] of intervals, from that at mesh points and the duration
-        [N+1,3n+1].
-        """
-        q, qd, qdd = np.split(stages[:, :-1], ORDERS, axis=1)
-        motion: dict[str, Any] = {"q": q, "qd": qd, "qdd": qdd}
-        phase = PhaseSolution("", float(stages[0, -1]), self.mesh, motion)
-        at = self.mesh[k] + share * np.diff(self.mesh)[k]
-        q, qd, qdd = _resampled(phase, at)
-        return {"q": q, "qd": qd, "qdd": qdd}
-
-    # tables ---------------------------------------------------------------------------------------
-
-    @cached_property
-    def _points(self) -> slice:
-        first = sum(2 * mesh.size - 1 for mesh in self.rows_of_all.layout.meshes[: self.index])
-        return slice(first, first + 2 * self.mesh.size - 1)
-
-    @cached_property
-    def rows(self) -> tuple[Block, ...]:
-        """Blocks of rows at mesh points, then in the middles of intervals."""
-        rows, limits = self.rows_of_all, self.rows_of_all.limits[self.index]
-        blocks = []
-        unit = {
-            key: self.family[key].units if key in self.family else () for key, *_ in limits.names
-        }
-        of_limits = [
-            (
-                "constraint",
-                limits.labels[row],
-                k,
-                unit[key][k] if unit[key] else "",
-                limits.scale[row],
-            )
-            for row, (key, k, _) in enumerate(limits.names)
-        ]
-        n = rows.layout.count
-        of_motion = [
-            ("bound", key, k, self.family.robot.unit(key, k), self.scales.motion[order, k])
-            for order, key in enumerate(POINT_KEYS)
-            for k in range(n)
-        ]
-        of_jerks = [
-            ("constraint", "jerk", k, self.family.robot.unit("qddd", k), self.scales.jerk[k])
-            for k in range(n)
-        ]
-        torques = [limits.names[row][1] for row in rows.torques]
-        of_rates = [
-            ("constraint", "torque rate", k, self.family.robot.unit("taud", k), self.scales.rate[k])
-            for k in torques
-        ]
-        tables = (
-            (rows.at_points[:, : len(of_limits)], of_limits, len(of_limits), None),
-            (rows.of_motion.reshape(-1, ORDERS * n), of_motion, n, None),
-            (rows.of_rates, of_rates, n, rows.lengths() * self.scales.durations[self.index]),
-            (rows.of_jerks, of_jerks, n, None),
-        )
-        for numbers, entries, size, factors in tables:
-            numbers = numbers[self._points]
-            given = None if factors is None else factors[self._points]
-            for step, fraction in ((0, 0.0), (1, 0.5)):
-                blocks += _blocks(
-                    numbers[step::2],
-                    entries,
-                    fraction,
-                    size,
-                    None if given is None else given[step::2],
-                )
-        return tuple(blocks)
-
-    @cached_property
-    def variables(self) -> tuple[Block, ...]:
-        """Blocks of unknowns: at the via points of the phase, coefficients, and the duration."""
-        layout, n = self.rows_of_all.layout, self.rows_of_all.layout.count
-        robot, index = self.family.robot, self.index
-        last = index == len(layout.meshes) - 1
-
-        def entry(kind: str, key: str, k: int, at: int, fraction: float = 0.0) -> TableEntry:
-            if kind in ("state", "control") and self.fixed[at]:
-                kind = "initial"  # a condition, not a limit
-            unit, scale = robot.unit(key, k), float(self.scales.unknowns[at])
-            return TableEntry(kind, None, key, k, n, fraction, unit, scale)
-
-        blocks = []
-        ends = [(0, layout.nodes[index], "initial")]
-        ends += [(self.intervals, layout.nodes[index + 1], "final")] if last else []
-        for interval, (q, v, before, after), kind in ends:
-            a = before if kind == "final" else after
-            parts = [(kind, "q", q), ("state", "qd", v), ("control", "qdd", a)]
-            if before != after and index > 0:
-                parts.append(("control", "qdd", before))
-            for kind_of, key, start in parts:
-                places = start + np.arange(n)
-                entries = tuple(entry(kind_of, key, k, at) for k, at in enumerate(places.tolist()))
-                blocks.append(Block(entries, np.array([interval]), places[None]))
-        inner = layout.inner[index]
-        if inner.stop > inner.start:
-            places = np.arange(inner.start, inner.stop).reshape(-1, n)
-            entries = tuple(
-                entry("coefficient", "q", k, at) for k, at in enumerate(places[0].tolist())
-            )
-            blocks.append(Block(entries, 1 + np.arange(len(places)), places))
-        at = layout.durations.start + index
-        duration = TableEntry(
-            "duration", None, "duration", 0, 1, 0.0, "s", float(self.scales.unknowns[at])
-        )
-        blocks.append(Block((duration,), np.array([0]), np.array([[at]])))
-        return tuple(blocks)
-
-
-def _blocks(
-    numbers: IntArray,
-    entries: Sequence[tuple[Any, ...]],
-    fraction: float,
-    size: int,
-    factors: FloatArray | None,
-) -> Iterator[Block]:
-    """Yield blocks of rows [M,K] that the program has, those of the same intervals together."""
-    patterns: dict[bytes, list[int]] = {}
-    for k in range(len(entries)):
-        there = numbers[:, k] >= 0
-        if there.any():
-            patterns.setdefault(there.tobytes(), []).append(k)
-    for pattern, columns in patterns.items():
-        intervals = np.flatnonzero(np.frombuffer(pattern, dtype=bool))
-        table = []
-        for k in columns:
-            kind, name, component, unit, scale = entries[k]
-            table.append(
-                TableEntry(kind, None, name, component, size, fraction, unit, float(scale))
-            )
-        given = None if factors is None else factors[intervals]
-        yield Block(tuple(table), intervals, numbers[intervals][:, columns], given)
-
-
-def _sampled(
-    layout: SplineLayout, index: int, unknowns: FloatArray, T: float, start: FloatArray
-) -> FloatArray:
-    """Return position, velocity and acceleration [3,N+1,n] at the mesh points of a phase."""
-    n, mesh = layout.count, layout.meshes[index]
-    q = np.zeros((ORDERS, mesh.size, n))
-    first = sum(2 * m.size - 1 for m in layout.meshes[:index])
-    for windows in layout.every:
-        mine = windows.phase == index
-        if not mine.any():
-            continue
-        place = 0 if windows.is_interval else 2
-        u = unknowns[windows.columns[mine][..., None] + np.arange(n)]
-        u = u - windows.anchored[mine][..., None] * start
-        exponents = windows.powers[mine][:, None] - np.arange(ORDERS)[:, None]
-        y = (windows.weights[mine, place] * T**exponents) @ u
-        q[:, (windows.points[mine, place] - first) // 2] = y.swapaxes(0, 1)
-    q[0] += start
-    return q
-
-
-# transcription ------------------------------------------------------------------------------------
 
 
 @dataclass(eq=False)
@@ -732,7 +220,7 @@ class FlatTranscription:
             jerk_weight=weights[JERK_WEIGHT] / self.size.jerk**2,
         )
         evaluation = FlatEvaluation(structure, form, np.array(payloads))
-        functions = _functions(structure, evaluation)
+        functions = functions_of(structure, evaluation)
         x = ca.MX.sym("x", rows.layout.size)
         f, g = functions["values"].call([x])
         low, high = self._variable_bounds(structure, scales)
@@ -906,7 +394,7 @@ class FlatTranscription:
         old_rows = olds[0].rows_of_all
         motion = []
         for phase, mesh in zip(guess.phases, layout.meshes, strict=True):
-            motion.append((phase.duration, _resampled(phase, mesh)))
+            motion.append((phase.duration, resampled(phase, mesh)))
         packed = self._packed(layout, motion, self._starts)
         x = self._inside(program, packed / scales.unknowns)
         multipliers = guess.row_multipliers, guess.variable_multipliers
@@ -987,19 +475,6 @@ def _within(
 def _table(value: Any, mesh: FloatArray, size: int) -> FloatArray:
     table = np.asarray(value(mesh) if callable(value) else value, dtype=float)
     return np.broadcast_to(table, (mesh.size, size))
-
-
-def _resampled(phase: PhaseSolution, mesh: FloatArray) -> FloatArray:
-    """Return the motion [3,N+1,n] of a phase at the points of another mesh."""
-    q, qd, qdd = (phase[key] for key in POINT_KEYS)
-    t, T = phase.t, phase.duration
-    k = np.clip(np.searchsorted(phase.mesh, mesh, side="right") - 1, 0, phase.mesh.size - 2)
-    h = (mesh - phase.mesh[k])[:, None] * T
-    jerk = (np.diff(qdd, axis=0) / np.diff(t)[:, None])[k]
-    a = qdd[k] + h * jerk
-    v = qd[k] + h * (qdd[k] + 0.5 * h * jerk)
-    p = q[k] + h * (qd[k] + h * (0.5 * qdd[k] + h * jerk / 6.0))
-    return np.array([p, v, a])
 
 
 def _moved_rows(old: FlatRows, new: FlatRows, values: FloatArray) -> FloatArray:

@@ -129,7 +129,7 @@ def point_limits(robot: Robot, keys: tuple[str, ...], payload: bool = False) -> 
     return PointLimits(names, labels, scale, values, slopes_of, curvature_of, tuple(blocks))
 
 
-class _Part(NamedTuple):
+class _LimitRows(NamedTuple):
     """Rows of one limit, scaled, with derivatives of their weighted sum."""
 
     names: list[tuple[str, int, str]]
@@ -142,7 +142,7 @@ class _Part(NamedTuple):
     hessian: ca.SX
 
 
-def _parts(robot: Robot, key: str, state: list[ca.SX], held: list[ca.SX]) -> Iterator[_Part]:
+def _parts(robot: Robot, key: str, state: list[ca.SX], held: list[ca.SX]) -> Iterator[_LimitRows]:
     family, y, n = LimitFamily.of(robot), ca.vertcat(*state), robot.joint_count
     member = next((m for m in family if m.key == key), None)
     if key == "tau":
@@ -155,7 +155,7 @@ def _parts(robot: Robot, key: str, state: list[ca.SX], held: list[ca.SX]) -> Ite
             slope, hessian = own[1](*state, *held, weight / ca.DM(scale))
             inverse = ca.diag(1.0 / ca.DM(scale))
             rows = inverse @ value, inverse @ jacobian[:, : 3 * n]
-            yield _Part(
+            yield _LimitRows(
                 names, labels, scale, weight, *rows, slope[: 3 * n], hessian[: 3 * n, : 3 * n]
             )
             return
@@ -190,11 +190,11 @@ def _with_derivatives(
     value: ca.SX,
     y: ca.SX,
     weight: ca.SX | None = None,
-) -> _Part:
+) -> _LimitRows:
     value = value / ca.DM(scale)
     weight = ca.SX.sym("weight", scale.size) if weight is None else weight
     hessian, gradient = ca.hessian(ca.dot(weight, value), y)
-    return _Part(names, labels, scale, weight, value, ca.jacobian(value, y), gradient, hessian)
+    return _LimitRows(names, labels, scale, weight, value, ca.jacobian(value, y), gradient, hessian)
 
 
 def _row_major(block: ca.SX) -> ca.SX:

@@ -1,0 +1,329 @@
+"""The flat program for a solver: values and derivatives of its rows and cost.
+
+They are worked out in arrays, for all points at once, and handed to CasADi as functions.
+Equations: docs/theory/flat.md.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray
+from microbot_ocp.ocp.transcription import (
+    Label,
+    Program,
+)
+from microbot_ocp.planning.free._flat_loops import Form, loops_of
+from microbot_ocp.planning.free._flat_rows import (
+    FlatRows,
+    Scales,
+    WindowPlaces,
+)
+from microbot_ocp.planning.free._point_limits import ORDERS, PointLimits
+from microbot_ocp.planning.free._spline import (
+    PLACES,
+    SLOPES,
+    IntArray,
+)
+
+
+class FlatEvaluation:
+    """Values and derivatives of a flat program at scaled unknowns; the last ones are kept."""
+
+    def __init__(self, structure: FlatStructure, form: Form, payloads: FloatArray) -> None:
+        rows = structure.rows
+        self.rows, self.form = rows, form
+        self.loops = loops_of(rows, form, structure.places)
+        unknowns = form.scales.unknowns
+        first, second = structure.of_hessian
+        self._jacobian_scale = unknowns[structure.of_jacobian[1]]
+        self._hessian_scale = unknowns[first] * unknowns[second]
+        self._payload = payloads[rows.phase][:, None]
+        self._starts = form.starts[rows.phase]
+        self._groups = _phases_with(rows)
+        self._q = np.zeros((ORDERS, form.points, form.joints))
+        self._at: bytes = b""
+        self._known: dict[str, Any] = {}
+        point, order, joint = np.nonzero(rows.of_motion >= 0)
+        self._motion = order, point, joint
+        self._motion_scale = form.scales.motion[order, joint]
+        self._limits = np.nonzero(rows.at_points >= 0)
+        self._rated = np.flatnonzero((rows.of_rates >= 0).any(axis=1))  # starts and middles
+        self._inside = self._rated[::2, None] + np.arange(PLACES.size)
+        typical = form.scales.durations[rows.phase[self._rated]]
+        self._rate_factor = typical[:, None] / form.scales.change[form.torques]
+        self._jerks = np.nonzero(rows.of_jerks >= 0)
+        counts = np.cumsum([0, *(int((table >= 0).sum()) for table in rows.tables)])
+        self._parts = [slice(a, b) for a, b in itertools.pairwise(counts)]
+
+    def _move(self, x: FloatArray) -> None:
+        key = x.tobytes()
+        if key == self._at:
+            return
+        unknowns = x * self.form.scales.unknowns
+        self._T = np.ascontiguousarray(unknowns[self.rows.layout.durations])
+        self.loops.move(unknowns, self._T, self._q)
+        self._q[0] += self._starts
+        self._at, self._known = key, {}
+
+    def _called(self, name: str, *given: FloatArray) -> list[FloatArray]:
+        """Return outputs of functions of the limits at all points."""
+        if len(self._groups) == 1:
+            answer = getattr(self._groups[0][1], name)(*self._q, self._payload, *given)
+            given_back = answer if isinstance(answer, tuple) else (answer,)
+            return [np.ascontiguousarray(output) for output in given_back]
+        outputs: list[FloatArray] = []
+        for points, limits in self._groups:
+            size = limits.count
+            weights = [np.ascontiguousarray(w[points, :size]) for w in given]
+            moved = (np.ascontiguousarray(q) for q in self._q[:, points])
+            answer = getattr(limits, name)(*moved, self._payload[points], *weights)
+            for k, part in enumerate(answer if isinstance(answer, tuple) else (answer,)):
+                if len(outputs) <= k:
+                    outputs.append(np.zeros((self.form.points, part.shape[1])))
+                outputs[k][points] = part
+        return outputs
+
+    def cost(self, x: FloatArray) -> float:
+        return self.gradient(x)[0]
+
+    def gradient(self, x: FloatArray) -> tuple[float, FloatArray]:
+        """Return the cost and its gradient."""
+        self._move(x)
+        if "gradient" not in self._known:
+            slope = np.zeros(x.size)
+            cost = self.loops.cost(self._T, slope)
+            self._known["gradient"] = cost, slope * self.form.scales.unknowns
+        return self._known["gradient"]
+
+    def values(self, x: FloatArray) -> FloatArray:
+        """Return the values of all rows."""
+        self._move(x)
+        if "values" not in self._known:
+            self._known["values"] = self._called("values")[0]
+        return self._rows_of(self._known["values"])
+
+    def _rows_of(self, values: FloatArray) -> FloatArray:
+        g = np.empty(self.rows.height)
+        limits, motion, rates, jerks = self._parts
+        g[limits] = values[self._limits]
+        g[motion] = self._q[self._motion] / self._motion_scale
+        if self.form.torques.size:
+            torques = values[:, self.form.torques][self._inside]
+            change = (SLOPES @ torques).reshape(self._rate_factor.shape) * self._rate_factor
+            g[rates] = (change / self._T[self.rows.phase[self._rated]][:, None]).ravel()
+        if jerks.stop > jerks.start:
+            table = np.zeros((self.form.points, self.form.joints))
+            for moved in self.loops.moved:
+                if moved.windows.is_interval:
+                    table[moved.windows.points[:, 0]] = moved.jerk / self.form.scales.jerk
+            g[jerks] = table[self._jerks]
+        return g
+
+    def jacobian(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return values of the rows and the nonzeros of their Jacobian."""
+        self._move(x)
+        self._with_slopes()
+        entries = np.zeros(self._jacobian_scale.size)
+        self.loops.jacobian(self._T, self._known["values"], self._known["slopes"], entries)
+        return self._rows_of(self._known["values"]), entries * self._jacobian_scale
+
+    def _with_slopes(self) -> None:
+        if "slopes" not in self._known:
+            self._known["values"], self._known["slopes"] = self._called("slopes")
+
+    def hessian(self, x: FloatArray, of_cost: float, lam: FloatArray) -> FloatArray:
+        """Return the nonzeros of the upper triangle of the Hessian of the Lagrangian."""
+        self._move(x)
+        rows, form = self.rows, self.form
+        limits, motion, rates, jerks = self._parts
+        weights = np.zeros(rows.at_points.shape)
+        weights[self._limits] = lam[limits]
+        of_rates = np.zeros(rows.of_rates.shape)
+        of_jerks = np.zeros(rows.of_jerks.shape)
+        nothing = np.zeros(1)
+        values = slopes = nothing
+        if form.torques.size:
+            self._with_slopes()
+            values, slopes = self._known["values"], self._known["slopes"]
+            spans = self._T[rows.phase[self._rated]][:, None]
+            of_rates[self._rated] = lam[rates].reshape(spans.size, -1) * self._rate_factor / spans
+            of_torques = SLOPES.T @ of_rates[self._inside[:, :2]]
+            for place, points in enumerate(self._inside.T):  # each point once
+                weights[np.ix_(points, form.torques)] += of_torques[:, place]
+        of_jerks[self._jerks] = lam[jerks] / form.scales.jerk[self._jerks[1]]
+        gradient, blocks = self._called("curvature", weights)
+        by_motion = np.zeros((form.points, ORDERS, form.joints))
+        by_motion[self._motion[1], self._motion[0], self._motion[2]] = (
+            lam[motion] / self._motion_scale
+        )
+        gradient = gradient + by_motion.reshape(form.points, -1)
+        entries = np.zeros(self._hessian_scale.size)
+        given = self._T, values, slopes, blocks, gradient, of_rates, of_jerks
+        self.loops.hessian(*given, of_cost, entries)
+        return entries * self._hessian_scale
+
+
+def _phases_with(rows: FlatRows) -> list[tuple[Any, PointLimits]]:
+    """Return points of phases with the same limits, and these."""
+    groups: dict[int, list[int]] = {}
+    for k, limits in enumerate(rows.limits):
+        groups.setdefault(id(limits), []).append(k)
+    return [
+        (np.flatnonzero(np.isin(rows.phase, phases)), rows.limits[phases[0]])
+        for phases in groups.values()
+    ]
+
+
+class _ArrayFunction(ca.Callback):
+    """A function of arrays as one of CasADi's, by the sparsities of its inputs and outputs."""
+
+    def __init__(
+        self,
+        name: str,
+        inputs: Sequence[ca.Sparsity],
+        outputs: Sequence[ca.Sparsity],
+        function: Callable[..., Sequence[Any]],
+    ) -> None:
+        ca.Callback.__init__(self)
+        self.inputs, self.outputs, self.function = inputs, outputs, function
+        self.construct(name, {})
+
+    def get_n_in(self) -> int:
+        return len(self.inputs)
+
+    def get_n_out(self) -> int:
+        return len(self.outputs)
+
+    def get_sparsity_in(self, i: int) -> ca.Sparsity:
+        return self.inputs[i]
+
+    def get_sparsity_out(self, i: int) -> ca.Sparsity:
+        return self.outputs[i]
+
+    def has_eval_buffer(self) -> bool:
+        return True
+
+    def eval_buffer(self, arg: Sequence[Any], res: Sequence[Any]) -> int:
+        given = (np.frombuffer(a) if a is not None else np.zeros(0) for a in arg)
+        for to, value in zip(res, self.function(*given), strict=True):
+            if to is not None:
+                np.frombuffer(to)[:] = value
+        return 0
+
+
+@dataclass(frozen=True, eq=False)
+class FlatStructure:
+    """What a program is by its meshes and kinds of limits alone.
+
+    Attributes
+    ----------
+    rows : FlatRows
+    jacobian, hessian : casadi.Sparsity
+    places : list of WindowPlaces
+    """
+
+    rows: FlatRows
+    jacobian: ca.Sparsity
+    hessian: ca.Sparsity
+    places: list[WindowPlaces]
+
+    @cached_property
+    def of_jacobian(self) -> tuple[IntArray, IntArray]:
+        """Rows and columns of the nonzeros of the Jacobian."""
+        return np.array(self.jacobian.row()), np.array(self.jacobian.get_col())
+
+    def along(self, entries: FloatArray, multipliers: FloatArray) -> FloatArray:
+        """Return the transpose of the Jacobian with these entries times multipliers."""
+        row, column = self.of_jacobian
+        return np.bincount(column, entries * multipliers[row], minlength=self.jacobian.size2())
+
+    @cached_property
+    def of_hessian(self) -> tuple[IntArray, IntArray]:
+        """Rows and columns of the nonzeros of the Hessian."""
+        return np.array(self.hessian.row()), np.array(self.hessian.get_col())
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FlatProgram(Program):
+    """A flat program, ready for a solver.
+
+    Attributes
+    ----------
+    structure : FlatStructure
+    evaluation : FlatEvaluation
+        With the scales.
+    """
+
+    structure: FlatStructure = None  # pyright: ignore[reportAssignmentType]
+    evaluation: FlatEvaluation = None  # pyright: ignore[reportAssignmentType]
+
+    @property
+    def scales(self) -> Scales:
+        """What the program is divided by."""
+        return self.evaluation.form.scales
+
+    def time_of(self, label: Label, x: FloatArray) -> float:
+        """Return when a row or variable stands at x, s since the start of its phase."""
+        names = [layout.phase.name for layout in self.layouts]
+        k = names.index(label.phase)
+        scales, layout = self.scales, self.structure.rows.layout
+        at = layout.durations.start + k
+        return self.layouts[k].place_of(label) * float(x[at] * scales.unknowns[at])
+
+    def row_values(self, x: FloatArray) -> FloatArray:
+        """Return values of all rows at x, scaled."""
+        return self.evaluation.values(x)
+
+    def cost(self, x: FloatArray) -> float:
+        """Return the cost at x."""
+        return self.evaluation.cost(x)
+
+    def stationarity(self, x: FloatArray, multipliers: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the gradient of the cost and the rows with their multipliers, and the rows."""
+        slope, rows, entries = self.slopes(x)
+        return slope + self.structure.along(entries, multipliers), rows
+
+    def slopes(self, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the gradient of the cost, the values of the rows and the nonzeros of their
+        Jacobian.
+        """
+        rows, entries = self.evaluation.jacobian(x)
+        return self.evaluation.gradient(x)[1], rows, entries
+
+
+def functions_of(structure: FlatStructure, evaluation: FlatEvaluation) -> dict[str, ca.Function]:
+    """Return a flat program's functions as solvers ask for them."""
+    size, height = structure.rows.layout.size, structure.rows.height
+    dense = ca.Sparsity.dense
+    x, p, one, g = dense(size), dense(0), dense(1), dense(height)
+    jacobian, hessian = structure.jacobian, structure.hessian
+
+    def of_lagrangian(x: FloatArray, _: Any, sigma: FloatArray, lam: FloatArray) -> Any:
+        cost, slope = evaluation.gradient(x)
+        rows, entries = evaluation.jacobian(x)
+        return cost, rows, sigma * slope + structure.along(entries, lam), np.zeros(0)
+
+    def curvature(x: FloatArray, _: Any, sigma: FloatArray, lam: FloatArray) -> Any:
+        return (evaluation.hessian(x, float(sigma[0]), lam),)
+
+    return {
+        "values": _ArrayFunction(
+            "nlp", [x], [one, g], lambda x: (evaluation.cost(x), evaluation.values(x))
+        ),
+        "jacobian": _ArrayFunction(
+            "nlp_jac_g", [x, p], [g, jacobian], lambda x, _: evaluation.jacobian(x)
+        ),
+        "gradient": _ArrayFunction(
+            "nlp_grad_f", [x, p], [one, x], lambda x, _: evaluation.gradient(x)
+        ),
+        "hessian_upper": _ArrayFunction("nlp_hess_l", [x, p, one, g], [hessian], curvature),
+        "lagrangian": _ArrayFunction("nlp_grad", [x, p, one, g], [one, g, x, p], of_lagrangian),
+    }

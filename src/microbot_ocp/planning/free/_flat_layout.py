@@ -1,0 +1,250 @@
+"""Where one phase stands in a flat program: its motion, and the names of its rows and unknowns."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray
+from microbot_ocp.limits import LimitFamily
+from microbot_ocp.ocp import Phase, PhaseSolution
+from microbot_ocp.ocp.transcription import (
+    Block,
+    Label,
+    TableEntry,
+)
+from microbot_ocp.planning.free._flat_rows import (
+    POINT_KEYS,
+    FlatRows,
+    Scales,
+)
+from microbot_ocp.planning.free._point_limits import ORDERS
+from microbot_ocp.planning.free._spline import (
+    IntArray,
+    SplineLayout,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class FlatLayout:
+    """Where one phase stands in a flat program.
+
+    Attributes
+    ----------
+    phase : Phase
+    mesh : array [N+1]
+    index : int
+        Of the phase.
+    rows_of_all : FlatRows
+    scales : Scales
+    families : tuple of LimitFamily
+    """
+
+    phase: Phase
+    mesh: FloatArray
+    index: int
+    rows_of_all: FlatRows
+    scales: Scales
+    family: LimitFamily
+    start: FloatArray
+    fixed: np.ndarray
+
+    @property
+    def intervals(self) -> int:
+        """Number of intervals."""
+        return self.mesh.size - 1
+
+    @property
+    def stage_sizes(self) -> tuple[IntArray, IntArray, IntArray]:
+        """Nothing: there are no stages with equations."""
+        return np.zeros(0, dtype=int), np.zeros(0, dtype=int), np.zeros(0, dtype=int)
+
+    def place_of(self, label: Label) -> float:
+        """Return where a row or variable of the phase stands, as a fraction of the phase."""
+        if label.interval == self.intervals:
+            return 1.0
+        start, end = self.mesh[label.interval : label.interval + 2]
+        return float(start + label.fraction * (end - start))
+
+    def unpacked(self, x: FloatArray) -> PhaseSolution:
+        """Return the motion of the phase at its mesh points."""
+        layout, unknowns = self.rows_of_all.layout, x * self.scales.unknowns
+        duration = float(unknowns[layout.durations][self.index])
+        q = _sampled(layout, self.index, unknowns, duration, self.start)
+        values: dict[str, FloatArray] = {"q": q[0], "qd": q[1], "qdd": q[2]}
+        stages = np.hstack([*q, np.full((self.mesh.size, 1), duration)])
+        return PhaseSolution(self.phase.name, duration, self.mesh, values, self, stages)  # type: ignore[arg-type]
+
+    def interpolated(
+        self, stages: FloatArray, k: IntArray, share: FloatArray
+    ) -> dict[str, FloatArray]:
+        """Return the motion at shares [M] of intervals, from that at mesh points and the duration
+        [N+1,3n+1].
+        """
+        q, qd, qdd = np.split(stages[:, :-1], ORDERS, axis=1)
+        motion: dict[str, Any] = {"q": q, "qd": qd, "qdd": qdd}
+        phase = PhaseSolution("", float(stages[0, -1]), self.mesh, motion)
+        at = self.mesh[k] + share * np.diff(self.mesh)[k]
+        q, qd, qdd = resampled(phase, at)
+        return {"q": q, "qd": qd, "qdd": qdd}
+
+    # tables ---------------------------------------------------------------------------------------
+
+    @cached_property
+    def _points(self) -> slice:
+        first = sum(2 * mesh.size - 1 for mesh in self.rows_of_all.layout.meshes[: self.index])
+        return slice(first, first + 2 * self.mesh.size - 1)
+
+    @cached_property
+    def rows(self) -> tuple[Block, ...]:
+        """Blocks of rows at mesh points, then in the middles of intervals."""
+        rows, limits = self.rows_of_all, self.rows_of_all.limits[self.index]
+        blocks = []
+        unit = {
+            key: self.family[key].units if key in self.family else () for key, *_ in limits.names
+        }
+        of_limits = [
+            (
+                "constraint",
+                limits.labels[row],
+                k,
+                unit[key][k] if unit[key] else "",
+                limits.scale[row],
+            )
+            for row, (key, k, _) in enumerate(limits.names)
+        ]
+        n = rows.layout.count
+        of_motion = [
+            ("bound", key, k, self.family.robot.unit(key, k), self.scales.motion[order, k])
+            for order, key in enumerate(POINT_KEYS)
+            for k in range(n)
+        ]
+        of_jerks = [
+            ("constraint", "jerk", k, self.family.robot.unit("qddd", k), self.scales.jerk[k])
+            for k in range(n)
+        ]
+        torques = [limits.names[row][1] for row in rows.torques]
+        of_rates = [
+            ("constraint", "torque rate", k, self.family.robot.unit("taud", k), self.scales.rate[k])
+            for k in torques
+        ]
+        tables = (
+            (rows.at_points[:, : len(of_limits)], of_limits, len(of_limits), None),
+            (rows.of_motion.reshape(-1, ORDERS * n), of_motion, n, None),
+            (rows.of_rates, of_rates, n, rows.lengths() * self.scales.durations[self.index]),
+            (rows.of_jerks, of_jerks, n, None),
+        )
+        for numbers, entries, size, factors in tables:
+            numbers = numbers[self._points]
+            given = None if factors is None else factors[self._points]
+            for step, fraction in ((0, 0.0), (1, 0.5)):
+                blocks += _blocks(
+                    numbers[step::2],
+                    entries,
+                    fraction,
+                    size,
+                    None if given is None else given[step::2],
+                )
+        return tuple(blocks)
+
+    @cached_property
+    def variables(self) -> tuple[Block, ...]:
+        """Blocks of unknowns: at the via points of the phase, coefficients, and the duration."""
+        layout, n = self.rows_of_all.layout, self.rows_of_all.layout.count
+        robot, index = self.family.robot, self.index
+        last = index == len(layout.meshes) - 1
+
+        def entry(kind: str, key: str, k: int, at: int, fraction: float = 0.0) -> TableEntry:
+            if kind in ("state", "control") and self.fixed[at]:
+                kind = "initial"  # a condition, not a limit
+            unit, scale = robot.unit(key, k), float(self.scales.unknowns[at])
+            return TableEntry(kind, None, key, k, n, fraction, unit, scale)
+
+        blocks = []
+        ends = [(0, layout.nodes[index], "initial")]
+        ends += [(self.intervals, layout.nodes[index + 1], "final")] if last else []
+        for interval, (q, v, before, after), kind in ends:
+            a = before if kind == "final" else after
+            parts = [(kind, "q", q), ("state", "qd", v), ("control", "qdd", a)]
+            if before != after and index > 0:
+                parts.append(("control", "qdd", before))
+            for kind_of, key, start in parts:
+                places = start + np.arange(n)
+                entries = tuple(entry(kind_of, key, k, at) for k, at in enumerate(places.tolist()))
+                blocks.append(Block(entries, np.array([interval]), places[None]))
+        inner = layout.inner[index]
+        if inner.stop > inner.start:
+            places = np.arange(inner.start, inner.stop).reshape(-1, n)
+            entries = tuple(
+                entry("coefficient", "q", k, at) for k, at in enumerate(places[0].tolist())
+            )
+            blocks.append(Block(entries, 1 + np.arange(len(places)), places))
+        at = layout.durations.start + index
+        duration = TableEntry(
+            "duration", None, "duration", 0, 1, 0.0, "s", float(self.scales.unknowns[at])
+        )
+        blocks.append(Block((duration,), np.array([0]), np.array([[at]])))
+        return tuple(blocks)
+
+
+def _blocks(
+    numbers: IntArray,
+    entries: Sequence[tuple[Any, ...]],
+    fraction: float,
+    size: int,
+    factors: FloatArray | None,
+) -> Iterator[Block]:
+    """Yield blocks of rows [M,K] that the program has, those of the same intervals together."""
+    patterns: dict[bytes, list[int]] = {}
+    for k in range(len(entries)):
+        there = numbers[:, k] >= 0
+        if there.any():
+            patterns.setdefault(there.tobytes(), []).append(k)
+    for pattern, columns in patterns.items():
+        intervals = np.flatnonzero(np.frombuffer(pattern, dtype=bool))
+        table = []
+        for k in columns:
+            kind, name, component, unit, scale = entries[k]
+            table.append(
+                TableEntry(kind, None, name, component, size, fraction, unit, float(scale))
+            )
+        given = None if factors is None else factors[intervals]
+        yield Block(tuple(table), intervals, numbers[intervals][:, columns], given)
+
+
+def _sampled(
+    layout: SplineLayout, index: int, unknowns: FloatArray, T: float, start: FloatArray
+) -> FloatArray:
+    """Return position, velocity and acceleration [3,N+1,n] at the mesh points of a phase."""
+    n, mesh = layout.count, layout.meshes[index]
+    q = np.zeros((ORDERS, mesh.size, n))
+    first = sum(2 * m.size - 1 for m in layout.meshes[:index])
+    for windows in layout.every:
+        mine = windows.phase == index
+        if not mine.any():
+            continue
+        place = 0 if windows.is_interval else 2
+        u = unknowns[windows.columns[mine][..., None] + np.arange(n)]
+        u = u - windows.anchored[mine][..., None] * start
+        exponents = windows.powers[mine][:, None] - np.arange(ORDERS)[:, None]
+        y = (windows.weights[mine, place] * T**exponents) @ u
+        q[:, (windows.points[mine, place] - first) // 2] = y.swapaxes(0, 1)
+    q[0] += start
+    return q
+
+
+def resampled(phase: PhaseSolution, mesh: FloatArray) -> FloatArray:
+    """Return the motion [3,N+1,n] of a phase at the points of another mesh."""
+    q, qd, qdd = (phase[key] for key in POINT_KEYS)
+    t, T = phase.t, phase.duration
+    k = np.clip(np.searchsorted(phase.mesh, mesh, side="right") - 1, 0, phase.mesh.size - 2)
+    h = (mesh - phase.mesh[k])[:, None] * T
+    jerk = (np.diff(qdd, axis=0) / np.diff(t)[:, None])[k]
+    a = qdd[k] + h * jerk
+    v = qd[k] + h * (qdd[k] + 0.5 * h * jerk)
+    p = q[k] + h * (qd[k] + h * (0.5 * qdd[k] + h * jerk / 6.0))
+    return np.array([p, v, a])
