@@ -359,6 +359,11 @@ def split_where_exceeded(search: MotionSearch, step: NextStep) -> MotionAnswer:
             # a refined mesh is seldom refined again: to the last digits at once
             least = _at_most(usual, SEARCH.usual_iterations)
             best = replace(refiner, settings=least, rough=None, once=True).refine(best, **marks)
+    if isinstance(refiner.transcription, FlatTranscription) and search.problem.family.jerk_matters:
+        # a mesh that is refined last gains next to nothing, and may take a thousand iterations
+        refiner = replace(
+            refiner, once=True, settings=_at_most(refiner.settings, SEARCH.usual_iterations)
+        )
     if search.problem.timed_path is not None:  # what did not converge is tried from farther inside
         farther = _from_barrier(refiner, SEARCH.timed_path_barrier)
         refiner = replace(refiner, settings=farther)
