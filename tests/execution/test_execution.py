@@ -621,7 +621,7 @@ def test_a_pose_outside_of_a_profile_is_refused_by_its_position(panda):
         assert allowed in sentence
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_corner_that_is_blended_is_passed_as_nearly_as_stops(microbot):
     """Where the blend begins and ends was asked for exactly, so that no controller was left."""
     tool = mo.forward_kinematics(microbot)

@@ -90,6 +90,7 @@ def test_the_demo_asks_no_other_machine(tmp_path, home):
     assert traced(tmp_path, ["-m", "microbot_ocp.cli", "demo"], home) == set()
 
 
+@pytest.mark.thorough
 def test_a_notebook_that_runs_and_is_exported_asks_no_other_machine(tmp_path, home):
     pytest.importorskip("nbconvert")
     page = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(EMBED)])

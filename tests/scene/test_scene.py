@@ -518,7 +518,7 @@ def test_a_pair_counts_where_it_is_nearer_than_a_large_clearance(via) -> None:
     assert motion.provenance["clearance"]["proved"]
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_fastest_is_returned_where_less_time_is_allowed() -> None:
     few = {"mesh": 10, "starts": 1, "limit_tolerance": 0.01, "compiled": False}
     motion = mo.time_optimal(ARM, ENDS, scene=POST, duration=0.5, **few)
@@ -544,6 +544,7 @@ def test_a_part_keeps_clear_from_the_stop_on_at_which_it_is_picked(around: mo.Mo
         mo.Payload(1.0, shape={"start": [0, 0, 0], "end": [0, 0, 1]})
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "loads", [(None, 0.1), pytest.param((0.1, None), marks=pytest.mark.thorough)]
 )

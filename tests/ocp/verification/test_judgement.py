@@ -215,6 +215,7 @@ def test_a_cost_that_falls_for_ever_is_called_unbounded():
     assert "declare scale" not in solution.advice
 
 
+@pytest.mark.thorough
 def test_a_saddle_from_which_the_cost_falls_for_ever_ends_the_search():
     problem = OptimalControlProblem("past a conjugate point")
     phase = problem.phase("all", 5.0)

@@ -55,7 +55,7 @@ def test_a_planned_motion_that_chatters_says_so_and_slack_calms_it():
     assert calmer.duration == pytest.approx(1.001 * fastest.duration, rel=1e-4)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_less_effort_is_found_where_the_fastest_needs_its_own_mesh():
     """On an even mesh of 60 no motion of this arm is within 0.1 % of the fastest."""
     robot = mo.load_robot("ur5e")

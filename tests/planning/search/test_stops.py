@@ -136,6 +136,7 @@ def test_stops_with_a_segment_between_them_stay_together(rail):
     assert len(motion.provenance["orders"]) + motion.provenance["orders_left_out"] == 2
 
 
+@pytest.mark.thorough
 def test_bounds_of_orders_hold_at_tool_positions(two_links):
     home, end = Stop(q=[0.0, 0.5]), Stop(q=[0.5, 0.9], tolerance=[0.1, 0.0])
     for middle in (
@@ -242,6 +243,7 @@ def test_joint_lines_make_the_arm_stop_at_their_corner(gantry):
     assert np.abs(off).max() / np.sqrt(2) < 1.01e-4
 
 
+@pytest.mark.thorough
 def test_a_blended_corner_saves_the_time_in_which_both_axes_move(gantry):
     stops, lines = [at(0, 0), at(1, 0, blend=0.2), at(1, 1)], [mo.Line(tolerance=1e-4)] * 2
     options = {"segments": lines, "mesh": 12, "starts": 1, "compiled": False}
@@ -255,6 +257,7 @@ def test_a_blended_corner_saves_the_time_in_which_both_axes_move(gantry):
     assert tool.min() > 0.05
 
 
+@pytest.mark.thorough
 def test_a_full_circle_takes_the_closed_form(gantry):
     acceleration, radius = 2.0, 0.5
     tool = mo.limits.tool_acceleration(acceleration)
@@ -559,6 +562,7 @@ def test_a_tool_line_under_a_limit_of_the_tool_is_solved_from_the_first_start(tw
     assert motion.outcome.ledger[0].cost_after is not None
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("speed", [0.3, 1.0, 5.0])
 def test_a_way_that_rests_at_every_stop_is_known_along_tool_lines_too(two_links, speed):
     limits = two_links.with_limits(also=[mo.limits.tool_speed(speed)]).limits
