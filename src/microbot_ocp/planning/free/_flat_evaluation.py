@@ -243,7 +243,8 @@ class FlatStructure:
     def along(self, entries: FloatArray, multipliers: FloatArray) -> FloatArray:
         """Return the transpose of the Jacobian with these entries times multipliers."""
         row, column = self.of_jacobian
-        return np.bincount(column, entries * multipliers[row], minlength=self.jacobian.size2())
+        weights, size = entries * multipliers[row], self.jacobian.size2()
+        return np.bincount(column, weights, size).astype(float, copy=False)
 
     @cached_property
     def of_hessian(self) -> tuple[IntArray, IntArray]:
