@@ -120,6 +120,15 @@ def test_the_package_is_the_program():
     assert done.stdout.startswith("microbot-ocp ")
 
 
+def test_the_thread_that_waits_for_signals_does_not_keep_solvers_from_forking():
+    """Without a process of its own fatrop may go on for ever: no limit of time reaches it."""
+    code = (
+        "from microbot_ocp._base.child_process import can_fork\n"
+        "from microbot_ocp.cli import _process\n_process.watch()\nassert can_fork()"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
 ROBOT = mo.load_robot("microbot")
 MOTION = mo.Motion.from_polynomial(ROBOT, mo.quintic([[0, 0, 0], [0.5, 0.5, 0.5]], [0.0, 5.0]))
 
