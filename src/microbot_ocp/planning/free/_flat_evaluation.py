@@ -16,22 +16,11 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.ocp.transcription import (
-    Label,
-    Program,
-)
+from microbot_ocp.ocp.transcription import Label, Program
 from microbot_ocp.planning.free._flat_loops import Form, loops_of
-from microbot_ocp.planning.free._flat_rows import (
-    FlatRows,
-    Scales,
-    WindowPlaces,
-)
+from microbot_ocp.planning.free._flat_rows import FlatRows, Scales, WindowPlaces
 from microbot_ocp.planning.free._point_limits import ORDERS, PointLimits
-from microbot_ocp.planning.free._spline import (
-    PLACES,
-    SLOPES,
-    IntArray,
-)
+from microbot_ocp.planning.free._spline import PLACES, SLOPES, IntArray
 
 
 class FlatEvaluation:

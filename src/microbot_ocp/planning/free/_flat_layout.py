@@ -12,21 +12,10 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.limits import LimitFamily
 from microbot_ocp.ocp import Phase, PhaseSolution
-from microbot_ocp.ocp.transcription import (
-    Block,
-    Label,
-    TableEntry,
-)
-from microbot_ocp.planning.free._flat_rows import (
-    POINT_KEYS,
-    FlatRows,
-    Scales,
-)
+from microbot_ocp.ocp.transcription import Block, Label, TableEntry
+from microbot_ocp.planning.free._flat_rows import POINT_KEYS, FlatRows, Scales
 from microbot_ocp.planning.free._point_limits import ORDERS
-from microbot_ocp.planning.free._spline import (
-    IntArray,
-    SplineLayout,
-)
+from microbot_ocp.planning.free._spline import IntArray, SplineLayout
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +30,11 @@ class FlatLayout:
         Of the phase.
     rows_of_all : FlatRows
     scales : Scales
-    families : tuple of LimitFamily
+    family : LimitFamily
+    start : array [n]
+        Position that the coefficients of the phase are relative to.
+    fixed : array of bool
+        Which unknowns of the program are given by conditions.
     """
 
     phase: Phase

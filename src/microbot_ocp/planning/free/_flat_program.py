@@ -23,12 +23,7 @@ from microbot_ocp.limits import LimitFamily
 from microbot_ocp.ocp import OptimalControlProblem, Solution, SolverSettings
 from microbot_ocp.ocp.problem import with_phases, with_values
 from microbot_ocp.ocp.solution import StartingPoint
-from microbot_ocp.ocp.transcription import (
-    Guess,
-    Meshes,
-    Program,
-    mesh_of,
-)
+from microbot_ocp.ocp.transcription import Guess, Meshes, Program, guess_table, mesh_of
 from microbot_ocp.planning.free._flat_evaluation import (
     FlatEvaluation,
     FlatProgram,
@@ -46,18 +41,9 @@ from microbot_ocp.planning.free._flat_rows import (
 )
 from microbot_ocp.planning.free._initial_guesses import guess_along
 from microbot_ocp.planning.free._point_limits import point_limits
-from microbot_ocp.planning.free._problem import JERK_WEIGHT, free_problem, phase_shapes
-from microbot_ocp.planning.free._spline import (
-    DEGREE,
-    SplineLayout,
-    spline_layout,
-)
-from microbot_ocp.planning.task import (
-    Conditions,
-    TaskScale,
-    has_windows,
-    passing,
-)
+from microbot_ocp.planning.free._problem import JERK_WEIGHT, free_problem, phase_shapes, scale_of
+from microbot_ocp.planning.free._spline import DEGREE, SplineLayout, spline_layout
+from microbot_ocp.planning.task import Conditions, TaskScale, has_windows, passing
 from microbot_ocp.robot import Robot
 
 DUAL = 1e-6  # tolerance of stationarity, scaled
@@ -181,8 +167,8 @@ class FlatTranscription:
         motion = np.array(
             [
                 np.full(n, size.position),
-                _finite(limits.bounds("qd"), size.velocity),
-                _finite(limits.bounds("qdd"), size.acceleration),
+                scale_of(limits.bounds("qd"), size.velocity),
+                scale_of(limits.bounds("qdd"), size.acceleration),
             ]
         )
         unknowns = np.full(layout.size, size.position)
@@ -194,8 +180,8 @@ class FlatTranscription:
             unknowns[before : before + n] = unknowns[after : after + n] = motion[2]
         unknowns[layout.durations] = size.time
         torque = self.limits[0].torque_scale  # whatever the limits are now
-        rate = _finite(limits.bounds("taud"), size.acceleration / size.time)
-        jerk = _finite(limits.bounds("qddd"), size.jerk)
+        rate = scale_of(limits.bounds("taud"), size.acceleration / size.time)
+        jerk = scale_of(limits.bounds("qddd"), size.jerk)
         return Scales(unknowns, motion, torque, rate, jerk, size.durations)
 
     def program(self, meshes: Meshes) -> FlatProgram:
@@ -347,7 +333,9 @@ class FlatTranscription:
         motion = []
         for name, mesh in zip(names, layout.meshes, strict=True):
             given: Guess = guess[name]
-            tables = [_table(given.values.get(key, 0.0), mesh, layout.count) for key in POINT_KEYS]
+            tables = [
+                guess_table(given.values.get(key, 0.0), layout.count, mesh) for key in POINT_KEYS
+            ]
             motion.append((float(given.duration or 1.0), np.array(tables)))
         x = self._packed(layout, motion, self._starts)
         return StartingPoint(self._inside(program, x / program.scales.unknowns))
@@ -453,11 +441,6 @@ def _is_flat(families: Sequence[LimitFamily], conditions: Conditions, size: Task
     return not (moves or posed or short)
 
 
-def _finite(bounds: tuple[FloatArray, FloatArray], typical: FloatArray) -> FloatArray:
-    size = np.maximum(-bounds[0], bounds[1])
-    return np.where(np.isfinite(size) & (size > 0), size, typical)
-
-
 def _within(
     given: Any, beside: Sequence[tuple[FloatArray, FloatArray]]
 ) -> tuple[FloatArray, FloatArray]:
@@ -470,11 +453,6 @@ def _within(
     return np.where(fixed, given[0], np.maximum(given[0], low)), np.where(
         fixed, given[1], np.minimum(given[1], high)
     )
-
-
-def _table(value: Any, mesh: FloatArray, size: int) -> FloatArray:
-    table = np.asarray(value(mesh) if callable(value) else value, dtype=float)
-    return np.broadcast_to(table, (mesh.size, size))
 
 
 def _moved_rows(old: FlatRows, new: FlatRows, values: FloatArray) -> FloatArray:

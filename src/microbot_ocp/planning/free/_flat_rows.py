@@ -46,7 +46,7 @@ class Scales:
     @property
     def change(self) -> FloatArray:
         """What changes [n] of scaled torques in a second are divided by."""
-        return self.rate / self.torque if self.torque.size else self.rate
+        return self.rate / self.torque
 
 
 @dataclass(frozen=True, eq=False)

@@ -150,8 +150,8 @@ class _Form:
     def scales(self) -> tuple[FloatArray, FloatArray]:
         """Scales [n] of velocities and accelerations."""
         limits: Any = self.family.robot.limits
-        velocity = _scale(limits.bounds("qd"), self.size.velocity)
-        return velocity, _scale(limits.bounds("qdd"), self.size.acceleration)
+        velocity = scale_of(limits.bounds("qd"), self.size.velocity)
+        return velocity, scale_of(limits.bounds("qdd"), self.size.acceleration)
 
     @property
     def held(self) -> np.ndarray:
@@ -315,7 +315,7 @@ def effort_scale(family: LimitFamily, acceleration: FloatArray) -> FloatArray:
     return np.where(usable, size, size[usable].max() if usable.any() else 1.0)
 
 
-def _scale(bounds: tuple[FloatArray, FloatArray], typical: FloatArray) -> FloatArray:
+def scale_of(bounds: tuple[FloatArray, FloatArray], typical: FloatArray) -> FloatArray:
     """Return the limits [n], where given, else typical values."""
     size = np.maximum(-bounds[0], bounds[1])
     return np.where(np.isfinite(size) & (size > 0), size, typical)

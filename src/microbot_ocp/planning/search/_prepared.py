@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
@@ -49,7 +49,7 @@ from microbot_ocp.planning.search._problem import MotionProblem
 from microbot_ocp.planning.search._result import fastest
 from microbot_ocp.planning.search._search import from_plain, is_enough, plain_of
 from microbot_ocp.planning.search._settings import SEARCH, TimeOptimalSettings
-from microbot_ocp.planning.search._strategies import by_interval, graded, search_of, switch_marks
+from microbot_ocp.planning.search._strategies import graded, search_of, switch_marks
 from microbot_ocp.planning.task import (
     FRICTION_WINDOWS,
     LDL,
@@ -97,6 +97,29 @@ def _solved_near(
         near = solver.solve(guess=start, **{**changes, "parameters": rounded})
         start = near if near.status.solved else start
     return solver.solve(guess=start, **changes)
+
+
+def _tried(
+    starts: Iterator[tuple[str, Solution | Mapping[str, Guess]]],
+    solve: Callable[[Solution | Mapping[str, Guess]], Solution],
+    search: bool,
+) -> tuple[list[tuple[str, Solution]], str, Solution]:
+    """Return the solves from the starts, each with its name, and the best of them.
+
+    The first that is solved ends them, unless all are to be searched: from a known motion where it
+    leads to one that takes about as long.
+    """
+    tried: list[tuple[str, Solution]] = []
+    for name, first in starts:
+        solution = solve(first)
+        tried.append((name, solution))
+        led_there = not isinstance(first, Solution) or (
+            abs(solution.duration - first.duration) <= NEAR * first.duration
+        )
+        if (solution.status.solved and led_there and not search) or deadline.over():
+            break
+    best = min(tried, key=lambda pair: (not pair[1].status.solved, pair[1].duration))
+    return tried, *best
 
 
 class _Start(NamedTuple):
@@ -349,7 +372,7 @@ class TimeOptimalSolver:
         refiner = Refiner(
             kernels,
             problem.guesses,
-            partial(by_interval, problem.excess),
+            problem.excess,
             allowed,
             tolerance=self._solver_settings.tolerance * FLAT_RATIO,
             rounds=self._rounds,
@@ -358,18 +381,13 @@ class TimeOptimalSolver:
             enough=partial(is_enough, problem),
         )
         marks = partial(switch_marks, problem.family)
-        tried: list[tuple[str, Solution]] = []
-        for name, first in self._starts(problem, near, moving is not None):
+
+        def solve(first: Solution | Mapping[str, Guess]) -> Solution:
             known = isinstance(first, Solution)
             meshes: Any = [phase.mesh for phase in first.phases] if known else SEARCH.explore_mesh
-            solution = refiner.solve(meshes, first)
-            tried.append((name, solution))
-            led_there = not known or (
-                abs(solution.duration - first.duration) <= NEAR * first.duration
-            )
-            if (solution.status.solved and led_there and not search) or deadline.over():
-                break
-        name, best = min(tried, key=lambda pair: (not pair[1].status.solved, pair[1].duration))
+            return refiner.solve(meshes, first)
+
+        tried, name, best = _tried(self._starts(problem, near, moving is not None), solve, search)
         if name != "prepared" and best.status.solved:
             mesh, jumps = self._settings.mesh or SEARCH.full_mesh, not problem.family.jerk_matters
             meshes = [graded(phase, mesh) if jumps else mesh for phase in best.phases]
@@ -413,16 +431,8 @@ class TimeOptimalSolver:
         """Return the same of a program with states."""
         solver = self._solver(prepared)
         changes = self._changes(problem, payload, smoothing, moving)
-        tried: list[tuple[str, Solution]] = []
-        for name, first in self._starts(problem, near, moving is not None):
-            solution = _solved_near(solver, first, changes)
-            tried.append((name, solution))
-            led_there = not isinstance(first, Solution) or (
-                abs(solution.duration - first.duration) <= NEAR * first.duration
-            )
-            if (solution.status.solved and led_there and not search) or deadline.over():
-                break
-        name, best = min(tried, key=lambda pair: (not pair[1].status.solved, pair[1].duration))
+        solve = partial(_solved_near, solver, changes=changes)
+        tried, name, best = _tried(self._starts(problem, near, moving is not None), solve, search)
         allowed = TimeOptimalSettings.limit_tolerance if moving is None else moving.tolerance
         kernels = prepared.kernels if prepared else self._kernels
         return tried, name, self._refined(problem, best, changes, kernels, allowed)

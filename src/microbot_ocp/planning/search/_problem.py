@@ -145,15 +145,27 @@ class MotionProblem:
     @cached_property
     def is_flat(self) -> bool:
         """Whether the states are left out."""
-        return isinstance(self.kernels(), FlatTranscription)
+        return isinstance(self._usual_kernels, FlatTranscription)
+
+    @property
+    def is_rated(self) -> bool:
+        """Whether the states are left out under limits of jerks or torque rates."""
+        return self.is_flat and self.family.jerk_matters
 
     def kernels(self, *, budgeted: bool = False, stated: bool = False) -> Any:
         """Return the program with the limits and payloads of every segment, built once.
 
         ``budgeted`` that of the least effort in a time that is given.
         """
-        if self.given is not None and not (budgeted or stated):
-            return self.given
+        if budgeted or stated:
+            return self._built(budgeted=budgeted, stated=True)
+        return self._usual_kernels
+
+    @cached_property
+    def _usual_kernels(self) -> Any:
+        return self._built() if self.given is None else self.given
+
+    def _built(self, *, budgeted: bool = False, stated: bool = False) -> Any:
         conditions = None
         if not self.task.is_plain:
             held = tuple(with_locked_joints_held(f).robot for f in self.task.families)
@@ -161,7 +173,7 @@ class MotionProblem:
             conditions = Conditions(held, asked.ends, asked.closed)
         base: Robot = with_locked_joints_held(self.family).robot
         via = np.ascontiguousarray(self.via)
-        if not (budgeted or stated) and self.settings.solver != "fatrop":
+        if not stated and self.settings.solver != "fatrop":
             flat = flat_form(base, via.tobytes(), len(via), conditions=conditions)
             if flat is not None:
                 return flat
@@ -211,6 +223,9 @@ class MotionProblem:
     def excess(self, solution: Solution) -> list[FloatArray]:
         """Return the largest relative excess of any limit along every interval [N, K] of every
         phase, asked for again and again.
+
+        Without states K is one: intervals are halved as wholes then, for a spline loses digits
+        where neighbours differ in length by more.
         """
         if solution not in self._excess:
             families = self.task.families
@@ -219,6 +234,8 @@ class MotionProblem:
             else:
                 pairs = zip(families, phase_shapes(solution), strict=True)
                 excess = [excess_along(family, shape) for family, shape in pairs]
+            if self.is_flat:
+                excess = [table.max(axis=1, keepdims=True) for table in excess]
             self._excess[solution] = excess
         return self._excess[solution]
 

@@ -8,7 +8,6 @@ first of them first.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -26,7 +25,6 @@ from microbot_ocp.ocp.transcription import Transcription
 from microbot_ocp.planning.free import (
     JERK_WEIGHT,
     SMOOTHING,
-    FlatTranscription,
     accelerations_jump,
     limited_rates,
     transcription,
@@ -64,14 +62,14 @@ def search_of(problem: MotionProblem, progress: StepProgress) -> MotionSearch:
     if deadline.over():  # they may not be compiled: made again the next time
         transcription.cache_clear()
     kernel_time = time.perf_counter() - begin
-    windows, is_flat = has_windows(problem.family), isinstance(kernels, FlatTranscription)
-    rated = is_flat and problem.family.jerk_matters  # rounding takes the last digits of the rates
+    windows, rated = has_windows(problem.family), problem.is_rated
     is_guided = problem.timed_path is not None  # a motion within limits is known
+    # rounding takes the last digits of rates
     is_rough = not is_guided and (windows or rated or len(problem.names) > SEARCH.most_polished)
     refiner = Refiner(
         kernels,
         problem.guesses,
-        partial(by_interval, problem.excess) if is_flat else problem.excess,
+        problem.excess,
         settings.limit_tolerance,
         solver="ipopt" if settings.solver == "auto" else settings.solver,
         progress=with_motion(progress, problem.family.robot, problem.via),
@@ -92,21 +90,10 @@ def search_of(problem: MotionProblem, progress: StepProgress) -> MotionSearch:
     return MotionSearch(problem, refiner, progress, kernel_time)
 
 
-def by_interval(
-    excess: Callable[[Solution], Sequence[FloatArray]], solution: Solution
-) -> list[FloatArray]:
-    """Return the largest excess [N] inside every interval, which is halved as a whole then: a
-    spline loses digits where neighbours differ in length by more.
-    """
-    return [phase.reshape(len(phase), -1).max(axis=1) for phase in excess(solution)]
-
-
-RATED = 0.1  # of the rough tolerance, with which rates of torques and jerks are done
-
-
 # finer meshes ---------------------------------------------------------------------------------
 
 TINY = 1e-12
+RATED = 0.1  # of the rough tolerance: with it rates of torques and jerks are done
 SHORTEST = 0.05  # of the longest interval of a phase: shorter ones are not split at switches
 COARSE = ("start", "known way", "relaxed problem", "timed path")
 ON_FULL_MESH = ("full mesh", "less and less smoothing")
@@ -359,7 +346,7 @@ def split_where_exceeded(search: MotionSearch, step: NextStep) -> MotionAnswer:
             # a refined mesh is seldom refined again: to the last digits at once
             least = _at_most(usual, SEARCH.usual_iterations)
             best = replace(refiner, settings=least, rough=None, once=True).refine(best, **marks)
-    if isinstance(refiner.transcription, FlatTranscription) and search.problem.family.jerk_matters:
+    if search.problem.is_rated:
         # a mesh that is refined last gains next to nothing, and may take a thousand iterations
         refiner = replace(
             refiner, once=True, settings=_at_most(refiner.settings, SEARCH.usual_iterations)
