@@ -1,7 +1,7 @@
 """Forward kinematics of any modified-DH table, in numbers or in symbols.
 
-Part 1 of the course report. Without arguments the table is asked for row by row; where nobody can
-answer, the report's own table is taken.
+Part 1 of the course report. Without arguments the script asks for the table row by row; if its
+input is not a terminal, it uses the report's table.
 
     python problems/01_forward_kinematics.py --alpha-deg 0,90,0,0 --a 0,0,3,4 --d 2,0,0,0 \
         --theta-deg 161.5651,74.1561,111.3819,0
@@ -50,7 +50,7 @@ def ask() -> list[str]:
 
 
 def columns(arguments: argparse.Namespace) -> list[str]:
-    """The four columns of the table as texts."""
+    """Return the four columns of the table as texts."""
     texts = [getattr(arguments, name) for name in COLUMNS]
     if not any(texts):
         texts = ask() if sys.stdin.isatty() and not arguments.symbolic else list(REPORT)

@@ -1,7 +1,7 @@
 """Inverse kinematics: every branch of the Microbot for a position, by two methods and by formula.
 
-Part 2 of the course report: the four arm postures that reach (3, -1, 4.5). Here they come from
-many damped Gauss-Newton starts, from an NLP solved by IPOPT, and from the report's law of cosines.
+Part 2 of the course report: the four arm postures that reach (3, -1, 4.5), computed by
+Gauss-Newton from many starts, by an NLP with IPOPT, and by the report's law of cosines.
 
     python problems/02_inverse_kinematics.py --position 3,-1,4.5
     python problems/02_inverse_kinematics.py --position=9,0,2 --seed-deg 0,30,-30
@@ -20,7 +20,7 @@ from symbolic import matrix_text
 
 
 def unit(robot: mo.Robot) -> np.ndarray:
-    """Degrees for revolute joints, metres for prismatic ones."""
+    """Return the display factor of each joint: 180/pi (deg) if revolute, 1 (m) if prismatic."""
     return np.where(np.array(robot.joint_types) == "revolute", 180 / np.pi, 1.0)
 
 
@@ -29,7 +29,7 @@ def shown(robot: mo.Robot, q: np.ndarray) -> str:
 
 
 def apart(q: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Largest joint difference to each of the others, modulo a turn."""
+    """Return the largest joint difference to each row of ``others``, modulo a full turn, rad."""
     return np.abs((q - others + np.pi) % (2 * np.pi) - np.pi).max(axis=1)
 
 
@@ -43,7 +43,7 @@ def show(robot: mo.Robot, position: np.ndarray) -> None:
     continuum = " points of the continuum" if solutions[0].self_motion else ""
     print(f"{len(solutions)} branches by Gauss-Newton, {len(by_nlp)}{continuum} by the NLP\n")
     others = {"to NLP [rad]": by_nlp}
-    if robot.name == "microbot":  # the report's formula, and its order
+    if robot.name == "microbot":  # the closed form and its order hold for this arm only
         formula = others["to formula [rad]"] = elbow_arm_branches(position)
         solutions.sort(key=lambda solution: int(np.argmin(apart(solution.q, formula))))
     heads = "   ".join(f"{head:>16}" for head in ("position error [m]", *others))

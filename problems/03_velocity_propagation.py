@@ -1,7 +1,7 @@
-"""Velocities from link to link, the Jacobian they must agree with, and static torques.
+"""Velocity propagation from link to link, checked against the Jacobian, and static torques.
 
-Part 3 of the course report: Craig's example 5.3 in symbols, then the Microbot in numbers, with the
-printed figures beside ours.
+Part 3 of the course report: Craig's example 5.3 in symbols, and the Microbot in numbers beside
+the figures that the report prints.
 
     python problems/03_velocity_propagation.py --theta-deg -18.43,-29.18,-111.38 --rate-deg 35,20,45
 """

@@ -1,7 +1,7 @@
 """Part 4a: the torques of the report's exponential motion, with gravity along Z, along Y and off.
 
-All joints move as q(t) = 45 deg (1 + 6 exp(-t/0.3) - 8 exp(-t/0.4)). The report's code lets gravity
-act along the base's Y axis; the base's Z axis is the vertical one.
+All joints move as q(t) = 45 deg (1 + 6 exp(-t/0.3) - 8 exp(-t/0.4)). Gravity acts along the base's
+Y axis in the report's code, although the base's Z axis is vertical.
 
 example: python problems/04a_inverse_dynamics.py --out out/04a --robot microbot
 """

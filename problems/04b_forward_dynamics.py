@@ -1,7 +1,7 @@
-"""Part 4b: the motion back from its torques, by CasADi's four integrators and the report's Euler.
+"""Part 4b: the motion recovered from its torques by four CasADi integrators and the report's Euler.
 
-The torques are those of part 4a with gravity along Z. Every integrator gets them as a function of
-the time and solves M(q) qdd = tau - C qd - G at the state it has reached.
+The torques are those of part 4a with gravity along Z. Every integrator evaluates them as a function
+of time and solves M(q) qdd = tau - C qd - G at the integrated state.
 
 example: python problems/04b_forward_dynamics.py --out out/04b
 """

@@ -26,7 +26,7 @@ SHAPES = {
 
 
 def triple(values: np.ndarray, form: str = "9.3f") -> str:
-    """Values of the three joints in columns."""
+    """Format the values of the three joints as columns."""
     return "".join(f"{value:{form}}" for value in values)
 
 

@@ -1,8 +1,8 @@
-"""Part 6: the partitioned control law on the report's exponential motion, and what may spoil it.
+"""Part 6: computed-torque control of the report's exponential motion, ideal and disturbed.
 
 The arm starts at rest at q = 0, the motion at -45 deg (at_i = 0, atd_i = 0 in the report's code).
-The report's gain is kp = 0.1; here kp = 100 (chosen here) and a sweep. All disturbances of the
-second table are chosen here; there the arm starts on the motion.
+The report's gain is kp = 0.1; here kp = 100 and a sweep of gains. The disturbances of the second
+table are not from the report; those runs start on the motion.
 
 example: python problems/06_computed_torque.py --out out/06 --kp 100
 """
@@ -19,19 +19,19 @@ import microbot_ocp as mo
 import report
 import script
 
-SWEEP = (0.1, 1.0, 10.0, 25.0, 100.0, 400.0)  # kp, 1/s^2, the report's first
+SWEEP = (0.1, 1.0, 10.0, 25.0, 100.0, 400.0)  # kp, 1/s^2; the report uses the first
 NOISE = mo.simulation.SensorNoise(q=np.radians(0.05), qd=np.radians(1.0), seed=1)
-SHARE = 0.8  # of the torque that the motion needs at most
+SHARE = 0.8  # torque limit as a fraction of the peak torque of the motion
 GIVEN: dict[str, Any] = {"duration": report.DURATION, "saturation": False}
 
 
 def changed(robot: mo.Robot, mass: float = 1.0, **friction: float) -> mo.Robot:
-    """The same arm with other masses or friction."""
+    """Return the arm with scaled masses or other friction."""
     return robot.with_links([replace(k, mass=mass * k.mass, **friction) for k in robot.links])
 
 
 def troubles(robot: mo.Robot, peak: np.ndarray) -> dict[str, dict[str, Any]]:
-    """What the report leaves out, as arguments of ``track``."""
+    """Return the disturbances that the report leaves out, as arguments of ``track``."""
     sampled, noisy = {"sample_rate": 100.0}, {"noise": NOISE}
     return {
         "ideal": {},
@@ -47,7 +47,7 @@ def troubles(robot: mo.Robot, peak: np.ndarray) -> dict[str, dict[str, Any]]:
 
 
 def sweep_gains(robot: mo.Robot) -> dict[float, mo.simulation.Tracking]:
-    """Runs by gain from a start 45 deg off, beside the closed form of the error."""
+    """Return one run per gain from a start 45 deg off, and print the closed form of the error."""
     print(
         "start error -45 deg, exact model, no limits; kv = 2 sqrt(kp); any joint (all are alike):"
     )
@@ -67,8 +67,8 @@ def sweep_gains(robot: mo.Robot) -> dict[float, mo.simulation.Tracking]:
 def compare_rivals(
     robot: mo.Robot, kp: float, motion: mo.Motion
 ) -> dict[str, mo.simulation.Tracking]:
-    """Every trouble by every controller; those of computed torque are returned."""
-    # As stiff as computed torque with the arm's inertia at the start, each joint by itself.
+    """Print every disturbance by every controller; return the runs of computed torque."""
+    # Gains times the diagonal of M at the start give PD the stiffness of computed torque there.
     inertia = np.diag(mo.mass_matrix(robot)(motion.q[0]).full())
     proportional = mo.PDGravity(kp * inertia, 2 * kp**0.5 * inertia)
     rivals = (mo.ComputedTorque(kp), proportional, mo.Feedforward())

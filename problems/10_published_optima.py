@@ -1,9 +1,9 @@
-"""Optimal-control problems with published optima: the source's figure, ours, and what it took.
+"""Optimal-control problems with published optima: published cost, our cost, iterations and time.
 
-Every problem by two schemes, each by every solver; the statements are in
-``tests/external/published_problems.py``. An optimum counts as met where every scheme reaches it by
-one solver at least; what a solver does not reach is shown. The SQP method, which is for small
-programs, is stopped after some seconds.
+Every problem is solved by two schemes and by every solver; the statements are in
+``tests/external/published_problems.py``. An optimum counts as met if, for every scheme, at least
+one solver reaches it; runs that miss it are shown. The SQP method, intended for small programs, is
+stopped after some seconds.
 
     python problems/10_published_optima.py --only robot_arm
     python problems/10_published_optima.py --by-solver --solver fatrop ipopt sqp
@@ -32,7 +32,7 @@ COLUMNS = ("problem", "optimum", "scheme", "mesh", "solver", "ours", "error", "i
 
 @dataclass(frozen=True)
 class Run:
-    """One problem by one scheme and one solver."""
+    """Run of one problem by one scheme and one solver."""
 
     problem: PublishedProblem
     scheme: str
@@ -67,7 +67,7 @@ class Run:
 
 
 def solve_all(problem: PublishedProblem, options: argparse.Namespace) -> list[Run]:
-    """Every scheme by every solver."""
+    """Solve one problem by every scheme and every solver."""
     runs = []
     for scheme in options.scheme:
         for solver in options.solver:
@@ -85,7 +85,7 @@ def solve_all(problem: PublishedProblem, options: argparse.Namespace) -> list[Ru
 
 
 def long_table(runs: list[Run]) -> Table:
-    """A row for every run."""
+    """Return a table with one row for every run."""
     table = Table(*COLUMNS, title="Published optima")
     for run, before in zip(runs, [None, *runs[:-1]], strict=True):
         first = before is None or before.problem is not run.problem
@@ -107,7 +107,7 @@ def long_table(runs: list[Run]) -> Table:
 
 
 def table_by_solver(runs: list[Run], solvers: list[str]) -> Table:
-    """A row for every problem and scheme, a column for every solver."""
+    """Return a table with a row for every problem and scheme and a column for every solver."""
     table = Table("problem", "source", "scheme", "mesh", "ours", "error", *solvers)
     table.title = "Published optima: iterations and time by solver"
     cases = dict.fromkeys((run.problem.name, run.scheme) for run in runs)
@@ -129,7 +129,7 @@ def table_by_solver(runs: list[Run], solvers: list[str]) -> Table:
 
 
 def missed(run: Run) -> str:
-    """What a solver that did not reach the optimum left, in a cell."""
+    """Return the cell of a solver that missed the optimum: its status and time."""
     status = run.solution.status
     what = "stopped" if status is Status.INTERRUPTED else status
     return f"[yellow]{'missed' if status.solved else what}, {run.seconds:.1f} s[/yellow]"

@@ -1,7 +1,7 @@
-"""A limit of one's own: the speed of the tool is halved inside a zone around a person.
+"""A user-defined limit: the speed of the tool is halved inside a zone around a person.
 
-It is ten lines. The fastest motion, the best timing of a path and the shortest duration of a shape
-keep it, the certificate judges it, tables and figures show it.
+The limit takes ten lines. Free motions, path timing and time scaling keep it, the certificate
+checks it, and tables and figures show it.
 
 example: python problems/11_own_limit.py --out out/11
 """
@@ -17,7 +17,7 @@ import script
 from microbot_ocp.robot import MotionState
 from report import VIA_Q
 
-PERSON = [2.0, -4.0, 4.0]  # m
+PERSON = [2.0, -4.0, 4.0]  # position in base, m
 
 
 def speed(state: MotionState) -> ca.SX:
@@ -25,7 +25,7 @@ def speed(state: MotionState) -> ca.SX:
 
 
 def allowed(state: MotionState) -> ca.SX:
-    """8 m/s far away, 4 m/s near the person, m/s."""
+    """Return the allowed tool speed, m/s: 8 far from the person, 4 near the person."""
     distance = ca.norm_2(state.tool[:3, 3] - ca.DM(PERSON))
     return 6.0 + 2.0 * ca.tanh(2.0 * (distance - 2.5))
 

@@ -1,9 +1,9 @@
-"""From one compartment of a shelf into the next: UR5e and Panda as their URDF files describe them.
+"""From one compartment of a shelf to the next: UR5e and Panda as their URDF files describe them.
 
 Links, joints, masses and limits come from the files that `airo-models` and `example-robot-data`
-ship (both in the extra `test`), capsules are fitted to their collision geometry. Of random poses
-with the tool in either compartment, start and goal are the two that are nearest to each other:
-the arm need not turn itself inside out. Needs the extras `cell` and `urdf`.
+ship (both in the extra `test`); capsules are fitted to their collision geometry. The script draws
+random poses with the tool in each compartment and takes the pair with the smallest joint distance
+as start and goal, which keeps the posture of the arm. Needs the extras `cell` and `urdf`.
 
 example: python problems/12_shelf.py --out out/12
 """
@@ -21,18 +21,18 @@ import microbot_ocp as mo
 import script
 from microbot_ocp.scene import Surroundings
 
-# package, file in it, tip link, and how far the shelf stands away, m
+# package, URDF file in it, tip link, and distance of the shelf from the base, m
 ARMS = {
     "ur5e": ("airo-models", "arms/ur5e/ur5e.urdf", None, 0.62),
     "panda": ("example-robot-data", "panda_description/urdf/panda.urdf", "panda_hand", 0.5),
 }
-HEIGHTS = (0.26, 0.68)  # of the middles of the compartments, m
-POSES = 50_000  # drawn at a time
-ENOUGH = 40  # that stand free in a compartment
+HEIGHTS = (0.26, 0.68)  # height of the middle of each compartment, m
+POSES = 50_000  # random poses drawn at a time
+ENOUGH = 40  # free poses to collect in each compartment
 
 
 def shelf(x: float) -> mo.Scene:
-    """Three boards with a back, their front edges at ``x``, and the floor."""
+    """Return three boards with a back, their front edges at ``x`` (m), and the floor."""
     boards = [
         mo.Box([0.4, 1.0, 0.02], [x + 0.2, 0.0, 0.05 + 0.42 * k], f"board {k + 1}")
         for k in range(3)
@@ -42,7 +42,7 @@ def shelf(x: float) -> mo.Scene:
 
 
 def ends(robot: mo.Robot, scene: mo.Scene, x: float) -> np.ndarray:
-    """A pose with the tool in each compartment, near each other in joint space: [2,n]."""
+    """Return two poses [2,n], one in each compartment, that are near in joint space."""
     around, random = Surroundings(robot, scene), np.random.default_rng(1)
     low = np.maximum(robot.limits.q_min, -np.pi)
     high = np.minimum(robot.limits.q_max, np.pi)
@@ -62,7 +62,7 @@ def ends(robot: mo.Robot, scene: mo.Scene, x: float) -> np.ndarray:
 
 
 def load(arm: str) -> mo.Robot:
-    """The arm of a file, with capsules around its collision geometry."""
+    """Load the arm from its URDF file and fit capsules to its collision geometry."""
     package, name, tip, _ = ARMS[arm]
     try:
         files = metadata.files(package) or []

@@ -1,4 +1,4 @@
-"""What the scripts share: their arguments, and one line with exit code 2 for bad input."""
+"""Shared parts of the scripts: command-line options, and exit code 2 with one line on bad input."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ import microbot_ocp as mo
 
 
 def parser(text: str | None, out: str = "") -> argparse.ArgumentParser:
-    """Arguments of a script with its docstring; a folder ``out`` adds --out and --robot."""
+    """Build the options of a script from its docstring; ``out`` adds --out and --robot."""
     made = argparse.ArgumentParser(
         description=text, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -29,7 +29,7 @@ def parser(text: str | None, out: str = "") -> argparse.ArgumentParser:
 
 
 def numbers(name: str, text: str, size: int | None = None) -> np.ndarray:
-    """Finite numbers from a list with commas between."""
+    """Read finite numbers from a list separated by commas."""
     try:
         found = np.array([float(entry) for entry in text.split(",")])
     except ValueError:
@@ -41,12 +41,12 @@ def numbers(name: str, text: str, size: int | None = None) -> np.ndarray:
 
 def run(main: Callable[[argparse.Namespace], None], arguments: argparse.ArgumentParser) -> NoReturn:
     """Call ``main`` with the arguments of the command line, and end the program."""
-    # a list that begins with a minus sign is a value, not an option
+    # argparse takes a list that begins with a minus sign for an option; a leading space prevents it
     given = [" " + word if re.match(r"-[\d.]", word) else word for word in sys.argv[1:]]
     try:
         main(arguments.parse_args(given))
         sys.stdout.flush()
-    except BrokenPipeError:  # the reader has seen enough
+    except BrokenPipeError:  # a reader such as head has closed the pipe
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except (mo.InputError, OSError, EOFError, KeyboardInterrupt) as problem:
         print(f"error: {str(problem) or 'interrupted'}", file=sys.stderr)

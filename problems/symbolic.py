@@ -1,7 +1,7 @@
-"""Transforms and velocities of a modified-DH table in symbols a reader knows: c1, s23, L1.
+"""Transforms and velocities of a modified-DH table in symbols such as c1, s23, L1.
 
-A small algebra is enough: sums of products of cosines, sines and names, with the addition theorems
-of parallel axes (c2 c3 - s2 s3 = c23) and c^2 + s^2 = 1 applied wherever they fit.
+Expressions are sums of products of cosines, sines and names; they are simplified by the addition
+theorems for parallel axes (c2 c3 - s2 s3 = c23, s2 c3 + c2 s3 = s23) and c^2 + s^2 = 1.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 
 
 class Atom(NamedTuple):
-    """A cosine or sine ("c", "s") of a sum of joint angles, or a name."""
+    """Cosine or sine ("c", "s") of a sum of joint angles, or a name."""
 
     kind: str
     joints: tuple[int, ...] = ()
@@ -28,14 +28,14 @@ Product = tuple[Atom, ...]
 
 
 class Expression:
-    """A sum of products of atoms; immutable."""
+    """Immutable sum of products of atoms."""
 
     def __init__(self, terms: dict[Product, float]) -> None:
         self.terms = _simplified({k: v for k, v in terms.items() if abs(v) > 1e-12})
 
     @classmethod
     def of(cls, value: float | str | Expression) -> Expression:
-        """A number, a name or an expression."""
+        """Convert a number, a name or an expression."""
         if isinstance(value, Expression):
             return value
         if isinstance(value, str):
@@ -84,12 +84,12 @@ def _sum(terms: dict[Product, float]) -> str:
 
 
 def _reading_order(atom: Atom) -> tuple[tuple[int, ...], str]:
-    """Names first, then the angles by joint."""
+    """Return the sort key of an atom: names first, angles in the order of the joints."""
     return atom.joints, atom.kind
 
 
 def _place(term: tuple[Product, float]) -> tuple[int, int, list[str]]:
-    """Sums of many angles first, numbers last."""
+    """Return the sort key of a term: sums of many angles first, numbers last."""
     product = term[0]
     return -sum(len(a.joints) for a in product), -len(product), [str(a) for a in product]
 
@@ -132,7 +132,7 @@ def _simplified(terms: dict[Product, float]) -> dict[Product, float]:
 def _fitting(
     terms: dict[Product, float], product: Product
 ) -> Iterator[tuple[Product, Product, float]]:
-    """A second product, what both together are, and its factor."""
+    """Yield every theorem that fits a product: its partner, their sum, and the sum's factor."""
     factor = terms[product]
     for first, second in combinations(product, 2):
         if not (first.joints and second.joints):
@@ -161,7 +161,7 @@ Matrix = list[list[Expression]]
 def symbolic_row(
     alpha: float, a: float | str, d: float | str, theta: float = 0.0, joint: int | None = None
 ) -> Matrix:
-    """Transform [4][4] of one modified-DH row (Craig, equation 3.6).
+    """Return the transform [4][4] of one modified-DH row (Craig, equation 3.6).
 
     Parameters
     ----------
@@ -190,12 +190,12 @@ def symbolic_row(
 
 
 def _rounded(angle: float) -> tuple[float, float]:
-    """Cosine and sine, exact at right angles."""
+    """Return cosine and sine, exact at right angles."""
     return round(float(np.cos(angle)), 12), round(float(np.sin(angle)), 12)
 
 
 def product(first: Matrix, second: Matrix) -> Matrix:
-    """Product of two matrices of expressions."""
+    """Return the product of two matrices of expressions."""
     zero = Expression.of(0.0)
     columns = list(zip(*second, strict=True))
     return [
@@ -207,9 +207,9 @@ def product(first: Matrix, second: Matrix) -> Matrix:
 def symbolic_velocities(
     rows: Sequence[Matrix], rates: Sequence[str | None]
 ) -> list[tuple[list[Expression], list[Expression]]]:
-    """Linear and angular velocity of every frame in that frame (Craig, 5.45 and 5.47).
+    """Return linear and angular velocity of every frame in that frame (Craig, 5.45 and 5.47).
 
-    ``rates`` names the speed of every revolute joint; None: a fixed row.
+    ``rates`` names the speed of every revolute joint; None marks a fixed row.
     """
     zero = Expression.of(0.0)
     v, omega = [zero] * 3, [zero] * 3
@@ -229,7 +229,7 @@ def symbolic_velocities(
 
 
 def matrix_text(matrix: Matrix | np.ndarray, digits: int = 4) -> str:
-    """A matrix of expressions or numbers as aligned lines."""
+    """Format a matrix of expressions or numbers as aligned lines."""
     cells = [[_cell(entry, digits) for entry in row] for row in matrix]
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
     lines = ("  ".join(c.rjust(w) for c, w in zip(row, widths, strict=True)) for row in cells)
@@ -239,4 +239,4 @@ def matrix_text(matrix: Matrix | np.ndarray, digits: int = 4) -> str:
 def _cell(entry: Expression | float, digits: int) -> str:
     if isinstance(entry, Expression):
         return str(entry)
-    return f"{round(float(entry), digits) + 0.0:.{digits}f}"  # never -0
+    return f"{round(float(entry), digits) + 0.0:.{digits}f}"  # adding 0.0 turns -0 into 0
