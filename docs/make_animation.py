@@ -3,7 +3,7 @@
     python docs/make_animation.py
 
 The task is that of ``make demo``: the report's three poses; the ghost is the cubic with the best
-split of its times, the solid arm takes the free time-optimal motion.
+times and via velocities, the solid arm takes the free time-optimal motion.
 """
 
 from __future__ import annotations

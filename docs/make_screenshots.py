@@ -23,6 +23,12 @@ from headless_viewer import HeadlessViewer, missing_driver
 
 TARGET = Path(__file__).resolve().parent / "images" / "recordings"
 COLORS = 192  # of a picture's palette: a third of the size of a full one
+# picture -> kind of recording, number of the moment at which it is drawn
+PICTURES = {name: (name, 1) for name in KINDS} | {
+    "comparison_progress": ("comparison", 2),
+    "iterations_early": ("iterations", 1),
+    "iterations": ("iterations", 2),
+}
 
 
 def main() -> int:
@@ -45,19 +51,24 @@ def main() -> int:
         for name in arguments.names or KINDS:
             kind = KINDS[name]
             recording = kind.make().save(kept / f"{name}.rrd")
+            size = recording.stat().st_size / 1e6
             with HeadlessViewer() as viewer:
                 viewer.open(recording)
-                moment = kind.moments[-1]
-                viewer.seek(moment.timeline, **moment.as_argument())
-                picture = Image.fromarray(viewer.picture())
+                for drawn, number in _pictures(name):
+                    moment = kind.moments[number]
+                    viewer.seek(moment.timeline, **moment.as_argument())
+                    path = TARGET / f"{drawn}.png"
+                    palette.save(Image.fromarray(viewer.picture()), path, COLORS)
+                    print(f"{path} ({path.stat().st_size / 1e3:.0f} kB; recording {size:.2f} MB)")
                 problems += [f"{name}: {problem}" for problem in viewer.problems()]
-            path = TARGET / f"{name}.png"
-            palette.save(picture, path, COLORS)
-            size = recording.stat().st_size / 1e6
-            print(f"{path} ({path.stat().st_size / 1e3:.0f} kB; recording {size:.2f} MB)")
     for problem in problems:
         print(f"error: {problem}", file=sys.stderr)
     return 1 if problems else 0
+
+
+def _pictures(kind: str) -> list[tuple[str, int]]:
+    """Return name and number of the moment of every picture of a kind."""
+    return [(name, number) for name, (shown, number) in PICTURES.items() if shown == kind]
 
 
 if __name__ == "__main__":
