@@ -175,9 +175,9 @@ def test_completion(call, monkeypatch, words, offered, kept_back):
         (["fk", "microbot", "--q", "1,2,3", "--q-deg", "1,2,3"], ["not both"]),
         (["fk", "microbot", "--q", "1,2,3", "--frame", "4"], ["--frame", "1 to 3", "4"]),
         (["fk", "microbot", "--q", "1,2,3", "--frame", "x"], ["--frame", "whole number", "'x'"]),
-        (["fk", "microbot", "--q", "1", "2", "3"], ["commas between: 3,-1,4.5"]),
+        (["fk", "microbot", "--q", "1", "2", "3"], ["commas: 3,-1,4.5"]),
         (["ik", "microbot"], ["--position"]),
-        (["ik", "microbot", "--position", "3", "-1", "4.5"], ["commas between: 3,-1,4.5"]),
+        (["ik", "microbot", "--position", "3", "-1", "4.5"], ["commas: 3,-1,4.5"]),
         (["ik", "microbot", "--position", "1,2"], ["x, y, z", "1,2"]),
         (["ik", "microbot", "--position", "1,2,3", "--seed", ""], ["--seed", "not ''"]),
         (["ik", "microbot", "--position", "1,2,3", "--time-limit", "0"], ["above 0 s", "'0'"]),
@@ -587,7 +587,7 @@ def test_out_that_is_a_file(refused, tmp_path):
     (tmp_path / "task.toml").write_text(TASK)
     assert "must be a folder" in refused("solve", "task.toml", "--out", "task.toml")
     (tmp_path / "link").symlink_to("nowhere")
-    assert "leads nowhere" in refused("solve", "task.toml", "--out", "link")
+    assert "'link'" in refused("solve", "task.toml", "--out", "link")
     assert "'--out': it must be a path" in refused("solve", "task.toml", "--out", "")
 
 

@@ -2,5 +2,5 @@
 
 import lazy_loader
 
-# not by way of the border, which loads numpy: signals are taken before that
+# lazy_loader directly: _base.border loads numpy, and signal handlers are installed before that.
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,4 +1,4 @@
-"""``python -m microbot_ocp.cli`` is ``microbot-ocp``."""
+"""Entry point of ``python -m microbot_ocp.cli``, which is ``microbot-ocp``."""
 
 import sys
 

@@ -1,11 +1,11 @@
-"""Commands by declaration: options follow from signatures and docstrings, also of the library.
+"""Commands declared by functions: signatures and docstrings define the options.
 
-``@command(...)`` makes a command of a function that returns an :class:`Answer`. A parameter of it
-is one option, or several, by its annotation: a plain type is one word, a :class:`Kind` says more;
-one that has the name of an option of the :class:`Report` gets the value of that.
-The help of an option is its entry in the numpydoc docstring of the command, else the first sentence
-about it in the docstring of the library function that gets it; ``**settings`` are options of that
-function with its defaults.
+``@command(...)`` turns a function that returns an :class:`Answer` into a command. The annotation of
+a parameter defines its options: a plain type is one option of one word, a :class:`Kind` is any
+other form. A parameter that is named like an option of :class:`Report` receives that option's
+value. The help of an option is its entry in the numpydoc docstring of the command. If there is no
+entry, it is the first sentence on the parameter in the docstring of the library function that the
+command calls; ``**settings`` stands for options of that function, with its defaults.
 """
 
 from __future__ import annotations
@@ -31,25 +31,25 @@ from microbot_ocp.execution import packaged_profiles
 from microbot_ocp.limits import JOINT_QUANTITIES, MEMBER_KEYS, MEMBERS, JointLimits, changes_by_name
 from microbot_ocp.robot import Robot, joint_scale, load_robot, packaged_robots, per_joint
 
-Words = Mapping[str, Any]  # what was given, by the names of the options
+Words = Mapping[str, Any]  # words of the command line by option name
 REQUIRED = inspect.Parameter.empty
 
 
 @dataclass(frozen=True)
 class Kind:
-    """How a parameter is given: here by one option of one word.
+    """Form of a parameter on the command line: here one option of one word.
 
     Attributes
     ----------
-    of : type of the option, as typer knows it
-    metavar : what stands for the word in the help
-    convert : makes the value of the word
-    words : what the word must be, for a message
-    name : of the option
-    text : help
-    default : value where it is not given
-    choices : names to complete the last one of a list with
-    positional : whether it is an argument, not an option
+    of : type of the option for typer
+    metavar : placeholder of the word in the help
+    convert : function from the word to the value
+    words : description of an allowed word, for a message
+    name : name of the option
+    text : help of the option
+    default : value of an option that is left out
+    choices : names for the completion of the last name in a list
+    positional : True for an argument, False for an option
     """
 
     of: Any = str
@@ -67,11 +67,11 @@ class Kind:
         yield self.option()
 
     def value(self, words: Words, robot: Any) -> Any:
-        """Return the value of the parameter; the robot, if any, is the parameter before it."""
+        """Return the value of the parameter, which may depend on the robot of the command."""
         return words[self.name]
 
     def option(self) -> inspect.Parameter:
-        """Make the option, or the argument, for typer."""
+        """Return the option or the argument for typer."""
         declare: Any = typer.Argument if self.positional else typer.Option
         declared = declare(
             ... if self.default is REQUIRED else self.default,
@@ -100,14 +100,14 @@ class Kind:
 
 @dataclass(frozen=True)
 class Numbers(Kind):
-    """Numbers with commas between.
+    """Comma-separated numbers.
 
     Attributes
     ----------
-    labels : what the numbers are; () the joints of the robot, None any number of them
-    degrees : whether an option with the ending ``-deg`` takes degrees, and the plain one radians
-    rows : whether it is a list of at least two, with blanks between or the option once each
-    example : of what to give, for a message
+    labels : names of the numbers; () for one number per joint, None for any count
+    degrees : True for two options: NAME in rad and NAME-deg in degrees
+    rows : True for two or more lists, separated by blanks or by a repeated option
+    example : a valid word, for a message
     """
 
     metavar: str | None = "LIST"
@@ -117,7 +117,7 @@ class Numbers(Kind):
     example: str = "LIST"
 
     def options(self) -> Iterator[inspect.Parameter]:
-        """Yield one option, or one in degrees and the same in radians."""
+        """Yield one option, or two: in degrees and in radians."""
         if not self.degrees:
             yield self.option()
             return
@@ -125,10 +125,10 @@ class Numbers(Kind):
         text = self.text.replace(unit, unit.replace("rad", "deg"))
         either = replace(self, default=None)
         yield replace(either, name=f"{self.name}_deg", text=text).option()
-        yield replace(either, text=f"The same in {unit}.").option()
+        yield replace(either, text=f"Like {_option(self.name)}-deg, in {unit}.").option()
 
     def value(self, words: Words, robot: Any) -> Any:
-        """Return an array [n], or [m,n] of rows, in SI units; of any number of them a list."""
+        """Return an array [n] (rows: [m,n]) in SI units, or a list if the count is free."""
         option, word = _chosen(self.name, words)
         if word is None:
             if self.default is REQUIRED:
@@ -151,9 +151,7 @@ class Numbers(Kind):
         return values * (np.pi / 180.0 if self.labels else joint_scale(robot))
 
     def _check_degrees(self, option: str, word: str, values: FloatArray, robot: Any) -> None:
-        """Refuse orientations of more than a turn, warn of joints that are beyond their limits so
-        far.
-        """
+        """Refuse an orientation above one turn; warn of joint positions that look like degrees."""
         if self.labels:
             if np.abs(values).max() > 2 * np.pi:
                 raise InputError(
@@ -170,10 +168,10 @@ class Numbers(Kind):
 
 
 class RobotFile(Kind):
-    """The robot and the end of its chain."""
+    """Robot argument with the options for the last link and for xacro arguments."""
 
     def options(self) -> Iterator[inspect.Parameter]:
-        """Yield an argument and an option."""
+        """Yield the argument and its two options."""
         yield replace(SOURCE, default=self.default).option()
         yield TIP.option()
         yield XACRO.option()
@@ -184,10 +182,10 @@ class RobotFile(Kind):
 
 
 class XacroArguments(Kind):
-    """Arguments of a xacro file, the option once each."""
+    """Arguments of a xacro file: one ``--xacro NAME:=VALUE`` per argument."""
 
     def value(self, words: Words, robot: Any) -> dict[str, str]:
-        """Return them by name."""
+        """Return the arguments by name."""
         pairs = [word.partition(":=") for word in words[self.name] or ()]
         for name, sign, value in pairs:
             if not (name and sign):
@@ -196,10 +194,10 @@ class XacroArguments(Kind):
 
 
 class LimitOptions(Kind):
-    """An option for every limit: of the joints, of position first, then the further ones."""
+    """Options for every limit: joint limits first, other limits after them."""
 
     def options(self) -> Iterator[inspect.Parameter]:
-        """Yield those of angles also in degrees."""
+        """Yield the options; an angular limit also has an option in degrees."""
         for limit in self.limits():
             yield from limit.options()
 
@@ -219,7 +217,7 @@ class LimitOptions(Kind):
             yield Numbers(name=name, text=text, labels=None, degrees=unit.startswith("rad"))
 
     def value(self, words: Words, robot: Any) -> JointLimits:
-        """Return the robot's limits with those that were given in their place."""
+        """Return the robot's limits, changed by the options."""
         changes: dict[str, Any] = {}
         for limit in self.limits():
             values = limit.value(words, robot)
@@ -236,8 +234,9 @@ class LimitOptions(Kind):
 
 @contextmanager
 def _named_by_options(limits: Mapping[str, Any], robot: Robot) -> Iterator[None]:
-    """Let messages call limits by their options, and joints by their names; without an option they
-    begin with "limits: ".
+    """Rename limits to their options and joint numbers to joint names in error messages.
+
+    A message on a limit without an option gets the prefix "limits: ".
     """
     try:
         yield
@@ -255,7 +254,7 @@ def _option(name: str) -> str:
 
 
 def _chosen(name: str, words: Words) -> tuple[str, Any]:
-    """Return the option that was given, in radians or degrees but not both, and its word if any."""
+    """Return the option (NAME in rad or NAME-deg, not both) and its word, None if left out."""
     given = {_option(k): words[k] for k in (name, f"{name}_deg") if words.get(k) not in (None, [])}
     if len(given) > 1:
         raise InputError(f"give {' or '.join(given)}, not both")
@@ -263,11 +262,11 @@ def _chosen(name: str, words: Words) -> tuple[str, Any]:
 
 
 def _floats(option: str, word: str, labels: Sequence[str] = ()) -> list[float]:
-    """Read numbers with commas between, one for each label if there are any."""
+    """Parse comma-separated numbers, one per label if labels are given."""
     try:
         values = [float(part) for part in word.split(",")]
     except ValueError:
-        raise InputError(f"{option} must be numbers with commas between, not {word!r}") from None
+        raise InputError(f"{option} must be comma-separated numbers, not {word!r}") from None
     if labels and len(values) != len(labels):
         numbers = f"{len(labels)} number{'s' * (len(labels) != 1)} ({', '.join(labels)})"
         raise InputError(f"{option} must be {numbers}, not {len(values)}: {word!r}")
@@ -314,7 +313,7 @@ VIA = Numbers(
     rows=True,
     example="'0,0,0 -90,90,90'",
 )
-PLAIN: dict[str, Kind] = {  # by the type, or the name, of a parameter
+PLAIN: dict[str, Kind] = {  # keys are names of types, or of parameters
     "bool": Kind(of=bool, metavar=None),
     "int": Kind(metavar="N", convert=int, words="a whole number"),
     "float": Kind(metavar="NUMBER", convert=float, words="a number"),
@@ -329,16 +328,16 @@ PLAIN: dict[str, Kind] = {  # by the type, or the name, of a parameter
 
 @dataclass(frozen=True, eq=False)
 class Command:
-    """A command of the program.
+    """Command of the program.
 
     Attributes
     ----------
-    function : makes the answer
-    library : public functions that get its parameters, and the names of those in ``**settings``
-    writes : endings of what ``--out`` writes, "" for a folder; none where it writes nothing
-    folder : where ``--out`` is by default; empty where it has to be given
-    recorded : whether its answer has a recording
-    solves : whether a solver is at work, which can be watched, and a certificate may be refused
+    function : function that returns the answer
+    library : public functions that the command calls, each with the names of its ``**settings``
+    writes : endings of the file of ``--out``, "" for a folder; empty for a command without files
+    folder : default folder of ``--out``; empty if there is no default
+    recorded : True if the answer has a recording
+    solves : True if the command solves and certifies, so that progress and refusal have options
     """
 
     function: Callable[..., Answer]
@@ -350,24 +349,24 @@ class Command:
 
     @property
     def help(self) -> str:
-        """What it says of itself, before the sections of its docstring."""
+        """Text of the docstring before its sections."""
         return _sections(self.function)[""]
 
     @property
     def example(self) -> str:
-        """A call of it."""
+        """Example of a call."""
         return _sections(self.function)["Examples"].removeprefix("$ ")
 
     @cached_property
     def shared(self) -> list[Any]:
-        """The options of its report."""
+        """Fields of :class:`Report` that this command has as options."""
         asked = {"out": bool(self.writes), "json": True}
         asked |= dict.fromkeys(("rerun", "open"), self.recorded)
         return [f for f in fields(Report) if f.init and asked.get(f.name, self.solves)]
 
     @cached_property
     def kinds(self) -> dict[str, Kind]:
-        """How each parameter is given: those of the function, of the library, of the report."""
+        """Forms of all parameters: of the function, of the library functions, of the report."""
         hints = get_type_hints(self.function, include_extras=True)
         parameters = inspect.signature(self.function).parameters
         declared = {name: (hints[name], p.default) for name, p in parameters.items()}
@@ -392,7 +391,7 @@ class Command:
 
     @property
     def callback(self) -> Callable[..., int]:
-        """What typer calls, with a signature of all options."""
+        """Function for typer, with a signature of all options."""
 
         def callback(**words: Any) -> int:
             return self.run(words)
@@ -402,7 +401,7 @@ class Command:
         return callback
 
     def run(self, words: Words) -> int:
-        """Run it and report its answer; return the exit code."""
+        """Run the command and report its answer; return the exit code."""
         report = Report(**{option.name: words[option.name] for option in self.shared})
         wanted = inspect.signature(self.function).parameters
         arguments: dict[str, Any] = {}
@@ -413,7 +412,7 @@ class Command:
         return report.give(partial(self._find, **arguments), long="progress" in wanted)
 
     def _find(self, **arguments: Any) -> Answer:
-        """Call the function; messages call its parameters by their options."""
+        """Call the function; rename its parameters to their options in error messages."""
         try:
             return self.function(**arguments)
         except InputError as problem:
@@ -430,12 +429,12 @@ class Command:
 def command(
     library: Mapping[str, str] | None = None, **more: Any
 ) -> Callable[[Callable[..., Answer]], Command]:
-    """Make a command of a function, by the attributes of :class:`Command`."""
+    """Return a decorator that builds a :class:`Command` with these attributes."""
     return lambda function: Command(function, library or {}, **more)
 
 
 def documented(source: Any) -> dict[str, tuple[str, str]]:
-    """Read metavar, if any, and text of every parameter from a numpydoc docstring."""
+    """Read the metavar (may be empty) and the text of every parameter in a numpydoc docstring."""
     sections, texts = _sections(source), {}
     listed = sections.get("Parameters") or sections.get("Attributes", "")
     entry = re.compile(r"^(\w+(?:, \w+)*)(?: : ([^\n]*))?((?:\n +[^\n]*)*)", re.MULTILINE)
@@ -448,19 +447,19 @@ def documented(source: Any) -> dict[str, tuple[str, str]]:
 
 
 def _sections(source: Any) -> dict[str, str]:
-    """Split a numpydoc docstring into its sections by their heads, and what is before them."""
+    """Split a numpydoc docstring into sections by title; the text before them has the title ""."""
     parts = re.split(r"\n\n(\w+)\n-+\n", inspect.getdoc(source) or "")
     return {"": parts[0], **dict(zip(parts[1::2], parts[2::2], strict=True))}
 
 
 def _sentence(text: str) -> str:
-    """Return the first sentence of what the library says, without its markup."""
+    """Return the first sentence of a docstring entry without its markup."""
     first = re.split(r"\.\s", text)[0].rstrip(".")
     return re.sub(r"(?::\w+:)?`+~?([^`]*)`+", r"\1", first[:1].upper() + first[1:]) + "."
 
 
 def _kind(name: str, hint: Any) -> Kind:
-    """Return the kind in an annotated type, or that of a plain one."""
+    """Return the kind in the annotation of a parameter, or the kind of its plain type."""
     for extra in get_args(hint)[1:]:
         if isinstance(extra, Kind):
             return extra

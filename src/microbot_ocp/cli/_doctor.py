@@ -1,4 +1,4 @@
-"""``doctor``: what is installed, and what of it works."""
+"""``doctor``: a check of the installed packages, solvers, compiler and viewer."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from microbot_ocp.cli._declaration import command
 from microbot_ocp.cli._report import Answer, has_display, nearest
 
 PACKAGES = ("microbot_ocp", "casadi", "numpy", "matplotlib", "rerun-sdk", "rich", "typer")
-EXTRAS = {  # and what they are for
+EXTRAS = {  # the use of each extra
     "urdf": "xacro files, meshes of URDF files",
     "mjcf": "MuJoCo's files",
     "descriptions": "robots by the names of robot_descriptions",
@@ -29,7 +29,7 @@ EXTRAS = {  # and what they are for
 
 
 class Finding(NamedTuple):
-    """One thing looked at; ``needed`` things that are missing make the exit code 1."""
+    """Result for one item; a missing item that is ``needed`` sets the exit code to 1."""
 
     part: str
     name: str
@@ -42,8 +42,8 @@ class Finding(NamedTuple):
 def doctor() -> Answer:
     """Check the installation.
 
-    Versions, solvers, compiler, cache, viewer. Exit code 1 where something that every solve needs
-    is missing.
+    It lists versions, solvers, compiler, cache and viewer. Exit code 1 if a part that every solve
+    needs is missing.
 
     Examples
     --------
@@ -55,10 +55,10 @@ def doctor() -> Answer:
         [f.part, f.name, "ok" if f.ok else ("MISSING" if f.needed else "missing"), f.found]
         for f in findings
     ]
-    ending = "Everything that a solve needs is there."
+    ending = "Every part that a solve needs is installed."
     blocks = [
         Table.of_text(["part", "name", "state", "found"], rows, left=4),
-        ending if healthy else "Something that every solve needs is missing.",
+        ending if healthy else "A part that every solve needs is missing.",
     ]
     document = {"healthy": healthy, "findings": [finding._asdict() for finding in findings]}
     return Answer(document, blocks, solved=healthy)
@@ -86,8 +86,9 @@ def _version(package: str) -> str:
 
 
 def _name_in(requirement: str, extra: str) -> str:
-    """Return the package that a line such as "coal>=3; extra == 'cell'" asks for; empty if
-    another.
+    """Return the package of a requirement such as "coal>=3; extra == 'cell'".
+
+    The result is empty if the requirement belongs to another extra.
     """
     named = re.fullmatch(rf"([\w.-]+).*;.*extra == ['\"]{extra}['\"]", requirement)
     return named[1] if named else ""

@@ -1,4 +1,4 @@
-"""``sweep``, ``replay`` and ``export``: studies, and what was saved before."""
+"""``sweep``, ``replay`` and ``export``: studies and saved motions."""
 
 from __future__ import annotations
 
@@ -34,26 +34,25 @@ def sweep(
     case: int | None = None,
     summary: Path | None = None,
 ) -> Answer:
-    """Do thousands of cases by several methods.
+    """Solve thousands of cases by several methods.
 
-    On all processors of this machine, or on a cluster. Results are Parquet files in FOLDER/cases,
-    one row a case. Whatever ends the command or its workers, the same command continues. Needs the
-    extra "scale".
+    It uses all processors of this machine, or a cluster. Results are Parquet files in FOLDER/cases,
+    one row per case. After an interruption the same command continues. Needs the extra "scale".
 
     Parameters
     ----------
     study : STUDY
         Study file (.toml).
     out : FOLDER
-        Folder of the results; the same again continues.
+        Folder of the results; an unfinished study in it continues.
     workers : N
-        Processes of this machine; default one a processor.
+        Processes on this machine; default one per processor.
     scheduler : ADDRESS
-        Scheduler of dask instead: tcp://HOST:PORT.
+        Dask scheduler of a cluster instead: tcp://HOST:PORT.
     case : N
-        Do one case here and print its row; with --out its motions are written.
+        Solve one case here and print its row; --out writes its motions.
     summary : FOLDER
-        Statistics and pictures of a folder of results.
+        Folder of results, whose statistics and figures are written.
 
     Examples
     --------
@@ -95,7 +94,7 @@ def _case(study: Study, case: int, out: Path | None) -> Answer:
 
 
 def _summary(results: mo.sweeps.Sweep) -> Answer:
-    """Collect statistics, failures with the commands that repeat them, pictures, a recording."""
+    """Collect statistics, failures with the commands that repeat them, figures, a recording."""
     files: dict[Path, Save] = {}
     if results.done:
         folder = made_folder(results.folder / "summary")
@@ -118,7 +117,7 @@ def _draw(results: mo.sweeps.Sweep, kind: str, path: Path) -> object:
 
 
 def _shown(progress: Progress, again: str) -> Progress:
-    """Show progress; say in the end what was done where there is no terminal for a bar."""
+    """Return a progress function that also reports the end of the study without a terminal."""
 
     def show(step: Step) -> None:
         if step.stage == "interrupted":
@@ -145,7 +144,7 @@ def replay(
     Parameters
     ----------
     file : FILE
-        Motion (.npz), recording (.rrd), or the folder that a comparison was saved in.
+        Motion (.npz), recording (.rrd), or folder of a saved comparison.
 
     Examples
     --------
@@ -156,7 +155,7 @@ def replay(
     if file.suffix == ".rrd":
         if rerun is not None or not file.is_file():
             raise InputError(
-                f"{file} is a recording already, which replay can show only: "
+                f"{file} is already a recording, so replay can only show it: "
                 f"microbot-ocp replay {file.name} --open"
             )
         _check_recording(file)
@@ -179,25 +178,25 @@ def replay(
 
 
 def _lasting(motion: Motion) -> str:
-    """Return how long a motion lasts, and whether it is an answer."""
+    """Return the duration of a motion, with its status if it is not solved."""
     status = "" if motion.solved else f", best motion found, not solved: {motion.status}"
     return f"{motion.duration:.3f} s{status}"
 
 
 def _check_recording(path: Path) -> None:
-    """Refuse a file that Rerun would not read."""
+    """Refuse a file that Rerun cannot read."""
     from rerun.chunk import RrdReader
 
     try:
-        opened(path).close()  # refuses a pipe, on which it would wait
+        opened(path).close()  # refuses a pipe, on which the reader would block
         RrdReader(path)
-    except Exception as problem:  # it raises whatever happens to go wrong inside
+    except Exception as problem:  # the reader documents no exception type
         reason = getattr(problem, "strerror", None) or " ".join(str(problem).split())
         raise InputError(f"{path} is no recording: {reason}") from None
 
 
 def _robot_of(motion: Motion, origin: str, named: str | None) -> Robot:
-    """Load the robot of a motion; refuse one whose joints do not fit."""
+    """Load the robot of a motion; refuse a robot with other joints."""
     robot = named_robot(origin, motion.provenance.get("robot"), named)
     checks.joints(origin, motion.joint_count, robot)
     if named is None and (other := other_arm(robot, motion)):
@@ -206,7 +205,7 @@ def _robot_of(motion: Motion, origin: str, named: str | None) -> Robot:
 
 
 def stops_of(cell: Any) -> dict[str, Any]:
-    """Return what a task of stops asks for, as keywords of a check; nothing without one."""
+    """Return stops, segments, cycle and scene of a task as keywords; empty without a task."""
     keys = ("segments", "cycle", "scene")
     return {"via_q": cell.stops, **{key: getattr(cell, key) for key in keys}} if cell else {}
 
@@ -228,13 +227,13 @@ def export(
     file : FILE
         Motion (.npz), or for a film the folder of a comparison.
     target : TARGET
-        What to write: .csv, .json (ROS trajectory), .mat, .parquet, .xml (MuJoCo keyframes), or a
+        File to write: .csv, .json (ROS trajectory), .mat, .parquet, .xml (MuJoCo keyframes), or a
         film, .gif or .mp4.
     rate : HZ
-        Samples or frames a second, Hz.
+        Rate of the samples or frames, Hz.
     task : FILE
-        Task of stops (.toml) whose obstacles, tool lines and parts a film shows, or whose payloads
-        the rows for a controller hold.
+        Task of stops (.toml): a film shows its obstacles, tool lines and parts, a profile uses its
+        payloads.
 
     Examples
     --------

@@ -63,7 +63,7 @@ def simulate(
 ) -> Answer:
     """Simulate the arm: free fall, or given torques.
 
-    Torques are constants or those of a saved motion. Exit code 1 where the integrator fails.
+    Torques are constant or come from a saved motion. Exit code 1 if the integrator fails.
 
     Parameters
     ----------
@@ -72,9 +72,9 @@ def simulate(
     motion : FILE
         Torques of this motion (.npz), from its start.
     duration : S
-        How long, s; default 1, or that of the motion.
+        Simulated time, s; default 1, or the duration of the motion.
     step : S
-        Time between the samples, s.
+        Time between two samples, s.
 
     Examples
     --------
@@ -129,7 +129,7 @@ def simulate(
 
 
 def _samples(duration: float, step: float) -> FloatArray:
-    """Choose the times of the samples, s; by default farther apart where they were too many."""
+    """Return the sample times, s; the default step grows if there were too many samples."""
     length = checks.number("--duration", duration, "s", above=0.0, at_most=checks.LONGEST)
     if step == SAMPLE_STEP:
         step = min(max(step, checks.longest_step(length, checks.MOST_SAMPLES)), length)
@@ -152,9 +152,9 @@ def compare(
 ) -> Answer:
     """Compare several methods on one task, under the same limits.
 
-    Every motion is certified; in Rerun all run on one timeline. A limit is one number, or one a
-    joint with commas between; those not given are the robot's own. Exit code 1 where a method found
-    no certified solution.
+    Every motion is certified; the Rerun recording shows all motions on one timeline. A limit is one
+    number, or comma-separated numbers, one per joint; the default is the robot's limit. Exit code 1
+    if a method found no certified solution.
 
     Parameters
     ----------
@@ -184,9 +184,9 @@ def time_optimal(
 ) -> Answer:
     """Find and certify the fastest motion through via points.
 
-    It is at rest at both ends. A limit is one number, or one a joint with commas between; those not
-    given are the robot's own. Exit code 1 where the solver did not converge or the certificate is
-    refused.
+    The motion starts and ends at rest. A limit is one number, or comma-separated numbers, one per
+    joint; the default is the robot's limit. Exit code 1 if the solver did not converge or the
+    certificate is refused.
 
     Examples
     --------
@@ -233,15 +233,15 @@ def solve(
 ) -> Answer:
     """Solve a task (.toml) or a motion plan request of MoveIt.
 
-    With [[stop]] tables it is a motion through stops, else a comparison of methods. --out says
-    where its outputs go. Exit code 1 where a method found no certified solution.
+    A task with [[stop]] tables gives a motion through stops, any other task a comparison of
+    methods. Exit code 1 if a method found no certified solution.
 
     Parameters
     ----------
     file : FILE
         Task in TOML (docs/task_file.md has the keys), or moveit_msgs/MotionPlanRequest in .yaml.
     scene : FILE
-        What is around the arm of a request: .yaml (moveit_msgs/PlanningScene), .toml or .urdf.
+        Obstacles around the arm of a request: .yaml (moveit_msgs/PlanningScene), .toml or .urdf.
     out : FOLDER
         Folder for tables, figures, recording, motions.
 
@@ -256,7 +256,7 @@ def solve(
         around = None if scene is None else mo.load_scene(scene, robot=arm)
         stops = request_cell(file, arm, around)
     elif robot is not None or scene is not None:
-        raise InputError("--robot and --scene are for a request in .yaml; a task names its own")
+        raise InputError("--robot and --scene are for a request in .yaml; a task names both itself")
     elif not is_cell_file(file):
         task = read_task(file)
         limit = np.inf if time_limit is None else time_limit
@@ -288,21 +288,21 @@ def check(
     scene: Path | None = None,
     task: Path | None = None,
 ) -> Answer:
-    """Check anyone's trajectory as a controller plays it.
+    """Check any trajectory as a controller executes it.
 
-    What the controller makes of the rows is certified under the limits of the robot and of the
-    profile. Exit code 1 where a limit is exceeded.
+    The controller's interpolation of the rows is certified under the limits of the robot and of the
+    profile. Exit code 1 if a limit is exceeded.
 
     Parameters
     ----------
     file : FILE
         Trajectory: .csv, .npz, or a JointTrajectory of ROS as .json or .yaml.
     scene : FILE
-        Scene (.toml) whose obstacles it must keep clear of.
+        Scene (.toml) with the obstacles to keep clear of.
     task : FILE
-        Task of stops (.toml) in the place of robot and scene, with what the tool holds on the way.
+        Task of stops (.toml) with payloads, instead of --robot and --scene.
     out : FILE
-        Write a report to this .html file, to send.
+        Write a report to this .html file.
 
     Examples
     --------
@@ -331,11 +331,10 @@ def check(
 
 @command(writes=("",), folder="microbot-demo", recorded=True, solves=True)
 def demo(progress: Progress, mesh: int = 200) -> Answer:
-    """Run the comparison of the first page.
+    """Run a ready-made comparison of all methods.
 
     The 3R Microbot moves through three poses by every method, under the same limits. On a terminal
-    with a screen the report opens in the end. Exit code 1 where a method found no certified
-    solution.
+    with a screen the report opens at the end. Exit code 1 if a method found no certified solution.
 
     Parameters
     ----------
@@ -369,16 +368,17 @@ def studio(
     port: int = 8080,
     dark: bool = False,
 ) -> Answer:
-    """Open a page to drag via points and move limits by sliders.
+    """Open a page with movable via points and limits.
 
-    It shows the fastest motion under them, at an address of this machine; Ctrl-C ends it.
+    The page shows the fastest motion through these points, at an address of this machine; Ctrl-C
+    closes it.
 
     Parameters
     ----------
     port
-        Where the page is, or the next free one after it.
+        Port of the page; the next free port if it is taken.
     dark
-        Begin with the dark theme.
+        Start with the dark theme.
 
     Examples
     --------
@@ -398,7 +398,7 @@ def studio(
 
 
 def _compared(comparison: mo.Comparison, outputs: Sequence[str], progress: Progress) -> Answer:
-    """Answer with the table of a comparison, or a narrow one where there is less room."""
+    """Return the answer of a comparison: a full table, and a narrow one for narrow terminals."""
     document = {
         "robot": comparison.robot.name,
         "via_q": comparison.via_q,
@@ -415,7 +415,7 @@ def _compared(comparison: mo.Comparison, outputs: Sequence[str], progress: Progr
 
 
 def _narrow(table: Table) -> Table:
-    """Fit a table into 80 columns: no costs, peaks under heads of several lines, without names."""
+    """Return a table of at most 80 columns: no costs, broken heads, no names of limits."""
 
     def narrow(column: Column) -> Column:
         if not column.head.startswith("peak"):
@@ -430,7 +430,7 @@ def _narrow(table: Table) -> Table:
 def _motion(
     robot: Robot, motion: Motion, passages: Iterable[tuple[float, str]], note: str
 ) -> list[str]:
-    """Say what a motion is, and when it passes what."""
+    """Return the title of a motion, the times of its via points or stops, and a note."""
     title = f"{robot.name}, {motion.label}: {motion.duration:.4f} s, {motion.status}"
     lines = [title, *(f"  {time:8.4f} s  {where}" for time, where in passages)]
     return ["\n".join([*lines, *[note] * bool(note)]) + "\n"]

@@ -1,10 +1,10 @@
-"""The process: its beginning and its end, by itself or by Ctrl-C, SIGTERM or SIGHUP.
+"""Start and end of the process, also by Ctrl-C, SIGTERM or SIGHUP.
 
-It imports next to nothing before it listens to signals. Each raises KeyboardInterrupt, so that
-everything open is closed on the way out; the exit code is 128 and the number of the signal.
-CasADi's solvers swallow the exception and end as if they had failed, and compiled code does not see
-it before it returns: hence :func:`check`, and a thread that ends the process soon in any case,
-with the processes that it started.
+Signal handlers are installed before any slow import. A signal raises KeyboardInterrupt, so that
+open files are closed; the exit code is 128 plus the number of the signal. CasADi's solvers swallow
+the exception and end as if they had failed, and compiled code handles no signal before it returns.
+Therefore :func:`check` raises the exception again, and a thread ends the process and its child
+processes after a short time in any case.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _pressed = threading.Event()
 _code = 128 + signal.SIGINT
 _watched = False
-_taken = False  # by the main thread; the other one may know of the signal before it
-_messages: Any = None  # standard error as it was before the signal
+_taken = False  # True after the main thread has handled a signal; the other thread may be earlier
+_messages: Any = None  # standard error before the signal replaced it
 
 
 class NotDone(Exception):
-    """What could not be done, in one sentence: exit code 1, and nothing is printed."""
+    """Failure of a command in one sentence: exit code 1 and no result."""
 
 
 def entry() -> int:
     """Run the program of the command line; return its exit code.
 
-    It exits silently when the reader of its output goes away.
+    The program exits silently if the reader of its output closes the pipe.
     """
     try:
         _open_streams()
@@ -44,40 +44,40 @@ def entry() -> int:
     except KeyboardInterrupt:
         code = exit_code()
     except Exception:
-        if not pressed():  # else the signal came in the middle of an import
+        if not pressed():  # a signal in the middle of an import raises other exceptions
             raise
         code = exit_code()
     for stream in (sys.stdout, sys.stderr):
         try:
             stream.flush()
-        except (OSError, ValueError):  # said by then; Python would flush again on its way out
+        except (OSError, ValueError):  # reported already; Python would flush again at exit
             with contextlib.suppress(OSError, ValueError):
                 os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
-    # Where the signal came inside an exec, as in a dataclass that is made, Python would end by the
-    # signal in the place of the code; the next exec makes it forget that.
+    # After a KeyboardInterrupt inside exec (a dataclass is built by exec) Python kills itself with
+    # the signal at exit, whatever the exit code is. The next exec resets that state.
     exec("")
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: os._exit(code))  # Python is on its way out
+        signal.signal(number, lambda *_: os._exit(code))  # no handler may run at interpreter exit
     return code
 
 
 def _open_streams() -> None:
-    """Take the place of standard streams that are closed, which the next file would get.
+    """Reopen closed standard streams, because the next opened file would get their numbers.
 
-    What is printed is an error then, as on a full disk; messages are dropped.
+    Printing to standard output is an error afterwards, as on a full disk; messages are dropped.
     """
     for number, name in enumerate(("stdin", "stdout", "stderr")):
         try:
             os.fstat(number)
         except OSError:
             mode = os.O_WRONLY if name == "stderr" else os.O_RDONLY
-            os.open(os.devnull, mode)  # the lowest number that is free
+            os.open(os.devnull, mode)  # the system assigns the lowest free number
             stream = open(number, "r" if name == "stdin" else "w", closefd=False)  # noqa: SIM115
             setattr(sys, name, stream)
 
 
 def watch() -> None:
-    """Take the signals; a second one ends the process at once."""
+    """Install the signal handlers; a second signal ends the process at once."""
     global _watched, _taken, _messages
     _taken, _messages = False, None
     _pressed.clear()
@@ -94,17 +94,17 @@ def watch() -> None:
 
 
 def pressed() -> bool:
-    """Return whether there was a signal."""
+    """Return whether a signal has arrived."""
     return _pressed.is_set()
 
 
 def messages() -> Any:
-    """Return where messages go: standard error, also after a signal."""
+    """Return the stream for messages: standard error, also after a signal."""
     return _messages or sys.stderr
 
 
 def exit_code() -> int:
-    """Return 128 and the number of the signal."""
+    """Return 128 plus the number of the signal."""
     return _code
 
 
@@ -121,7 +121,7 @@ def _press(number: int, _: FrameType | None) -> None:
         _end()
     _taken = True
     _pressed.set()
-    # CasADi's solvers write on it that a function of theirs was interrupted
+    # CasADi's solvers print on standard error that a function was interrupted.
     _messages, sys.stderr = sys.stderr, open(os.devnull, "w")  # noqa: SIM115
     raise KeyboardInterrupt
 
@@ -138,7 +138,7 @@ def _end_late(reader: int, grace: float = 0.7) -> None:
 
 
 def _end() -> None:
-    """End at once, with the processes that were started and without what was half written."""
+    """End the process at once; kill its child processes and delete half-written files."""
     for name in ("_base.codegen", "views.live._viewer", "_base.writing"):
         module = sys.modules.get(f"microbot_ocp.{name}")
         if module is not None:

@@ -1,7 +1,7 @@
-"""The program: its commands in order, and how an ending becomes an exit code.
+"""Program of the command line: list of commands, errors, exit codes.
 
-Each command is loaded when it is called. A list of them needs their names and first lines only,
-which are read from the source: so ``--help`` does not wait for CasADi.
+A command's module is loaded when the command is called. The list of commands reads names and
+docstrings from the source, so that ``--help`` does not wait for CasADi.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from microbot_ocp._base.writing import NotWritten
 from microbot_ocp.cli import _process as process
 
 PROGRAM = "microbot-ocp"
-COMMANDS = {  # and the module of each
+COMMANDS = {  # module of each command
     "demo": "_motions",
     **dict.fromkeys(("robots", "show", "fk", "ik"), "_robots"),
     **dict.fromkeys(("simulate", "compare", "time-optimal", "solve"), "_motions"),
@@ -40,8 +40,8 @@ COMMANDS = {  # and the module of each
     "doctor": "_doctor",
 }
 CONTROL = re.compile(r"\x1b(?!\[[0-9;]*m)|[\x00-\x08\x0b-\x1a\x1c-\x1f\x7f-\x9f]")
-TRACEBACK = "MICROBOT_OCP_TRACEBACK"  # environment variable that asks for Python's own report
-# Help is plain text: drawing it with rich would take as long as everything else together.
+TRACEBACK = "MICROBOT_OCP_TRACEBACK"  # environment variable: print Python's traceback of a fault
+# Help is plain text, because rich would double the time of --help.
 SETTINGS: dict[str, Any] = {
     "rich_markup_mode": None,
     "pretty_exceptions_enable": False,
@@ -50,44 +50,44 @@ SETTINGS: dict[str, Any] = {
 
 
 class ExitCode(IntEnum):
-    """What the program returns; after a signal 128 and its number (130 Ctrl-C)."""
+    """Exit code of the program; after a signal 128 plus its number (130 after Ctrl-C)."""
 
     DONE = 0
-    NOT_SOLVED = 1  # a task without a solution, or a result that was not written
-    BAD_INPUT = 2  # one line on standard error
-    FAULT = 70  # of this program
+    NOT_SOLVED = 1  # no solution, or a result that could not be written
+    BAD_INPUT = 2  # reported in one line on standard error
+    FAULT = 70  # a fault of this program
 
 
 class Commands(TyperGroup):
-    """All commands, in the order of the table."""
+    """Group of all commands, in the order of ``COMMANDS``."""
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
         self.commands = {name: ProgramCommand(name) for name in COMMANDS}
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """Find the command of the first word; refuse an unknown one with those that are allowed."""
+        """Return the command of the first word; refuse an unknown command with a suggestion."""
         if args and args[0] not in self.commands and not args[0].startswith("-"):
             raise InputError(f"no command {args[0]!r}{suggestion(args[0], self.commands)}")
         return super().resolve_command(ctx, args)
 
 
 class ProgramCommand(TyperCommand):
-    """A command with its name and docstring; its module is loaded when it is called."""
+    """Command with its name and docstring; its module is loaded when it is called."""
 
     def __init__(self, name: str) -> None:
         super().__init__(name)
         self.module, self.function = COMMANDS[name], name.replace("-", "_")
-        del self.help  # for the property below: a call of one command needs none
+        del self.help  # the property below replaces it: reading docstrings takes time
 
     @cached_property
     def help(self) -> str:  # type: ignore[override]
-        """The docstring, which a list of the commands shows."""
+        """Docstring for the list of commands."""
         return _docstrings(self.module)[self.function]
 
     @cached_property
     def whole(self) -> Any:
-        """The command with its options."""
+        """Loaded command with its options."""
         module = import_module(f"microbot_ocp.cli.{self.module}")
         declaration = getattr(module, self.function)
         alone = typer.Typer(add_completion=False, **SETTINGS)
@@ -98,13 +98,13 @@ class ProgramCommand(TyperCommand):
     def make_context(
         self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any
     ) -> Any:
-        """Make the context of the whole command: from here on it stands for this one."""
+        """Return the context of the loaded command, which runs in place of this one."""
         return self.whole.make_context(info_name, args, parent=parent, **extra)
 
 
 @cache
 def _docstrings(module: str) -> dict[str, str]:
-    """Read the docstrings of the functions of a module, which is not loaded."""
+    """Read the docstrings of the functions of a module without loading it."""
     nodes = ast.parse((Path(__file__).parent / f"{module}.py").read_text("utf-8")).body
     functions = [node for node in nodes if isinstance(node, ast.FunctionDef)]
     return {node.name: ast.get_docstring(node) or "" for node in functions}
@@ -151,7 +151,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Parameters
     ----------
     arguments : sequence of str, optional
-        Default those of the process.
+        Words of the command line; default those of the process.
 
     Returns
     -------
@@ -159,7 +159,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         Exit code.
     """
     for stream in (sys.stdout, sys.stderr):
-        with contextlib.suppress(AttributeError, ValueError):  # a stream that was replaced
+        with contextlib.suppress(AttributeError, ValueError):  # a test may replace the stream
             stream.reconfigure(errors="replace")  # type: ignore[union-attr]
     words = None if arguments is None else list(arguments)
     try:
@@ -177,17 +177,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def run() -> int:
     """Run the program as :func:`~microbot_ocp.cli.entry` does."""
     warnings.showwarning = _print_warning
-    with contextlib.suppress(AttributeError, OSError, ValueError):  # a stream that was replaced
+    with contextlib.suppress(AttributeError, OSError, ValueError):  # a replaced standard output
         stream = io.BufferedWriter(_Output(sys.stdout.fileno(), "w", closefd=False))
         by_line = bool(sys.stdout.line_buffering)
         sys.stdout = _Text(stream, sys.stdout.encoding, line_buffering=by_line)
     signal.signal(signal.SIGPIPE, signal.SIG_DFL)
-    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)  # a file too large is an error like others
+    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)  # a file above the size limit raises OSError
     return main()
 
 
 class _Output(io.FileIO):
-    """Standard output, of which an error says that it is one of it."""
+    """Standard output whose errors name it."""
 
     def write(self, data: Any) -> int:
         try:
@@ -198,14 +198,14 @@ class _Output(io.FileIO):
 
 
 class _Text(io.TextIOWrapper):
-    """Standard output without what names in files might make a terminal do."""
+    """Standard output without control characters, which names in a file may contain."""
 
     def write(self, text: str) -> int:
         return super().write(printable(text))
 
 
 def printable(text: str) -> str:
-    r"""Return the text without control characters, but for ends of lines, tabulators and colours.
+    r"""Return the text without control characters, except line ends, tabs and colours.
 
     >>> printable("a\x1b[2Jb\x1b[31mc\a")
     'a[2Jb\x1b[31mc'
@@ -214,41 +214,42 @@ def printable(text: str) -> str:
 
 
 def _refuse(problem: Exception) -> int:
-    """Say on one line what went wrong; return the exit code."""
+    """Print an error in one line; return the exit code."""
     failed = isinstance(problem, NotWritten | process.NotDone)
     code = ExitCode.NOT_SOLVED if failed else ExitCode.BAD_INPUT
     if isinstance(problem, InputError | process.NotDone):
         sentence = str(problem)
     elif isinstance(problem, typer.TyperException):
         sentence = _lowered(problem.format_message())
-        if re.search(r"argument\(s\)|: -[\d.]", sentence):  # numbers that the shell took apart
+        if re.search(r"argument\(s\)|: -[\d.]", sentence):  # numbers separated by blanks
             name = re.search(r"\(([^() ]+)[^()]*\)$", sentence)
             if name and getattr(getattr(problem, "ctx", None), "info_name", "") == "robots":
-                advice = f"one robot is shown by: {PROGRAM} show {name[1]}"
+                advice = f"to show one robot: {PROGRAM} show {name[1]}"
             else:
-                advice = "numbers go with commas between: 3,-1,4.5, points in quotes: '0,0 1,1'"
+                advice = "separate numbers by commas: 3,-1,4.5, quote points: '0,0 1,1'"
             sentence += f"; {advice}"
     elif isinstance(problem, OSError):
         reason = _lowered(problem.strerror or str(problem))
         sentence = f"{problem.filename}: {reason}" if problem.filename else _no_folder() + reason
-    elif process.pressed():  # CasADi made another error of it
+    elif process.pressed():  # CasADi turned the KeyboardInterrupt into another error
         return process.exit_code()
     elif os.environ.get(TRACEBACK):
         raise problem
     else:
-        what = f"{type(problem).__name__}: {problem}" if str(problem) else type(problem).__name__
+        kind = type(problem).__name__
+        reason = f"{kind}: {problem}" if str(problem) else kind
         if isinstance(problem, MemoryError | RecursionError):
-            sentence = f"the task is too large: {what}"
+            sentence = f"the task is too large: {reason}"
         else:
             code = ExitCode.FAULT
-            what = f"{what} ({TRACEBACK}=1 shows where)"
-            sentence = f"a fault of this program, please report it: {what}"
+            reason = f"{reason} ({TRACEBACK}=1 prints the traceback)"
+            sentence = f"a fault of this program, please report it: {reason}"
     _print_error(f"error: {checks.sentence(sentence)}")
     return code
 
 
 def _no_folder() -> str:
-    """Name what an error without a file is about: the current folder, if it is gone."""
+    """Return "the current folder: " if the current folder was deleted, else an empty text."""
     try:
         os.getcwd()
     except OSError:
@@ -257,12 +258,12 @@ def _no_folder() -> str:
 
 
 def _print_warning(message: Warning | str, *_: object, **__: object) -> None:
-    """Print a warning on one line, without the place in the program that it comes from."""
+    """Print a warning on one line, without its line in the source."""
     _print_error(f"warning: {' '.join(str(message).split())}")
 
 
 def _print_error(line: str) -> None:
-    """Print on standard error, if anything can be: the exit code stays what it is."""
+    """Print on standard error; if that fails, the exit code is not changed."""
     with contextlib.suppress(OSError, ValueError):
         print(printable(line), file=process.messages(), flush=True)
 

@@ -1,4 +1,4 @@
-"""What a command reports: its progress, then files, text or JSON, and recordings in a viewer."""
+"""Report of a command: progress, files, text or JSON, and recordings in a viewer."""
 
 from __future__ import annotations
 
@@ -22,25 +22,25 @@ from microbot_ocp.cli import _process as process
 if TYPE_CHECKING:
     from rich.console import Console
 
-Progress = Callable[[Any], None]  # follows steps, iterations and sentences
-Save = Callable[[Path], object]  # writes to a path; may return the files that it made
+Progress = Callable[[Any], None]  # takes a step, an iteration or a sentence
+Save = Callable[[Path], object]  # writes to a path; may return the list of written files
 Block = str | Table | Sequence[Table]
 
 
 @dataclass(frozen=True)
 class Answer:
-    """What a command found.
+    """Result of a command.
 
     Attributes
     ----------
-    document : what ``--json`` prints
-    blocks : text and tables for people; of several tables the first that fits is printed
-    lines : text that is never broken, below
-    solved, certified : whether the exit code is 0
-    save : writes what ``--out`` is for
-    record : writes the recording of ``--rerun`` and ``--open``, or is one
-    files : what else to write, and how
-    verbatim : text that is printed alone, so that it can be piped into a file
+    document : document of ``--json``
+    blocks : text and tables for people; the first table of a sequence that fits is printed
+    lines : text below the blocks, never wrapped
+    solved, certified : True if the exit code is 0
+    save : function that writes the file or folder of ``--out``
+    record : recording for ``--rerun`` and ``--open``, or the function that writes it
+    files : further files, each with the function that writes it
+    verbatim : text printed unchanged, for a pipe into a file
     """
 
     document: Mapping[str, Any]
@@ -56,7 +56,7 @@ class Answer:
 
 @dataclass
 class Report:
-    """The options that commands share, and what is done by them.
+    """Options that commands share.
 
     Attributes
     ----------
@@ -71,11 +71,11 @@ class Report:
     live
         Watch the solvers in a Rerun viewer, bound to 127.0.0.1.
     live_serve
-        The same in a browser on this machine; Ctrl-C ends it.
+        Watch the solvers in a browser on this machine; Ctrl-C ends the server.
     live_connect : HOST:PORT
-        The same in a viewer that is open.
+        Watch the solvers in a viewer that is already open.
     allow_uncertified
-        Exit code 0 also where a certificate is refused.
+        Return exit code 0 although a certificate is refused.
     json
         Print one JSON document.
     """
@@ -93,7 +93,7 @@ class Report:
     missing: list[dict[str, str]] = field(default_factory=list, init=False)
 
     def check(self, endings: Sequence[str]) -> None:
-        """Refuse what could not be written or shown, before any work is done."""
+        """Refuse outputs that cannot be written or shown, before any work is done."""
         check_output("--out", self.out, endings)
         check_output("--rerun", self.rerun, [".rrd"])
         check_output("--rerun-iterations", self.rerun_iterations, [".rrd"])
@@ -108,9 +108,9 @@ class Report:
             parse_address(self.live_connect)
 
     def give(self, find: Callable[..., Answer], *, long: bool) -> int:
-        """Find the answer, write its files, print it and show it; return the exit code.
+        """Compute the answer, write its files, print and show it; return the exit code.
 
-        What takes long is given a function for its progress, which is shown.
+        A long computation gets a function that shows its progress.
         """
         with ExitStack() as browser:
             with self._progress(browser) if long else nullcontext() as progress:
@@ -130,7 +130,7 @@ class Report:
         return code
 
     def _save(self, path: Path, save: Save) -> None:
-        """Call ``save`` with the path; what cannot be written does not lose the result."""
+        """Call ``save`` with the path; a failure is reported and the answer is still printed."""
         try:
             files = save(path)
         except NotWritten as problem:
@@ -144,7 +144,7 @@ class Report:
 
     @contextmanager
     def _progress(self, browser: ExitStack) -> Iterator[Progress]:
-        """Pass every step to the bar on a terminal, a viewer and a recording; heed Ctrl-C."""
+        """Pass every step to the bar on a terminal, a viewer and a recording; check for Ctrl-C."""
         with ExitStack() as stack:
             watchers: list[Progress] = [lambda _: process.check()]
             from microbot_ocp.views.live import show_progress, spoken_progress
@@ -202,7 +202,7 @@ class Report:
         return int(not good or bool(self.missing))
 
     def _files(self) -> Iterator[str]:
-        """Name what was written, several files in a folder as a count, and what was not."""
+        """Yield a line per written file (or their count in a folder) and per failed file."""
         inside = [p for p in self.written if self.out and Path(p).is_relative_to(self.out)]
         if len(inside) > 1:
             yield f"written: {len(inside)} files in {self.out}"
@@ -211,7 +211,7 @@ class Report:
 
 
 def say(line: str) -> None:
-    """Print on standard error, which is for people in any case."""
+    """Print a line for people on standard error, also with ``--json``."""
     print(line, file=process.messages(), flush=True)
 
 
@@ -227,7 +227,7 @@ def _print_block(console: Console, block: Block, *, last: bool) -> None:
 
 
 def make_console(stream: Any) -> Console:
-    """Make a console on a stream; plain in a pipe, of 120 columns, or by ``NO_COLOR``."""
+    """Return a console on a stream; in a pipe it has 120 columns, and no colours."""
     from rich.console import Console
 
     sized = stream.isatty() or "COLUMNS" in os.environ
@@ -242,16 +242,16 @@ def make_console(stream: Any) -> Console:
 
 
 def check_output(option: str, path: Path | None, endings: Sequence[str]) -> None:
-    """Refuse a path that could not be written: a file of these endings, or a folder for ""."""
+    """Refuse a path that cannot be written: a file of these endings, or a folder for ""."""
     if path is None:
         return
     if "" in endings:
         if path.is_symlink() and not path.exists():
-            raise InputError(f"{option} is a link that leads nowhere: {str(path)!r}")
+            raise InputError(f"{option} is a broken link: {str(path)!r}")
         existing = nearest(path)
         if not existing.is_dir():
             raise InputError(f"{option} must be a folder, but {str(existing)!r} is a file")
-        try:  # folders of a read-only disk, or of /proc, have every permission
+        try:  # permissions do not show a read-only disk or /proc, so write a file
             with tempfile.TemporaryDirectory(dir=existing):
                 pass
         except OSError as problem:
@@ -269,33 +269,33 @@ def check_output(option: str, path: Path | None, endings: Sequence[str]) -> None
 
 
 def nearest(path: Path) -> Path:
-    """Find the path itself, or the nearest folder above it that is there."""
+    """Return the path itself, or the nearest folder above it that exists."""
     return next(p for p in (path, *path.absolute().parents) if p.exists())
 
 
 def _show_recording(record: Save | Path, rerun: Path | None) -> None:
-    """Show the recording that was written, or a temporary one, until the viewer is closed."""
+    """Show the written recording, or a temporary one, until the viewer is closed."""
     from microbot_ocp.views.live import LOOPBACK, wait_for_viewer
 
     with tempfile.TemporaryDirectory(prefix="microbot_ocp_") as folder:
         path = rerun or (record if isinstance(record, Path) else Path(folder) / "recording.rrd")
         if rerun is None and not isinstance(record, Path):
             record(path)
-        # a new viewer each time: one that is open already may listen on every interface
+        # A new viewer each time: an open viewer may listen on every network interface.
         status = wait_for_viewer([viewer("--open"), "--bind", LOOPBACK, "--new", str(path)])
     if status:
         raise InputError(f"the Rerun viewer ended with status {status}")
 
 
 def has_display() -> bool:
-    """Return whether there is a screen to open a window on."""
+    """Return whether a screen is available."""
     if not sys.platform.startswith("linux"):
         return True
     return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
 def viewer(option: str, screen: bool = True) -> str:
-    """Find the Rerun viewer; refuse an option that lacks it, or the screen that it needs."""
+    """Return the path of the Rerun viewer; refuse the option without viewer or screen."""
     from microbot_ocp.views.live import find_viewer
 
     path = find_viewer()
@@ -304,7 +304,7 @@ def viewer(option: str, screen: bool = True) -> str:
     if screen and not has_display():
         raise InputError(
             f"{option} needs a screen (DISPLAY or WAYLAND_DISPLAY); write the recording with "
-            "--rerun FILE.rrd, or of a solve --rerun-iterations FILE.rrd, and open it where there "
-            "is one"
+            "--rerun FILE.rrd, or the iterations of a solver with --rerun-iterations FILE.rrd, and "
+            "open it on a machine with a screen"
         )
     return path

@@ -1,4 +1,4 @@
-"""``robots``, ``show``, ``fk`` and ``ik``: what there is, what it is made of, where it is."""
+"""``robots``, ``show``, ``fk`` and ``ik``: robots and their kinematics."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from microbot_ocp.robot import Robot, fixed_angles, rotation_of
 from microbot_ocp.robot.files import load_robot, packaged_robots, robot_text
 from microbot_ocp.views import tables
 
-EQUATIONS = (".tex", ".py", ".c", ".m")  # endings of mo.robot.ClosedForm.export
+EQUATIONS = (".tex", ".py", ".c", ".m")  # formats of mo.robot.ClosedForm.export
 
 
 @command()
@@ -36,7 +36,7 @@ def robots() -> Answer:
         entries.append({"name": name, "joints": robot.joint_count, **about})
         types = "".join("R" if kind == "revolute" else "P" for kind in robot.joint_types)
         rows.append([name, types, "yes" if robot.has_dynamics else "no", robot.description])
-    heads = ["name", "joints", "masses", "what it is"]
+    heads = ["name", "joints", "masses", "description"]
     return Answer({"robots": entries}, [Table.of_text(heads, rows, left=4)])
 
 
@@ -50,12 +50,12 @@ def show(
 ) -> Answer:
     """Show a robot: DH rows, masses, limits, workspace.
 
-    --toml and --out copy it. In Rerun every joint moves in turn.
+    The recording moves every joint in turn.
 
     Parameters
     ----------
     toml
-        Print its TOML file instead: a start for your own.
+        Print the robot as TOML, a template for a new robot file.
     out : FILE
         Write the robot to this .toml or .urdf file, or its equations in closed form to a .tex, .py,
         .c or .m file.
@@ -64,7 +64,7 @@ def show(
     --------
     $ microbot-ocp show panda
     """
-    from microbot_ocp.robot import largest_reach, rest_pose  # with CasADi, unlike `robots`
+    from microbot_ocp.robot import largest_reach, rest_pose  # loads CasADi, which `robots` avoids
     from microbot_ocp.trajectories import joint_sweep
 
     arm = load_robot(robot, tip, xacro)
@@ -112,7 +112,9 @@ def show(
 def fk(
     robot: Annotated[Robot, ARM], q: Annotated[FloatArray, JOINTS], frame: int | None = None
 ) -> Answer:
-    """Forward kinematics: pose of the tool in the base frame.
+    """Evaluate the forward kinematics: pose of the tool.
+
+    The pose is given in the base frame.
 
     Parameters
     ----------
@@ -141,14 +143,14 @@ def fk(
         "rpy_deg": rpy_deg,
         "within_limits": not outside,
     }
-    what = "tool" if frame is None else f"link frame {frame}"
+    moved = "tool" if frame is None else f"link frame {frame}"
     rows = [" ".join(f"{round(x, 6) + 0.0:10.6f}" for x in row) for row in pose]
     lines = [
-        f"{robot.name}, {what} at {tables.pose_text(robot, q)}",
+        f"{robot.name}, {moved} at {tables.pose_text(robot, q)}",
         f"  position       {tables.point_text(pose[:3, 3])} m",
         f"  roll,pitch,yaw {tables.point_text(rpy_deg)} deg, about the base axes",
         *(f"  {head:14s} {row}" for head, row in zip(("transform", "", "", ""), rows, strict=True)),
-        *(f"Outside its limits: {sentence}." for sentence in outside),
+        *(f"Outside the limits: {sentence}." for sentence in outside),
     ]
     return Answer(document, lines=lines)
 
@@ -163,10 +165,10 @@ def ik(
     seed: Annotated[FloatArray | None, JOINTS] = None,
     **settings: Any,
 ) -> Answer:
-    """Inverse kinematics: joints that bring the tool to a pose.
+    """Solve the inverse kinematics: joints for a tool pose.
 
-    Every branch within the limits, or the one nearest to a seed; in Rerun all of them at once. Exit
-    code 1 where the target is not reached; the nearest pose is printed then.
+    It finds every branch within the limits, or the branch nearest to a seed; the recording shows
+    all branches at once. Exit code 1 if the target is not reached; the nearest pose is printed.
 
     Parameters
     ----------
