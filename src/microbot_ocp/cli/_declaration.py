@@ -151,7 +151,7 @@ class Numbers(Kind):
         return values * (np.pi / 180.0 if self.labels else joint_scale(robot))
 
     def _check_degrees(self, option: str, word: str, values: FloatArray, robot: Any) -> None:
-        """Refuse an orientation above one turn; warn of joint positions that look like degrees."""
+        """Reject an orientation above one turn; warn of joint positions that look like degrees."""
         if self.labels:
             if np.abs(values).max() > 2 * np.pi:
                 raise InputError(

@@ -184,7 +184,7 @@ def _lasting(motion: Motion) -> str:
 
 
 def _check_recording(path: Path) -> None:
-    """Refuse a file that Rerun cannot read."""
+    """Reject a file that Rerun cannot read."""
     from rerun.chunk import RrdReader
 
     try:

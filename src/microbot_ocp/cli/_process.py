@@ -62,7 +62,7 @@ def entry() -> int:
 
 
 def _open_streams() -> None:
-    """Reopen closed standard streams, because the next opened file would get their numbers.
+    """Open closed standard streams again, because the next opened file would get their numbers.
 
     Printing to standard output is an error afterwards, as on a full disk; messages are dropped.
     """

@@ -136,7 +136,7 @@ def _top(
         help="Print the version and exit.",
     ),
 ) -> None:
-    """Time-optimal and textbook motions of serial manipulators, compared under the same limits.
+    """Compare time-optimal and textbook motions of serial manipulators under the same limits.
 
     ROBOT is a name from `microbot-ocp robots` or a .toml, .urdf, .xacro or MuJoCo .xml file.
     Every command takes --json. Exit codes: 0 done, 1 not solved, 2 bad input.

@@ -93,7 +93,7 @@ class Report:
     missing: list[dict[str, str]] = field(default_factory=list, init=False)
 
     def check(self, endings: Sequence[str]) -> None:
-        """Refuse outputs that cannot be written or shown, before any work is done."""
+        """Reject outputs that cannot be written or shown, before any work is done."""
         check_output("--out", self.out, endings)
         check_output("--rerun", self.rerun, [".rrd"])
         check_output("--rerun-iterations", self.rerun_iterations, [".rrd"])
@@ -242,7 +242,7 @@ def make_console(stream: Any) -> Console:
 
 
 def check_output(option: str, path: Path | None, endings: Sequence[str]) -> None:
-    """Refuse a path that cannot be written: a file of these endings, or a folder for ""."""
+    """Reject a path that cannot be written: a file of these endings, or a folder for ""."""
     if path is None:
         return
     if "" in endings:
