@@ -1,1 +1,1 @@
-"""Errors and border checks, compiled functions, fast calls: for the package itself."""
+"""Errors, input checks, compiled functions and fast calls, for this package alone."""

@@ -1,7 +1,7 @@
 """Archives of arrays, of motions and solutions: numpy's ``.npz`` with a JSON object ``metadata``.
 
-Comparisons and sweeps are JSON documents. The readers distrust what they read: every member of an
-archive is a plain array of numbers, whose size in memory is known before it is read.
+Comparisons and sweeps are JSON documents. The readers do not trust a file: each member of an
+archive must be a plain array of numbers, and its size in memory is tested before it is read.
 """
 
 from __future__ import annotations
@@ -22,27 +22,27 @@ from microbot_ocp._base.checks import InputError, shown
 from microbot_ocp._base.reading import content_of
 from microbot_ocp._base.writing import digest_of_document, write_whole
 
-MOST_BYTES = 2_000_000_000  # of all arrays of a file together
+MOST_BYTES = 2_000_000_000  # largest size of all arrays of a file together
 MOST_MEMBERS = 10_000
 METADATA = "metadata"
-DIGEST = "digest"  # of all the rest; files of earlier versions have none
+DIGEST = "digest"  # digest of all other members; files of earlier versions have none
 TEXTS = (METADATA, DIGEST, "joint_names")
 
 
 def write_archive(
-    path: str | Path, arrays: Mapping[str, Any], metadata: Mapping[str, Any], what: str
+    path: str | Path, arrays: Mapping[str, Any], metadata: Mapping[str, Any], label: str
 ) -> Path:
-    """Write the file, whole or not at all; ``what`` names the metadata that a user gave.
+    """Write an archive, whole or not at all; ``label`` names the user's metadata in a message.
 
     Raises
     ------
     InputError
-        Metadata that are no plain JSON values.
+        The metadata are no plain JSON values.
     """
     try:
         text = json.dumps(metadata)
     except (TypeError, ValueError, RecursionError) as problem:
-        raise InputError(f"{what} must hold plain JSON values: {problem}") from None
+        raise InputError(f"{label} must hold plain JSON values: {problem}") from None
     content: dict[str, Any] = {
         **{key: np.asarray(value) for key, value in arrays.items()},
         METADATA: np.array(text),
@@ -54,25 +54,25 @@ def write_archive(
 
 
 def read_archive(
-    path: str | Path, what: str, newest: int
+    path: str | Path, label: str, newest: int
 ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     """Return arrays and metadata of a file that :func:`write_archive` wrote.
 
     Parameters
     ----------
     path : path
-    what : str
-        What the file should hold, such as "motion".
+    label : str
+        Expected content, such as "motion".
     newest : int
-        The newest ``schema`` of the metadata that can be read.
+        Newest readable ``schema`` of the metadata.
 
     Raises
     ------
     InputError
-        No such file, something else, damaged, too large, or written by a newer version.
+        The file is missing, not an archive, damaged, too large, or written by a newer version.
     """
-    if not os.path.isfile(path):  # False of what cannot be a name of a file, too
-        raise InputError(f"{path} is no file: give the path of a saved {what} (.npz)")
+    if not os.path.isfile(path):  # False for an impossible file name, too
+        raise InputError(f"{path} is no file: give the path of a saved {label} (.npz)")
     try:
         arrays = arrays_in(Path(path))
         digest = str(arrays.pop(DIGEST, ""))
@@ -81,37 +81,38 @@ def read_archive(
         schema = metadata["schema"]
         if type(schema) is not int or schema < 1:
             raise ValueError("schema must be a whole number above 0")
-    except Exception as problem:  # zipfile, zlib, ast and numpy raise a dozen kinds on damage
-        raise no_archive(path, what, problem) from None
+    except Exception as problem:  # zipfile, zlib, ast and numpy raise many kinds of errors
+        raise no_archive(path, label, problem) from None
     if schema > newest:
         raise InputError(
             f"{path} was written by a newer version (schema {shown(schema)}; "
             f"this one reads up to {newest})"
         )
     if changed:
-        raise no_archive(path, what, ValueError("it was changed after it was saved"))
+        raise no_archive(path, label, ValueError("it was changed after it was saved"))
     return arrays, metadata
 
 
-def no_archive(path: str | Path, what: str, problem: Exception) -> InputError:
-    """Return the refusal of a file that does not hold what it should."""
-    message = getattr(problem, "strerror", None) or str(problem)  # of a file, without its name
+def no_archive(path: str | Path, label: str, problem: Exception) -> InputError:
+    """Return the error for a file that is no saved ``label``."""
+    # An OSError's text without the file's name.
+    message = getattr(problem, "strerror", None) or str(problem)
     sentence = repr(problem) if isinstance(problem, KeyError) else message
     reason = " ".join(sentence.split()) or type(problem).__name__
-    return InputError(f"{path} is not a saved {what}: {reason}")
+    return InputError(f"{path} is not a saved {label}: {reason}")
 
 
 def read_document(
-    path: str | Path, what: str, kinds: Mapping[str, Any], seal: str = DIGEST
+    path: str | Path, label: str, kinds: Mapping[str, Any], seal: str = DIGEST
 ) -> dict[str, Any]:
-    """Return a JSON document whose keys have values of these types.
+    """Return a JSON document whose values under the keys of ``kinds`` have the given types.
 
-    Under ``seal`` it has the digest of all that it says besides.
+    The key ``seal`` holds a digest of all other keys.
 
     Raises
     ------
     InputError
-        No such file, something else, damaged, or changed after it was saved.
+        The file is missing, no such document, damaged, or changed after it was saved.
     """
     try:
         document = json.loads(content_of(path))
@@ -121,12 +122,12 @@ def read_document(
         if document.get(seal) not in (None, digest_of_document(document, seal)):
             raise ValueError("it was changed after it was saved")
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as problem:
-        raise no_archive(path, what, problem) from None
+        raise no_archive(path, label, problem) from None
     return document
 
 
 def arrays_in(path: Path, wanted: Collection[str] | None = None) -> dict[str, np.ndarray]:
-    """Return plain arrays of a file, all or the wanted ones; damage raises errors of many kinds."""
+    """Return the plain arrays of a file, all or the wanted ones; damage raises various errors."""
     with zipfile.ZipFile(path) as stored:
         names = stored.namelist()
         size = sum(member.file_size for member in stored.infolist())

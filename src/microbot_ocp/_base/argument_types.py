@@ -1,10 +1,10 @@
-"""Types of arguments, by annotations: what a public call or class was given that does not fit.
+"""Checks of argument types by annotations, for public functions and classes.
 
-Values (shapes, ranges, what is finite) are checked inside, by ``checks``, which say more of a value
-than an annotation. So annotations are asked only after a call failed by another error than ours,
-and of what makes a frozen dataclass, where a wrong type may have no effect; not of answers, which
-are made here, by the thousand. A missing argument stays Python's own ``TypeError``, and an unknown
-one is one, too.
+The module ``checks`` tests values (shapes, ranges, finiteness) and says more about a value than an
+annotation can. Annotations are therefore read only after a call has failed with a foreign error,
+and after the construction of a frozen dataclass, in which a wrong type may have no effect. Results,
+which this package creates by the thousand, are not checked. A missing argument stays Python's
+``TypeError``; the error for an unknown argument is a ``TypeError``, too.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ from microbot_ocp._base.checks import NAME_FIRST, InputError, did_you_mean, show
 from microbot_ocp._base.foreign_words import our_name, remedy
 
 PACKAGE = __name__.partition(".")[0]
-MOST_ENTRIES = 100_000  # of a sequence that are looked at
-SPECIAL = ("__init__", "__call__")  # what is public of a class besides names without underscore
+MOST_ENTRIES = 100_000  # longest part of a sequence whose entries are checked
+SPECIAL = ("__init__", "__call__")  # public methods whose names begin with an underscore
 UNIONS = (typing.Union, types.UnionType)
 SEQUENCES = (abc.Sequence, abc.Iterable, abc.Collection, list, tuple)
 MAPPINGS = (abc.Mapping, dict)
-# How what is wanted is made of what was given, by the names of both classes
+# Hint for the message: the call that converts the given type (second) to the expected one (first).
 MAKERS = {
     ("Robot", "str"): "mo.load_robot(name_or_path) makes one",
     ("Scene", "str"): "mo.load_scene(path) makes one",
@@ -49,16 +49,17 @@ MAKERS = {
 
 
 class UnknownArgument(InputError, TypeError):
-    """An argument by a name that a function does not have."""
+    """An argument name that the function does not have."""
 
 
 _classes: set[type] = set()
 
 
 def checked(thing: Any, face: str) -> Any:
-    """Return a function, or a class of this package, that checks its arguments; all else as it is.
+    """Return a function or class of this package that checks its arguments; others unchanged.
 
-    A class is changed in place; a function becomes another one, which stands in ``face``.
+    A class is changed in place. A function is replaced by a wrapper, which the module ``face``
+    offers.
     """
     if not str(getattr(thing, "__module__", "")).startswith(PACKAGE):
         return thing
@@ -72,7 +73,8 @@ def checked(thing: Any, face: str) -> Any:
     if not (inspect.isfunction(thing) or cached) or hasattr(thing, "_is_checked"):
         return thing
     function = _checking(thing, notes=not cached)
-    function.__module__, function._is_checked = face, True  # pickle looks it up there
+    # Pickle looks the wrapper up in the module ``face``.
+    function.__module__, function._is_checked = face, True
     return function
 
 
@@ -92,14 +94,13 @@ def _check_methods(kind: type) -> None:
 
 
 def _checking(function: Any, data: bool = False, notes: bool = False) -> Any:
-    """Return a function that calls the one given here, and looks at what it was given if that
-    fails.
-    """
+    """Return a wrapper that checks argument types after an error, or after a dataclass is made."""
     inner = inspect.unwrap(function)
     ours, foreign, refuse = InputError, Exception, functools.partial(_refuse, inner)
     called = functools.partial(interrupts.obeyed, notes=notes)
 
-    def run(*arguments, **named):  # type: ignore[no-untyped-def]  # uses no global name: see below
+    # The globals of run are replaced below, so it reads no global name.
+    def run(*arguments, **named):  # type: ignore[no-untyped-def]
         try:
             answer = called(function, arguments, named)
         except ours:
@@ -111,7 +112,7 @@ def _checking(function: Any, data: bool = False, notes: bool = False) -> Any:
             refuse(arguments, named)
         return answer
 
-    # doctest finds a method by the module that its globals are of
+    # Doctest assigns a function to the module of its globals, so the wrapper takes those of inner.
     outer = types.FunctionType(
         run.__code__, inner.__globals__, inner.__name__, None, run.__closure__
     )
@@ -124,7 +125,7 @@ def _checking(function: Any, data: bool = False, notes: bool = False) -> Any:
 def _refuse(
     function: Any, given: tuple[Any, ...], named: dict[str, Any], problem: Exception | None = None
 ) -> None:
-    """Refuse the first argument of a wrong type."""
+    """Raise InputError for the first argument of a wrong type."""
     rules, positional = _rules(function)
     if isinstance(problem, TypeError):
         there = inspect.signature(function).parameters
@@ -142,7 +143,7 @@ def _refuse(
 
 @functools.cache
 def _rules(function: Any) -> tuple[dict[str, tuple[Fits, str]], list[str]]:
-    """Return what fits the annotations of a function, and its positional parameters."""
+    """Return the type test of every annotated parameter, and the positional parameters."""
     names = _Names(function.__globals__, ArrayLike=np.ndarray)
     parameters = inspect.signature(function).parameters.values()
     variable = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
@@ -156,7 +157,7 @@ def _rules(function: Any) -> tuple[dict[str, tuple[Fits, str]], list[str]]:
 
 
 class _Names(dict):
-    """Names in annotations; of those that only type checkers import our classes stand for us."""
+    """Names in annotations; a class that only type checkers import is known by its name alone."""
 
     def __missing__(self, name: str) -> Any:
         if hasattr(builtins, name):
@@ -168,7 +169,7 @@ class _Names(dict):
 def _evaluated(annotation: Any, names: _Names) -> Any:
     try:
         return eval(annotation, {}, names) if isinstance(annotation, str) else annotation
-    except Exception:  # what only type checkers read
+    except Exception:  # an annotation that only type checkers can read
         return Any
 
 
@@ -176,10 +177,10 @@ NUMBERS = (int, float, np.integer, np.floating)
 
 
 def _is_number(value: Any) -> bool:
-    """Return whether numpy or Python may make a float of it: what ``checks.number`` looks at."""
+    """Return True if numpy or Python may convert the value to a float for ``checks.number``."""
     if isinstance(value, NUMBERS):
         return not isinstance(value, bool)
-    other = complex | np.generic | type | str | bytes  # of which float may make one, too
+    other = complex | np.generic | type | str | bytes  # float() would accept some of them
     return not isinstance(value, other) and _succeeds(float, value)
 
 
@@ -192,7 +193,7 @@ def _is_array(value: Any) -> bool:
 def _succeeds(make: Callable[..., Any], *arguments: Any) -> bool:
     try:
         return make(*arguments) is not None
-    except Exception:  # anyone's code: of an array, or of a symbol
+    except Exception:  # a conversion of the user's may raise anything
         return False
 
 
@@ -218,12 +219,12 @@ PLAIN: dict[Any, tuple[Fits, str]] = {
 
 
 def fits(value: Any, hint: Any) -> bool:
-    """Return whether a value is of an annotation's type; of what is no type of ours anything is."""
+    """Return True if a value is of an annotation's type, or the type is not one of this package."""
     return _rule(hint)[0](value)
 
 
 def _rule(hint: Any) -> tuple[Fits, str]:
-    """Return what fits an annotation, and what to call it; empty where all does."""
+    """Return the test of an annotation and the words for it, empty where every value passes."""
     kind, inner = typing.get_origin(hint) or hint, typing.get_args(hint)
     if kind in PLAIN:
         return PLAIN[kind]
@@ -256,7 +257,7 @@ def _is_ours(value: Any, kind: Any) -> bool:
         return all(hasattr(value, name) for name in dir(kind) if not name.startswith("_"))
     if isinstance(value, kind):
         return True
-    if issubclass(kind, Enum) and isinstance(value, str):  # the value of a member does as well
+    if issubclass(kind, Enum) and isinstance(value, str):  # the value of a member is accepted, too
         return value in [member.value for member in kind]
     return kind.__name__ in [base.__name__ for base in type(value).__mro__]
 
@@ -278,8 +279,8 @@ def _is_sequence(value: Any, kind: Any, inner: tuple[Any, ...], rules: Any) -> b
         return False
     if not isinstance(value, abc.Iterable) or getattr(value, "ndim", 1) == 0:
         return False
-    if isinstance(value, abc.Iterator):  # what is looked at would be gone
+    if isinstance(value, abc.Iterator):  # a test would consume it
         return kind is abc.Iterable
-    if len(inner) > 1 and inner[1] is not Ellipsis:  # a tuple of so many
+    if len(inner) > 1 and inner[1] is not Ellipsis:  # a tuple of fixed length
         return isinstance(value, tuple | list) and len(value) == len(inner)
     return not rules or all(map(rules[0][0], itertools.islice(value, MOST_ENTRIES)))

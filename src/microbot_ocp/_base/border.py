@@ -1,4 +1,4 @@
-"""The border: what a public face (``__init__.py`` with its stub) offers checks its arguments."""
+"""Public faces (``__init__.py`` with its stub) whose functions and classes check arguments."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import lazy_loader
 
 
 def attach_stub(name: str, file: str) -> tuple[Callable[[str], Any], Callable[[], list], list]:
-    """Do as that of lazy_loader; functions and classes come out of it with checked arguments."""
+    """Return lazy_loader's functions for a stub; loaded functions and classes check arguments."""
     load, directory, names = lazy_loader.attach_stub(name, file)
     seen: set[str] = set()
 
@@ -26,9 +26,10 @@ def attach_stub(name: str, file: str) -> tuple[Callable[[str], Any], Callable[[]
             words = WORDS | WORDS_OF_ARMS if ".ocp" not in name else WORDS_OF_ARMS | WORDS
             hint = remedy(wanted, words) or similar(wanted, names)
             raise AttributeError(f"{name} has no {wanted!r}{hint}") from None
-        from microbot_ocp._base.argument_types import checked  # with numpy, not before a name
+        # Imports numpy, which a mere import of the package must not do.
+        from microbot_ocp._base.argument_types import checked
 
-        # A user may get an object of a class whose name nobody has asked for.
+        # A user may get an object of a class without ever accessing the name of the class.
         for module in _loaded(name, seen):
             for kind in vars(sys.modules[module]).values():
                 if isinstance(kind, type) and kind.__name__ in names and kind.__module__ == module:
@@ -40,7 +41,7 @@ def attach_stub(name: str, file: str) -> tuple[Callable[[str], Any], Callable[[]
 
 
 def _loaded(face: str, seen: set[str]) -> list[str]:
-    """Return modules behind a face that were imported since this was asked before."""
+    """Return the modules behind a face that were imported since the last call."""
     new = [
         name
         for name, module in list(sys.modules.items())

@@ -1,4 +1,4 @@
-"""Calls of functions in expressions: written out, made of what has derivatives, refused without."""
+"""Calls of functions in expressions: inlined, replaced by differentiable ones, or refused."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ from microbot_ocp._base.codegen import ORIGINS
 
 
 def written_out(function: ca.Function, given: Sequence[ca.MX]) -> list[ca.MX] | None:
-    """Return results of a function that calls others, as expressions with these calls in them; None
-    where CasADi writes nothing out.
+    """Return the results of a call as expressions in which the inner calls are visible.
+
+    None if CasADi cannot inline the function.
     """
     if function.class_name() in ("Map", "OmpMap", "ThreadMap"):
         inner = function.find_functions(0)[0]
@@ -22,14 +23,15 @@ def written_out(function: ca.Function, given: Sequence[ca.MX]) -> list[ca.MX] | 
         results = zip(*(inner.call(each) for each in zip(*parts, strict=True)), strict=True)
         return [ca.horzcat(*each) for each in results]
     if function.is_a("MXFunction") or (function.is_a("SXFunction") and function.find_functions()):
-        with suppress(RuntimeError):  # one that is never to be written out
+        with suppress(RuntimeError):  # a function with the option never_inline
             return function.call(given, True, False)
     return None
 
 
 def from_origins(expression: ca.MX) -> ca.MX:
-    """Return an expression in which compiled functions are those that they were made of, also where
-    other functions call them.
+    """Return an expression in which each compiled function is replaced by its CasADi original.
+
+    Calls inside of other functions are replaced, too.
     """
     old: list[ca.MX] = [expression]
     while ORIGINS and old and any(map(_is_compiled, _called(expression))):
@@ -50,7 +52,7 @@ def from_origins(expression: ca.MX) -> ca.MX:
 
 
 def refuse_without_derivatives(label: str, expression: ca.MX) -> None:
-    """Raise InputError for functions of others, in C or Python, without second derivatives."""
+    """Raise InputError for external or Python functions that have no second derivatives."""
     for function in _called(expression):
         if function.class_name() not in ("External", "CallbackInternal"):
             continue
@@ -81,7 +83,7 @@ def _outputs_of_calls(expression: ca.MX) -> Iterator[ca.MX]:
     while waiting:
         node = waiting.pop()
         if node.__hash__() not in seen:
-            seen[node.__hash__()] = node  # alive, so that no other one has its hash
+            seen[node.__hash__()] = node  # kept alive, so that no other node gets its hash
             waiting += [node.dep(k) for k in range(node.n_dep())]
             if node.is_output() and node.dep(0).is_call():
                 yield node

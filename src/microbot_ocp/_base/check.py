@@ -1,4 +1,4 @@
-"""What every certificate is a list of: checks of one thing each."""
+"""Checks of one quantity each, of which every certificate is a list."""
 
 from __future__ import annotations
 
@@ -10,25 +10,25 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Check:
-    """One thing that was checked, where and when it is worst, and the verdict.
+    """Verdict on one quantity, with the time and place at which it is worst.
 
     Attributes
     ----------
     what : str
-        Such as "torque", "stored torque", "clearance", "position of stop 'a'".
+        Quantity, such as "torque", "stored torque", "clearance", "position of stop 'a'".
     passed : bool
     problem : str
-        A sentence without its stop, for where it did not pass.
+        Sentence about a failure, without the name of the stop.
     where : str
-        A joint, a pair of bodies; empty where there is but one place.
+        Joint or pair of bodies; empty if the quantity has one place only.
     time : float
-        When, s; NaN where it is of no time.
+        Time of the worst value, s; NaN if the quantity has no time.
     value, allowed : float
-        How much, and how much would pass, in ``unit``; NaN where it is not of numbers.
+        Worst value and its bound, in ``unit``; NaN if the check is not numerical.
     unit : str
-        Empty for a ratio.
+        Unit of both; empty for a ratio.
     kind : str
-        "via" or "segment", of those that a task asks for.
+        Kind of requirement in a task, "via" or "segment"; empty for all others.
     """
 
     what: str
@@ -46,5 +46,5 @@ class Check:
 
 
 def problems_of(checks: Iterable[Check]) -> list[str]:
-    """Return sentences of what did not pass."""
+    """Return the sentences of the checks that failed."""
     return [check.problem for check in checks if not check.passed]

@@ -1,6 +1,6 @@
 """Input checks shared by every module: one clear sentence for each kind of bad input.
 
-A message names the argument, the value that was given, its unit and what is allowed.
+A message names the argument, the given value, its unit and the allowed values.
 """
 
 from __future__ import annotations
@@ -23,20 +23,20 @@ FloatArray = NDArray[np.float64]
 
 
 NAME_FIRST = 'a name goes first, as in constraint("speed", v <= 1)'
-LONGEST_WORD = 150  # characters: a longer one is a value that nobody reads
-MOST_MESSAGE = 2000  # characters: only values that are longer make a longer one
-LONGEST = 1e4  # s, of a motion that is given or looked for
-MOST_SAMPLES = 100_000  # of a new motion
-SLOW = 100.0  # s: longer motions have fewer samples, as they are slow
-MOST_ITERATIONS = 10**9  # that solvers can count
-MOST_WHOLE = 20_000  # intervals, starts, tries: far more than any computer does in a day
-MOST_GIVEN = 2_000_000  # samples that may be asked for
+LONGEST_WORD = 150  # characters; a longer word is shortened
+MOST_MESSAGE = 2000  # characters of a message; a longer one is shortened
+LONGEST = 1e4  # s, of a given or computed motion
+MOST_SAMPLES = 100_000  # largest number of samples of a new motion
+SLOW = 100.0  # s; a longer motion is slow and has fewer samples
+MOST_ITERATIONS = 10**9  # largest count of solvers
+MOST_WHOLE = 20_000  # largest number of intervals, starts or tries; more would take days
+MOST_GIVEN = 2_000_000  # largest number of requested samples
 
 
 class InputError(ValueError):
     """Bad input, found before any solver starts; the message is one complete sentence.
 
-    A value that is long is quoted by its ends, the sentence is whole.
+    A long value is shortened in its middle; the sentence stays whole.
     """
 
     def __init__(self, *arguments: object) -> None:
@@ -45,7 +45,7 @@ class InputError(ValueError):
 
 
 def warn_user(sentence: str, category: type[Warning] = UserWarning) -> None:
-    """Warn, at the line outside of this package that asked for what is doubtful."""
+    """Warn at the line outside of this package that made the doubtful call."""
     frame, level = sys._getframe(1), 2
     while frame.f_back and frame.f_globals.get("__name__", "").startswith("microbot_ocp."):
         frame, level = frame.f_back, level + 1
@@ -54,7 +54,7 @@ def warn_user(sentence: str, category: type[Warning] = UserWarning) -> None:
 
 @contextmanager
 def naming(prefix: str) -> Iterator[None]:
-    """Let messages of InputErrors within this context begin with a prefix, such as "a.toml: "."""
+    """Put a prefix, such as "a.toml: ", before InputErrors raised inside of the context."""
     try:
         yield
     except InputError as problem:
@@ -67,10 +67,10 @@ _brief.maxlist = _brief.maxtuple = _brief.maxset = _brief.maxdict = _brief.maxar
 
 
 def shown(value: Any) -> str:
-    """Return a value as a message may quote it: its ``repr``, of bounded length and depth."""
+    """Return the ``repr`` of a value for a message, limited in length and depth."""
     try:
         return shortened(_brief.repr(value), 120)
-    except Exception:  # a repr is anyone's code; a huge integer has none
+    except Exception:  # a user's __repr__ may raise anything; a huge integer has none
         return f"a value of type {type(value).__name__}"
 
 
@@ -78,9 +78,9 @@ CONTROL = {code: f"\\x{code:02x}" for code in (*range(9), *range(11, 13), *range
 
 
 def shortened(text: str, most: int) -> str:
-    """Return ``text`` on one line with at most so many characters, the middle left out.
+    """Return ``text`` on one line of at most ``most`` characters, shortened in the middle.
 
-    Control characters, which no terminal and no log should get, are written as their codes.
+    Control characters, which harm terminals and logs, are written as their codes.
     """
     text = text.translate(CONTROL)
     if len(text) <= most:
@@ -90,7 +90,7 @@ def shortened(text: str, most: int) -> str:
 
 
 def sentence(text: str) -> str:
-    """Return a message whole, but for words that are too long to be read: those by their ends.
+    """Return a message whole, except that unreadably long words are shortened in the middle.
 
     >>> sentence("a file of the name " + "x" * 200 + " is not there")[-60:]
     'xxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxx is not there'
@@ -99,7 +99,7 @@ def sentence(text: str) -> str:
     return shortened("".join(words), MOST_MESSAGE)
 
 
-# what numpy and Python raise of what they cannot make numbers of; recursion is a RuntimeError
+# Errors of numpy and Python for values that are no numbers; recursion raises a RuntimeError.
 NO_NUMBERS = (TypeError, ValueError, OverflowError, AttributeError, RuntimeError)
 
 
@@ -108,7 +108,7 @@ def _with_unit(value: Any, unit: str) -> str:
 
 
 def _is_numeric(value: Any) -> bool:
-    """Return whether numpy would read numbers only: no text, no truth values, at any depth."""
+    """Return True if numpy would read only numbers: no text and no truth values at any depth."""
     if isinstance(value, list | tuple):
         return all(_is_numeric(entry) for entry in value)
     if isinstance(value, str | bytes | bool | np.bool_ | complex | np.complexfloating):
@@ -119,7 +119,7 @@ def _is_numeric(value: Any) -> bool:
 
 
 def _remedy(value: Any) -> str:
-    """Return what makes numbers of what is none."""
+    """Return advice for a value that could be converted to numbers."""
     if isinstance(value, Iterator):
         return "; make a list of it"
     return "; call it" if callable(value) else ""
@@ -134,7 +134,7 @@ def number(
     at_least: float | None = None,
     at_most: float | None = None,
 ) -> float:
-    """Return ``value`` as a finite float, within the bounds that are given."""
+    """Return ``value`` as a finite float within the given bounds."""
     try:
         if not _is_numeric(value) or (isinstance(value, np.ndarray) and value.ndim):
             raise TypeError
@@ -165,9 +165,9 @@ def whole(
 
 
 def longest_step(duration: float, most: int) -> float:
-    """Return least step between samples of a motion, s: of ``most`` in 100 s, of fewer in longer
-    ones.
+    """Return the largest sampling step of a motion, s: T / most up to 100 s, larger beyond.
 
+    The number of samples decreases with the square root of T / 100 s.
     >>> longest_step(100.0, 1000), longest_step(10_000.0, 1000)
     (0.1, 100.0)
     """
@@ -175,7 +175,7 @@ def longest_step(duration: float, most: int) -> float:
 
 
 def time_limit(value: Any) -> float:
-    """Return a wall time above 0 s; infinite is no limit."""
+    """Return a wall time above 0 s; infinite means no limit."""
     if isinstance(value, float | np.floating) and value == np.inf:
         return np.inf
     return number("time_limit", value, "s", above=0.0)
@@ -184,7 +184,7 @@ def time_limit(value: Any) -> float:
 def numbers(name: str, value: ArrayLike) -> FloatArray:
     """Return ``value`` as a float array of any shape."""
     try:
-        # what is masked is no number
+        # A masked entry is no number.
         if value is None or not _is_numeric(value) or np.ma.is_masked(value):
             raise TypeError
         return np.array(value, dtype=float)
@@ -201,7 +201,7 @@ def array(
     *,
     finite: bool = True,
 ) -> FloatArray:
-    """Return ``value`` as a read-only float array of ``shape`` (None: any length there)."""
+    """Return ``value`` as a read-only float array of ``shape``; None allows any length."""
     result = numbers(name, value)
     pairs = zip(result.shape, shape, strict=False)
     if result.ndim != len(shape) or any(want not in (None, have) for have, want in pairs):
@@ -236,34 +236,34 @@ def times(
     return t
 
 
-def size(what: str, count: float, most: int) -> None:
-    """Refuse what would have more than ``most`` entries (samples, intervals) before it is made."""
+def size(label: str, count: float, most: int) -> None:
+    """Raise InputError for more than ``most`` entries (samples, intervals) before they are made."""
     if not count <= most:
         raise InputError(
-            f"{what} would be {count:.3g}, {8e-9 * count:.2g} GB a column: "
+            f"{label} would be {count:.3g}, {8e-9 * count:.2g} GB a column: "
             f"at most {most:,} are allowed"
         )
 
 
 def joints(name: str, count: int, robot: Any) -> None:
-    """Refuse what has another number of joints than the robot."""
+    """Raise InputError if a number of joints differs from the robot's."""
     if count != robot.joint_count:
         raise InputError(f"{name} has {count} joints, but the robot has {robot.joint_count}")
 
 
 def step_count(duration: float, step: float) -> int:
-    """Return how many steps of at most ``step`` s a duration takes; too many are refused."""
+    """Return the number of steps of at most ``step`` s in a duration; too many raise InputError."""
     size("the number of samples", duration / step, MOST_GIVEN)
     return max(1, int(np.ceil(duration / step - 1e-9)))
 
 
 MOST_DEGREES = 720.0  # two turns
-MOST_NAMES = 20  # that a message lists
-LONGEST_LINK = 20.0  # m: no arm has a longer one
+MOST_NAMES = 20  # most names in a message
+LONGEST_LINK = 20.0  # m; no arm has a longer link
 
 
 def degrees_hint(angles: ArrayLike, beyond: float = 2 * np.pi) -> str:
-    """Return words for angles given in rad that look like degrees: whole numbers beyond a turn.
+    """Return advice if angles in rad look like degrees: whole numbers beyond a turn.
 
     >>> degrees_hint([0.0, 90.0]), degrees_hint([0.0, 1.5])
     ('; that looks like degrees: use np.radians, a key in _deg or an option in -deg', '')
@@ -277,20 +277,20 @@ def degrees_hint(angles: ArrayLike, beyond: float = 2 * np.pi) -> str:
 
 
 class UnknownName(InputError, KeyError):
-    """A name that a result does not have; the message lists those that it has."""
+    """A name that a result does not have; the message lists the names that it has."""
 
-    __str__ = Exception.__str__  # a KeyError would show the repr
+    __str__ = Exception.__str__  # KeyError would print the repr
 
 
-def by_name(what: str, entries: Mapping[str, Any], name: object, hint: str = "") -> Any:
-    """Give the entry of that name; without one the names that there are, the most similar first."""
+def by_name(label: str, entries: Mapping[str, Any], name: object, hint: str = "") -> Any:
+    """Return the entry of a name; raise UnknownName with similar or all names if there is none."""
     if isinstance(name, str) and name in entries:
         return entries[name]
-    raise UnknownName(f"{what} has no {shown(name)}{similar(name, entries)}{hint}") from None
+    raise UnknownName(f"{label} has no {shown(name)}{similar(name, entries)}{hint}") from None
 
 
 def similar(name: object, names: Iterable[str]) -> str:
-    """Return what to say of a name that is none of these: which it may be, or which there are."""
+    """Return the end of a message about an unknown name: the similar name, or all names."""
     there = list(names)
     asked = did_you_mean(name, there, ":")
     if len(there) > MOST_NAMES:
@@ -300,7 +300,7 @@ def similar(name: object, names: Iterable[str]) -> str:
 
 
 def did_you_mean(name: object, names: Iterable[str], mark: str = ";") -> str:
-    """Return the question for the name nearest to one, in letters of either case, if any is near.
+    """Return a question about the most similar name, in any case of letters; empty if none is near.
 
     >>> did_you_mean("UR5E", ["panda", "ur5e"])
     "; did you mean 'ur5e'?"
@@ -320,9 +320,7 @@ def one_of(name: str, value: str, allowed: Iterable[str]) -> str:
 
 
 def plain(value: Any) -> Any:
-    """Return dataclasses and arrays as plain values for strict JSON: what is not finite becomes
-    None.
-    """
+    """Return dataclasses and arrays as plain values for strict JSON; NaN and inf become None."""
     if hasattr(type(value), "__dataclass_fields__"):
         return {f.name: plain(getattr(value, f.name)) for f in fields(value)}
     if isinstance(value, Mapping):
@@ -332,5 +330,5 @@ def plain(value: Any) -> Any:
     if isinstance(value, bool | np.bool_):
         return bool(value)
     if isinstance(value, float | np.floating):
-        return float(value) + 0.0 if np.isfinite(value) else None  # no -0.0
+        return float(value) + 0.0 if np.isfinite(value) else None  # + 0.0 turns -0.0 into 0.0
     return int(value) if isinstance(value, np.integer) else value

@@ -1,7 +1,7 @@
-"""Work in a process of its own, which is ended when its time is over.
+"""Work in a child process, which is killed at a time limit.
 
-fatrop may try one regularisation after the other without ever evaluating anything, MUMPS may spend
-minutes in a single factorisation: neither can be stopped from inside. A fork costs about 8 ms.
+fatrop may try one regularisation after the other without an evaluation, MUMPS may spend minutes in
+a single factorisation: neither can be interrupted from inside. A fork costs about 8 ms.
 """
 
 from __future__ import annotations
@@ -27,13 +27,14 @@ PR_SET_PDEATHSIG = 1
 Send = Callable[[Any], None]
 
 PACKAGE = str(Path(__file__).parents[1])
-SIGNALS = str(Path(PACKAGE, "cli", "_process.py"))  # its thread waits for one and holds no lock
+# Its thread waits for a signal and holds no lock.
+SIGNALS = str(Path(PACKAGE, "cli", "_process.py"))
 _is_child = False
-_forking = threading.RLock()  # its owner, who forks, owns it in the child, too
+_forking = threading.RLock()  # the forking thread owns the lock in the child, too
 
 
 class OutOfTime(Exception):
-    """The work was not done in time, and was ended."""
+    """The time limit expired and the process was killed."""
 
 
 class Died(Exception):
@@ -41,11 +42,11 @@ class Died(Exception):
 
 
 def can_fork() -> bool:
-    """Return whether work may be done in a copy of this process.
+    """Return True if a fork of this process may do work.
 
-    Not while another thread is inside this package: a lock that it holds in native code (CasADi's
-    of its cache of sparsities, IPOPT's of MUMPS) would stay locked in the copy for ever. Work is
-    done in this process then, where solvers keep their own limits of time.
+    While another thread runs code of this package it may hold a lock in native code (in CasADi's
+    cache of sparsity patterns, in IPOPT's use of MUMPS), which would stay locked in the fork for
+    ever. In that case the caller works in this process, where solvers keep their own time limits.
     """
     others = sys._current_frames()
     others.pop(threading.get_ident())
@@ -62,9 +63,9 @@ def _is_ours(frame: FrameType | None) -> bool:
 
 
 def spare_processor() -> bool:
-    """Return whether another process would run beside this one, which is no worker of many itself.
+    """Return True if a processor is free for a child process.
 
-    Nor from any thread but the first.
+    False in a child process, in a worker of a pool, and in all threads but the main one.
     """
     if threading.current_thread() is not threading.main_thread():
         return False
@@ -73,20 +74,22 @@ def spare_processor() -> bool:
 
 
 class Child:
-    """Work in a copy of this process, beside what this one does.
+    """Work in a fork of this process, in parallel to this process.
 
     Parameters
     ----------
     work : callable
-        Gets a function that sends an object to this process at once.
+        Function of one argument, a function that sends an object to this process at once.
     """
 
     def __init__(self, work: Callable[[Send], Any]) -> None:
-        with _forking:  # filters of warnings are for all threads, and no other child gets this pipe
+        # Warning filters are shared by all threads; no other child may inherit this pipe.
+        with _forking:
             self.begun = time.perf_counter()
             self.reading, writing = Pipe(duplex=False)
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore", DeprecationWarning)  # of threads: only this forks
+                # A warning about threads, which can_fork has tested.
+                warnings.simplefilter("ignore", DeprecationWarning)
                 self.process = os.fork()
             if self.process == 0:
                 _work(work, self.reading, writing)
@@ -100,12 +103,12 @@ class Child:
         steps: Callable[[], int] | None = None,
         most: float = np.inf,
     ) -> Any:
-        """Return what the work returns, as :func:`in_child`."""
-        heard = 0.0  # processor time of the process when something was known of it last
+        """Return the result of the work, with the arguments of :func:`in_child`."""
+        heard = 0.0  # processor time of the child at its last sign of progress, s
         last_count = 0
         while True:
             left = min(until - time.perf_counter(), 1e6)
-            if np.isfinite(most):  # nothing is used faster than time goes by
+            if np.isfinite(most):  # processor time does not grow faster than wall time
                 left = min(left, most - self._processor_time())
             if left <= 0:
                 raise OutOfTime
@@ -117,23 +120,23 @@ class Child:
                 continue
             heard = self._processor_time() if np.isfinite(silence) else 0.0
             try:
-                done, what = self.reading.recv()
-            except (EOFError, OSError):  # between messages, or within one
+                done, message = self.reading.recv()
+            except (EOFError, OSError):  # the pipe ended between or within messages
                 raise Died from None
             if done:
-                return what
-            if receive is not None and not receive(what):
+                return message
+            if receive is not None and not receive(message):
                 raise KeyboardInterrupt
 
     def _processor_time(self) -> float:
-        """Return what the process has used, s; wall time where the system does not tell."""
+        """Return the processor time of the child, s; wall time if the system does not report it."""
         with contextlib.suppress(OSError):
             fields = Path(f"/proc/{self.process}/stat").read_text().rpartition(")")[2].split()
             return sum(map(int, fields[11:13])) / os.sysconf("SC_CLK_TCK")
         return time.perf_counter() - self.begun
 
     def close(self) -> None:
-        """End the process."""
+        """Kill the process."""
         self.reading.close()
         os.kill(self.process, signal.SIGKILL)
         os.waitpid(self.process, 0)
@@ -149,27 +152,30 @@ def in_child(
     steps: Callable[[], int] | None = None,
     most: float = np.inf,
 ) -> Any:
-    """Do work in a copy of this process and return what it returns.
+    """Run work in a fork of this process and return its result.
 
     Parameters
     ----------
     work : callable
-        Gets a function that sends an object to this process at once.
-    until : by the clock of ``time.perf_counter``
+        Function of one argument, a function that sends an object to this process at once.
+    until : float
+        End of the time limit on the clock ``time.perf_counter``, s.
     receive : callable, optional
-        Gets what was sent; False ends the process.
+        Function of a sent object; if it returns False the child is killed.
     most_bytes : int, optional
-        Of memory beyond that of this process (on Linux); a request for more is a MemoryError.
+        Memory beyond that of this process (Linux only), bytes; a larger request is a MemoryError.
     silence : float
-        Processor time of the copy, s, in which it sends nothing, and which is more than all that it
-        used before, after which it counts as looping for ever. However busy the machine is, it is
-        the same.
-    most : processor time of the copy, s, after which it is out of time, too
+        Processor time of the child without a message, s, from which the child counts as stuck, if
+        it is also longer than all of its processor time before; independent of the machine's load.
+    steps : callable, optional
+        Function that returns a count of the child's progress; an increase counts as a message.
+    most : float
+        Limit of the child's processor time, s.
 
     Raises
     ------
     OutOfTime, Died
-        KeyboardInterrupt passes through; the process is ended before.
+        KeyboardInterrupt is raised, too, after the child was killed.
     """
 
     def limited(send: Send) -> Any:
@@ -185,16 +191,16 @@ def _work(work: Callable[[Send], Any], reading: Connection, writing: Connection)
     global _is_child
     try:
         _is_child = True
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends this process
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent kills this process
         end_with_parent()
         reading.close()
-        writing.send((True, work(lambda what: writing.send((False, what)))))
+        writing.send((True, work(lambda message: writing.send((False, message)))))
     finally:
         os._exit(0)
 
 
 def _limit_memory(most_bytes: int) -> None:
-    """Let this process take so many bytes more than it has."""
+    """Limit the memory of this process to its present size plus ``most_bytes``."""
     with contextlib.suppress(OSError, ImportError, ValueError):
         import resource
 
@@ -204,6 +210,6 @@ def _limit_memory(most_bytes: int) -> None:
 
 
 def end_with_parent() -> None:
-    """Let Linux end this process when the one that started it is killed."""
+    """Ask Linux to kill this process when its parent dies."""
     with contextlib.suppress(OSError, AttributeError):
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)

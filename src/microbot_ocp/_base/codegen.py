@@ -1,13 +1,13 @@
-"""CasADi functions compiled to C, cached on disk; CasADi's virtual machine where that fails.
+"""CasADi functions compiled to C and cached on disk; on failure CasADi's virtual machine runs.
 
 The cache is ``$MICROBOT_OCP_CACHE``, by default a folder in the user's cache. The name of a file is
 a hash of the C text, the compiler, its flags and the processor, so neither a changed robot nor
-another machine that shares the folder loads the wrong code. Falling back to the virtual machine
-raises the warning :class:`NotCompiled`.
+another machine with the same folder loads wrong code. A fallback to the virtual machine raises the
+warning :class:`NotCompiled`.
 
-A library is loaded only if it has the digest that stands beside it (``.sha256``, checked in 0.6 ms
-a megabyte); else it is compiled again. A folder that is not the user's own or writable by others is
-not used: a private one is, with the warning :class:`PrivateCache`.
+A library is loaded only if its digest agrees with the file ``.sha256`` beside it (0.6 ms a
+megabyte); otherwise it is compiled again. If the folder belongs to another user or others may write
+to it, a private folder is used instead, with the warning :class:`PrivateCache`.
 """
 
 from __future__ import annotations
@@ -37,35 +37,35 @@ from microbot_ocp._base.reading import content_of
 from microbot_ocp._base.writing import digest, temporary_path, whole_file
 
 FLAGS = ("-fno-math-errno", "-shared", "-fPIC")
-# sums in any order; -ffast-math would set the whole process to flush small numbers to zero
+# Flags for sums in any order; -ffast-math would flush small numbers to zero process-wide.
 ANY_ORDER = ("-fassociative-math", "-fno-signed-zeros", "-fno-trapping-math")
-# Measured for recursive Newton-Euler: no gain with 3 joints, 6 % with 7; for its derivatives with
-# 7 joints a third of the time (fused multiply-add). Hence the processor in the key of the cache.
+# Recursive Newton-Euler gains nothing with 3 joints and 6 % with 7; derivatives with 7 joints run
+# in a third of the time (fused multiply-add). The key of the cache therefore has the processor.
 NATIVE = "-march=native"
 
 
-# Operations up to which an optimisation pays for its compile time: what a compiler takes for the
-# one long block that a derivative is grows faster than its length. The Panda's second derivative of
-# a stage, 11,000 operations: 1.6 s with -O1, 0.4 s with -O0, which runs 3 times slower and still 5
-# times faster than CasADi's virtual machine; with torque rates, 30,000 operations: 7 s and 1 s.
-# Multiplications and additions are fused by -O2 alone: -O1 and -O0 have the same bits.
+# The compile time of a derivative, one long block, grows faster than its length. The Panda's
+# second derivative of a stage has 11,000 operations; it compiles in 1.6 s with -O1 and in 0.4 s
+# with -O0, runs 3 times slower with the latter, and still 5 times faster than CasADi's virtual
+# machine. Torque rates (30,000 operations) take 7 s and 1 s. Only -O2 fuses multiplications and
+# additions: -O1 and -O0 give equal bits.
 SIZES = ((4_000, "-O2"), (30_000, "-O1"), (float("inf"), "-O0"))
 
 
-COMPILE_TIMEOUT = 120.0  # s; then the compiler is ended with its children
+COMPILE_TIMEOUT = 120.0  # s; a slower compiler is killed with its children
 
 
 class PrivateCache(UserWarning):
-    """The cache folder is not safe or cannot be used: another one is."""
+    """The cache folder is unsafe or unusable, so another one is used."""
 
 
 class NotCompiled(UserWarning):
-    """A compiled function was asked for, but CasADi's virtual machine runs instead."""
+    """CasADi's virtual machine runs instead of a compiled function."""
 
 
 @lru_cache(maxsize=1)
 def compiler() -> str | None:
-    """Return path of the C compiler: ``$CC``, else cc, gcc or clang; None where there is none."""
+    """Return the path of the C compiler: ``$CC``, cc, gcc or clang; None if there is none."""
     for name in (os.environ.get("CC"), "cc", "gcc", "clang"):
         path = shutil.which(name) if name else None
         if path:
@@ -85,24 +85,24 @@ def processor() -> str:
 
 
 def cache_folder() -> Path:
-    """Return the folder that keeps the compiled functions."""
+    """Return the folder of compiled functions."""
     chosen = os.environ.get("MICROBOT_OCP_CACHE")
     if chosen:
         return Path(chosen)
     base = os.environ.get("XDG_CACHE_HOME")
     try:
         return Path(base or Path.home() / ".cache") / "microbot_ocp"
-    except RuntimeError:  # no HOME, and a user whom the system does not know
+    except RuntimeError:  # HOME is not set and the system does not know the user
         return _private_folder()
 
 
 def _private_folder() -> Path:
-    """Return where the user's own cache cannot be."""
+    """Return the fallback cache folder, in the folder for temporary files."""
     return Path(tempfile.gettempdir()) / f"microbot_ocp-{os.geteuid()}"
 
 
 def usable_folder() -> Path:
-    """Return the cache folder, made if need be; a private one where it is not safe.
+    """Return the cache folder, created if necessary; a private one if it is not safe.
 
     Warns
     -----
@@ -112,7 +112,7 @@ def usable_folder() -> Path:
     Raises
     ------
     OSError
-        Neither can be used.
+        Neither folder can be used.
     """
     folder = cache_folder()
     if problem := _folder_problem(folder):
@@ -129,7 +129,7 @@ def _say_once(sentence: str) -> None:
 
 
 def _folder_problem(folder: Path) -> str:
-    """Return why a folder is not used; empty where it may be."""
+    """Return the reason why a folder cannot be used; empty if it can."""
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         with contextlib.suppress(FileExistsError):
@@ -147,19 +147,19 @@ def _folder_problem(folder: Path) -> str:
 
 
 def _is_whole(path: Path) -> bool:
-    """Return whether a file of the cache is as it was written."""
+    """Return True if a file of the cache agrees with its digest."""
     with contextlib.suppress(OSError):
         return content_of(_beside(path)) == digest(path).encode()
     return False
 
 
 def _keep(path: Path, content: bytes) -> None:
-    """Put a file into the cache, whole, and its digest beside it."""
+    """Write a file into the cache, and its digest beside it."""
     seal = hashlib.sha256(content).hexdigest().encode()
     for place, data in ((path, content), (_beside(path), seal)):
         with whole_file(place) as partial:
             partial.write_bytes(data)
-            partial.chmod(0o700)  # a group may be let in by the user's defaults
+            partial.chmod(0o700)  # the user's umask may permit a group to write
 
 
 def _beside(path: Path) -> Path:
@@ -171,10 +171,10 @@ _interpreted: ContextVar[bool] = ContextVar("interpreted", default=False)
 
 @contextlib.contextmanager
 def interpreted() -> Iterator[None]:
-    """Let functions that are made inside run on CasADi's virtual machine, without a warning.
+    """Run functions created inside of the context on CasADi's virtual machine, without a warning.
 
-    For robots that are used once, in sweeps of thousands: a compiler takes longer than they do, and
-    each would leave a library in the cache.
+    Sweeps use thousands of robots once each: compilation would take longer than their evaluation,
+    and each would leave a library in the cache.
     """
     token = _interpreted.set(True)
     try:
@@ -184,33 +184,33 @@ def interpreted() -> Iterator[None]:
 
 
 def compiles(wanted: bool = True) -> bool:
-    """Give whether functions are compiled: wanted, with a compiler, and not :func:`interpreted`."""
+    """Return True if functions are to be compiled: wanted, and not prevented or impossible."""
     return wanted and not _interpreted.get() and compiler() is not None
 
 
 def maybe_compiled(function: ca.Function, wanted: bool) -> ca.Function:
-    """Return ``function`` compiled if ``wanted``, else as it is."""
+    """Return ``function``, compiled if ``wanted``."""
     return compile_function(function) if wanted else function
 
 
 def compile_function(function: ca.Function) -> ca.Function:
-    """Compile a CasADi function to C and load it; on any failure warn and return it as it is.
+    """Compile a CasADi function to C and load it; on failure warn and return it unchanged.
 
     Parameters
     ----------
     function : casadi.Function
-        Its inputs, outputs and their names stay the same.
+        CasADi function; the compiled one has equal inputs, outputs and names.
 
     Returns
     -------
     casadi.Function
-        Runs 4 (3 joints) to 20 (7 joints) times as fast, but cannot be expanded or inlined, and has
-        no derivatives: optimal-control problems take the function that it was made of.
+        Function that runs 4 (3 joints) to 20 (7 joints) times as fast. It cannot be expanded or
+        inlined and has no derivatives; optimal-control problems use the original function.
 
     Warns
     -----
     NotCompiled
-        No compiler, or it failed.
+        There is no compiler, or it failed.
     """
     (compiled,) = compile_functions([function])
     if compiled is not function:
@@ -218,13 +218,14 @@ def compile_function(function: ca.Function) -> ca.Function:
     return compiled
 
 
-ORIGINS: dict[int, tuple[ca.Function, ca.Function]] = {}  # of compiled functions, which are kept
+# Compiled function and its original, both kept alive.
+ORIGINS: dict[int, tuple[ca.Function, ca.Function]] = {}
 
 
 def compile_functions(functions: Sequence[ca.Function]) -> tuple[ca.Function, ...]:
-    """Compile several functions; on any failure warn and return them as they are.
+    """Compile several functions; on failure warn and return them unchanged.
 
-    Large ones have libraries of their own, which are compiled at the same time.
+    Large functions get libraries of their own, which are compiled in parallel.
     """
     libraries = None if _interpreted.get() else _compiled(functions)
     return tuple(functions if libraries is None else libraries)
@@ -233,17 +234,17 @@ def compile_functions(functions: Sequence[ca.Function]) -> tuple[ca.Function, ..
 def compile_recipe(
     recipe: bytes | str, make: Callable[[], Sequence[ca.Function]], *, columns: bool = False
 ) -> tuple[ca.Function, ...]:
-    """Return the functions that a recipe makes, compiled; they are made only where they are not at
-    hand.
+    """Return the compiled functions of a recipe, from the cache if it has them.
 
     Parameters
     ----------
     recipe : bytes or str
-        What the functions follow from, besides the source of this package.
+        Identity of the functions, besides the source of this package.
     make : callable
-        Makes the functions; what takes the time where compiled code is in the cache already.
+        Function that constructs the functions, which takes most of the time if the cache has the
+        compiled code.
     columns : bool
-        They are called for many columns at once: interpreted a block at a time, where that can be.
+        True for functions of many columns at once, which are interpreted in blocks if possible.
     """
     if _interpreted.get():
         return tuple(make())
@@ -277,12 +278,12 @@ def package() -> str:
 def _compiled(
     given: Sequence[ca.Function], columns: bool = False
 ) -> dict[ca.Function, Path] | None:
-    """Return every function compiled, with its library; where that fails a warning and None."""
+    """Return each compiled function with its library; on failure warn and return None."""
     deadline.check()
     names, cc = [function.name() for function in given], compiler()
     if cc is None:
         problem = "no C compiler was found"
-    elif deadline.over():  # writing the text takes long, too
+    elif deadline.over():  # the C text alone takes long, too
         problem = "the time limit was over"
     else:
         try:
@@ -302,7 +303,7 @@ def _compiled(
 
 
 def _libraries(given: Sequence[ca.Function], cc: str) -> Iterator[tuple[str, Path]]:
-    """Yield name and library of every function; large ones are compiled at the same time."""
+    """Yield name and library of every function; large ones are compiled in parallel."""
     small = [f for f in given if _operations(f) <= SIZES[0][0]]
     large = [[f] for f in given if _operations(f) > SIZES[0][0]]
     groups = large + ([small] if small else [])
@@ -312,7 +313,7 @@ def _libraries(given: Sequence[ca.Function], cc: str) -> Iterator[tuple[str, Pat
         for group, source in zip(groups, sources, strict=True):
             size = sum(map(_operations, group))
             option = next(option for limit, option in SIZES if size <= limit)
-            run = copy_context().run  # for its time limit
+            run = copy_context().run  # the context carries the time limit
             jobs.append(pool.submit(run, build_library, source, group[0].name(), cc, option))
         try:
             libraries = [job.result() for job in jobs]
@@ -328,23 +329,23 @@ def _external(name: str, library: Path) -> ca.Function:
     in_blocks = library.name.startswith(interpreter.NAME)
     try:
         return (interpreter.ManyColumns if in_blocks else ca.external)(name, str(library))
-    except RuntimeError:  # what the compiler made is no library
+    except RuntimeError:  # the compiler's output is no library
         library.unlink(missing_ok=True)
         raise
 
 
 def _operations(function: ca.Function) -> int:
-    """Return operations of a function and of all that it calls."""
+    """Return the number of operations of a function and all functions that it calls."""
     inner = (function, *function.find_functions())
     return sum(k.n_instructions() for k in inner if k.is_a("SXFunction"))
 
 
 def c_source(functions: Sequence[ca.Function]) -> str:
-    """Return C text of functions."""
+    """Return the C text of functions."""
     generator = ca.CodeGenerator(f"{functions[0].name()}.c", {"with_header": False})
     for function in functions:
         generator.add(function)
-    # static, and without calls of the C library, so that a compiler puts them where they are used
+    # Static functions that call no C library can be inlined by the compiler.
     text = generator.dump().replace("\ncasadi_real casadi_", "\nstatic casadi_real casadi_")
     for name, sign in (("fmin", "<"), ("fmax", ">")):
         text = text.replace(f"return {name}(x, y);", f"return x {sign} y || y != y ? x : y;")
@@ -363,23 +364,32 @@ def build_library(
     recipe: str = "",
     make: bool = True,
 ) -> Path:
-    """Compile C text into a shared library, or find it in the cache.
+    """Return a shared library of C text, from the cache or newly compiled.
 
     Parameters
     ----------
-    source, stem : C text or what writes it, and the start of the library's name
-    cc, optimization : compiler, and "-O0" to "-O3"
-    further : more flags of the compiler
-    suffix : end of the library's name
-    serves : what else the library depends on, for the key of the cache
-    recipe : what the text follows from, for the key in its place
-    make : whether it is compiled where it is not in the cache
+    source : str or callable
+        C text, or a function that returns it.
+    stem : str
+        Start of the library's name.
+    cc, optimization : str
+        Compiler, and "-O0" to "-O3".
+    further : sequence of str
+        More flags of the compiler.
+    suffix : str
+        End of the library's name.
+    serves : str
+        Other dependencies of the library, for the key of the cache.
+    recipe : str
+        Identity of the text, which replaces the text in the key.
+    make : bool
+        False to forbid compilation.
 
     Raises
     ------
     OSError, subprocess.SubprocessError, RuntimeError
-        The folder cannot be written, the compiler failed or took too long, or nothing is to be made
-        and it is not there.
+        The folder is not writable, the compiler failed or took too long, or ``make`` is False and
+        the cache does not have the library.
     """
     flags = (optimization, *FLAGS, *further)
     identity = repr((recipe or source, cc, flags, NATIVE, processor(), serves))
@@ -396,7 +406,7 @@ def build_library(
         text.write_text(source if isinstance(source, str) else source())
         rest = [*flags, str(text), "-o", str(compiled), "-lm"]
         messages = work / "messages"
-        # a compiler that does not know the flag gets a second try
+        # A compiler that rejects the flag of the processor gets a second call without it.
         status = _run([cc, NATIVE, *rest], messages) and _run([cc, *rest], messages)
         if status:
             ending = " ".join(messages.read_bytes().decode(errors="replace").split())
@@ -409,14 +419,14 @@ _running: set[subprocess.Popen[bytes]] = set()
 
 
 def _run(command: list[str], messages: Path) -> int:
-    """Run a compiler in a process group of its own, which is ended as a whole; its exit status.
+    """Run a compiler in its own process group and return its exit status.
 
-    What it says goes into a file, so that nothing waits for what it leaves behind.
+    Its messages go to a file: a pipe would stay open in processes that it leaves behind.
 
     Raises
     ------
     RuntimeError
-        It takes too long, or was ended.
+        The compiler took too long or was killed.
     """
     if deadline.over():
         raise RuntimeError("the time limit was over")
@@ -433,7 +443,7 @@ def _run(command: list[str], messages: Path) -> int:
         except subprocess.TimeoutExpired:
             raise RuntimeError(f"{command[0]}: it was ended after {seconds:.3g} s") from None
         finally:
-            _end(process)  # or what it left
+            _end(process)  # kills the remaining processes of the group, too
             _running.discard(process)
     if status < 0:
         raise RuntimeError(f"{command[0]}: it was ended by signal {-status}")
@@ -446,6 +456,6 @@ def _end(process: subprocess.Popen[bytes]) -> None:
 
 
 def abandon() -> None:
-    """End every compiler: the process is about to end."""
+    """Kill every compiler before the process ends."""
     for process in list(_running):
         _end(process)

@@ -1,7 +1,7 @@
-"""A limit kept by all that is called inside it: solvers, compilers, loops between solves.
+"""A time limit for everything that is called inside of a context: solvers, compilers, loops.
 
-It is of wall time, of work, or of both. Work is processor time, of this thread and of the processes
-that it waits for: however busy the machine is, as much is done.
+The limit is a wall time, an amount of work, or both. Work is processor time of this thread and of
+the child processes that it waits for, so a busy machine does not change the result.
 """
 
 from __future__ import annotations
@@ -23,20 +23,19 @@ _given_up: ContextVar[bool] = ContextVar("given_up", default=False)
 
 
 class Over(Exception):
-    """The time is over, and what was being made is given up."""
+    """The time limit expired, and the unfinished result is dropped."""
 
 
 @contextmanager
 def within(time_limit: float, work: float = np.inf) -> Iterator[None]:
-    """End what is called inside after so much wall time, s, or work, s, with the best it has by
-    then.
+    """Limit the wall time, s, and the work, s, of everything called inside of the context.
 
-    Limits nest: the one that ends first counts.
+    Searches that reach the limit return their best result. Limits nest: the earliest end counts.
 
     Raises
     ------
     InputError
-        ``time_limit`` is no positive number; infinite is none.
+        ``time_limit`` is no positive number; infinite means no limit.
     """
     seconds = checks.time_limit(time_limit)
     token = _until.set(min(_until.get(), time.perf_counter() + seconds))
@@ -50,46 +49,44 @@ def within(time_limit: float, work: float = np.inf) -> Iterator[None]:
 
 
 def until() -> float:
-    """Return when the time is over, by the clock of ``time.perf_counter``; infinite without a
-    limit.
-    """
+    """Return the end of the time limit on the clock ``time.perf_counter``; infinite without one."""
     return 0.0 if interrupts.pressed() else _until.get()
 
 
 def left() -> float:
-    """Return the time that is left, s, if all of it is worked; infinite without a limit."""
+    """Return the remaining time, s, if all of it is spent on work; infinite without a limit."""
     return max(0.0, min(until() - time.perf_counter(), work_left()))
 
 
 def worked() -> float:
-    """Return the work so far: processor time of this thread and of processes it waited for, s."""
+    """Return the work done: processor time of this thread and of awaited child processes, s."""
     return time.thread_time() + sum(os.times()[2:4])
 
 
 def work_left() -> float:
-    """Return the work that is left, s; infinite without a limit."""
+    """Return the remaining work, s; infinite without a limit."""
     limit = _worked.get()
     return limit - worked() if limit < np.inf else np.inf
 
 
 def processor_time() -> float:
-    """Return the time of this process and of those that it started and waited for, s."""
+    """Return the processor time of this process and of its awaited child processes, s."""
     return sum(os.times()[:4])
 
 
 def over() -> bool:
-    """Return whether the time is over, or the work, by its limit or by Ctrl-C."""
+    """Return True if the time or work limit is reached, or Ctrl-C was pressed."""
     return time.perf_counter() >= until() or work_left() <= 0
 
 
 def status() -> Status:
-    """Return the status of what ended because the time is over."""
+    """Return the status of a search that the limit or Ctrl-C ended."""
     return Status.INTERRUPTED if interrupts.pressed() else Status.TIME_LIMIT
 
 
 @contextmanager
 def given_up(possible: bool = True) -> Iterator[None]:
-    """Raise :class:`Over` in what is made inside when the time is over, where that is possible."""
+    """Raise :class:`Over` from :func:`check` inside of the context once the limit is reached."""
     token = _given_up.set(possible)
     try:
         yield
@@ -98,6 +95,6 @@ def given_up(possible: bool = True) -> Iterator[None]:
 
 
 def check() -> None:
-    """Raise :class:`Over` where the time is over and what is being made may be given up."""
+    """Raise :class:`Over` if the limit is reached and the result may be dropped."""
     if _given_up.get() and over():
         raise Over

@@ -1,8 +1,8 @@
-"""A digest of what an object holds: equal content gives equal digests, in every process.
+"""Digests of the content of objects: equal content gives equal digests, in every process.
 
-It is that of a pickle in which functions stand with their code and everything that it refers to,
-dataclasses with the fields that they compare, arrays with their bytes, and what libraries hold by
-its name and the library's version.
+The digest is taken from a pickle. Functions enter it with their code and every object that the
+code refers to, dataclasses with the fields that they compare, arrays with their bytes, and members
+of libraries with their name and the library's version.
 """
 
 from __future__ import annotations
@@ -35,17 +35,17 @@ _WRAPPERS = {
     property: ("fget", "fset", "fdel"),
     functools._lru_cache_wrapper: ("__wrapped__",),
 }
-# of classes: how they are written, not what they do
+# A class's spelling, its place and its text, does not change its behaviour.
 _WRITTEN = ("__module__", "__doc__", "__dict__", "__weakref__", "__firstlineno__", "__qualname__")
 
 
 def digest_of(**parts: Any) -> str:
-    """Return the SHA-256 of what these parts hold, in hexadecimal digits.
+    """Return the SHA-256 of the content of some parts, in hexadecimal digits.
 
     Raises
     ------
     InputError
-        Something inside cannot be told from another of its kind: an open file, compiled code.
+        A part contains an object whose content cannot be compared: an open file, compiled code.
     """
     shared: dict[int, tuple[int, Any]] = {}
     whole = [(name, _digest(part, name, shared, ())) for name, part in parts.items()]
@@ -53,10 +53,10 @@ def digest_of(**parts: Any) -> str:
 
 
 def _digest(value: Any, name: str, shared: dict[int, tuple[int, Any]], around: Any) -> str:
-    """Return the digest of a value, which is called ``name`` where it has none.
+    """Return the digest of a value; messages call the value ``name``.
 
-    ``shared`` numbers the functions, classes and modules, each of which is taken once; ``around``
-    are the objects that the value is inside of.
+    ``shared`` numbers the functions, classes and modules, each of which is written once; ``around``
+    lists the identities of the objects that contain the value.
     """
     if id(value) in around:
         return f"around {around.index(id(value))}"
@@ -65,7 +65,7 @@ def _digest(value: Any, name: str, shared: dict[int, tuple[int, Any]], around: A
         _Content(stream, name, shared, (*around, id(value))).dump(value)
     except InputError:
         raise
-    except Exception:  # anyone's code
+    except Exception:  # a __reduce__ or __eq__ of the user's may raise anything
         raise InputError(
             f"{name} holds {shown(value)}, whose content cannot be read: whether it is the same "
             "again cannot be told"
@@ -74,15 +74,15 @@ def _digest(value: Any, name: str, shared: dict[int, tuple[int, Any]], around: A
 
 
 class _Content(pickle.Pickler):
-    """A pickle for its digest alone."""
+    """A pickler whose output serves for a digest alone."""
 
     def __init__(self, stream: io.BytesIO, name: str, shared: Any, around: Any) -> None:
         super().__init__(stream, 5)
-        self.fast = True  # nothing depends on which equal objects are one
+        self.fast = True  # equal objects give equal digests, whether or not they are one object
         self.name, self.shared, self.around = name, shared, around
 
     def persistent_id(self, value: Any) -> Any:
-        """Return what stands for a value in the pickle; None where it is pickled as ever."""
+        """Return the entry of a value in the pickle; None leaves the value to pickle."""
         if isinstance(value, types.FunctionType | type | types.ModuleType):
             return self._once(value)
         if isinstance(value, types.CodeType):
@@ -116,7 +116,7 @@ class _Content(pickle.Pickler):
         ]
 
     def _once(self, value: Any) -> Any:
-        """Return what stands for a function, class or module: once, then its number."""
+        """Return the content of a function, class or module, at later visits its number alone."""
         if id(value) in self.shared:
             return "again", self.shared[id(value)][0]
         self.shared[id(value)] = len(self.shared), value
@@ -145,7 +145,7 @@ class _Content(pickle.Pickler):
         return function.__code__, defaults, self._named(named), modules
 
     def _module(self, module: str) -> Any:
-        """Return the name of a module, and its text where it is the user's own."""
+        """Return the name of a module, with its text if it is the user's own."""
         path = None if _in_library(module) else _file_of(module)
         if path is None:
             return "module", module
@@ -157,7 +157,7 @@ class _Content(pickle.Pickler):
 
 
 def _casadi_text(value: Any) -> str:
-    """Return a function or an expression of CasADi's as text."""
+    """Return the serialization of a function or expression of CasADi."""
     if isinstance(value, (ca.DM, ca.Sparsity)):
         value = ca.Function("f", [], [ca.DM(value)])
     elif not isinstance(value, ca.Function):
@@ -169,7 +169,7 @@ def _casadi_text(value: Any) -> str:
 
 
 def _references(code: types.CodeType) -> tuple[list[str], list[str]]:
-    """Return global names that a code uses, and modules that it imports."""
+    """Return the global names that a code object reads, and the modules that it imports."""
     used, imported, left = set[str](), set[str](), [code]
     while left:
         inner = left.pop()
@@ -185,14 +185,14 @@ def _references(code: types.CodeType) -> tuple[list[str], list[str]]:
 def _file_of(module: str) -> Path | None:
     try:
         spec = find_spec(module) if module else None
-    except (ImportError, ValueError):  # relative, or __main__
+    except (ImportError, ValueError):  # a relative name, or __main__
         return None
     return Path(spec.origin) if spec is not None and spec.has_location and spec.origin else None
 
 
 @functools.cache
 def _in_library(module: str | None) -> bool:
-    """Give whether a module is Python's, ours or installed, and so told by its name and version."""
+    """Return True for a module of Python, of this package or of an installed library."""
     top = str(module).partition(".")[0]
     if top == PACKAGE or top in sys.stdlib_module_names:
         return True

@@ -1,11 +1,10 @@
-"""CasADi functions as numpy functions that cost what a C call costs.
+"""CasADi functions as numpy functions at the cost of a C call.
 
-Called from Python, a CasADi function takes 40 us to turn arrays into its own matrices and back,
-and 0.5 us more for every column, before it computes anything. :func:`fast_call` compiles its C code
-together with a few lines that read numpy memory in place and write a new array: 0.1 us for the
-inverse dynamics of three joints, and one loop in C over all rows of a batch, as many of them at
-once as a register of the machine holds.
-:func:`buffered_call` takes any function as it is, and matrices.
+A CasADi function called from Python takes 40 us to convert arrays to its own matrices and back, and
+0.5 us more for every column. :func:`fast_call` compiles its C code together with a few lines that
+read numpy memory in place and write a new array: 0.1 us for the inverse dynamics of three joints. A
+batch is one loop in C, over as many rows at once as a vector register has numbers.
+:func:`buffered_call` evaluates any function without compilation, with matrices as arguments.
 """
 
 from __future__ import annotations
@@ -40,16 +39,18 @@ from microbot_ocp._base.interpreter import (
 
 FastCall = Callable[..., Any]
 
-WORTH_COMPILING = 0.5  # s of running as it is after which a function is compiled: what that takes
-# Rows after which it is a table: that takes 3.4 us an operation, CasADi's machine 5 ns for each row
+WORTH_COMPILING = 0.5  # s of uncompiled evaluation, about the compile time
+# Rows before a table is built: it costs 3.4 us an operation, the virtual machine 5 ns for each row.
 WORTH_A_TABLE = 700
-NESTED = {"base": 4}  # a chain of 1000 is made in 5 ms, with CasADi's 10 in 50 ms
-# No fused multiply-add: one state has the bits that it has among many, and what is compiled when it
-# pays those of CasADi's virtual machine. It would save 10 % of a call with 7 joints, nothing with 3
+NESTED = {"base": 4}  # CasADi builds a chain of 1000 in 5 ms; its default of 10 takes 50 ms
+# No fused multiply-add: a state has equal bits alone and in a batch, and code compiled later has
+# the bits of CasADi's virtual machine. FMA would save 10 % of a call with 7 joints.
 ROUNDED_ALIKE = ("-ffp-contract=off",)
 
-GLUE = Path(__file__).with_suffix(".c")  # what makes a module of the C code of a function
-TRIGONOMETRY = GLUE.with_name("trigonometry.c")  # sines of what is always compiled
+# Template of the Python module around the C code of a function.
+GLUE = Path(__file__).with_suffix(".c")
+# Sines and cosines for functions that are always compiled.
+TRIGONOMETRY = GLUE.with_name("trigonometry.c")
 
 
 @lru_cache(maxsize=128)
@@ -59,21 +60,21 @@ def fast_call(function: ca.Function) -> FastCall:
     Parameters
     ----------
     function : casadi.Function
-        Not compiled yet (it is, here); its inputs are vectors.
+        Uncompiled function, which is compiled here; its inputs are vectors.
 
     Returns
     -------
     callable
-        Takes one array [n] an input, or a batch [N,n]; a single [n] among batches stands for all
-        their rows. Returns an array [m] or [N,m] ([m,k] or [N,m,k] for a matrix), several outputs
-        as a tuple. All but float64 arrays of contiguous rows is converted first. Sines and cosines
-        are right to three units in the last place. Where Python's headers or the C compiler are
-        missing it does the same in some us a call.
+        Function of one array [n] for each input, or a batch [N,n]; a single [n] among batches
+        is repeated for all rows. It returns an array [m] or [N,m] ([m,k] or [N,m,k] for a
+        matrix), several outputs as a tuple. Arguments other than float64 arrays of contiguous
+        rows are converted. Sines and cosines have an error of at most three units in the last
+        place. Without Python's headers or a C compiler a call takes some us.
 
     Raises
     ------
     InputError
-        An input is a matrix or sparse; later, arrays of a wrong shape.
+        An input is a matrix or sparse; in later calls, an array has a wrong shape.
 
     Warns
     -----
@@ -99,32 +100,32 @@ def deferred_call(
 ) -> FastCall:
     """Return a CasADi function as a numpy function of many states, compiled when that pays.
 
-    Compiled code that is in the cache is used at once. Else the function runs as it is, many states
-    as a table (:mod:`~microbot_ocp._base.interpreter`), until that has taken
-    :data:`WORTH_COMPILING`: the few thousand states of a motion take less. All give the same bits.
-
+    Compiled code from the cache is used at once. Otherwise the function runs uncompiled, many
+    states as a table (:mod:`~microbot_ocp._base.interpreter`), until that has taken
+    :data:`WORTH_COMPILING`; the few thousand states of a motion take less. All give equal bits.
     Parameters
     ----------
     function : casadi.Function
-        As of :func:`fast_call`; its outputs are vectors, too. If ``most`` as of :func:`fast_loop`.
+        Function as for :func:`fast_call` with vectors as outputs; if ``most`` is above zero, as
+        for :func:`fast_loop`.
     most : int
-        If above zero the function is repeated as often, at most.
+        Largest number of repetitions; zero for a single evaluation.
     kept : bool
-        It is repeated from one state, and what each call returns is kept; where ``most`` is zero
-        it goes along the rows of the other inputs, its first output the next state.
+        True to return the outputs of every repetition from one state; with ``most`` of zero, the
+        function runs along the rows of the other inputs, its first output the next state.
     compiled : bool
-        Whether it is compiled at all.
+        False to never compile.
 
     Returns
     -------
     callable
-        Takes a batch [N,n] an input, returns a batch [N,m], several outputs as a tuple; if
-        ``kept`` its first input, with ``most`` all of them, are arrays [n].
+        Function of a batch [N,n] for each input, which returns a batch [N,m], several outputs as
+        a tuple. If ``kept``, its first input (with ``most`` every input) is an array [n].
 
     Raises
     ------
     InputError
-        As :func:`fast_call`.
+        Errors of :func:`fast_call`.
 
     Examples
     --------
@@ -137,14 +138,14 @@ def deferred_call(
     fast = _extension(function, most, make=False, kept=kept, alike=True) if compiled else None
     inner = (function, *function.find_functions())
     in_python = any(part.class_name() == "CallbackInternal" for part in inner)
-    spent = -np.inf if in_python or not compiled else 0.0  # of Python there is no C code
+    spent = -np.inf if in_python or not compiled else 0.0  # a Python callback has no C code
     as_it_is = _as_it_is(function, most, kept, compiled)
 
     def call(*given: Any) -> Any:
         nonlocal fast, spent
         if fast is None and spent > WORTH_COMPILING and compiles() and not deadline.over():
             fast = _extension(function, most, kept=kept, alike=True)
-            if fast is None and not deadline.over():  # else the next time, with more of it
+            if fast is None and not deadline.over():  # after a time limit, a later call tries again
                 fast = as_it_is
         if fast is not None:
             return fast(*given)
@@ -158,20 +159,20 @@ def deferred_call(
 
 @lru_cache(maxsize=128)
 def table_call(function: ca.Function) -> FastCall:
-    """Return a CasADi function as a numpy function of many states, by the interpreter's table.
+    """Return a CasADi function as a numpy function of many states, evaluated as a table.
 
-    Nothing is compiled for the function: the interpreter is the same for all. Without a compiler
-    CasADi's virtual machine does the same, more slowly.
+    Nothing is compiled for the function: one interpreter serves all. Without a compiler CasADi's
+    virtual machine gives the same results more slowly.
 
     Parameters
     ----------
     function : casadi.Function
-        As of :func:`deferred_call`.
+        Function as for :func:`deferred_call`.
 
     Raises
     ------
     InputError
-        As :func:`fast_call`.
+        Errors of :func:`fast_call`.
     """
     _check_vectors(function)
     return _stand_in(function)
@@ -184,23 +185,22 @@ def fast_loop(function: ca.Function, most: int) -> FastCall:
     Parameters
     ----------
     function : casadi.Function
-        Not compiled yet; its inputs are vectors. It takes a state and whatever else, and returns
-        the next state, a number that is above zero as long as it shall be called again, and
-        whatever else.
+        Uncompiled function of vectors: a state and further inputs. It returns the next state, a
+        number that is positive as long as the repetition continues, and further outputs.
     most : int
         Largest number of calls, at least 1.
 
     Returns
     -------
     callable
-        As of :func:`fast_call`: takes the first state and the other inputs, which stay the same,
-        and returns what the last call returned. A batch is a loop over its rows in C, each
-        repeated as often as it needs.
+        Function as from :func:`fast_call`, of the first state and the constant further inputs,
+        which returns the outputs of the last call. A batch is a loop in C over its rows, each
+        with its own number of repetitions.
 
     Raises
     ------
     InputError, NotCompiled
-        As :func:`fast_call`; the state's size changes.
+        Errors of :func:`fast_call`; the state's size changes.
 
     Examples
     --------
@@ -236,17 +236,17 @@ def _extension(
     kept: bool = False,
     alike: bool = False,
 ) -> FastCall | None:
-    """Return the compiled module's function; None where it cannot be built, or is not to be and
-    is not.
+    """Return the function of the compiled module; None if it is not in the cache and not built.
 
-    Its sines are our own; for the bits of CasADi's virtual machine (``alike``) the C library's.
+    Sines and cosines come from this package; with ``alike`` from the C library, which gives the
+    bits of CasADi's virtual machine.
     """
     headers = [sysconfig.get_path("include"), np.get_include()]
     cc = codegen.compiler() if compiles() else None
     if cc is None or not (Path(headers[0]) / "Python.h").exists():
         return None
     try:
-        # To write the text takes ten times as long as this, of a function that may not be there
+        # The C text takes ten times as long as this identity, which finds a cached library.
         recipe = repr((function.serialize(), most, kept, alike, package()))
         library = build_library(
             lambda: _source(function, most, kept, alike),
@@ -261,7 +261,7 @@ def _extension(
         )
         return _load(function.name(), library)
     except (OSError, subprocess.SubprocessError, RuntimeError, ImportError):
-        return None  # the caller does the same, only slower
+        return None  # the caller evaluates the function uncompiled
 
 
 def _source(function: ca.Function, most: int, kept: bool, alike: bool) -> str:
@@ -283,7 +283,7 @@ def _glue(function: ca.Function, most: int, kept: bool, trigonometry: str) -> st
         "OUT_COLUMNS": ", ".join(str(columns) for _, columns in shapes),
         "SZ_ARG": function.sz_arg(),
         "SZ_RES": function.sz_res(),
-        "SZ_W": function.sz_w() + 1,  # an array of no length is not C
+        "SZ_W": function.sz_w() + 1,  # C has no arrays of length zero
         "SZ_IW": function.sz_iw() + 1,
         "N_IN": function.n_in(),
         "N_OUT": function.n_out(),
@@ -304,10 +304,10 @@ def _glue(function: ca.Function, most: int, kept: bool, trigonometry: str) -> st
 
 
 def _wide(function: ca.Function) -> str:
-    """Return C statements of a function from x to y, vectors of states; none where an operation has
-    none.
+    """Return C statements that compute a function for a vector of states, from x to y.
 
-    What CasADi writes for one state a compiler cannot widen: a call of a sine stops it.
+    Empty if an operation is unknown. A compiler cannot vectorise CasADi's own code for one state,
+    as it calls the sine of the C library.
     """
     table = table_of(function) if function.is_a("SXFunction") else None
     if table is None:
@@ -330,7 +330,7 @@ def _wide(function: ca.Function) -> str:
 
 
 def _sizes(function: ca.Function) -> tuple[list[int], list[tuple[int, int]]]:
-    """Return the lengths of the inputs, vectors, and the shapes of the outputs."""
+    """Return the lengths of the inputs, which are vectors, and the shapes of the outputs."""
     shapes = [function.size_out(i) for i in range(function.n_out())]
     return [function.size1_in(i) for i in range(function.n_in())], shapes
 
@@ -345,26 +345,25 @@ def _load(name: str, library: Path) -> FastCall:
 
 
 def buffered_call(function: ca.Function) -> FastCall:
-    """Return any CasADi function, mapped or compiled ones too, as a function of numpy matrices.
+    """Return a CasADi function, mapped or compiled ones too, as a function of numpy matrices.
 
-    Nothing is compiled here: only the conversion to CasADi's matrices falls away, which costs 40 ns
-    an entry; that is most of the time of a long ``map`` or ``mapaccum``.
-
+    Nothing is compiled; only the conversion to CasADi's matrices is avoided, which costs 40 ns an
+    entry and most of the time of a long ``map`` or ``mapaccum``.
     Parameters
     ----------
     function : casadi.Function
-        Its inputs and outputs are dense.
+        Function with dense inputs and outputs.
 
     Returns
     -------
     callable
-        Takes one array [rows,columns] ([rows] for a vector) an input and returns a new array for
-        each output, several as a tuple.
+        Function of one array [rows,columns] ([rows] for a vector) for each input, which returns
+        a new array for each output, several as a tuple.
 
     Raises
     ------
     InputError
-        Something is sparse; later, arrays of a wrong shape.
+        An input or output is sparse; in later calls, an array has a wrong shape.
 
     Examples
     --------
@@ -378,7 +377,8 @@ def buffered_call(function: ca.Function) -> FastCall:
     if not all(sparsity.is_dense() for sparsity in (*inputs, *outputs)):
         raise InputError(f"every input and output of {function.name()} must be dense")
     name, labels = function.name(), function.name_in()
-    idle: list[_Memory] = []  # a call takes one, so that each thread works in its own
+    # Memories not in use: each call takes one, so threads do not share them.
+    idle: list[_Memory] = []
 
     def call(*given: Any) -> Any:
         if len(given) != len(labels):
@@ -406,7 +406,7 @@ def buffered_call(function: ca.Function) -> FastCall:
 
 
 class _Memory:
-    """What one evaluation of a function works in."""
+    """Work memory of one evaluation of a function."""
 
     def __init__(self, function: ca.Function) -> None:
         self.inputs = [np.zeros(function.size_in(i), order="F") for i in range(function.n_in())]
@@ -421,8 +421,9 @@ class _Memory:
 def _by_table(
     function: ca.Function,
 ) -> Callable[[int, list[FloatArray]], tuple[FloatArray, ...]] | None:
-    """Return a function of many rows as a table, which returns its outputs transposed; None where
-    that cannot be.
+    """Return a function of many rows by an operation table, with transposed outputs.
+
+    None if the function has no such table or there is no compiler.
     """
     table = table_of(function)
     if table is None:
@@ -431,7 +432,7 @@ def _by_table(
     try:
         run = _interpreter()
     except (OSError, subprocess.SubprocessError, RuntimeError):
-        return None  # CasADi's virtual machine does the same, only slower
+        return None  # the caller uses CasADi's virtual machine
     sizes, shapes = _sizes(function)
     numels = [rows * columns for rows, columns in shapes]
     counts = [np.array(numbers, dtype=np.intc) for numbers in (sizes, numels)]
@@ -458,12 +459,12 @@ def _by_table(
 
 @lru_cache(maxsize=1)
 def _interpreter() -> Callable[..., None]:
-    """Return the interpreter of tables, compiled once for all.
+    """Return the interpreter of operation tables, which is compiled once for all functions.
 
     Raises
     ------
     OSError, subprocess.SubprocessError, RuntimeError
-        As :func:`build_library`; there is no compiler.
+        Errors of :func:`build_library`; there is no compiler.
     """
     cc = codegen.compiler()
     if cc is None:
@@ -478,7 +479,7 @@ def _interpreter() -> Callable[..., None]:
 
 
 def _stand_in(function: ca.Function, by_table: bool = True) -> FastCall:
-    """Return what :func:`fast_call` promises, without an extension module."""
+    """Return the function of :func:`fast_call` without an extension module."""
     sizes, shapes = _sizes(function)
     single, many = buffered_call(function), _many_rows(function, by_table)
 
@@ -499,7 +500,7 @@ def _stand_in(function: ca.Function, by_table: bool = True) -> FastCall:
 def _vectors_or_batches(
     function: ca.Function, sizes: list[int], given: Sequence[Any]
 ) -> tuple[list[FloatArray], int | None]:
-    """Return the inputs as arrays [n] or [N,n], and N; None where none is a batch."""
+    """Return the inputs as arrays [n] or [N,n], and N; None if there is no batch."""
     if len(given) != len(sizes):
         raise InputError(f"{function.name()} takes {len(sizes)} arrays, not {len(given)}")
     arrays, rows = [np.asarray(value, dtype=float) for value in given], None
@@ -517,8 +518,9 @@ def _vectors_or_batches(
 def _many_rows(
     function: ca.Function, by_table: bool
 ) -> Callable[[int, list[FloatArray]], FloatArray | tuple[FloatArray, ...]]:
-    """Return a function of many rows, which returns its outputs transposed: by CasADi's map, and as
-    a table where one is worth it.
+    """Return a function of many rows with transposed outputs.
+
+    It evaluates CasADi's map, and a table once the number of rows pays for building it.
     """
     sizes, shapes = _sizes(function)
     mapped = lru_cache(maxsize=1)(lambda rows: buffered_call(function.map(rows)))
@@ -539,7 +541,7 @@ def _many_rows(
 
 
 def _repeated(single: FastCall, most: int) -> FastCall:
-    """Return what :func:`fast_loop` promises, without an extension module."""
+    """Return the function of :func:`fast_loop` without an extension module."""
 
     def call(*given: Any) -> Any:
         arrays = [np.asarray(value, dtype=float) for value in given]
@@ -560,7 +562,7 @@ def _repeated(single: FastCall, most: int) -> FastCall:
 
 
 def _as_it_is(function: ca.Function, most: int, kept: bool, by_table: bool) -> FastCall:
-    """Return what :func:`deferred_call` promises, without an extension module."""
+    """Return the function of :func:`deferred_call` without an extension module."""
     single = _stand_in(function, by_table)
     chained = lru_cache(maxsize=1)(lambda rows: buffered_call(function.mapaccum(rows, NESTED)))
 

@@ -1,5 +1,5 @@
-"""Words of other tools, and ours: for optimal control (rockit, CasADi's Opti, dymos, GPOPS), and
-for arms (Robotics Toolbox, Pinocchio, Drake, MoveIt, ruckig).
+"""Translations of the names that other tools use: for optimal control (rockit, CasADi's Opti,
+dymos, GPOPS), and for arms (Robotics Toolbox, Pinocchio, Drake, MoveIt, ruckig).
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from typing import NoReturn
 
 from microbot_ocp._base.checks import did_you_mean
 
-_SEVERAL = {  # a line of ours, and words for it
+_SEVERAL = {  # our call: foreign names for it
     'problem = ocp.OptimalControlProblem("name")': "Ocp OCP Opti Problem Stage stage",
     "problem.phase(name, duration)": "add_phase new_stage stages",
     "phase.state(name, initial=, final=) of a phase": "state states_ add_state differential_state",
@@ -83,7 +83,7 @@ _OF_ARMS = {
     "mo.time_optimal(robot, via_q), mo.quintic(via_q, via_t)": "jtraj mtraj ctraj plan",
     "comparison.plot().savefig(path)": "savefig",
 }
-_NAMES = {  # of arguments and attributes, where there are such
+_NAMES = {  # arguments and attributes: foreign names for them
     "q_min": "qmin lower_limits position_min lower_position",
     "q_max": "qmax upper_limits position_max upper_position",
     "qd_max": "v_max vmax velocity max_velocity velocity_max velocity_limit velocity_limits "
@@ -116,7 +116,7 @@ WORDS, WORDS_OF_ARMS, NAMES = map(_by_word, (_SEVERAL, _OF_ARMS, _NAMES))
 
 
 def our_name(word: str, there: Iterable[str]) -> str:
-    """Return the question for our name of a foreign one, if it is among those that there are.
+    """Return the question for our name of a foreign word, if that name exists here.
 
     >>> our_name("v_max", ["q_max", "qd_max"])
     "; did you mean 'qd_max'?"
@@ -125,7 +125,7 @@ def our_name(word: str, there: Iterable[str]) -> str:
 
 
 def remedy(word: str, words: Mapping[str, str] = WORDS) -> str:
-    """Return what to write for a foreign word; nothing for an unknown one.
+    """Return the call that replaces a foreign word; nothing for an unknown word.
 
     >>> remedy("T")
     '; here: duration=1.0, or a free one within (0.1, 100.0), of problem.phase'
@@ -134,7 +134,7 @@ def remedy(word: str, words: Mapping[str, str] = WORDS) -> str:
 
 
 class Hinting:
-    """An object that says what it calls an attribute that it has not."""
+    """An object whose AttributeError names the attribute that the user may have meant."""
 
     _foreign = WORDS
 
@@ -147,6 +147,6 @@ class Hinting:
 
 
 class HintingOfArms(Hinting):
-    """The same by the words of tools for arms."""
+    """An object of robotics, whose errors know the names of other tools for arms."""
 
     _foreign = WORDS_OF_ARMS

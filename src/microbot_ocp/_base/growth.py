@@ -1,10 +1,9 @@
-"""How a differential equation carries small errors: transition matrices and what they add up to.
+"""Growth of small errors along a differential equation: transition matrices and carried defects.
 
-A trajectory is judged segment by segment, each simulated from the trajectory's own state at its
-start. What is missed at the end of a segment is its defect. One simulation over the whole time
-would have carried every defect on by the transition matrices of the segments after it, and an
-unstable system makes much of little there: that says something of the system, not of the
-trajectory.
+A trajectory is verified segment by segment, each simulated from the trajectory's own state at its
+start. The error at the end of a segment is its defect. One simulation over the whole time would
+multiply every defect by the transition matrices of the later segments. An unstable system amplifies
+small defects; the amplification is reported, not judged.
 """
 
 from __future__ import annotations
@@ -16,15 +15,19 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
 
-LARGE = 1e6  # a growth of which the exponent says enough
-TAYLOR_TERMS = 13  # rounding, for matrices of norm 1/2
+LARGE = 1e6  # growth from which only the exponent is printed
+TAYLOR_TERMS = 13  # truncation below rounding for matrices of norm 1/2
 
 
 class Carried(NamedTuple):
-    """Defects carried on to first order.
+    """Defects carried to later segments, to first order.
 
-    ``errors`` [K,n] after every segment; ``amplification``, the largest norm of the transition
-    matrices from the segments' ends to the end of the last.
+    Attributes
+    ----------
+    errors : array [K,n]
+        Error after every segment.
+    amplification : float
+        Largest norm of the transition matrices from a segment's end to the end of the last one.
     """
 
     errors: FloatArray
@@ -34,8 +37,8 @@ class Carried(NamedTuple):
 def transition_matrices(slopes: FloatArray, lengths: FloatArray) -> FloatArray:
     """Return matrix exponentials [K,n,n] of the linearised dynamics [K,n,n] over the lengths [K].
 
-    By squaring a Taylor series (Moler and Van Loan, 2003, *Nineteen dubious ways to compute the
-    exponential of a matrix*, method 3).
+    The method is scaling and squaring of a Taylor series (Moler and Van Loan, 2003, *Nineteen
+    dubious ways to compute the exponential of a matrix*, method 3).
     """
     matrices = slopes * lengths[:, None, None]
     size = float(np.abs(matrices).sum(axis=2).max(initial=0.0))
@@ -53,8 +56,9 @@ def transition_matrices(slopes: FloatArray, lengths: FloatArray) -> FloatArray:
 
 
 def carry(defects: FloatArray, transitions: FloatArray) -> Carried:
-    """Return what defects [K,n] come to along the way, in units that make the components
-    comparable.
+    """Return the error after each segment from defects [K,n], in units that make them comparable.
+
+    The errors are e[k] = Phi[k] e[k-1] + d[k] with the transition matrices Phi [K,n,n].
     """
     error, errors = np.zeros(defects.shape[1]), np.zeros_like(defects)
     rest, amplification = np.eye(defects.shape[1]), 1.0
@@ -71,7 +75,7 @@ def carry(defects: FloatArray, transitions: FloatArray) -> Carried:
 
 
 def growth_said(amplification: float) -> str:
-    """Return how many fold errors grow, as text; large ones by their exponent.
+    """Return the factor by which errors grow as text; large ones by their exponent.
 
     >>> growth_said(37.88), growth_said(1.1e77), growth_said(np.inf)
     ('38-fold', '10^77-fold', 'more than 10^308-fold')

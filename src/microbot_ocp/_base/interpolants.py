@@ -1,8 +1,8 @@
-"""Tables that expressions read: at which argument, and the range that they have.
+"""Tables that expressions read: the argument of each lookup, and the range of its grid.
 
-CasADi extrapolates beyond a grid without a word. It does not tell a grid either; its serialization
-with names of its members does. Not seen are tables in functions that are never to be written out,
-and in branches that are short-circuited.
+CasADi extrapolates beyond a grid without notice and has no function that returns a grid; the
+grid is taken from CasADi's serialization with member names. Tables in functions with the option
+never_inline and in short-circuited branches are not found.
 """
 
 from __future__ import annotations
@@ -19,8 +19,19 @@ from microbot_ocp._base.checks import FloatArray
 
 
 class Lookup(NamedTuple):
-    """A table read in an expression: ``argument`` [d, K] in a grid from ``lower`` to ``upper``
-    [d], where the branches of ``casadi.if_else`` that it stands in are taken.
+    """A table lookup in an expression.
+
+    Outside of the branch of ``casadi.if_else`` that contains the lookup, the argument is replaced
+    by the lower end of the grid.
+
+    Attributes
+    ----------
+    name : str
+        Name of the table.
+    argument : MX [d,K]
+        Arguments of K lookups in d dimensions.
+    lower, upper : MX [d]
+        Ends of the grid.
     """
 
     name: str
@@ -30,8 +41,9 @@ class Lookup(NamedTuple):
 
 
 def lookups(expressions: Sequence[ca.MX]) -> list[Lookup]:
-    """Return tables (interpolants and B-splines of CasADi) that expressions read, also inside of
-    the functions that they call, each once.
+    """Return the lookups in expressions and the functions that they call, without duplicates.
+
+    A lookup reads an interpolant or a B-spline of CasADi.
     """
     column = ca.vertcat(ca.MX(0, 1), *map(ca.vec, expressions))
     whole = ca.Function("whole", ca.symvar(column), [column])
@@ -43,7 +55,7 @@ def lookups(expressions: Sequence[ca.MX]) -> list[Lookup]:
 
 
 class Read(NamedTuple):
-    """One argument of a table at some points: ``values`` [M], and the range of its grid."""
+    """Values [M] of one argument of a table at M points, and the range of its grid."""
 
     name: str
     component: int
@@ -53,12 +65,12 @@ class Read(NamedTuple):
 
     @property
     def relative(self) -> FloatArray:
-        """How far values [M] are outside of the grid, by half of its range."""
+        """Distance of each value [M] to the grid, divided by half of its range; negative inside."""
         beyond = np.maximum(self.lower - self.values, self.values - self.upper)
         return beyond / max((self.upper - self.lower) / 2, np.finfo(float).tiny)
 
     def at(self, k: int) -> str:
-        """Return where the table is read at a point."""
+        """Return a sentence about the lookup at point ``k``."""
         value = self.values[k]
         end = self.upper if value > self.lower else self.lower
         name = f"{self.name}[{self.component}]" if self.component else self.name
@@ -68,9 +80,9 @@ class Read(NamedTuple):
 def reads(
     expressions: Sequence[ca.MX], symbols: Sequence[ca.MX], table: FloatArray
 ) -> Iterator[Read]:
-    """Yield what tables are read at, by a table of the values of all symbols [..., M].
+    """Yield the arguments of all lookups for a table of the values of all symbols [..., M].
 
-    Lookups by other symbols are left out.
+    Lookups that depend on other symbols are left out.
     """
     for name, *parts in lookups(expressions):
         given = [ca.vertcat(*symbols)]
@@ -84,16 +96,16 @@ def reads(
             yield Read(name, k, values, float(lower[k, 0]), float(upper[k, 0]))
 
 
-_Waiting = tuple[ca.MX, str, ca.MX]  # a node, the function that it is of, whether it is used
+_Waiting = tuple[ca.MX, str, ca.MX]  # node, name of its function, condition of its branch
 
 
 def has_tables(function: ca.Function) -> bool:
-    """Return whether a function, or one that it calls, reads a table."""
+    """Return True if a function, or one that it calls, reads a table."""
     return any(map(_has_table, (function, *function.find_functions())))
 
 
 def _has_table(function: ca.Function) -> bool:
-    """Return whether a function, without those that it calls, reads a table."""
+    """Return True if a function reads a table, calls of others aside."""
     if not function.is_a("MXFunction"):
         return function.class_name().endswith("Interpolant")
     nodes = range(function.n_instructions())
@@ -108,7 +120,7 @@ def _all(expressions: Sequence[ca.MX]) -> Iterator[Lookup]:
         node, label, used = here = waiting.pop()
         if (key := (node.__hash__(), used.__hash__())) in seen:
             continue
-        seen[key] = here  # alive, so that no other one has its hash
+        seen[key] = here  # kept alive, so that no other node gets its hash
         given = [node.dep(k) for k in range(node.n_dep())]
         branch = ca.logic_and(used, given[0]) if node.op() == ca.OP_IF_ELSE_ZERO else used
         waiting += [(e, label, branch if k else used) for k, e in enumerate(given)]
@@ -122,8 +134,8 @@ def _all(expressions: Sequence[ca.MX]) -> Iterator[Lookup]:
 
 
 def _read(node: ca.MX, label: str, given: Sequence[ca.MX]) -> Iterator[Lookup]:
-    """Yield the table that a node reads, if it does."""
-    if node.op() == ca.OP_LOW:  # a linear one that is written out
+    """Yield the lookup of a node that reads a table."""
+    if node.op() == ca.OP_LOW:  # an inlined linear interpolant
         yield Lookup(label, given[1], given[0][0], given[0][-1])
     elif node.op() == ca.OP_BSPLINE:
         whole = _written(ca.Function("spline", ca.symvar(node), [node]))
@@ -151,17 +163,18 @@ def _interpolant(function: ca.Function, given: Sequence[ca.MX]) -> Lookup:
 def _written(function: ca.Function) -> bytes:
     """Return the serialization of a function with the names of its members."""
     letters = np.frombuffer(function.serialize({"debug": True}).encode(), np.uint8) - ord("a")
-    return (letters[::2] | letters[1::2] << 4).tobytes()  # one for four bits, the lower ones first
+    # Two letters a byte, the lower four bits first.
+    return (letters[::2] | letters[1::2] << 4).tobytes()
 
 
 def _vectors(whole: bytes, owner: str, name: str) -> list[np.ndarray]:
-    """Return vectors that stand in one, by their offsets."""
+    """Return the vectors that the serialization stacks in one, split at their offsets."""
     offsets = _member(whole, f"{owner}::offset", "<i8")
     return np.split(_member(whole, f"{owner}::{name}", "<f8"), offsets[1:-1])
 
 
 def _member(whole: bytes, name: str, kind: str) -> np.ndarray:
-    """Return a member that is a vector: "V", "J" and its size, then entries with their kinds."""
+    """Return a vector member: bytes "V", "J", its size, and entries, each after a letter."""
     start = whole.index(name.encode()) + len(name)
     count = int.from_bytes(whole[start + 2 : start + 10], "little")
     entry = np.dtype([("kind", "S1"), ("value", kind)])

@@ -1,11 +1,11 @@
-"""An interpreter in C of CasADi functions that are called for many columns at once.
+"""An interpreter in C for CasADi functions that are evaluated for many columns at once.
 
-Written out in C a derivative is thousands of operations without a loop: a compiler takes seconds,
-and the processor fetches every one of them from memory. Here operations are a table, and a short
-loop takes each for a block of columns, whose numbers stand side by side, and a product with the sum
-that needs it. One of 32 columns takes 5 to 7 ns: short functions are as fast as compiled, Hessians
-of six and seven joints 3 and 5 times as fast, with the bits of CasADi's virtual machine, and a
-compiler takes 0.2 to 0.6 s for all of a task.
+In generated C code a derivative is thousands of operations without a loop: a compiler takes
+seconds, and the processor fetches each instruction from memory. Here the operations are a table. A
+short loop executes each for a block of columns, whose numbers are adjacent in memory, and combines
+a product with the sum that uses it. An operation on 32 columns takes 5 to 7 ns. Short functions are
+as fast as compiled ones, Hessians of six and seven joints 3 and 5 times as fast. The results have
+the bits of CasADi's virtual machine. The C compiler takes 0.2 to 0.6 s for all functions of a task.
 """
 
 from __future__ import annotations
@@ -22,35 +22,37 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
 
-COLUMNS = 32  # of a block; of 64 the numbers of a stage of seven joints fill the second cache
-ALIGNMENT = 8  # numbers to a line of a cache
-NAME = "interpreter"  # that names of libraries begin with
+# Columns of a block; with 64, a stage of seven joints would exceed the second-level cache.
+COLUMNS = 32
+ALIGNMENT = 8  # numbers in a cache line
+NAME = "interpreter"  # prefix of the names of libraries
 FLAGS = ("-ffp-contract=off",)
 
 HERE = Path(__file__).parent
 _LINE = re.compile(r"^OPERATION\((\w+), (.+)\)$", re.MULTILINE)
 _LINES = _LINE.findall((HERE / "operations.c").read_text("utf-8"))
-FORMULAS = {getattr(ca, f"OP_{name}"): formula for name, formula in _LINES}  # in C, by operation
+# C expression of each operation.
+FORMULAS = {getattr(ca, f"OP_{name}"): formula for name, formula in _LINES}
 MOVES = {f"MOVE_{name}": getattr(ca, f"OP_{name}") for name in ("CONST", "INPUT", "OUTPUT")}
-# Sums and differences with products: the next row has the places of a second product or a number
+# A sum or difference with a product has a second row, for a second product or the other operand.
 PRODUCTS = ("PRODUCT_PLUS", "PRODUCT_MINUS", "MINUS_PRODUCT")
 PRODUCTS += ("SUM_OF_PRODUCTS", "DIFFERENCE_OF_PRODUCTS")
-FIRST_PRODUCT = 1000  # beyond CasADi's operations
+FIRST_PRODUCT = 1000  # above all operations of CasADi
 ESCAPED = [chr(k) if chr(k).isalnum() else f"\\{k:03o}" for k in range(128)]
 ESCAPED += [f"\\{k:03o}" for k in range(128, 256)]
 
 
 class ManyColumns(ca.Function):
-    """A function of one column from a library that has the same of a block of columns."""
+    """A function of one column, from a library that also has the function of a block of columns."""
 
     def __init__(self, name: str, library: str) -> None:
         super().__init__(ca.external(name, library))
         self._block = ca.external(f"{name}_block", library)
 
     def map(self, count: int, *_: Any) -> ca.Function:
-        """Return the function of ``count`` columns, in one thread.
+        """Return the function of ``count`` columns, evaluated in one thread.
 
-        In several CasADi computes all outputs, whichever are asked for.
+        With several threads CasADi would compute all outputs, even those not requested.
         """
         if count == 1:
             return super().map(count)
@@ -59,7 +61,7 @@ class ManyColumns(ca.Function):
         for k in range(self.n_in()):
             width = self.size2_in(k)
             inputs.append(ca.MX.sym(self.name_in(k), self.size1_in(k), count * width))
-            # the last one fills its block
+            # The last column is repeated to fill its block.
             _, last = ca.horzsplit(inputs[-1], [0, (count - 1) * width, count * width])
             given.append(ca.horzcat(inputs[-1], ca.repmat(last, 1, blocks * COLUMNS - count)))
         for k, output in enumerate(self._block.map(blocks).call(given)):
@@ -69,8 +71,9 @@ class ManyColumns(ca.Function):
 
 
 def c_text(functions: Sequence[ca.Function]) -> str | None:
-    """Return C text of functions, of one column and of a block; None where one has no scalar graph
-    of operations that are known.
+    """Return C text of functions, for one column and for a block.
+
+    None if a function cannot be expanded into scalar operations or has an unknown one.
     """
     tables = [table_of(function) for function in functions]
     interpreted = [with_products(table) for table in tables if table is not None]
@@ -82,7 +85,7 @@ def c_text(functions: Sequence[ca.Function]) -> str | None:
 
 
 def interpreter_text(used: Collection[int] = FORMULAS.keys()) -> str:
-    """Return C text of an interpreter of operations."""
+    """Return the C text of an interpreter for these operations."""
     cases = " ".join(
         f"CASE({k}, {FORMULAS[k].format('x', 'y')})" for k in sorted(FORMULAS.keys() & used)
     )
@@ -95,13 +98,15 @@ def interpreter_text(used: Collection[int] = FORMULAS.keys()) -> str:
 
 @dataclass(frozen=True, eq=False)
 class OperationTable:
-    """A function as operations on places of a work array.
+    """A function as a list of operations on a work array.
 
     Attributes
     ----------
-    code : operation, where its result goes, and what it is of [N, 4], 16 bits each
-    constants : [C]
-    places : numbers that are at work at once
+    code : array of 16-bit integers [N,4]
+        Operation, index of its result, and indices of its two operands.
+    constants : array [C]
+    places : int
+        Length of the work array.
     """
 
     code: np.ndarray
@@ -109,7 +114,7 @@ class OperationTable:
     places: int
 
     def ends(self, function: ca.Function) -> list[int]:
-        """Return after which operation each output is known."""
+        """Return, for each output, the number of operations after which it is complete."""
         of_outputs = np.flatnonzero(self.code[:, 0] == ca.OP_OUTPUT)
         ends = np.zeros(function.n_out(), dtype=int)
         np.maximum.at(ends, self.code[of_outputs, 2], of_outputs + 1)
@@ -117,10 +122,10 @@ class OperationTable:
 
 
 def table_of(function: ca.Function) -> OperationTable | None:
-    """Return the table of a function; None where it has no scalar graph of operations that are
-    known, or is too large.
+    """Return the operation table of a function, which computes the last outputs first.
 
-    The last outputs come first: a cost and its gradient, which solvers ask for alone.
+    The last outputs are a cost and its gradient, which solvers often request alone. None if the
+    function cannot be expanded into scalar operations, has an unknown one or is too large.
     """
     try:
         function = function.expand()
@@ -149,10 +154,10 @@ def table_of(function: ca.Function) -> OperationTable | None:
 
 
 def with_products(table: OperationTable) -> OperationTable:
-    """Return a table in which a product that only one sum or difference uses is made there.
+    """Return a table in which a product with a single use is computed by the sum that uses it.
 
-    It is rounded as before, so that the bits stay. Nearly half of the operations of derivatives are
-    such products: they are neither written to memory nor read again.
+    The product is rounded as before, so the bits do not change. Nearly half of the operations of a
+    derivative are such products; they are no longer written to and read from memory.
     """
     code = table.code.astype(int)
     rows, (operation, to, *of) = np.arange(len(code)), code.T
@@ -162,10 +167,10 @@ def with_products(table: OperationTable) -> OperationTable:
     keys = to[writes] * len(code) + writes
 
     def writer(place: np.ndarray, row: np.ndarray) -> np.ndarray:
-        """Return which row has written what a row reads from a place: the last one before it."""
+        """Return the row that last wrote to a place before a row reads it."""
         return writes[np.searchsorted(keys, place * len(code) + row) - 1]
 
-    overwritten = np.full(len(code), len(code))  # by which row
+    overwritten = np.full(len(code), len(code))  # next row that writes to the result of each row
     again = to[writes[1:]] == to[writes[:-1]]
     overwritten[writes[:-1][again]] = writes[1:][again]
     source = np.array([writer(places, rows) for places in of])
@@ -178,7 +183,8 @@ def with_products(table: OperationTable) -> OperationTable:
     for side in source:
         user[side[is_sum]] = rows[is_sum]
     moved = (operation == ca.OP_MUL) & (uses == 1) & (user >= 0)
-    for side in source:  # the factors are still there, if only the product would be in their place
+    # Valid only if the factors are intact at the sum; the product's own result may replace one.
+    for side in source:
         moved &= (overwritten[side] >= user) | (overwritten[side] == rows)
     left, right = is_sum & moved[source]
     merged, is_difference = left | right, operation == ca.OP_SUB
@@ -196,12 +202,12 @@ def with_products(table: OperationTable) -> OperationTable:
 
 
 def c_numbers(values: Iterable[float]) -> str:
-    """Return numbers as C has them, with commas between."""
+    """Return numbers as C source, separated by commas."""
     return ",".join(map(repr, values)).replace("inf", "INFINITY").replace("nan", "NAN")
 
 
 def _definitions(function: ca.Function, table: OperationTable) -> Iterator[str]:
-    """Yield the tables of a function in C, and what CasADi asks of a library about it."""
+    """Yield C text: the tables of a function and the functions that CasADi calls in a library."""
     name = function.name()
     values = c_numbers(table.constants.tolist())
     code = "".join(map(ESCAPED.__getitem__, table.code.tobytes()))

@@ -1,9 +1,9 @@
-"""Ctrl-C, which solvers swallow: what was interrupted never passes for an answer.
+"""Ctrl-C, which solvers swallow: an interrupted call never returns a normal answer.
 
-CasADi's solvers end as if they had failed when KeyboardInterrupt comes out of a function that they
-evaluate, and Python drops it in finalizers. So it is noted beside being raised, for as long as a
-public call lasts. Every limit of time is over from then on, and an answer that does not say that it
-was interrupted is not returned.
+If KeyboardInterrupt leaves a function that a solver of CasADi evaluates, the solver reports a mere
+failure; in a finalizer, Python drops it. Therefore an interrupt is counted as well as raised, for
+the duration of a public call. From then on every time limit has expired, and the call returns its
+answer only if the answer's status says that it was interrupted.
 """
 
 from __future__ import annotations
@@ -18,24 +18,25 @@ from typing import Any
 
 from microbot_ocp._base.status import Status
 
-# those of the C module: Python's look for an enumeration's member, 20 us a call
+# Python's own versions convert to an enumeration, which takes 20 us a call.
 _handler, _set_handler = inspect.unwrap(signal.getsignal), inspect.unwrap(signal.signal)
-_count = 0  # of interrupts so far
-_before: int | None = None  # the count when the outermost public call of the main thread began
+_count = 0  # number of interrupts
+# Number of interrupts at the start of the main thread's outermost public call.
+_before: int | None = None
 
 
 def note() -> None:
-    """Note an interrupt that is dealt with here, such as that of a progress function."""
+    """Count an interrupt that the caller handles, such as one in a progress function."""
     global _count
     _count += _is_main()
 
 
 @contextmanager
 def noted(*, is_raised: bool = True) -> Iterator[Callable[[], bool]]:
-    """Note KeyboardInterrupt of a signal inside, and raise it, or not.
+    """Count each KeyboardInterrupt of a signal inside of the context, and raise it if asked to.
 
-    Yields a function that tells whether there was one. Whatever handler was installed decides
-    whether a signal is an interrupt; only the main thread gets any.
+    Yields a function that returns True after an interrupt. The previously installed handler decides
+    whether a signal is an interrupt. Only the main thread receives signals.
     """
     before, usual = _count, _handler(signal.SIGINT)
 
@@ -59,15 +60,15 @@ def noted(*, is_raised: bool = True) -> Iterator[Callable[[], bool]]:
 
 
 def pressed() -> bool:
-    """Return whether there was an interrupt since the outermost public call began."""
+    """Return True if an interrupt came since the outermost public call began."""
     return _before is not None and _count > _before and _is_main()
 
 
 def obeyed(function: Callable[..., Any], arguments: Any, named: Any, *, notes: bool) -> Any:
-    """Return what a public call answers; KeyboardInterrupt where one was swallowed unsaid.
+    """Return the answer of a public call; raise KeyboardInterrupt if a solver swallowed one.
 
-    ``notes`` asks for :func:`noted` around it, which takes some us: without, it is what solves
-    inside that notes.
+    ``notes`` wraps the call in :func:`noted`, which takes some us; without it, only the functions
+    that run solvers count interrupts.
     """
     global _before
     if _before is not None or not _is_main():
@@ -79,7 +80,7 @@ def obeyed(function: Callable[..., Any], arguments: Any, named: Any, *, notes: b
         if pressed() and getattr(answer, "status", None) is not Status.INTERRUPTED:
             raise KeyboardInterrupt
         return answer
-    except Exception as problem:  # CasADi makes others of it, such as SystemError
+    except Exception as problem:  # CasADi turns an interrupt into other errors, such as SystemError
         if pressed():
             raise KeyboardInterrupt from problem
         raise

@@ -1,7 +1,8 @@
-"""Messages of ROS and MoveIt: each of their fields is kept, harmless, or refused where it speaks.
+"""Fields of the messages of ROS and MoveIt: each is kept, harmless, or refused if it has content.
 
-One table, ``messages.txt``, for requests, scenes and trajectories; :func:`check_message` asks it of
-whatever is read, so that nothing is dropped in silence. ``docs/messages.md`` is made of it.
+``messages.txt`` lists the fields of requests, scenes and trajectories; :func:`check_message`
+compares every message that is read with the list, so that no field is ignored in silence.
+``docs/messages.md`` is generated from it.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ LINE = re.compile(r"(kept|harmless|refused) ([\w ]+?)(?: -> ([\w ]+))?(?: \((\d)
 
 
 class Field(NamedTuple):
-    """Verdict on a field, why or how, the type of messages in it, and which value says nothing."""
+    """Verdict on a field, its reason, the type of nested messages, and the value for no content."""
 
     verdict: str
     why: str
@@ -41,7 +42,7 @@ MESSAGES: dict[str, dict[str, Field]] = {
 
 
 def kind_of(document: Mapping[str, Any], kinds: Iterable[str]) -> str:
-    """Return the type, out of some, that has most of the keys of a document and of its parts."""
+    """Return the candidate type that shares most keys with a document and its nested parts."""
 
     def fits(value: Any, of: str) -> bool:
         parts = [part for part in (value if isinstance(value, list) else [value]) if part]
@@ -57,7 +58,7 @@ def kind_of(document: Mapping[str, Any], kinds: Iterable[str]) -> str:
 
 
 def check_message(document: Mapping[str, Any], kind: str, where: str = "") -> None:
-    """Raise InputError for the first field that is unknown, or refused, by its path."""
+    """Raise InputError for the first field that is unknown or refused; the message has its path."""
     for key, value in document.items():
         path = f"{where}{key}"
         field = MESSAGES[kind].get(key)
@@ -73,7 +74,7 @@ def check_message(document: Mapping[str, Any], kind: str, where: str = "") -> No
 
 
 def _says_nothing(value: Any, neutral: int) -> bool:
-    """Return whether a value is empty, or zeros, or a turn by nothing, at any depth."""
+    """Return True if a value is empty, zero, or an identity rotation, at any depth."""
     if isinstance(value, Mapping):
         return all(_says_nothing(entry, key == "w" or neutral) for key, entry in value.items())
     if isinstance(value, list):

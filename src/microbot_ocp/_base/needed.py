@@ -1,24 +1,32 @@
-"""Packages that not every installation has: without one, a sentence says what to install."""
+"""Packages that not every installation has: without one, a message says how to install it."""
 
 from importlib import import_module
 from typing import Any
 
 from microbot_ocp._base.checks import InputError
 
-DISTRIBUTIONS = {"rerun": "rerun-sdk"}  # where it is not named as the package
+DISTRIBUTIONS = {"rerun": "rerun-sdk"}  # packages whose distribution has another name
 
 
-def needed(module: str, what: str, extra: str = "") -> Any:
-    """Import a module for what needs it, such as "figures need", of an extra if there is one.
+def needed(module: str, purpose: str, extra: str = "") -> Any:
+    """Import a module; the message about a missing one begins with its purpose.
+
+    Parameters
+    ----------
+    module : str
+    purpose : str
+        Purpose of the module, such as "figures need".
+    extra : str
+        Extra of this package that installs the module.
 
     Raises
     ------
     InputError
-        It is not installed.
+        The module is not installed.
     """
     try:
         return import_module(module)
     except ImportError:
         package = module.partition(".")[0].replace("_", "-")
         install = f"'microbot_ocp[{extra}]'" if extra else DISTRIBUTIONS.get(package, package)
-        raise InputError(f"{what} {package}: pip install {install}") from None
+        raise InputError(f"{purpose} {package}: pip install {install}") from None

@@ -1,4 +1,4 @@
-"""How a search ended: status, advice by rows, and a ledger with a row for every strategy."""
+"""Outcome of a search: status, rows of advice, and a ledger with a row for every strategy."""
 
 from __future__ import annotations
 
@@ -22,17 +22,22 @@ COLUMNS = (
 
 @dataclass(frozen=True)
 class LedgerRow:
-    """One strategy of a search.
+    """Contribution of one strategy to a search.
 
     Attributes
     ----------
-    strategy : its name
-    run : how often it was run
-    decided : whether the answer that was returned comes from it
-    cost_before, cost_after : of the answer when it was run first and after it was run last; None
-        where there was none
-    iterations : of all its solves
-    seconds : wall time, s
+    strategy : str
+        Name of the strategy.
+    run : int
+        Number of runs.
+    decided : bool
+        True if the returned answer comes from this strategy.
+    cost_before, cost_after : float or None
+        Cost of the best answer before the first and after the last run; None without an answer.
+    iterations : int
+        Iterations of all solves.
+    seconds : float
+        Wall time, s.
     """
 
     strategy: str
@@ -45,13 +50,13 @@ class LedgerRow:
 
 
 class Ledger(tuple[LedgerRow, ...]):
-    """Rows of a search in the order in which strategies were first run; printed as a table."""
+    """Rows of a search in the order in which strategies first ran; printed as a table."""
 
     __slots__ = ()
 
     @classmethod
     def of(cls, rows: Iterable[LedgerRow]) -> Ledger:
-        """Return one row a strategy."""
+        """Return a ledger in which the rows of each strategy are added up."""
         sums: dict[str, LedgerRow] = {}
         for row in rows:
             total, before = row, sums.get(row.strategy)
@@ -69,11 +74,11 @@ class Ledger(tuple[LedgerRow, ...]):
 
     @classmethod
     def read(cls, rows: Iterable[Mapping[str, Any]]) -> Ledger:
-        """Return the ledger that a file holds."""
+        """Return the ledger stored in a file."""
         return cls(LedgerRow(**row) for row in rows)
 
     def discarded(self) -> Ledger:
-        """Return the same of an answer that was not returned."""
+        """Return the ledger of an answer that was not returned: no strategy decided."""
         return Ledger(replace(row, decided=False) for row in self)
 
     def as_dicts(self) -> list[dict[str, Any]]:
@@ -81,7 +86,7 @@ class Ledger(tuple[LedgerRow, ...]):
         return [asdict(row) for row in self]
 
     def table(self) -> Table:
-        """Return one row a strategy."""
+        """Return a table with one row a strategy."""
         return Table(COLUMNS, [tuple(row.values()) for row in self.as_dicts()])
 
     def __str__(self) -> str:
@@ -93,16 +98,22 @@ NO_LEDGER = Ledger()
 
 @dataclass(frozen=True)
 class Advice:
-    """One thing that is known of how something ended.
+    """One remark about the ending of a search.
 
     Attributes
     ----------
-    kind : what programs tell rows apart by: "status", "limit", "remark", "returned", ...
-    sentence : what it means, for the user
-    label : what it is about, such as the name of a limit
-    amount : by how much, in ``unit``; None where there is none
-    unit : of the amount
-    at : the part of a program that it is about, and when, s; not written to files
+    kind : str
+        Category for programs: "status", "limit", "remark", "returned", ...
+    sentence : str
+        Explanation for the user.
+    label : str
+        Subject of the remark, such as the name of a limit.
+    amount : float or None
+        Excess in ``unit``, if any.
+    unit : str
+        Unit of the amount.
+    at : (object, float) or None
+        Part of the program concerned, and time, s; not written to files.
     """
 
     kind: str
@@ -113,26 +124,28 @@ class Advice:
     at: tuple[Any, float] | None = None
 
     def named(self, label: str) -> Advice:
-        """Return the same with another name of what it is about."""
+        """Return the advice about the same subject under another name."""
         return replace(
             self, sentence=self.sentence.replace(self.label, label), label=label, at=None
         )
 
 
 def remark(sentence: str) -> Advice:
-    """Return advice that programs have no use for."""
+    """Return advice without meaning for programs."""
     return Advice("remark", sentence)
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """How something that may fail ended, and why.
+    """Status of a computation that may fail, with advice and a ledger.
 
     Attributes
     ----------
     status : Status
-    advice : rows, the most important one first
-    ledger : what the strategies of a search did
+    advice : tuple of Advice
+        Remarks, the most important one first.
+    ledger : Ledger
+        Rows of the strategies of a search.
 
     Examples
     --------
@@ -147,13 +160,13 @@ class Outcome:
 
     @classmethod
     def of(cls, status: Status, sentence: str | None = None, *more: Advice) -> Outcome:
-        """Return an outcome with one sentence on its status (default: what the status means)."""
+        """Return an outcome with one sentence on its status, by default ``status.sentence``."""
         words = status.sentence if sentence is None else sentence
         return cls(status, (*((Advice("status", words),) if words else ()), *more))
 
     @classmethod
     def read(cls, values: Mapping[str, Any]) -> Outcome:
-        """Return the outcome that a file holds; failed where its status is not known."""
+        """Return the outcome stored in a file; FAILED if its status is unknown."""
         try:
             status = Status(values["status"])
         except ValueError:
@@ -163,16 +176,16 @@ class Outcome:
 
     @property
     def solved(self) -> bool:
-        """Whether it ended well."""
+        """True only for SOLVED."""
         return self.status.solved
 
     @property
     def text(self) -> str:
-        """All sentences, one a line."""
+        """Sentences of all advice, one a line."""
         return "\n".join(row.sentence for row in self.advice)
 
     def and_(self, *rows: Advice) -> Outcome:
-        """Return the outcome with more advice."""
+        """Return the outcome with further advice."""
         return replace(self, advice=(*self.advice, *rows))
 
     def as_dict(self) -> dict[str, Any]:

@@ -1,7 +1,7 @@
-"""Pickles of what holds expressions of CasADi, for other processes.
+"""Objects with CasADi expressions that can be pickled for other processes.
 
-CasADi writes an expression into a context, in which a symbol stays one symbol in all expressions.
-The outermost object that is pickled has a context of its own; the objects in it are written there.
+CasADi writes expressions into a context, which preserves symbols that several expressions share.
+The outermost pickled object opens a context, into which the objects inside of it are written.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ from typing import Any, Self
 
 import casadi as ca
 
-_here = threading.local()  # as CasADi's contexts are
-# a class name of CasADi's, as it writes bytes: a letter for four bits, the lower ones first
+_here = threading.local()  # CasADi's contexts belong to a thread, too
+# CasADi writes each byte of the class name as two letters, the lower four bits first.
 _CALLBACK = b"".join(bytes((97 + (k & 15), 97 + (k >> 4))) for k in b"CallbackInternal")
 
 
 class Portable:
-    """An object with expressions; copies in the same process share its symbols."""
+    """An object with expressions; its copies in one process share its symbols."""
 
     def __reduce_ex__(self, protocol: Any) -> Any:
         if getattr(_here, "writes", False):
@@ -30,7 +30,7 @@ class Portable:
                 content = pickle.dumps(self, protocol)
         finally:
             _here.writes = False
-        if _CALLBACK in content:  # CasADi writes it, and cannot read it
+        if _CALLBACK in content:  # CasADi can write a callback but not read it
             raise pickle.PicklingError(
                 f"{type(self).__name__} cannot be pickled: its expressions call a function of "
                 "Python (numeric_function, casadi.Callback), which stays in its process; declare "

@@ -1,7 +1,7 @@
-"""Silence for one thread: what CasADi prints on its way to an exception.
+"""Silence for one thread while CasADi prints messages on its way to an exception.
 
-To redirect ``sys.stdout`` is to redirect it for all threads: what others print is lost, and two
-redirections that overlap leave it redirected for ever.
+A redirection of ``sys.stdout`` would redirect all threads: their output would be lost, and two
+overlapping redirections would never be undone.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from typing import Any
 
 STREAMS = ("stdout", "stderr")
 _lock = threading.Lock()
-_silent: dict[str, set[int]] = {name: set() for name in STREAMS}  # threads
+_silent: dict[str, set[int]] = {name: set() for name in STREAMS}  # identities of silent threads
 
 
 class _Stream:
-    """A stream that silent threads do not write to."""
+    """A stream that drops the output of silent threads."""
 
     def __init__(self, stream: Any, name: str) -> None:
         self.stream, self.name = stream, name
@@ -33,7 +33,7 @@ class _Stream:
 
 @contextlib.contextmanager
 def quiet(*names: str) -> Iterator[None]:
-    """Print nothing from this thread, to some streams or to both."""
+    """Suppress the output of this thread to the named streams, by default to both."""
     me = threading.get_ident()
     with _lock:
         new = [name for name in names or STREAMS if me not in _silent[name]]
@@ -54,7 +54,7 @@ def quiet(*names: str) -> Iterator[None]:
 
 @contextlib.contextmanager
 def aloud() -> Iterator[None]:
-    """Let through what this thread prints inside of :func:`quiet`: that of a user's function."""
+    """Print the output of this thread inside of :func:`quiet`, for a user's function."""
     me = threading.get_ident()
     with _lock:
         held = [name for name in STREAMS if me in _silent[name]]

@@ -1,4 +1,4 @@
-"""The one reader of files: no pipe, which may never end, no device, nothing huge."""
+"""The one reader of files, which refuses pipes (they may never end), devices and huge files."""
 
 from __future__ import annotations
 
@@ -11,25 +11,25 @@ from typing import Any
 
 from microbot_ocp._base.checks import InputError
 
-MOST_BYTES = 500_000_000  # that are taken into memory at once
-DEEPEST = 200  # elements or tables in each other; a robot file has about six
+MOST_BYTES = 500_000_000  # largest file that is read into memory
+DEEPEST = 200  # deepest nesting of elements or tables; a robot file has about six
 
 
 def opened(path: str | Path) -> BufferedReader:
-    """Return a plain file, open.
+    """Return a regular file, open for reading.
 
     Raises
     ------
     OSError
-        With ``strerror`` set, also where it is something else than a file.
+        The path is not readable or no regular file; ``strerror`` is set.
     """
     handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
     stream = open(handle, "rb")  # noqa: SIM115
     try:
         mode = os.fstat(handle).st_mode
         if not stat.S_ISREG(mode):
-            what = "a folder" if stat.S_ISDIR(mode) else "a pipe or a device"
-            raise OSError(errno.EINVAL, f"it is {what}", str(path))
+            kind = "a folder" if stat.S_ISDIR(mode) else "a pipe or a device"
+            raise OSError(errno.EINVAL, f"it is {kind}", str(path))
     except BaseException:
         stream.close()
         raise
@@ -37,23 +37,23 @@ def opened(path: str | Path) -> BufferedReader:
 
 
 def content_of(path: str | Path) -> bytes:
-    """Return the bytes of a plain file.
+    """Return the bytes of a regular file.
 
     Raises
     ------
     OSError
-        As :func:`opened`, and for more than :data:`MOST_BYTES`.
+        Errors of :func:`opened`; the file has more than :data:`MOST_BYTES`.
     """
     with opened(path) as stream:
         large = os.fstat(stream.fileno()).st_size > MOST_BYTES
-        content = b"" if large else stream.read(MOST_BYTES + 1)  # files of /proc tell no size
+        content = b"" if large else stream.read(MOST_BYTES + 1)  # files in /proc report no size
     if large or len(content) > MOST_BYTES:
         raise OSError(errno.EFBIG, f"it has more than {MOST_BYTES:,} bytes", str(path))
     return content
 
 
-def bytes_of(path: str | Path, what: str) -> bytes:
-    """Return the bytes of a plain file; ``what`` it is, such as "task file", begins the message.
+def bytes_of(path: str | Path, label: str) -> bytes:
+    """Return the bytes of a regular file; ``label``, such as "task file", names it in messages.
 
     Raises
     ------
@@ -61,19 +61,19 @@ def bytes_of(path: str | Path, what: str) -> bytes:
     """
     try:
         return content_of(path)
-    except (OSError, ValueError) as problem:  # a NUL character in the path
+    except (OSError, ValueError) as problem:  # ValueError: a NUL character in the path
         reason = getattr(problem, "strerror", None) or problem
-        raise InputError(f"{what} {str(path)!r} cannot be read: {reason}") from None
+        raise InputError(f"{label} {str(path)!r} cannot be read: {reason}") from None
 
 
-def yaml_of(path: str | Path, what: str) -> Any:
-    """Return what a YAML file holds; needs PyYAML, of the extra ``export``.
+def yaml_of(path: str | Path, label: str) -> Any:
+    """Return the content of a YAML file; needs PyYAML, of the extra ``export``.
 
     Raises
     ------
     InputError
     """
-    text = text_of(path, what)
+    text = text_of(path, label)
     try:
         import yaml
     except ImportError:
@@ -84,14 +84,14 @@ def yaml_of(path: str | Path, what: str) -> Any:
         raise InputError(f"it is no YAML: {' '.join(str(problem).split())}") from None
 
 
-def text_of(path: str | Path, what: str) -> str:
-    """Give the text of a plain file, as :func:`bytes_of`; editors may put a byte order mark first.
+def text_of(path: str | Path, label: str) -> str:
+    """Return the text of a file as :func:`bytes_of`, without the byte order mark of some editors.
 
     Raises
     ------
     InputError
     """
     try:
-        return bytes_of(path, what).decode("utf-8-sig")
+        return bytes_of(path, label).decode("utf-8-sig")
     except UnicodeDecodeError:
-        raise InputError(f"{what} {str(path)!r} cannot be read: it is not text") from None
+        raise InputError(f"{label} {str(path)!r} cannot be read: it is not text") from None

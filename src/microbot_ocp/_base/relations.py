@@ -1,4 +1,4 @@
-"""Comparisons between expressions of CasADi, whose value is 0 or 1, and what no symbol has."""
+"""Comparisons of CasADi expressions, whose value is 0 or 1, and operations that symbols lack."""
 
 from __future__ import annotations
 
@@ -17,26 +17,26 @@ RELATIONS = (*ORDERS, ca.OP_EQ, ca.OP_NE, ca.OP_NOT, ca.OP_AND, ca.OP_OR)
 
 
 def is_relation(expression: ca.SX | ca.MX) -> bool:
-    """Return whether the value of an expression (of SX, a scalar one) is that of a comparison."""
+    """Return True if an expression (a scalar one for SX) is a comparison."""
     return expression.op() in RELATIONS
 
 
 def reason_of(problem: Exception) -> str:
-    """Return why a user's function has no expression: the last line, or how an if is written."""
+    """Return the reason why a user's function gives no expression: its error, or advice on if."""
     lines = str(problem).strip().splitlines() or [type(problem).__name__]
-    if "truth value" in lines[-1]:  # CasADi, of a symbol
+    if "truth value" in lines[-1]:  # CasADi's message about a symbol in a condition
         return f"it asks whether a symbol is true: {IF}"
     return lines[-1]
 
 
-# CasADi says it once, of numpy's functions of its symbols; nobody can do anything about it here
+# CasADi warns once about numpy functions of its symbols; a user of this package cannot avoid it.
 warnings.filterwarnings("ignore", r"\s*casadi: a numpy function was called", FutureWarning)
 
 
 class Symbol(ca.MX):
-    """An expression that says what to write where Python asks for its number, which it has not.
+    """A CasADi symbol whose errors name the CasADi function to use where Python needs a number.
 
-    So do the results of its operators, but not those of CasADi's functions.
+    The results of its operators are Symbols, those of CasADi's functions are not.
     """
 
     def __bool__(self) -> NoReturn:
@@ -54,13 +54,13 @@ class Symbol(ca.MX):
         )
 
     @property
-    def T(self) -> Symbol:  # as CasADi calls it
-        """The transpose."""
+    def T(self) -> Symbol:  # CasADi's name
+        """Transpose."""
         return Symbol(ca.transpose(self))
 
     def __array_function__(self, func: Any, types: Any, args: Any, kwargs: Any) -> Any:
         try:
-            # it compares exact types
+            # CasADi tests for the exact class, which a Symbol is not.
             return super().__array_function__(func, (ca.MX,), args, kwargs)
         except (RuntimeError, NotImplementedError) as refused:
             line = str(refused).strip().splitlines()[-1].strip()
@@ -71,7 +71,7 @@ class Symbol(ca.MX):
 
 
 def _operator(name: str) -> Callable[..., Any]:
-    """Return an operator of CasADi whose result is a Symbol, too."""
+    """Return an operator of CasADi whose result is a Symbol."""
     plain = getattr(ca.MX, name)
 
     def operator(self: Symbol, *others: Any) -> Any:
@@ -93,7 +93,7 @@ for _name in (*_ARITHMETIC, *_REVERSED, "neg", "getitem", "lt", "le", "gt", "ge"
 
 
 def _junction(sign: str, join: Callable[..., ca.MX]) -> Callable[..., Symbol]:
-    """Return an operator that joins relations."""
+    """Return a logical operator that joins two relations."""
 
     def operator(*relations: Any) -> Symbol:
         if not all(isinstance(each, ca.MX) and is_relation(each) for each in relations):

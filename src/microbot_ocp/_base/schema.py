@@ -1,6 +1,7 @@
-"""TOML files of keys that a schema declares: a fault is one sentence with what is allowed.
+"""TOML files with declared keys: an error is one sentence that lists the allowed keys or values.
 
-Begin with :func:`read_table`. Robots, tasks, cells, studies and scenes declare a schema a table.
+:func:`read_table` is the entry. Robots, tasks, cells, studies and scenes declare a schema for each
+of their tables.
 """
 
 from __future__ import annotations
@@ -17,14 +18,15 @@ from microbot_ocp._base import checks
 from microbot_ocp._base.checks import InputError, shown
 from microbot_ocp._base.reading import DEEPEST, text_of
 
-MOST_CHARACTERS = 5_000_000  # of TOML, which are read in seconds; a robot file has a few thousand
+# Longest TOML text, read in seconds; a robot file has a few thousand characters.
+MOST_CHARACTERS = 5_000_000
 _PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')"""
-# tomllib takes as long as the square of the parts of a key
+# The time of tomllib grows with the square of the number of parts of a key.
 _DEEP_KEY = re.compile(rf"""(?<![\w."'-]){_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{DEEPEST},}}""")
 
 
 def parsed(text: str) -> dict[str, Any]:
-    """Return what a text holds.
+    """Return the tables of a TOML text.
 
     Raises
     ------
@@ -36,11 +38,12 @@ def parsed(text: str) -> dict[str, Any]:
         if _DEEP_KEY.search(text):
             raise ValueError(f"tables are nested deeper than {DEEPEST}")
         return tomllib.loads(text)
-    except (ValueError, RecursionError) as problem:  # an integer of 5,000 digits; nesting
+    # A ValueError about an integer of 5,000 digits; a RecursionError about nesting.
+    except (ValueError, RecursionError) as problem:
         raise InputError(f"it is not valid TOML: {problem}") from None
 
 
-OF_KIND = {  # what a file is, and who takes it, by a key that this kind alone has
+OF_KIND = {  # kind of a file and its commands, by a key that only this kind has
     "cases": "a study: microbot-ocp sweep FILE",
     "quantities": "a study: microbot-ocp sweep FILE",
     "stop": "a task of stops: microbot-ocp solve FILE, or --task FILE of export and check",
@@ -60,7 +63,7 @@ ENDINGS = {
 
 
 def refuse_toml(path: str | Path, wanted: str) -> None:
-    """Refuse a TOML file where another one is wanted, with what it is."""
+    """Raise InputError for a TOML file in the place of ``wanted``; the message has its kind."""
     if Path(path).suffix.lower() == ".toml":
         with table_from(path, "TOML") as table:
             kind = next((OF_KIND[key] for key in OF_KIND if key in table), "a table of TOML")
@@ -69,7 +72,7 @@ def refuse_toml(path: str | Path, wanted: str) -> None:
 
 @contextmanager
 def table_from(path: str | Path, kind: str) -> Iterator[dict[str, Any]]:
-    """Yield what a file of this kind holds; messages of what is done with it name the file.
+    """Yield the content of a file of this kind; errors inside of the context name the file.
 
     Raises
     ------
@@ -83,7 +86,7 @@ def table_from(path: str | Path, kind: str) -> Iterator[dict[str, Any]]:
 
 
 def check_schema(data: Mapping[str, Any], schema: int) -> None:
-    """Raise InputError where a file is of another version of the format."""
+    """Raise InputError if a file has another version of the format."""
     if type(data.get("schema")) is not int or data["schema"] != schema:
         missing = f"but it is missing: write schema = {schema} in the first line"
         instead = f"not {data['schema']!r}" if "schema" in data else missing
@@ -92,15 +95,20 @@ def check_schema(data: Mapping[str, Any], schema: int) -> None:
 
 @dataclass(frozen=True)
 class Key:
-    """What a table may hold under a key; values are checked by what they are given to.
+    """Rule for one key of a table; the receiver of its value checks ranges and shapes.
 
     Attributes
     ----------
-    type : bool, str, dict (a table), list (tables, ``[[key]]``), or None for anything
-    needed : whether it must be given
-    degrees : whether ``key_deg`` may be given in its place
-    choices : words that it must be one of
-    several : whether it is a list of different words of ``choices``
+    type : type or None
+        Type bool, str, dict (a table) or list (tables, ``[[key]]``); None allows all.
+    needed : bool
+        True for a mandatory key.
+    degrees : bool
+        True if ``key_deg`` is an alternative to the key.
+    choices : collection of str
+        Allowed words.
+    several : bool
+        True if the value is a list of different words of ``choices``.
     """
 
     type: type | None = None
@@ -110,7 +118,7 @@ class Key:
     several: bool = False
 
     def check(self, name: str, value: Any) -> None:
-        """Raise InputError where a value is not of this kind."""
+        """Raise InputError if a value does not obey the rule."""
         if self.several:
             _check_names(name, value, self.choices)
         elif self.choices:
@@ -136,9 +144,7 @@ Convert = Callable[[str, str, Any, bool], Any]
 
 
 def keys_of(kind: Any, /, **others: Key) -> dict[str, Key]:
-    """Return the keys of a table that becomes a dataclass: its fields; ``others`` stand in
-    their place.
-    """
+    """Return rules for the fields of a dataclass; ``others`` replace some of them."""
     return {
         f.name: Key(needed=f.default is MISSING and f.default_factory is MISSING)
         for f in fields(kind)
@@ -146,7 +152,7 @@ def keys_of(kind: Any, /, **others: Key) -> dict[str, Key]:
 
 
 def names_of(schema: Schema) -> tuple[str, ...]:
-    """Return every key as files may write it, those in degrees among them."""
+    """Return all keys as files may write them, including those in degrees."""
     return tuple(
         name
         for key, entry in schema.items()
@@ -162,25 +168,25 @@ def read_table(
     convert: Convert | None = None,
     elsewhere: Mapping[str, str] | None = None,
 ) -> dict[str, Any]:
-    """Return a table whose keys are those of a schema, without ``_deg``.
+    """Return the values of a table by the keys of its schema, without ``_deg``.
 
     Parameters
     ----------
     table, schema
     where : str
-        Which table it is, for messages: "in stop 'pick'".
+        Place of the table, for messages: "in stop 'pick'".
     named : str
-        What to call a key in messages, in the place of {}; default "{}" and ``where``.
-    elsewhere : mapping
-        Where keys belong that another kind of file has.
+        Text for a key in messages, in which {} becomes the key; default "{}" and ``where``.
     convert : callable
-        Makes the value of a key, its name in messages, what was written and whether that is in
-        degrees.
+        Function of a key, its name in messages, the value in the file, and True if that is in
+        degrees; returns the value.
+    elsewhere : mapping
+        Keys that belong to another kind of file, each with the end of its message.
 
     Raises
     ------
     InputError
-        An unknown key, with a suggestion; one given twice, missing or of another kind.
+        An unknown key, with a suggestion; a key given twice, missing or of a wrong type.
     """
     named = named or ("{}" if where == "at the top level" else f"{{}} {where}")
     allowed = names_of(schema)
@@ -210,9 +216,9 @@ def read_table(
 def read_kind(
     table: Mapping[str, Any], kinds: Mapping[str, Schema], where: str, named: str = ""
 ) -> tuple[str, dict[str, Any]]:
-    """Return the ``kind`` of a table, and what it has under the keys of that kind.
+    """Return the ``kind`` of a table and the values under the keys of that kind.
 
-    Parameters and errors as :func:`read_table`; ``kinds`` are the schemas that there are.
+    ``kinds`` has a schema for every kind; see :func:`read_table` for parameters and errors.
     """
     kind = table.get("kind")
     Key(choices=kinds).check((named or f"{{}} {where}").replace("{}", "kind"), kind)
@@ -234,6 +240,6 @@ def _check_names(name: str, value: Any, allowed: Collection[str]) -> None:
 
 
 def suggestion(word: str, allowed: Iterable[str]) -> str:
-    """Return the nearest of the allowed words, and all of them."""
+    """Return the most similar allowed word, and all of them."""
     names = list(allowed)
     return f"{checks.did_you_mean(word, names) or ';'} allowed: {', '.join(names)}"

@@ -1,8 +1,8 @@
-"""How results show themselves without importing a view.
+"""Registry of the functions that show results, so that results need not import the views.
 
-``motion.plot(robot)`` asks :func:`view_for` for the function that draws a motion and calls it. The
-views register theirs by the public name of the class, as "module:function" that is imported when
-it is first asked for; a user registers another one with :func:`register_view`.
+``motion.plot(robot)`` calls the function that :func:`view_for` returns for a motion. The views
+register theirs by the public name of the class, as a string "module:function" whose module is
+imported at the first call; a user registers another view with :func:`register_view`.
 """
 
 from __future__ import annotations
@@ -25,25 +25,25 @@ _views: dict[str, dict[str, View | str]] = {}  # public name of a class -> kind 
 
 
 class DrawnAxes(Protocol):
-    """What figures return: the axes of one figure as an array."""
+    """Axes of one figure as an array, which figures return."""
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Rows and columns."""
+        """Numbers of rows and columns."""
         ...
 
     @property
     def flat(self) -> Any:
-        """Every axes in turn."""
+        """Iterator over all axes, row by row."""
         ...
 
     @property
     def figure(self) -> Figure:
-        """The figure of all of them."""
+        """Figure of all axes."""
         ...
 
     def savefig(self, path: str | Path, **options: Any) -> Path:
-        """Write the figure; the ending of the path is the format."""
+        """Write the figure in the format of the path's suffix."""
         ...
 
     def __getitem__(self, index: Any) -> Any: ...
@@ -60,23 +60,23 @@ def add_views(table: Mapping[str, Mapping[str, View | str]]) -> None:
 
 
 def register_view(cls: type, kind: str, view: View | str) -> None:
-    """Have objects of a class shown by a view of your own.
+    """Show objects of a class by a view of your own.
 
     Parameters
     ----------
     cls : type
         A class of this package, or one derived from it.
     kind : str
-        Which of its views to replace: "table" for what Jupyter shows and ``.table()`` returns,
-        "plot" for ``.plot()``, "rerun" for ``.to_rerun()``, and so on.
+        Name of the view to replace: "table" for Jupyter and ``.table()``, "plot" for ``.plot()``,
+        "rerun" for ``.to_rerun()``, and so on.
     view : callable or "module:function"
-        Called with the arguments of the view that it replaces; a string is imported when it is
-        first needed.
+        Function with the arguments of the view that it replaces; the module of a string is
+        imported at the first call.
 
     Raises
     ------
     InputError
-        A kind of view that the class does not have; no function.
+        The class has no view of this kind, or ``view`` is no function.
 
     Examples
     --------
@@ -99,7 +99,7 @@ def register_view(cls: type, kind: str, view: View | str) -> None:
 
 
 def view_for(result: object, kind: str) -> View:
-    """Return the function registered for this kind of view of an object, its own class first."""
+    """Return the function that shows an object by this kind of view; a subclass's view wins."""
     for name in _ancestors(type(result)):
         view = _views.get(name, {}).get(kind)
         if isinstance(view, str):
@@ -116,5 +116,5 @@ def _ancestors(cls: type) -> list[str]:
 
 
 def _public_name(cls: type) -> str:
-    """Return the name in the innermost public package: ``microbot_ocp.motion.Motion``."""
+    """Return a class's name in its innermost public package: ``microbot_ocp.motion.Motion``."""
     return f"{cls.__module__.partition('._')[0]}.{cls.__qualname__}"

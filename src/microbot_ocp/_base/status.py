@@ -1,4 +1,4 @@
-"""How a search, a solve or a run ended: one type for the whole package."""
+"""Endings of a search, solve or run: one type for the whole package."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from enum import StrEnum
 
 
 class Status(StrEnum):
-    """How something that may fail ended. The value is what tables print; see :attr:`sentence`.
+    """Ending of a computation that may fail. Tables print the value; see :attr:`sentence`.
 
-    Results carry it as ``status``, have ``solved`` for the one good ending, and ``advice`` for what
-    is known of the single case.
+    A result has it as ``status``, is ``solved`` only if the status is SOLVED, and adds ``advice``
+    about the individual case.
 
     Examples
     --------
@@ -44,19 +44,18 @@ class Status(StrEnum):
     )
     LOCAL_OPTIMUM = (
         "local optimum",
-        "Converged to a local optimum. Of many starts one or hardly any led to it and the "
-        "others to dearer ones, so there may well be a cheaper one: give a guess near what is "
-        "meant.",
+        "Converged to a local optimum. Hardly any of many starts led to it and the others to "
+        "higher costs, so a lower cost may exist: give a guess near the expected solution.",
     )
     SADDLE = (
         "saddle point",
-        "Converged to a point that is stationary but no minimum, and no solve from there went "
-        "below it: give a guess that is less symmetric.",
+        "Converged to a stationary point that is no minimum, and no solve from there reached a "
+        "lower cost: give a guess that is less symmetric.",
     )
     OUTSIDE_TABLE = (
         "outside of a table",
-        "Converged where a table is read outside of its grid, which extrapolates it: bound what it "
-        "is read at, or give it more points.",
+        "Converged where a table is extrapolated outside of its grid: bound the table's argument, "
+        "or extend the grid.",
     )
     # refinement
     NOT_ACCEPTED = (
@@ -66,8 +65,8 @@ class Status(StrEnum):
     )
     NO_PROGRESS = (
         "no progress",
-        "The accuracy is not reached, and the last finer meshes came no nearer: ask for less of "
-        "what is missed.",
+        "The accuracy is not reached, and the last finer meshes came no nearer: loosen the "
+        "tolerance that is missed.",
     )
     ROUND_LIMIT = "round limit", "The accuracy is not reached within the allowed number of rounds."
     SIZE_LIMIT = "size limit", "The accuracy is not reached within the allowed number of intervals."
@@ -117,20 +116,20 @@ class Status(StrEnum):
     # sweeps
     KILLED_WORKER = (
         "killed worker",
-        "The process that did it ended without an answer, more than once: too little memory, or "
-        "a fault of a library.",
+        "The worker process ended without an answer, more than once: too little memory, or "
+        "a crash in a library.",
     )
 
     sentence: str
-    """What it means, and what to try."""
+    """Meaning of the status, and a remedy."""
 
     def __new__(cls, value: str, sentence: str) -> Status:
-        """Return a member of this value."""
+        """Return the member of this value."""
         member = str.__new__(cls, value)
         member._value_, member.sentence = value, sentence
         return member
 
     @property
     def solved(self) -> bool:
-        """Whether it ended well."""
+        """True only for SOLVED."""
         return self is Status.SOLVED

@@ -12,7 +12,7 @@ from typing import Any
 from microbot_ocp._base.showing import view_for
 from microbot_ocp._base.writing import write_whole
 
-NOTHING = "–"  # stands for what is not known
+NOTHING = "–"  # printed for an unknown value
 
 
 @dataclass(frozen=True)
@@ -25,9 +25,9 @@ class Column:
     show : str or callable
         Format of the cells, such as ".3f", or a function from a value to text.
     left : bool
-        Whether its cells are words, aligned left and broken where there is little room.
+        True for a column of words, which is aligned left and wrapped in narrow terminals.
     bar : bool
-        Whether a notebook draws a bar beside each number, of a length of 8 em for 1.
+        True for a column whose numbers a notebook shows with a bar of 8 em times the number.
     """
 
     head: str
@@ -38,11 +38,11 @@ class Column:
 
     @property
     def title(self) -> str:
-        """The head with its unit."""
+        """Head with its unit."""
         return f"{self.head} [{self.unit}]" if self.unit else self.head
 
     def text(self, value: Any) -> str:
-        """Return a cell as it is printed; a dash for None and NaN."""
+        """Return the text of a cell; a dash for None and NaN."""
         if value is None or value != value:
             return NOTHING
         if callable(self.show):
@@ -52,7 +52,7 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """What tables of results hold.
+    """Table of results.
 
     ``print(table)`` writes aligned text, a rich console a table that fits the terminal, Jupyter
     shows it as HTML.
@@ -61,7 +61,7 @@ class Table:
     ----------
     columns : sequence of Column
     rows : sequence of sequences
-        One value a column; None or NaN where it is not known.
+        Rows with one value a column; None or NaN if unknown.
     title : str
     notes : sequence of str
         Sentences below the table.
@@ -104,7 +104,7 @@ class Table:
         ]
 
     def without(self, *heads: str) -> Table:
-        """Return the same without the columns of these heads."""
+        """Return the table without the columns of these heads."""
         remaining = [place for place, column in enumerate(self.columns) if column.head not in heads]
         rows = [[row[place] for place in remaining] for row in self.rows]
         return replace(self, columns=[self.columns[place] for place in remaining], rows=rows)
@@ -128,7 +128,7 @@ class Table:
         return "\n".join([*head, *body, *notes, ""])
 
     def write_csv(self, path: str | Path) -> Path:
-        """Write heads and values, numbers in full, as CSV; what is not known is empty."""
+        """Write heads and full-precision values as CSV; unknown values are empty."""
         present = [[value if value == value else None for value in row] for row in self.rows]
         stream = io.StringIO()
         csv.writer(stream).writerows([self.heads, *present])

@@ -1,7 +1,7 @@
-"""What works in a memory of its own, once for each thread.
+"""Caches with one entry for each thread, for objects that work in a memory of their own.
 
-CasADi's solvers, called from Python, and coal's distances keep what they work with between calls;
-an evaluation by two threads at once mixes their numbers, or ends the process.
+CasADi's solvers and coal's distance queries keep their work memory between calls. If two threads
+evaluate one object at once, its numbers mix, or the process crashes.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ T = TypeVar("T")
 
 
 def cached_in_thread(maxsize: int) -> Callable[[Callable[P, T]], Callable[P, T]]:
-    """Do as ``functools.lru_cache``, but that no two threads get the same object.
+    """Return a decorator like ``functools.lru_cache`` with separate entries for each thread.
 
     Examples
     --------

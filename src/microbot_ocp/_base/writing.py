@@ -1,8 +1,8 @@
-"""The one writer of files: each is whole or absent, whatever ends the process or fills the disk.
+"""The one writer of files: each is whole or absent, even if the process dies or the disk is full.
 
-A file is written under a temporary name in its folder, forced to the disk and renamed. Temporary
-names are hidden, differ between writers, and end in ``.part``; what a killed process left is
-removed by the next writer in that folder.
+A file is written under a temporary name in its folder, flushed to the disk and renamed.
+Temporary names are hidden, differ between writers, and end in ``.part``; the next writer in the
+folder removes those of killed processes.
 """
 
 from __future__ import annotations
@@ -24,20 +24,20 @@ from typing import Any
 from microbot_ocp._base.checks import InputError, sentence
 from microbot_ocp._base.reading import opened
 
-# .NAME.HOST.PID.RANDOM.microbot.part: at most 200 bytes, where file systems allow 255
+# The name is .NAME.HOST.PID.RANDOM.microbot.part: at most 200 bytes; file systems allow 255.
 _LEFTOVER = re.compile(r"\..*\.(?P<host>[\w-]+)\.(?P<pid>\d+)\.[0-9a-f]{12}\.microbot\.part")
 _DIRECT = re.compile(r"/dev/(stdout|stderr|fd/.*)|/proc/.*")
-_open: set[str] = set()  # temporary paths of this process that are in use
+_open: set[str] = set()  # temporary paths in use by this process
 
 
-FILES = (  # endings that no folder has
+FILES = (  # file name suffixes, which no folder has
     *(".csv", ".json", ".mat", ".npz", ".parquet", ".toml", ".txt", ".xlsx", ".xml", ".yaml"),
     *(".gif", ".html", ".jpg", ".mp4", ".pdf", ".png", ".rrd", ".svg", ".tex"),
 )
 
 
 class NotWritten(OSError, InputError):
-    """A file could not be written; the message names it and says why."""
+    """A file could not be written; the message has its path and the reason."""
 
     def __init__(self, path: str | Path, reason: str) -> None:
         super().__init__(sentence(f"{path} was not written: {reason}"))
@@ -46,17 +46,16 @@ class NotWritten(OSError, InputError):
 
 @contextlib.contextmanager
 def whole_file(path: str | Path) -> Iterator[Path]:
-    """Return the path to write to in the place of ``path``, which gets the file when the block
-    ends.
+    """Yield a temporary path to write to, which replaces ``path`` when the block ends.
 
-    A link stays a link, and what it points to is replaced. Devices and pipes are written directly.
-    Permissions are those of a new file.
+    The target of a symbolic link is replaced, the link stays. Devices and pipes are written
+    directly. The file gets the permissions of a new file.
 
     Raises
     ------
     NotWritten
-        The file, its folder or the disk does not allow it. What was at ``path`` is still there,
-        and no temporary file is left.
+        The file, its folder or the disk does not permit writing. An old file at ``path`` is
+        unchanged, and no temporary file is left.
     """
     target = check_writable(path)
     with _explained(path):
@@ -71,9 +70,7 @@ def whole_file(path: str | Path) -> Iterator[Path]:
 
 
 def check_writable(path: str | Path) -> Path:
-    """Return where ``path`` leads; :class:`NotWritten` where it is plain that nothing can be
-    written.
-    """
+    """Return the target of ``path``, links followed; raise NotWritten if it is not writable."""
     with _explained(path):
         if _is_direct(path):
             return Path(path)
@@ -88,8 +85,14 @@ def check_writable(path: str | Path) -> Path:
 
 
 def made_folder(path: str | Path) -> Path:
-    """Return a folder, made with those above it if need be; :class:`NotWritten` where it cannot
-    be, InputError of a path with the ending of a file.
+    """Return a folder, created with its parents if necessary.
+
+    Raises
+    ------
+    NotWritten
+        The folder cannot be created.
+    InputError
+        The path has the suffix of a file.
     """
     if Path(path).suffix.lower() in FILES and not Path(path).exists():
         advice = "a figure is written by plot().savefig(path)"
@@ -100,7 +103,7 @@ def made_folder(path: str | Path) -> Path:
 
 
 def write_whole(path: str | Path, content: str | bytes) -> Path:
-    """Write text (UTF-8, lines as they are) or bytes by :func:`whole_file`; return the path.
+    """Write text (UTF-8, line ends unchanged) or bytes by :func:`whole_file`; return the path.
 
     Examples
     --------
@@ -116,7 +119,7 @@ def write_whole(path: str | Path, content: str | bytes) -> Path:
 
 @contextlib.contextmanager
 def temporary_path(target: Path) -> Iterator[Path]:
-    """Yield a new name beside ``target`` for what is removed when the block ends."""
+    """Yield a new path beside ``target``; it is removed when the block ends."""
     remove_leftovers(target.parent)
     shown = os.fsencode(target.name)[:80].decode(errors="ignore")
     label = f".{shown}.{_host()}.{os.getpid()}.{secrets.token_hex(6)}.microbot.part"
@@ -131,7 +134,7 @@ def temporary_path(target: Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Let one process in at a time, where the system can do that for a folder."""
+    """Lock a folder for other processes, if the system can lock folders."""
     handle = None
     with contextlib.suppress(OSError):
         handle = os.open(folder, os.O_RDONLY)
@@ -144,7 +147,7 @@ def locked(folder: Path) -> Iterator[None]:
 
 
 def remove_leftovers(folder: Path) -> None:
-    """Remove what writers of this machine left in a folder when they were killed."""
+    """Remove the temporary files of killed writers of this machine from a folder."""
     with contextlib.suppress(OSError), os.scandir(folder) as entries:
         for entry in entries:
             leftover = _LEFTOVER.fullmatch(entry.name)
@@ -156,14 +159,14 @@ def remove_leftovers(folder: Path) -> None:
 
 
 def abandon() -> None:
-    """Remove every temporary file: the process is about to end."""
+    """Remove every temporary file before the process ends."""
     for path in list(_open):
         _remove(Path(path))
 
 
 def sync(path: Path) -> None:
-    """Force a file, or the names in a folder, to the disk."""
-    # not every file system can do it for folders
+    """Flush a file, or the names in a folder, to the disk."""
+    # Some file systems cannot flush folders.
     with contextlib.suppress(OSError) if path.is_dir() else contextlib.nullcontext():
         _fsync(path)
 
@@ -175,7 +178,7 @@ def digest(path: Path) -> str:
 
 
 def digest_of_document(document: Mapping[str, Any], but: str) -> str:
-    """Return the SHA-256 of all that a document of plain values says besides the key ``but``."""
+    """Return the SHA-256 of a document of plain values without its key ``but``."""
     rest = {key: value for key, value in document.items() if key != but}
     return hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()
 

@@ -4,4 +4,4 @@ from functools import partial
 
 from microbot_ocp._base.needed import needed as needed_for
 
-needed = partial(needed_for, what="sweeps need", extra="scale")
+needed = partial(needed_for, purpose="sweeps need", extra="scale")
