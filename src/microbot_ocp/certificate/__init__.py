@@ -1,7 +1,7 @@
-"""The independent check of a motion: re-simulation, every limit on a dense grid, clearance.
+"""Independent check of a motion: re-simulation, every limit on a dense grid, and clearance.
 
-Comes in: a motion and what it was asked for. Goes out: a :class:`Certificate`, a list of checks
-(``_certificate.py``). Begin with :func:`certify` in ``_certification.py``;
+The input is a motion with its limits, stops and scene; the result is a :class:`Certificate`, a list
+of checks (``_certificate.py``). Begin with :func:`certify` in ``_certification.py``;
 ``_resimulation.py`` integrates the motion from its own torque, ``_task_certificate.py`` checks
 stops, segments and payloads.
 """

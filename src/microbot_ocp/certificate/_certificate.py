@@ -1,4 +1,4 @@
-"""A certificate of a motion as data: everything that was checked, and the verdict."""
+"""Certificate of a motion as data: all checks with their figures, and the verdict."""
 
 from __future__ import annotations
 
@@ -17,28 +17,29 @@ from microbot_ocp.scene import Clearance
 
 @dataclass(frozen=True, eq=False)
 class LimitCheck:
-    """How one limit is used along a motion, on a dense grid.
+    """Use of one limit along a motion, evaluated on a dense grid.
 
     Attributes
     ----------
     quantity : str
-        Key of the limit: "q", "qd", "qdd", "qddd", "tau", "taud", or that of a further one.
+        Key of the limit: "q", "qd", "qdd", "qddd", "tau", "taud", or the key of a further limit.
     name : str
-        "torque", "tool speed".
+        Name of the limit, such as "torque" or "tool speed".
     labels : tuple of str [k]
-        Names of the joints, or of the components of a further limit; ("",) where it is one number.
+        Names of the joints, or of the components of a further limit; ("",) if it is a scalar.
     utilisation : array [k]
-        Largest share of the limit that each joint uses: 1 is the limit, NaN where there is none.
-        For q it is the place between the limits, 0 in the middle. k is 1 where the limit is not one
-        of the joints.
+        Largest use of the limit by each joint: 1 at the limit, NaN without a limit. For q it is the
+        distance from the middle of the range, divided by half the range. k is 1 for a limit that
+        does not belong to joints.
     violation : float
-        Worst relative violation, 0 where none: excess over the limit, divided by the limit (by half
-        the range for q).
+        Worst relative violation, 0 if the limit is kept: excess over the limit, divided by the
+        limit (for q by half the range).
     joint, time, value, limit, unit
-        Where the worst utilisation is: joint name (empty where the limit is not one of the joints),
-        s, value and limit in ``unit``.
+        Joint (empty for a limit that does not belong to joints), time (s), value and limit (both in
+        ``unit``) at the worst utilisation.
     jump : bool
-        Whether that is a jump of the acceleration, which counts as if it took a microsecond.
+        Whether the worst utilisation is a jump of the acceleration; its rate is computed as if the
+        jump took a microsecond.
     """
 
     quantity: str
@@ -55,17 +56,17 @@ class LimitCheck:
 
     @property
     def title(self) -> str:
-        """Such as "torque of elbow" or "tool speed"."""
+        """Title of the limit, such as "torque of elbow" or "tool speed"."""
         return f"{self.name} of {self.joint}" if self.joint else self.name
 
     @property
     def largest_use(self) -> float:
-        """Largest share of the limit that is used; 0 where it has no finite bound."""
+        """Largest use of the limit; 0 if it has no finite bound."""
         return float(np.nanmax(self.utilisation, initial=0.0))
 
     @property
     def excess(self) -> str:
-        """What is beyond the limit, where and by how much."""
+        """Sentence that names the violated limit, its time and the excess."""
         return (
             f"{self.title} is {self.value:.5g} {self.unit} at {self.time:.4g} s"
             + (", where the acceleration jumps" if self.jump else "")
@@ -75,7 +76,7 @@ class LimitCheck:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ResimulationFigures:
-    """What a certificate has of a motion that was simulated again; see there."""
+    """Figures of a re-simulation; :class:`Certificate` documents each of them."""
 
     final_position_error: float = np.nan
     final_velocity_error: float = np.nan
@@ -94,70 +95,72 @@ class ResimulationFigures:
 
 @dataclass(frozen=True, eq=False)
 class Certificate(ResimulationFigures):
-    """What was checked of a motion, and the verdict.
+    """Result of :func:`certify`: every check of a motion with its figures, and the verdict.
 
     Attributes
     ----------
     label : str
+        Label of the motion.
     ok : bool
         Whether every check passed.
     verdict : str
-        The result in words.
+        Result in words.
     limit_checks : tuple of LimitCheck
-        One for every kind of limit that the robot has.
+        One check for every limit of the robot.
     final_position_error, final_velocity_error : float
         Largest joint error at the end of an open-loop simulation from the motion's first state,
-        rad and rad/s: the defects of the segments, carried on by the linearised dynamics. For
-        information: ``amplification`` says what share of it the instability of the arm has.
+        rad and rad/s, to first order: the defects of the segments, carried to the end by the
+        linearised dynamics. Reported, not judged, because an unstable arm amplifies it; see
+        ``amplification``.
     resimulation_status : Status
-        The verdict says why where it is not solved.
+        Status of the re-simulation; the verdict explains a failure.
     grid_step : float
         Longest step of the dense grid, s.
     grid_ratio : float
-        Dense grid points to each mesh interval, at least.
+        Smallest number of dense grid points in a mesh interval.
     condition_peak, condition_time : float
-        Largest condition number of the mass matrix along the way and when, s.
+        Largest condition number of the mass matrix along the motion, and its time, s.
     saturated_fraction : float
-        Share of the time in which at least one limit (of velocity, acceleration, torque or torque
-        rate) is used to 99 % or more.
+        Fraction of the time in which at least one limit (of velocity, acceleration, torque or
+        torque rate) is used to 99 % or more.
     condition_pose : array [n]
         Joint positions at the largest condition number, rad.
     path_position_error, path_error_time : float
-        Largest joint error along the open-loop simulation, rad, and when, s.
+        Largest joint error along the open-loop simulation, rad, and its time, s.
     segments : int
-        How many are simulated, each from the motion's own state at its start.
+        Number of simulated segments, each started from the motion's own state.
     defect : float
-        What the largest miss at the end of a segment comes to: the constant torque that would
-        cause it, divided by the largest torque of the joint.
+        Largest defect as a torque: the constant torque that would explain the error at the end of a
+        segment, divided by the largest torque of the joint.
     defect_joint, defect_time
-        Where that is: joint name and s.
+        Joint name and time (s) of ``defect``.
     position_defect : float
-        Largest miss of a position at the end of a segment, rad (m).
+        Largest position error at the end of a segment, rad (m).
     amplification : float
-        How far an error of the state (rad and rad/s) may have grown at the end of the motion, to
-        first order: largest norm of the transition matrices to the end.
+        Largest factor by which an error of the state (rad and rad/s) can grow until the end of the
+        motion, to first order: largest norm of the transition matrices to the end.
     undetermined_fraction : float
-        Share of the time in which the mass matrix is so near to singular that the torques do not
-        determine the motion; there it is judged by inverse dynamics.
+        Fraction of the time in which the mass matrix is so near to singular that the torques do not
+        determine the motion; inverse dynamics judge the motion there.
     undetermined_direction : array [n] or None
-        Direction in joint space that is determined least there, of length 1.
+        Unit vector of the least determined direction in joint space.
     stored_torque_error : float
         Largest difference between the stored torques and inverse dynamics, divided by the largest
-        torque of the joint (at least a thousandth of the largest of all).
+        torque of the joint (at least a thousandth of the largest torque of all joints).
     stored_torque_joint, stored_torque_time
-        Where that is: joint name and s.
+        Joint name and time (s) of ``stored_torque_error``.
     between_samples_error, between_samples_time : float
-        How far the torque half-way between two samples lies outside those of the two (by more than
-        they differ), divided by the largest torque of the motion, and when, s. It is large where
-        the samples of position, velocity and acceleration deny each other.
+        Largest excess of the torque half-way between two samples over the range of the two, beyond
+        their difference and relative to the largest torque of the motion, and its time, s. It is
+        large if the samples of position, velocity and acceleration contradict each other.
     clearance : Clearance or None
-        From a scene, where one was given.
+        Clearance from the obstacles of a scene; None without a scene.
     unjudged : tuple of str
-        Names of the limits that the robot brings but that it takes masses to judge.
+        Names of the robot's limits that cannot be judged because it has no masses.
     wall_time : float
-        What the certificate took, s.
+        Wall time of the certification, s.
     checks : tuple of Check
-        Everything that was checked, each with its own verdict.
+        All checks, each with its own verdict.
     """
 
     label: str
@@ -188,25 +191,25 @@ class Certificate(ResimulationFigures):
 
     @property
     def outcome(self) -> str:
-        """In short: "ok" or "REFUSED", and which limits were not judged."""
+        """Short result: "ok" or "REFUSED", and the limits that were not judged."""
         left = not_judged(self.unjudged)
         return ("ok" if self.ok else "REFUSED") + (f", {left}" if left else "")
 
     @property
     def via_checks(self) -> tuple[Check, ...]:
-        """How near the motion comes to every via point, and what it misses of every stop."""
+        """Checks of the distance to every via point and of every stop."""
         return tuple(check for check in self.checks if check.kind == "via")
 
     @property
     def segment_checks(self) -> tuple[Check, ...]:
-        """How far the motion is from every tool line, circle and joint line."""
+        """Checks of the distance to every tool line, circle and joint line."""
         return tuple(check for check in self.checks if check.kind == "segment")
 
     @property
     def worst_violation(self) -> float:
-        """Worst relative violation of any limit, 0 where none."""
+        """Worst relative violation of any limit, 0 if all are kept."""
         return max((check.violation for check in self.limit_checks), default=0.0)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON; what is not finite becomes None."""
+        """Return plain values for JSON; numbers that are not finite become None."""
         return plain(self)

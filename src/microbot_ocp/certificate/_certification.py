@@ -1,8 +1,8 @@
-"""Independent proof of a motion: re-simulation, dense limits, consistency.
+"""Independent certification of a motion: re-simulation, limits on a dense grid, consistency.
 
-Nothing here trusts what made the motion: the limits are checked between its mesh points, the
-torques are computed again, and the arm is simulated with them, segment by segment, by an
-integrator that knows the forward dynamics only.
+No result of the planner is reused: the limits are checked between mesh points, the torques are
+recomputed, and the arm is simulated with them, segment by segment, by an integrator that knows the
+forward dynamics only.
 """
 
 from __future__ import annotations
@@ -53,16 +53,16 @@ from microbot_ocp.scene import Scene, clearance_along, has_coal, with_arm_capsul
 
 @dataclass(frozen=True)
 class CertificateSettings:
-    """Settings of what a certificate counts and names.
+    """Settings of a certificate's checks and sentences.
 
     Attributes
     ----------
-    rounding : relative excess over a limit that is put down to the solver's tolerance
-    linear_error : rad; beyond it an error to first order is no figure
-    named_part : of the largest component of a direction: what is worth naming
-    condition_points : samples at which the mass matrix is looked at first
-    between_samples : of the largest torque: how far it may stray between two samples
-    all_along : share of the time from which no torque determines the motion at any instant
+    rounding : relative excess over a limit that is attributed to the solver's tolerance
+    linear_error : largest error to first order that is reported as a number, rad
+    named_part : smallest component of a direction that is named, relative to its largest component
+    condition_points : number of samples at which the mass matrix is evaluated first
+    between_samples : allowed excess of the torque between two samples, relative to the largest
+    all_along : fraction of time above which the motion counts as undetermined at every instant
     """
 
     rounding: float = 1e-7
@@ -77,7 +77,7 @@ SETTINGS = CertificateSettings()
 
 
 class Tolerances(NamedTuple):
-    """What still passes; see :func:`certify`."""
+    """Tolerances of a certificate; see :func:`certify`."""
 
     limit: float = LIMIT_TOLERANCE
     position: float = 1e-3
@@ -104,31 +104,30 @@ def certify(
     """Check a motion against the limits and against the arm's forward dynamics.
 
     - Limits: on a dense grid (at least 20 points to each interval between ``motion.breaks``, 5
-      where there are thousands; steps of at most 0.25 ms, longer beyond 100 s) with torques from
+      if there are thousands; steps of at most 0.25 ms, longer beyond 100 s) with torques from
       inverse dynamics; the torque rate by exact differentiation. At a break both one-sided values
-      count. Limits of the torque rate or the jerk allow no jump of the acceleration: neither inside
-      nor where the motion begins or ends at rest, for there the arm is held at rest before and
-      after, with the torque of gravity. A start or end that moves goes on as it is. The weight of
-      what the tool picks up or puts down at a stop is no motion of the arm: the step of the torque
-      that it makes does not count as a rate.
-    - Stored torques: compared with inverse dynamics at every sample. Between samples the torque
-      must stay near those of its neighbours, or positions, velocities and accelerations do not
-      belong together.
+      count. Limits of the torque rate or the jerk allow no jump of the acceleration, neither inside
+      nor at a start or end at rest, because the arm is held there before and after with the torque
+      of gravity. A start or end in motion is taken as continued. The torque step of a payload that
+      the tool picks up or puts down at a stop does not count as a rate.
+    - Stored torques: compared with inverse dynamics at every sample. Between two samples the torque
+      must stay near the torques at both; otherwise positions, velocities and accelerations
+      contradict each other.
     - Re-simulation: the forward dynamics, driven by the motion's own torque as a function of time,
       are integrated segment by segment (at most 0.1 s, never across a jump), each from the
-      motion's own state at its start, and compared with its state at the end. What is missed is
-      judged as the torque that would cause it. One simulation over the whole time would make much
-      of rounding where the arm is unstable; how much is reported, not judged.
-    - Conditioning of the mass matrix along the way: where it is all but singular torques do not
-      determine the acceleration. The certificate names the direction, and judges by inverse
-      dynamics there.
+      motion's own state at its start, and compared with the motion's state at the end. The
+      difference is judged as the torque that would cause it. A single simulation over the whole
+      time would amplify rounding errors of an unstable arm; the amplification is reported, not
+      judged.
+    - Conditioning of the mass matrix along the motion: if it is nearly singular, torques do not
+      determine the acceleration. The certificate names the direction, and judges the motion by
+      inverse dynamics there.
+    - Clearance, if a scene is given: proved between samples, too, by :func:`clearance`, with
+      distances by coal. Without coal the clearance is not proved, and the certificate fails.
 
-    - Clearance, where a scene is given: proved between samples, too, by :func:`clearance`, with
-      distances by coal. Without coal it is not proved, and the certificate does not pass.
-
-    Of a robot without masses the limits of position, velocity, acceleration and jerk, the via
-    points and whether its samples belong together are checked, and the verdict says so; limits of
-    torques that its file states are named as not judged, others are refused.
+    For a robot without masses the limits of position, velocity, acceleration and jerk, the via
+    points and the consistency of the samples are checked, and the verdict says so. Torque limits
+    from the robot's file are named as not judged; torque limits in ``limits`` are refused.
 
     Parameters
     ----------
@@ -138,26 +137,26 @@ def certify(
         Default ``robot.limits``.
     via_q : array_like [m,n] or sequence of Stop, optional
         Via points, rad (m), that the motion must pass; its marks name them if there are as many.
-        With stops the marks say when each is reached, and every segment is checked with its payload
-        and within its tolerances.
+        With stops, the marks give the time of each stop, and every segment is checked with its
+        payload and within its tolerances.
     segments, cycle
-        As of :func:`microbot_ocp.time_optimal`.
+        See :func:`microbot_ocp.time_optimal`.
     scene : Scene, optional
         Obstacles that the motion must keep clear of.
     limit_tolerance : float
-        Relative violation of a limit that still passes.
+        Allowed relative violation of a limit.
     position_tolerance : float
-        Miss of a position at the end of a segment that still passes, rad (m).
+        Allowed position error at the end of a re-simulated segment, rad (m).
     torque_tolerance : float
-        Error of a torque, relative to the largest of its joint, that still passes: of the stored
-        ones, and of the one that would explain what a segment misses. Motions whose torques are
-        interpolated, as those of ``Motion.resample`` without the robot, or rounded need a larger
-        one, such as 1e-3.
+        Allowed torque error relative to the largest torque of the joint: of the stored torques, and
+        of the torque that explains the error of a segment. Rounded or interpolated torques, such as
+        those of ``Motion.resample`` without the robot, need a larger tolerance, such as 1e-3.
     via_tolerance : float
-        Distance to a via point that still passes, rad (m).
+        Allowed distance to a via point, rad (m).
     simulated : bool
-        Whether the motion is simulated again; False judges limits, via points and clearance alone.
+        Whether the motion is re-simulated; False judges limits, via points and clearance only.
     time_limit : float
+        Wall time of the re-simulation, s; a certificate that exceeds it fails.
         Wall time, s, after which no further segments are simulated: the certificate is refused.
 
     Returns
@@ -167,8 +166,8 @@ def certify(
     Raises
     ------
     InputError
-        A robot of another number of joints, a bad via point or tolerance, limits of torques for
-        a robot without masses.
+        The robot has another number of joints, a via point or a tolerance is invalid, or torque
+        limits are given for a robot without masses.
 
     Examples
     --------
@@ -210,9 +209,9 @@ def certified(
     *,
     simulated: bool = True,
 ) -> Certificate:
-    """Do as :func:`certify`, under limits or through the stops of a task, of what is checked.
+    """Certify a motion under limits or through the stops of a task; arguments are checked before.
 
-    With a scene it passes only where its clearance is proved.
+    With a scene the certificate passes only if the clearance is proved.
     """
     if isinstance(subject, Task):
         from microbot_ocp.certificate._task_certificate import certificate_of_task
@@ -258,10 +257,10 @@ def certificate_of(
     *,
     simulated: bool = True,
 ) -> Certificate:
-    """Do as :func:`certify`, of what is checked.
+    """Certify a motion under limits; arguments are checked before.
 
-    ``history`` is what limits are judged by where the motion is a part of one, which begins at
-    ``start``, s; all times are those of the whole then.
+    ``history`` holds the states for the limits if the motion is one part of a longer motion. The
+    part begins at ``start`` (s), and all times count from the beginning of the whole motion.
     """
     started = time.perf_counter()
     robot: Robot = family.robot
@@ -303,7 +302,7 @@ def certificate_of(
         if not robot.has_dynamics:
             but = (
                 f"; kinematics only: {robot.name} has no masses, so nothing was simulated "
-                "and no torque looked at"
+                "and no torque was checked"
             )
         otherwise = _tightest(limit_checks, family.unjudged)
     problems = "; ".join(problems_of(passed))
@@ -325,7 +324,7 @@ def certificate_of(
 
 
 def _remarks(robot: Robot, again: Resimulation, figures: dict[str, Any]) -> str:
-    """Return where torques do not determine the motion, or nearly not."""
+    """Return the remarks on poses at which torques hardly determine the motion, or not at all."""
     remarks = ""
     if figures["condition_peak"] > RESIMULATION.near_singular:
         remarks += (
@@ -346,7 +345,7 @@ def _remarks(robot: Robot, again: Resimulation, figures: dict[str, Any]) -> str:
 def limit_checks_of(
     family: LimitFamily, states: StateHistory
 ) -> tuple[tuple[LimitCheck, ...], float]:
-    """Return the worst of every limit, and the share of the time in which one is used."""
+    """Check every limit; return the checks and the fraction of time in which one is used."""
     history = LimitHistory.of(family, states)
     limit_checks = []
     busy = np.zeros(history.t.size, dtype=bool)
@@ -365,7 +364,7 @@ def limit_checks_of(
 
 
 def _mean_check(family: LimitFamily, member: Member, motion: Motion) -> LimitCheck:
-    """Return how much of a limit of a root mean square a motion uses, with the rest after it."""
+    """Check a root-mean-square limit over the motion and the dwell after it."""
 
     def squares(state: State) -> FloatArray:
         samples = MotionSamples(*state, np.zeros_like(state.q))
@@ -389,7 +388,7 @@ def _limit_check(
     *,
     jump: bool = False,
 ) -> LimitCheck:
-    """Return the check of a limit by its use [k], of the component that uses it most."""
+    """Return the check of a limit from its use [k], for the component with the largest use."""
     joint = int(use.argmax())
     return LimitCheck(
         quantity=member.key,
@@ -407,8 +406,9 @@ def _limit_check(
 
 
 def _condition(robot: Robot, t: FloatArray, state: State) -> tuple[float, int]:
-    """Return the largest condition number of the mass matrix and where: among some points, then
-    near it.
+    """Return the largest condition number of the mass matrix, and its index in ``t``.
+
+    A coarse pass finds the neighbourhood of the peak, a second pass evaluates every sample in it.
     """
     function, apart = mass_matrix_condition(robot), -(-t.size // SETTINGS.condition_points)
     at = apart * int(np.array(function(state.q[::apart].T)).argmax())
@@ -418,14 +418,14 @@ def _condition(robot: Robot, t: FloatArray, state: State) -> tuple[float, int]:
 
 
 def _stored_torque(robot: Robot, motion: Motion, allowed: float, start: float) -> Check:
-    """Return the largest difference to inverse dynamics, relative."""
+    """Check the stored torques against inverse dynamics, relative to the torque of each joint."""
     again = torque_along(robot, State(motion.q, motion.qd, motion.qdd))
     ratio = np.abs(motion.tau - again) / torque_sizes(robot, motion)
     i, joint = np.unravel_index(int(ratio.argmax()), ratio.shape)
     error, name, moment = float(ratio[i, joint]), robot.joint_names[joint], start + motion.t[i]
     problem = (
-        f"stored torque of {name} at {moment:.4g} s is not "
-        f"that of inverse dynamics: it differs by {error:.3g} of its largest torque"
+        f"stored torque of {name} at {moment:.4g} s differs from inverse dynamics by "
+        f"{error:.3g} of its largest torque (allowed: {allowed:.3g})"
     )
     passed = not error > allowed
     return Check("stored torque", passed, problem, name, float(moment), error, allowed)
@@ -434,10 +434,10 @@ def _stored_torque(robot: Robot, motion: Motion, allowed: float, start: float) -
 def _between_samples(
     motion: Motion, moved: Callable[[State], FloatArray], what: str, first: float
 ) -> Check:
-    """Return how far the torque half-way between samples lies outside theirs (relative), and when.
+    """Check that the torque half-way between two samples is near the torques at both.
 
-    ``moved`` gives it, or the acceleration of a robot without masses, from states; ``first`` is
-    when the motion begins.
+    ``moved`` returns the torque of states, or the acceleration for a robot without masses;
+    ``first`` is the start time of the motion, s.
     """
     start, end = motion.t[:-1], motion.t[1:]
     long = ~jump_gaps(motion.t)
@@ -451,8 +451,8 @@ def _between_samples(
     size = max(float(np.abs(ends).max()), 1e-9)
     stray, moment = max(0.0, float(outside[worst] / size)), first + float(middle[worst])
     problem = (
-        f"position, velocity and acceleration do not belong together: between the samples at "
-        f"{moment:.4g} s the {what} strays by {stray:.3g} of the largest"
+        "position, velocity and acceleration contradict each other: half-way between two samples, "
+        f"at {moment:.4g} s, the {what} leaves their range by {stray:.3g} of the largest {what}"
     )
     allowed = SETTINGS.between_samples
     name = f"{what} between samples"
@@ -460,7 +460,7 @@ def _between_samples(
 
 
 def _check_vias(motion: Motion, via: FloatArray, t: FloatArray, tolerance: float) -> list[Check]:
-    """Return the distance in joint space, rad (m), to each via point where it is least."""
+    """Check the least distance in joint space, rad (m), to each via point."""
     q = motion.sample(t).q
     names = [f"via point {k + 1}" for k in range(via.shape[0])]
     if len(motion.marks) == via.shape[0]:
@@ -485,13 +485,13 @@ def _check_vias(motion: Motion, via: FloatArray, t: FloatArray, tolerance: float
 
 
 def _agrees(again: Resimulation, tolerances: Tolerances) -> Check:
-    """Return whether the torques lead along the motion."""
+    """Check that the torques reproduce the motion."""
     solved = again.resimulation_status.solved
     near = again.defect <= tolerances.torque and again.position_defect <= tolerances.position
     problem = (
-        f"re-simulation misses the motion at {again.defect_time:.4g} s by what a torque of "
-        f"{again.defect:.2g} of the largest of {again.defect_joint} would explain (of "
-        f"{again.segments} segments one ends up to {again.position_defect:.2g} rad off)"
+        f"re-simulation differs from the motion at {again.defect_time:.4g} s as if the torque of "
+        f"{again.defect_joint} were wrong by {again.defect:.2g} of its largest (largest position "
+        f"error of the {again.segments} segments: {again.position_defect:.2g} rad)"
     )
     if not solved:
         problem = f"re-simulation stopped: {again.message}"
@@ -513,7 +513,7 @@ def _limit_kept(check: LimitCheck, tolerance: float) -> Check:
 
 
 def _tightest(limit_checks: tuple[LimitCheck, ...], unjudged: Sequence[str] = ()) -> str:
-    # Every motion fills the position range that its path needs; the others say how hard it is.
+    # The use of the position range depends on the path only, so any other limit is named first.
     used = [check for check in limit_checks if check.quantity != "q"] or list(limit_checks)
     but = f" but that of {' and '.join(unjudged)}" if unjudged else ""
     if not used:
@@ -526,13 +526,13 @@ def _tightest(limit_checks: tuple[LimitCheck, ...], unjudged: Sequence[str] = ()
 
 
 def summary(certificate: Certificate, *, simulated: bool) -> str:
-    """Return what a certificate of several parts says when all of them passed."""
+    """Return the summary of a certificate of several parts that all passed."""
     limits = _tightest(certificate.limit_checks, certificate.unjudged)
     return "; ".join([limits, *(_agreement(certificate) if simulated else ["not simulated"])])
 
 
 def _agreement(figures: ResimulationFigures) -> list[str]:
-    """Check that the torques lead along the motion; nothing where they never determine it."""
+    """Return the remark on the re-simulation; none if torques never determine the motion."""
     if not np.isfinite(figures.defect):
         return ["kinematics only"]
     if figures.undetermined_fraction > SETTINGS.all_along:
@@ -545,17 +545,17 @@ def _summary(limit_checks: tuple[LimitCheck, ...], again: Resimulation) -> str:
     parts = [_tightest(limit_checks)] if limit_checks else []
     parts += _agreement(again)
     grown = growth_said(again.amplification)
-    open_loop = f"one simulation over the whole time says nothing, for errors grow up to {grown}"
+    open_loop = f"an open-loop simulation is meaningless, as it amplifies errors up to {grown}"
     if again.final_position_error < SETTINGS.linear_error:
         error = again.final_position_error
-        open_loop = f"open loop it ends within {error:.2g} rad, errors growing up to {grown}"
+        open_loop = (
+            f"open-loop simulation ends within {error:.2g} rad, amplifying errors up to {grown}"
+        )
     return "; ".join([*parts, open_loop])
 
 
 def _direction(robot: Robot, direction: FloatArray) -> str:
-    """Return names of the joints that make up a direction, with their shares where they are
-    several.
-    """
+    """Return the names of the joints that make up a direction, with their components if several."""
     parts = np.abs(direction) >= SETTINGS.named_part * np.abs(direction).max()
     if parts.sum() == 1:
         return robot.joint_names[int(np.abs(direction).argmax())]

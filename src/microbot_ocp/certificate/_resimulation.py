@@ -1,12 +1,12 @@
-"""A motion simulated again from its own torque, segment by segment.
+"""Re-simulation of a motion from its own torque, segment by segment.
 
-Each segment starts at the motion's own state. It is driven by the torque that inverse dynamics ask
-for the sampled accelerations, interpolated, and by what the stored torques differ from it. The
-forward dynamics are integrated by Gauss-Legendre collocation, solved for all segments at once by
-Picard's iteration, or by the simplified Newton iteration where friction makes them stiff, and what
-is missed at the end is put down to a torque: the constant one that would cause it, by the mass
-matrix. Where the mass matrix is all but singular torques do not determine the
-acceleration, so the motion's own is integrated there and inverse dynamics say what torque it takes.
+Each segment starts at the motion's own state. The driving torque is the inverse dynamics of the
+interpolated accelerations, plus the interpolated difference between stored torques and inverse
+dynamics. Gauss-Legendre collocation integrates the forward dynamics, solved for all segments at
+once by Picard iteration, or by simplified Newton iteration where friction makes a segment stiff.
+The error at the end of a segment is judged as the constant torque that would cause it, computed
+with the mass matrix. If the mass matrix is nearly singular, torques do not determine the
+acceleration; there the motion's own acceleration is integrated, and inverse dynamics judge it.
 
 Theory: docs/theory/certificates.md, equations (2) and (3).
 """
@@ -31,27 +31,27 @@ from microbot_ocp.simulation import interpolated, lagrange_weights
 
 @dataclass(frozen=True)
 class ResimulationSettings:
-    """Settings of the simulation of a motion, segment by segment.
+    """Settings of the re-simulation.
 
     Attributes
     ----------
-    nodes : of a segment
-    longest_segment : s
-    shortest_segment : s; shorter ones only between breaks
-    shortest_stiff : s, the same where the iteration does not converge
-    most_segments : at first: those of motions beyond 500 s are longer
-    most_tried : segments in all, halved ones among them: some 20 s of work
-    rounds : of the iteration, before a segment is halved
-    stiff : damping times the length of a segment, beyond which Picard's iteration is slow
-    converged : relative change of the state
-    resolved : of the torque that is judged: what may be left of the last Legendre coefficients
-    neighbours : segments beside one that is divided
-    wrong : times what is allowed: no finer segments will mend that
-    known_state : rad (m) and rad/s (m/s): how well a motion's states are taken to be known
-    near_singular : condition number of the mass matrix
-    undetermined : s, the longest segment that is judged by inverse dynamics alone
-    small_torque : of the largest: what the torque of a joint counts as, at least
-    difference : of the differences that linearise the dynamics, rad (m) and rad/s (m/s)
+    nodes : collocation nodes of a segment
+    longest_segment : largest length of a segment, s
+    shortest_segment : smallest length of a segment that converges, s; breaks may be nearer
+    shortest_stiff : smallest length of a segment that does not converge, s
+    most_segments : largest number of initial segments; they are longer in motions beyond 500 s
+    most_tried : largest number of segments tried, halved ones included; about 20 s of work
+    rounds : iterations before a segment is halved
+    stiff : damping rate times length above which a segment is solved by Newton iteration
+    converged : relative change of the state at which the iteration stops
+    resolved : allowed torque of the last two Legendre coefficients, relative to the tolerance
+    neighbours : offsets of the samples through which a cubic predicts a sample
+    wrong : factor on the tolerance above which a defect is final and the segment is not halved
+    known_state : accuracy of the motion's own states, rad (m) and rad/s (m/s)
+    near_singular : condition number above which the mass matrix counts as singular
+    undetermined : largest length of a segment that inverse dynamics judge alone, s
+    small_torque : smallest torque scale of a joint, relative to the largest of all joints
+    difference : step of the finite differences of the dynamics, rad (m) and rad/s (m/s)
     """
 
     nodes: int = 9
@@ -82,24 +82,26 @@ BoolArray = NDArray[np.bool_]
 _points, _weights = np.polynomial.legendre.leggauss(RESIMULATION.nodes)
 _to_coefficients = np.linalg.inv(np.polynomial.legendre.legvander(_points, RESIMULATION.nodes - 1))
 PLACES, WEIGHTS = 0.5 * (_points + 1.0), 0.5 * _weights
-# Integrals from the start to each place, of the polynomial through the values at all of them.
+# Row i integrates the interpolating polynomial from the start of the segment to node i.
 INTEGRALS = 0.5 * np.column_stack(
     [
         np.polynomial.legendre.legval(_points, np.polynomial.legendre.legint(column, lbnd=-1))
         for column in _to_coefficients.T
     ]
 )
+# The last two Legendre coefficients of the nodal values measure the error of the interpolation.
 TAIL = _to_coefficients[-2:]
+# Eigenvectors of INTEGRALS decouple the Newton system into one n x n system per node.
 MODES, _to_places = np.linalg.eig(INTEGRALS)
 _to_modes = np.linalg.inv(_to_places)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Resimulation(ResimulationFigures):
-    """What became of a motion, and what a certificate says of it in words alone.
+    """Figures of a re-simulation and the parts that appear only in the certificate's text.
 
-    ``undetermined_besides`` counts the further directions that torques do not determine where they
-    determine one least.
+    ``undetermined_besides`` counts the undetermined directions besides the least determined one,
+    at the pose where the mass matrix is nearest to singular.
     """
 
     message: str = ""
@@ -107,13 +109,13 @@ class Resimulation(ResimulationFigures):
 
 
 class _Segments(NamedTuple):
-    """Segments [K] that have been integrated."""
+    """Integrated segments [K] with their defects."""
 
     start: FloatArray
     end: FloatArray
-    defects: FloatArray  # [K,2n], of position and velocity
-    torques: FloatArray  # [K,n], what would explain them
-    unknown: FloatArray  # [K,n], what the samples leave open of the torque
+    defects: FloatArray  # errors of position and velocity at the end [K,2n]
+    torques: FloatArray  # constant torques that would explain the defects [K,n]
+    unknown: FloatArray  # torque uncertainty from the sampling of the motion [K,n]
     determined: BoolArray  # [K]
 
     def where(self, chosen: BoolArray | IntArray) -> _Segments:
@@ -122,7 +124,7 @@ class _Segments(NamedTuple):
 
 
 class _Drive:
-    """The torque of a motion as a function of time, from its samples."""
+    """Driving torque of a motion as a function of time, interpolated from its samples."""
 
     def __init__(self, robot: Robot, motion: Motion) -> None:
         self.robot, self.motion = robot, motion
@@ -135,16 +137,16 @@ class _Drive:
         breaks = np.union1d(breaks, pairs[(pairs > breaks[0]) & (pairs < breaks[-1])])
         self.smooth = interpolated(motion, motion.qdd, breaks)
         first = nearest_samples(motion.t, breaks)
-        self.missed = np.cumsum(_missed(motion, first), axis=0)
+        self.missed = np.cumsum(_acceleration_uncertainty(motion, first), axis=0)
 
     def unknown(self, start: FloatArray, end: FloatArray) -> FloatArray:
-        """Return how uncertain the mean acceleration [K,n] from start to end [K] is."""
+        """Return the uncertainty of the mean acceleration [K,n] between start and end [K]."""
         both = np.stack([start, end])
         total = np.stack([np.interp(both, self.motion.t, column) for column in self.missed.T], -1)
         return (total[1] - total[0]) / (end - start)[:, None]
 
     def __call__(self, t: FloatArray, state: State) -> tuple[FloatArray, ...]:
-        """Return accelerations, torques, and what the stored torques are too large [N,n]."""
+        """Return accelerations, torques, and the excess of the stored torques, each [N,n]."""
         smooth = self.smooth(t)
         tau = torque_along(self.robot, State(state.q, state.qd, smooth))
         added = np.zeros_like(smooth)
@@ -154,14 +156,13 @@ class _Drive:
         return smooth, tau + added, added
 
 
-def _missed(motion: Motion, first: IntArray) -> FloatArray:
-    """Return integral [N,n] over the interval before each sample of how uncertain the acceleration
-    is.
+def _acceleration_uncertainty(motion: Motion, first: IntArray) -> FloatArray:
+    """Return the acceleration uncertainty, integrated over the interval before each sample [N,n].
 
-    That is how far the samples at its ends are from the cubics through their four neighbours: all
-    of a jump that the samples do not mark, and next to nothing where they are dense. The first and
-    the last samples have neighbours on one side only, where a cubic says little: they are as
-    uncertain as the next that have them on both.
+    The uncertainty is the distance of the interval's end samples from the cubics through their
+    four neighbours: a jump that the samples do not mark counts in full, and dense samples of a
+    smooth motion give almost zero. The outermost samples have neighbours on one side only, where a
+    cubic predicts poorly; they get the uncertainty of the nearest samples with neighbours on both.
     """
     t, count = motion.t, motion.t.size
     missed = np.zeros_like(motion.qdd)
@@ -171,21 +172,22 @@ def _missed(motion: Motion, first: IntArray) -> FloatArray:
     weights = lagrange_weights(t[2:-2], t[stencil])
     guess = (weights[:, :, None] * motion.qdd[stencil]).sum(axis=1)
     missed[2:-2] = 2.0 * np.abs(guess - motion.qdd[2:-2])
-    # the stencils of the outermost intervals reach six samples in
+    # The stencils of the outermost intervals reach six samples into the motion.
     missed[:2], missed[-2:] = missed[2:6].max(axis=0), missed[-6:-2].max(axis=0)
-    edges = first[1:-1, None] + np.arange(-3, 3)  # no cubic goes across a break
+    edges = first[1:-1, None] + np.arange(-3, 3)  # no cubic may extend across a break
     missed[np.clip(edges, 0, count - 1)] = 0.0
     missed[1:] = np.maximum(missed[1:], missed[:-1]) * np.diff(t)[:, None]
     return missed
 
 
 def resimulate(robot: Robot, motion: Motion, tolerance: float, first: float = 0.0) -> Resimulation:
-    """Simulate a motion again; ``tolerance`` of the torque, relative, is what will be judged.
+    """Simulate a motion again and judge its defects.
 
-    It begins at ``first``, s.
+    ``tolerance`` is the relative torque error that will be allowed, ``first`` the start time, s.
     """
     mesh, drive = mesh_of(motion), _Drive(robot, motion)
     size = torque_sizes(robot, motion)
+    # Initial segments are equal; an edge moves to a mesh point nearer than half a segment.
     count = int(np.ceil(motion.duration / RESIMULATION.longest_segment))
     edges = np.linspace(0.0, motion.duration, min(count, RESIMULATION.most_segments) + 1)
     nearest = mesh[nearest_samples(mesh, edges)]
@@ -196,6 +198,7 @@ def resimulate(robot: Robot, motion: Motion, tolerance: float, first: float = 0.
     left = tried = 0
     while todo.size and not left:
         low = np.searchsorted(mesh, todo[:, 0] + 1e-9, side="right")
+        # A segment is divided until it holds no break and is resolved, or reaches its least length.
         inner = low < np.searchsorted(mesh, todo[:, 1] - 1e-9, side="left")
         segments, good, converged = _integrated(drive, size * tolerance, todo, inner)
         shortest = np.where(converged, RESIMULATION.shortest_segment, RESIMULATION.shortest_stiff)
@@ -204,6 +207,7 @@ def resimulate(robot: Robot, motion: Motion, tolerance: float, first: float = 0.
         done.append(segments.where(good | small))
         todo = todo[~(good | small)]
         cut = todo.mean(axis=1)
+        # A segment with breaks inside is cut at the break nearest to its middle, others are halved.
         for k in np.flatnonzero(inner[~(good | small)]):
             inside = mesh[(mesh > todo[k, 0] + 1e-9) & (mesh < todo[k, 1] - 1e-9)]
             cut[k] = inside[np.abs(inside - cut[k]).argmin()]
@@ -225,9 +229,10 @@ def resimulate(robot: Robot, motion: Motion, tolerance: float, first: float = 0.
 
 
 def torque_sizes(robot: Robot, motion: Motion) -> FloatArray:
-    """Return what errors of the torques [n] are relative to: the largest of each joint, N m (N).
+    """Return the torque scale of each joint [n], N m (N): its largest torque along the motion.
 
-    At least a thousandth of the largest of all, and what would stop the motion in its duration.
+    The scale is at least a thousandth of the largest of all joints, and at least the torque that
+    would stop the motion within its duration.
     """
     peaks = np.abs(torque_along(robot, State(motion.q, motion.qd, motion.qdd))).max(axis=0)
     some = np.linspace(0, motion.t.size - 1, min(100, motion.t.size)).astype(int)
@@ -239,14 +244,14 @@ def torque_sizes(robot: Robot, motion: Motion) -> FloatArray:
 def _integrated(
     drive: _Drive, allowed: FloatArray, spans: FloatArray, inner: BoolArray
 ) -> tuple[_Segments, BoolArray, BoolArray]:
-    """Return segments [K] integrated, which are accurate, or as wrong as can be told, and which
-    converged.
+    """Integrate segments [K]; return them with masks of the finished and the converged segments.
 
-    Where torques do not determine the motion there is no iteration to converge. Of those with
-    breaks inside, ``inner`` [K], it is not begun where the torque jumps. Stored torques that differ
-    from inverse dynamics by more than is ``allowed`` [n] are wrong whatever comes of them, as are
-    samples that contradict each other: shorter segments tell no more. Where the iteration does not
-    converge the motion is judged by its samples and by that difference.
+    A segment is finished if it is resolved, or if its defect is certainly beyond the tolerance.
+    Shorter segments would not change the verdict on stored torques that differ from inverse
+    dynamics by more than ``allowed`` [n], nor on samples that contradict each other. Segments whose
+    torques do not determine the motion need no iteration. Segments with breaks inside (``inner``
+    [K]) are not iterated if the torque jumps. A segment that does not converge keeps the motion's
+    samples, and its stored torques are judged instead.
     """
     robot, motion = drive.robot, drive.motion
     count, begin, h = robot.joint_count, spans[:, 0], np.diff(spans)[:, 0]
@@ -267,16 +272,20 @@ def _integrated(
     inertia = matrices.reshape(h.size, RESIMULATION.nodes, count, count)[:, RESIMULATION.nodes // 2]
     open_ = determined & ~(inner & _rough(inertia, qdd, allowed))
     stiff, modes = _stiff_modes(robot, flat, tau, h)
+    # Collocation of equation (2) on all open segments, A = INTEGRALS: qd = qd0 + h A qdd(q, qd) and
+    # q = q0 + h A qd. Segments leave the iteration as they converge or diverge.
     for _ in range(RESIMULATION.rounds):
         if not open_.any() or deadline.over():
             break
         qdd[open_] = _accelerations(robot, q[open_], qd[open_], tau[open_])
         with np.errstate(over="ignore", invalid="ignore"):
             speed = qd0[open_] + h1[open_] * (INTEGRALS @ qdd[open_])
+            # Stiff segments: Newton with the damping slope D, (I - A x hD) change = residual.
             both = open_ & stiff
             change = modes[both[stiff]] @ (_to_modes @ (speed - qd[open_])[both[open_]])[..., None]
             speed[both[open_]] = qd[both] + (_to_places @ change[..., 0]).real
             place = q0[open_] + h1[open_] * (INTEGRALS @ speed)
+            # An error of the velocity matters by the position that it adds within the segment.
             change = np.maximum(
                 np.abs(place - q[open_]).max(axis=(1, 2)),
                 np.abs(speed - qd[open_]).max(axis=(1, 2)) * np.minimum(1.0, h[open_]),
@@ -289,28 +298,31 @@ def _integrated(
     good = converged & (determined | (h < RESIMULATION.undetermined))
     q[~converged], qd[~converged], qdd[~converged] = (part[~converged] for part in sampled)
     with np.errstate(over="ignore", invalid="ignore"):
-        # Elsewhere the motion's own velocity and acceleration are integrated.
+        # Segments that did not converge integrate the motion's own velocity and acceleration.
         end_speed = qd0[:, 0] + h[:, None] * (WEIGHTS @ qdd)
         end_place = q0[:, 0] + h[:, None] * (WEIGHTS @ qd)
         defects = np.hstack([end_place - last.q, end_speed - last.qd])
+        # Equation (3), the constant torque that explains a defect: max(|M dqd| / h, 2 |M dq| / h^2)
+        # It is applied to the part of the defect beyond the accuracy of the motion's states.
         beyond = np.sign(defects) * np.maximum(0.0, np.abs(defects) - RESIMULATION.known_state)
         by_place = np.abs(np.einsum("kij,kj->ki", inertia, beyond[:, :count]))
         by_speed = np.abs(np.einsum("kij,kj->ki", inertia, beyond[:, count:]))
         torques = np.maximum(2.0 * by_place / h[:, None] ** 2, by_speed / h[:, None])
         torques[~determined] += np.abs(added[~determined]).max(axis=1)
-        alone = wrong & ~converged  # over a jump the integrals say nothing
+        alone = wrong & ~converged  # across a jump the quadrature has no accuracy
         torques[alone] = np.abs(added[alone]).max(axis=1)
         unknown = np.einsum("kij,kj->ki", np.abs(inertia), drive.unknown(begin, spans[:, 1]))
         resolved = ~_rough(inertia, qdd, allowed)
         far = (torques > RESIMULATION.wrong * (allowed + unknown)).any(axis=1)
         good &= resolved | far
+        # Breaks inside a segment are harmless only if its defect is allowed; else it is cut there.
         good &= ~(inner & (torques > allowed).any(axis=1))
         good |= wrong | (far & resolved & ~inner)
     return _Segments(begin, spans[:, 1], defects, torques, unknown, determined), good, converged
 
 
 def _rough(inertia: FloatArray, qdd: FloatArray, allowed: FloatArray) -> BoolArray:
-    """Tell in which segments [K] the nodes do not resolve the accelerations [K,NODES,n]."""
+    """Return a mask of segments [K] whose nodes do not resolve the accelerations [K,NODES,n]."""
     tail = np.abs(np.einsum("an,knj->kaj", TAIL, qdd)).max(axis=1)
     torque = np.abs(np.einsum("kij,kj->ki", inertia, tail))
     return np.logical_or.reduce(torque > RESIMULATION.resolved * allowed, axis=1)
@@ -319,11 +331,10 @@ def _rough(inertia: FloatArray, qdd: FloatArray, allowed: FloatArray) -> BoolArr
 def _stiff_modes(
     robot: Robot, state: State, tau: FloatArray, h: FloatArray
 ) -> tuple[BoolArray, NDArray[Any]]:
-    """Return which segments [K] friction makes stiff, and for those the inverses of Newton's
-    iteration.
+    """Return the mask of stiff segments [K], and the inverses of Newton's matrices for those.
 
-    The derivative of the acceleration by the velocity is taken in the middle of each; the inverses
-    [stiff, NODES, n, n] are for the eigenvectors of the collocation's integrals.
+    The derivative of the acceleration by the velocity is evaluated at the middle of each segment.
+    The inverses [stiff,NODES,n,n] belong to the eigenvectors of ``INTEGRALS``.
     """
     middle = slice(RESIMULATION.nodes // 2, None, RESIMULATION.nodes)
     torque = tau[:, RESIMULATION.nodes // 2]
@@ -338,10 +349,12 @@ def _judged(
     drive: _Drive, every: _Segments, size: FloatArray, tolerance: float, stuck: int, first: float
 ) -> Resimulation:
     robot, motion, count = drive.robot, drive.motion, drive.robot.joint_count
+    # A defect within the sampling uncertainty is no error of the motion: its scale is added.
     share = np.nan_to_num(every.torques / (size + every.unknown / tolerance), nan=np.inf)
     k, joint = np.unravel_index(int(share.argmax()), share.shape)
     lengths = every.end - every.start
     middle = motion.sample(0.5 * (every.start + every.end))
+    # Open-loop error to first order: e_k+1 = Phi_k e_k + defect_k, reported but not judged.
     slopes = _linearised(robot, middle)
     slopes[~every.determined] = 0.0
     carried = carry(np.nan_to_num(every.defects), transition_matrices(slopes, lengths))
@@ -351,7 +364,7 @@ def _judged(
     if not every.determined.all():
         matrices = _mass_matrices(robot, middle.q[~every.determined])
         values, vectors = np.linalg.eigh(matrices)
-        largest = values[:, -1]  # zero where links have no mass at all
+        largest = values[:, -1]  # zero if no link has mass
         ratio = np.divide(values[:, 0], largest, out=0.0 * largest, where=largest > 0.0)
         least = int(ratio.argmin())
         direction = vectors[least, :, 0]
@@ -378,7 +391,7 @@ def _judged(
 
 
 def _linearised(robot: Robot, state: State) -> FloatArray:
-    """Return the derivative [K,2n,2n] of velocity and acceleration by position and velocity."""
+    """Return derivatives [K,2n,2n] of velocity and acceleration by position and velocity."""
     tau, count = torque_along(robot, state), robot.joint_count
     slopes = np.zeros((len(tau), 2 * count, 2 * count))
     slopes[:, :count, count:] = np.eye(count)
@@ -390,10 +403,10 @@ def _linearised(robot: Robot, state: State) -> FloatArray:
 def _slopes(
     robot: Robot, q: FloatArray, qd: FloatArray, tau: FloatArray, by: tuple[float, float]
 ) -> FloatArray:
-    """Return derivative [K,n,n] of the acceleration by the position, or by the velocity, as ``by``
-    says.
+    """Return derivatives [K,n,n] of the acceleration along ``by``, by forward differences.
 
-    By differences; zero where the mass matrix is singular.
+    ``by`` is (1, 0) for the derivative by the position and (0, 1) for the derivative by the
+    velocity. Entries are zero where the mass matrix is singular.
     """
     base = _accelerations(robot, q, qd, tau)
     with np.errstate(over="ignore", invalid="ignore"):
@@ -405,19 +418,19 @@ def _slopes(
 
 
 def _accelerations(robot: Robot, q: FloatArray, qd: FloatArray, tau: FloatArray) -> FloatArray:
-    """Return the forward dynamics [...,n]."""
+    """Return the accelerations of the forward dynamics [...,n]."""
     rows = [np.reshape(part, (-1, robot.joint_count)).T for part in (q, qd, tau)]
     return forward_dynamics(robot)(*rows).full().T.reshape(np.shape(q))
 
 
 def _mass_matrices(robot: Robot, q: FloatArray) -> FloatArray:
-    """Return mass matrices [K,n,n] at positions [K,n]."""
+    """Return the mass matrices [K,n,n] at positions [K,n]."""
     count = robot.joint_count
     return mass_matrix(robot)(q.T).full().reshape(count, -1, count).transpose(1, 0, 2)
 
 
 def _condition(matrices: FloatArray) -> FloatArray:
-    """Return condition numbers [K], in the 2-norm; infinite where not positive definite."""
+    """Return the condition numbers [K] in the 2-norm; infinite if not positive definite."""
     values = np.linalg.eigvalsh(matrices)
     with np.errstate(divide="ignore", invalid="ignore"):
         condition = values[:, -1] / values[:, 0]

@@ -1,7 +1,7 @@
-"""Proof of a motion through stops: every segment under its own limits and with its own payload.
+"""Certification of a motion through stops: every segment under its own limits and payload.
 
-The stops and tool lines are measured again by formulas that the solver did not use: angles from the
-trace of a rotation, distances to a line of many points.
+Stops and tool lines are measured by formulas that the solver does not use: angles from the norm of
+the difference of two rotations, distances to a polyline of many points.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from microbot_ocp.robot import Robot, forward_kinematics, jacobian
 
 @dataclass(frozen=True)
 class SegmentTolerances:
-    """Settings of the checks of segments.
+    """Tolerances of the checks of stops and segments.
 
     Attributes
     ----------
-    points : of a curve to which distances are measured
-    continuous : rad (m), largest step between two segments
-    still : rad/s (m/s), largest velocity at rest, largest error of one that is asked for
+    points : number of points of the polyline that represents a curve
+    continuous : largest step of the position between two segments, rad (m)
+    still : largest velocity at rest, and largest error of a required velocity, rad/s (m/s)
     """
 
     points: int = 2001
@@ -46,7 +46,7 @@ SEGMENT_TOLERANCES = SegmentTolerances()
 def certificate_of_task(
     task: Task, motion: Motion, tolerances: Tolerances, *, simulated: bool = True
 ) -> Certificate:
-    """Return the certificate of a motion whose marks are when the stops of a task are reached."""
+    """Certify a motion whose marks give the times of a task's stops."""
     parts, problems = [], []
     history = motion.history(cycle=task.cycle)
     places = stretches(task, motion)
@@ -75,18 +75,17 @@ def certificate_of_task(
 
 
 def _part(motion: Motion, robot: Robot, start: float, end: float) -> Motion:
-    """Return the motion from one time to another, both of them samples, with what the robot holds
-    there.
+    """Return the motion between two sample times, with the torques of the robot in that segment.
 
-    One more sample stands in its first interval: breaks that are all the samples would look as if
-    nothing had been said of them.
+    A further sample is inserted into the first interval, because a motion whose samples all are
+    breaks counts as a motion without known breaks.
     """
     t = motion.t
     start, end = t[nearest_samples(t, np.array([start, end]))]
     here = (t >= start) & (t <= end)
     last = np.flatnonzero(here)[-1]
     if t[last] < motion.duration and jump_gaps(t)[last - 1]:
-        here[last] = False  # of the next one: the torque or the acceleration jumps there
+        here[last] = False  # the second sample of a jump belongs to the next segment
     times = t[here] - t[here][0]
     q, qd, qdd, tau = (column[here] for column in (motion.q, motion.qd, motion.qdd, motion.tau))
     between = motion.sample([t[here][:2].mean()])
@@ -102,18 +101,19 @@ def _part(motion: Motion, robot: Robot, start: float, end: float) -> Motion:
 
 
 def _steps(motion: Motion, times: Sequence[float]) -> list[Check]:
-    """Return whether position and velocity are continuous from one segment to the next."""
+    """Check that position and velocity are continuous from one segment to the next."""
     checks = []
     for time in times:
         before, after = (motion.sample([time + k * 2 * JUMP_GAP]) for k in (-1, 1))
         moved = after.q - before.q - 2 * JUMP_GAP * (before.qd + after.qd)
+        # The velocity may change by 1e4 rad/s^2 over the gap around the jump.
         still = SEGMENT_TOLERANCES.still + 4 * JUMP_GAP * 1e4
         for what, unit, steps, allowed in (
             ("position", "rad", moved, SEGMENT_TOLERANCES.continuous),
             ("velocity", "rad/s", after.qd - before.qd, still),
         ):
             step = float(np.abs(steps).max())
-            problem = f"the {what} jumps by {step:.3g} at {time:.4g} s"
+            problem = f"the {what} jumps by {step:.3g} {unit} at {time:.4g} s"
             passed = not step > allowed
             name = f"step of the {what}"
             checks.append(Check(name, passed, problem, "", time, step, allowed, unit))
@@ -149,17 +149,16 @@ def _check_stops(task: Task, motion: Motion) -> list[Check]:
         first, last = motion.sample([0.0]), motion.sample([motion.duration])
         for what, a, b in (("position", first.q, last.q), ("velocity", first.qd, last.qd)):
             off = float(np.abs(a - b).max())
-            problem = f"the cycle ends {off:.3g} off in its {what}"
+            problem = f"start and end of the cycle differ in {what} by {off:.3g}"
             end = motion.duration
             checks.append(Check(f"{what} of the cycle", off <= still, problem, "", end, off, still))
     return checks
 
 
 def stop_misses(robot: Robot, stop: Stop, q: FloatArray) -> dict[tuple[str, str], float]:
-    """Return by how much a pose [n] is beyond the tolerance of a stop, by what and unit; below 0
-    within.
+    """Return the excess of a pose [n] over the tolerances of a stop, by quantity and unit.
 
-    A millionth of a metre or radian is let pass.
+    Negative values are within the tolerance; a millionth of a metre or radian is allowed on top.
     """
     slack = 1e-6
     if stop.q is not None:
@@ -209,10 +208,10 @@ def _check_segments(task: Task, motion: Motion) -> list[Check]:
 
 
 def _near(segment: str, what: str, value: float, tolerance: float, unit: str) -> Check:
-    """Return whether a motion stays within a tolerance, as closely as limits are kept."""
+    """Check that a motion stays within a tolerance of a segment, with the margin of limits."""
     where = segment, np.nan, float(value), tolerance, unit, "segment"
     check = Check(what, not value > (1.0 + 1e-3) * tolerance, "", *where)
-    return replace(check, problem=f"{check} is left")
+    return replace(check, problem=f"{check} is exceeded")
 
 
 def _check_curve(task: Task, k: int, kind: Line | Circle, q: FloatArray) -> list[Check]:
@@ -234,9 +233,7 @@ def _check_curve(task: Task, k: int, kind: Line | Circle, q: FloatArray) -> list
 
 
 def _to_polyline(points: FloatArray, line: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return distances [N] to a polyline [M,d] with even steps, and shares [N] of it that are
-    nearest.
-    """
+    """Return distances [N] to a polyline [M,d] with even steps, and the nearest fractions [N]."""
     distance, share = np.empty(len(points)), np.empty(len(points))
     for row, point in enumerate(points):
         nearest = int(((line - point) ** 2).sum(axis=1).argmin())
@@ -251,10 +248,11 @@ def _to_polyline(points: FloatArray, line: FloatArray) -> tuple[FloatArray, Floa
     return distance, share
 
 
-# the whole ----------------------------------------------------------------------------------------
+# merging ------------------------------------------------------------------------------------------
 
 
-# Of several parts in a row: the worst of a figure, and what is said of the same part with it.
+# A figure of the merged certificate is the worst of its parts; the fields named beside it are
+# taken out of the part with the worst value.
 WORST = {
     "defect": ("defect_joint", "defect_time"),
     "condition_peak": ("condition_time", "condition_pose"),
@@ -268,7 +266,7 @@ WORST = {
 
 
 def _merged(motion: Motion, parts: Sequence[tuple[float, Certificate]]) -> Certificate:
-    """Return one certificate of several in a row: the worst of each figure, with its time."""
+    """Return one certificate for consecutive parts: the worst of each figure, with its time."""
     lengths, certificates = zip(*parts, strict=True)
     figures: dict[str, Any] = {}
     for key, others in WORST.items():
