@@ -1,4 +1,4 @@
-"""From one compartment of a shelf to the next: UR5e and Panda as their URDF files describe them.
+"""Motion between two compartments of a shelf: UR5e and Panda as their URDF files describe them.
 
 Links, joints, masses and limits come from the files that `airo-models` and `example-robot-data`
 ship (both in the extra `test`); capsules are fitted to their collision geometry. The script draws

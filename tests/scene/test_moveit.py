@@ -73,7 +73,7 @@ def test_a_request_is_read_and_solved_from_the_command_line(
 ) -> None:
     path = tmp_path / "request.yaml"
     path.write_text(REQUEST)
-    with pytest.warns(UserWarning, match="held as the robot's file has them: finger"):
+    with pytest.warns(UserWarning, match="of its file: finger"):
         assert mo.scene.load_request(path, arm()).tolist() == [[0.1, 0.2], [0.4, 0.3]]
     assert main(["solve", str(path)]) == 2
     assert "give --robot" in capsys.readouterr().err
@@ -228,7 +228,7 @@ def test_an_unknown_frame_is_refused_by_its_path(
 
 def test_frames_that_contradict_each_other_are_refused(tmp_path: Path) -> None:
     given = scene_of(ball(), fixed_frame_transforms=[moved("world", "base_link", 0.5)])
-    with pytest.raises(InputError, match=r"fixed_frame_transforms place 'base_link' where"):
+    with pytest.raises(InputError, match=r"fixed_frame_transforms .*'base_link'"):
         mo.load_scene(written(tmp_path, given))
 
 

@@ -38,7 +38,7 @@ class LimitCheck:
         Joint (empty for a limit that does not belong to joints), time (s), value and limit (both in
         ``unit``) at the worst utilisation.
     jump : bool
-        Whether the worst utilisation is a jump of the acceleration; its rate is computed as if the
+        True if the worst utilisation is a jump of the acceleration; its rate is computed as if the
         jump took a microsecond.
     """
 
@@ -102,7 +102,7 @@ class Certificate(ResimulationFigures):
     label : str
         Label of the motion.
     ok : bool
-        Whether every check passed.
+        True if every check passed.
     verdict : str
         Result in words.
     limit_checks : tuple of LimitCheck

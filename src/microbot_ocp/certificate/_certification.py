@@ -154,7 +154,7 @@ def certify(
     via_tolerance : float
         Allowed distance to a via point, rad (m).
     simulated : bool
-        Whether the motion is re-simulated; False judges limits, via points and clearance only.
+        True to re-simulate the motion; False judges limits, via points and clearance only.
     time_limit : float
         Wall time of the re-simulation, s; a certificate that exceeds it fails.
         Wall time, s, after which no further segments are simulated: the certificate is refused.

@@ -1,8 +1,8 @@
-"""Obstacles around an arm: data, distances as limits of the arm, proved clearance, ways around.
+"""Obstacles around an arm: data, distances as limits of the arm, proved clearance, detours.
 
-:class:`Scene` holds obstacles; :meth:`Scene.limit` makes of their distances a member of the limits'
-family, which motions are planned with; :func:`clearance` proves of any motion how near it comes.
-Begin in ``_scene.py``.
+:class:`Scene` holds obstacles; :meth:`Scene.limit` turns their distances into a limit that motions
+are planned under; :func:`clearance` proves the least distance of any motion. Begin in
+``_scene.py``.
 """
 
 from microbot_ocp._base import border

@@ -1,10 +1,10 @@
 """Proof that a motion keeps clear of a scene at every instant, not only at samples.
 
-In a stretch of time no point of a link's axis is farther from where it is in the middle than joint
-speeds times lever arms times half the stretch. A pair that is farther apart in the middle than both
-its sides can come in the stretch keeps clear all along it; where that is not sure the stretch is
-halved. Joint speeds are bounded by the Bernstein coefficients of the motion's own polynomials,
-lever arms by the lengths of the chain, whatever the pose. Distances are coal's.
+Within a time interval of length h no point of a link moves farther from its place in the middle
+than the sum over joints of speed bound times lever arm times h / 2. A pair whose distance in the
+middle exceeds that bound plus the clearance keeps clear in the whole interval; otherwise the
+interval is halved. The Bernstein coefficients of the motion's polynomials bound the joint speeds,
+the lengths of the chain bound the lever arms in every pose. Distances are computed by coal.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ class ClearanceProof:
 
     Attributes
     ----------
-    first_intervals : into which a motion is divided at first
-    most_distances : before the proof gives up
-    shortest : s: an interval that is not halved any further
-    slack_ratio : of what is left beyond the clearance, that the proof may leave open
+    first_intervals : number of equal intervals at the start
+    most_distances : number of distances after which the proof gives up
+    shortest : length below which an interval is not halved, s
+    slack_ratio : fraction of the least distance beyond the clearance that a proof must reach
     """
 
     first_intervals: int = 64
@@ -49,28 +49,28 @@ PROOF = ClearanceProof()
 
 @dataclass(frozen=True)
 class Clearance:
-    """How near a motion comes to its surroundings, and whether that is proved.
+    """Least distance of a motion from its surroundings, and whether the clearance is proved.
 
     Attributes
     ----------
     minimum : float
-        Least distance found, m; negative where something overlaps.
+        Least distance found, m; negative if something overlaps.
     time : float
-        When, s.
+        Time of the least distance, s.
     pair : str
-        What is nearest: "forearm to post".
+        Names of the nearest pair: "forearm to post".
     proved : bool
-        Whether every pair is farther apart than the scene's clearance at every instant.
+        True if every pair is farther apart than the scene's clearance at every instant.
     at_least : float
-        Distance that all pairs are proved to keep, m; minus infinity where nothing is.
+        Distance that all pairs are proved to keep, m; minus infinity without a proof.
     wanted : float
-        The scene's clearance, m.
+        Clearance that the scene requires, m.
     distances : int
-        How many were computed.
+        Number of computed distances.
     wall_time : float
-        s.
+        Wall time of the proof, s.
     unwatched : tuple of str
-        Links that touch in the zero pose and therefore may: "forearm to base".
+        Links that touch in the zero pose and therefore may touch: "forearm to base".
     """
 
     minimum: float
@@ -85,23 +85,23 @@ class Clearance:
 
     @property
     def sentence(self) -> str:
-        """The result in words."""
+        """Result in words."""
         where = f"{self.pair} at {self.time:.4g} s"
         if self.proved:
             labels = ", ".join(self.unwatched[:3]) + (", ..." if len(self.unwatched) > 3 else "")
             but = f"; not watched, as they touch in the zero pose: {labels}" if labels else ""
             return (
                 f"clearance is proved: nothing comes nearer than {1e3 * self.at_least:.4g} mm, "
-                f"the least found being {1e3 * self.minimum:.4g} mm ({where}){but}"
+                f"the least distance found is {1e3 * self.minimum:.4g} mm ({where}){but}"
             )
         if self.minimum <= self.wanted:
-            how = "overlap by" if self.minimum < 0 else "are only apart by"
+            how = "overlap by" if self.minimum < 0 else "are apart by only"
             return f"{where} {how} {1e3 * abs(self.minimum):.4g} mm, not more than " + (
                 f"{1e3 * self.wanted:.4g} mm" if self.wanted else "touching"
             )
         return (
-            f"clearance is not proved: the least found is {1e3 * self.minimum:.4g} mm ({where}), "
-            "but stretches are left open"
+            "clearance is not proved: some times are undecided; the least distance found is "
+            f"{1e3 * self.minimum:.4g} mm ({where})"
         )
 
 
@@ -113,7 +113,7 @@ def clearance(robot: Robot, motion: Motion, scene: Scene) -> Clearance:
     Parameters
     ----------
     robot : Robot
-        What of it is the arm: see :class:`Scene`.
+        Arm with capsules or collision geometry; see :class:`Scene`.
     motion : Motion
     scene : Scene
 
@@ -124,7 +124,7 @@ def clearance(robot: Robot, motion: Motion, scene: Scene) -> Clearance:
     Raises
     ------
     InputError
-        A motion of another number of joints, coal is not installed.
+        The motion has another number of joints than the robot, or coal is not installed.
 
     Examples
     --------
@@ -139,16 +139,16 @@ def clearance(robot: Robot, motion: Motion, scene: Scene) -> Clearance:
         raise InputError(
             f"motion is of {motion.joint_count} joints, but the robot has {robot.joint_count}"
         )
-    scene.pairs(robot)  # whose names are checked
+    scene.pairs(robot)  # raises if ``ignore`` holds an unknown name
     return clearance_along([(0.0, motion.duration, robot, scene)], motion)
 
 
 def clearance_along(
     places: Sequence[tuple[float, float, Robot, Scene]], motion: Motion
 ) -> Clearance:
-    """Do as :func:`clearance`, of an arm that carries something else from one time on.
+    """Find the least distance of an arm whose payload or surroundings change along a motion.
 
-    ``places`` are start and end, s, the robot with what it carries there, and what is around it.
+    ``places`` holds start and end (s), the robot with its payload, and the scene of each part.
     """
     started = time.perf_counter()
     speeds = _speed_bounds(motion)
@@ -173,7 +173,11 @@ def clearance_along(
 
 
 class _ClearanceSearch:
-    """Stretches of time and pairs, halved until all are sure."""
+    """Branch and bound over time intervals and pairs of bodies.
+
+    Invariant: every pair at every time is in a closed interval, whose bound exceeds the clearance,
+    or in an open one, which is halved next.
+    """
 
     def __init__(
         self, robot: Robot, scene: Scene, motion: Motion, speeds: FloatArray, farthest: FloatArray
@@ -193,10 +197,11 @@ class _ClearanceSearch:
         pair = np.tile(np.arange(pairs), PROOF.first_intervals)
         while start.size:
             middle: FloatArray = 0.5 * (start + end)
+            # Lipschitz bound: d(t) >= d(middle) - reach for all t of the interval.
             reach = self._reach(start, end, pair) + ACCURACY
             sure = self._distances(middle, pair) - reach
             self.count += sure.size
-            # of what is left beyond the clearance the proof may leave a share open
+            # Halving goes on until the proved bound reaches this fraction of the least distance.
             beyond = max(self.minimum - ACCURACY - self.wanted, 0.0)
             enough = self.wanted + PROOF.slack_ratio * beyond
             closed = (sure > self.wanted) & (sure >= enough)
@@ -214,9 +219,10 @@ class _ClearanceSearch:
             pair = np.tile(pair[left], 2)
 
     def _distances(self, times: FloatArray, pair: np.ndarray) -> FloatArray:
-        """Return distances of pairs at times, m, of which none but the least need be exact."""
+        """Return the distances of pairs at times, m; only those below the minimum are exact."""
         different, which = np.unique(times, return_inverse=True)
         poses = self.model.poses(self.motion.sample(different).q)
+        # Sorting by time sets every pose of the arm once.
         order = np.argsort(which, kind="stable")
         distances, current = np.empty(times.size), -1
         for item in order.tolist():
@@ -229,32 +235,34 @@ class _ClearanceSearch:
         return distances
 
     def _reach(self, start: FloatArray, end: FloatArray, pair: np.ndarray) -> FloatArray:
-        """Return how much nearer the sides of pairs can come than in the middle of stretches, m."""
+        """Return the largest approach of each pair within its interval, from the middle, m."""
         first = np.clip(np.searchsorted(self.motion.t, start, side="right") - 1, 0, None)
         last = np.clip(np.searchsorted(self.motion.t, end, side="left"), first + 1, None)
         edges = np.column_stack([first, np.minimum(last, self.motion.t.size - 1)]).ravel()
-        speeds = np.maximum.reduceat(self.speeds, edges)[::2]  # the largest of each stretch
+        speeds = np.maximum.reduceat(self.speeds, edges)[::2]  # reduceat also returns gaps between
         return 0.5 * (end - start) * (speeds * self.levers[pair]).sum(axis=1)
 
 
 def _speed_bounds(motion: Motion) -> FloatArray:
-    """Return bounds [N-1,n] of the joint speeds between samples: Bernstein coefficients of the
-    slopes.
+    """Return bounds [N-1,n] of the joint speeds between samples.
+
+    The Bernstein coefficients of a polynomial bound it on its interval.
     """
     pieces = pieces_of(motion)
     h = np.diff(motion.t)[:, None]
     slopes = [(k + 1) * pieces[:, k + 1] * h**k for k in range(5)]
     bounds = np.zeros_like(slopes[0])
     for j in range(5):
+        # Bernstein coefficient j of a quartic sum_k s_k x^k: sum_k C(j,k) / C(4,k) s_k.
         control = sum(comb(j, k) / comb(4, k) * slopes[k] for k in range(j + 1))
         bounds = np.maximum(bounds, np.abs(control))
     return bounds
 
 
 def levers_of(robot: Robot, pairs: Sequence[Pair], farthest: FloatArray) -> FloatArray:
-    """Give how far a unit of each joint's motion moves one side of pairs towards the other, [k,n].
+    """Return the largest approach of each pair per unit of each joint's motion [k,n], m/rad (m/m).
 
-    ``farthest`` [n] is how far joints are from zero at most.
+    ``farthest`` [n] is the largest distance of each joint from zero, rad (m).
     """
     if robot.coupling is not None:
         sizes = np.abs(robot.transmission)
@@ -279,7 +287,7 @@ def levers_of(robot: Robot, pairs: Sequence[Pair], farthest: FloatArray) -> Floa
     for pair in pairs:
         lever = of(pair.frame, pair.capsule)
         if pair.other_frame:
-            # joints before both move the two alike: only those between them count
+            # Joints before both links move both alike and leave their distance unchanged.
             lever = np.where(np.arange(robot.joint_count) < pair.other_frame, 0.0, lever)
         table.append(lever)
     return np.array(table)

@@ -1,4 +1,4 @@
-"""Distances between an arm and a scene by coal: none of the functions that solvers see is used."""
+"""Distances between an arm and a scene by coal, independent of the functions of the solvers."""
 
 from __future__ import annotations
 
@@ -30,13 +30,14 @@ from microbot_ocp.scene._scene import Pair, Scene, clearances, told_apart, with_
 
 
 class Nearest(NamedTuple):
-    """Where a pair is nearest.
+    """Nearest points of a pair of bodies.
 
     Attributes
     ----------
     pair : Pair
+        Pair of bodies.
     distance : float
-        m; negative where they overlap.
+        Distance of the two, m; negative if they overlap.
     on_arm, on_other : array [3]
         Nearest points in the base frame, m.
     """
@@ -48,21 +49,25 @@ class Nearest(NamedTuple):
 
 
 class ContactModel:
-    """An arm and what it may touch, ready to be asked for distances in a pose, by one thread."""
+    """Arm and surroundings as coal's geometries; evaluates distances in a pose, in one thread.
+
+    The distance of a pair is bounded by the capsules around its links; their convex hulls are
+    evaluated only if that bound does not decide.
+    """
 
     def __init__(self, robot: Robot, pairs: Sequence[Pair], unwatched: Sequence[Pair] = ()) -> None:
         self._coal = coal()
         self.pairs = tuple(pairs)
         self.unwatched = tuple(dict.fromkeys(pair.label for pair in unwatched))
-        # with and without a compiler to the bit the same: a search goes on from what a pose decided
+        # The planner branches on these values: they must not change by a bit with a compiler.
         self._poses = deferred_call(link_poses(robot))
-        # of a thing in its frame, None for hulls of links: its pose there, and coal's transform
+        # Pose of each body in its frame and its transform in coal; hulls share that of their frame.
         self._placed: dict[tuple[int, Obstacle | None], tuple[FloatArray, Any]] = {}
-        self._sides: list[tuple[Any, ...]] = []  # transforms of the two of each pair
-        self._bounds: list[tuple[Any, ...] | None] = []  # by capsules around links
+        self._sides: list[tuple[Any, ...]] = []  # transforms of both bodies of each pair
+        self._bounds: list[tuple[Any, ...] | None] = []  # capsules that bound the hulls of a pair
         self._solid = cache(partial(_solid_of, self._coal))
         self._functors: dict[tuple[Obstacle, Obstacle], Any] = {}
-        self._capsules: dict[LinkHull, Capsule] = {}  # around hulls
+        self._capsules: dict[LinkHull, Capsule] = {}  # capsule around each hull
         for pair in self.pairs:
             self._sides.append(self._places(pair, pair.capsule, pair.other))
             around = [self._around(thing) for thing in (pair.capsule, pair.other)]
@@ -75,24 +80,25 @@ class ContactModel:
         self._locals = np.array([local for _, local, _ in moving])
         self._moving = [transform for _, _, transform in moving]
         row_of = {id(transform): row for row, transform in enumerate(self._moving)}
-        self._rows = [  # that each pair needs
+        # Poses of the moving bodies that each pair depends on.
+        self._rows = [
             {row_of[id(at)] for at in (*sides, *(bound or ())[1:]) if id(at) in row_of}
             for sides, bound in zip(self._sides, self._bounds, strict=True)
         ]
         self._request, self._result = self._coal.DistanceRequest(), self._coal.DistanceResult()
 
     def _around(self, thing: Obstacle) -> Obstacle:
-        """Return the capsule around a hull of a link; anything else itself."""
+        """Return the capsule around a hull of a link; any other body unchanged."""
         if not isinstance(thing, LinkHull):
             return thing
         return self._capsules.setdefault(thing, Capsule(thing.start, thing.end, thing.radius))
 
     def _places(self, pair: Pair, one: Obstacle, other: Obstacle) -> tuple[Any, ...]:
-        """Return the transforms of what stands for the two of a pair."""
+        """Return the transforms of two bodies that stand for a pair."""
         return self._place(pair.frame, one), self._place(pair.other_frame, other)
 
     def _place(self, frame: int, thing: Obstacle) -> Any:
-        """Return the transform of a thing; hulls of links stand in their frame itself."""
+        """Return the transform of a body; hulls of links have that of their frame."""
         key = frame, None if isinstance(thing, LinkHull) else thing
         if key not in self._placed:
             pose = self._solid(thing)[1]
@@ -100,25 +106,25 @@ class ContactModel:
         return self._placed[key][1]
 
     def poses(self, q: FloatArray) -> FloatArray:
-        """Return poses [N,k,4,4] of all that moves for q [N,n]."""
+        """Return the poses [N,k,4,4] of all moving bodies for q [N,n]."""
         poses = np.asarray(self._poses(np.ascontiguousarray(q, dtype=float)))
         return poses.reshape(len(q), 4, -1, 4).transpose(0, 2, 1, 3)[:, self._frames] @ self._locals
 
     def rows(self, pairs: Iterable[int]) -> list[int]:
-        """Return the rows of a pose that pairs need."""
+        """Return the rows of a pose that pairs depend on."""
         return sorted(set[int]().union(*(self._rows[index] for index in pairs)))
 
     def put(self, poses: FloatArray, rows: Sequence[int] | None = None) -> None:
-        """Bring what moves into a pose [k,4,4], or only some rows of it."""
+        """Set the moving bodies to their poses [k,4,4], or only some rows of them."""
         turns, shifts, moving = poses[:, :3, :3], poses[:, :3, 3], self._moving
         for row in range(len(moving)) if rows is None else rows:
             moving[row].setTransform(turns[row], shifts[row])
 
     def distance(self, index: int, enough: float = np.inf) -> float:
-        """Return the distance of a pair where it stands, m; negative where it overlaps.
+        """Return the distance of a pair in the current pose, m; negative if they overlap.
 
-        Of one that is farther apart than is ``enough``, m, something between the two. Where parts
-        of links overlap, by how much one of them does.
+        A distance above ``enough`` (m) may be replaced by a lower bound above ``enough``. If parts
+        of links overlap, the result is the depth of one of them.
         """
         pair, bound = self.pairs[index], self._bounds[index]
         if bound is not None:
@@ -130,7 +136,7 @@ class ContactModel:
         return self._least(pair.capsule, pair.other, self._sides[index], enough)
 
     def _functor(self, one: Obstacle, other: Obstacle) -> Any:
-        """Return coal's function of the distance of two things, made when it is first needed."""
+        """Return coal's distance function of two bodies, created on first use."""
         key = one, other
         if key not in self._functors:
             shapes = (self._solid(thing)[0] for thing in key)
@@ -138,7 +144,7 @@ class ContactModel:
         return self._functors[key]
 
     def _least(self, one: Capsule, other: Obstacle, sides: tuple[Any, ...], enough: float) -> float:
-        """Return the distance of two things at their places, of links by their parts."""
+        """Return the distance of two bodies; links are refined by their parts."""
         functor = self._functor(one, other)
         self._result.clear()
         least = functor(*sides, self._request, self._result)
@@ -147,6 +153,7 @@ class ContactModel:
         others = other.parts if isinstance(other, LinkHull) else ()
         if least > enough or not (parts or others):
             return least
+        # The larger of two divided links is divided first; the recursion divides the other.
         pairs = [(part, other) for part in parts]
         if isinstance(other, LinkHull) and others and (not parts or other.radius > one.radius):
             pairs = [(one, part) for part in others]
@@ -161,7 +168,8 @@ class ContactModel:
         return least
 
     def direction(self, index: int) -> FloatArray:
-        """Return unit vector [3] from the other thing of a pair to the arm; zero at contact."""
+        """Return the unit vector [3] from the other body of a pair to the arm; zero at contact."""
+        # The nearest points of overlapping bodies lie the other way round.
         side = 1.0 if self.distance(index) > 0.0 else -1.0
         on_arm, on_other = self._points()
         way = side * (on_arm - on_other)
@@ -169,7 +177,7 @@ class ContactModel:
         return way / apart if apart > ACCURACY else np.zeros(3)
 
     def _points(self) -> tuple[FloatArray, FloatArray]:
-        """Return the nearest points [3] of the pair that was asked for last."""
+        """Return the nearest points [3] of the last evaluated pair."""
         functor, *sides = self._last
         result = self._result
         result.clear()
@@ -177,7 +185,7 @@ class ContactModel:
         return np.array(result.getNearestPoint1()), np.array(result.getNearestPoint2())
 
     def distances(self, q: FloatArray) -> FloatArray:
-        """Return distances [N,k] of all pairs in poses q [N,n], m."""
+        """Return the distances [N,k] of all pairs in poses q [N,n], m."""
         distances = np.empty((len(q), len(self.pairs)))
         for row, poses in zip(distances, self.poses(q), strict=True):
             self.put(poses)
@@ -185,7 +193,7 @@ class ContactModel:
         return distances
 
     def nearest(self, q: FloatArray) -> Nearest:
-        """Return the nearest of all pairs in a pose [n]."""
+        """Return the nearest pair in a pose [n]."""
         self.put(self.poses(np.reshape(q, (1, -1)))[0])
         least, index = np.inf, 0
         for k in range(len(self.pairs)):
@@ -197,7 +205,7 @@ class ContactModel:
 
 
 def _solid_of(coal: Any, thing: Obstacle) -> tuple[Any, FloatArray]:
-    """Return coal's shape of a thing and its pose [4,4] in the frame that it is rigid in."""
+    """Return coal's shape of a body and its pose [4,4] in its frame."""
     if isinstance(thing, Sphere):
         return coal.Sphere(thing.radius), transform_of(np.eye(3), thing.center)
     if isinstance(thing, LinkHull):
@@ -225,9 +233,10 @@ def _hull_of(coal: Any, corners: FloatArray) -> Any:
 
 
 def facing(robot: Robot, pairs: Sequence[Pair], q: FloatArray) -> tuple[Pair, ...]:
-    """Give pairs with the directions in which the arm passes meshes of many faces in poses q [N,n].
+    """Add to pairs the directions in which poses q [N,n] pass meshes with many faces.
 
-    A large mesh would be seen decimetres nearer than it is otherwise.
+    Solvers see such a mesh as a polyhedron around it, which may stand out by decimetres; a face in
+    the direction of the arm makes it exact there.
     """
     meshes = [pair for pair in pairs if has_many_faces(pair.other)]
     if not meshes:
@@ -245,7 +254,7 @@ def facing(robot: Robot, pairs: Sequence[Pair], q: FloatArray) -> tuple[Pair, ..
 
 
 def _farthest(directions: FloatArray) -> tuple[tuple[float, ...], ...]:
-    """Return as many of some unit vectors [N,3] as solvers see, each far from those before it."""
+    """Choose at most 26 of some unit vectors [N,3] by farthest-point sampling."""
     directions = directions[directions.any(axis=1)]
     if not len(directions):
         return ()
@@ -257,12 +266,12 @@ def _farthest(directions: FloatArray) -> tuple[tuple[float, ...], ...]:
 
 
 def contact_model(robot: Robot, scene: Scene) -> ContactModel:
-    """Return the contact model of an arm, with its capsules, in a scene; cached, for each thread.
+    """Return the contact model of an arm, with its capsules, in a scene; cached in each thread.
 
     Raises
     ------
     InputError
-        coal is not installed, or there is nothing that could touch.
+        coal is not installed, or no pair of the arm and the scene may touch.
     """
     arm = with_arm_capsules(robot)
     return _contact_model(arm, scene, arm.shapes)
@@ -270,7 +279,7 @@ def contact_model(robot: Robot, scene: Scene) -> ContactModel:
 
 @cached_in_thread(maxsize=16)
 def _contact_model(robot: Robot, scene: Scene, shapes: tuple[Any, ...]) -> ContactModel:
-    """Return the model; robots are equal whatever their shapes, which the cache must tell apart."""
+    """Build the contact model; ``shapes`` is a cache key, since robots compare without shapes."""
     apart, overlapping = (_by_hulls(pairs, shapes) for pairs in told_apart(scene, robot))
     touching: tuple[Pair, ...] = ()
     if overlapping:
@@ -287,7 +296,7 @@ def _contact_model(robot: Robot, scene: Scene, shapes: tuple[Any, ...]) -> Conta
 
 
 def _by_hulls(pairs: Sequence[Pair], shapes: tuple[Any, ...]) -> tuple[Pair, ...]:
-    """Return pairs with the hulls of links in place of the capsules that were fitted around."""
+    """Replace fitted capsules of pairs by the convex hulls of their links."""
 
     def judged(frame: int, thing: Obstacle) -> Obstacle:
         fitted = isinstance(thing, Capsule) and thing.excess > 0.0
@@ -305,7 +314,7 @@ def _of_hulls(pair: Pair) -> bool:
 
 
 def guiding_pairs(robot: Robot, scene: Scene) -> tuple[Pair, ...]:
-    """Return the pairs of capsules whose links may not touch: also those that overlap at zero."""
+    """Return the pairs of capsules whose links may not touch, also those that overlap at zero."""
     arm = with_arm_capsules(robot)
     apart, overlapping = told_apart(scene, arm)
     left_out = contact_model(arm, scene).unwatched if overlapping else ()
@@ -315,20 +324,20 @@ def guiding_pairs(robot: Robot, scene: Scene) -> tuple[Pair, ...]:
 def room_along(
     robot: Robot, scene: Scene, pairs: Sequence[Pair], q: FloatArray, tolerance: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return what is asked of pairs of capsules along poses q [N,n], each [k], m.
+    """Return the distances that a limit may require of pairs along known poses q [N,n], m.
 
-    A solver may leave open a share of their distances, the ``tolerance``.
+    ``tolerance`` is the fraction of a distance by which a solver may miss it.
 
     Returns
     -------
     room : array [k]
-        What they have beyond the clearance. Of capsules that overlap in the pose in which their
-        links are nearest, what they have there when these come as near as twice what may be left
-        open, or half as near as they do.
+        Least distance of the capsules beyond the clearance. If the capsules overlap in the pose
+        where their links are nearest: their distance there, corrected as if the links came as near
+        as twice the solver's miss, or half as near as they do.
     most : array [k]
-        What the capsules have beyond the clearance in all of the poses.
+        Least distance of the capsules beyond the clearance over all poses.
     apart : array [k]
-        How near the capsules come, or where they overlap the links.
+        Least distance of the capsules, or of the links if the capsules overlap.
     """
     near = clearances(robot, pairs, q)
     apart = near.min(axis=0)
@@ -360,13 +369,13 @@ def coal() -> Any:
     Raises
     ------
     InputError
-        It is not installed.
+        The package is not installed.
     """
     return needed("coal", "distances to obstacles need", "cell")
 
 
 def has_coal() -> bool:
-    """Return whether coal is installed."""
+    """Return True if coal is installed."""
     try:
         coal()
     except InputError:
@@ -375,7 +384,7 @@ def has_coal() -> bool:
 
 
 def rotation_to(direction: FloatArray) -> FloatArray:
-    """Return a rotation [3,3] whose Z axis is a unit vector."""
+    """Return a rotation [3,3] whose Z axis is the unit vector ``direction``."""
     side = np.cross(np.eye(3)[np.argmin(np.abs(direction))], direction)
     side /= np.linalg.norm(side)
     return np.column_stack([side, np.cross(direction, side), direction])

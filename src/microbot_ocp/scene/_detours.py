@@ -1,9 +1,9 @@
 """Joint paths around obstacles by OMPL's planners, shortened and with rounded corners.
 
-Searches are numbered: the number says which planner, from which seed, and in how many poses, so a
-search ends by a count, and the same numbers lead to the same paths. Each path is often on another
-side of an obstacle. It is a polyline at first; random shortcuts take its detours away, and curves,
-as long as they keep clear, its corners. All of it is proved to keep clear, not looked at in places.
+Searches are numbered: the number determines the planner, its seed and its largest number of poses.
+A search ends by a count, so equal numbers give equal paths, and different numbers often pass an
+obstacle on different sides. Random shortcuts shorten the resulting polyline, and curves round its
+corners if they keep clear. Segments and curves are proved to keep clear, not sampled.
 """
 
 from __future__ import annotations
@@ -26,32 +26,32 @@ from microbot_ocp.scene._contact import ContactModel, Nearest, contact_model
 from microbot_ocp.scene._pairs import ACCURACY
 from microbot_ocp.scene._scene import Scene, with_arm_capsules
 
-TURN = np.pi  # rad: how far beyond both ends joints without limits may go
-USUAL_SPEED = 2.0  # rad/s of joints without a limit of their speed
-MOST_CHECKS = 40_000  # poses looked at by one of the first searches
-FIRST_SEARCHES = 4  # by RRT-Connect; all planners in turn after them, in twice the poses each round
+TURN = np.pi  # range beyond start and goal of joints without limits, rad
+USUAL_SPEED = 2.0  # assumed speed of joints without a speed limit, rad/s
+MOST_CHECKS = 40_000  # poses of one of the first searches; doubled with each later round
+FIRST_SEARCHES = 4  # searches by RRT-Connect; after them all planners take turns
 PLANNERS = ("RRTConnect", "LBKPIECE1", "BKPIECE1")
 SHORTCUTS = 60
-BLENDS = (0.5, 0.35, 0.2, 0.1, 0.05, 0.02)  # of the neighbouring segments, that a corner may take
-_planning = threading.Lock()  # the library has one random sequence for all threads
+BLENDS = (0.5, 0.35, 0.2, 0.1, 0.05, 0.02)  # sizes of a corner, relative to the shorter segment
+_planning = threading.Lock()  # OMPL has one random sequence for all threads
 
 
 @dataclass(frozen=True, eq=False)
 class Detour:
-    """What a search for a way around obstacles led to.
+    """Result of a search for a path around obstacles.
 
     Attributes
     ----------
     name : str
         "straight", or the number of the search.
     path : PiecewisePolynomial or None
-        Its parameter is the distance along the polyline, with joints weighed by their speeds.
+        Path over the length of the polyline, with joints weighted by their speeds.
     corners : array [m,n] or None
-        Of the polyline.
+        Corners of the polyline, rad (m).
     checks : int
-        Poses looked at.
+        Number of poses checked.
     left : float
-        How far from the goal the search came, rad, where there is no path.
+        Remaining distance to the goal if no path was found, rad.
     """
 
     name: str
@@ -62,14 +62,14 @@ class Detour:
 
 
 class Surroundings:
-    """An arm in a scene, as a search for paths sees it.
+    """Arm in a scene with the queries of a path search.
 
     Attributes
     ----------
     least : float
-        Distance below which nothing can be proved to keep clear, m.
+        Smallest distance that can be proved to keep the clearance, m.
     checks : int
-        Poses looked at so far.
+        Number of poses checked so far.
     """
 
     def __init__(self, robot: Robot, scene: Scene) -> None:
@@ -82,34 +82,34 @@ class Surroundings:
         self._all = range(len(self.model.pairs))
 
     def collision(self, q: FloatArray) -> Nearest | None:
-        """Return the pair that is nearest in a pose [n], where it is not farther than the
-        clearance.
-        """
+        """Return the nearest pair in a pose [n] if it is within the clearance, else None."""
         nearest = self.model.nearest(q)
         return nearest if nearest.distance <= self.least else None
 
     def is_free(self, q: FloatArray) -> bool:
-        """Return whether all pairs keep the clearance in a pose [n]."""
+        """Return True if all pairs keep the clearance in a pose [n]."""
         self.model.put(self.model.poses(q[None])[0])
         return self._unsure(self._all, [0.0] * len(self._all)) is not None
 
     def is_clear(self, start: FloatArray, end: FloatArray) -> bool:
-        """Return whether the straight segment between two poses is proved to keep the clearance."""
+        """Return True if the straight segment between two poses is proved to keep the clearance."""
         way = end - start
         return self.is_clear_along(lambda s: start + s * way, 1.0, np.abs(way))
 
     def is_clear_along(
         self, curve: Callable[[float], FloatArray], length: float, slopes: FloatArray
     ) -> bool:
-        """Return whether a curve of a parameter from 0 to a length is proved to keep the clearance.
+        """Return True if a curve over a parameter from 0 to ``length`` is proved to keep clear.
 
-        ``slopes`` [n] are the largest of its joints. What is not sure in the middle of a stretch is
-        looked at in both its halves, until nothing is left that the accuracy of distances decides.
+        ``slopes`` [n] bounds the slope of each joint. An interval is halved until the distances in
+        its middle exceed the largest approach within it; the proof fails if the approach is below
+        the accuracy of distances.
         """
         model, half = self.model, 0.5 * length
         stretches = [(half, self._all, model.rows(self._all))]
         while stretches:
             reach = (self.levers @ (half * slopes)).tolist()
+            # Lipschitz bound as in ``_clearance``, only of the pairs that are still undecided.
             halves = list[tuple[float, Sequence[int], list[int]]]()
             half *= 0.5
             all_poses = model.poses(np.array([curve(middle) for middle, *_ in stretches]))
@@ -125,8 +125,9 @@ class Surroundings:
         return True
 
     def _unsure(self, pairs: Sequence[int], reach: Sequence[float]) -> list[int] | None:
-        """Return those of some pairs, where they stand, that have less than a reach beyond the
-        clearance, m; None where one has nothing.
+        """Return the pairs whose distance beyond the clearance is at most ``reach``, m.
+
+        The result is None if one of the pairs is within the clearance.
         """
         self.checks += 1
         unsure = []
@@ -142,17 +143,18 @@ class Surroundings:
 def detour(
     around: Surroundings, start: FloatArray, goal: FloatArray, seed: int, number: int
 ) -> Detour:
-    """Return the way from a pose [n] to another that a search leads to: the straight one if that is
-    clear.
+    """Find a path from one pose [n] to another; the straight one if it keeps clear.
 
     Parameters
     ----------
     around : Surroundings
+        Arm in its scene.
     start, goal : array [n]
+        End poses, rad (m).
     seed : int
-        Of all searches.
+        Seed common to all searches.
     number : int
-        Of the search, from 0: later ones look at more poses, by several planners.
+        Number of the search, from 0; later searches check more poses, by several planners.
 
     Raises
     ------
@@ -203,7 +205,8 @@ def _searched(
         def checkMotion(self, first: Any, second: Any) -> bool:
             return not is_over() and around.is_clear(pose(first), pose(second))
 
-    proof = Proof(information)  # the planner does not keep it
+    # OMPL does not keep this Python object alive.
+    proof = Proof(information)
     information.setStateValidityChecker(lambda state: around.is_free(pose(state)))
     information.setMotionValidator(proof)
     information.setup()
@@ -218,7 +221,7 @@ def _searched(
     planner = planner_kind(information)
     planner.setProblemDefinition(problem)
     planner.setup()
-    # the planner waits for another end without a check where it takes one for invalid
+    # OMPL would wait for another start or goal without end if it rejects one of these.
     valid = all(space.satisfiesBounds(s) and information.isValid(s) for s in ends)
     if valid:
         planner.solve(
@@ -226,7 +229,7 @@ def _searched(
         )
     spent = around.checks - begun
     if not problem.hasExactSolution():
-        left = float(problem.getSolutionDifference())  # negative where it was not begun
+        left = float(problem.getSolutionDifference())  # negative if the search was not started
         if left < 0.0:
             left = float(np.linalg.norm((goal - start) * weights))
         return Detour(str(number), None, None, spent, left / float(weights[moving].max()))
@@ -238,7 +241,7 @@ def _searched(
 
 
 def _shortened(around: Surroundings, corners: FloatArray, seed: int) -> FloatArray:
-    """Return a polyline [m,n] with random shortcuts, and without corners that are not needed."""
+    """Shorten a polyline [m,n] by random shortcuts and by dropping needless corners."""
     random = np.random.default_rng(seed)
     path = _without_needless(around, corners)
     for _ in range(SHORTCUTS):
@@ -263,7 +266,7 @@ def _shortened(around: Surroundings, corners: FloatArray, seed: int) -> FloatArr
 
 
 def _without_needless(around: Surroundings, corners: FloatArray) -> FloatArray:
-    """Return a polyline that skips every corner that it can do without, from the start."""
+    """Drop every corner of a polyline that can be skipped, from the start on."""
     rows, at = [0], 0
     while at < len(corners) - 1:
         later = range(len(corners) - 1, at + 1, -1)
@@ -273,16 +276,16 @@ def _without_needless(around: Surroundings, corners: FloatArray) -> FloatArray:
 
 
 def rounded(around: Surroundings, corners: FloatArray) -> PiecewisePolynomial:
-    """Return a polyline [m,n] whose corners are curves, as long as they keep clear.
+    """Round the corners of a polyline [m,n] by curves that keep clear.
 
-    Parabolas are the fastest; where rates are limited, the curvature of curves is continuous, so
-    that the arm has to stop at none of their ends.
+    Parabolas give the fastest motions. If jerk or torque rates are limited, the curvature must be
+    continuous: the arm would have to stop at a jump of the curvature.
     """
     steps = np.diff(corners, axis=0)
     lengths = np.linalg.norm(steps * _weights(around.robot), axis=1)
     tangents = steps / lengths[:, None]
     smooth = LimitFamily.of(around.robot).jerk_matters
-    taken = np.zeros(len(corners))  # of both sides of a corner, as a length
+    taken = np.zeros(len(corners))  # length of each corner's curve, on either side
     for k in range(1, len(corners) - 1):
         room = min(lengths[k - 1], lengths[k])
         slopes = np.abs(tangents[k - 1 : k + 1]).max(axis=0)
@@ -315,9 +318,9 @@ def rounded(around: Surroundings, corners: FloatArray) -> PiecewisePolynomial:
 def _blend(
     corner: FloatArray, before: FloatArray, after: FloatArray, size: float, smooth: bool
 ) -> FloatArray:
-    """Give coefficients [5,n] of a curve around a corner, of a parameter from 0 to twice ``size``.
+    """Return coefficients [5,n] of a curve around a corner, over a parameter from 0 to 2 size.
 
-    Its slope goes from one tangent to the other: evenly, or smoothly from rest to rest.
+    Its slope changes from one tangent to the other: linearly, or as 3 s^2 - 2 s^3 if ``smooth``.
     """
     change, length = after - before, 2 * size
     curve = np.zeros((5, corner.size))
@@ -330,7 +333,7 @@ def _blend(
 
 
 def _weights(robot: Robot) -> FloatArray:
-    """Give by what joints are multiplied so that their paths compare by the time that they take."""
+    """Return joint weights that make lengths of paths proportional to travel times."""
     low, high = robot.limits.bounds("qd")
     speed = np.maximum(-low, high)
     speed = np.where(np.isfinite(speed) & (speed > 0), speed, USUAL_SPEED)
@@ -338,7 +341,7 @@ def _weights(robot: Robot) -> FloatArray:
 
 
 def _bounds(robot: Robot, start: FloatArray, goal: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return where joints may go: within their limits, and not far beyond both ends."""
+    """Return the search range of the joints: their limits, and not far beyond both ends."""
     low, high = robot.limits.bounds("q")
     least, most = np.minimum(start, goal), np.maximum(start, goal)
     low, high = np.maximum(low, least - TURN), np.minimum(high, most + TURN)

@@ -1,8 +1,8 @@
 """Planning scenes and motion plan requests of MoveIt, in YAML.
 
 Messages are moveit_msgs/PlanningScene and moveit_msgs/MotionPlanRequest; poses may be lists, or
-mappings of x, y, z, w as ROS prints them. Fields that are not read here stand in
-``_base/messages.txt``, with the reason.
+mappings of x, y, z, w as ROS prints them. ``_base/messages.txt`` lists the fields that are not
+read here, with the reason.
 """
 
 from __future__ import annotations
@@ -27,25 +27,25 @@ from microbot_ocp.robot._transforms import transform_of
 from microbot_ocp.scene._obstacles import Obstacle, solid_of
 from microbot_ocp.scene._scene import Scene, with_arm_capsules
 
-# number in ROS, and how many dimensions they have
+# Code of each primitive in ROS, and its number of dimensions.
 PRIMITIVES = {"box": (1, 3), "sphere": (2, 1), "cylinder": (3, 2)}
 OPERATIONS = ("ADD", "REMOVE", "APPEND", "MOVE")
-SHAPED = ("LIN", "CIRC", "PTP")  # planners of MoveIt that promise how the way runs
-USUAL_BASE = re.compile(r"world|base_link|(.*_)?link_?0")  # without a file that names links
-ANY_TURN = 3.14  # rad: who writes it means half a turn to either side
-SAME = 1e-6  # m and rad: nearer places and positions are the same
+SHAPED = ("LIN", "CIRC", "PTP")  # planners of MoveIt that prescribe the path
+USUAL_BASE = re.compile(r"world|base_link|(.*_)?link_?0")  # base frames of robots without links
+ANY_TURN = 3.14  # tolerance that stands for half a turn to either side, so for no limit, rad
+SAME = 1e-6  # tolerance of equal positions and angles, m and rad
 
 Frames = Mapping[str, FloatArray]
-Change = tuple[str, dict[str, Any]]  # path of a field, and limits as of Robot.with_limits
+Change = tuple[str, dict[str, Any]]  # path of a field, and arguments of Robot.with_limits
 
 
 def moveit_scene(path: Path, robot: Robot | None) -> Scene:
-    """Return the obstacles of a planning scene, and which of them links may touch.
+    """Return the obstacles of a planning scene, and the links that may touch them.
 
     Raises
     ------
     InputError
-        A file that is no planning scene, a field that cannot be kept, an unknown frame.
+        The file is no planning scene, a field cannot be kept, or a frame is unknown.
     """
     with naming(f"{path.name}: "):
         document = yaml_of(path, "scene file")
@@ -59,7 +59,7 @@ def moveit_scene(path: Path, robot: Robot | None) -> Scene:
 
 
 def _objects(rows: Any, frames: Frames) -> dict[str, list[Obstacle]]:
-    """Return the obstacles of every object, after all that is done to it one after the other."""
+    """Apply the operations of a scene in their order; return the obstacles of every object."""
     solids: dict[str, list[tuple[str, FloatArray, FloatArray]]] = {}
     for number, row in enumerate(rows):
         name, where = str(_of(row, "id")), f"world.collision_objects[{number}]"
@@ -86,7 +86,7 @@ def _objects(rows: Any, frames: Frames) -> dict[str, list[Obstacle]]:
 
 
 def _solids(row: Any, base: FloatArray) -> Iterator[tuple[str, FloatArray, FloatArray]]:
-    """Yield kind, size and pose of the primitives of an object whose frame is at ``base``."""
+    """Yield kind, size and pose of the primitives of an object with frame ``base``."""
     primitives, poses = _of(row, "primitives"), _of(row, "primitive_poses")
     if len(primitives) != len(poses) or not primitives:
         raise InputError(f"it has {len(primitives)} primitives, but {len(poses)} poses")
@@ -98,16 +98,16 @@ def _solids(row: Any, base: FloatArray) -> Iterator[tuple[str, FloatArray, Float
             raise InputError(f"type must be one of {', '.join(PRIMITIVES)}, not {shown(given)}")
         count, given = PRIMITIVES[kind][1], list(_of(primitive, "dimensions"))
         size = checks.array("dimensions", given[:count], (count,), "m")
-        # of a cylinder its height comes first there
+        # ROS lists the height of a cylinder before its radius.
         yield kind, size[::-1] if kind == "cylinder" else size, place @ _pose(placed)
 
 
 def _touching(
     matrix: Any, objects: Mapping[str, list[Obstacle]], robot: Robot | None
 ) -> Iterator[tuple[str, str]]:
-    """Yield the pairs of links and obstacles, and of links, that a matrix lets touch.
+    """Yield the pairs of links and obstacles, and of two links, that a matrix allows to touch.
 
-    Links without geometry, which nothing can touch, are left out where the robot names its links.
+    Links without geometry cannot touch; they are left out if the robot names its links.
     """
     names, rows = _of(matrix, "entry_names", ()), _of(matrix, "entry_values", ())
     table = [_of(row, "enabled", ()) if isinstance(row, Mapping) else row for row in rows]
@@ -130,7 +130,7 @@ def _touching(
         elif not may and of_links and {first, second} in disabled:
             raise InputError(
                 f"allowed_collision_matrix.entry_values[{i}][{j}] keeps {first} and {second} "
-                "apart, which the SRDF file of the robot lets touch"
+                "apart, but the SRDF file of the robot allows them to touch"
             )
 
 
@@ -139,18 +139,18 @@ def _touching(
 
 @dataclass(frozen=True, eq=False)
 class Request:
-    """What a motion plan request asks for.
+    """Motion plan request: start and goal, and the robot under the requested limits.
 
     Attributes
     ----------
     q : array [2,n]
         Start and goal, rad (m).
     robot : Robot
-        Under the limits of the request.
+        Robot under the limits of the request.
     asked : tuple of str
-        Paths of the fields that these limits come from.
+        Paths of the fields that set these limits.
     time_limit : float
-        s, infinite without one.
+        Allowed planning time, s; infinite if not given.
     """
 
     q: FloatArray
@@ -162,42 +162,43 @@ class Request:
 def load_request(path: str | Path, robot: Robot) -> FloatArray:
     """Read start and goal of a MoveIt motion plan request.
 
-    Needs PyYAML, of the extra ``export``.
+    Needs PyYAML, from the extra ``export``.
 
     Parameters
     ----------
     path : str or Path
-        A moveit_msgs/MotionPlanRequest in YAML, whose goal is constraints of the joints.
+        Motion plan request (moveit_msgs/MotionPlanRequest) in YAML, with joint constraints as goal.
     robot : Robot
-        Whose joints, by name, are asked for; of others in the start a warning tells.
+        Robot that owns the joints, by name; a warning lists other joints of the start state.
 
     Returns
     -------
     array [2,n]
-        Rad or m.
+        Start and goal, rad or m.
 
     Raises
     ------
     InputError
-        A file that is no such request, a joint without a position, a field that cannot be kept, or
-        that limits the way: :func:`microbot_ocp.tasks.request_cell` keeps those that it can.
+        The file is no such request, a joint has no position, or a field cannot be kept. Requests
+        that limit the path are refused, too; :func:`microbot_ocp.tasks.request_cell` keeps the
+        limits that it can.
     """
     request = read_request(path, robot)
     if request.asked:
         raise InputError(
-            f"{Path(path).name}: {request.asked[0]} is a limit, which start and goal do not hold: "
+            f"{Path(path).name}: {request.asked[0]} is a limit, which start and goal cannot hold: "
             "mo.tasks.request_cell(path, robot, scene).solve() keeps it"
         )
     return request.q
 
 
 def read_request(path: str | Path, robot: Robot) -> Request:
-    """Read a motion plan request with the limits that it asks for.
+    """Read a motion plan request with the limits that it sets.
 
     Raises
     ------
     InputError
-        As :func:`load_request`, but for the limits.
+        The file is refused as by :func:`load_request`, except for its limits.
     """
     with naming(f"{Path(path).name}: "):
         document = yaml_of(path, "request file")
@@ -212,15 +213,18 @@ def read_request(path: str | Path, robot: Robot) -> Request:
         rows = [_in_order("start", start, robot), _in_order("goal", goal, robot)]
         q = checks.array("positions of joints", rows, (2, robot.joint_count), "rad")
         if others := start.keys() - {*robot.chain.joint_names}:
-            warn_user(f"held as the robot's file has them: {', '.join(sorted(others))}")
+            warn_user(
+                f"joints that {robot.name} does not have keep the position of its file: "
+                f"{', '.join(sorted(others))}"
+            )
         for name in goal.keys() - robot.joint_names:
             if start.get(name) != goal[name]:
                 raise InputError(f"the goal moves {name}, a joint that {robot.name} does not have")
         planner = str(document.get("planner_id") or "").upper()
         if planner in SHAPED:
             raise InputError(
-                f"planner_id is {planner}, which promises how the way runs: a task of stops has "
-                "segments for that"
+                f"planner_id is {planner}, which prescribes the path: use the segments of a task "
+                "of stops for that"
             )
         ways = _of(document, "path_constraints", {})
         limits = [*_scaled(document, robot), *_tool_speed(document, robot)]
@@ -235,7 +239,7 @@ def read_request(path: str | Path, robot: Robot) -> Request:
 
 
 def _by_joint(label: str, names: Any, values: Any) -> dict[str, Any]:
-    """Return values by joint, of which none may be there twice."""
+    """Return values by joint name; a name that occurs twice is refused."""
     if len(names) != len(values):
         raise InputError(f"{label} has {len(names)} joints, but {len(values)} positions")
     if twice := sorted({str(name) for name in names if list(names).count(name) > 1}):
@@ -250,7 +254,7 @@ def _in_order(label: str, values: Mapping[str, Any], robot: Robot) -> list[Any]:
 
 
 def _scaled(document: Any, robot: Robot) -> Iterator[Change]:
-    """Yield limits of velocity and acceleration scaled by shares of 0 to 1; 0 is 1 in MoveIt."""
+    """Yield velocity and acceleration limits scaled by factors in (0, 1]; 0 is 1 in MoveIt."""
     for name, quantity in (("velocity", "qd"), ("acceleration", "qdd")):
         where = f"max_{name}_scaling_factor"
         share = checks.number(where, document.get(where) or 1.0, above=0.0, at_most=1.0)
@@ -270,7 +274,7 @@ def _scaled(document: Any, robot: Robot) -> Iterator[Change]:
 
 
 def _tool_speed(document: Any, robot: Robot) -> Iterator[Change]:
-    """Yield the limit of the speed of the tool's origin; no link is the tool, as in MoveIt."""
+    """Yield the speed limit of the tool's origin; a missing link is the tool, as in MoveIt."""
     where = "max_cartesian_speed"
     speed = checks.number(where, document.get(where) or 0.0, "m/s")
     for key in ("cartesian_speed_limited_link", "cartesian_speed_end_effector_link"):
@@ -284,7 +288,7 @@ def _tool_speed(document: Any, robot: Robot) -> Iterator[Change]:
 
 
 def _joints_on_the_way(ways: Any, robot: Robot, q: FloatArray) -> Iterator[Change]:
-    """Yield limits of positions by constraints of joints; turns of unlimited ones do not count."""
+    """Yield position limits from joint constraints; joints without limits ignore full turns."""
     low, high = (bound.copy() for bound in robot.limits.bounds("q"))
     for number, row in enumerate(_of(ways, "joint_constraints", ())):
         where = f"path_constraints.joint_constraints[{number}]"
@@ -310,7 +314,7 @@ def _joints_on_the_way(ways: Any, robot: Robot, q: FloatArray) -> Iterator[Chang
 
 
 def turns_on_the_way(ways: Any, robot: Robot, q: FloatArray) -> Iterator[Change]:
-    """Yield limits of the angles of links to given orientations."""
+    """Yield limits of the angles between links and given orientations."""
     for number, row in enumerate(_of(ways, "orientation_constraints", ())):
         where = f"path_constraints.orientation_constraints[{number}]"
         if row.get("parameterization"):
@@ -347,7 +351,7 @@ def _tuples(matrix: FloatArray) -> tuple[tuple[float, ...], ...]:
 
 
 def _link(name: Any, robot: Robot, where: str) -> tuple[int, FloatArray]:
-    """Return the number of the joint that moves a link, and the link's frame in that one."""
+    """Return the number of the joint that moves a link, and the link's frame in that joint's."""
     if name not in robot.frames:
         known = checks.similar(name, robot.frames) if robot.frames else ": it was read from no URDF"
         raise InputError(f"{where} is {shown(name)}, which is no link of {robot.name}{known}")
@@ -356,15 +360,15 @@ def _link(name: Any, robot: Robot, where: str) -> tuple[int, FloatArray]:
 
 @dataclass(frozen=True)
 class Turn:
-    """Angles about X, Y and Z from an orientation to that of a link, those that are limited.
+    """Limited angles about X, Y and Z from a given orientation to that of a link.
 
-    As MoveIt takes them: the turn from the one to the other is one about X, then about the Y and
-    then about the Z that moved with it.
+    They are MoveIt's: the rotation R = Rx(a) Ry(b) Rz(c) from the given orientation to the link is
+    a rotation about X, then about the moved Y, then about the moved Z.
     """
 
     frame: int
-    wanted: tuple[tuple[float, ...], ...]  # its inverse in the base frame
-    pose: tuple[tuple[float, ...], ...]  # of the link in its frame
+    wanted: tuple[tuple[float, ...], ...]  # inverse of the given orientation in the base frame
+    pose: tuple[tuple[float, ...], ...]  # orientation of the link in its joint's frame
     axes: tuple[int, ...]
 
     def __call__(self, state: Any) -> Any:
@@ -383,16 +387,16 @@ class Turn:
 
 
 def _frames(document: Mapping[str, Any], robot: Robot | None, named: Iterable[str]) -> Frames:
-    """Return the poses [4,4] of frames in the base frame: of links, and of what is given of others.
+    """Return the poses [4,4] of frames in the base frame.
 
     Parameters
     ----------
     document
-        A scene, of which ``fixed_frame_transforms`` and ``robot_state`` play a part.
+        Planning scene; ``fixed_frame_transforms`` and ``robot_state`` are read.
     robot : Robot, optional
-        Whose links are known; of those that move where the scene says how the arm stands.
+        Robot with named links; frames of moving links are known if the scene gives its joint state.
     named
-        Frames that are asked for: those that usually are the base are it, where nothing says more.
+        Frames to place; usual names of the base count as the base if nothing else places them.
     """
     links = {} if robot is None else robot.frames
     known = {"": np.eye(4)} | {name: place for name, (frame, place) in links.items() if not frame}
@@ -419,19 +423,19 @@ def _frames(document: Mapping[str, Any], robot: Robot | None, named: Iterable[st
 
 
 def _spread(known: dict[str, FloatArray], rows: list[tuple[str, str, FloatArray]]) -> None:
-    """Add the frames that transforms, from a parent to a child, place among those that are known.
+    """Add the frames that transforms from parent to child connect to known frames.
 
     Raises
     ------
     InputError
-        Two ways to a frame that lead to different places.
+        Two chains of transforms place a frame differently.
     """
-    for _ in rows:  # one more frame each time, at least
+    for _ in rows:  # every pass places at least one more frame, or none is left
         for parent, child, pose in rows:
             if parent in known:
                 place = known[parent] @ pose
                 if not np.allclose(known.setdefault(child, place), place, rtol=0.0, atol=SAME):
-                    raise InputError(f"fixed_frame_transforms place {child!r} where it is not")
+                    raise InputError(f"fixed_frame_transforms give {child!r} two different poses")
             elif child in known:
                 known[parent] = known[child] @ np.linalg.inv(pose)
 
@@ -439,8 +443,8 @@ def _spread(known: dict[str, FloatArray], rows: list[tuple[str, str, FloatArray]
 def _known(frames: Frames, name: str, where: str) -> FloatArray:
     if name not in frames:
         raise InputError(
-            f"{where} is {name!r}, which nothing places: give fixed_frame_transforms, or the robot "
-            "whose link it is, read from a URDF file"
+            f"{where} is {name!r}, an unknown frame: give fixed_frame_transforms, or the robot "
+            "that has this link, read from a URDF file"
         )
     return frames[name]
 
@@ -450,7 +454,7 @@ def _frame_of(row: Any) -> str:
 
 
 def _of(table: Any, key: str, default: Any = None) -> Any:
-    """Return the value of a key; it is needed where there is no default."""
+    """Return the value of a key; a missing key without default is refused."""
     if not isinstance(table, Mapping) or (key not in table and default is None):
         raise InputError(f"{key} is missing: the message is of another kind")
     value = table.get(key)

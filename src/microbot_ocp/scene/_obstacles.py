@@ -1,15 +1,14 @@
-"""Convex obstacles as data; each knows its signed distance as a CasADi expression.
+"""Convex obstacles as data, and their signed distances as CasADi expressions.
 
-An obstacle is a core, inflated by a radius: a point or a segment for a sphere and a capsule, the
-body itself with radius zero for the others. Outside of the core the distance of a point from it has
-a continuous slope; inside it is minus the depth. Along a straight line it is convex.
+An obstacle is a convex core inflated by a radius: a point for a sphere, a segment for a capsule,
+the body itself with radius zero for the others. Outside of the core the distance of a point has a
+continuous gradient; inside it is minus the depth. Along a straight line it is convex.
 
-Half the square of the distance of a point from a convex body has the slope x - p with the point p
-of the body that is nearest to x. Along a segment it is convex, so bisection of its slope finds the
-nearest place; the last step is a secant, which carries the derivatives of that place along. Where a
-segment lies flat on a face the nearest place is not unique: a small parabola about the middle is
-added, which makes it so. The value is at most the distance, and at contact at most a quarter of
-``rounding`` smaller.
+For the point p of a convex body that is nearest to x, the gradient of half the squared distance is
+x - p. Along a segment the squared distance is convex, so bisection of its slope finds the nearest
+place; a final secant step carries the derivatives of that place. If a segment lies flat on a face,
+the nearest place is not unique; a small parabola about the middle of the segment makes it unique.
+The result is at most the distance, and at contact smaller by at most a quarter of ``rounding``.
 """
 
 from __future__ import annotations
@@ -29,31 +28,31 @@ from microbot_ocp._base.needed import needed
 from microbot_ocp.robot import Capsule, rigid_transform
 from microbot_ocp.robot._transforms import transform_of
 
-MOST_FACES = 26  # of a mesh as the solver sees it; hulls with more are enclosed by so many planes
-ROUNDED = 0.05  # of a mesh's smallest half width: how far the solver's corners are rounded
-BISECTIONS = 8  # to a 256th of the segment, before the secant
+MOST_FACES = 26  # faces of a mesh in the solver; a hull with more is enclosed by this many planes
+ROUNDED = 0.05  # rounding of a mesh's corners in the solver, relative to its smallest half width
+BISECTIONS = 8  # the secant starts from a 256th of the segment
 TINY = 1e-20
 PointFunction = Callable[[ca.SX], ca.SX]
-Body = tuple[PointFunction, PointFunction | None]  # away from it, and its depth
+Body = tuple[PointFunction, PointFunction | None]  # vector from the nearest point, and minus depth
 
 
 @dataclass(frozen=True, eq=False)
 class Sphere:
-    """A ball.
+    """Sphere.
 
     Parameters
     ----------
     center : array_like [3]
-        In the base frame, m.
+        Centre in the base frame, m.
     radius : float
-        m, above 0.
+        Radius, m, above 0.
     name : str
-        For messages, figures and files; a scene numbers those without one.
+        Name for messages, figures and files; a scene numbers unnamed obstacles.
 
     Raises
     ------
     InputError
-        A radius that is not positive, anything not finite.
+        The radius is not positive, or a number is not finite.
     """
 
     center: FloatArray
@@ -67,7 +66,7 @@ class Sphere:
 
 @dataclass(frozen=True, eq=False)
 class Box:
-    """A box.
+    """Box.
 
     Parameters
     ----------
@@ -76,11 +75,12 @@ class Box:
     pose : array_like [4,4] or [3]
         Frame at its centre in the base frame, or the centre alone, m.
     name : str
+        Name for messages, figures and files; a scene numbers unnamed obstacles.
 
     Raises
     ------
     InputError
-        An edge that is not positive, a pose that is no rigid transform.
+        An edge is not positive, or the pose is no rigid transform.
     """
 
     size: FloatArray
@@ -95,20 +95,21 @@ class Box:
 
 @dataclass(frozen=True, eq=False)
 class Cylinder:
-    """A cylinder along the Z axis of its frame.
+    """Cylinder along the Z axis of its frame.
 
     Parameters
     ----------
     radius, length : float
-        m.
+        Radius and length, m, above 0.
     pose : array_like [4,4] or [3]
         Frame at its centre in the base frame, or the centre alone, m.
     name : str
+        Name for messages, figures and files; a scene numbers unnamed obstacles.
 
     Raises
     ------
     InputError
-        A radius or length that is not positive, a pose that is no rigid transform.
+        The radius or length is not positive, or the pose is no rigid transform.
     """
 
     radius: float
@@ -124,20 +125,21 @@ class Cylinder:
 
 @dataclass(frozen=True, eq=False)
 class HalfSpace:
-    """All points x with ``normal . x <= offset``: a floor, a wall.
+    """Half space of all points x with ``normal . x <= offset``, such as a floor or a wall.
 
     Parameters
     ----------
     normal : array_like [3]
-        Out of the obstacle, in the base frame; any length but zero.
+        Outward normal in the base frame, of any length but zero.
     offset : float
         Distance of its plane from the base's origin along the normal, m.
     name : str
+        Name for messages, figures and files; a scene numbers unnamed obstacles.
 
     Raises
     ------
     InputError
-        A normal without direction, anything not finite.
+        The normal is zero, or a number is not finite.
     """
 
     normal: FloatArray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
@@ -155,24 +157,25 @@ class HalfSpace:
 
 @dataclass(frozen=True, eq=False)
 class ConvexMesh:
-    """The convex hull of points, such as the vertices of a mesh.
+    """Convex hull of points, such as the vertices of a mesh.
 
-    The solver sees it by its faces: of more than 26 those of a polyhedron around it, which touches
-    it all around and where known ways pass it, with corners that are mitred and a little rounded.
-    The hull itself, which certificates measure, is never nearer.
+    The solver sees the hull by its faces. A hull of more than 26 faces is replaced by a polyhedron
+    around it, which touches it in directions all around and where known paths pass it; corners are
+    mitred and slightly rounded. Certificates measure the hull itself, which is never nearer.
 
     Parameters
     ----------
     vertices : array_like [N,3]
-        At least four that do not lie in a plane, m, in the frame of ``pose``.
+        Points in the frame of ``pose``, m; at least four that do not lie in a plane.
     pose : array_like [4,4] or [3]
-        In the base frame, m.
+        Frame of the vertices in the base frame, or its origin alone, m.
     name : str
+        Name for messages, figures and files; a scene numbers unnamed obstacles.
 
     Raises
     ------
     InputError
-        Fewer than four points or flat ones, anything not finite.
+        There are fewer than four points, all lie in a plane, or a number is not finite.
     """
 
     vertices: FloatArray
@@ -188,12 +191,12 @@ class ConvexMesh:
 
     @property
     def points(self) -> FloatArray:
-        """Its vertices [N,3] in the base frame, m."""
+        """Vertices [N,3] in the base frame, m."""
         return self.vertices @ self.pose[:3, :3].T + self.pose[:3, 3]
 
     @property
     def triangles(self) -> np.ndarray:
-        """The faces of its hull [M,3], as indices of vertices."""
+        """Faces of the hull [M,3], as indices of vertices."""
         return _hull(self.vertices).simplices
 
 
@@ -209,17 +212,17 @@ KINDS: Mapping[str, type] = {
 
 
 def core_radius(obstacle: Obstacle) -> float:
-    """Return by how much the core of an obstacle is inflated, m."""
+    """Return the radius that inflates the core of an obstacle, m."""
     return obstacle.radius if isinstance(obstacle, Sphere | Capsule) else 0.0
 
 
 def core_parameters(
     obstacle: Obstacle, accuracy: float = np.inf, facing: Sequence[Sequence[float]] = ()
 ) -> FloatArray:
-    """Return the numbers [k] that the distance of an obstacle's core depends on.
+    """Return the numbers [k] that determine the distance of an obstacle's core.
 
-    What is rounded off the corners of a mesh is at most the ``accuracy``, m; one of many faces is
-    seen as it is in the directions that it is ``facing``.
+    ``accuracy`` bounds the rounding of a mesh's corners, m. A mesh of many faces is exact in the
+    directions ``facing``.
     """
     if isinstance(obstacle, Sphere):
         return obstacle.center
@@ -238,18 +241,18 @@ def core_parameters(
 def core_distance(
     kind: type[Obstacle], numbers: ca.SX, start: ca.SX, end: ca.SX, rounding: ca.SX, contact: ca.SX
 ) -> ca.SX:
-    """Return signed distance of a segment from the core of an obstacle as an expression, m.
+    """Return the signed distance of a segment from the core of an obstacle as an expression, m.
 
     Parameters
     ----------
     kind : type
-        Of the obstacle.
+        Class of the obstacle.
     numbers : expression
-        As :func:`core_parameters`.
+        Numbers from :func:`core_parameters`.
     start, end : expression [3]
-        In the base frame, m.
+        Ends of the segment in the base frame, m.
     rounding, contact : expression
-        See :func:`_segment_to_body`.
+        Rounding and contact distance, m; see :func:`_segment_to_body`.
     """
     if kind is Sphere:
         return _length(_from_segment(numbers, start, end))
@@ -287,12 +290,15 @@ def _of_cylinder(size: ca.SX) -> Body:
 
 
 def _to_faces(x: ca.SX, numbers: ca.SX) -> ca.SX:
-    """Return at most the largest height of a point over faces, and near it, with continuous
-    slopes.
+    """Return a smooth lower bound of the largest height of a point over the faces.
+
+    It is the soft maximum rounding * log(mean(exp(heights / rounding))), which is below the largest
+    height by at most rounding * log(faces).
     """
     faces = numbers.shape[0] // 4
     normals, offsets = ca.reshape(numbers[: 3 * faces], faces, 3), numbers[3 * faces : -1]
     heights, rounding = ca.mtimes(normals, x) - offsets, numbers[-1]
+    # Heights relative to the largest keep the exponentials from overflow.
     largest = ca.mmax(heights)
     rest = ca.sum1(ca.exp((heights - largest) / rounding))
     return largest + rounding * (ca.log(rest) - np.log(faces))
@@ -313,17 +319,16 @@ def solid_of(kind: str, size: FloatArray, pose: FloatArray, name: str) -> Obstac
 
 @lru_cache(maxsize=256)
 def has_many_faces(obstacle: Obstacle) -> bool:
-    """Return whether solvers see an obstacle by fewer planes than it has."""
+    """Return True if solvers see an obstacle by fewer planes than it has."""
     return isinstance(obstacle, ConvexMesh) and len(_faces(obstacle.points)[0]) > MOST_FACES
 
 
 def solver_faces(
     mesh: ConvexMesh, facing: Sequence[Sequence[float]] = ()
 ) -> tuple[FloatArray, FloatArray, float]:
-    """Return normals [K,3], offsets [K] and rounding of the planes around a mesh that the solver
-    sees.
+    """Return normals [K,3], offsets [K] and rounding (m) of the mesh's planes in the solver.
 
-    Of many faces those in directions all around, and in those that it is ``facing``.
+    A mesh of many faces is enclosed by planes in 26 directions and in the directions ``facing``.
     """
     points = mesh.points
     normals, offsets = _faces(points)
@@ -371,17 +376,21 @@ def _pose(name: str, value: ArrayLike) -> FloatArray:
 def _segment_to_body(
     body: Body, start: ca.SX, end: ca.SX, rounding: ca.SX, contact: ca.SX
 ) -> ca.SX:
-    """Return the distance of a segment from a convex body.
+    """Return the distance of a segment from a convex body, m.
 
     Parameters
     ----------
     body : pair of callables
-        Point [3] -> the point less the nearest one of the body, [3]; point -> minus its depth
-        inside the body, anything positive outside, or None for a body without an inside.
+        Function of a point [3] that returns the vector [3] from the nearest point of the body; and
+        function that returns minus the depth inside the body and a positive value outside, or None
+        for a body without interior.
     start, end : expression [3]
+        Ends of the segment, m.
     rounding, contact : expression
-        m, above 0; and the distance that matters most.
+        Scale of the parabola, m, above 0; and the distance at contact, m.
     """
+    # The parabola 2 rounding contact ((t - 1/2)^2 - 1/4) lowers the squared distance by at most
+    # rounding contact / 2, so the distance at contact by at most rounding / 4.
     (away, depth), along, parabola = body, end - start, 2.0 * rounding * contact
 
     def slope(t: ca.SX) -> ca.SX:
@@ -395,9 +404,7 @@ def _segment_to_body(
 
 
 def _segment_to_faces(numbers: ca.SX, start: ca.SX, end: ca.SX, rounding: ca.SX) -> ca.SX:
-    """Return the least of :func:`_to_faces` along a segment: it is convex, with continuous
-    slopes.
-    """
+    """Return the least of :func:`_to_faces` along a segment, a convex function of its parameter."""
     t, bow, given = ca.SX.sym("t"), ca.SX.sym("bow"), ca.SX.sym("given", numbers.shape[0])
     first, last = ca.SX.sym("first", 3), ca.SX.sym("last", 3)
     value = _to_faces(first + t * (last - first), given) + bow * ((t - 0.5) ** 2 - 0.25)
@@ -407,31 +414,32 @@ def _segment_to_faces(numbers: ca.SX, start: ca.SX, end: ca.SX, rounding: ca.SX)
 
 
 def _least(slope: PointFunction) -> ca.SX:
-    """Give where from 0 to 1 a convex function of this slope is least: bisection, then a secant."""
+    """Return the minimiser in [0, 1] of a convex function with this slope, differentiably."""
     low, high = ca.SX(0.0), ca.SX(1.0)
     for _ in range(BISECTIONS):
         middle = 0.5 * (low + high)
         falls = slope(middle) < 0
         low, high = ca.if_else(falls, middle, low), ca.if_else(falls, high, middle)
     before, after = slope(low), slope(high)
+    # Bisection has zero derivatives; the secant through the last bracket carries them.
     share = -before / ca.fmax(after - before, TINY)
     return low + (high - low) * ca.fmin(ca.fmax(share, 0.0), 1.0)
 
 
 def _segment_to_plane(start_height: ca.SX, end_height: ca.SX, rounding: ca.SX) -> ca.SX:
-    """Return the least height of a segment whose ends have these heights over a plane."""
+    """Return the least height of a segment over a plane, from the heights of its ends."""
     rise = end_height - start_height
     t = ca.fmin(ca.fmax(0.5 - rise / (2.0 * rounding), 0.0), 1.0)
     return start_height + t * rise + rounding * ((t - 0.5) ** 2 - 0.25)
 
 
 def _from_segment(point: ca.SX, start: ca.SX, end: ca.SX) -> ca.SX:
-    """Return a point [3] less the nearest one of the segment between two others."""
+    """Return the vector [3] to a point from the nearest point of a segment."""
     along = end - start
     share = ca.dot(point - start, along) / ca.fmax(ca.sumsqr(along), TINY)
     return point - start - ca.fmin(ca.fmax(share, 0.0), 1.0) * along
 
 
 def _length(vector: ca.SX) -> ca.SX:
-    """Return the norm with a slope of zero at zero."""
+    """Return the norm of a vector, with zero gradient at zero."""
     return ca.sqrt(ca.fmax(ca.sumsqr(vector), TINY))

@@ -1,9 +1,9 @@
-"""What may touch, and the distances of many pairs with their derivatives.
+"""Pairs of bodies that may touch, and the distances of many pairs with their derivatives.
 
-The distance of two cores depends on the ends of one axis, or of two that move, and on some numbers
-of the obstacle. Its derivatives by these ends are functions of the kind of pair: compiled once,
-they serve every robot in every scene. Those of the ends by the joints are compiled once a robot.
-Matrix products join the two, so nothing of a new scene has to be compiled.
+The distance of two cores depends on the ends of one moving axis, or of two, and on constants of the
+obstacle. Its derivatives by the ends depend on the kind of pair only: compiled once, they serve
+every robot in every scene. The derivatives of the ends by the joints are compiled once per robot.
+Matrix products combine both, so a new scene needs no compilation.
 """
 
 from __future__ import annotations
@@ -21,27 +21,28 @@ from microbot_ocp._base.codegen import compile_recipe
 from microbot_ocp.robot import Capsule, Robot, link_poses
 from microbot_ocp.scene._obstacles import Obstacle, core_distance, core_parameters, core_radius
 
-ACCURACY = 1e-6  # m, of distances by coal's iterations (its tolerance is 1e-6)
-ROUNDING = 0.02  # of a capsule's radius: parabola that makes the nearest place unique
+ACCURACY = 1e-6  # accuracy of coal's iterative distances (its tolerance is 1e-6), m
+ROUNDING = 0.02  # parabola that makes the nearest place unique, relative to the capsule's radius
 
 
 @dataclass(frozen=True)
 class Pair:
-    """Two things that may touch.
+    """Pair of bodies that may touch.
 
     Attributes
     ----------
     frame, capsule
-        Link frame, 1 to n, and the capsule that is rigid in it.
+        Link frame, 1 to n, and the capsule fixed to it.
     other : obstacle or Capsule
-        Rigid in ``other_frame``, 0 being the base.
+        Other body, fixed to ``other_frame``.
     other_frame : int
+        Link frame of the other body; 0 is the base.
     accuracy : float
-        By how much the distance that solvers see may be less than the distance, m, at most.
+        Largest amount by which the solver's distance is below the true distance, m.
     facing : tuple
-        Directions from the other thing in which it is seen as it is, where it has many faces.
+        Directions from the other body in which a mesh of many faces is exact.
     thicker : float
-        What a limit of the distance adds to it, m, as if the capsule were so much thicker.
+        Amount that a limit adds to the distance, m, as if the capsule were thicker by it.
     """
 
     frame: int
@@ -54,7 +55,7 @@ class Pair:
 
     @property
     def label(self) -> str:
-        """Such as "forearm to post"."""
+        """Label such as "forearm to post"."""
         return f"{self.capsule.name} to {self.other.name}"
 
     @property
@@ -65,7 +66,7 @@ class Pair:
 
 @dataclass(frozen=True, eq=False)
 class Distances:
-    """Distances of the axes of an arm from other things as an expression of a motion's state."""
+    """Distances of an arm's capsule axes from other bodies, as an expression of the state."""
 
     pairs: tuple[Pair, ...]
 
@@ -79,19 +80,21 @@ class Distances:
         return ca.vertcat(*values) + _thicker(self.pairs)
 
     def derivatives(self, robot: Robot, compiled: bool) -> tuple[ca.Function, ...]:
-        """Return ``(q) -> values, Jacobian``, ``(q, weights) -> gradient, Hessian`` of their
-        weighted sum, and ``(q) -> values``.
+        """Return functions of the distances with their derivatives.
+
+        They are ``(q) -> values, Jacobian``; ``(q, weights) -> gradient, Hessian`` of the weighted
+        sum; and ``(q) -> values``.
         """
         return _derivatives(robot, self.pairs, compiled)
 
 
 def _thicker(pairs: Sequence[Pair]) -> ca.DM:
-    """Return what every value has beyond the distance, m."""
+    """Return the constants that a limit adds to the distances, m."""
     return ca.DM([pair.thicker for pair in pairs])
 
 
 def _axes(pair: Pair) -> list[tuple[int, Capsule]]:
-    """Return the axes of a pair that move, with their frames."""
+    """Return the moving axes of a pair, with their frames."""
     axes = [(pair.frame, pair.capsule)]
     if pair.other_frame and isinstance(pair.other, Capsule):
         axes.append((pair.other_frame, pair.other))
@@ -99,14 +102,15 @@ def _axes(pair: Pair) -> list[tuple[int, Capsule]]:
 
 
 def _ends(poses: Sequence[Any], frame: int, capsule: Capsule) -> Any:
-    """Return ends [6] of the axis of a capsule in the base frame."""
+    """Return the ends [6] of a capsule's axis in the base frame."""
     turn, origin = poses[frame][:3, :3], poses[frame][:3, 3]
     return ca.vertcat(origin + turn @ capsule.start, origin + turn @ capsule.end)
 
 
 def _kind(pair: Pair) -> tuple[type[Obstacle], int]:
-    """Return what the function of a pair's distance follows from: the obstacle's kind, and how many
-    numbers tell about it; none where it moves.
+    """Return the key of a pair's distance function: class and number of constants of the obstacle.
+
+    The number is zero if the other body moves.
     """
     return type(pair.other), len(_numbers(pair)) - 3
 
@@ -117,13 +121,13 @@ def _numbers(pair: Pair) -> FloatArray:
         np.zeros(0) if pair.other_frame else core_parameters(pair.other, pair.accuracy, pair.facing)
     )
     rounding = ROUNDING * max(pair.capsule.radius, 0.1 * pair.radii)
-    rounding = min(rounding, 4.0 * pair.accuracy)  # a quarter of it is lost at contact
+    rounding = min(rounding, 4.0 * pair.accuracy)  # a quarter of the rounding is lost at contact
     return np.append(core, [rounding, pair.radii, core_radius(pair.other)])
 
 
 @lru_cache(maxsize=64)
 def _distance(kind: type[Obstacle], count: int) -> ca.Function:
-    """Return ``(ends[6], numbers) -> distance``; ``ends[12]`` where both move."""
+    """Return ``(ends[6], numbers) -> distance``; ``ends[12]`` if both bodies move."""
     ends = ca.SX.sym("ends", 6 if count else 12)
     numbers = ca.SX.sym("numbers", count + 3)
     body, (rounding, contact, radius) = numbers[:-3], ca.vertsplit(numbers[-3:])
@@ -139,7 +143,7 @@ def _distance(kind: type[Obstacle], count: int) -> ca.Function:
 def _derivatives(robot: Robot, pairs: tuple[Pair, ...], compiled: bool) -> tuple[ca.Function, ...]:
     n = robot.joint_count
     axes = dict.fromkeys(axis for pair in pairs for axis in _axes(pair))
-    # those of the whole arm where they are the robot's, so that other scenes ask for the same
+    # Axes of the whole arm, if they suffice, give the same compiled functions to every scene.
     whole = dict.fromkeys((frame, capsule) for frame, capsule in robot.capsules if frame)
     axes = whole if axes.keys() <= whole.keys() else axes
     column = {axis: number for number, axis in enumerate(axes)}
@@ -148,6 +152,8 @@ def _derivatives(robot: Robot, pairs: tuple[Pair, ...], compiled: bool) -> tuple
     ends, slopes = place(q)  # [6,A], [6,A n]
     order: list[int] = []
     first, alone = [], []
+    # Chain rule over the kinds of pairs: J = d'(e) e'(q), H = e'^T d'' e' + sum_e d'(e) e''(q).
+    # The last sum is linear in d'(e), so the pulls are summed over all pairs before one ``bend``.
     pulls, total, gradient = ca.MX(6, len(axes)), ca.MX(n * n, 1), ca.MX(n, 1)
     for key in dict.fromkeys(map(_kind, pairs)):
         chosen = [k for k, pair in enumerate(pairs) if _kind(pair) == key]
@@ -183,11 +189,11 @@ def _derivatives(robot: Robot, pairs: tuple[Pair, ...], compiled: bool) -> tuple
 def _kernels(
     kind: type[Obstacle], count: int, joints: int, compiled: bool
 ) -> Sequence[ca.Function]:
-    """Return derivatives of one distance by the joints, given those of the ends by the joints.
+    """Return derivatives of one distance by the joints, from the derivatives of the axis ends.
 
-    ``(ends, slopes[e,n], numbers) -> distance, slope[n]`` and with a weight besides -> weight times
-    the slope by the ends [e], by the joints [n], and times the curvature by the joints [n n];
-    last, the distance alone.
+    ``(ends, slopes[e,n], numbers) -> distance, slope[n]``; with a further ``weight`` ->
+    weight times the slope by the ends [e], by the joints [n], and times the curvature by the joints
+    [n n]; and the distance alone.
     """
 
     def make() -> Sequence[ca.Function]:
@@ -215,8 +221,8 @@ def _kernels(
 def _of_axes(
     robot: Robot, axes: tuple[tuple[int, Capsule], ...], compiled: bool
 ) -> Sequence[ca.Function]:
-    """Give ``(q) -> ends [6,A], slopes [6,A n]`` and ``(q, weights [6 A]) -> Hessian`` of the sum;
-    last, the ends alone.
+    """Return functions of the axis ends: ``(q) -> ends [6,A], slopes [6,A n]``,
+    ``(q, weights [6 A]) -> Hessian`` of the weighted sum, and ``(q) -> ends``.
     """
     poses = link_poses(robot)
 

@@ -1,4 +1,4 @@
-"""What stands around an arm, and which of its capsules may come near to what."""
+"""Obstacles around an arm, the pairs of bodies that may not touch, and the limit of distances."""
 
 from __future__ import annotations
 
@@ -24,32 +24,32 @@ LIMIT_NAME = "distance"
 class Scene:
     """Obstacles around an arm.
 
-    The arm is the capsules of the robot: those of :meth:`~microbot_ocp.Robot.with_capsules`; where
-    there are none those that :func:`~microbot_ocp.fit_capsules` finds around its collision
-    geometry; of robots without geometry those of :func:`~microbot_ocp.robot.link_capsules`.
-    Fitted capsules only guide the optimisation where the robot has the geometry that they are
-    around: whether a pose is free, and the proof of clearance, go by convex hulls of that.
+    The arm is represented by capsules: those of :meth:`~microbot_ocp.Robot.with_capsules`; without
+    them, those that :func:`~microbot_ocp.fit_capsules` fits around its collision geometry; for
+    robots without geometry, those of :func:`~microbot_ocp.robot.link_capsules`. Fitted capsules
+    only guide the optimisation if the robot has the geometry inside them: whether a pose is free,
+    and the proof of clearance, are decided by the convex hulls of that geometry.
 
     Parameters
     ----------
     obstacles : sequence
         :class:`Sphere`, :class:`Box`, :class:`~microbot_ocp.Capsule`, :class:`Cylinder`,
-        :class:`HalfSpace`, :class:`ConvexMesh`, in the base frame. Those without a name are
-        numbered.
+        :class:`HalfSpace`, :class:`ConvexMesh`, in the base frame. Unnamed obstacles are numbered.
     clearance : float
         Distance that the arm keeps from everything, m.
     self_collision : bool
-        Whether capsules of the arm keep that distance from each other, too: those of links that
-        are not neighbours and not of the ``disabled_pairs`` of a robot that was read with an SRDF
-        file. Those that touch in the zero pose may do so, and a :class:`Clearance` names them; with
-        an SRDF file, which says what may touch, only those without collision geometry.
+        True to keep the clearance also between capsules of links that are not neighbours and not
+        among the ``disabled_pairs`` of the SRDF file of the robot. Pairs that touch in the zero
+        pose may touch, and a :class:`Clearance` names them; if an SRDF file says which links may
+        touch, this holds only for links without collision geometry.
     ignore : sequence of pairs of names
         Links and obstacles that may touch: ``[("hand", "part")]``.
 
     Raises
     ------
     InputError
-        What is no obstacle, two of one name, a negative clearance, a pair to ignore that is none.
+        An entry is no obstacle, two obstacles have one name, the clearance is negative, or an entry
+        of ``ignore`` is no pair.
 
     Examples
     --------
@@ -95,20 +95,20 @@ class Scene:
         return tuple(obstacle.name for obstacle in self.obstacles)
 
     def without_parts_of(self, robot: Robot) -> Scene:
-        """Return the scene for a robot that may carry less than ``ignore`` speaks of."""
+        """Return the scene without ignored pairs that belong to another payload."""
         names = {*self.names, *(capsule.name for _, capsule in with_arm_capsules(robot).capsules)}
         ignored = tuple(pair for pair in self.ignore if names.issuperset(pair))
         return self if ignored == self.ignore else _ignoring(self, ignored)
 
     def pairs(self, robot: Robot) -> tuple[Pair, ...]:
-        """Return what may touch: capsules of the arm and obstacles, and capsules of each other.
+        """Return the pairs that may not touch: arm and obstacles, and links of the arm.
 
-        Those of each other that overlap in the zero pose are left out.
+        Links whose capsules overlap in the zero pose are left out.
 
         Raises
         ------
         InputError
-            A name in ``ignore`` that neither the scene nor the robot has.
+            A name in ``ignore`` belongs neither to the scene nor to the robot.
         """
         return told_apart(self, with_arm_capsules(robot))[0]
 
@@ -120,24 +120,25 @@ class Scene:
         tolerance: float = 0.0,
         room: Sequence[float] | None = None,
     ) -> Limit:
-        """Return the distances as a limit of the robot: one value a pair, in m.
+        """Return the distances as a limit of the robot: one value per pair, m.
 
-        A value is the distance of the axis of the arm's capsule from the other thing, as if it were
-        as thick as the thickest one, as far as ``room`` lets it. Its lower bound is that radius and
-        the clearance, and what a solver may leave open, so that that does not decide whether a
-        certificate passes.
+        Distances are measured from the axis of the arm's capsule. All capsules are treated as if
+        they were as thick as the thickest one, as far as ``room`` allows. The lower bound is that
+        radius plus the clearance plus a margin for the violation that a solver leaves between mesh
+        points, so that this violation does not fail a certificate.
 
         Parameters
         ----------
         robot : Robot
+            Arm with capsules.
         pairs : sequence of Pair, optional
-            Only these; default all.
+            Pairs to limit; default all.
         tolerance : float
-            Share of the bound that a solver may leave open between its mesh points.
+            Relative violation of the bound that a solver leaves between its mesh points.
         room : array_like, optional
-            What a known way has beyond the clearance at each pair, m. What a solver may leave open
-            and the rounding of the distance that it sees take at most half of that each. Negative
-            where capsules overlap though their links are apart: by how much they may.
+            Distance of a known path beyond the clearance at each pair, m. Margin and rounding of
+            the solver's distance take at most half of it each. Negative values are the overlap that
+            is allowed to capsules whose links are apart.
         """
         chosen = self.pairs(robot) if pairs is None else tuple(pairs)
         rooms = [np.inf] * len(chosen) if room is None else [float(value) for value in room]
@@ -160,9 +161,9 @@ def _limit(
 ) -> Limit:
     overlap = np.minimum(rooms, 0.0)
     contact = overlap + [pair.capsule.radius + scene.clearance for pair in pairs]
-    most = 0.5 * np.maximum(rooms, 0.0)  # each of the margin, and of the rounding
-    # what may be left open is a share of the thickest capsule, of a thin finger as of an upper
-    # arm: of micrometres where a finger swings past an edge meshes do not come to an end
+    most = 0.5 * np.maximum(rooms, 0.0)  # largest margin, and largest rounding
+    # The tolerance is relative to the bound. A thin finger, treated as thick as the upper arm, gets
+    # an absolute tolerance of that size; tolerances of micrometres would refine meshes endlessly.
     share = np.where(overlap < 0.0, np.inf, most / max(2.0 * tolerance, ROUNDING))
     thicker = np.maximum(np.minimum(thickest + scene.clearance, share) - contact, 0.0)
     contact = contact + thicker
@@ -171,7 +172,7 @@ def _limit(
     return Limit(
         LIMIT_NAME,
         Distances(tuple(replace(pair, accuracy=m, thicker=more) for pair, m, more in rows)),
-        # half is what may be left open, half what a proof has to go by
+        # Half of the margin is for the solver's violation, half for the proof of clearance.
         lower=contact + np.where(overlap < 0.0, 0.0, margin),
         unit="m",
         labels=tuple(pair.label for pair in pairs),
@@ -179,7 +180,7 @@ def _limit(
 
 
 def with_arm_capsules(robot: Robot) -> Robot:
-    """Return the robot with capsules: its own, fitted ones, or those along its links."""
+    """Return the robot with capsules: its own, or fitted ones, or capsules along its links."""
     if robot.capsules:
         return robot
     return _with_default_capsules(robot, robot.shapes)
@@ -193,7 +194,7 @@ def _with_default_capsules(robot: Robot, shapes: tuple[Any, ...]) -> Robot:
 
 @lru_cache(maxsize=64)
 def told_apart(scene: Scene, robot: Robot) -> tuple[tuple[Pair, ...], tuple[Pair, ...]]:
-    """Return what may not touch: pairs that capsules tell apart, and those that overlap at zero."""
+    """Return the pairs that may not touch: those apart at zero, and those that overlap there."""
     links = {capsule.name for _, capsule in robot.capsules}
     names = links | set(scene.names)
     for name in sum(scene.ignore, ()):
@@ -212,9 +213,9 @@ def told_apart(scene: Scene, robot: Robot) -> tuple[tuple[Pair, ...], tuple[Pair
 
 
 def _own_pairs(robot: Robot) -> tuple[list[Pair], list[Pair]]:
-    """Return pairs of capsules of links that are not neighbours and not disabled.
+    """Return pairs of capsules of links that are neither neighbours nor disabled.
 
-    First those of links that are apart in the zero pose, then those that overlap there.
+    The first list holds the links that are apart in the zero pose, the second those that overlap.
     """
     disabled = {frozenset(pair) for pair in robot.disabled_pairs or ()}
     pairs = [
@@ -234,16 +235,14 @@ def _own_pairs(robot: Robot) -> tuple[list[Pair], list[Pair]]:
 
 
 def _fitted(pair: Pair) -> Any:
-    """Return what of a pair touches or not: links, where capsules are pieces of a fit, else
-    itself.
-    """
+    """Return the key that pairs of one decision share: the links if fitted, else the pair."""
     other = pair.other
     fits = pair.capsule.excess > 0.0 and isinstance(other, Capsule) and other.excess > 0.0
     return frozenset((pair.capsule.name, other.name)) if fits else pair
 
 
 def clearances(robot: Robot, pairs: Sequence[Pair], q: FloatArray) -> FloatArray:
-    """Return distances [N,k] of pairs in poses q [N,n], m, by the functions that solvers see."""
+    """Return the distances [N,k] of pairs in poses q [N,n], m, by the solver's functions."""
     chosen = tuple(pairs)
     poses = checks.array("q", q, (None, robot.joint_count), "rad")
     values = Distances(chosen).derivatives(robot, compiles())[-1](np.ascontiguousarray(poses.T))

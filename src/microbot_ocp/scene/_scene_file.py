@@ -1,7 +1,6 @@
 """Scenes from TOML, URDF and MoveIt files.
 
-Whatever is wrong in a file is one sentence that names the file, the obstacle, the key and what is
-allowed.
+Errors in a file are one sentence that names the file, the obstacle, the key and the allowed values.
 """
 
 from __future__ import annotations
@@ -33,12 +32,12 @@ from microbot_ocp.scene._moveit import moveit_scene
 from microbot_ocp.scene._obstacles import KINDS, ConvexMesh, Obstacle, solid_of
 from microbot_ocp.scene._scene import Scene
 
-PLACED = ("center", "rotation_deg", "matrix")  # where a frame is: any of these
+PLACED = ("center", "rotation_deg", "matrix")  # keys that replace ``pose`` in a file
 SCENE = {"clearance": ANY, "self_collision": FLAG, "ignore": ANY, "urdf": TEXT, "obstacle": TABLES}
 
 
 def _schema(kind: str) -> dict[str, Key]:
-    """Return keys of an obstacle: those of its class, and where its frame is."""
+    """Return the keys of an obstacle: the fields of its class, with the keys of its pose."""
     keys = keys_of(KINDS[kind], name=TEXT)
     if keys.pop("pose", None):
         keys |= dict.fromkeys(PLACED, ANY)
@@ -58,20 +57,20 @@ def load_scene(
     Parameters
     ----------
     source : str, Path or mapping
-        A ``.toml`` file with ``clearance``, ``self_collision``, ``ignore``, ``urdf`` and
-        ``[[obstacle]]`` tables of ``name``, ``kind`` and the fields of that kind; a ``.urdf`` or
-        ``.xacro`` file without moving joints, whose collision geometry becomes obstacles; a
-        ``.yaml`` file with a moveit_msgs/PlanningScene, of which boxes, spheres and cylinders are
-        read, and which links may touch them; or what such a TOML file holds, as a mapping. Every
-        field of a message is kept, refused by its path, or among the harmless ones that
-        docs/messages.md lists.
+        Path of a file, or the contents of a TOML file as a mapping. A ``.toml`` file has
+        ``clearance``, ``self_collision``, ``ignore``, ``urdf`` and ``[[obstacle]]`` tables with
+        ``name``, ``kind`` and the fields of that kind. The collision geometry of a ``.urdf`` or
+        ``.xacro`` file without moving joints becomes obstacles. From a ``.yaml`` file with a
+        moveit_msgs/PlanningScene, boxes, spheres and cylinders are read, and the links that may
+        touch them. Every field of a message is kept, or refused by its path, or is among the
+        harmless fields that docs/messages.md lists.
     folder : str or Path
-        Files named in a mapping are looked for here; those in a file beside it.
+        Folder of the files that a mapping names; files named in a file are found beside it.
     origin : str
         Name of a mapping, for messages.
     robot : Robot, optional
-        Read from a URDF file: its links are frames that objects of a planning scene may stand in.
-        Without one "world", "base_link" and "link0" with any prefix are taken for the base.
+        Robot read from a URDF file; its links are frames for the objects of a planning scene.
+        Without a robot, "world", "base_link" and "link0" with any prefix count as the base.
 
     Returns
     -------
@@ -80,8 +79,8 @@ def load_scene(
     Raises
     ------
     InputError
-        A file that cannot be read, an unknown or missing key or kind, what :class:`Scene` refuses;
-        a field of a message that cannot be kept, a frame that is not known.
+        The file cannot be read, a key or kind is unknown or missing, a field of a message cannot be
+        kept, a frame is unknown, or :class:`Scene` refuses the values.
 
     Examples
     --------
@@ -137,7 +136,7 @@ def _vertices(path: Path, scale: Any) -> FloatArray:
 
 
 def _pose(table: Mapping[str, Any]) -> FloatArray:
-    """Give frame [4,4] from a matrix, or from a centre and angles about the fixed axes X, Y, Z."""
+    """Return a frame [4,4] from a matrix, or from a centre and angles about fixed X, Y and Z."""
     if "matrix" in table:
         if len(table) > 1:
             raise InputError("it must have a matrix, or center and rotation_deg")
@@ -148,7 +147,7 @@ def _pose(table: Mapping[str, Any]) -> FloatArray:
 
 
 def _of_urdf(path: Path) -> tuple[Obstacle, ...]:
-    """Return obstacles of the links of a URDF file, named after them."""
+    """Return the collision geometry of a URDF file as obstacles, named after its links."""
     shapes = read_urdf_shapes(path)
     if not shapes:
         raise InputError(f"{path.name} has no collision geometry")
