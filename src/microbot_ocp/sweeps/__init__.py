@@ -1,8 +1,8 @@
-"""One question for thousands of tasks: cases in, a Parquet data set of what became of each out.
+"""Sweeps: thousands of tasks solved by several methods, with a Parquet data set as the result.
 
-Begin with :func:`sweep`. :class:`Cases` says what varies, ``_solve`` does one case, ``_process``
-guards it, ``_run`` spreads cases over the workers of dask.distributed, :class:`Sweep` reads what
-became of them.
+Begin with :func:`sweep`. :class:`Cases` declares the varied quantities, ``_solve`` solves one case,
+``_process`` isolates it in a process, ``_run`` distributes cases over the workers of
+dask.distributed, :class:`Sweep` reads the results.
 """
 
 from microbot_ocp._base import border

@@ -1,4 +1,4 @@
-"""Which cases there are: a grid, random draws or a table, made by index when they are needed."""
+"""Cases of a sweep: a grid, random draws or a table, computed from the index on demand."""
 
 from __future__ import annotations
 
@@ -28,19 +28,19 @@ from microbot_ocp.sweeps._quantities import (
 )
 
 MOST_CASES = 10**9
-FEW = 8  # robots of different masses, gravity or friction whose kernels are worth compiling
+MOST_PREPARED = 8  # robots of different masses, gravity or friction with compiled kernels
 
 
 @dataclass(frozen=True)
 class Between:
-    """A range of a quantity, number by number: drawn at random, or a grid of ``steps`` values each.
+    """Range of a quantity, component by component: for random draws, or for a grid with ``steps``.
 
     Parameters
     ----------
     lower, upper : float or array_like
-        Equal ends are no range: that number is fixed.
+        Ends of the range; equal ends fix a component.
     steps : int, optional
-        Values of every number on a grid, both ends among them.
+        Number of grid values per component, both ends included.
     """
 
     lower: ArrayLike
@@ -50,15 +50,16 @@ class Between:
 
 @dataclass(frozen=True)
 class OneOf:
-    """Values of a quantity to choose from, each a number or a list of them."""
+    """Discrete values of a quantity, each a number or a list of numbers."""
 
     values: Any
 
 
 class Axis(NamedTuple):
-    """One dimension of the cases: ``columns`` are one of the rows of ``values`` [K,k].
+    """Independent dimension of the cases.
 
-    Of random draws in a range there are none: the column goes from ``lower`` to ``upper``.
+    Its ``columns`` take the rows of ``values`` [K,k]. For random draws from a range, ``values`` is
+    None and the single column varies from ``lower`` to ``upper``.
     """
 
     columns: slice
@@ -67,7 +68,7 @@ class Axis(NamedTuple):
     values: FloatArray | None = None
 
     def at(self, share: FloatArray) -> FloatArray:
-        """Return values [K,k] at shares [K] from 0 to 1 of the way."""
+        """Return values [K,k] at positions ``share`` [K] along the axis, from 0 to 1."""
         if self.values is None:
             return (self.lower + (self.upper - self.lower) * share)[:, None]
         rows = np.minimum((share * len(self.values)).astype(int), len(self.values) - 1)
@@ -76,13 +77,13 @@ class Axis(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Cases:
-    """Cases as they were asked for, by :meth:`grid`, :meth:`random` or :meth:`table`.
+    """Declaration of cases, built by :meth:`grid`, :meth:`random` or :meth:`table`.
 
     Quantities are named ``start_q``, ``goal_q``, ``via1_q`` (rad; prismatic: m; ``..._q_deg`` in
     degrees) or ``start_position`` and so on (tool origin in the base frame, m); ``payload`` (kg, a
-    point mass at the tool), ``masses`` (kg, one a link; inertias go with them), ``gravity``
-    (m/s^2), ``viscous_friction``, ``coulomb_friction``, and the limits of task files: ``qd_max``,
-    ``tau_max``, ``tool_speed_max``.
+    point mass at the tool), ``masses`` (kg, one per link; inertias scale with the masses),
+    ``gravity`` (m/s^2), ``viscous_friction``, ``coulomb_friction``, and the limits of task files:
+    ``qd_max``, ``tau_max``, ``tool_speed_max``.
 
     Attributes
     ----------
@@ -90,12 +91,13 @@ class Cases:
         "grid", "random" or "table".
     quantities : mapping from a name to a constant, :class:`Between` or :class:`OneOf`
     count : int or None
-        Of random draws.
+        Number of random draws.
     seed : int
+        Seed of the random draws.
     columns : mapping from a name to array [N]
-        Of a table.
+        Columns of the table.
     origin : str
-        Name of the table's file.
+        Name of the table's file, for messages.
     """
 
     kind: str
@@ -107,7 +109,7 @@ class Cases:
 
     @classmethod
     def grid(cls, **quantities: Any) -> Cases:
-        """Return every combination of the values; that of the quantity named last changes first.
+        """Return all combinations of the values; the quantity named last varies fastest.
 
         Parameters
         ----------
@@ -118,21 +120,21 @@ class Cases:
 
     @classmethod
     def random(cls, count: int, *, seed: int = 0, **quantities: Any) -> Cases:
-        """Return scrambled Sobol points: the first so many are spread as evenly as all of them.
+        """Return scrambled Sobol points: every leading part of the sequence is evenly spread.
 
         Parameters
         ----------
         count : int
-            A power of two is spread best.
+            Number of cases; a power of two is spread most evenly.
         seed : int
-            Of the scrambling.
+            Seed of the scrambling.
         **quantities
             Constants, :class:`Between`, :class:`OneOf`.
 
         Raises
         ------
         InputError
-            A count or seed that is none.
+            A count that is no integer from 1, or a seed that is no integer from 0.
         """
         for name, value, least in (("count", count, 1), ("seed", seed, 0)):
             checks.whole(name, value, at_least=least, at_most=MOST_CASES)
@@ -140,20 +142,20 @@ class Cases:
 
     @classmethod
     def table(cls, source: str | Path | Mapping[str, ArrayLike], **fixed: Any) -> Cases:
-        """Return one case a row.
+        """Return one case per row of a table.
 
         Parameters
         ----------
         source : str, Path or mapping
-            A CSV or Parquet file, or columns [N] by name: the names of quantities, numbered from 1
-            where they have several numbers (``start_q_deg_1``, ``start_q_deg_2``).
+            A CSV or Parquet file, or columns [N] by name. A column is named like its quantity, with
+            a number from 1 if the quantity has components (``start_q_deg_1``, ``start_q_deg_2``).
         **fixed
             Constants for all cases.
 
         Raises
         ------
         InputError
-            A file that cannot be read, columns of different lengths, what is no number.
+            A file that cannot be read, columns of different lengths, a value that is no number.
         """
         origin = "the table" if isinstance(source, Mapping) else Path(source).name
         read = source if isinstance(source, Mapping) else _read(Path(source))
@@ -173,7 +175,7 @@ class Cases:
         Raises
         ------
         InputError
-            A quantity that is unknown, missing, of the wrong width or without a value.
+            A quantity that is unknown, is missing, has the wrong width or has no value.
         """
         return CaseSource(self, robot)
 
@@ -184,11 +186,13 @@ class CaseSource:
     Attributes
     ----------
     count : int
+        Number of cases.
     names : tuple of str
-        Of the quantities, without ``_deg``.
-    width : mapping from a name to the count of its numbers
+        Names of the quantities, without ``_deg``.
+    width : mapping from a name to int
+        Number of components per quantity.
     poses : tuple of str
-        Names of the poses of every task, in their order.
+        Names of the poses of a task, in the order of the motion.
     """
 
     def __init__(self, cases: Cases, robot: Robot) -> None:
@@ -219,7 +223,7 @@ class CaseSource:
 
     @property
     def content(self) -> dict[str, Any]:
-        """What every row follows from."""
+        """Data that determine every row, for the digest of the study."""
         drawn = self.cases.seed if self.cases.kind == "random" else None
         return {
             "kind": self.cases.kind,
@@ -261,7 +265,7 @@ class CaseSource:
         engine = qmc.Sobol(len(self._axes), scramble=True, seed=self.cases.seed)
         if start:
             engine.fast_forward(start)
-        with warnings.catch_warnings():  # a prefix need not be a power of two
+        with warnings.catch_warnings():  # scipy warns of counts that are no power of two
             warnings.simplefilter("ignore", UserWarning)
             shares = engine.random(stop - start)
         for axis, share in zip(self._axes, shares.T, strict=True):
@@ -274,14 +278,14 @@ class CaseSource:
         return dict(zip(self.names, parts, strict=True))
 
     def chunks(self, size: int, skipped: set[int]) -> Iterator[tuple[int, int, FloatArray]]:
-        """Yield number, first case and rows of every chunk of cases that is not to be skipped."""
+        """Yield number, first case and rows of every chunk that is not in ``skipped``."""
         for number in range(-(-self.count // size)):
             if number not in skipped:
                 start = number * size
                 yield number, start, self.rows(start, min(start + size, self.count))
 
     def reference(self) -> dict[str, FloatArray]:
-        """Return one value for every quantity: finite where some case has one."""
+        """Return one value per quantity, a finite value if any case has one."""
         row = self.rows(0, 1)[0]
         for axis in self._axes:
             if axis.values is not None and not np.isfinite(row[axis.columns]).all():
@@ -290,7 +294,7 @@ class CaseSource:
         return self.values(row)
 
     def robots(self) -> list[dict[str, FloatArray]]:
-        """Give the few values that masses, gravity and friction take together; none where many."""
+        """Return all combinations of masses, gravity and friction; empty if there are many."""
         reference = self.reference()
         row = np.concatenate(list(reference.values()))
         kinds = np.repeat([name in DYNAMICS for name in reference], list(self.width.values()))
@@ -303,7 +307,7 @@ class CaseSource:
                 return []
             places.append(np.arange(row.size)[axis.columns][chosen])
             choices.append(np.unique(axis.values[:, chosen], axis=0))
-        if np.prod([float(len(values)) for values in choices]) > FEW:
+        if np.prod([float(len(values)) for values in choices]) > MOST_PREPARED:
             return []
         robots = []
         for combination in product(*choices):
@@ -314,7 +318,7 @@ class CaseSource:
         return robots
 
     def _every(self) -> dict[str, Any]:
-        """Return quantities as given, and as values [N,w] to choose from those of a table."""
+        """Return quantities as given; each quantity of a table becomes discrete values [N,w]."""
         given = dict(self.cases.quantities)
         columns = set(self.cases.columns)
         for name, value in given.items() if columns else ():
@@ -339,7 +343,7 @@ class CaseSource:
         return given
 
     def _rows_of_table(self) -> Axis:
-        """Return the rows of a table, constants beside its columns."""
+        """Return the rows of a table as one axis, completed by the constants."""
         values = np.tile(self._constant, (len(next(iter(self.cases.columns.values()))), 1))
         for axis in self._axes:
             values[:, axis.columns] = axis.values
@@ -349,7 +353,7 @@ class CaseSource:
         return Axis(slice(0, self._constant.size), values=values)
 
     def _read(self, name: str, given: Any, place: int) -> tuple[FloatArray, list[Axis]]:
-        """Return the first value [w] of a quantity and its axes, in SI units."""
+        """Return the first value [w] of a quantity and its axes, both in SI units."""
         check_name(name)
         if isinstance(given, Between):
             lower, upper = self._range(name, given)
@@ -365,7 +369,7 @@ class CaseSource:
         return choices[0], [Axis(columns, values=choices)] if len(choices) > 1 else []
 
     def _choices(self, name: str, given: Any) -> FloatArray:
-        """Return values [K,w] to choose from; of a constant one."""
+        """Return the discrete values [K,w] of a quantity; K is 1 for a constant."""
         allowed = widths(self._robot, name)
         if not isinstance(given, OneOf):
             return self._numbers(name, given, allowed)[None]
@@ -388,7 +392,7 @@ class CaseSource:
         checks.number(f"steps of {name}", steps or 1, at_most=MOST_CASES)
         allowed = widths(self._robot, name)
         ends = [
-            self._numbers(f"{name}, {end}", value, (1, *allowed))  # one may stand for all
+            self._numbers(f"{name}, {end}", value, (1, *allowed))  # one number for all components
             for end, value in (("from", given.lower), ("to", given.upper))
         ]
         size = max(end.size for end in ends)
@@ -417,11 +421,11 @@ def _read(path: Path) -> Mapping[str, Any]:
         raise InputError(f"table {str(path)!r} must end in .csv or .parquet")
     module, read = readers[path.suffix]
     try:
-        opened(path).close()  # refuses a pipe, on which pyarrow would wait
+        opened(path).close()  # refuses a pipe, on which pyarrow would block
         table = getattr(needed(module), read)(path)
         return {name.strip(): table[name].to_numpy() for name in table.column_names}
-    except InputError:  # no pyarrow
+    except InputError:  # pyarrow is not installed
         raise
-    except (OSError, ValueError, KeyError) as problem:  # pyarrow's are among the ValueErrors
+    except (OSError, ValueError, KeyError) as problem:  # ArrowInvalid is a ValueError
         reason = getattr(problem, "strerror", None) or problem
         raise InputError(f"table {str(path)!r} cannot be read: {reason}") from None

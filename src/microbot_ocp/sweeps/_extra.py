@@ -1,4 +1,4 @@
-"""The libraries of the extra ``scale``, imported when they are needed."""
+"""Import of the libraries of the extra ``scale`` at their first use."""
 
 from functools import partial
 

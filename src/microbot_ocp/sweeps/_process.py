@@ -1,8 +1,8 @@
-"""A process that does cases one by one, and what the worker beside it makes of its end.
+"""Child process that solves cases one by one for a worker of dask.
 
-A case that takes too long, or that takes its process down with it, costs that process alone: the
-worker of dask lives on and knows which case it was. What does cases is loaded in that process
-alone, so a worker starts at once and stays small.
+A case that exceeds the time limit or crashes ends only the child process; the worker survives and
+reports the case. The solvers are loaded in the child process alone, so a worker starts quickly and
+needs little memory.
 """
 
 from __future__ import annotations
@@ -27,30 +27,30 @@ if TYPE_CHECKING:
     from microbot_ocp.sweeps._solve import Row
     from microbot_ocp.sweeps._study import Plan
 
-MOST_WAIT = 2e6  # s, that the system can count in ms; a case takes minutes
-LIVES = 2  # times that a case may take its process down before it is left
+MOST_WAIT = 2e6  # s; poll counts the time in ms as a 32-bit integer
+ATTEMPTS = 2  # number of processes that a case may crash before it is given up
 Done: TypeAlias = "tuple[Row, dict[str, bytes]]"
-_processes = threading.local()  # one of each thread of a worker
+_processes = threading.local()  # one child process per thread of a worker
 
 
 class CaseProcess:
-    """A process that holds a plan and does its cases."""
+    """Child process that has received a plan and solves its cases."""
 
     def __init__(self, digest: str, plan: bytes) -> None:
         self.digest = digest
         self._pipe, theirs = Pipe()
         environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-        # Dask wishes that freed memory is given back at once: a case of ``python -m benchmarks
-        # sweep`` takes 0.65 s with that and 0.45 s without.
+        # Dask makes malloc return freed memory at once, which slows solvers down: a case of
+        # ``python -m benchmarks sweep`` takes 0.65 s with this setting and 0.45 s without.
         environment.pop("MALLOC_TRIM_THRESHOLD_", None)
         with theirs:
             code = f"from microbot_ocp.sweeps._process import serve; serve({theirs.fileno()})"
             self._process = subprocess.Popen(
                 [sys.executable, "-c", code],
                 stdin=subprocess.DEVNULL,
-                stdout=2,  # what libraries print is no answer
+                stdout=2,  # libraries may print; standard output belongs to the parent
                 pass_fds=[theirs.fileno()],
-                start_new_session=True,  # Ctrl-C is the parent's
+                start_new_session=True,  # the parent handles Ctrl-C
                 env=environment,
             )
         try:
@@ -61,16 +61,16 @@ class CaseProcess:
 
     @property
     def alive(self) -> bool:
-        """Whether it still runs."""
+        """True if the process is running."""
         return self._process.poll() is None
 
     def ask(self, question: Any, time_limit: float = MOST_WAIT) -> Any:
-        """Return the answer to a plan, or to the number of a case with its numbers.
+        """Return the answer to a plan, or to the index and the numbers of a case.
 
         Raises
         ------
         OutOfTime, Died, RuntimeError
-            There is none, or the process cannot get ready; it is ended then.
+            No answer in time, the process died, or it could not start. The process is ended.
         """
         problem: Exception = Died()
         with contextlib.suppress(OSError, EOFError):
@@ -86,7 +86,7 @@ class CaseProcess:
         raise problem
 
     def end(self) -> None:
-        """End it at once."""
+        """End the process at once."""
         self._process.kill()
         self._process.wait()
         self._pipe.close()
@@ -95,22 +95,22 @@ class CaseProcess:
 def do_cases(
     digest: str, plan: bytes, time_limit: float, first: int, rows: FloatArray
 ) -> tuple[list[Done], list[str]]:
-    """Do cases one after the other; what a worker of dask is asked for.
+    """Solve cases one after the other; a worker of dask runs this function.
 
     Returns
     -------
-    list of (row, motions), one a case
+    list of (row, motions), one per case
     list of str
-        What the process has to say, such as that nothing could be compiled.
+        Notes of the process, such as a missing compiler.
     """
     done = [_done(digest, plan, time_limit, *case) for case in enumerate(rows, first)]
     return done, _processes.one.notes
 
 
 def _done(digest: str, plan: bytes, time_limit: float, case: int, numbers: FloatArray) -> Done:
-    """Return the row and the motions of a case; of one without an answer, why."""
-    status, reason = Status.KILLED_WORKER, f"its process ended {LIVES} times without an answer"
-    for _ in range(LIVES):
+    """Return the row and the motions of a case; without an answer the row holds the reason."""
+    status, reason = Status.KILLED_WORKER, f"its process ended {ATTEMPTS} times without an answer"
+    for _ in range(ATTEMPTS):
         try:
             return _process(digest, plan).ask((case, numbers), time_limit)
         except Died:
@@ -125,7 +125,7 @@ def _done(digest: str, plan: bytes, time_limit: float, case: int, numbers: Float
 
 
 def _process(digest: str, plan: bytes) -> CaseProcess:
-    """Return the process of this thread, started where there is none, or one of another study."""
+    """Return the process of this thread; start it if it is missing or holds another study."""
     process: CaseProcess | None = getattr(_processes, "one", None)
     if process is None or process.digest != digest or not process.alive:
         if process is not None:
@@ -135,7 +135,7 @@ def _process(digest: str, plan: bytes) -> CaseProcess:
 
 
 def serve(pipe: int) -> None:
-    """Do the work of the process: read the plan, get ready, then one case after the other."""
+    """Run the child process: read the plan, prepare the solvers, solve case after case."""
     end_with_parent()
     from microbot_ocp.sweeps._solve import CaseSolver
     from microbot_ocp.sweeps._study import versions

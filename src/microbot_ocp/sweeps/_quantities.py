@@ -1,4 +1,4 @@
-"""What may vary from case to case: names, widths, units, and the task that values make."""
+"""Quantities that may vary between cases: names, widths, units, and the task of one case."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from microbot_ocp.tasks import KEYS
 
 POSE = re.compile(r"(start|goal|via[1-9]\d*)_(q|position)")
 DYNAMICS = ("masses", "viscous_friction", "coulomb_friction", "gravity")
-"""What makes another robot; limits, poses and the payload are numbers of one prepared solver."""
+"""Quantities that need a new solver; limits, poses and payload are inputs of a prepared solver."""
 LIMITS = tuple(key for key in KEYS["limits"] if not key.endswith("_deg"))
 Values = Mapping[str, FloatArray]
 
 
 class NoTask(Exception):
-    """A case without a task: a pose that is not reached."""
+    """Failure to build the task of a case, because a pose is not reached."""
 
     def __init__(self, status: Status, reason: str) -> None:
         super().__init__(reason)
@@ -33,14 +33,14 @@ class NoTask(Exception):
 
 @dataclass(frozen=True, eq=False)
 class CaseTask:
-    """One case as a task.
+    """Task of one case.
 
     Attributes
     ----------
     robot : Robot
-        With masses, friction, gravity and limits of the case, without its payload.
+        Robot with the masses, friction, gravity and limits of the case, without its payload.
     payload : float
-        kg, at the tool.
+        Point mass at the tool, kg.
     via_q : array [m,n], rad (m)
     """
 
@@ -55,7 +55,7 @@ def plain_name(name: str) -> str:
 
 
 def check_name(name: str) -> None:
-    """Raise InputError, with a suggestion, where a quantity is unknown."""
+    """Raise InputError, with a suggestion, if a quantity is unknown."""
     plain = plain_name(name)
     angular = plain == name or name in KEYS["limits"] or plain.endswith("_q")
     if angular and (POSE.fullmatch(plain) or plain in (*DYNAMICS, "payload", *LIMITS)):
@@ -70,7 +70,7 @@ def check_name(name: str) -> None:
 
 
 def widths(robot: Robot, name: str) -> tuple[int, ...]:
-    """Return how many numbers a quantity may have."""
+    """Return the allowed numbers of components of a quantity."""
     plain, count = plain_name(name), robot.joint_count
     pose = POSE.fullmatch(plain)
     if pose:
@@ -81,7 +81,7 @@ def widths(robot: Robot, name: str) -> tuple[int, ...]:
 
 
 def scale_to_si(robot: Robot, name: str, width: int) -> FloatArray:
-    """Return factors [width] to SI units: of degrees where the name ends so."""
+    """Return the factors [width] to SI units, which are not 1 for a name in degrees."""
     if plain_name(name) == name:
         return np.ones(width)
     scale = joint_scale(robot)
@@ -89,17 +89,17 @@ def scale_to_si(robot: Robot, name: str, width: int) -> FloatArray:
 
 
 def column_names(name: str, width: int) -> tuple[str, ...]:
-    """Return columns of a quantity: its name, numbered from 1 where it has several numbers."""
+    """Return the column names of a quantity: its name, numbered from 1 if it has components."""
     return (name,) if width == 1 else tuple(f"{name}_{k + 1}" for k in range(width))
 
 
 def pose_names(names: tuple[str, ...]) -> tuple[str, ...]:
-    """Return names of the poses of a task in their order: start, via points by number, goal.
+    """Return the names of the poses of a task in order: start, via points by number, goal.
 
     Raises
     ------
     InputError
-        No start or goal, one given twice, a number left out.
+        A missing start or goal, a pose given twice, a gap in the numbers of the via points.
     """
     poses: dict[str, str] = {}
     for name in names:
@@ -117,9 +117,7 @@ def pose_names(names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def robot_with(robot: Robot, values: Values) -> Robot:
-    """Return the robot with the masses, friction, gravity and limits of a case, without its
-    payload.
-    """
+    """Return the robot with the masses, friction, gravity and limits of a case, not its payload."""
     count = robot.link_count
     links = list(robot.links)
     for name in set(DYNAMICS[:3]) & set(values):
@@ -143,8 +141,9 @@ def robot_with(robot: Robot, values: Values) -> Robot:
 
 
 def task_of(robot: Robot, poses: tuple[str, ...], values: Values) -> CaseTask:
-    """Return the task of a case; tool positions become the joint positions nearest to the pose
-    before.
+    """Return the task of a case.
+
+    The inverse kinematics of a tool position starts from the pose before it.
 
     Raises
     ------

@@ -1,8 +1,8 @@
-"""A study spread over the workers of dask.distributed.
+"""Distribution of a study over the workers of dask.distributed.
 
-The client makes cases when they are needed, keeps a few chunks of them in flight and writes each
-answer as one file; it is the only writer. So workers need no common disk, memory does not grow with
-the number of cases, and a client that was killed goes on where files are missing.
+The client computes cases on demand, keeps a few chunks in flight and writes each answer as one
+file; it is the only writer. Therefore workers need no common disk, memory does not grow with the
+number of cases, and a restarted client continues with the chunks whose files are missing.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from microbot_ocp._base.status import Status
 from microbot_ocp.robot import Robot
 from microbot_ocp.sweeps._cases import Cases
 from microbot_ocp.sweeps._extra import needed
-from microbot_ocp.sweeps._process import LIVES, do_cases
+from microbot_ocp.sweeps._process import ATTEMPTS, do_cases
 from microbot_ocp.sweeps._study import OwnMethod, Plan, Study
 from microbot_ocp.sweeps._sweep import Sweep, opened
 from microbot_ocp.tasks import Progress, Step
@@ -36,14 +36,14 @@ from microbot_ocp.tasks import Progress, Step
 
 @dataclass(frozen=True)
 class Scheduling:
-    """Settings of how workers are kept busy.
+    """Settings of the scheduling.
 
     Attributes
     ----------
-    ahead : chunks in flight for each thread of a worker: one that is done, one that waits
-    tick : s between looks at what is done
-    most_workers : for each processor of this machine: some 150 MB each
-    without_worker : s without any worker, then it is said
+    ahead : chunks in flight per thread of a worker: one in work, one waiting
+    tick : time between two polls of the answers, s
+    most_workers : largest number of workers per processor; a worker needs about 150 MB
+    without_worker : time without any worker after which the sweep stops, s
     """
 
     ahead: int = 2
@@ -53,12 +53,12 @@ class Scheduling:
 
 
 SCHEDULING = Scheduling()
-# Dask watches its event loops every 20 ms and samples its stacks every 10 ms, in each process.
-QUIET = {"distributed.admin.tick.interval": "1s", "distributed.worker.profile.enabled": False}
+# Dask checks its event loops every 20 ms and samples its stacks every 10 ms, in each process.
+MONITORING = {"distributed.admin.tick.interval": "1s", "distributed.worker.profile.enabled": False}
 
 
 class SweepStopped(RuntimeError):
-    """A sweep that could not go on: what is done is kept, and the same call continues."""
+    """Error of a sweep that lost its scheduler or workers; the same call continues it."""
 
 
 def sweep(
@@ -74,30 +74,30 @@ def sweep(
     progress: Progress | None = None,
     **settings: Any,
 ) -> Sweep:
-    """Do every case by every method on the workers of dask.distributed.
+    """Solve every case by every method on the workers of dask.distributed.
 
-    The same call with the same folder continues what was begun. Every case has one row, which is
-    the same whatever the number of workers, their order and their ends, but for its times and for
-    what the time limit cuts off.
+    A second call with equal arguments and folder continues an unfinished sweep. Every case has one
+    row. It does not depend on the number, order or failures of the workers, except for wall times
+    and for cases that the time limit ends.
 
     Parameters
     ----------
     robot : Robot
     cases : Cases
     methods : sequence of str, or mapping from a name to a function, optional
-        "cubic", "lspb", "straight_path", "cubic_path", "time_optimal". A function of your own takes
-        the robot of the case, with its payload, and the via points [m,n] and returns a motion; a
-        name of the list with None stands for itself.
+        "cubic", "lspb", "straight_path", "cubic_path", "time_optimal". A user's function takes the
+        robot of the case (with its payload) and the via points [m,n] and returns a motion; None
+        instead of a function selects the built-in method of that name.
     out : str or Path
         Folder of the results.
     client : dask.distributed.Client or str, optional
         An open client, or the address of a scheduler; by default processes of this machine, which
-        listen on the loopback interface alone and are ended afterwards.
+        listen on the loopback interface alone and end with the call.
     workers : int, optional
-        How many processes where no client is given; default as many as processors, at most eight
-        times as many.
+        Number of processes without a client; default one per processor, at most eight per
+        processor.
     time_limit : float
-        Of one case, s. It is ended then, and its row says so.
+        Wall time of one case, s; a case that takes longer is ended with the status "time limit".
     motions : bool
         Keep the motions as ``motions/CASE/METHOD.npz``.
     progress : callable, optional
@@ -113,13 +113,13 @@ def sweep(
     ------
     InputError
         Bad cases, methods or settings, another study in the folder, the extra ``scale`` missing:
-        before any case is done.
+        before any case is solved.
     SweepStopped
-        No scheduler or no worker any more; the same call continues.
+        The scheduler or all workers are lost; the same call continues.
 
     Notes
     -----
-    A script that starts processes of its own must be importable: put what it does under
+    A script that calls this must be importable: put its statements under
     ``if __name__ == "__main__":``.
 
     Examples
@@ -132,7 +132,7 @@ def sweep(
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     results = mo.sweep(mo.load_robot("microbot"), cases, ["cubic"], out=folder, workers=1)
     ...     durations = results.read(["cubic_duration"])["cubic_duration"]
-    >>> bool((durations[1:] > durations[:-1]).all())  # the more it carries the longer it takes
+    >>> bool((durations[1:] > durations[:-1]).all())  # a heavier payload takes longer
     True
     """
     study = Study(robot, cases, methods, settings, time_limit, motions)
@@ -147,7 +147,7 @@ def run_study(
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> Sweep:
-    """Do as :func:`sweep`, of a study that is checked."""
+    """Run a checked study; arguments and errors are those of :func:`sweep`."""
     for module in ("distributed", "pyarrow.parquet"):
         needed(module)
     if workers is not None:
@@ -159,7 +159,7 @@ def run_study(
                 "workers is for processes of this machine: give it or client, not both"
             )
     results = opened(study, Path(out))
-    tell = _Told(results, progress)
+    tell = _Reporter(results, progress)
     if not results.finished:
         plan = study.plan()
         with _connected(client, workers) as connected:
@@ -174,7 +174,7 @@ def run_study(
 
 @contextlib.contextmanager
 def _connected(client: Any, workers: int | None) -> Iterator[Any]:
-    """Yield the client that is given, or one of processes of this machine."""
+    """Yield the given client, or a client of new processes on this machine."""
     distributed = needed("distributed")
     if client is not None and not isinstance(client, str):
         if not hasattr(client, "submit") or not hasattr(client, "scheduler_info"):
@@ -193,7 +193,7 @@ def _connected(client: Any, workers: int | None) -> Iterator[Any]:
             yield connected
         return
     with (
-        needed("dask.config").set(QUIET),
+        needed("dask.config").set(MONITORING),
         _own_cluster(distributed) as cluster,
         distributed.Client(cluster, set_as_default=False) as connected,
     ):
@@ -202,12 +202,12 @@ def _connected(client: Any, workers: int | None) -> Iterator[Any]:
 
 
 def _own_cluster(distributed: Any) -> Any:
-    """Return a scheduler in this process, whose workers do not hear Ctrl-C: they are ended by it.
+    """Return a scheduler in this process, whose workers ignore Ctrl-C: the scheduler ends them.
 
-    A thread has the signal mask of the one that starts it, and so has a process.
+    Threads and processes inherit the signal mask of the thread that starts them.
     """
-    # Where it starts it takes the mask away. It has nothing to say of semaphores that a process
-    # left which was ended.
+    # The resource tracker unblocks SIGINT when it starts, so start it before the mask is set. Its
+    # warnings on semaphores of killed processes are expected.
     silent = "ignore:resource_tracker"
     sys.warnoptions.append(silent)
     resource_tracker.ensure_running()
@@ -220,28 +220,28 @@ def _own_cluster(distributed: Any) -> Any:
             processes=True,
             host="127.0.0.1",
             scheduler_kwargs={"dashboard": False, "dashboard_address": "127.0.0.1:0"},
-            silence_logs=50,  # critical; what goes wrong is said by the results
+            silence_logs=50,  # level CRITICAL: the results report errors
         )
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _processors() -> int:
-    """Return how many this process has, by its affinity and its share of the machine."""
+    """Return the number of processors of this process, by CPU affinity and cgroup quota."""
     return needed("dask.system").CPU_COUNT
 
 
 class _Chunk(NamedTuple):
-    """Cases that are asked of a worker together."""
+    """Group of consecutive cases that one worker solves."""
 
     number: int
     first: int
     rows: FloatArray
-    deaths: int = 0  # how often every worker that dask tried ended
+    deaths: int = 0  # number of submissions that ended with KilledWorker
 
 
-class _Told:
-    """Progress in words: how many are done, how fast, how long it takes, what failed."""
+class _Reporter:
+    """Progress report: cases done, rate, time left, failures."""
 
     def __init__(self, results: Sweep, progress: Progress | None) -> None:
         self._progress, self._count = progress, results.count
@@ -267,9 +267,11 @@ class _Told:
 
 
 class _Run:
-    """One run of a study: chunks in flight, their answers, what to do where workers end."""
+    """Run of a study: chunks in flight, answers, and new submissions after a lost worker."""
 
-    def __init__(self, study: Study, plan: Plan, results: Sweep, client: Any, tell: _Told) -> None:
+    def __init__(
+        self, study: Study, plan: Plan, results: Sweep, client: Any, tell: _Reporter
+    ) -> None:
         self.study, self.results, self.client, self.tell = study, results, client, tell
         self._packed = needed("cloudpickle").dumps(plan)
         self._answers: queue.SimpleQueue[Any] = queue.SimpleQueue()
@@ -297,7 +299,7 @@ class _Run:
                     future.cancel()
 
     def _fill(self, todo: Iterator[tuple[int, int, FloatArray]]) -> bool:
-        """Keep workers busy; False where nothing is left to be sent."""
+        """Send chunks until the workers are busy; return False if no chunk is left."""
         room = SCHEDULING.ahead * max(1, self._threads()) - len(self._flying)
         for _ in range(room):
             following = next(todo, None)
@@ -331,16 +333,17 @@ class _Run:
         if future.status != "error":
             raise self._stopped("the scheduler ended")
         problem = future.exception()
-        # a case takes its own process down, not a worker: that was somebody else
+        # A crashing case ends its child process, not the worker, so the worker was killed from
+        # outside and the chunk is worth another attempt.
         killed = isinstance(problem, needed("distributed.scheduler").KilledWorker)
-        if killed and chunk.deaths + 1 < LIVES:
+        if killed and chunk.deaths + 1 < ATTEMPTS:
             self._send(chunk._replace(deaths=chunk.deaths + 1))
             return
         sentence = checks.sentence(f"{type(problem).__name__}: {problem}")
         raise self._stopped(f"a worker could not do its cases: {sentence}")
 
     def _check(self) -> None:
-        """Raise where nobody is left to do the work."""
+        """Raise SweepStopped if the scheduler or all workers are lost."""
         if self.client.status not in ("running", "newly-created"):
             raise self._stopped("the scheduler ended")
         if self._threads():

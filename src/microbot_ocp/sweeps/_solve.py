@@ -1,4 +1,4 @@
-"""One case from its numbers to its row; nothing of a row depends on the cases done before it."""
+"""Solution of one case, from its numbers to its row; a row does not depend on earlier cases."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ Row = dict[str, Any]
 
 
 class CaseSolver:
-    """All cases of a plan in one process: what they share is made here, once."""
+    """Solver of the cases of a plan in one process; prepared solvers are built once."""
 
     def __init__(self, plan: Plan) -> None:
         self.study = plan.study
@@ -39,7 +39,7 @@ class CaseSolver:
         self._tool = forward_kinematics(plan.study.robot)
         self._solvers: dict[Any, TimeOptimalSolver] = {}
         with contextlib.ExitStack() as stack, warnings.catch_warnings(record=True) as heard:
-            with contextlib.suppress(OSError):  # one process compiles, and others find its work
+            with contextlib.suppress(OSError):  # one process compiles, the others load the result
                 stack.enter_context(locked(usable_folder()))
             warnings.simplefilter("always", NotCompiled)
             for values, via in plan.ready:
@@ -52,7 +52,7 @@ class CaseSolver:
         self.notes += notes[:1]
 
     def row(self, case: int, numbers: FloatArray) -> tuple[Row, dict[str, bytes]]:
-        """Give the row of a case, and its motions as the bytes of ``.npz`` files, if asked for."""
+        """Return the row of a case and, if the study keeps them, its motions as bytes of ``.npz``."""
         begin = time.perf_counter()
         row = inputs(self.study, case, numbers)
         motions: dict[str, bytes] = {}
@@ -78,7 +78,7 @@ class CaseSolver:
             started = time.perf_counter()
             try:
                 entry = self._entry(name, task, moving, values)
-            except Exception as problem:  # of a method of the user's own, too
+            except Exception as problem:  # a user's method may raise anything
                 is_input = isinstance(problem, InputError)
                 status = Status.NOT_POSSIBLE if is_input else Status.FAILED
                 reason = str(problem) if is_input else f"{type(problem).__name__}: {problem}"
@@ -107,10 +107,10 @@ class CaseSolver:
         return quick if quick is not None and not _is_kept(thorough) else thorough
 
     def _quick(self, name: str, task: CaseTask, moving: Robot, values: Row) -> Entry | None:
-        """Return by what is prepared; None where nothing is."""
+        """Return the entry by a prepared solver or path timing; None without either."""
         if name == BY_SOLVER and self.study.prepares:
             solver = self._solvers.get(_key(values))
-            if solver is None:  # masses, friction or gravity of its own
+            if solver is None:  # no solver was prepared for these masses, friction and gravity
                 robot = task.robot.with_limits(self.study.reference_robot.limits)
                 solver = self._made(robot, task.via_q, compiled=False)
             search = self.study.settings["starts"] > 1
@@ -161,18 +161,18 @@ def _judged(name: str, robot: Robot, task: CaseTask, motion: Motion) -> Entry:
 
 
 def _is_kept(entry: Entry) -> bool:
-    """Return whether it is solved and its certificate passed."""
+    """Return whether an entry is solved and its certificate passed."""
     return entry.status.solved and entry.certificate is not None and entry.certificate.ok
 
 
 def _key(values: Mapping[str, FloatArray]) -> tuple[tuple[str, bytes], ...]:
-    """Return what tells solvers apart: masses, friction and gravity."""
+    """Return the key of a prepared solver: bytes of masses, friction and gravity."""
     arrays = {name: np.asarray(value, dtype=float) for name, value in values.items()}
     return tuple((name, arrays[name].tobytes()) for name in DYNAMICS if name in arrays)
 
 
 def limit_shares(study: Study, robot: Robot, motion: Motion) -> dict[str, float]:
-    """Return share of the time in which each limit of the joints, or further one, is used up."""
+    """Return the share of the duration at each limit, by the name of the limit's column."""
     history = limit_history(robot, motion)
     weight = np.gradient(history.t)
     return {
@@ -183,19 +183,19 @@ def limit_shares(study: Study, robot: Robot, motion: Motion) -> dict[str, float]
 
 
 def inputs(study: Study, case: int, numbers: FloatArray) -> Row:
-    """Return what is known of a case before it is done."""
+    """Return the columns of a case that are known before it is solved."""
     row: Row = {"case": case, "seed": study.settings["seed"], "version": versions()}
     return row | dict(zip(study.source.columns, map(float, numbers), strict=True))
 
 
 def ended(study: Study, status: Status, reason: str) -> Row:
-    """Return the rest of a row of which no method came to an end."""
+    """Return the outcome columns of a case that no method could finish."""
     row: Row = {"status": str(status), "reason": " ".join(reason.split())}
     return row | {f"{name}_status": str(status) for name in study.methods}
 
 
 def repeat_case(study: Study, case: int) -> tuple[Row, dict[str, bytes]]:
-    """Do one case of a study here and now: its row, and its motions as bytes of ``.npz`` files.
+    """Solve one case of a study in this process; return its row and motions (bytes of ``.npz``).
 
     Raises
     ------

@@ -1,6 +1,6 @@
-"""A study as data: robot, cases, methods and settings, and the columns of what comes out.
+"""Definition of a study: robot, cases, methods, settings, and the columns of its results.
 
-Files have the same in TOML, which :func:`read_study` reads; docs/how-to/sweeps.md has the schema.
+:func:`read_study` reads a study from a TOML file; docs/how-to/sweeps.md has the schema.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from microbot_ocp.sweeps._cases import Between, Cases, CaseSource, OneOf
 from microbot_ocp.sweeps._quantities import NoTask, check_name, robot_with, task_of
 from microbot_ocp.tasks import COMMON, METHODS, robot_from
 
-SCHEMA = 1  # of the file
+SCHEMA = 1  # version of study files
 POINTS = ("start", "goal")
 AXES = ("x", "y", "z")
 BY_SOLVER = "time_optimal"
@@ -64,14 +64,14 @@ RANGE = {"from": NEEDED, "to": NEEDED, "steps": ANY}
 
 @dataclass(frozen=True)
 class StudySettings:
-    """Settings of how a study is divided.
+    """Settings of the division of a study into chunks.
 
     Attributes
     ----------
-    time_limit : s, of one case
-    most_tried : cases, to find one that the solver can be made ready with
-    largest_chunk : cases of a chunk
-    chunks : of a study at best
+    time_limit : default wall time of one case, s
+    most_tried : largest number of cases tried to find via points for a prepared solver
+    largest_chunk : largest number of cases in a chunk
+    chunks : desired number of chunks of a study
     """
 
     time_limit: float = 60.0
@@ -85,7 +85,7 @@ DIVISION = StudySettings()
 
 @dataclass(frozen=True)
 class CaseSettings:
-    """Settings of how a case is done; see :class:`Study`."""
+    """Settings of the methods; see :class:`Study`."""
 
     prepared: bool = True
     mesh: int = 60
@@ -102,32 +102,32 @@ class CaseSettings:
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """What is asked of every case.
+    """Study: robot, cases, methods and settings.
 
     Parameters
     ----------
     robot : Robot
     cases : Cases
     methods : sequence of str, or mapping from a name to a function, optional
-        Keys of :data:`~microbot_ocp.tasks.METHODS` but those of given times; by default
-        "cubic", "cubic_path" and "time_optimal". A function takes the robot of the case (with its
-        payload) and the via points [m,n] and returns a motion.
+        Keys of :data:`~microbot_ocp.tasks.METHODS`, except methods that need given times; by
+        default "cubic", "cubic_path" and "time_optimal". A function takes the robot of the case
+        (with its payload) and the via points [m,n] and returns a motion.
     settings : mapping
-        ``prepared`` (True): kernels are made once and all numbers of a case are put into them, and
-        paths are timed by reachability on a grid; else each case is done as by
-        :func:`~microbot_ocp.compare`. ``mesh`` (60), ``starts`` (1; more find better local optima
-        and take as many times longer) and ``seed`` of the free motion, ``grid`` (400) of paths.
+        ``prepared`` (True): one solver is built and takes the numbers of each case as inputs, and
+        paths are timed by reachability on a grid; with False :func:`~microbot_ocp.compare` solves
+        each case. ``mesh`` (60), ``starts`` (1; more starts find better local optima in
+        proportionally more time) and ``seed`` for the free motion, ``grid`` (400) for paths.
     time_limit : float
-        Of one case, s; then it is ended.
+        Wall time of one case, s; a longer case is ended.
     motions : bool
         Keep the motions, too.
     origin : str
-        Path of the study file; empty where there is none.
+        Path of the study file; empty without a file.
 
     Raises
     ------
     InputError
-        Whatever is wrong, before any case is done.
+        Any bad argument, before any case is solved.
     """
 
     robot: Robot
@@ -157,19 +157,19 @@ class Study:
 
     @cached_property
     def source(self) -> CaseSource:
-        """The cases by index."""
+        """Cases by index."""
         return self.cases.of(self.robot)
 
     @cached_property
     def reference_robot(self) -> Robot:
-        """The robot with every kind of limit that some case has."""
+        """Robot with every kind of limit that occurs in a case."""
         robot = robot_with(self.robot, self.source.reference())
         check_limits(robot, None)
         return robot
 
     @cached_property
     def limit_columns(self) -> tuple[tuple[str, int, str], ...]:
-        """Key and component of every limit but those of the position, and its name in columns."""
+        """Key, component and column name of every limit except position limits."""
         columns = []
         for member in LimitFamily.of(self.reference_robot):
             for k, label in enumerate(member.labels):
@@ -192,18 +192,18 @@ class Study:
 
     @property
     def chunk(self) -> int:
-        """Cases a chunk, which is done by one worker and written as one file."""
+        """Number of cases per chunk, which one worker solves and one file holds."""
         return min(max(self.source.count // DIVISION.chunks, 1), DIVISION.largest_chunk)
 
     @cached_property
     def digest(self) -> str:
-        """Of all that the results follow from."""
+        """Digest of all data that determine the results."""
         keys = ("methods", "settings", "time_limit", "motions")
         asked = {key: getattr(self, key) for key in keys}
         return digest_of(robot=self.robot, cases=self.source.content, **asked, versions=versions())
 
     def plan(self) -> Plan:
-        """Return what a worker has to know: all but the cases, for which one stands."""
+        """Return the study for the workers, with one reference case instead of all cases."""
         ready = []
         for values in self.source.robots() if self.prepares else ():
             via = self._holdable(robot_with(self.reference_robot, values))
@@ -213,14 +213,12 @@ class Study:
 
     @property
     def prepares(self) -> bool:
-        """Whether free motions come from prepared solvers."""
+        """True if free motions come from prepared solvers."""
         method = self.methods.get(BY_SOLVER, True)  # type: ignore[union-attr]
         return bool(self.settings["prepared"]) and method is None and self.robot.has_dynamics
 
     def _holdable(self, robot: Robot) -> FloatArray | None:
-        """Return via points of the first case that a robot can hold at rest; None where none is
-        found.
-        """
+        """Return the via points of the first case that the robot can hold at rest, or None."""
         family = LimitFamily.of(robot)
         for row in self.source.rows(0, min(DIVISION.most_tried, self.source.count)):
             with contextlib.suppress(InputError, NoTask):
@@ -231,16 +229,16 @@ class Study:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """A study without its cases.
+    """Study without its cases, for the workers.
 
     Attributes
     ----------
     study : Study
-        Of one case, which has every kind of limit that some case has.
+        Study of one reference case, which has every kind of limit.
     ready : tuple of (values, via points)
-        What solvers are prepared for, one each: masses, friction and gravity, where these are few.
+        Masses, friction and gravity of each prepared solver, with via points to build it for.
     version : str
-        Of the software that made it.
+        Versions of the software that wrote the plan.
     """
 
     study: Study
@@ -249,7 +247,7 @@ class Plan:
 
 
 def outcome_columns(methods: Iterable[str], limits: Sequence[str]) -> list[tuple[str, str]]:
-    """Return the name and type of the columns of what becomes of a case."""
+    """Return name and type of the result columns."""
     columns = [("status", "text"), ("reason", "text")]
     for method in methods:
         columns += [
@@ -265,7 +263,7 @@ def outcome_columns(methods: Iterable[str], limits: Sequence[str]) -> list[tuple
 
 
 def versions() -> str:
-    """Return versions of this package and of CasADi."""
+    """Return the versions of this package and of CasADi."""
     return f"microbot_ocp {version('microbot_ocp')}, casadi {ca.CasadiMeta.version()}"
 
 
@@ -290,7 +288,7 @@ def read_study(path: str | Path) -> Study:
     Parameters
     ----------
     path : str or Path
-        Robots and tables that it names are relative to its folder.
+        Study file; paths of robots and tables inside the file are relative to its folder.
 
     Returns
     -------
@@ -299,7 +297,7 @@ def read_study(path: str | Path) -> Study:
     Raises
     ------
     InputError
-        A file that cannot be read, a key that is unknown, missing or of the wrong kind.
+        A file that cannot be read, a key that is unknown or missing, a value of the wrong type.
     """
     source = Path(path)
     with table_from(source, "study") as data:
@@ -329,7 +327,7 @@ def _cases(table: Mapping[str, Any], quantities: dict[str, Any], folder: Path) -
 
 
 def _quantity(name: str, given: Any) -> Any:
-    """Return a constant, a range ``{from, to, steps}`` or values ``{one_of}``."""
+    """Return a constant, a range (``{from, to, steps}``) or discrete values (``{one_of}``)."""
     check_name(name)
     if not isinstance(given, dict):
         return given

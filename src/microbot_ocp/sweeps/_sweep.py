@@ -1,4 +1,4 @@
-"""The data set of a sweep on the disk: whole part files, one a chunk of cases."""
+"""Data set of a sweep on the disk: one part file per chunk of cases."""
 
 from __future__ import annotations
 
@@ -41,16 +41,16 @@ PARTS = "cases"
 MOTIONS = "motions"
 TYPES = {"int": "int64", "float": "float64", "bool": "bool_", "text": "string"}
 TIMES = re.compile(r".*_time")  # columns that differ from run to run
-# What pyarrow raises for damaged files.
+# pyarrow raises any of these for damaged files.
 DAMAGED = (OSError, ValueError, KeyError, NotImplementedError, RuntimeError)
-SCHEMA = 2  # of the folder; part files of schema 1 do not say which sweep they are of
-STAMP = b"microbot_ocp"  # key of a part file's metadata: the digest of its sweep
+SCHEMA = 2  # version of the folder; part files of schema 1 do not name their sweep
+STAMP = b"microbot_ocp"  # metadata key of a part file for the digest of its sweep
 _PART = re.compile(r"part-([0-9]{8})\.parquet")
 _NUMBER = re.compile(r"[-+]?\d+(\.\d+)?(e[-+]?\d+)?")
 
 
 class Quartiles(NamedTuple):
-    """Of a sample: how many, and the values below which a quarter, half, three quarters lie."""
+    """Size of a sample with its lower quartile, median and upper quartile."""
 
     count: int
     lower: float
@@ -59,7 +59,7 @@ class Quartiles(NamedTuple):
 
     @classmethod
     def of(cls, values: FloatArray) -> Quartiles:
-        """Return that of the values that are finite; NaN where there are none."""
+        """Return the quartiles of the finite values; NaN without finite values."""
         finite = values[np.isfinite(values)]
         if not finite.size:
             return cls(0, np.nan, np.nan, np.nan)
@@ -68,16 +68,17 @@ class Quartiles(NamedTuple):
 
 @dataclass(frozen=True)
 class CaseFailure:
-    """Cases that ended alike.
+    """Group of failed cases with equal status and similar reason.
 
     Attributes
     ----------
     status : Status
     count : int
+        Number of cases.
     case : int
-        The first of them, to be done again.
+        Index of the first case, to repeat it.
     reason : str
-        Of that case.
+        Reason of the first case.
     """
 
     status: Status
@@ -93,25 +94,25 @@ class SweepSummary:
     Attributes
     ----------
     count, done : int
-        Of all cases, and of those that have a row.
+        Number of all cases, and of cases with a row.
     solved : mapping from a method to int
     certified : mapping from a method to int
     durations : mapping from a method to Quartiles, s
     savings : mapping from a method to Quartiles
-        Of all others: share of their time that the best method (``best``) saves, where both are
-        solved.
+        Share of the duration of every other method that the method ``best`` saves, over the cases
+        that both solve.
     best : str
-        "time_optimal" where it is among the methods, else the last one.
+        "time_optimal" if it is among the methods, or else the last method.
     decides : mapping from a limit to float
-        Share of the solved cases in which this limit is at work for most of the best motion.
+        Share of the solved cases in which the best motion is at this limit longest.
     at_limit : mapping from a limit to float
-        Mean share of the time of the best motion at this limit.
-    failures : tuple of Failure
-        The most frequent first.
+        Mean share of the duration of the best motion at this limit.
+    failures : tuple of CaseFailure
+        Groups of failed cases, the most frequent first.
     case_time : Quartiles
         Wall time of a case, s.
     not_compiled : int
-        Cases that were done without a compiler though the study could have used one.
+        Number of cases solved without compiled kernels although the study could use them.
     """
 
     count: int
@@ -129,21 +130,21 @@ class SweepSummary:
 
 
 class SweepFileWarning(UserWarning):
-    """Files in a sweep's folder belong to another sweep, or to other cases, and are left out."""
+    """Warning of skipped files in the folder, which belong to another sweep or other cases."""
 
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
     """Results of a sweep, finished or not.
 
-    The cases are Parquet files in ``FOLDER/cases``, one row a case, for any reader of Parquet:
+    The cases are Parquet files in ``FOLDER/cases``, one row per case, for any reader of Parquet:
     ``pandas.read_parquet("FOLDER/cases")``.
 
     Attributes
     ----------
     folder : Path
     about : mapping
-        What ``study.json`` says: methods, settings, columns, versions.
+        Content of ``study.json``: methods, settings, columns, versions.
     """
 
     folder: Path
@@ -157,7 +158,7 @@ class Sweep:
 
     @property
     def count(self) -> int:
-        """Of all cases."""
+        """Number of all cases."""
         return int(self.about["count"])
 
     @property
@@ -167,12 +168,12 @@ class Sweep:
 
     @property
     def best(self) -> str:
-        """The method that others are compared with: "time_optimal", or the last one."""
+        """Method that the others are compared with: "time_optimal", or else the last method."""
         return BEST if BEST in self.methods else self.methods[-1]
 
     @property
     def reference(self) -> str:
-        """The fastest baseline in the median, of the textbook's methods if any: the headline."""
+        """Method with the least median duration among the baselines, or else among the others."""
         others = [name for name in self.methods if name != self.best]
         textbook = [name for name in others if name in METHODS and METHODS[name].baseline]
         medians = self.summary().durations
@@ -182,17 +183,17 @@ class Sweep:
 
     @property
     def done(self) -> int:
-        """How many cases have a row."""
+        """Number of cases with a row."""
         return sum(len(self._cases(number)) for number in self.parts)
 
     @property
     def finished(self) -> bool:
-        """Whether every case has its row."""
+        """True if every case has a row."""
         return self.done == self.count
 
     @property
     def parts(self) -> list[int]:
-        """Numbers of the chunks whose files are there."""
+        """Numbers of the chunks with a valid file."""
         needed("pyarrow.parquet")
         with_rows = []
         for number in self._numbers():
@@ -201,14 +202,14 @@ class Sweep:
         return with_rows
 
     def read(self, columns: Sequence[str] | None = None) -> dict[str, np.ndarray]:
-        """Return columns [N] by name, in the order of the cases; by default all of them.
+        """Return columns [N] by name, in the order of the cases; by default all columns.
 
-        Where a method has no motion its numbers are NaN and its texts empty.
+        Without a motion the numbers of a method are NaN and its texts empty.
 
         Raises
         ------
         InputError
-            A column that is not there; the extra ``scale`` is not installed.
+            An unknown column; the extra ``scale`` is not installed.
         """
         kinds = dict(self.about["columns"])
         names = list(kinds) if columns is None else list(columns)
@@ -224,7 +225,7 @@ class Sweep:
         except DAMAGED as problem:
             raise InputError(
                 f"a file in {self.folder / PARTS} is damaged: "
-                f"{problem}; the sweep's command does its cases again"
+                f"{problem}; run the sweep again to solve its cases anew"
             ) from None
         if len(paths) < len(belongs):
             strays = ", ".join(path.name for path, belonging in belongs.items() if not belonging)
@@ -235,18 +236,19 @@ class Sweep:
             )
         order, empty = np.argsort(table["case"].to_numpy()), {"text": "", "bool": False}
         arrays = {}
-        for name in names:  # a number that is not there is NaN
+        for name in names:  # a missing number is NaN
             rest = empty.get(kinds[name])
             column = table[name] if rest is None else table[name].fill_null(rest)
             arrays[name] = column.to_numpy()[order]
         return arrays
 
     def savings(self, method: str) -> FloatArray:
-        """Return the share [N] of its time that the best method saves; NaN where one of them is not
-        solved.
+        """Return the share [N] of a method's duration that the best method saves.
+
+        It is NaN for a case that one of the two methods did not solve.
         """
         names = [method, self.best]
-        read = self.read([f"{name}_{what}" for name in names for what in ("status", "duration")])
+        read = self.read([f"{name}_{key}" for name in names for key in ("status", "duration")])
         slow, fast = (
             np.where(read[f"{name}_status"] == Status.SOLVED, read[f"{name}_duration"], np.nan)
             for name in names
@@ -254,11 +256,11 @@ class Sweep:
         return 1.0 - fast / slow
 
     def summary(self) -> SweepSummary:
-        """Return statistics of what is done so far."""
+        """Return statistics of the cases done so far."""
         limits, best = list(self.about["limits"]), self.best
         columns = ["case", "status", "reason", "case_time", "compiled", f"{best}_limit"]
         for method in self.methods:
-            columns += [f"{method}_{what}" for what in ("status", "duration", "certified")]
+            columns += [f"{method}_{key}" for key in ("status", "duration", "certified")]
         columns += [f"{best}_at_{name}" for name in limits]
         read = self.read(columns)
         solved = {m: read[f"{m}_status"] == Status.SOLVED for m in self.methods}
@@ -294,7 +296,7 @@ class Sweep:
         return view_for(self, "rerun")(self, path)
 
     def _numbers(self) -> list[int]:
-        """Give the numbers of all part files that are there, whatever they hold."""
+        """Return the numbers of all part files, valid or not."""
         names = (_PART.fullmatch(path.name) for path in (self.folder / PARTS).glob("part-*"))
         return sorted(int(name[1]) for name in names if name)
 
@@ -302,12 +304,12 @@ class Sweep:
         return self.folder / PARTS / f"part-{number:08d}.parquet"
 
     def _cases(self, number: int) -> range:
-        """Return cases of a chunk; none where the sweep has no such chunk."""
+        """Return the cases of a chunk; empty if the sweep has no such chunk."""
         chunk = int(self.about["chunk"])
         return range(number * chunk, min((number + 1) * chunk, self.count))
 
     def _belongs(self, number: int) -> bool:
-        """Return whether a part file is of this sweep, and of the cases that its name says.
+        """Return whether a part file belongs to this sweep and holds the cases of its number.
 
         Raises
         ------
@@ -320,7 +322,7 @@ class Sweep:
         if not cases or stamp != (self.about["digest"] if self.about["schema"] > 1 else ""):
             return False
         columns, wanted = about.schema.to_arrow_schema(), self._schema()
-        # what schema 1 wrote may have been kept in fewer digits
+        # Files of schema 1 may hold columns of other types: compare the names only.
         same = columns.equals(wanted) if stamp else columns.names == wanted.names
         if not same or not about.num_rows:
             raise ValueError(f"{part.name} has other columns, or no row")
@@ -332,12 +334,12 @@ class Sweep:
         return True
 
     def _schema(self) -> Any:
-        """Return names and types of the columns, as pyarrow has them."""
+        """Return names and types of the columns as a pyarrow schema."""
         arrow = needed("pyarrow")
         return arrow.schema([(n, getattr(arrow, TYPES[k])()) for n, k in self.about["columns"]])
 
     def _write(self, number: int, done: Iterable[tuple[Row, Mapping[str, bytes]]]) -> list[Row]:
-        """Write the rows of a chunk, its motions first: where the rows are, everything is."""
+        """Write the motions of a chunk and after them its rows, whose file marks completion."""
         arrow, parquet = needed("pyarrow"), needed("pyarrow.parquet")
         schema = self._schema().with_metadata({STAMP: self.about["digest"].encode()})
         rows = []
@@ -367,7 +369,7 @@ def load_sweep(folder: str | Path) -> Sweep:
     return Sweep(Path(folder), about)
 
 
-# What readers ask of the document.
+# Keys and types of the document that readers rely on.
 _ABOUT: dict[str, Any] = {
     **dict.fromkeys(("methods", "limits", "varying", "joints"), list[str]),
     **dict.fromkeys(("settings", "quantities"), dict),
@@ -378,9 +380,9 @@ _ABOUT: dict[str, Any] = {
 
 
 def _is_about(about: Mapping[str, Any]) -> bool:
-    """Return whether a document says of a sweep what its readers ask for."""
+    """Return whether a document has a valid schema, methods, counts and columns."""
     columns, methods = set(map(tuple, about["columns"])), about["methods"]
-    # folders of schema 1 may have been thinned by hand
+    # Columns may have been removed by hand from folders of schema 1.
     outcomes = outcome_columns if about["schema"] == SCHEMA else lambda *_: [("status", "text")]
     return (
         about.get("schema") in (1, SCHEMA)
@@ -392,14 +394,14 @@ def _is_about(about: Mapping[str, Any]) -> bool:
 
 
 def opened(study: Study, folder: Path) -> Sweep:
-    """Return the folder of a study: a new one, or the one that it was begun in.
+    """Return the results in the folder of a study, which is created or continued.
 
     Raises
     ------
     InputError
         The folder holds another study.
     NotWritten
-        It cannot be made.
+        The folder cannot be created.
     """
     if (folder / ABOUT).exists():
         earlier = load_sweep(folder)
@@ -439,7 +441,7 @@ def opened(study: Study, folder: Path) -> Sweep:
 
 
 def _whole(sweep: Sweep, number: int) -> bool:
-    """Return whether a part file has all its rows as they were written."""
+    """Return whether a part file belongs to the sweep and its checksums match."""
     try:
         return sweep._belongs(number) and _rows(str(sweep._part(number))).num_rows > 0
     except DAMAGED:
@@ -447,14 +449,14 @@ def _whole(sweep: Sweep, number: int) -> bool:
 
 
 def _rows(paths: str | list[str], **options: Any) -> Any:
-    """Return the table of part files, whose pages are compared with their checksums."""
+    """Return the table of part files after a check of the page checksums."""
     table = needed("pyarrow.parquet").read_table(paths, page_checksum_verification=True, **options)
     table.validate(full=True)
     return table
 
 
 def _failures(read: Mapping[str, np.ndarray]) -> tuple[CaseFailure, ...]:
-    """Return failures that differ in their numbers only count as one."""
+    """Group failures by status and reason; reasons that differ only in numbers are equal."""
     places_of: dict[tuple[str, str], list[int]] = {}
     for k in np.flatnonzero(read["status"] != Status.SOLVED):
         kind = _NUMBER.sub("#", read["reason"][k])[:120]
