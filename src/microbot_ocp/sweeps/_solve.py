@@ -52,7 +52,7 @@ class CaseSolver:
         self.notes += notes[:1]
 
     def row(self, case: int, numbers: FloatArray) -> tuple[Row, dict[str, bytes]]:
-        """Return the row of a case and, if the study keeps them, its motions as bytes of ``.npz``."""
+        """Return the row of a case, and its motions as bytes of ``.npz`` if they are kept."""
         begin = time.perf_counter()
         row = inputs(self.study, case, numbers)
         motions: dict[str, bytes] = {}
