@@ -47,11 +47,11 @@ def test_files_of_two_runs_are_refused(runs, tmp_path):
     first, second = runs
     first.save(tmp_path, OUTPUTS)
     second.save(tmp_path, ["csv"])
-    assert "comparison.csv is damaged or of another run" in refusal(tmp_path)
+    assert "comparison.csv is damaged or from another run" in refusal(tmp_path)
     first.save(tmp_path, ["csv"])
     assert mo.load_comparison(tmp_path)
     second.save(tmp_path, ["motions"])
-    assert "cubic.npz is damaged or of another run" in refusal(tmp_path)
+    assert "cubic.npz is damaged or from another run" in refusal(tmp_path)
     second.save(tmp_path, ["json"])
     assert list(mo.load_comparison(tmp_path).motions) == ["cubic"]
 

@@ -236,7 +236,7 @@ def test_a_file_and_python_state_the_same_stops(tmp_path):
     [
         ("veloctiy = 'any'", "did you mean 'velocity'?"),
         ("q = [0, 0, 0]", "a q or a position, not both"),
-        ("[[stop]]\ntolerance_deg = 5\nposition = [3, 0, 4]", "tolerance_deg is of a joint pose"),
+        ("[[stop]]\ntolerance_deg = 5\nposition = [3, 0, 4]", "so not tolerance_deg"),
         ("[[stop]]\nposition = [3, 0, 4]\nrpy = [180, 0, 0]", "or give rpy_deg"),
         (
             "[[stop]]\nq = [0, 0, 0]\n[stop.payload]\ncenter_of_mass = [0, 0, 1]",

@@ -1,9 +1,9 @@
-"""The same task by every method, fronts, and the files that tasks and cells are kept in.
+"""Comparison of methods on one task, fronts of time against effort, and task files.
 
-Comes in: a robot and via points, or a file. Goes out: a :class:`Comparison` with motions and
-certificates. Begin with :func:`compare` in ``_comparison.py``; ``_front.py`` weighs time against
-effort or torque, ``_task_file.py`` and ``_cell_file.py`` read what ``_folder.py`` and ``_saved.py``
-write.
+Input: a robot and via points, or a file. Output: a :class:`Comparison` with motions and
+certificates. Begin with :func:`compare` in ``_comparison.py``. ``_front.py`` weighs time against
+effort or torque, ``_task_file.py`` and ``_cell_file.py`` read tasks, ``_folder.py`` writes the
+folder of a comparison and ``_saved.py`` reads it.
 """
 
 from microbot_ocp._base import border

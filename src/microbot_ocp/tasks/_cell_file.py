@@ -1,6 +1,6 @@
 """Tasks of stops in TOML files: ``[[stop]]``, ``[[segment]]``, ``cycle``, ``[scene]``.
 
-The schema is in docs/task_file.md; errors are those of a task of via points.
+The schema is in docs/task_file.md.
 """
 
 from __future__ import annotations
@@ -60,30 +60,32 @@ from microbot_ocp.tasks._task_file import (
 
 STOP = keys_of(Stop, name=TEXT, q=ANGLE, tolerance=ANGLE, orientation_tolerance=ANGLE, rpy=ANGLE)
 CAPSULE = keys_of(Capsule, link=NEEDED)
-FRONTS: dict[str, tuple[Callable[..., Front], str, Sequence[float]]] = {  # and the key that asks
+# Function, key of its values and default values for each kind of front.
+FRONTS: dict[str, tuple[Callable[..., Front], str, Sequence[float]]] = {
     "effort": (time_effort_front, "slacks", SLACKS),
     "torque": (time_torque_front, "shares", SHARES),
 }
 FRONT = {kind: {key: ANY} for kind, (_, key, _) in FRONTS.items()}
 PAYLOAD = keys_of(Payload)
 KINDS: dict[str, Any] = {"line": Line, "circle": Circle, "joint line": JointLine}
-LARGEST_ANGLE = 2 * np.pi  # rad: beyond it degrees were meant
+LARGEST_ANGLE = 2 * np.pi  # rad; larger values are probably degrees
 
 
 @dataclass(frozen=True, eq=False)
 class CellFile:
-    """A task of stops as a file states it, checked and in SI units.
+    """Checked task of stops from a file, in SI units.
 
     Attributes
     ----------
     origin : str
         Name of the file, for messages.
     robot : Robot
-        With its own limits.
+        Robot with its own limits.
     stops : tuple of Stop
     limits : JointLimits
+        Limits of the task.
     segments : tuple of segments, or None
-        None where every way is free.
+        None if the path between all stops is free.
     cycle : bool
     order : "given" or "free"
     duration : float or None, s
@@ -132,8 +134,7 @@ class CellFile:
         return self.certified(motion)
 
     def certified(self, motion: Motion, certificate: Certificate | None = None) -> Cell:
-        """Return a motion of this task, such as a saved one, with its certificate, by default a new
-        one.
+        """Return a motion of this task with its certificate; by default the motion is certified.
 
         Raises
         ------
@@ -152,22 +153,22 @@ class CellFile:
 
 @dataclass(frozen=True, eq=False)
 class Cell:
-    """A motion through stops with its certificate.
+    """Motion through stops with its certificate.
 
     Attributes
     ----------
     robot : Robot
-        With the limits of the task.
+        Robot with the limits of the task.
     stops : tuple of Stop
-        In the order in which they are reached.
+        Stops in the order of the motion.
     segments : tuple of segments, or None
     cycle : bool
     motion : Motion
     certificate : Certificate
     scene : Scene, optional
-        What is around the arm.
+        Obstacles around the arm.
     front : Front, optional
-        The motions that a front was asked for, of which ``motion`` is the fastest.
+        Front of time against effort or torque; ``motion`` is its fastest motion.
     """
 
     robot: Robot
@@ -205,7 +206,7 @@ class Cell:
     def save(self, folder: str | Path, outputs: Sequence[str] = CELL_OUTPUTS) -> list[Path]:
         """Write ``cell.json``, ``motion.npz``, ``motion.png``, ``cell.rrd``, films into a folder.
 
-        Of a front also ``front.png`` and the other motions, ``motion_2.npz`` and so on.
+        A front adds ``front.png`` and the other motions, ``motion_2.npz`` and so on.
 
         Parameters
         ----------
@@ -216,7 +217,7 @@ class Cell:
         Raises
         ------
         InputError
-            Another output.
+            An unknown output.
         """
         target = made_folder(folder)
         written = []
@@ -242,13 +243,11 @@ class Cell:
         return written
 
     def report(self, path: str | Path) -> Path:
-        """Write one ``.html`` file to send: times, a film, curves, the certificate in words."""
+        """Write a report in one ``.html`` file: times, a film, curves, the certificate in words."""
         return view_for(self, "html_report")(self, path)
 
     def plot(self) -> DrawnAxes:
-        """Return position, velocity, torque and every limit at work, with rests and what is
-        carried.
-        """
+        """Plot position, velocity, torque and the use of every limit, with rests and payloads."""
         return view_for(self, "plot")(self)
 
     def to_rerun(self, path: str | Path) -> Path:
@@ -263,13 +262,13 @@ class Cell:
         Parameters
         ----------
         path, rate, theme, **options
-            As of ``write_animation``, whose errors are raised.
+            Parameters of ``write_animation``, whose errors are raised.
         """
         return view_for(self, "animation")(self, path, rate, theme=theme, **options)
 
 
 def is_cell_file(path: str | Path) -> bool:
-    """Return whether a task file has stops in the place of via points."""
+    """Return whether a task file has stops instead of via points."""
     with table_from(path, "task") as data:
         return "stop" in data
 
@@ -280,12 +279,12 @@ def read_cell(path: str | Path) -> CellFile:
     Parameters
     ----------
     path : str or Path
-        Paths of robots inside the file are relative to its folder.
+        Task file; paths of robots inside the file are relative to its folder.
 
     Raises
     ------
     InputError
-        A file that cannot be read, a key that is unknown, missing or of the wrong kind.
+        A file that cannot be read, a key that is unknown or missing, a value of the wrong type.
 
     Examples
     --------
@@ -322,11 +321,11 @@ def read_cell(path: str | Path) -> CellFile:
             checks.number("duration", given["duration"], "s", above=0.0)
         front = _front(given["front"]) if "front" in given else None
         if front is not None and ("duration" in given or given.get("order") == "free"):
-            raise InputError("[front] does not go with a duration or a free order of the stops")
+            raise InputError("[front] allows neither duration nor order = 'free'")
         settings = settings_from(given.get("settings", {}))
         for key in ("grid", "blend"):
             if key in settings:
-                raise InputError(f"settings.{key} is of tasks of via points, not of stops")
+                raise InputError(f"settings.{key} is for tasks of via points, not of stops")
         return CellFile(
             source.name,
             robot,
@@ -347,7 +346,8 @@ def request_cell(path: str | Path, robot: Robot, scene: Scene | None) -> CellFil
     Raises
     ------
     InputError
-        As :func:`~microbot_ocp.scene.load_request`, but for limits, which the task keeps.
+        Errors of :func:`~microbot_ocp.scene.load_request`, except those on limits: the task keeps
+        the limits.
     """
     asked = read_request(path, robot)
     stops = tuple(Stop(q=q, name=name) for name, q in zip(("start", "goal"), asked.q, strict=True))
@@ -358,7 +358,7 @@ def request_cell(path: str | Path, robot: Robot, scene: Scene | None) -> CellFil
 
 
 def _front(table: Mapping[str, Any]) -> tuple[str, tuple[float, ...]]:
-    """Return the kind of the table [front] and by what its motions are asked."""
+    """Return the kind of the table [front] and its slacks or shares."""
     kind, given = read_kind(table, FRONT, "of [front]")
     _, key, usual = FRONTS[kind]
     values = checks.array(f"{key} of [front]", given.get(key, usual), (None,))
@@ -366,10 +366,10 @@ def _front(table: Mapping[str, Any]) -> tuple[str, tuple[float, ...]]:
 
 
 def _with_capsules(robot: Robot, rows: Sequence[Mapping[str, Any]]) -> Robot:
-    """Return the robot with the capsules of [[capsule]] in the place of those of the same links."""
+    """Return the robot with the capsules of [[capsule]], which replace the capsules of a link."""
     if not rows:
         return robot
-    links = [link.name for link in robot.links] or robot.chain.joint_names  # none without masses
+    links = [link.name for link in robot.links] or robot.chain.joint_names  # links need masses
     names = ["base", *links]
     capsules: dict[int, list[Capsule]] = {}
     for number, row in enumerate(rows, start=1):
@@ -385,7 +385,7 @@ def _with_capsules(robot: Robot, rows: Sequence[Mapping[str, Any]]) -> Robot:
 
 
 def _scene(table: Any, folder: Path, robot: Robot) -> Scene | None:
-    """Return the table [scene], or the file that it names."""
+    """Return the scene of the table [scene], or of the file that scene names."""
     if table is None or isinstance(table, str):
         return None if table is None else load_scene(folder / table, robot=robot)
     if not isinstance(table, dict):
@@ -401,7 +401,7 @@ def _stop(robot: Robot, row: Mapping[str, Any], usual: str) -> Stop:
         if not in_degrees:
             return value
         if key == "tolerance" and "position" in row:
-            raise InputError(f"{where}: tolerance_deg is of a joint pose; of a position it is in m")
+            raise InputError(f"{where}: tolerance of a position is in m, so not tolerance_deg")
         if key == "q":
             return checks.array(name, value, (robot.joint_count,)) * joint_scale(robot)
         if key == "tolerance":

@@ -1,4 +1,4 @@
-"""The same task by every method of :data:`METHODS` under the same limits."""
+"""Comparison of the methods of :data:`METHODS` on one task under the same limits."""
 
 from __future__ import annotations
 
@@ -31,27 +31,27 @@ from microbot_ocp.tasks._methods import METHODS, ComparedTask
 if TYPE_CHECKING:
     from microbot_ocp._base.table import Table
 
-REFERENCE = "cubic"  # where no baseline is solved
-LEAST_TIME = 1e-3  # s, of a method where the time is over
-SOLVING = 0.8  # share of a method's time; the rest is its certificate's
-# Work of a method and of an output where it is more than one unit, of about a second at most.
+REFERENCE = "cubic"  # name of the reference if no baseline is solved
+LEAST_TIME = 1e-3  # s, time limit of a method after the total time is over
+SOLVING = 0.8  # share of a method's time for the solver; the certificate has the rest
+# Units of work of a method or an output, for the progress bar; the default is 1 (about 1 s).
 WORK = {"straight_path": 8, "cubic_path": 8, "time_optimal": 20}
 WORK |= {"figures": 12, "report": 6, "recording": 4}
-OUTPUTS = ("json", "csv", "figures", "report", "recording", "motions")  # of a comparison
+OUTPUTS = ("json", "csv", "figures", "report", "recording", "motions")
 
 
 @dataclass(frozen=True)
 class Step:
-    """Progress of a comparison: what is done, of how much, and what happens now.
+    """Progress of a comparison: units of work done, their total, and the current stage.
 
-    Both are counted in units of work, of which a solve by a textbook method is one.
+    One unit is about the solve of a textbook method.
     """
 
     done: int
     total: int
     stage: str  # "solve", "certify", "write" or "done"
     text: str
-    iteration: Iteration | None = None  # where a solver is at work
+    iteration: Iteration | None = None  # last iteration of a running solver
 
 
 Progress = Callable[[Step], None]
@@ -59,16 +59,16 @@ Progress = Callable[[Step], None]
 
 @dataclass(frozen=True, eq=False)
 class Entry:
-    """One method's motion with what it costs.
+    """Result of one method: motion, certificate and costs.
 
     Attributes
     ----------
     name : str
         Key of the method, also the file name of its motion.
     title : str
-        What legends and tables print.
+        Name in legends and tables.
     motion : Motion or None
-        None where the method has none; ``status`` and ``note`` then say why.
+        None if the method found no motion; ``status`` and ``note`` hold the reason.
     certificate : Certificate or None
     status : Status
     note : str
@@ -79,8 +79,8 @@ class Entry:
     work : float
         Mechanical work: integral of the sum over the joints of abs(tau qd), J.
     details : mapping
-        What else is known, plain values: "executed_duration" by a ``profile``, and
-        "trackable_duration", s.
+        Further plain values: "certify_time"; "executed_duration" (with a ``profile``) and
+        "trackable_duration" (with ``trackable``), s.
     """
 
     name: str
@@ -96,7 +96,7 @@ class Entry:
 
     @property
     def solved(self) -> bool:
-        """Whether the method has a motion that its solver stands by."""
+        """True if the method has a motion with the status solved."""
         return self.motion is not None and self.motion.solved
 
 
@@ -124,7 +124,7 @@ class Comparison(HintingOfArms):
 
     @property
     def motions(self) -> dict[str, Motion]:
-        """Motions by method name, of the methods that have one."""
+        """Motions by method name; methods without a motion are left out."""
         return {e.name: e.motion for e in self.entries if e.motion is not None}
 
     @property
@@ -134,30 +134,28 @@ class Comparison(HintingOfArms):
 
     @property
     def solved(self) -> bool:
-        """Whether every method was solved."""
+        """True if every method solved the task."""
         return all(entry.solved for entry in self.entries)
 
     @property
     def certified(self) -> bool:
-        """Whether the certificate of every motion is ok."""
+        """True if the certificate of every motion is ok."""
         return all(certificate.ok for certificate in self.certificates.values())
 
     def table(self) -> Table:
-        """Return one row a method: printed, in a rich console, in Jupyter, as Markdown or CSV."""
+        """Return a table with one row per method, for printing, Jupyter, Markdown or CSV."""
         return view_for(self, "table")(self)
 
     def plot(self, axes: GivenAxes | None = None, **options: Any) -> DrawnAxes:
-        """Return position, velocity and torque of every method:
-        :func:`microbot_ocp.plots.comparison`.
-        """
+        """Plot positions, velocities and torques by :func:`microbot_ocp.plots.comparison`."""
         return view_for(self, "plot")(self, axes, **options)
 
     def plot_paths(self, axes: GivenAxes | None = None) -> DrawnAxes:
-        """Return the tool paths in space: :func:`microbot_ocp.plots.paths`."""
+        """Plot the tool paths in space by :func:`microbot_ocp.plots.paths`."""
         return view_for(self, "paths")(self, axes)
 
     def report(self, path: str | Path) -> Path:
-        """Write one file to send: a printed page (``.pdf``), or ``.html`` with a film inside."""
+        """Write a report in one file: pages (``.pdf``), or ``.html`` with a film inside."""
         kind = "html_report" if Path(path).suffix == ".html" else "report"
         return view_for(self, kind)(self, path)
 
@@ -172,12 +170,12 @@ class Comparison(HintingOfArms):
         methods: Sequence[str] | None = None,
         theme: str = "light",
     ) -> Path:
-        """Write a film of some motions: one arm solid, the others as ghosts.
+        """Write a film of some motions: one arm solid, the other arms transparent.
 
         Parameters
         ----------
         path, rate, theme
-            As of ``write_animation``, whose errors are raised.
+            Parameters of ``write_animation``, whose errors are raised.
         methods : sequence of str, optional
             Keys of motions; default the fastest method and the reference.
 
@@ -198,9 +196,9 @@ class Comparison(HintingOfArms):
     ) -> list[Path]:
         """Write some of :data:`OUTPUTS` into a folder, by default all.
 
-        They are made in a hidden folder inside and moved when all are whole; what an earlier run
-        left in the folder is replaced. ``comparison.json`` is moved last and holds digests of the
-        others, so that :func:`load_comparison` refuses files of two runs.
+        The files are written in a hidden subfolder and moved when all are complete; files of an
+        earlier run are replaced. ``comparison.json`` is moved last and holds digests of the other
+        files, so that :func:`load_comparison` refuses a mixture of two runs.
 
         Parameters
         ----------
@@ -218,10 +216,10 @@ class Comparison(HintingOfArms):
         Raises
         ------
         InputError
-            An output that is not known.
+            An unknown output.
         NotWritten
-            An ``InputError`` and ``OSError``: the folder or disk does not allow it. Unless files
-            could not be moved, those of the earlier run are all there.
+            The folder or disk does not allow writing; the error is an ``InputError`` and an
+            ``OSError``. The files of the earlier run are kept unless the move itself failed.
         """
         for output in outputs:
             checks.one_of("outputs", output, OUTPUTS)
@@ -236,7 +234,7 @@ class Comparison(HintingOfArms):
                         progress(Step(done, total, "write", f"{output} in {target}"))
                     self._write(output, stage)
                     done += WORK.get(output, 1)
-                for output in {"json", "motions"} - set(outputs):  # they tell which run it is
+                for output in {"json", "motions"} - set(outputs):  # their digests identify the run
                     self._write(output, stage)
                 return swap_in(stage, target, "json" in outputs, "motions" in outputs)
         except NotWritten as problem:  # names the file in its place, not the temporary one
@@ -277,50 +275,50 @@ def compare(
     trackable: Mapping[str, Any] | None = None,
     **settings: Any,
 ) -> Comparison:
-    """Do one task by several methods under the same limits, and certify every motion.
+    """Solve one task by several methods under the same limits, and certify every motion.
 
     Parameters
     ----------
     robot : Robot
-        With masses.
+        Robot with masses.
     via_q : array_like [m,n]
-        Via points, rad (m); at rest at both ends.
+        Via points, rad (m); the motion is at rest at both ends.
     methods : sequence of str, optional
-        Keys of :data:`METHODS`; default all, without those of given times ("cubic_report",
-        "cubic_scaled", "lspb_scaled") where no ``via_t`` is given.
+        Keys of :data:`METHODS`; default all, without "cubic_report", "cubic_scaled" and
+        "lspb_scaled" if there is no ``via_t``, which they need.
     limits : Limits, optional
-        Default the robot's own.
+        Limits of the task; default the robot's limits.
     via_t : array_like [m], optional
-        Times at the via points for the methods of given times, s. "cubic" and "lspb" choose all
-        times and via velocities as is best: :func:`best_cubic`, :func:`best_lspb`;
-        "cubic_textbook" and "lspb_textbook" choose the times only.
+        Times at the via points, s, for the methods with given times. "cubic" and "lspb" optimise
+        times and via velocities (:func:`best_cubic`, :func:`best_lspb`), "cubic_textbook" and
+        "lspb_textbook" the times only.
     via_qd : array_like [m,n], optional
-        Velocities at the via points of the textbook's own methods at ``via_t``, rad/s, slower where
-        the whole motion is slower than that; default Craig's heuristic: the mean of the slopes on
-        both sides, zero where their sign changes.
+        Velocities at the via points for ``via_t``, rad/s, used by the textbook methods and scaled
+        with the duration of the motion; default Craig's heuristic: the mean of the slopes on both
+        sides, zero if their sign changes.
     blend : float, optional
-        Blend time of LSPB as a share of each segment, up to 0.5. By default a quarter at given
-        times, else what is best for each segment.
+        Blend time of LSPB as a share of each segment, up to 0.5. Default 0.25 at given times, and
+        an optimised share per segment otherwise.
     time_limit : float
         Wall time of all methods and certificates, s; by default a free motion and the timing of a
-        path take 120 s each at most. What one leaves is shared by those after it;
-        one whose share is over has the best so far and the status "time limit". A fifth of each
-        share is kept for the certificate, which is refused where that is not enough.
+        path take 120 s each at most. Methods share the remaining time equally. A method out of time
+        returns its best motion with the status "time limit". A fifth of each share is kept for the
+        certificate, which is refused if it needs longer.
     progress : callable, optional
         Called with a :class:`Step`.
     profile : str or Profile, optional
-        Of a controller: the table has how long each motion takes as rows that it accepts,
-        :func:`commanded`.
+        Profile of a controller: the table has the duration of each motion as rows that this
+        controller accepts, by :func:`commanded`.
     trackable : mapping, optional
-        ``controller``, ``plants``, ``bound`` and whatever else :func:`smallest_reserve` takes: the
-        table has how long each motion takes with the least reserve with which all plants follow.
+        Arguments of :func:`smallest_reserve`, such as ``controller``, ``plants``, ``bound``: the
+        table has the duration of each motion with the least reserve that lets all plants follow.
     **settings
         Fields of :class:`TimeOptimalSettings` and :class:`PathTimingSettings`.
 
     Returns
     -------
     Comparison
-        A method without a motion is an entry whose ``status`` and ``note`` say why.
+        A method without a motion has an entry with the reason in ``status`` and ``note``.
 
     Raises
     ------
@@ -343,13 +341,13 @@ def compare(
         blend = checks.number("blend", blend, "of a segment", above=0.0, at_most=0.5)
     if profile is not None:
         profile = load_profile(profile)
-        profile.limits_of(family.robot)  # refuses another number of joints before any solver
+        profile.limits_of(family.robot)  # checks the number of joints before any solver starts
     if trackable is not None:
         with checks.naming("trackable: "):
             check_trials(family.robot, **trackable)
     free, path = _settings(settings)
     times, velocities = timing(via, via_t, via_qd)
-    work = [WORK.get(name, 1) + 1 for name in names]  # to solve, and to certify what is found
+    work = [WORK.get(name, 1) + 1 for name in names]  # solve, and one unit for the certificate
     entries: list[Entry] = []
     until = time.perf_counter() + min(checks.time_limit(time_limit), deadline.left())
 
@@ -370,21 +368,21 @@ def compare(
         try:
             with deadline.within(SOLVING * seconds):
                 motion = METHODS[name].solve(*METHODS[name].arguments(task))
-        except InputError as problem:  # this method cannot do the task; the others may
+        except InputError as problem:  # other methods may still solve the task
             note = str(problem)
         wall = time.perf_counter() - begin
         entries.append(Entry(name, METHODS[name].title, note=note, solve_time=wall))
         if motion is not None:
             tell(f"{motion.duration:.4f} s, certifying", stage="certify")
-            played = _played(family.robot, motion, profile, trackable)
-            entries[-1] = _certified(entries[-1], task, motion, seconds - wall, played)
+            executed = _executed(family.robot, motion, profile, trackable)
+            entries[-1] = _certified(entries[-1], task, motion, seconds - wall, executed)
     if progress is not None:
         progress(Step(sum(work), sum(work), "done", f"{len(names)} methods done"))
     return Comparison(robot, via, family.robot.limits, tuple(entries), _reference(entries))
 
 
 def _reference(entries: Sequence[Entry]) -> str:
-    """Return the fastest baseline that is solved and certified, by name."""
+    """Return the name of the fastest baseline that is solved and certified."""
     durations = {
         entry.name: entry.motion.duration
         for entry in entries
@@ -409,9 +407,7 @@ def _method_names(methods: Sequence[str] | None, timed: bool) -> list[str]:
 
 
 def _settings(given: Mapping[str, Any]) -> tuple[TimeOptimalSettings, PathTimingSettings]:
-    """Return the given settings for the free motion and, as far as they have them, for path
-    timing.
-    """
+    """Return the settings of the free motion and of path timing from one mapping."""
     for_free = {f.name for f in fields(TimeOptimalSettings)} - {"time_limit"}
     for_path = {f.name for f in fields(PathTimingSettings)} - {"time_limit"}
     for key in given:
@@ -423,7 +419,7 @@ def _settings(given: Mapping[str, Any]) -> tuple[TimeOptimalSettings, PathTiming
 def timing(
     via: FloatArray, via_t: ArrayLike | None, via_qd: ArrayLike | None, prefix: str = "via_"
 ) -> tuple[FloatArray | None, FloatArray | None]:
-    """Return checked times and velocities at via points, which messages name with a prefix."""
+    """Return checked times and velocities at via points; ``prefix`` names them in messages."""
     if via_t is None:
         if via_qd is not None:
             raise InputError(
@@ -437,18 +433,16 @@ def timing(
     return times, checks.array(f"{prefix}qd", via_qd, via.shape, "rad/s")
 
 
-def _played(
+def _executed(
     robot: Robot, motion: Motion, profile: str | Profile | None, trackable: Mapping[str, Any] | None
 ) -> dict[str, float]:
-    """Return how long a motion takes by a controller, and until all plants follow; NaN where
-    never, s.
-    """
+    """Return the durations on a controller and with trackable reserve, s; NaN if impossible."""
     durations: dict[str, float] = {}
     if profile is not None:
         try:
             command = commanded(robot, motion, profile)
             cost = command.cost if command.accepted else np.nan
-        except InputError:  # slowing down does not help
+        except InputError:  # no slower motion is accepted either
             cost = np.nan
         durations["executed_duration"] = motion.duration + cost
     if trackable is not None:
@@ -459,9 +453,9 @@ def _played(
 
 
 def _certified(
-    entry: Entry, task: ComparedTask, motion: Motion, left: float, played: Mapping[str, float]
+    entry: Entry, task: ComparedTask, motion: Motion, left: float, executed: Mapping[str, float]
 ) -> Entry:
-    """Return an entry with its motion, certified in what is left of its time, s."""
+    """Return an entry with its motion and a certificate made within ``left`` s."""
     tau = motion.tau if task.robot.has_dynamics else np.full_like(motion.tau, np.nan)
     motion = replace(motion, provenance={**motion.provenance, "robot": task.robot.name})
     with deadline.within(max(left, LEAST_TIME)):
@@ -474,5 +468,5 @@ def _certified(
         note=motion.note,
         torque_squared=float(np.trapezoid(np.sum(tau**2, axis=1), motion.t)),
         work=float(np.trapezoid(np.sum(np.abs(tau * motion.qd), axis=1), motion.t)),
-        details={"certify_time": certificate.wall_time, **played},
+        details={"certify_time": certificate.wall_time, **executed},
     )

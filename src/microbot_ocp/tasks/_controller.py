@@ -1,8 +1,8 @@
-"""The baseline of a cell: the moves that a robot's own controller makes through the same stops.
+"""Baseline of a cell: the moves of a standard robot controller through the stops of a motion.
 
-Point to point (PTP) all joints start, cruise and stop together, with a trapezoidal velocity, or,
-where a limit depends on the jerk, with one of limited jerk (double S); lines and circles of the
-tool (LIN, CIRC) have the same profile along their path.
+In a point-to-point move (PTP) all joints start, cruise and stop together. The velocity profile is
+trapezoidal, or a double S (limited jerk) if a limit depends on the jerk. Lines and circles of the
+tool (LIN, CIRC) have this profile along their path.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from microbot_ocp.planning import Corner, Task, tool_poses
 from microbot_ocp.robot import Robot
 from microbot_ocp.trajectories import best_lspb, best_split, cubic, lspb, quintic, spline
 
-POINTS = 25  # of the plan's own path of a line, through which its curve is laid
-FINE = 6  # pieces of such a curve in each part of a profile
-LEAST = 1e-3  # of the whole: no part of such a profile is shorter
+PATH_POINTS = 25  # samples per segment of the motion's path, interpolated by a spline
+PIECES = 6  # polynomial pieces in each phase of a profile along a path
+SHORTEST_PHASE = 1e-3  # smallest phase of a profile along a path, relative to its duration
 
 
 def controller_duration(task: Task, motion: Motion) -> float:
-    """Return how long a controller takes for the stops of a motion, rests included, s.
+    """Return the duration of a controller's moves through the stops of a motion, rests included, s.
 
-    In the same order, by the same branches, under the same limits, the times of all parts chosen.
+    Order, branches and limits are those of the motion; the durations of all phases are optimised.
     Trapezoidal moves are blended through stops at which the arm need not rest; moves of limited
     jerk and tool paths go from rest to rest.
 
@@ -34,7 +34,7 @@ def controller_duration(task: Task, motion: Motion) -> float:
     ----------
     task : Task
     motion : Motion
-        Of this task, with a mark a stop.
+        Motion of this task, with one mark per stop.
 
     Returns
     -------
@@ -43,7 +43,7 @@ def controller_duration(task: Task, motion: Motion) -> float:
     Raises
     ------
     InputError
-        As of :func:`best_split`, where such moves cannot keep the limits.
+        The moves cannot keep the limits; raised by :func:`best_split`.
     """
     smooth, duration = task.family.jerk_matters, float(task.dwells.sum())
     arrives = np.array([mark.time for mark in motion.marks])
@@ -51,13 +51,13 @@ def controller_duration(task: Task, motion: Motion) -> float:
     for first, last in _runs(task, smooth):
         robot = task.payloads[first].on(task.robot)
         if task.curves[first] is not None:
-            times = np.linspace(leaves[first], arrives[last], POINTS * (last - first))
-            duration += _along(robot, motion.sample(times).q, smooth)
+            times = np.linspace(leaves[first], arrives[last], PATH_POINTS * (last - first))
+            duration += _path_duration(robot, motion.sample(times).q, smooth)
             continue
         via_q = motion.sample(np.append(leaves[first:last], arrives[last])).q
         via_q = via_q[np.append(True, np.diff(via_q, axis=0).any(axis=1))]
         if len(via_q) > 1:
-            moves = _straight(robot, via_q) if smooth else best_lspb(robot, via_q).duration
+            moves = _double_s_duration(robot, via_q) if smooth else best_lspb(robot, via_q).duration
             duration += moves
     return duration
 
@@ -74,7 +74,7 @@ def _runs(task: Task, smooth: bool) -> Iterator[tuple[int, int]]:
             first = stop
 
 
-def _straight(robot: Robot, ends: FloatArray) -> float:
+def _double_s_duration(robot: Robot, ends: FloatArray) -> float:
     def make(parts: FloatArray) -> PiecewisePolynomial:
         profile = _double_s(parts)
         coefficients = profile.coefficients * np.diff(ends, axis=0)
@@ -84,29 +84,31 @@ def _straight(robot: Robot, ends: FloatArray) -> float:
     return best_split(robot, make, [1.0, 1.0, 1.0]).duration
 
 
-def _along(robot: Robot, q: FloatArray, smooth: bool) -> float:
-    """Return how long a profile along the path through poses [N,n] takes from rest to rest."""
+def _path_duration(robot: Robot, q: FloatArray, smooth: bool) -> float:
+    """Return the duration from rest to rest of a profile along the path through poses [N,n], s."""
     tool = tool_poses(robot, q)
     way = np.linalg.norm(np.diff(tool[:, :3, 3], axis=0), axis=1)
-    if not way.max() > 1e-9 * np.ptp(q, axis=0).max():  # the tool turns in its place
+    if not way.max() > 1e-9 * np.ptp(q, axis=0).max():  # pure rotation: measure in joint space
         way = np.linalg.norm(np.diff(q, axis=0), axis=1)
     far = np.append(True, way > 1e-6 * way.max())
     length = np.append(0.0, np.cumsum(way))[far]
     path = spline(q[far], length / length[-1], "natural")
-    make = partial(_paced, path, smooth=smooth)
+    make = partial(_profile_on_path, path, smooth=smooth)
     return best_split(robot, make, [1.0, 1.0, 1.0] if smooth else [1.0, 1.0]).duration
 
 
-def _paced(path: PiecewisePolynomial, parts: FloatArray, smooth: bool) -> PiecewisePolynomial:
-    """Return the motion along a path over 0 to 1 with a profile of these parts."""
-    parts = parts + LEAST * parts.sum()
+def _profile_on_path(
+    path: PiecewisePolynomial, parts: FloatArray, smooth: bool
+) -> PiecewisePolynomial:
+    """Return the motion along a path (parameter 0 to 1) with a profile of these phases."""
+    parts = parts + SHORTEST_PHASE * parts.sum()
     profile = (
         _double_s(parts)
         if smooth
         else lspb([[0.0], [1.0]], [0.0, 2.0 * parts[0] + parts[1]], parts[0])
     )
     breaks = profile.breaks
-    t = np.append(np.linspace(breaks[:-1], breaks[1:], FINE, endpoint=False).T, breaks[-1])
+    t = np.append(np.linspace(breaks[:-1], breaks[1:], PIECES, endpoint=False).T, breaks[-1])
     rate, slope = profile.derivative(), path.derivative()
     s, sd, sdd = profile(t).clip(0.0, 1.0)[:, 0], rate(t), rate.derivative()(t)
     if not smooth:
@@ -115,8 +117,10 @@ def _paced(path: PiecewisePolynomial, parts: FloatArray, smooth: bool) -> Piecew
 
 
 def _double_s(parts: FloatArray) -> PiecewisePolynomial:
-    """Return the profile from 0 to 1 of a jerk that is constant in times of ``parts[0]``, with
-    constant acceleration for ``parts[1]`` and constant velocity for ``parts[2]``.
+    """Return the double S profile from 0 to 1.
+
+    Each of its four phases of constant jerk lasts ``parts[0]``, each of its two phases of constant
+    acceleration ``parts[1]``, the phase of constant velocity ``parts[2]``, s.
     """
     rise, hold, cruise = parts
     times = np.array([rise, hold, rise, cruise, rise, hold, rise])

@@ -1,4 +1,4 @@
-"""The folder of a saved comparison: files of one run, which ``comparison.json`` lists by digest."""
+"""Folder of a saved comparison: files of one run with their digests in ``comparison.json``."""
 
 from __future__ import annotations
 
@@ -15,33 +15,35 @@ from microbot_ocp._base.reading import content_of
 from microbot_ocp._base.writing import NotWritten, digest, digest_of_document, locked, sync
 
 INDEX = "comparison.json"
-NAME = re.compile(r"\w[\w .+-]{0,99}", re.ASCII)  # of a method: it is the name of a file, too
+NAME = re.compile(r"\w[\w .+-]{0,99}", re.ASCII)  # method names, which are also file names
 _LISTED = re.compile(rf"(motions/)?{NAME.pattern}", re.ASCII)
 
 
 def swap_in(staged: Path, target: Path, index: bool, motions: bool) -> list[Path]:
     """Move a run's files from one folder into another, ``comparison.json`` last.
 
-    Until that is in place :func:`check_run` refuses the folder. Files of the earlier run that the
-    new one does not have are removed, unless someone changed them.
+    Until ``comparison.json`` is in place, :func:`check_run` refuses the folder. Files of the
+    earlier run that the new run does not have are removed, unless they were changed.
 
     Parameters
     ----------
     staged : Path
-        On the same disk, always with ``comparison.json`` and the motions.
+        Source folder on the disk of ``target``, always with ``comparison.json`` and the motions.
     target : Path
+        Destination folder.
     index, motions : bool
-        Whether ``comparison.json`` and the motions are moved, too. A ``comparison.json`` of the
-        same run that is in place is renewed.
+        True to move ``comparison.json`` and the motions, too. An existing ``comparison.json`` of
+        the run is updated in any case.
 
     Returns
     -------
     list of Path
-        The files in place.
+        Moved files, in the destination folder.
 
     Raises
     ------
     NotWritten
+        A file cannot be moved.
     """
     document = json.loads((staged / INDEX).read_text("utf-8"))
     files = sorted(p for p in staged.rglob("*") if p.is_file() and p != staged / INDEX)
@@ -81,11 +83,12 @@ def _move(staged: Path, place: Path) -> None:
 
 
 def check_run(folder: Path, document: Mapping[str, Any]) -> None:
-    """Refuse a folder whose files are not those that its ``comparison.json`` lists.
+    """Reject a folder whose files differ from the list in its ``comparison.json``.
 
     Raises
     ------
     InputError
+        A file is damaged, missing or from another run.
     """
     listed = document.get("files", {})
     if not isinstance(listed, Mapping) or not all(map(_LISTED.fullmatch, listed)):
@@ -94,23 +97,23 @@ def check_run(folder: Path, document: Mapping[str, Any]) -> None:
         path = folder / name
         if path.is_file() and digest(path) != value:
             raise InputError(
-                f"{path} is damaged or of another run than {INDEX}: save the comparison again"
+                f"{path} is damaged or from another run than {INDEX}: save the comparison again"
             )
         if not path.is_file() and name.startswith("motions/"):
             raise InputError(f"{path} is missing: save the comparison again")
     for row in document["entries"]:
         path = folder / "motions" / f"{row['name']}.npz"
         if path.exists() and f"motions/{row['name']}.npz" not in listed:
-            raise InputError(f"{path} is of another run than {INDEX}: save the comparison again")
+            raise InputError(f"{path} is from another run than {INDEX}: save the comparison again")
 
 
 def _of_the_run(document: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what a document says but for the files."""
+    """Return a document without its list of files and its digest."""
     return {key: value for key, value in document.items() if key not in ("files", "digest")}
 
 
 def _read(path: Path) -> dict[str, Any]:
-    """Return the document; empty where there is none."""
+    """Read a document; return an empty one if the file is missing or damaged."""
     with contextlib.suppress(OSError, ValueError, RecursionError):
         document = json.loads(content_of(path))
         return document if isinstance(document, dict) else {}

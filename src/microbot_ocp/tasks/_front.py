@@ -1,4 +1,4 @@
-"""Time against effort or torque: the fastest motion, and what a little more time saves."""
+"""Fronts of time against effort or torque: the saving by slower motions than the fastest."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ SHARES = (0.9, 0.8, 0.7, 0.6, 0.5)
 
 @dataclass(frozen=True, eq=False)
 class FrontPoint:
-    """One motion of a front.
+    """Motion of a front with its costs.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ class Front:
     ----------
     points : tuple of FrontPoint
     ended : str
-        Why there is no motion further on; empty where all that were asked for were found.
+        Reason why the front ends early; empty if it is complete.
     """
 
     points: tuple[FrontPoint, ...]
@@ -61,7 +61,7 @@ class Front:
 
     @property
     def certified(self) -> bool:
-        """Whether every motion is solved and certified."""
+        """True if every motion is solved and certified."""
         return all(point.motion.solved and point.certificate.ok for point in self.points)
 
     def as_dict(self) -> dict[str, Any]:
@@ -77,7 +77,7 @@ class Front:
         return {"points": points, "ended": self.ended}
 
     def plot(self, axes: GivenAxes | None = None) -> DrawnAxes:
-        """Return the effort and peak torque over the duration."""
+        """Plot effort and peak torque over the duration."""
         return view_for(self, "plot")(self, axes)
 
 
@@ -93,15 +93,15 @@ def time_effort_front(
     progress: StepProgress | None = None,
     **changes: Any,
 ) -> Front:
-    """Return the front of time against effort: each motion of least effort in its time, certified.
+    """Return the front of time against effort: certified motions of least effort per duration.
 
     Parameters
     ----------
     robot, via_q, limits, segments, cycle, scene, progress, **changes
-        As of :func:`microbot_ocp.time_optimal`.
+        Parameters of :func:`microbot_ocp.time_optimal`.
     slacks : sequence of float
-        By which shares of the shortest duration the motions may be slower. Each starts from the one
-        before.
+        Allowed increases of the duration, relative to the shortest duration. Each motion is the
+        initial guess of the next.
 
     Returns
     -------
@@ -110,7 +110,7 @@ def time_effort_front(
     Raises
     ------
     InputError
-        As of :func:`microbot_ocp.time_optimal`; no slack, or one that is not above zero.
+        Errors of :func:`microbot_ocp.time_optimal`; no slack, or a slack that is not above zero.
     """
     for slack in slacks:
         checks.number("slacks", slack, above=0.0)
@@ -130,27 +130,27 @@ def time_torque_front(
     progress: StepProgress | None = None,
     **changes: Any,
 ) -> Front:
-    """Return the front of time against peak torque: the fastest motion with a share of every torque
-    limit.
+    """Return the front of time against peak torque: fastest motions under reduced torque limits.
 
     Parameters
     ----------
     robot, via_q, limits, segments, cycle, scene, progress, **changes
-        As of :func:`microbot_ocp.time_optimal`.
+        Parameters of :func:`microbot_ocp.time_optimal`.
     shares : sequence of float
-        Of the torque limits that may be used, above 0 and at most 1. Each motion starts from the
-        one before; the front ends where the torques no longer suffice, and ``ended`` says why.
+        Shares of the torque limits that may be used, above 0 and at most 1. Each motion is the
+        initial guess of the next. The front ends at torques that no longer suffice, with the reason
+        in ``ended``.
 
     Returns
     -------
     Front
-        Certified under the whole limits; ``peak_torque`` of a point is the share that it uses.
+        Motions certified under the full limits; ``peak_torque`` is the share that a motion uses.
 
     Raises
     ------
     InputError
-        As of :func:`microbot_ocp.time_optimal`; no share, or one that is not above 0 and at most 1;
-        a robot without masses.
+        Errors of :func:`microbot_ocp.time_optimal`; no share, or a share outside 0 to 1; a robot
+        without masses.
     """
     for share in shares:
         checks.number("shares", share, above=0.0, at_most=1.0)
@@ -163,7 +163,7 @@ def time_torque_front(
 def _front(
     task: Any, progress: StepProgress | None, changes: dict[str, Any], **asked: tuple[float, ...]
 ) -> Front:
-    """Return the motions of a front, each certified."""
+    """Return the front with certified motions."""
     robot, via_q, limits, segments, cycle, scene = task
     if not all(asked.values()):
         raise InputError(f"{next(iter(asked))} must have at least one number")

@@ -1,6 +1,6 @@
-"""The methods that a comparison has: each makes a motion of a task.
+"""Methods of a comparison.
 
-A method is a function from :class:`ComparedTask` to a motion, and one line of :data:`METHODS`.
+A method is a function from :class:`ComparedTask` to a motion, with one entry in :data:`METHODS`.
 """
 
 from __future__ import annotations
@@ -41,18 +41,18 @@ from microbot_ocp.trajectories import (
     via_velocities,
 )
 
-STANDSTILL = 1e-9  # of the largest velocity
+STANDSTILL = 1e-9  # velocity of a full stop, relative to the largest velocity
 CUBIC, LINEAR = "cubic segments", "linear segments with parabolic blends"
 
 
 @dataclass(frozen=True, eq=False)
 class ComparedTask:
-    """Via points, with what is given of the textbook methods.
+    """Task of a comparison: limits, via points, and arguments of the methods.
 
     Attributes
     ----------
     family : LimitFamily
-        The limits of the task.
+        Limits of the task.
     via_q : array [m,n], rad
     via_t : array [m], s, or None
     via_qd : array [m,n], rad/s, or None
@@ -60,9 +60,9 @@ class ComparedTask:
     blend : float, or None
         Blend time of LSPB as a share of each segment.
     free_settings, path_settings
-        For the time-optimal solvers.
+        Settings of the free motion and of path timing.
     tell : callable
-        Takes a line of progress, or an iteration.
+        Progress function for a line of text or an iteration.
     """
 
     family: LimitFamily
@@ -76,23 +76,23 @@ class ComparedTask:
 
     @property
     def robot(self) -> Robot:
-        """With the limits of the task."""
+        """Robot with the limits of the task."""
         return self.family.robot
 
     @property
-    def given(self) -> FloatArray:
-        """Durations of the segments as given, s."""
+    def given_durations(self) -> FloatArray:
+        """Durations [m-1] of the segments by ``via_t``, s."""
         assert self.via_t is not None
         return np.diff(self.via_t)
 
     @property
-    def first(self) -> FloatArray:
-        """Durations [s,m-1] of the segments that the search for the best split starts from."""
+    def first_splits(self) -> FloatArray:
+        """Start values [s,m-1] for the durations of the segments, in the search for the best, s."""
         first = first_splits(self.via_q)
-        return first if self.via_t is None else np.vstack([self.given, first])
+        return first if self.via_t is None else np.vstack([self.given_durations, first])
 
-    def usual(self, via: ViaPoints) -> FloatArray:
-        """Return the textbook's velocities; given ones are slower as the whole motion is."""
+    def textbook_velocities(self, via: ViaPoints) -> FloatArray:
+        """Return Craig's via velocities, or the given ones scaled with the duration, rad/s."""
         if self.via_qd is None or self.via_t is None:
             return via_velocities(via)
         return self.via_qd * (self.via_t[-1] / via.t[-1])
@@ -100,54 +100,55 @@ class ComparedTask:
 
 @dataclass(frozen=True)
 class Method:
-    """One way to do a task: a function with what it takes of the task, by default all of it."""
+    """Method: a function and its arguments from the task, by default the task itself."""
 
     title: str
     solve: Callable[..., Motion]
     arguments: Callable[[ComparedTask], tuple[Any, ...]] = lambda task: (task,)
-    timed: bool = False  # needs the times of the task
-    baseline: bool = False  # of the textbook: the fastest of these is the reference
+    timed: bool = False  # needs via_t
+    baseline: bool = False  # textbook method; the fastest baseline is the reference
 
 
 def _as_given(task: ComparedTask) -> Motion:
     return Motion.from_polynomial(
         task.robot,
-        Segments(task.via_q).with_velocities(task.given, task.usual),
+        Segments(task.via_q).with_velocities(task.given_durations, task.textbook_velocities),
         label="cubic as given",
-        marks=_via_marks(task.given),
+        marks=_via_marks(task.given_durations),
         provenance={"method": "cubic segments at the given timing"},
         remark="not scaled to the limits",
     )
 
 
 def _scaled(task: ComparedTask, blended: bool) -> Motion:
-    """Stretch the textbook's own shape at the given times."""
+    """Stretch the textbook motion at the given times by one factor until it keeps the limits."""
     segments = Segments(task.via_q, blended, task.blend or BLEND)
-    scaled = shortest_duration(task.robot, segments.with_velocities(task.given, task.usual))
-    scaled = replace(scaled, split=task.given * scaled.factor)
+    given = segments.with_velocities(task.given_durations, task.textbook_velocities)
+    scaled = shortest_duration(task.robot, given)
+    scaled = replace(scaled, split=task.given_durations * scaled.factor)
     note = f"all times x {scaled.factor:.4f}"
-    return _told(task, segments, scaled, "as given, scaled", "one time scale", note)
+    return _with_remarks(task, segments, scaled, "as given, scaled", "one time scale", note)
 
 
 def _textbook(task: ComparedTask, blended: bool) -> Motion:
-    """Choose the times (and blends), with the textbook's via velocities."""
+    """Choose the best times (and blends) for the textbook's via velocities."""
     segments = Segments(task.via_q, blended, task.blend)
-    scaled = textbook(task.robot, segments, task.usual, task.first)
-    return _told(task, segments, scaled, "textbook velocities", "a time scale each")
+    scaled = textbook(task.robot, segments, task.textbook_velocities, task.first_splits)
+    return _with_remarks(task, segments, scaled, "textbook velocities", "a time scale each")
 
 
 def _fastest(task: ComparedTask, blended: bool) -> Motion:
-    """Choose the times (and blends) and the via velocities."""
+    """Choose the best times (and blends) and the via velocities."""
     segments = Segments(task.via_q, blended, task.blend)
-    scaled = fastest(task.robot, segments, task.usual, task.first)
-    kind = "best times and velocities"
-    return _told(task, segments, scaled, kind, "a time scale each, best via velocities")
+    scaled = fastest(task.robot, segments, task.textbook_velocities, task.first_splits)
+    kind, scale = "best times and velocities", "a time scale each, best via velocities"
+    return _with_remarks(task, segments, scaled, kind, scale)
 
 
-def _told(
+def _with_remarks(
     task: ComparedTask, segments: Segments, scaled: Scaled, kind: str, scale: str, note: str = ""
 ) -> Motion:
-    """Return the motion with remarks on what was chosen and on what holds it back."""
+    """Return the motion with remarks on its times, velocities, blends and limiting quantity."""
     assert scaled.split is not None
     durations = segments.durations(scaled.split)
     marks = _via_marks(durations)
@@ -186,14 +187,14 @@ def _told(
     return replace(motion, remark="; ".join(remarks))
 
 
-def _seconds(of: str, durations: FloatArray) -> str:
+def _seconds(parts: str, durations: FloatArray) -> str:
     if len(durations) > 4:
-        return f"{of} of {durations.min():.3f} to {durations.max():.3f} s"
-    return f"{of} of {', '.join(f'{duration:.3f}' for duration in durations)} s"
+        return f"{parts} of {durations.min():.3f} to {durations.max():.3f} s"
+    return f"{parts} of {', '.join(f'{duration:.3f}' for duration in durations)} s"
 
 
 def _passage(units: Sequence[str], via: FloatArray, q: FloatArray, qd: FloatArray) -> str:
-    """Return how LSPB passes a via point."""
+    """Return a sentence on the position error and the velocity of LSPB at a via point."""
     miss = float(np.abs(q - via).max())
     unit = " or ".join(units)
     speeds = f"({', '.join(f'{v:.3f}' for v in qd)}) {'/s or '.join(units)}/s"
@@ -207,8 +208,9 @@ def _straight_path(task: ComparedTask) -> Motion:
 
 
 def _cubic_path(task: ComparedTask) -> Motion:
-    """Time the path of the fastest cubic, which is not refused for a torque rate, as that is."""
-    path = fastest_path(task.robot, Segments(task.via_q), task.usual, task.first)
+    """Time the path of the fastest cubic, which is found also under limits of the torque rate."""
+    via = Segments(task.via_q)
+    path = fastest_path(task.robot, via, task.textbook_velocities, task.first_splits)
     return _timed(task, path, "cubic's path, best timing")
 
 
@@ -218,7 +220,7 @@ def _timed(task: ComparedTask, path: PiecewisePolynomial, label: str) -> Motion:
 
 
 def _textbooks(name: str, blended: bool) -> dict[str, Method]:
-    """Return the methods of one kind of segments."""
+    """Return the methods for one shape of segments."""
     title = "LSPB" if blended else "cubic"
     kinds: dict[str, tuple[str, Callable[..., Motion], bool]] = {
         f"{name}_scaled": ("as given, scaled", _scaled, True),

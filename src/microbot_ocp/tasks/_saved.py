@@ -1,4 +1,4 @@
-"""A comparison read from the folder that it was saved in."""
+"""Reader of saved comparisons."""
 
 from __future__ import annotations
 
@@ -31,21 +31,21 @@ KINDS = {
 
 
 def load_comparison(folder: str | Path, robot: Robot | str | None = None) -> Comparison:
-    """Return a comparison from the folder that :meth:`Comparison.save` wrote; motions are certified
-    anew.
+    """Read a comparison from the folder of :meth:`Comparison.save`; certify its motions again.
 
     Parameters
     ----------
     folder : path
+        Folder of the comparison.
     robot : Robot or str, optional
-        In the place of the packaged robot that the file names: a robot, or what
-        :func:`microbot_ocp.load_robot` takes.
+        Robot, or an argument of :func:`microbot_ocp.load_robot`; default the packaged robot that
+        the file names.
 
     Raises
     ------
     InputError
-        The folder holds no comparison, its files are damaged or of two runs, or it names a robot
-        that is not known.
+        The folder holds no comparison, its files are damaged or from two runs, or it names an
+        unknown robot.
     """
     folder = Path(folder)
     origin = str(folder / INDEX)
@@ -61,25 +61,25 @@ def load_comparison(folder: str | Path, robot: Robot | str | None = None) -> Com
     check_via(check_limits(arm, None), via)
     rows = zip(names, saved["entries"], strict=True)
     entries = tuple(_entry(arm, via, folder, name, row) for name, row in rows)
-    check_run(folder, saved)  # after reading: what is read is then known to be of this run
+    check_run(folder, saved)  # checked after reading, so that every file read is of this run
     return Comparison(arm, via, arm.limits, entries, saved["reference"])
 
 
 def named_robot(origin: str, named: str | None, given: Robot | str | None) -> Robot:
-    """Return the robot that was given, or the packaged one that the file ``origin`` names."""
+    """Return the given robot, or the packaged robot that the file ``origin`` names."""
     if given is not None:
         return given if isinstance(given, Robot) else load_robot(given)
     if named is None:
-        raise InputError(f"{origin} does not name its robot: name one with robot (--robot)")
+        raise InputError(f"{origin} does not name its robot: give robot (--robot)")
     if named not in packaged_robots():
         raise InputError(
-            f"{origin} names robot {named!r}, which is not packaged: name one with robot (--robot)"
+            f"{origin} names robot {named!r}, which is not packaged: give robot (--robot)"
         )
     return load_robot(named)
 
 
 def _stored_limits(origin: str, saved: Mapping[str, list[Any]]) -> Limits:
-    """Return limits from JSON, where what is infinite is null."""
+    """Return limits from JSON, in which null is an infinite limit."""
     arrays = {}
     for key, values in saved.items():
         checks.one_of(f"limits of {origin}", key, JOINT_KEYS)

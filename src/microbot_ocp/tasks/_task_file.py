@@ -1,9 +1,7 @@
 """Tasks in TOML files: robot, via points, limits, methods, settings, outputs.
 
-The schema is in docs/task_file.md.
-
-Whatever is wrong in a file is one sentence that names the file, the key, the value and what is
-allowed.
+The schema is in docs/task_file.md. An error in a file is one sentence that names the file, the key,
+the value and the allowed values.
 """
 
 from __future__ import annotations
@@ -58,9 +56,9 @@ TASK = {
     "limits": TABLE,
     "settings": TABLE,
 }
-CELL_OUTPUTS = ("json", "motion", "figure", "recording")  # what is written by default
+CELL_OUTPUTS = ("json", "motion", "figure", "recording")  # default outputs
 FILMS = ("gif", "mp4")
-ON_REQUEST = ("report", *FILMS)  # what takes longer
+ON_REQUEST = ("report", *FILMS)  # slow outputs
 CELL = {
     **COMMON,
     "outputs": Key(choices=(*CELL_OUTPUTS, *ON_REQUEST), several=True),
@@ -86,21 +84,21 @@ KEYS = {
 
 @dataclass(frozen=True, eq=False)
 class TaskFile:
-    """A task as a file states it, checked and in SI units.
+    """Checked task of via points from a file, in SI units.
 
     Attributes
     ----------
     origin : str
         Name of the file, for messages.
     robot : Robot
-        With its own limits.
+        Robot with its own limits.
     via_q : array [m,n], rad (m)
     via_t : array [m], s, or None
     via_qd : array [m,n], rad/s (m/s), or None
     limits : JointLimits
-        Those of the robot with the changes of the file.
+        Limits of the robot with the changes of the file.
     methods : tuple of str, or None
-        None: what :func:`microbot_ocp.compare` does by default.
+        None for the default of :func:`microbot_ocp.compare`.
     settings : mapping
         Keywords of :func:`microbot_ocp.compare`.
     outputs : tuple of str
@@ -118,12 +116,12 @@ class TaskFile:
     outputs: tuple[str, ...]
 
     def compare(self, progress: Progress | None = None, time_limit: float = np.inf) -> Comparison:
-        """Do the task by its methods, in a time (s) that may be shorter than that of the file.
+        """Solve the task by its methods; ``time_limit`` (s) may shorten the file's time limit.
 
         Raises
         ------
         InputError
-            What only the methods can tell, such as a via point that cannot be held at rest.
+            Errors that only a method detects, such as a via point that cannot be held at rest.
         """
         task = self.robot, self.via_q, self.methods, self.limits
         settings = {**self.settings, "via_t": self.via_t, "via_qd": self.via_qd}
@@ -138,7 +136,7 @@ def read_task(path: str | Path) -> TaskFile:
     Parameters
     ----------
     path : str or Path
-        Paths of robots inside the file are relative to its folder.
+        Task file; paths of robots inside the file are relative to its folder.
 
     Returns
     -------
@@ -147,7 +145,7 @@ def read_task(path: str | Path) -> TaskFile:
     Raises
     ------
     InputError
-        A file that cannot be read, a key that is unknown, missing or of the wrong kind.
+        A file that cannot be read, a key that is unknown or missing, a value of the wrong type.
 
     Examples
     --------
@@ -168,7 +166,7 @@ def read_task(path: str | Path) -> TaskFile:
     """
     source = Path(path)
     with table_from(source, "task") as data:
-        if "via" not in data:  # [[stops]] may be meant for [[stop]]
+        if "via" not in data:  # check all keys, because [[stops]] may be meant for [[stop]]
             read_table(data, TASK | CELL)
         given = read_table(data, TASK, elsewhere=dict.fromkeys(CELL, "is for tasks of [[stop]]"))
         check_schema(data, SCHEMA)
@@ -179,7 +177,7 @@ def read_task(path: str | Path) -> TaskFile:
         via_q = via.get("q")
         if via_q is None:
             raise InputError(
-                "via.q or via.q_deg is missing: one row of joint positions a via point"
+                "via.q or via.q_deg is missing: one row of joint positions per via point"
             )
         if len(via_q) < 2:
             raise InputError(f"via.q must have at least 2 rows, not {len(via_q)}")
@@ -187,7 +185,7 @@ def read_task(path: str | Path) -> TaskFile:
         methods = given.get("methods")
         for name in methods or ():
             if METHODS[name].timed and via_t is None:
-                raise InputError(f"methods has {name!r}, which needs via.t, the times to take, s")
+                raise InputError(f"methods has {name!r}, which needs via.t, times in s")
         limits = limits_from(robot, given.get("limits", {}))
         settings = settings_from(given.get("settings", {}))
         methods, outputs = methods and tuple(methods), tuple(given.get("outputs", OUTPUTS))
@@ -210,11 +208,11 @@ def robot_from(data: Mapping[str, Any], folder: Path) -> Robot:
 
 
 def _via_rows(robot: Robot, key: str, name: str, rows: Any, in_degrees: bool) -> Any:
-    """Return rows [m,n] in SI units."""
+    """Return the rows [m,n] of the via points in SI units."""
     if key == "t":
         return rows
     if not isinstance(rows, list) or not all(isinstance(row, list) for row in rows) or not rows:
-        raise InputError(f"{name} must be a list of rows, one a via point, not {shown(rows)}")
+        raise InputError(f"{name} must be a list of rows, one per via point, not {shown(rows)}")
     for index, row in enumerate(rows):
         if len(row) != robot.joint_count:
             raise InputError(
@@ -240,7 +238,7 @@ def limits_from(robot: Robot, table: Mapping[str, Any]) -> JointLimits:
 
 
 def settings_from(table: Mapping[str, Any]) -> dict[str, Any]:
-    """Return checked settings of a table."""
+    """Return the checked settings of a table."""
     settings = read_table(table, SETTINGS, "in table [settings]", "settings.{}")
     with naming("settings."):
         for key, value in settings.items():
