@@ -1,4 +1,4 @@
-"""The family of limits and the one engine that evaluates, measures and locates them."""
+"""All limits of a robot as one family, and the engine that evaluates, measures and locates them."""
 
 from microbot_ocp._base import border
 

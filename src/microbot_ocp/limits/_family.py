@@ -1,9 +1,8 @@
 """All limits of a robot as one family, and the engine that evaluates them.
 
-Whoever asks anything about a limit (free motions, path timing, the shortest duration of a shape,
-certificates, figures, recordings, tables) asks a :class:`LimitFamily`: which limits there are,
-their values along samples, the share used, the excess, the expressions for an optimal-control
-problem.
+Planners, certificates, figures, recordings and tables ask a :class:`LimitFamily` for the robot's
+limits, their values along samples, the used share, the excess, and the expressions for an
+optimal-control problem.
 """
 
 from __future__ import annotations
@@ -48,14 +47,14 @@ class MotionSamples(NamedTuple):
 
 
 class LimitValues(NamedTuple):
-    """Values [N,k] of a limited quantity, with its bounds, [k] or [N,k]."""
+    """Values [N,k] of a limited quantity, with its bounds [k] or [N,k]."""
 
     value: FloatArray
     lower: FloatArray
     upper: FloatArray
 
     def row(self, i: int) -> LimitValues:
-        """Return those of one time, each [1,k]."""
+        """Return values and bounds at one time, each [1,k]."""
         return LimitValues(*(np.broadcast_to(each, self.value.shape)[[i]] for each in self))
 
     def entry(self, i: int, j: int) -> tuple[float, ...]:
@@ -70,18 +69,18 @@ class Member:
     Attributes
     ----------
     key : str
-        "q", "qd", "qdd", "qddd", "tau", "taud", or the key of a further limit ("tool_speed").
+        Key "q", "qd", "qdd", "qddd", "tau", "taud", or that of a further limit ("tool_speed").
     name : str
-        "torque", "tool speed".
+        Name such as "torque" or "tool speed".
     labels : tuple of str [k]
-        Of the components: the joints' names, or "" for a single value.
+        Names of the components: the joints, or "" for a scalar.
     units : tuple of str [k]
     lower, upper : array [k]
-        Infinite where there is no bound; NaN where it is an expression of the state.
+        Bounds; infinite if missing, NaN if an expression of the state.
     order : int
-        The highest derivative of the position that it depends on: 0 to 3.
+        Highest derivative of the position in the limit: 0 to 3.
     limit : Limit or None
-        None for a limit of the joints.
+        Further limit, None for a limit of the joints.
     """
 
     key: str
@@ -95,43 +94,43 @@ class Member:
 
     @property
     def limited(self) -> np.ndarray:
-        """Which components [k] have a bound on either side."""
+        """Mask [k] of the components with a bound on either side."""
         return ~(np.isneginf(self.lower) & np.isposinf(self.upper))
 
     @property
     def is_mean(self) -> bool:
-        """Whether its bounds are of a root mean square over the whole motion."""
+        """True if the bounds are of a root mean square over the whole motion."""
         return self.limit is not None and self.limit.rms
 
     @property
     def varies(self) -> bool:
-        """Whether a bound is an expression of the state."""
+        """True if a bound is an expression of the state."""
         return bool(np.isnan(self.lower).any() or np.isnan(self.upper).any())
 
     @property
     def from_middle(self) -> bool:
-        """Whether its use is measured from the middle of the range."""
+        """True if the use is measured from the middle of the range."""
         if self.limit is None:
             return self.key == "q"
         with np.errstate(invalid="ignore"):
             return bool(np.any((self.lower > 0) | (self.upper < 0)))
 
     def title(self, component: int) -> str:
-        """Return such as "torque of elbow" or "tool speed"."""
+        """Return a title such as "torque of elbow" or "tool speed"."""
         label = self.labels[component]
         return f"{self.name} of {label}" if label else self.name
 
     def use(self, values: LimitValues) -> FloatArray:
-        """Return the share [N,k] used; minus infinity where there is no limit."""
+        """Return the used share [N,k]; minus infinity without a limit."""
         return use_of(*values, from_middle=self.from_middle)
 
     def nearest_bound(self, values: LimitValues) -> FloatArray:
-        """Return the bound [N,k] that each value is nearer to or beyond."""
+        """Return the bound [N,k] that is nearest to or violated by each value."""
         return nearest_bound(*values, from_middle=self.from_middle)
 
 
 def not_judged(unjudged: Sequence[str]) -> str:
-    """Say which limits a robot without masses leaves out of every check; empty where it has none.
+    """Return a note on the limits that cannot be verified without masses; empty if there are none.
 
     Examples
     --------
@@ -142,28 +141,27 @@ def not_judged(unjudged: Sequence[str]) -> str:
 
 
 class LimitFamily:
-    """The limits that a robot has, joints' limits first.
+    """Limits of a robot, those of the joints first.
 
-    Make one with :meth:`of`; it is cached.
+    :meth:`of` creates a family and caches it.
 
     Attributes
     ----------
     robot
-        With these limits.
+        Robot with these limits.
     members : tuple of Member
-        Of every instant.
+        Limits that hold at every instant.
     means : tuple of Member
-        Of root mean squares over a whole motion.
+        Limits of root mean squares over a whole motion.
     unjudged : tuple of str
-        Names of the limits that the robot brings but that nothing can be judged by: those of
-        torques where it has no masses.
+        Names of the robot's limits that cannot be verified: those of torques without masses.
     """
 
     def __init__(self, robot: Any) -> None:
         self.robot = robot
         every = (_joint_member(robot, key) for key in JOINT_QUANTITIES)
         joints = [member for member in every if member.limited.any()]
-        # a file may state limits of torques without masses, which are what torques follow from
+        # A file may limit torques but have no masses, from which torques follow.
         left = () if robot.has_dynamics else OF_TORQUES
         self.unjudged = tuple(member.name for member in joints if member.key in left)
         further = [_further_member(robot, limit) for limit in robot.limits.also]
@@ -181,7 +179,7 @@ class LimitFamily:
         Raises
         ------
         InputError
-            Limits of torques, other than those that it brings, for a robot without masses.
+            The limits add bounds of torques, but the robot has no masses.
         """
         if limits is None or limits is robot.limits:
             return _family(robot)
@@ -211,19 +209,19 @@ class LimitFamily:
         return tuple(member.key for member in self.members)
 
     def of_order(self, *orders: int) -> tuple[str, ...]:
-        """Return keys of the members whose highest derivative of the position is one of these."""
+        """Return keys of the members whose highest derivative of position is one of ``orders``."""
         return tuple(member.key for member in self.members if member.order in orders)
 
     @property
     def jerk_matters(self) -> bool:
-        """Whether any limit depends on the jerk: torque rates, jerk itself, expressions of them.
+        """True if any limit depends on the jerk: torque rate, jerk, or an expression of them.
 
-        Then the acceleration is zero wherever the arm rests: it cannot jump there.
+        In that case the acceleration cannot jump and is zero wherever the arm rests.
         """
         return any(member.order == 3 for member in self.members)
 
     def bounds_motion_of(self, joint: int) -> bool:
-        """Return whether any limit bounds how fast a joint may move."""
+        """Return True if any limit bounds the speed of a joint."""
 
         def bounds(member: Member) -> bool:
             if member.limit is None:
@@ -235,7 +233,7 @@ class LimitFamily:
         return any(member.order > 0 and bounds(member) for member in (*self.members, *self.means))
 
     def refuse_means(self) -> None:
-        """Raise InputError where a limit is one of a mean, which most planners cannot keep."""
+        """Raise InputError for a limit of a mean, which most planners cannot keep."""
         for member in self.means:
             raise InputError(
                 f"limits bound the {member.name} over the whole motion, which only time_optimal "
@@ -248,9 +246,9 @@ class LimitFamily:
         keys: Iterable[str] | None = None,
         measured: Mapping[str, FloatArray] | None = None,
     ) -> dict[str, LimitValues]:
-        """Return values and bounds of the limits (of these keys only) along samples.
+        """Return values and bounds of the limits, or of some keys, along samples.
 
-        ``measured`` holds values [N,n] by key that are not to be computed: the torques of a drive.
+        ``measured`` holds known values [N,n] by key, which are not computed: torques of a drive.
         """
         wanted = self.keys if keys is None else tuple(keys)
         given = dict(zip(STATE, samples, strict=True)) | dict(measured or {})
@@ -259,7 +257,7 @@ class LimitFamily:
             jerk = samples.qddd if "taud" in torques else None
             given = self.robot.torques_along(*samples[:3], jerk) | given
         entries = {key: [given.get(key), self[key].lower, self[key].upper] for key in wanted}
-        for key in wanted:  # what knows its derivatives is compiled, part by part
+        for key in wanted:  # an expression with derivatives of its own is compiled in parts
             if key not in given and (parts := _parts_of(self[key].limit)):
                 entries[key][0] = np.array(parts(self.robot, compiles())[-1](samples.q.T)).T
         if computed := tuple(key for key in wanted if entries[key][0] is None):
@@ -272,22 +270,23 @@ class LimitFamily:
     def use(
         self, samples: MotionSamples, keys: Iterable[str] | None = None
     ) -> dict[str, FloatArray]:
-        """Return the share [N,k] used of the limits (of these keys only) along samples."""
+        """Return the used share [N,k] of the limits, or of some keys, along samples."""
         return {key: self[key].use(v) for key, v in self.values(samples, keys).items()}
 
     def excess(self, samples: MotionSamples) -> FloatArray:
-        """Return the largest relative excess [N] over any limit; negative inside them."""
+        """Return the largest relative excess [N] over any limit; negative inside of all limits."""
         uses = [use.max(axis=1) - 1.0 for use in self.use(samples).values()]
         return np.max([np.full(len(samples.q), -1.0), *uses], axis=0)
 
     def outside_of_tables(self, samples: MotionSamples) -> tuple[Read, int] | None:
-        """Return the table of a further limit that is read farthest outside of its grid, and at
-        which sample; None where none is.
+        """Return the table lookup of a further limit farthest outside of its grid, and its sample.
+
+        None if all lookups are inside of their grids.
         """
         found: list[tuple[float, Read, int]] = []
         for limit in self.robot.limits.also:
             function, _, used = _function(self.robot, (limit.key,))
-            if function.is_a("MXFunction"):  # those of scalars read no tables
+            if function.is_a("MXFunction"):  # functions of scalar operations read no tables
                 given = function.mx_in()
                 table = np.hstack([samples[k] for k in used]).T
                 for each in reads(function.call(given, True, False), given, table):
@@ -304,15 +303,16 @@ class LimitFamily:
         Parameters
         ----------
         keys : sequence of str
-            Of further limits.
-        state : expressions of q, qd, qdd and qddd, each [n]
+            Keys of further limits.
+        state : sequence of expressions
+            Expressions of q, qd, qdd and qddd, each [n].
         torques : casadi.Function, optional
-            In the place of the robot's own torque and torque rate.
+            Function that replaces the robot's own torque and torque rate.
 
         Returns
         -------
         mapping from a key to (value [k], lower [k], upper [k])
-            Bounds are arrays where they are numbers.
+            Expressions; a constant bound is an array.
         """
         if not keys:
             return {}
@@ -325,9 +325,7 @@ class LimitFamily:
         return {key: (entry[0], entry[1], entry[2]) for key, entry in entries.items()}
 
     def derivatives(self, function: ca.Function, compiled: bool) -> tuple[ca.Function, ...] | None:
-        """Return first and second derivatives of the function of a further limit, where it has
-        them.
-        """
+        """Return first and second derivatives of a further limit's function, if it has them."""
         for limit in self.robot.limits.also:
             parts = _parts_of(limit)
             if parts and _function(self.robot, (limit.key,))[0].__hash__() == function.__hash__():
@@ -341,9 +339,9 @@ def _family(robot: Any) -> LimitFamily:
 
 
 def _parts_of(limit: Limit | None) -> Callable[[Any, bool], tuple[ca.Function, ...]] | None:
-    """Give a limit's own derivatives: (robot, compiled) -> functions as a transcription wants them.
+    """Return a limit's own derivatives: (robot, compiled) -> functions for a transcription.
 
-    The last one is of its values. An expression that has them says so by a method ``derivatives``.
+    None unless the expression has a method ``derivatives``; the last function is the value.
     """
     return getattr(limit.expression, "derivatives", None) if limit else None
 
@@ -408,17 +406,17 @@ def _further_member(robot: Any, limit: Limit) -> Member:
 def _function(
     robot: Any, keys: tuple[str, ...], torques: ca.Function | None = None
 ) -> tuple[ca.Function, tuple[tuple[str, int], ...], tuple[int, ...]]:
-    """Return one function of the state [n] each for values (and bounds) of further limits.
+    """Return one function of the state, [n] for each argument, for further limits.
 
     Returns
     -------
     function, names, used
-        A name says what an output is: a key, and 0 for the value, 1 and 2 for a lower and upper
-        bound that is an expression. ``used`` says which parts of the state are its arguments.
+        Each output has a name (key, side): side 0 is the value, 1 and 2 are lower and upper
+        bounds that are expressions. ``used`` has the indices of its arguments in the state.
     """
     further = {limit.key: limit for limit in robot.limits.also}
     reasons: list[str] = []
-    for symbol in (ca.SX.sym, ca.MX.sym):  # of the second where functions are called
+    for symbol in (ca.SX.sym, ca.MX.sym):  # MX for expressions that call functions
         symbols: list[Any] = [symbol(name, robot.joint_count) for name in STATE]
         if torques is not None:
             extra = [symbol(torques.name_in(k)) for k in range(4, torques.n_in())]
@@ -434,10 +432,10 @@ def _function(
             if symbol is ca.SX.sym and function.find_functions():
                 continue
             if not function.is_a("SXFunction"):
-                with suppress(RuntimeError):  # tables have no scalar graph
+                with suppress(RuntimeError):  # tables have no scalar operations
                     scalar = function.expand()
                     function = function if scalar.find_functions() else scalar
-        except Exception as found:  # the expression is the user's
+        except Exception as found:  # a user's expression may raise anything
             reasons.append(reason_of(found))
             continue
         if function.is_a("SXFunction"):

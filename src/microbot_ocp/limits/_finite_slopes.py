@@ -1,18 +1,17 @@
-"""Functions whose slopes are numbers where a root or a norm is zero: at rest, for example."""
+"""Functions with finite derivatives where the argument of a root or norm is zero, as at rest."""
 
 from __future__ import annotations
 
 import casadi as ca
 
-SMALLEST = 1e-20  # below it the argument of a root counts as this
+SMALLEST = 1e-20  # smallest argument of a root
 
 
 def with_finite_slopes(function: ca.Function) -> ca.Function:
-    """Return the same function with ``sqrt(x)`` as ``sqrt(max(x, 1e-20))``.
+    """Return the function with ``sqrt(x)`` replaced by ``sqrt(max(x, 1e-20))``.
 
-    The slope of a root is infinite at zero, and that of a norm 0/0: a tool at rest has a speed, but
-    no derivative of it. With the maximum inside, the slope there is zero and the value off by
-    1e-10.
+    The derivative of a root is infinite at zero, that of a norm 0/0: at rest the tool speed has no
+    derivative. With the maximum the derivative is zero there, and the value has an error of 1e-10.
     """
     kinds = [function.instruction_id(k) for k in range(function.n_instructions())]
     if ca.OP_SQRT not in kinds:

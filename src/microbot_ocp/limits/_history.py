@@ -1,7 +1,7 @@
-"""How much of every limit a motion uses: moment by moment, and the largest of a polynomial one.
+"""Use of every limit along a motion, and the largest use of a piecewise polynomial.
 
-Jumps of the acceleration, which limits of its rate do not allow, count too: what rest means for
-them is told here only. Theory: docs/theory/certificates.md, equation (1).
+Jumps of the acceleration, which limits of jerk and torque rate exclude, count as well; the rule for
+rest at the ends of a motion is defined here. Theory: docs/theory/certificates.md, equation (1).
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from microbot_ocp.limits._family import LimitFamily, LimitValues, MotionSamples
 from microbot_ocp.limits._joint_limits import JointLimits, Limits
 from microbot_ocp.limits._use import AT_LIMIT
 
-JUMP_TIME = 1e-6  # s: a jump of the acceleration counts as if it took so long
-SHORTEST = 2e-3  # s: gaps and spells shorter than this are put down to the solver's mesh
+JUMP_TIME = 1e-6  # s, assumed duration of a jump of the acceleration
+SHORTEST = 2e-3  # s; shorter gaps and spells are an effect of the solver's mesh
 
 
 @dataclass(frozen=True)
@@ -27,9 +27,12 @@ class PeakSearch:
 
     Attributes
     ----------
-    points_per_piece : first grid for the maxima, before they are refined
-    rounds : each divides the grid step around a maximum by four
-    candidates : most maxima that are refined at a time
+    points_per_piece : int
+        Points of the grid on which maxima are located.
+    rounds : int
+        Refinements, each of which divides the grid step around a maximum by four.
+    candidates : int
+        Largest number of maxima that are refined.
     """
 
     points_per_piece: int = 200
@@ -41,16 +44,18 @@ PEAK_SEARCH = PeakSearch()
 
 
 class StateHistory(NamedTuple):
-    """States along a motion, with the jumps of the acceleration at its ends and inside of it.
+    """States along a motion, and the jumps of the acceleration at its ends and inside of it.
 
     Attributes
     ----------
-    t : array [N], s
+    t : array [N]
+        Times, s.
     samples : MotionSamples [N]
-        Without the jumps: at both sides of one the jerk is that of its side.
-    jump_t : array [J], s
+        States without the jumps; next to a jump, the jerk is the one-sided value.
+    jump_t : array [J]
+        Times of the jumps, s.
     jumps : MotionSamples [J]
-        As of :func:`jumps_between`.
+        States from :func:`jumps_between`.
     """
 
     t: FloatArray
@@ -59,9 +64,9 @@ class StateHistory(NamedTuple):
     jumps: MotionSamples
 
     def between(self, start: float, end: float) -> StateHistory:
-        """Return the part from one of its times to another, with the jumps at both.
+        """Return the part between two times of the grid, with the jumps at both.
 
-        What is at its end belongs to what follows.
+        The sample at the end belongs to the next part.
         """
         first, last = (int(np.abs(self.t - at).argmin()) for at in (start, end))
         here = slice(first, last + (last == self.t.size - 1))
@@ -77,25 +82,24 @@ class StateHistory(NamedTuple):
 def jumps_between(
     starts: MotionSamples, ends: MotionSamples, *, cycle: bool = False
 ) -> MotionSamples:
-    """Return what jumps [K+1] there are before, between and after K pieces of one history.
+    """Return the jumps [K+1] of the acceleration before, between and after K pieces of a motion.
 
-    An arm that is at rest where its motion begins or ends is held there: before and after the
-    acceleration is zero, and the torque what gravity asks for. An end that moves on has no history
-    beyond it, but that of a cycle. At rest is what a jump from standing still comes to while it
-    lasts.
+    An arm at rest at an end of its motion is held there, so the acceleration beyond that end is
+    zero. Beyond a moving end there is no jump; a cycle continues at its other end. An end counts as
+    at rest if its speed is at most the gain of a jump from standstill during :data:`JUMP_TIME`.
 
     Parameters
     ----------
     starts, ends : MotionSamples [K]
         States at the starts and ends of the pieces.
     cycle : bool
-        Whether the motion goes on at its start where it ends moving.
+        True if a motion with moving ends continues at its start.
 
     Returns
     -------
     MotionSamples [K+1]
         States before the jumps (at the start of the motion after it), with the jump of the
-        acceleration over its time as the jerk.
+        acceleration divided by :data:`JUMP_TIME` as the jerk.
     """
     first, last = starts.qdd[:1], ends.qdd[-1:]
     before = np.concatenate([_beyond(starts, 0, last if cycle else first), ends.qdd])
@@ -105,16 +109,16 @@ def jumps_between(
 
 
 def _beyond(states: MotionSamples, row: int, moving: FloatArray) -> FloatArray:
-    """Return the acceleration [1,n] beyond an end of the motion: zero at rest, else that given."""
+    """Return the acceleration [1,n] beyond an end: zero if the arm rests there, else ``moving``."""
     rests = np.abs(states.qd[row]).max() <= JUMP_TIME * np.abs(states.qdd[row]).max()
     return np.zeros_like(moving) if rests else moving
 
 
 class Spell(NamedTuple):
-    """A stretch of time, s, in which a joint is at one of its limits.
+    """An interval of time, s, in which a component is at one of its limits.
 
-    ``quantity`` is the key of the limit, ``joint`` the index of the component (0 where the limit is
-    of one number), ``side`` 1 at the upper bound, -1 at the lower one.
+    ``quantity`` is the key of the limit, ``joint`` the index of the component (0 for a scalar
+    limit), ``side`` 1 at the upper bound and -1 at the lower one.
     """
 
     quantity: str
@@ -130,16 +134,18 @@ class LimitHistory:
 
     Attributes
     ----------
-    t : array [N], s
+    t : array [N]
+        Times, s.
     family : LimitFamily
-        The limits that the robot has.
+        Limits of the robot.
     limited : mapping from the key of a limit to LimitValues
         Values [N,k] with their bounds, SI.
     use : mapping from the key of a limit to array [N,k]
-        1 at the limit, minus infinity where there is none; for q 0 in the middle of its range.
+        Share of the limit: 1 at the limit, minus infinity without one; 0 in the middle of the
+        range of q.
     jumps : LimitHistory, optional
-        Of the limits that depend on the jerk: where the acceleration may jump, at the ends of the
-        motion and inside of it, what that asks for.
+        Use of the limits that depend on the jerk by the jumps of the acceleration, at the ends
+        of the motion and inside of it.
     """
 
     t: FloatArray
@@ -157,7 +163,7 @@ class LimitHistory:
     ) -> LimitHistory:
         """Return the use of the limits along a motion.
 
-        ``measured`` holds values [N,n] by key that are not to be computed: the torques of a drive.
+        ``measured`` holds known values [N,n] by key, which are not computed: torques of a drive.
         """
 
         def used(values: dict[str, LimitValues]) -> dict[str, FloatArray]:
@@ -169,7 +175,7 @@ class LimitHistory:
         return cls(history.t, family, values, used(values), jumps)
 
     def judged(self, key: str) -> tuple[FloatArray, LimitValues, FloatArray]:
-        """Return times, values and use of a limit, those of the jumps after those in motion."""
+        """Return times, values and use of a limit in motion, followed by those of the jumps."""
         if self.jumps is None or key not in self.jumps.use:
             return self.t, self.limited[key], self.use[key]
         pair = self.limited[key], self.jumps.limited[key]
@@ -184,9 +190,9 @@ class LimitHistory:
         return {key: entry.value for key, entry in self.limited.items()}
 
     def spells(self, quantity: str, share: float = AT_LIMIT) -> list[Spell]:
-        """Give when which joint uses a limit to ``share`` or more, in the order of joints and time.
+        """Return the spells with a use of at least ``share`` of a limit, sorted by joint and time.
 
-        Gaps of less than 2 ms are closed, spells of less are left out.
+        Gaps shorter than 2 ms are closed; spells shorter than 2 ms are left out.
         """
         if quantity not in self.use:
             return []
@@ -202,19 +208,19 @@ class LimitHistory:
         return sorted(entries, key=lambda spell: (spell.joint, spell.start))
 
     def every_spell(self) -> list[Spell]:
-        """Return spells at all limits but those of the position, which every motion comes near."""
+        """Return the spells at all limits but position, which every motion approaches."""
         return [spell for key in self.use if key != "q" for spell in self.spells(key)]
 
 
 def limit_history(
     robot: Any, motion: Any, limits: Limits | JointLimits | None = None
 ) -> LimitHistory:
-    """Return how much of every limit a motion uses, on the dense grid of its certificate.
+    """Return the use of every limit along a motion, on the dense grid of its certificate.
 
     Parameters
     ----------
     robot : Robot
-        With masses where torques are limited.
+        Robot with masses if torques are limited.
     motion : Motion
     limits : Limits, optional
         Default the robot's own.
@@ -226,7 +232,7 @@ def limit_history(
     Raises
     ------
     InputError
-        A motion of another number of joints.
+        The motion has another number of joints.
 
     Examples
     --------
@@ -247,7 +253,7 @@ def limit_history(
 
 
 def _runs(t: FloatArray, busy: np.ndarray) -> list[tuple[float, float]]:
-    """Return stretches of time in which ``busy`` [N] holds."""
+    """Return the intervals of time in which ``busy`` [N] holds."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], busy, [False]]).astype(int)))
     joined: list[list[float]] = []
     for first, after in edges.reshape(-1, 2):
@@ -259,11 +265,11 @@ def _runs(t: FloatArray, busy: np.ndarray) -> list[tuple[float, float]]:
     return [(start, end) for start, end in joined if end - start >= SHORTEST]
 
 
-# largest use of a piecewise polynomial motion ----------------------------------------------------
+# Largest use of a piecewise polynomial motion ----------------------------------------------------
 
 
 class Polynomial(Protocol):
-    """What is asked of a piecewise polynomial."""
+    """Interface of a piecewise polynomial."""
 
     @property
     def breaks(self) -> FloatArray: ...
@@ -274,20 +280,21 @@ class Polynomial(Protocol):
 
 @dataclass(frozen=True)
 class Peak:
-    """Where a motion uses most of its limits.
+    """Largest use of the limits along a motion.
 
     Attributes
     ----------
     use : float
-        1 at the limit; infinite where the acceleration jumps though its rate is limited.
+        Share of the limit, 1 at the limit; infinite for a jump of the acceleration under a limit
+        of its rate.
     quantity : str
-        Key of the limit; "shape" where no limit was looked at.
+        Key of the limit; "shape" if there is no motion to evaluate.
     joint : int
         Index of the component, from 0.
     time : float
-        s.
+        Time of the largest use, s.
     value, limit : float
-        Value there, and the bound that it is nearer to or beyond.
+        Value at that time, and its nearest or violated bound.
     """
 
     use: float
@@ -304,8 +311,8 @@ def largest_use(
     """Return the largest use of the limits of these keys along a motion.
 
     Every piece is evaluated with both its ends, so both one-sided values at a break count. The
-    grid's largest local maxima are then refined by sampling ever closer around them. ``at_rest``
-    takes the poses of the motion with all derivatives zero.
+    largest local maxima on the grid are refined by sampling ever closer around them. ``at_rest``
+    evaluates the poses of the motion with all derivatives zero.
     """
     wanted = [key for key in keys if key in family]
     if not wanted:
@@ -363,8 +370,9 @@ def jumps_of(polynomial: Polynomial) -> MotionSamples:
 
 
 def largest_jump(family: LimitFamily, polynomial: Polynomial, keys: Iterable[str]) -> Peak | None:
-    """Return a jump of the acceleration that no limit of its rate allows, as an infinite use,
-    or None.
+    """Return the worst jump of the acceleration that a limit of its rate excludes, or None.
+
+    The use of such a jump is infinite, as the rate is.
     """
     rated = [key for key in keys if key in family and family[key].order == 3]
     if not rated:

@@ -1,4 +1,4 @@
-"""Limits of the joints as data, as users give them and as a robot holds them."""
+"""Limits of the joints: as users give them, and as arrays of a robot."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.foreign_words import HintingOfArms
 from microbot_ocp.limits._limit import Limit
 
-TORQUES_OF_A_BOX = ("largest_torque", "least_torque")  # keys of limits for arms that may be off
+TORQUES_OF_A_BOX = ("largest_torque", "least_torque")  # keys of limits that bound torques, too
 LimitArgument = ArrayLike | tuple[ArrayLike, ArrayLike]
-"""A number, one a joint, or a pair (lower, upper) of such."""
+"""A number, one value a joint, or a pair (lower, upper) of either."""
 
 
 class JointQuantity(NamedTuple):
-    """A quantity that every joint has: its key, name, and unit for either type of joint."""
+    """A quantity of every joint: its key, name, and unit for either type of joint."""
 
     key: str
     name: str
@@ -30,7 +30,7 @@ class JointQuantity(NamedTuple):
 
     @property
     def either_unit(self) -> str:
-        """Both units, for messages that are about joints of any type."""
+        """Both units, for messages about joints of any type."""
         return f"{self.revolute} (prismatic: {self.prismatic})"
 
 
@@ -54,7 +54,7 @@ def quantity_name(key: str) -> str:
 
 
 class LimitChanges(TypedDict, total=False):
-    """Limits by name, as :meth:`~microbot_ocp.Robot.with_limits` takes them."""
+    """Limits by name, as arguments of :meth:`~microbot_ocp.Robot.with_limits`."""
 
     q_min: ArrayLike | None
     q_max: ArrayLike | None
@@ -73,12 +73,12 @@ class LimitChanges(TypedDict, total=False):
 
 @dataclass(frozen=True, eq=False)
 class Limits(HintingOfArms):
-    """Limits of every joint; whatever is not given is unlimited.
+    """Limits of every joint; a quantity without a value is unlimited.
 
-    Each argument is a scalar (all joints alike) or a list or array [n] (one value a joint).
-    ``qd_max``, ``qdd_max``, ``qddd_max`` (jerk), ``tau_max`` and ``taud_max`` (torque rate) mean
-    plus and minus, unless given as a tuple ``(lower, upper)`` of such, or with their ``qd_min`` and
-    so on. A robot holds its limits as arrays [n]:
+    Each argument is a scalar (for all joints) or a list or array [n] (one value a joint).
+    ``qd_max``, ``qdd_max``, ``qddd_max`` (jerk), ``tau_max`` and ``taud_max`` (torque rate) bound
+    both directions, unless given as a tuple ``(lower, upper)``, or together with ``qd_min`` and so
+    on. A robot holds its limits as arrays [n]:
     ``robot.limits.q_min``, ``q_max``, ``qd_min``, ``qd_max``, ``qdd_min``, ... in rad, rad/s,
     rad/s^2, rad/s^3, N m, N m/s (prismatic joints: m, m/s, m/s^2, m/s^3, N, N/s).
 
@@ -107,19 +107,20 @@ class Limits(HintingOfArms):
     also: Iterable[Limit] = ()
 
     def for_joints(self, count: int) -> JointLimits:
-        """Return the limits as arrays [count], checked.
+        """Return the limits as checked arrays [count].
 
         Raises
         ------
         InputError
-            Wrong length, NaN, a lower limit above its upper one, a rate or torque range without
-            zero inside, two limits of one name.
+            Wrong length, NaN, a lower limit above the upper one, a range of a rate or torque that
+            excludes zero, or two limits of one name.
         """
         arrays: dict[str, FloatArray] = {}
         for key, quantity in JOINT_QUANTITIES.items():
             unit = quantity.either_unit
             lower, upper = self._pair(key, unit, count)
-            arrays[f"{key}_min"], arrays[f"{key}_max"] = lower + 0.0, upper  # no -0
+            # + 0.0 turns -0.0 into 0.0.
+            arrays[f"{key}_min"], arrays[f"{key}_max"] = lower + 0.0, upper
             for j in np.flatnonzero((lower > upper) | (lower == np.inf) | (upper == -np.inf)):
                 raise InputError(
                     f"{key}_min of joint {j + 1} must be finite or -inf and at most its "
@@ -164,7 +165,7 @@ class Limits(HintingOfArms):
 
 @dataclass(frozen=True, eq=False)
 class JointLimits(HintingOfArms):
-    """Limits of every joint as arrays [n], and further ones; see :meth:`Limits.for_joints`."""
+    """Limits of every joint as arrays [n], and further limits; see :meth:`Limits.for_joints`."""
 
     q_min: FloatArray
     q_max: FloatArray
@@ -181,12 +182,12 @@ class JointLimits(HintingOfArms):
     also: tuple[Limit, ...] = ()
 
     def bounds(self, quantity: str) -> tuple[FloatArray, FloatArray]:
-        """Return lower and upper arrays [n] of a quantity of the joints, such as ``"tau"``."""
+        """Return the lower and upper array [n] of a joint quantity, such as ``"tau"``."""
         checks.one_of("quantity", quantity, JOINT_QUANTITIES)
         return getattr(self, f"{quantity}_min"), getattr(self, f"{quantity}_max")
 
     def changed(self, changes: Mapping[str, Any]) -> Limits:
-        """Return limits with some replaced by name; ``qd_max`` alone means plus and minus."""
+        """Return the limits with some replaced by name; ``qd_max`` alone bounds both directions."""
         given: dict[str, Any] = {"also": changes.get("also", self.also)}
         for quantity in JOINT_QUANTITIES:
             low, high = f"{quantity}_min", f"{quantity}_max"
@@ -198,10 +199,10 @@ class JointLimits(HintingOfArms):
         return Limits(**given)
 
     def tightened(self, other: JointLimits) -> JointLimits:
-        """Take of every bound the tighter of both, and the further limits of both.
+        """Return the tighter of two limits for every bound, and the further limits of both.
 
-        Of two further limits of one name that of ``other`` counts where they do not bound the same
-        expression by numbers.
+        If both have a further limit of one name, the bounds are compared only where they are
+        numbers for one expression; otherwise the limit of ``other`` is used.
         """
         bounds: dict[str, Any] = {}
         for key in JOINT_QUANTITIES:
@@ -214,7 +215,7 @@ class JointLimits(HintingOfArms):
         return Limits(**bounds, also=tuple(further.values())).for_joints(self.q_min.size)
 
     def with_reserve(self, reserve: ArrayLike) -> JointLimits:
-        """Return limits with a share of every torque kept back, for feedback.
+        """Return the limits with a share of every torque reserved for feedback.
 
         Parameters
         ----------
@@ -224,7 +225,7 @@ class JointLimits(HintingOfArms):
         Raises
         ------
         InputError
-            A share outside of that, or of another number of joints.
+            The share is outside of this range, or has another number of joints.
 
         Examples
         --------
@@ -248,12 +249,12 @@ class JointLimits(HintingOfArms):
         return replace(self, tau_min=left * self.tau_min, tau_max=left * self.tau_max, also=also)
 
     def for_joints(self, count: int) -> JointLimits:
-        """Return itself once all is checked, or arrays where values were replaced by numbers.
+        """Return these limits, checked; with arrays if numbers replaced some of them.
 
         Raises
         ------
         InputError
-            Limits of another number of joints, and as :meth:`Limits.for_joints`.
+            The limits are of another number of joints; errors of :meth:`Limits.for_joints`.
         """
         if np.size(self.q_min) not in (1, count):
             raise InputError(
@@ -268,7 +269,7 @@ class JointLimits(HintingOfArms):
         return self if as_they_are else checked
 
     def as_dict(self) -> dict[str, list[float]]:
-        """Return the limits of the joints as plain lists, for JSON and TOML."""
+        """Return the joint limits as plain lists, for JSON and TOML."""
         return {
             f"{key}_{side}": bound.tolist()
             for key in JOINT_QUANTITIES
@@ -279,7 +280,7 @@ class JointLimits(HintingOfArms):
 def with_reserve(
     usual: JointLimits, limits: Limits | JointLimits | None, reserve: ArrayLike
 ) -> Limits | JointLimits | None:
-    """Return the limits given, or a robot's own, with a share of the torques kept back."""
+    """Return the given limits, or a robot's own, with a share of the torques reserved."""
     if not np.any(np.asarray(reserve, dtype=object)):
         return limits
     count = usual.tau_max.size
@@ -287,7 +288,7 @@ def with_reserve(
 
 
 def _tighter(one: Limit, other: Limit) -> Limit:
-    """Return the other limit, with the tighter bounds of both where they can be compared."""
+    """Return the second limit, with the tighter bounds of both if they are comparable."""
     what, like = ((each.expression, each.rms, each.dwell) for each in (one, other))
     bounds: dict[str, Any] = {}
     for side, tighter in (("lower", np.maximum), ("upper", np.minimum)):
@@ -308,7 +309,7 @@ def _further(limits: Any) -> tuple[Limit, ...]:
     if isinstance(limits, Limit):
         raise InputError("also must be a list of limits: write also=[limit]")
     entries = tuple(limits)
-    for limit in entries:  # of an iterator nobody has looked at them
+    for limit in entries:  # the entries of an iterator are not checked before
         if not isinstance(limit, Limit):
             raise InputError(f"also must hold limits, such as mo.Limit(...), not {limit!r}")
     keys = [*JOINT_QUANTITIES, *(limit.key for limit in entries)]

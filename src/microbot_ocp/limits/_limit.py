@@ -1,6 +1,6 @@
-"""Limits as data: a name, a unit, an expression of the motion's state, bounds; and usual ones.
+"""Limits as data: a name, a unit, an expression of the motion's state, and bounds.
 
-A line in :data:`MEMBERS` makes a limit known to files and the command line.
+A member of :data:`MEMBERS` has keys in files and options of the command line.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from numpy.typing import ArrayLike
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 
-Expression = Callable[[Any], Any]  # a motion's state -> a CasADi expression or a number
+Expression = Callable[[Any], Any]  # function of a motion's state: a CasADi expression or a number
 Bound = ArrayLike | Expression | None
 
 
 def above_zero(name: str, bound: Bound, unit: str) -> Bound:
-    """Return an upper bound of what is never negative; InputError for one that allows nothing."""
+    """Return the upper bound of a nonnegative quantity; raise InputError if it is not above 0."""
     if bound is None or callable(bound):
         return bound
     if np.any(checks.numbers(f"upper bound of limit {name!r}", bound) <= 0):
@@ -36,28 +36,28 @@ class Limit:
     Parameters
     ----------
     name : str
-        Such as "tool speed"; figures, tables and messages use it.
+        Name such as "tool speed", for figures, tables and messages.
     expression : callable
         ``state -> CasADi expression [k]``; ``state`` is a
         :class:`~microbot_ocp.robot.MotionState`.
     lower, upper : float, array_like [k] or callable, optional
-        Bounds in ``unit``: numbers, or expressions of the state where the limit varies along the
-        motion. Default none on that side.
+        Bounds in ``unit``: numbers, or expressions of the state for a limit that varies along the
+        motion. Default unlimited.
     unit : str
-        SI.
+        Unit in SI.
     labels : sequence of str, optional
-        Of the components; default the names of the joints where there is one a joint.
+        Names of the components; default the joints' names if there is one component a joint.
     rms : bool
-        Whether the upper bound is one of the root mean square over the whole motion, not of every
-        instant; of planners only :func:`microbot_ocp.time_optimal` through joint poses keeps it.
+        True for an upper bound of the root mean square over the whole motion. Among the planners,
+        only :func:`microbot_ocp.time_optimal` through joint poses keeps such a limit.
     dwell : float
-        Rest at the end that such a mean is taken over, too, s.
+        Rest after the motion, s, which the root mean square includes.
 
     Raises
     ------
     InputError
-        No name, an expression that cannot be called, no bound at all, NaN, a lower bound above the
-        upper one.
+        A missing name, an expression that is not callable, no bound, NaN, or a lower bound above
+        the upper one.
 
     Examples
     --------
@@ -120,16 +120,16 @@ class Limit:
 
     @property
     def key(self) -> str:
-        """Its name as one word, as columns and mappings have it."""
+        """Name as one word, for columns and mappings."""
         return self.name.strip().replace(" ", "_")
 
     @property
     def is_size(self) -> bool:
-        """Whether it bounds the length of a vector, which has a kink where that vanishes."""
+        """True for the norm of a vector, which is not differentiable at zero."""
         return isinstance(self.expression, _Size)
 
     def constant(self, side: str) -> FloatArray | None:
-        """Give the bound [k] or [1] of a side; None where there is none or it is an expression."""
+        """Return the bound [k] or [1] of a side; None if it is missing or an expression."""
         bound = getattr(self, checks.one_of("side", side, ("lower", "upper")))
         return None if bound is None or callable(bound) else np.array(bound)
 
@@ -140,7 +140,7 @@ def tool_speed(upper: Bound) -> Limit:
     Parameters
     ----------
     upper : float or callable
-        m/s, or an expression of the motion's state: a lower speed in a zone, for example.
+        Bound, m/s, or an expression of the motion's state, for example a lower speed in a zone.
 
     Examples
     --------
@@ -151,12 +151,12 @@ def tool_speed(upper: Bound) -> Limit:
 
 
 def tool_acceleration(upper: Bound) -> Limit:
-    """Limit the size of the acceleration of the tool's origin in the base frame.
+    """Limit the magnitude of the acceleration of the tool's origin in the base frame.
 
     Parameters
     ----------
     upper : float or callable
-        m/s^2, or an expression of the motion's state.
+        Bound, m/s^2, or an expression of the motion's state.
 
     Examples
     --------
@@ -167,12 +167,12 @@ def tool_acceleration(upper: Bound) -> Limit:
 
 
 def tool_jerk(upper: Bound) -> Limit:
-    """Limit the size of the jerk of the tool's origin in the base frame.
+    """Limit the magnitude of the jerk of the tool's origin in the base frame.
 
     Parameters
     ----------
     upper : float or callable
-        m/s^3, or an expression of the motion's state.
+        Bound, m/s^3, or an expression of the motion's state.
 
     Examples
     --------
@@ -188,7 +188,7 @@ def _of_tool(name: str, quantity: str, upper: Bound, unit: str) -> Limit:
 
 @dataclass(frozen=True)
 class _Size:
-    """The size of the linear part of a quantity of the tool."""
+    """Norm of the linear part of a tool quantity."""
 
     quantity: str
 
@@ -203,7 +203,7 @@ def power(upper: Bound = None, lower: Bound = None) -> Limit:
     Parameters
     ----------
     upper, lower : float, array_like [n] or callable, optional
-        W; a lower bound limits what a joint feeds back when it brakes.
+        Bounds, W; a lower bound limits the power that a braking joint feeds back.
 
     Examples
     --------
@@ -219,7 +219,7 @@ def total_power(upper: Bound = None, lower: Bound = None) -> Limit:
     Parameters
     ----------
     upper, lower : float or callable, optional
-        W; a lower bound limits what the arm feeds back when it brakes.
+        Bounds, W; a lower bound limits the power that the braking arm feeds back.
     """
     return Limit("total power", _total_power, lower=lower, upper=upper, unit="W")
 
@@ -235,15 +235,15 @@ def _total_power(state):
 def rms_torque(upper: Bound, dwell: float = 0.0) -> Limit:
     """Limit the root mean square of every joint's torque over a motion and a rest after it.
 
-    An integral over the whole motion: :func:`microbot_ocp.time_optimal` through joint poses keeps
-    it and certificates judge it; every other planner refuses it.
+    This limit is an integral over the whole motion: :func:`microbot_ocp.time_optimal` through joint
+    poses keeps it, certificates verify it, and all other planners refuse it.
 
     Parameters
     ----------
     upper : float or array_like [n]
-        N m (N).
+        Bound, N m (N).
     dwell : float
-        Rest at the end in each cycle, s; the arm is held against gravity.
+        Rest after the motion in each cycle, s, in which the torque holds the arm against gravity.
 
     Examples
     --------
@@ -262,7 +262,7 @@ MEMBERS: dict[str, Callable[..., Limit]] = {
     member.__name__: member
     for member in (tool_speed, tool_acceleration, tool_jerk, power, total_power, rms_torque)
 }
-# Keys in files: "tool_speed_max", and "power_min" where there may be a lower bound.
+# Files have keys such as "tool_speed_max", and "power_min" for a member with a lower bound.
 MEMBER_KEYS = {
     f"{name}_{end}": (name, side)
     for name, member in MEMBERS.items()
@@ -272,7 +272,7 @@ MEMBER_KEYS = {
 
 
 def limits_from_table(table: Mapping[str, Any]) -> tuple[Limit, ...]:
-    """Read further limits from the keys of :data:`MEMBER_KEYS`, with numbers or lists of them."""
+    """Return limits from a table of numbers, or lists of them, by keys of :data:`MEMBER_KEYS`."""
     bounds: dict[str, dict[str, Any]] = {}
     for key, value in table.items():
         name, side = MEMBER_KEYS[key]
@@ -281,9 +281,9 @@ def limits_from_table(table: Mapping[str, Any]) -> tuple[Limit, ...]:
 
 
 def changes_by_name(limits: Iterable[Limit], named: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what ``robot.with_limits`` takes of limits of joints and further ones.
+    """Return the arguments of ``robot.with_limits`` for limits of joints and further limits.
 
-    Those of :data:`MEMBER_KEYS` are added to ``limits``, or stand in the place of the same names.
+    Values under :data:`MEMBER_KEYS` become limits, which replace those of equal name in ``limits``.
     """
     changes = {key: value for key, value in named.items() if key not in MEMBER_KEYS}
     if further := limits_from_table({k: v for k, v in named.items() if k in MEMBER_KEYS}):
@@ -293,12 +293,12 @@ def changes_by_name(limits: Iterable[Limit], named: Mapping[str, Any]) -> dict[s
 
 
 def limits_to_table(limits: Iterable[Limit]) -> dict[str, Any]:
-    """Return the keys and numbers that :func:`limits_from_table` reads back.
+    """Return the table that :func:`limits_from_table` reads.
 
     Raises
     ------
     InputError
-        A limit of the user's own, or a bound that is an expression: files hold numbers only.
+        A limit is not in :data:`MEMBERS`, or has an expression as bound; files hold numbers only.
     """
     table: dict[str, Any] = {}
     for limit in limits:

@@ -1,8 +1,8 @@
-"""A motion is data: samples of position, velocity, acceleration and torque.
+"""Motions as data: samples of position, velocity, acceleration and torque.
 
-In: a robot and a :class:`PiecewisePolynomial` of the time, or states at given times. Out: a frozen
-:class:`Motion`, which is sampled between its rows, resampled, saved and loaded. Begin with
-``_motion.py``; the polynomials are in ``_polynomial.py``, the files in ``_files.py``.
+A frozen :class:`Motion` is made from a robot and a :class:`PiecewisePolynomial` of time, or from
+states at given times. It can be evaluated between its samples, resampled, saved and loaded. The
+main module is ``_motion.py``; polynomials are in ``_polynomial.py``, exports in ``_export.py``.
 """
 
 from microbot_ocp._base import border

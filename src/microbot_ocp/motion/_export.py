@@ -1,7 +1,7 @@
 """Motions for other programs: CSV, ROS trajectories, MATLAB, Parquet, MuJoCo keyframes; films.
 
-Every format has the same columns: time, and position, velocity, acceleration and torque of every
-joint, SI.
+Every data format has the time, and the position, velocity, acceleration and torque of every joint,
+in SI units.
 """
 
 from __future__ import annotations
@@ -23,16 +23,17 @@ from microbot_ocp._base.writing import digest, whole_file, write_whole
 from microbot_ocp.robot import Robot
 
 QUANTITIES = {"q": "rad", "qd": "rad/s", "qdd": "rad/s^2", "tau": "N m"}
-FIELDS = {"positions": "q", "velocities": "qd", "accelerations": "qdd", "effort": "tau"}  # of ROS
+# Names in ROS.
+FIELDS = {"positions": "q", "velocities": "qd", "accelerations": "qdd", "effort": "tau"}
 NANOSECONDS = 1_000_000_000
-MOST_SECONDS = 2**31  # that a time of ROS holds
-ESCAPED = {ord(letter): f"%{ord(letter):02X}" for letter in "%;@"}  # what parts marks of a row
+MOST_SECONDS = 2**31  # largest time in ROS
+ESCAPED = {ord(letter): f"%{ord(letter):02X}" for letter in "%;@"}  # separators of marks in a row
 
 
 class Columns(NamedTuple):
-    """What is written: times [N], values [N,n] by quantity, and the joints' names and units.
+    """Content of a file: times [N], values [N,n] by quantity, and names and units of the joints.
 
-    ``marks`` are times, s, and names of what happens on the way; None for a file that has none.
+    ``marks`` are times, s, and names of events; None for a file without marks.
     """
 
     label: str
@@ -50,7 +51,7 @@ class Columns(NamedTuple):
         keys: Iterable[str] = tuple(QUANTITIES),
         marks: Any = None,
     ) -> Columns:
-        """Describe a motion; without a robot joints are numbered and taken for revolute ones."""
+        """Return the columns of a motion; without a robot joints are numbered and revolute."""
         count = samples.q.shape[1]
         if robot is None:
             joints = tuple(f"joint_{j + 1}" for j in range(count))
@@ -89,7 +90,7 @@ def export(
 
 
 def write_columns(path: str | Path, columns: Columns) -> Path:
-    """Write columns in the format that the ending of the path names."""
+    """Write columns in the format of the path's suffix."""
     target = Path(path)
     checks.one_of("ending of path", target.suffix, EXPORT_FORMATS)
     with whole_file(target) as partial:
@@ -100,13 +101,13 @@ def write_columns(path: str | Path, columns: Columns) -> Path:
 
 
 def marks_path(path: str | Path) -> Path:
-    """Return the path of the marks beside a message of ROS, which has no field for them."""
+    """Return the path of the marks beside a ROS message, which has no field for marks."""
     return Path(path).with_suffix(".marks.json")
 
 
 def _write_marks(path: Path, marks: Sequence[tuple[float, str]]) -> None:
-    """Write the marks of a message beside it; without any none are left of an earlier one."""
-    if not path.is_file():  # as standard output
+    """Write the marks of a message beside it; without marks, delete those of an earlier message."""
+    if not path.is_file():  # standard output has no neighbour
         return
     if not marks:
         marks_path(path).unlink(missing_ok=True)
@@ -117,7 +118,7 @@ def _write_marks(path: Path, marks: Sequence[tuple[float, str]]) -> None:
 
 
 def _check_size(motion: Any, rate: float | None, suffix: str) -> None:
-    """Refuse what would take more than some seconds to write."""
+    """Raise InputError for a file that would take more than some seconds to write."""
     count = motion.t.size
     if rate is not None:
         count = motion.duration * checks.number("rate", rate, "Hz", above=0.0)
@@ -135,7 +136,7 @@ def _write_csv(path: Path, columns: Columns) -> None:
         if columns.marks is not None:
             heads.append("mark")
             marks = [""] * len(rows)
-            for time, name in columns.marks:  # at the first row that is not before it
+            for time, name in columns.marks:  # the first row that is not before the mark
                 row = min(int(np.searchsorted(columns.t, time - 1e-9)), len(rows) - 1)
                 name = name.translate(ESCAPED)
                 text = name if abs(columns.t[row] - time) < 1e-9 else f"{name} @ {time!r}"
@@ -149,7 +150,7 @@ def _write_trajectory(path: Path, columns: Columns) -> None:
     """Write a ``trajectory_msgs/JointTrajectory`` of ROS as JSON."""
     names = {name: key for name, key in FIELDS.items() if key in columns.values}
     whole = np.rint(columns.t * NANOSECONDS).astype(np.int64)
-    # A controller wants increasing times: of two samples at a jump it gets the later one.
+    # A controller needs increasing times: only the later of two samples at a jump is written.
     apart = np.append(np.diff(whole) > 10_000, True)
     points = [
         {
@@ -193,7 +194,7 @@ def _write_parquet(path: Path, columns: Columns) -> None:
 
 
 def _write_keyframes(path: Path, columns: Columns) -> None:
-    """Write MuJoCo ``<keyframe>`` of a model with the joints of the arm, a key a sample."""
+    """Write MuJoCo keyframes, one a sample, for a model with the joints of the arm."""
     root = ElementTree.Element("mujoco")
     frame = ElementTree.SubElement(root, "keyframe")
     for i, t in enumerate(columns.t.tolist()):
@@ -205,7 +206,7 @@ def _write_keyframes(path: Path, columns: Columns) -> None:
     ElementTree.ElementTree(root).write(path, encoding="utf-8")
 
 
-MOST_IN_TEXT = 3_000_000  # numbers
+MOST_IN_TEXT = 3_000_000  # numbers in a text file
 MOST_NUMBERS = {".mat": 20_000_000, ".parquet": 20_000_000}
 FILM_FORMATS = (".gif", ".mp4")  # drawn by the views
 EXPORT_FORMATS: dict[str, Callable[[Path, Columns], None]] = {

@@ -1,8 +1,8 @@
-"""A motion is data: samples of position, velocity, acceleration and torque, dense and exact enough.
+"""Motions as dense samples of position, velocity, acceleration and torque.
 
-Between samples a motion is the quintic that meets q, qd and qdd at both of them, so piecewise
-polynomials up to degree five are kept exactly as long as their breaks are among the samples. Where
-the acceleration jumps there are two samples 1 microsecond apart, the earlier one just before it.
+Between two samples a motion is the quintic that agrees with q, qd and qdd at both. A piecewise
+polynomial up to degree five is therefore represented exactly if its breaks are samples. A jump of
+the acceleration has two samples 1 microsecond apart, the earlier one just before the jump.
 """
 
 from __future__ import annotations
@@ -35,17 +35,24 @@ from microbot_ocp.robot import Robot
 
 @dataclass(frozen=True)
 class Sampling:
-    """Settings by which a motion gets its samples.
+    """Settings for the samples of a motion.
 
     Attributes
     ----------
-    negligible : share of the largest acceleration: a term of a polynomial that counts as none
-    noise : share of the largest acceleration that rounding of positions may make of a quintic
-    resolved : share of the largest torque by which it may lie outside of its values at both
-        samples
-    halvings : most halvings of a sample step that this may ask for
-    most_samples : samples above which this is not looked at
-    step : s, the longest step between the samples of a new motion
+    negligible : float
+        Size of a polynomial's term, relative to the largest acceleration, that is neglected.
+    noise : float
+        Error of a quintic's acceleration by rounding of positions, relative to the largest
+        acceleration, that is tolerated.
+    resolved : float
+        Largest excess of a torque over its values at both neighbouring samples, relative to the
+        largest torque.
+    halvings : int
+        Largest number of halvings of a sample step for ``resolved``.
+    most_samples : int
+        Number of samples above which ``resolved`` is not tested.
+    step : float
+        Longest step between the samples of a new motion, s.
     """
 
     negligible: float = 1e-8
@@ -58,14 +65,15 @@ class Sampling:
 
 SAMPLING = Sampling()
 SAMPLE_STEP = SAMPLING.step
-SCHEMA = 1  # of the files
+SCHEMA = 1  # version of the files
 ARRAYS = ("t", "q", "qd", "qdd", "tau", "breaks")
-ROUNDING = 360 * np.finfo(float).eps  # of positions, in the acceleration of a quintic, times h^-2
+# Rounding of positions in the acceleration of a quintic, times h^-2.
+ROUNDING = 360 * np.finfo(float).eps
 
 
 @dataclass(frozen=True)
 class Mark:
-    """A named instant of a motion: a via point passed, a phase begun."""
+    """A named instant of a motion: the passage of a via point, the start of a phase."""
 
     time: float
     name: str
@@ -84,21 +92,21 @@ class Motion(HintingOfArms):
     label : str
         Short name, used in tables and legends.
     breaks : array_like [K], optional
-        Times at which the acceleration or its slope may jump, both ends included; default all
-        samples. They are samples, too.
+        Times at which the acceleration or its slope may jump, both ends included; a subset of
+        ``t``, by default all of it.
     marks : sequence of Mark
         Named instants.
     provenance : mapping
-        How it was made: method, solver, versions. Plain JSON values.
+        Origin of the motion: method, solver, versions. Plain JSON values.
     remark : str
-        A sentence for the reader of a table.
+        Sentence for the reader of a table.
     outcome : Outcome
-        How the search that made it ended; solved where none did.
+        Ending of the search that made the motion; solved if there was none.
 
     Raises
     ------
     InputError
-        Wrong shapes, times that do not increase, anything not finite.
+        Wrong shapes, times that do not increase, or values that are not finite.
     """
 
     t: FloatArray
@@ -131,7 +139,7 @@ class Motion(HintingOfArms):
 
     @property
     def duration(self) -> float:
-        """Length in time, s."""
+        """Duration, s."""
         return float(self.t[-1])
 
     def __repr__(self) -> str:
@@ -148,26 +156,26 @@ class Motion(HintingOfArms):
 
     @property
     def status(self) -> Status:
-        """How the solver that made it ended."""
+        """Status of the solver that made the motion."""
         return self.outcome.status
 
     @property
     def solved(self) -> bool:
-        """False where the solver that made it did not converge; :attr:`advice` says more."""
+        """False if the solver did not converge; :attr:`advice` has details."""
         return self.status.solved
 
     @property
     def advice(self) -> str:
-        """What is known of how the search ended, one sentence a line."""
+        """Remarks on the ending of the search, one sentence a line."""
         return self.outcome.text
 
     @property
     def note(self) -> str:
-        """The remark, or why it is no solution."""
+        """Remark, or the reason why the motion is no solution."""
         return self.remark if self.solved else f"not solved: {self.advice}"
 
     def ended(self, outcome: Outcome, **provenance: Any) -> Motion:
-        """Return the motion with another outcome, and more entries of its provenance."""
+        """Return the motion with another outcome, and further entries in its provenance."""
         return replace(self, outcome=outcome, provenance={**self.provenance, **provenance})
 
     @classmethod
@@ -183,11 +191,10 @@ class Motion(HintingOfArms):
         step: float = SAMPLING.step,
         jumps_at: Sequence[float] = (),
     ) -> Motion:
-        """Sample a piecewise polynomial (degree up to five) with its inverse dynamics.
+        """Return samples of a piecewise polynomial (degree up to five) with its inverse dynamics.
 
-        The samples are at most ``step`` seconds apart, and closer where torques change too fast for
-        that; every break is one of them. ``jumps_at`` are those breaks at which something else than
-        the acceleration jumps.
+        The samples are at most ``step`` seconds apart, and closer where torques change fast; every
+        break is a sample. ``jumps_at`` are breaks at which other data than the acceleration jump.
         """
         degree = polynomial.coefficients.shape[1] - 1
         if degree > 5:
@@ -237,7 +244,7 @@ class Motion(HintingOfArms):
         provenance: Mapping[str, Any] | None = None,
         remark: str = "",
     ) -> Motion:
-        """Return the motion with the torques that inverse dynamics asks for at every sample."""
+        """Return the motion through given states, with the torques of inverse dynamics."""
         times, tau = np.asarray(t, dtype=float), torque_along(robot, state)
         ends = None if breaks is None else np.asarray(breaks, dtype=float)
         names = {"robot": robot.name, "robot_digest": robot.chain_digest}
@@ -245,21 +252,22 @@ class Motion(HintingOfArms):
         return cls(times, *state, tau, label, ends, *about)
 
     def stretched(self, robot: Robot, factor: float) -> Motion:
-        """Return the same motion, slower by ``factor``, with the torques of inverse dynamics.
+        """Return the motion slowed down by ``factor``, with the torques of inverse dynamics.
 
-        It has no sensitivities: those of the motion as it was are of other limits at work.
+        The result has no sensitivities, as other limits are active in it.
 
         Parameters
         ----------
         robot : Robot
-            The arm that moves.
+            Arm that moves.
         factor : float
-            Above 0: of the times. Velocities are divided by it, accelerations by its square.
+            Factor of the times, above 0. Velocities are divided by it, accelerations by its
+            square.
 
         Raises
         ------
         InputError
-            A factor that is not above 0.
+            The factor is not above 0.
         """
         factor = checks.number("factor", factor, above=0.0)
         state = State(self.q, self.qd / factor, self.qdd / factor**2)
@@ -279,7 +287,7 @@ class Motion(HintingOfArms):
         Raises
         ------
         InputError
-            A time outside the motion or not finite.
+            A time is outside of the motion or not finite.
         """
         times, i = self._pieces_at(t)
         return State(*_derivatives(self._coefficients(i), times - self.t[i], 2))
@@ -287,11 +295,12 @@ class Motion(HintingOfArms):
     def samples(self, t: ArrayLike) -> MotionSamples:
         """Return position and its first three derivatives at times t [N], as :meth:`sample`.
 
-        The jerk is that in motion: at both sides of a jump of the acceleration that of its side.
+        The jerk excludes jumps of the acceleration: next to a jump it is the one-sided value.
         """
         times, i = self._pieces_at(t)
         jumping = jump_gaps(self.t)[i]
-        ends = self.t[i[jumping]]  # of the intervals before the jumps
+        # Starts of the jumps' gaps, which continue the intervals before them.
+        ends = self.t[i[jumping]]
         times, i = np.append(times, ends), np.append(i, i[jumping] - 1)
         every = _derivatives(self._coefficients(i), times - self.t[i], 3)
         q, qd, qdd, qddd = (each[: jumping.size] for each in every)
@@ -299,7 +308,7 @@ class Motion(HintingOfArms):
         return MotionSamples(q, qd, qdd, qddd)
 
     def _pieces_at(self, t: ArrayLike) -> tuple[FloatArray, np.ndarray]:
-        """Return times [N] within the motion, checked, and the intervals that they lie in."""
+        """Return checked times [N] within the motion, and the indices of their intervals."""
         times = checks.array("t", np.atleast_1d(np.asarray(t)), (None,), "s")
         slack = 1e-9 * max(1.0, self.duration)
         outside = times[(times < -slack) | (times > self.duration + slack)]
@@ -316,21 +325,21 @@ class Motion(HintingOfArms):
         return _every_piece(self).take(i, axis=2)
 
     def history(self, *, cycle: bool = False) -> StateHistory:
-        """Return what limits are judged by: the state on a dense grid, and what jumps there.
+        """Return the data to verify limits: the state on a dense grid, and the jumps.
 
-        The grid has at least 20 points to each interval between breaks (5 where there are
-        thousands), steps of at most 0.25 ms, and both sides of each break.
-        An arm that is at rest where the motion begins or ends is held there, so that a start with
-        an acceleration is a jump. In a ``cycle`` what ends moving goes on at the start.
+        The grid has at least 20 points in each interval between breaks (5 if there are thousands
+        of intervals), steps of at most 0.25 ms, and both sides of each break.
+        An arm at rest at an end of the motion is held there, so a start with an acceleration is a
+        jump. In a ``cycle`` a motion with moving ends continues at its start.
         """
         return history_of(self, dense_times(self)[0], cycle)
 
     def resample(self, rate: float, robot: Robot | None = None) -> Motion:
         """Return the motion on a grid of ``rate`` hertz, its end included.
 
-        Torques are those of the inverse dynamics of ``robot``, with what those of the motion have
-        beside them, as of a load that it carries. Without a robot they are interpolated, which is
-        exact to some thousandths only where they bend.
+        Torques are those of the inverse dynamics of ``robot``, plus the interpolated difference of
+        the motion's own torques to them, for example of a load. Without a robot the torques
+        themselves are interpolated, with an error of some thousandths where they are curved.
         """
         rate = checks.number("rate", rate, "Hz", above=0.0)
         checks.size("the number of samples", self.duration * rate, checks.MOST_GIVEN)
@@ -347,19 +356,20 @@ class Motion(HintingOfArms):
     def sensitivities(
         self, robot: Robot, mass: float = 0.0, center_of_mass: ArrayLike = (0.0, 0.0, 0.0)
     ) -> Sensitivities:
-        """Return how the duration changes with every limit, the payload and the via points.
+        """Return derivatives of the duration with respect to limits, payload and via points.
 
-        Of a motion of :func:`microbot_ocp.time_optimal`, or of a prepared solver, through via
-        points, by the multipliers of its solve: as long as the same limits stay active.
+        The motion must come from :func:`microbot_ocp.time_optimal` or a prepared solver, through
+        via points. The derivatives follow from the multipliers of its solve and hold while the set
+        of active limits does not change.
 
         Parameters
         ----------
         robot : Robot
-            Without the payload, under the limits that the motion was planned with.
+            Robot without the payload, under the limits that the motion was planned with.
         mass : float
-            Of the payload, kg.
+            Mass of the payload, kg.
         center_of_mass : array_like [3]
-            Of the payload, in the tool frame, m.
+            Center of mass of the payload in the tool frame, m.
 
         Returns
         -------
@@ -368,7 +378,7 @@ class Motion(HintingOfArms):
         Raises
         ------
         InputError
-            A motion without multipliers, a robot with other joints.
+            The motion has no multipliers, or the robot has other joints.
 
         Examples
         --------
@@ -389,7 +399,7 @@ class Motion(HintingOfArms):
     def to_rerun(self, robot: Robot, path: str | Path, scene: Any = None) -> Path:
         """Write a Rerun recording (``.rrd``) of the robot on this motion, under its limits.
 
-        With a :class:`~microbot_ocp.Scene` its obstacles and the nearest points are drawn, too.
+        With a :class:`~microbot_ocp.Scene` it shows the obstacles and the nearest points, too.
         """
         return view_for(self, "rerun")(robot, self, scene=scene).save(path)
 
@@ -405,45 +415,44 @@ class Motion(HintingOfArms):
         segments: Any = None,
         cycle: bool = False,
     ) -> Path:
-        """Write the motion for another program, or as a film: the ending of the path says which.
+        """Write the motion for another program, or as a film, in the format of the path's suffix.
 
         Parameters
         ----------
         path : str or Path
-            ``.csv``: heads with units. ``.json``: a ``trajectory_msgs/JointTrajectory`` of ROS, as
-            MoveIt and ros2_control take it. ``.mat``: MATLAB (needs scipy). ``.parquet`` (needs
-            pyarrow). ``.xml``: keyframes of a MuJoCo model. ``.gif``, ``.mp4``: a film of the arm
-            with ``rate`` and ``theme`` of ``write_animation``; it needs ``robot``. Read back by
-            :meth:`load` is only what :meth:`save` writes.
+            Format: ``.csv`` with heads and units; ``.json``, a ``trajectory_msgs/JointTrajectory``
+            of ROS for MoveIt and ros2_control; ``.mat`` for MATLAB (needs scipy); ``.parquet``
+            (needs pyarrow); ``.xml``, keyframes of a MuJoCo model; ``.gif`` or ``.mp4``, a film of
+            the arm with ``rate`` and ``theme`` of ``write_animation``, which needs ``robot``.
+            :meth:`load` reads only files of :meth:`save`.
         rate : float, optional
-            Samples a second, Hz, and the end, after a step of another length: a controller wants a
-            ``profile``. Default the motion's own samples.
+            Samples a second, Hz; the last step to the end may be shorter. A controller needs a
+            ``profile`` instead. Default the motion's own samples.
         robot : Robot, optional
-            Gives names and units of the joints; without it they are numbered, and revolute.
+            Robot with names and units of the joints; without it they are numbered and revolute.
         theme : str
-            Of a film.
+            Theme of a film.
         scene : Scene, optional
-            Obstacles that a film shows, with the line between the nearest points, or that the
-            executed motion keeps clear of.
+            Obstacles that a film shows, with the line between the nearest points, or from which
+            the executed motion keeps clear.
         profile : str or Profile, optional
-            Of the controller that plays the file: rows at its rate, from rest to rest, slowed down
-            until what it makes of them keeps every limit, as of
-            :func:`microbot_ocp.execution.commanded`; with its quantities only, and with the marks:
-            those of a message of ROS in a file ``.marks.json`` beside it. It needs ``robot``.
+            Profile of the controller that plays the file: rows at its rate, from rest to rest,
+            slowed down until the executed motion keeps every limit, as by
+            :func:`microbot_ocp.execution.commanded`, with the controller's quantities only. Marks
+            of a ROS message are in a file ``.marks.json`` beside it. Needs ``robot``.
         via_q, segments, cycle
-            Of a motion through stops that a profile is given for, as of
-            :func:`microbot_ocp.certify`.
+            Stops of the motion for a profile, as in :func:`microbot_ocp.certify`.
 
         Returns
         -------
         Path
-            The file.
+            Path of the file.
 
         Raises
         ------
         InputError
-            Another ending, a rate that is not above 0, a robot with other joints, a package that is
-            missing, more than three million numbers in a text file or 20 million in another; a
+            Unknown suffix, a rate that is not above 0, a robot with other joints, a missing
+            package, more than three million numbers in a text file or 20 million in another, or a
             profile that does not accept the motion.
 
         Examples
@@ -483,12 +492,12 @@ class Motion(HintingOfArms):
 
     @classmethod
     def load(cls, path: str | Path) -> Motion:
-        """Read a motion that :meth:`save` wrote.
+        """Return a motion that :meth:`save` wrote.
 
         Raises
         ------
         InputError
-            No such file, not a motion, or written by a newer version.
+            The file is missing, holds no motion, or was written by a newer version.
         """
         refuse_toml(path, "saved motion")
         arrays, metadata = read_archive(path, "motion", SCHEMA)
@@ -506,7 +515,7 @@ class Motion(HintingOfArms):
 
 
 def other_arm(robot: Robot, motion: Motion) -> str:
-    """Return what to say of a motion that was made for another arm; empty where it was not."""
+    """Return a note if a motion was made for another arm; empty otherwise."""
     name, digest = (motion.provenance.get(key) for key in ("robot", "robot_digest"))
     if name is None or digest == robot.chain_digest or (digest is None and name == robot.name):
         return ""
@@ -515,7 +524,7 @@ def other_arm(robot: Robot, motion: Motion) -> str:
 
 
 def torque_along(robot: Robot, state: State) -> FloatArray:
-    """Give inverse dynamics [N,n] of states [N,n], in one call; zero for a robot without masses."""
+    """Return inverse dynamics [N,n] of states [N,n]; zero for a robot without masses."""
     q = checks.array("q", state.q, (None, robot.joint_count))
     if not robot.has_dynamics:
         return np.zeros_like(q)
@@ -523,8 +532,9 @@ def torque_along(robot: Robot, state: State) -> FloatArray:
 
 
 def _steps_to_tell(acceleration: PiecewisePolynomial) -> int:
-    """Return steps to an interval whose samples determine the acceleration there: its degree,
-    or one.
+    """Return the number of steps in an interval from whose samples the acceleration follows.
+
+    The number is the degree of the acceleration, at least 1.
     """
     terms = np.abs(acceleration.coefficients).max(axis=2)
     terms = terms * np.diff(acceleration.breaks)[:, None] ** np.arange(terms.shape[1])
@@ -539,10 +549,10 @@ def unresolved(
     state_at: Callable[[FloatArray], State],
     tau: FloatArray | None = None,
 ) -> FloatArray:
-    """Return times half-way between samples where a torque is far outside of what it is at both.
+    """Return midpoints between samples at which a torque is far outside of its values at both.
 
-    ``tau`` are those at the samples where they are known. None where the robot has no masses, or
-    between the two sides of a jump.
+    ``tau`` holds the torques at the samples, if known. The result is empty for a robot without
+    masses; gaps of jumps are left out.
     """
     if not robot.has_dynamics or t.size > SAMPLING.most_samples:
         return t[:0]
@@ -555,19 +565,18 @@ def unresolved(
 
 
 def sample_times(breaks: FloatArray, jumps: FloatArray, step: float, least: int = 1) -> FloatArray:
-    """Return times from the first to the last break, at most ``step`` apart, with the breaks among
-    them.
+    """Return times from the first to the last break, all breaks included, at most ``step`` apart.
 
-    There are at least ``least`` steps to an interval, so that the samples tell how the acceleration
-    runs in it. Long motions have longer steps (:func:`checks.longest_step`). Every time in
-    ``jumps`` is preceded by a sample 1 microsecond before it, or less in short intervals.
+    An interval has at least ``least`` steps, so that its samples determine the acceleration. Long
+    motions have longer steps (:func:`checks.longest_step`). Every time in ``jumps`` is preceded by
+    a sample 1 microsecond before it, or less in short intervals.
     """
     breaks = np.asarray(breaks, dtype=float)
     step = max(step, checks.longest_step(float(breaks[-1] - breaks[0]), checks.MOST_SAMPLES))
     start, length = breaks[:-1], np.diff(breaks)
     count = np.maximum(least, np.ceil(length / step - 1e-9)).astype(int)
-    # One sample between the first breaks at least, where it cannot be taken for a side of a
-    # jump: breaks that are all the samples would look as if nothing had been said of them.
+    # The first interval gets an inner sample, so that a break is never mistaken for the side of a
+    # jump: breaks that equal all samples would look like the default.
     count[0] = max(count[0], 2 if length[0] > 6 * JUMP_GAP else 1)
     jumping = np.isin(breaks[1:], jumps)
     last = breaks[1:] - np.where(jumping, np.minimum(JUMP_GAP, 0.01 * length / count), 0.0)
@@ -575,14 +584,15 @@ def sample_times(breaks: FloatArray, jumps: FloatArray, step: float, least: int 
     return np.append(start[i] + k / count[i] * (last - start)[i], breaks[-1])
 
 
-@lru_cache(maxsize=1)  # they are asked for several times
+@lru_cache(maxsize=1)  # several methods evaluate one motion
 def _every_piece(motion: Motion) -> FloatArray:
     return np.ascontiguousarray(np.moveaxis(pieces_of(motion), 0, 2))
 
 
 def _derivatives(c: FloatArray, x: FloatArray, order: int) -> list[FloatArray]:
-    """Return polynomials of x [N] and their derivatives up to an order, each [N,n], by Horner's
-    scheme; the coefficients c [6,n,N], lowest power first, are used up.
+    """Return polynomials of x [N] and their derivatives up to an order, each [N,n].
+
+    Horner's scheme overwrites the coefficients c [6,n,N], lowest power first.
     """
     terms = [c[5], *np.zeros((order, *c[5].shape))]
     for k in range(4, -1, -1):
@@ -595,22 +605,21 @@ def _derivatives(c: FloatArray, x: FloatArray, order: int) -> list[FloatArray]:
 
 
 def polynomial_of(motion: Motion) -> PiecewisePolynomial:
-    """Return the positions of a motion as the polynomial that it is between samples."""
+    """Return the positions of a motion as the piecewise polynomial between its samples."""
     return PiecewisePolynomial(motion.t, pieces_of(motion))
 
 
 def pieces_of(motion: Motion, i: np.ndarray | None = None) -> FloatArray:
-    """Return coefficients [N-1,6,n] of the polynomials between samples, lowest power of the time
-    first.
+    """Return coefficients [N-1,6,n] of the polynomials between samples, lowest power first.
 
-    ``i`` chooses some of them.
+    ``i`` selects some of the intervals.
     """
     first = np.arange(motion.t.size - 1) if i is None else i
     h = motion.t[first + 1] - motion.t[first]
     start, end = (State(motion.q[k], motion.qd[k], motion.qdd[k]) for k in (first, first + 1))
     c = quintic_between(start, end, h)
-    # In short intervals positions differ by their rounding: velocities and accelerations tell, in
-    # still shorter ones accelerations alone, which run straight.
+    # In short intervals rounding dominates the difference of positions, so the polynomial follows
+    # from velocities and accelerations; in still shorter ones from accelerations alone.
     least = SAMPLING.noise * np.abs(motion.qdd).max(initial=0.0)
     short = ROUNDING * np.abs(start.q).max(axis=1, initial=0.0) > h**2 * least
     if short.any():
@@ -621,5 +630,6 @@ def pieces_of(motion: Motion, i: np.ndarray | None = None) -> FloatArray:
         c[short, 3] = (gained / step - change / 3.0) / step
         c[short, 4] = (change / 4.0 - 0.5 * gained / step) / step**2
         c[short, 5] = 0.0
-    c[jump_gaps(motion.t, first), 3:] = 0.0  # inside a jump the earlier acceleration goes on
+    # Inside of a jump's gap the earlier acceleration continues.
+    c[jump_gaps(motion.t, first), 3:] = 0.0
     return c

@@ -1,4 +1,4 @@
-"""Piecewise polynomials of the time: what a motion is sampled from."""
+"""Piecewise polynomials of time, from which motions are sampled."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class PiecewisePolynomial:
     breaks : array_like [K+1]
         Strictly increasing times, s.
     coefficients : array_like [K, degree+1, n]
-        Lowest power first.
+        Coefficients, lowest power first.
     """
 
     breaks: FloatArray
@@ -47,7 +47,7 @@ class PiecewisePolynomial:
 
     @property
     def duration(self) -> float:
-        """Length in time, s."""
+        """Duration, s."""
         return float(self.breaks[-1] - self.breaks[0])
 
     def derivative(self) -> PiecewisePolynomial:
@@ -59,9 +59,7 @@ class PiecewisePolynomial:
         return _trusted(self.breaks, lowered)
 
     def __call__(self, t: ArrayLike, *, from_left: bool = False) -> FloatArray:
-        """Return values [N,n] at times t [N]; at a break those of the later piece unless
-        ``from_left``.
-        """
+        """Return values [N,n] at times t [N]; at a break, those of the later piece by default."""
         times = np.atleast_1d(t if isinstance(t, np.ndarray) else checks.numbers("t", t))
         if times.ndim != 1:
             raise InputError(f"t must have shape [any], not {list(times.shape)}")
@@ -75,7 +73,7 @@ class PiecewisePolynomial:
         return value
 
     def divided(self, times: FloatArray) -> PiecewisePolynomial:
-        """Return the same shape with further breaks, at times inside of it, s."""
+        """Return the polynomial with further breaks, at times inside of it, s."""
         breaks, each = np.union1d(self.breaks, times), self
         terms = []
         for power in range(self.coefficients.shape[1]):
@@ -84,7 +82,7 @@ class PiecewisePolynomial:
         return _trusted(breaks, np.stack(terms, axis=1))
 
     def stretched(self, factor: float) -> PiecewisePolynomial:
-        """Return the same shape, slower by ``factor`` (above 0)."""
+        """Return the polynomial slowed down by ``factor`` (above 0)."""
         factor = checks.number("factor", factor, above=0.0)
         powers = factor ** -np.arange(self.coefficients.shape[1], dtype=float)
         start = self.breaks[0]
@@ -94,7 +92,7 @@ class PiecewisePolynomial:
 
 
 def _trusted(breaks: FloatArray, coefficients: FloatArray) -> PiecewisePolynomial:
-    """Return a polynomial made from a checked one: not checked again."""
+    """Return a polynomial made from a checked one, without further checks."""
     polynomial = object.__new__(PiecewisePolynomial)
     for name, values in (("breaks", breaks), ("coefficients", coefficients)):
         values.setflags(write=False)
@@ -103,12 +101,10 @@ def _trusted(breaks: FloatArray, coefficients: FloatArray) -> PiecewisePolynomia
 
 
 def quintic_between(start: State, end: State, h: FloatArray) -> FloatArray:
-    """Return coefficients [K,6,n] of the quintics that meet the states [K,n] at both ends of h
-    [K] s.
-    """
+    """Return coefficients [K,6,n] of the quintics between states [K,n] over durations h [K], s."""
     h = np.asarray(h, dtype=float)[:, None]
     q, qd, qdd = start
-    # what a constant acceleration leaves over, in units of the interval
+    # The residuals of a constant acceleration are scaled by the interval to the unit of position.
     dq = end.q - (q + h * (qd + 0.5 * h * qdd))
     dv = (end.qd - (qd + h * qdd)) * h
     da = (end.qdd - qdd) * h**2

@@ -1,4 +1,4 @@
-"""A motion on a grid fine enough to judge it."""
+"""Grids on which a motion is sampled finely enough to verify its limits."""
 
 from __future__ import annotations
 
@@ -15,23 +15,29 @@ from microbot_ocp.limits import JUMP_TIME, MotionSamples, StateHistory, jumps_be
 if TYPE_CHECKING:
     from microbot_ocp.motion._motion import Motion
 
-JUMP_GAP = JUMP_TIME  # s between the two samples that stand for a jump of the acceleration
+JUMP_GAP = JUMP_TIME  # s between the two samples that represent a jump of the acceleration
 
 
 @dataclass(frozen=True)
 class DenseGrid:
-    """Settings of the grid on which limits are looked at between samples.
+    """Settings of the grid on which limits are evaluated between samples.
 
     Attributes
     ----------
-    step : s, the longest step
-    most_steps : steps at most: those of 100 s; longer motions have longer ones
-    jump_ratio : of the interval before it: a longer gap is an interval of a short motion, no
-        jump
-    even : relative difference of steps that count as equal
-    ratio : grid points to each mesh interval, at least
-    least_ratio : the same where there would be more than many_points
-    many_points : points from which least_ratio holds
+    step : float
+        Longest step, s.
+    most_steps : int
+        Largest number of steps in 100 s; the steps of a longer motion are longer.
+    jump_ratio : float
+        Largest length of a gap that represents a jump, relative to the interval before it.
+    even : float
+        Relative difference below which two steps count as equal.
+    ratio : int
+        Smallest number of grid points in a mesh interval.
+    least_ratio : int
+        Smallest number of grid points in a mesh interval if the grid exceeds ``many_points``.
+    many_points : int
+        Number of points from which ``least_ratio`` holds.
     """
 
     step: float = 0.25e-3
@@ -47,10 +53,10 @@ DENSE_GRID = DenseGrid()
 
 
 def jump_gaps(t: FloatArray, i: NDArray[np.intp] | None = None) -> NDArray[np.bool_]:
-    """Give which intervals [N-1] between times t [N] stand for a jump; ``i`` chooses some of them.
+    """Return True for each interval [N-1] between times t [N], or only those in ``i``, of a jump.
 
-    The first never does: there is nothing before it that the acceleration could jump from. Nor do
-    even steps, which are the samples of one interval.
+    The first interval is none, as there is no acceleration before it. Two equal steps in sequence
+    are samples of one interval, not a jump.
     """
     first = np.arange(t.size - 1) if i is None else i
     last = np.minimum(first + 2, t.size - 1)
@@ -61,13 +67,13 @@ def jump_gaps(t: FloatArray, i: NDArray[np.intp] | None = None) -> NDArray[np.bo
 
 
 def nearest_samples(t: FloatArray, times: FloatArray) -> NDArray[np.intp]:
-    """Return which of the samples at t [N] are nearest to some times [K]."""
+    """Return the indices of the samples at t [N] that are nearest to some times [K]."""
     after = np.clip(np.searchsorted(t, times), 1, t.size - 1)
     return after - (times - t[after - 1] < t[after] - times)
 
 
 def mesh_of(motion: Motion) -> FloatArray:
-    """Give breaks of a motion with both ends; the gap that stands for a jump is not an interval."""
+    """Return the breaks of a motion with both ends, in which a jump's gap is not an interval."""
     breaks = motion.t if motion.breaks is None else motion.breaks
     inner = breaks[(breaks > 0.0) & (breaks < motion.duration)]
     mesh = np.concatenate([[0.0], inner, [motion.duration]])
@@ -76,10 +82,10 @@ def mesh_of(motion: Motion) -> FloatArray:
 
 
 def quadrature(t: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return times [3(N-1)] between samples [N], s, and weights with which values there make
-    integrals.
+    """Return times [3(N-1)] between samples [N], s, and quadrature weights.
 
-    By Gauss, exact for the square of a torque that bends between two samples.
+    Gauss's rule with three points is exact for the square of a torque that is quadratic between
+    two samples.
     """
     points, weights = np.polynomial.legendre.leggauss(3)
     half = 0.5 * np.diff(t)[:, None]
@@ -87,19 +93,19 @@ def quadrature(t: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def numbered(counts: NDArray[np.int_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return the interval, and the number within it, of each of so many places in intervals [N]."""
+    """Return, for counts [N] of places in intervals, each place's interval and number within it."""
     i = np.repeat(np.arange(counts.size), counts)
     return i, np.arange(i.size) - (np.cumsum(counts) - counts)[i]
 
 
 def with_parts(t: FloatArray, parts: NDArray[np.int_]) -> FloatArray:
-    """Divide intervals between times [N+1] into so many equal parts [N] each."""
+    """Split each interval between times [N+1] into equal parts; their number is ``parts`` [N]."""
     i, k = numbered(parts)
     return np.append(t[i] + k / parts[i] * np.diff(t)[i], t[-1])
 
 
 def dense_times(motion: Motion) -> tuple[FloatArray, float]:
-    """Return dense grid and its least number of points to a mesh interval."""
+    """Return the dense grid and the least number of its points in a mesh interval."""
     mesh = mesh_of(motion)
     lengths = np.diff(mesh)
     step = max(DENSE_GRID.step, checks.longest_step(motion.duration, DENSE_GRID.most_steps))
@@ -107,23 +113,21 @@ def dense_times(motion: Motion) -> tuple[FloatArray, float]:
         np.clip(DENSE_GRID.many_points // lengths.size, DENSE_GRID.least_ratio, DENSE_GRID.ratio)
     )
     points = np.maximum(ratio, np.ceil(lengths / step - 1e-9)).astype(int)
-    # Just before each break as well, for the limits from the left.
+    # Points just before each break give the limits from the left.
     before = mesh[1:-1] - np.minimum(2 * JUMP_GAP, 1e-3 * lengths[:-1])
     grid = np.concatenate([with_parts(mesh, points), before, motion.t])
     return np.unique(grid), float(points.min())
 
 
 def history_of(motion: Motion, t: FloatArray, cycle: bool = False) -> StateHistory:
-    """Return states at times t [N], and the jumps of the acceleration at the motion's ends and
-    inside.
-    """
+    """Return states at times t [N], and the jumps of the acceleration at the ends and inside."""
     gaps = np.flatnonzero(jump_gaps(motion.t))
     first, last = np.append(0, gaps + 1), np.append(gaps, motion.t.size - 1)
     starts, ends = (
         MotionSamples(motion.q[k], motion.qd[k], motion.qdd[k], np.zeros_like(motion.qdd[k]))
         for k in (first, last)
     )
-    # what changes evenly up to the break is no jump at it
+    # A linear change of the acceleration up to the break is no jump.
     evenly = np.diff(motion.t)[gaps, None] * motion.samples(motion.t[gaps]).qddd
     ends.qdd[:-1] += evenly
     jumps = jumps_between(starts, ends, cycle=cycle)

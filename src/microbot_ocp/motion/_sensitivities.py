@@ -1,4 +1,4 @@
-"""What a second is worth: how the duration of a fastest motion changes with its data."""
+"""Derivatives of the shortest duration with respect to limits, via points and payload."""
 
 from __future__ import annotations
 
@@ -20,34 +20,34 @@ from microbot_ocp.robot import Robot
 if TYPE_CHECKING:
     from microbot_ocp.motion._motion import Motion
 
-STEP = 1e-3  # m: torques are quadratic in where a point mass is, so that any step is exact
-ACCURACY = 0.01  # of slopes that are not flagged
+# M; torques are quadratic in the position of a point mass, so differences of any step are exact.
+STEP = 1e-3
+ACCURACY = 0.01  # relative error of slopes that are not flagged
 
 
 @dataclass(frozen=True, eq=False)
 class Sensitivities:
-    """Slopes of the duration of a fastest motion, where the same limits stay active.
+    """Derivatives of the shortest duration, valid while the set of active limits does not change.
 
     Attributes
     ----------
     robot : Robot
     duration : float
-        s.
+        Shortest duration, s.
     lower, upper : mapping from the key of a limit to array [k]
-        s per unit of the bound: what one more of it changes. A larger upper bound saves time, so
-        that its slopes are not above 0.
+        Derivatives with respect to the bounds, s per unit. A larger upper bound shortens the
+        motion, so the derivatives of ``upper`` are at most 0.
     via : array [m,n]
-        s/rad (s/m) of the via points.
+        Derivatives with respect to the via points, s/rad (s/m).
     payload_mass : float
-        s/kg of a point mass at the tool's origin; NaN without masses.
+        Derivative with respect to a point mass at the tool's origin, s/kg; NaN without masses.
     payload_place : array [3]
-        s/m of the place of the payload in the tool frame, with the mass that was given; NaN without
-        masses.
+        Derivative with respect to the payload's position in the tool frame, at the given mass,
+        s/m; NaN without masses.
     least : float
-        What a datum must be worth, s, for its slope to be told to about a hundredth: slopes are
-        those of the duration with its smoothing, which changes with the datum, too, and with what
-        the solver left of its barrier, so of a limit that the motion only comes near to they say
-        nothing. Rows of the table below it are flagged.
+        Smallest effect |derivative * bound|, s, at which a derivative is accurate to about 1 %.
+        The derivatives include changes of the smoothing and of the solver's barrier term, which
+        hide the effect of limits that the motion only approaches. The table flags rows below it.
     """
 
     robot: Robot
@@ -61,13 +61,11 @@ class Sensitivities:
 
     @property
     def binding(self) -> frozenset[str]:
-        """Titles of the limits that bind for sure."""
+        """Titles of the limits that certainly bind."""
         return frozenset(row[0] for row in self.table().rows if row[4] == "yes")
 
     def table(self) -> Table:
-        """Return what one unit more of each bound that matters saves, the most for a percent
-        first.
-        """
+        """Return the time saved by one unit more of each relevant bound, largest effect first."""
         family = LimitFamily.of(self.robot)
         rows = []
         for side, slopes in (("lower", self.lower), ("upper", self.upper)):
@@ -77,7 +75,7 @@ class Sensitivities:
                 member = family[key]
                 bounds = getattr(member, side)
                 for joint, slope in enumerate(values):
-                    # one that varies is no number
+                    # A bound that varies along the motion is NaN.
                     worth = abs(slope * bounds[joint]) if np.isfinite(bounds[joint]) else 0.0
                     if worth > ACCURACY * self.least:
                         saved = -1e3 * slope * (1.0 if side == "upper" else -1.0)
@@ -98,28 +96,28 @@ class Sensitivities:
         if np.isfinite(self.payload_mass):
             notes = [f"one more kg at the tool costs {1e3 * self.payload_mass:.3g} ms"]
         if any(row[4] == "barely" for row in rows):
-            notes.append("what barely binds may cease to with a step: its slope is not sure")
+            notes.append("a limit that barely binds may become inactive: its slope is uncertain")
         return Table(columns, rows, notes=notes)
 
     def plot(self, axes: GivenAxes | None = None) -> DrawnAxes:
-        """Give bars of what one percent of each limit saves: :func:`microbot_ocp.plots.prices`."""
+        """Return bars of the time saved by 1 % of each limit: :func:`microbot_ocp.plots.prices`."""
         return view_for(self, "plot")(self, axes)
 
 
 @dataclass(frozen=True, eq=False)
 class DurationLine:
-    """The shortest duration over one datum of a task, with its slopes.
+    """Shortest duration as a function of one datum of a task, with its derivatives.
 
     Attributes
     ----------
     name, unit : str
-        Of the datum.
+        Name and unit of the datum.
     values : array [K]
-        In its unit.
+        Values of the datum, in its unit.
     duration : array [K]
-        s; NaN where nothing was found.
+        Shortest durations, s; NaN where none was found.
     slope : array [K]
-        s per unit, by the multipliers of each solve; NaN likewise.
+        Derivatives from the multipliers of each solve, s per unit; NaN where none was found.
     binding : tuple of frozenset of str
         Titles of the limits that bind at each value.
     """
@@ -133,7 +131,7 @@ class DurationLine:
 
     @property
     def changes(self) -> np.ndarray:
-        """Before which values [K] other limits bind than at the value before: slopes end there."""
+        """Mask [K] of the values at which other limits bind than at the value before."""
         pairs = zip(self.binding, self.binding[1:], strict=False)
         return np.array([False, *(before != after for before, after in pairs)])
 
@@ -163,12 +161,12 @@ class DurationLine:
 def sensitivities_of(
     motion: Motion, robot: Robot, mass: float, center_of_mass: ArrayLike
 ) -> Sensitivities:
-    """Return slopes of the duration; see :meth:`microbot_ocp.Motion.sensitivities`."""
+    """Return derivatives of the duration; see :meth:`microbot_ocp.Motion.sensitivities`."""
     multipliers = motion.provenance.get("multipliers")
     if not multipliers or "rows" not in multipliers:
         raise InputError(
-            "motion has no multipliers: those of time_optimal and prepared solvers through via "
-            "points have"
+            "motion has no multipliers: only motions of time_optimal and of prepared solvers "
+            "through via points have them"
         )
     checks.joints("motion", motion.joint_count, robot)
     load = checks.number("mass", mass, "kg", at_least=0.0)
@@ -189,7 +187,7 @@ def sensitivities_of(
             )
 
         unloaded = total(0.0, place)
-        with interpreted():  # arms with a payload are met once
+        with interpreted():  # each payload is used once
             by_mass = total(1.0, place) - unloaded  # torques are affine in it
             by_place = np.zeros(3)
             if load:

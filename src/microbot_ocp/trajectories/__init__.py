@@ -1,9 +1,9 @@
 """Textbook trajectories through via points, and the shortest duration of any shape.
 
-In: joint positions at via points and their times. Out: a ``PiecewisePolynomial`` of cubics
-(:func:`cubic`, :func:`spline`), quintics (:func:`quintic`) or lines with parabolic blends
-(:func:`lspb`); :func:`shortest_duration` stretches it until a limit is just met, and
-:func:`best_split` chooses the times at the via points, too. Begin with ``_through_points.py``.
+Cubics (:func:`cubic`, :func:`spline`), quintics (:func:`quintic`) and lines with parabolic blends
+(:func:`lspb`) turn joint positions at via points and their times into a ``PiecewisePolynomial``.
+:func:`shortest_duration` stretches it until it just meets a limit, and :func:`best_split` chooses
+the times at the via points, too. The first module to read is ``_through_points.py``.
 """
 
 from microbot_ocp._base import border

@@ -1,4 +1,4 @@
-"""The shortest duration of a shape whose parts may share the time as suits the limits best."""
+"""The shortest duration of a shape over all divisions of the time between its parts."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from microbot_ocp.trajectories._shortest_duration import (
 )
 
 MakeSplit = Callable[..., PiecewisePolynomial]
-DIFFERENCE = float(np.sqrt(np.finfo(float).eps))  # of logarithms, for slopes by differences
-POINTS = 48  # of a piece, among which the largest uses are; the answer is stretched exactly
-EVERY = 3  # of them: a use there is one that a step looks at, too
+DIFFERENCE = float(np.sqrt(np.finfo(float).eps))  # step of the logarithms for finite differences
+POINTS = 48  # points of a piece for the largest uses; the result is stretched exactly
+STRIDE = 3  # every third point is a row of the program, too
 
 
 def best_split(
@@ -40,51 +40,49 @@ def best_split(
     tolerance: float = 1e-4,
     time_limit: float = np.inf,
 ) -> Scaled:
-    """Return the shortest duration of a shape over all splits of its time between its parts, and
-    over further numbers that shape it.
+    """Return the shortest duration of a shape over the durations of its parts and further numbers.
 
     :func:`shortest_duration` stretches all parts alike; here each part, such as the segment between
-    two via points, has a duration of its own. The uses of the limits, at their local maxima and on
-    a grid between them, are linearised in the logarithms of the durations and in the further
-    numbers, and a quadratic program (DAQP) with the curvature of the Lagrangian (damped BFGS; at
-    first a linear one, HiGHS)
-    proposes the best within a distance, which grows where promises are kept and shrinks where they
-    are not; the proposal is stretched until a limit is just met. This is a trust-region method for
-    the maximum of smooth functions (Fletcher, *Practical Methods of Optimization*, 2nd ed.,
-    chapter 14). Splits that leave the position limits, or whose poses cannot be held at rest, are
-    left the same way. The answer is a local optimum: the best of those from the first splits.
+    two via points, has a duration of its own. The method is a trust-region method for the maximum
+    of smooth functions (Fletcher, *Practical Methods of Optimization*, 2nd ed., chapter 14). It
+    linearises the uses of the limits, at their local maxima and on a coarse grid, in the logarithms
+    of the durations and in the further numbers. A quadratic program (DAQP; a linear one, HiGHS, at
+    first) with the curvature of the Lagrangian (damped BFGS) proposes the best step within the
+    trust region, and the new split is stretched until it just meets a limit. The region grows if
+    the predicted gain is achieved and shrinks otherwise. Splits that leave the position limits, or
+    whose poses cannot be held at rest, are repaired by similar steps. The result is the best of
+    the local optima from all first splits.
 
     Parameters
     ----------
     robot : Robot
     make_motion : callable
-        ``durations of the parts (array [k], s) -> PiecewisePolynomial``, which is stretched as they
-        are: twice the durations give the same shape, twice as slow. With ``first_shape``:
+        Function ``durations of the parts (array [k], s) -> PiecewisePolynomial``; twice the
+        durations must give the motion at half the speed. With ``first_shape``:
         ``(durations, shape (array [p])) -> PiecewisePolynomial``.
     first_durations : array_like [k] or [s,k]
-        One or several splits to start from, s; only their ratios matter. :func:`first_splits` has
-        two for segments between via points.
+        Initial durations of the parts, s; only their ratios matter. :func:`first_splits` has two
+        for segments between via points.
     limits : Limits or JointLimits, optional
-        Default ``robot.limits``.
+        Limits; default ``robot.limits``.
     first_shape : array_like [p] or [s,p], optional
-        Further numbers to start from that are the same at any speed, of the size of the way of a
-        joint, such as velocities at via points times the sum of the durations.
+        Initial further numbers, which must not depend on the speed and have the magnitude of a
+        joint's travel, such as velocities at via points times the sum of the durations.
     tolerance : float
-        The search ends where the quadratic program promises no duration that is shorter by more
-        than this share.
+        Relative gain in duration, predicted by the quadratic program, below which the search ends.
     time_limit : float
-        Wall time, s, after which the best so far is returned with the status "time limit".
+        Wall time, s, after which the best result so far has the status "time limit".
 
     Returns
     -------
     Scaled
-        ``split`` holds the durations of the parts.
+        Motion; ``split`` holds the durations of the parts.
 
     Raises
     ------
     InputError
-        As of :func:`shortest_duration`, for the best split; a ``make_motion`` that does not stretch
-        its shape; first durations that are not above zero.
+        Errors of :func:`shortest_duration` for the best split; a ``make_motion`` whose motion does
+        not scale with the durations; or first durations that are not above zero.
 
     Examples
     --------
@@ -124,10 +122,9 @@ def split_and_shape(
     *,
     first_shape: ArrayLike | None = None,
 ) -> tuple[FloatArray, PiecewisePolynomial]:
-    """Return the durations [k] and the shape that :func:`best_split` chooses, also one that it
-    would refuse.
+    """Return the durations [k] and the shape from :func:`best_split`, even a refused one.
 
-    For the timing of its path, which may keep limits that the shape breaks at any duration.
+    A path timing may keep limits that the shape violates at any duration.
     """
     search = _SplitSearch(robot, make_motion, limits)
     split = search.best(first_durations, first_shape)
@@ -135,8 +132,7 @@ def split_and_shape(
 
 
 def first_splits(via_q: ArrayLike) -> FloatArray:
-    """Return splits [2,m-1] to start from: segments of equal times, and as long as their largest
-    step.
+    """Return initial splits [2,m-1]: equal, and proportional to the largest step of a segment.
 
     Examples
     --------
@@ -157,16 +153,16 @@ class _Split:
     Attributes
     ----------
     point : array [k+p]
-        Logarithms of the durations of the parts, then what else shapes the motion.
+        Logarithms of the durations of the parts, followed by the further numbers.
     shape : PiecewisePolynomial
     piece, fraction : array [S]
-        Where the uses are.
+        Piece, and share of its duration, of each sample.
     at, channel, use : array [R]
         Sample, limit and value of each use.
     lasting : array [R] of bool
-        Whether it does not depend on the duration: of positions, and of the arm held at rest.
+        True for uses that do not depend on the duration: of positions, and of the arm at rest.
     violation : float
-        Largest excess of those.
+        Largest excess of the uses in ``lasting``.
     log_duration : float
     """
 
@@ -183,9 +179,7 @@ class _Split:
 
 
 class _Trial(NamedTuple):
-    """A change of the point, the share of the duration that it promises, and the multipliers [R]
-    of the uses.
-    """
+    """A step of the point, its predicted relative gain, and the multipliers [R] of the uses."""
 
     change: FloatArray
     promise: float
@@ -193,7 +187,7 @@ class _Trial(NamedTuple):
 
 
 class _SplitSearch:
-    """Searches for the best split from first ones; counts the shapes that are tried."""
+    """Search for the best split, which counts the shapes that it tries."""
 
     def __init__(
         self,
@@ -208,11 +202,11 @@ class _SplitSearch:
         self.tolerance = checks.number("tolerance", tolerance, above=0.0, at_most=0.1)
         self.tried = 0
         self.parts, self.shaped = 0, False
-        self.weights = np.empty(0)  # of the parts' durations in the whole one
-        self.units = np.empty(0)  # of a point's entries
+        self.weights = np.empty(0)  # derivatives of the whole duration by the parts' durations
+        self.units = np.empty(0)  # scales of a point's entries
 
     def best(self, first_durations: ArrayLike, first_shape: ArrayLike | None = None) -> _Split:
-        """Return the best split that is found from any of the first ones."""
+        """Return the best split that the search finds from any of the first ones."""
         first = checks.array("first_durations", np.atleast_2d(first_durations), (None, None), "s")
         if not first.size or not np.all(first > 0.0):
             raise InputError(f"first_durations must be above 0 s, not {first.tolist()}")
@@ -252,7 +246,7 @@ class _SplitSearch:
         return self.make(durations, point[self.parts :]) if self.shaped else self.make(durations)
 
     def best_from(self, point: FloatArray) -> _Split:
-        """Follow quadratic programs downhill."""
+        """Return the local optimum that quadratic programs reach from a point."""
         split, reach = self.stretched(point), np.log(2.0)
         slopes, curvature = None, np.zeros((point.size, point.size))
         while (split.violation or not split.lasting.all()) and not deadline.over():
@@ -261,7 +255,7 @@ class _SplitSearch:
             if step.promise <= self.tolerance * (split.violation or 1.0):
                 break
             point = split.point + self.units * step.change
-            if split.violation:  # which no stretch changes
+            if split.violation:  # a violation that stretching does not change
                 point[: self.parts] -= np.log(self.weights @ np.exp(point[: self.parts]))
             other = self.stretched(point)
             gain = split.violation - other.violation
@@ -277,9 +271,7 @@ class _SplitSearch:
         return split
 
     def stretched(self, point: FloatArray) -> _Split:
-        """Return the split with these ratios that just meets a limit: Newton's method, with a
-        bracket.
-        """
+        """Return the split at these ratios that just meets a limit (bracketed Newton's method)."""
         first, too_short, enough = float(point[0]), -np.inf, np.inf
         while True:
             split = self.at(point)
@@ -293,7 +285,8 @@ class _SplitSearch:
             if here - first > np.log(DURATION_SEARCH.longest):
                 return replace(split, violation=float(use.max()) - 1.0)
             too_short, enough = (here, enough) if use.max() > 1.0 else (too_short, here)
-            held = np.where(use > 1.0, double, -np.inf)  # slower is not less here
+            # The use does not fall with the duration here.
+            held = np.where(use > 1.0, double, -np.inf)
             falls = slope < 0.0
             wanted = np.where(falls, -use * np.log(use) / np.where(falls, slope, 1.0), held)
             change = float(np.clip(wanted.max(), -double, np.log(DURATION_SEARCH.longest)))
@@ -304,7 +297,7 @@ class _SplitSearch:
             point = point + change * (np.arange(point.size) < self.parts)
 
     def at(self, point: FloatArray) -> _Split:
-        """Look for the maxima at these durations."""
+        """Return the split of a point, with the maxima of its uses."""
         self.tried += 1
         shape = self.shape_at(point)
         count, points = len(shape.breaks) - 1, POINTS + 1
@@ -317,9 +310,9 @@ class _SplitSearch:
         chosen = (use >= before) & (use > after)
         inside = chosen & np.isfinite(before) & np.isfinite(after)
         bend = np.where(inside, 2.0 * use - before - after, 1.0)
-        # The parabola through a maximum and its neighbours rises above it.
+        # The vertex of a parabola through a maximum and its neighbours lies above the maximum.
         use = use + np.where(inside, (after - before) ** 2, 0.0) / (8.0 * bend)
-        chosen[:, ::EVERY] = True  # between the maxima new ones arise, and old ones move
+        chosen[:, ::STRIDE] = True  # the maxima move with the step, and new ones arise between them
         row, channel = np.nonzero((chosen & (use > 0.0)).reshape(count * points, -1))
         sample, at = np.unique(row, return_inverse=True)
         violation = float(use[..., : lasting.shape[1]].max(initial=0.0)) - 1.0
@@ -337,14 +330,14 @@ class _SplitSearch:
         )
 
     def uses(self, shapes: Sequence[PiecewisePolynomial], split: _Split) -> FloatArray:
-        """Uses [c,R] of other shapes at the places of those of a split."""
+        """Return uses [c,R] of other shapes at the samples and channels of a split."""
         samples = [_samples(shape, split.piece, split.fraction) for shape in shapes]
         joined = MotionSamples(*map(np.concatenate, zip(*samples, strict=True)))
         uses = np.hstack(self.uses_at(joined)).reshape(len(shapes), split.piece.size, -1)
         return uses[:, split.at, split.channel]
 
     def uses_at(self, samples: MotionSamples) -> tuple[FloatArray, FloatArray]:
-        """Use [S, ...] of the limits at any duration, and of those of the motion."""
+        """Return the uses [S, ...] that do not depend on the duration, and those of the motion."""
         rest, limited = MotionSamples.at_rest(samples.q), self.family.of_order(1, 2, 3)
         held = [key for key in limited if key not in ("qd", "qdd", "qddd", "taud")]
         lasting = self.family.use(samples, self.family.of_order(0)) | self.family.use(rest, held)
@@ -353,13 +346,13 @@ class _SplitSearch:
         return np.hstack([empty, *lasting.values()]), np.hstack([empty, *moving.values()])
 
     def slopes(self, point: FloatArray, split: _Split) -> FloatArray:
-        """Return slopes [R,k+p] of the uses at a point, at the places of those of a split."""
+        """Return derivatives [R,k+p] of the uses at a point, at the samples of a split."""
         changes = np.vstack([np.zeros(point.size), DIFFERENCE * np.diag(self.units)])
         uses = self.uses([self.shape_at(point + change) for change in changes], split)
         return (uses[1:] - uses[0]).T / DIFFERENCE
 
     def shares(self, point: FloatArray) -> FloatArray:
-        """Return the slopes [k+p] of the logarithm of the duration."""
+        """Return derivatives [k+p] of the logarithm of the duration."""
         durations = self.weights * np.exp(point[: self.parts])
         return np.append(durations / durations.sum(), np.zeros(point.size - self.parts))
 
@@ -371,7 +364,7 @@ class _SplitSearch:
         other: _Split,
         multipliers: FloatArray,
     ) -> FloatArray:
-        """Return the curvature [k+p,k+p] of the Lagrangian as a step shows it: damped BFGS."""
+        """Return the curvature [k+p,k+p] of the Lagrangian after a damped BFGS update."""
         active = multipliers > 0.0
         if not active.any():
             return curvature
@@ -386,7 +379,7 @@ class _SplitSearch:
         turned = self.slopes(other.point, places) - slopes[active]
         change = (other.point - split.point) / self.units
         rise = multipliers[active] @ turned + self.shares(other.point) - self.shares(split.point)
-        if not curvature.any():  # of the size that the first step shows
+        if not curvature.any():  # the first step gives the scale
             size = max(float(change @ rise), 0.0) / max(float(change @ change), DIFFERENCE)
             curvature = max(size, DIFFERENCE) * np.eye(change.size)
         there = curvature @ change
@@ -400,20 +393,20 @@ class _SplitSearch:
     def step(
         self, split: _Split, slopes: FloatArray, curvature: FloatArray, reach: float
     ) -> _Trial:
-        """Return the step, by at most ``reach`` units each, that promises most."""
+        """Return the step of the largest predicted gain, at most ``reach`` units in each entry."""
         cost = self.shares(split.point)
         size = cost.size
-        # Limits that last are aimed at from inside, so that a step along them does not leave them.
+        # Uses that stretching cannot reduce get a margin, so that a step along them keeps them.
         inside = 1.0 - self.tolerance
         farthest = reach * np.abs(slopes).sum(axis=1)
         room = np.maximum(1.0 - split.use, 0.0)
         room = np.where(split.lasting, np.maximum(inside - split.use, -0.5 * farthest), room)
         within, rows = farthest > room, slopes
         least, most = np.full(size, -reach), np.full(size, reach)
-        # A part shorter than this share of the whole is not told from nothing.
+        # A part shorter than this share of the whole is indistinguishable from zero.
         shortest = np.log(DIFFERENCE) + split.log_duration - split.point[: self.parts]
         least[: self.parts] = np.maximum(np.minimum(shortest, 0.0), -reach)
-        if split.violation:  # the largest use that lasts is the last variable
+        if split.violation:  # the last variable is the largest such use
             within, room, cost = split.lasting, -split.use, np.append(np.zeros(size), 1.0)
             rows = np.column_stack([slopes, -np.ones(len(slopes))])
             least, most = np.append(least, inside), np.append(most, np.inf)
@@ -432,7 +425,7 @@ class _SplitSearch:
 
 
 def _program(count: int, rows: int, curved: bool) -> ca.Function:
-    """Return the solver of a step: of quadratic programs, or of linear ones."""
+    """Return the solver of a step, for quadratic or for linear programs."""
     h = ca.Sparsity.dense(count, count) if curved else ca.Sparsity(count, count)
     options: dict[str, Any] = {} if curved else {"highs": {"output_flag": False}}
     return ca.conic(

@@ -1,5 +1,6 @@
-"""The fastest cubics, and lines with parabolic blends, through via points: all their times and via
-velocities are chosen.
+"""The fastest cubics, and lines with parabolic blends, through via points.
+
+All times and via velocities are optimised.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from microbot_ocp.trajectories._through_points import (
 )
 
 Velocities = Callable[[ViaPoints], FloatArray]
-BLEND = 0.25  # of each segment: blends to start from
+BLEND = 0.25  # share of each segment, initial blend time
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,10 +41,10 @@ class Segments:
     ----------
     via_q : array [m,n]
     blended : bool
-        Linear segments with parabolic blends instead of cubic ones.
+        True for linear segments with parabolic blends, False for cubic segments.
     blend : float, optional
-        Blend time as a share of each segment; without, the blends are parts: they, then the times
-        between them, of which each takes one.
+        Blend time as a share of each segment. If None, the parts are the blend times [m-1]
+        followed by the durations of the linear pieces [m-1].
     """
 
     via_q: FloatArray
@@ -52,11 +53,11 @@ class Segments:
 
     @property
     def free_blends(self) -> bool:
-        """Whether each segment has two parts."""
+        """True if each segment has two parts."""
         return self.blended and self.blend is None
 
     def parts(self, durations: FloatArray) -> FloatArray:
-        """Return durations of parts [...,k] for those of the segments, to start from."""
+        """Return initial durations of parts [...,k] for given durations of the segments."""
         if not self.free_blends:
             return durations
         return np.concatenate([BLEND * durations, (1.0 - 2.0 * BLEND) * durations], axis=-1)
@@ -75,14 +76,14 @@ class Segments:
         return ViaPoints(self.via_q, np.concatenate([[0.0], np.cumsum(self.durations(parts))]))
 
     def with_velocities(self, parts: FloatArray, choose: Velocities) -> PiecewisePolynomial:
-        """Return the motion with the via velocities that are chosen for its times."""
+        """Return the motion whose via velocities ``choose`` computes from its times."""
         via = self.via(parts)
         if self.blended:
             return lspb_through(via, self.blends(parts), choose(via))
         return cubic_through(via, choose(via))
 
     def with_shape(self, parts: FloatArray, shape: FloatArray) -> PiecewisePolynomial:
-        """Return the motion with these velocities at inner via points, times its duration."""
+        """Return the motion with inner via velocities ``shape`` divided by its duration."""
 
         def velocities(via: ViaPoints) -> FloatArray:
             inner = shape.reshape(-1, via.q.shape[1]) / via.t[-1]
@@ -92,8 +93,9 @@ class Segments:
 
 
 def textbook(robot: Robot, segments: Segments, usual: Velocities, first: FloatArray) -> Scaled:
-    """Return the best split of the time with the usual via velocities, from first durations [s,m-1]
-    of the segments.
+    """Return the best split of the time with textbook via velocities.
+
+    ``first`` [s,m-1] holds initial durations of the segments.
     """
     make = partial(segments.with_velocities, choose=usual)
     return best_split(robot, make, segments.parts(first))
@@ -116,7 +118,7 @@ def fastest_path(
     usual: Velocities = via_velocities,
     first: FloatArray | None = None,
 ) -> PiecewisePolynomial:
-    """Return the path of :func:`fastest`, also where its jumps of the torque break a limit."""
+    """Return the path of :func:`fastest`, even if its jumps of the torque violate a limit."""
     durations, shapes = _starts(robot, segments, usual, first)
     return split_and_shape(robot, segments.with_shape, durations, first_shape=shapes)[1]
 
@@ -124,11 +126,10 @@ def fastest_path(
 def _starts(
     robot: Robot, segments: Segments, usual: Velocities, first: FloatArray | None
 ) -> tuple[FloatArray, FloatArray]:
-    """Return durations of parts [s,k] and via velocities [s,p] to search from.
+    """Return initial durations of parts [s,k] and initial via velocities [s,p].
 
-    The best split with the usual velocities comes first, so that no answer is slower than it; then
-    stops and a spline's velocities at the splits of :func:`first_splits`. On 110 tasks of the
-    Microbot at random these five missed the best of seven starts by 0.02 % at most.
+    The best split with textbook velocities is the first, so that no result is slower; stops and the
+    velocities of a spline follow, each at both splits of :func:`first_splits`.
     """
     splits = first_splits(segments.via_q)
     make = partial(segments.with_velocities, choose=usual)
@@ -150,28 +151,27 @@ def best_cubic(
 ) -> Scaled:
     """Return the fastest cubic segments through via points that keep the limits.
 
-    All times and all velocities at the inner via points are chosen: :func:`best_split` from the
+    :func:`best_split` optimises all times and all velocities at the inner via points, from the
     best split with Craig's velocities (:func:`cubic`), from stops and from a spline's velocities.
-
     Parameters
     ----------
     robot : Robot
     via_q : array_like [m,n]
-        Via points, rad (m); at rest at both ends.
+        Via points, rad (m), at rest at both ends.
     limits : Limits or JointLimits, optional
-        Default ``robot.limits``.
+        Limits; default ``robot.limits``.
     time_limit : float
-        Wall time, s, after which the best so far is returned with the status "time limit".
+        Wall time, s, after which the best result so far has the status "time limit".
 
     Returns
     -------
     Scaled
-        ``split`` holds the durations of the segments.
+        Motion; ``split`` holds the durations of the segments.
 
     Raises
     ------
     InputError
-        Wrong via points; as of :func:`shortest_duration`.
+        Wrong via points; errors of :func:`shortest_duration`.
 
     Examples
     --------
@@ -195,25 +195,25 @@ def best_lspb(
 ) -> Scaled:
     """Return the fastest linear segments with parabolic blends through via points.
 
-    As :func:`best_cubic`; the blend times are chosen, too.
+    The method is that of :func:`best_cubic`; the blend times are optimised, too.
 
     Parameters
     ----------
     robot, via_q, limits, time_limit
-        As of :func:`best_cubic`.
+        Arguments of :func:`best_cubic`.
     blend : float, optional
-        Blend time as a share of each segment, up to 0.5; by default the best of each.
+        Blend time as a share of each segment, up to 0.5; by default optimised for each.
 
     Returns
     -------
     Scaled
-        ``split`` holds the blend times, then the times between two blends, of the segments; with
-        ``blend`` the durations of the segments.
+        Motion; ``split`` holds the blend times, followed by the durations of the linear pieces;
+        with ``blend`` the durations of the segments.
 
     Raises
     ------
     InputError
-        As of :func:`best_cubic`.
+        Errors of :func:`best_cubic`.
     """
     if blend is not None:
         blend = checks.number("blend", blend, "of a segment", above=0.0, at_most=0.5)
@@ -228,7 +228,7 @@ def _best(
     **kind: Any,
 ) -> Scaled:
     started = time.perf_counter()
-    first_splits(via_q)  # refuses wrong via points
+    first_splits(via_q)  # raises InputError for wrong via points
     segments = Segments(np.asarray(via_q, dtype=float), **kind)
     if limits is not None:
         robot = LimitFamily.of(robot, limits).robot

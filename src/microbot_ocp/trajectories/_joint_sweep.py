@@ -1,4 +1,4 @@
-"""A motion that shows what every joint does."""
+"""A motion that demonstrates every joint in turn."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from microbot_ocp.trajectories._through_points import quintic
 def joint_sweep(
     robot: Robot, *, angle: float = np.pi / 3, distance: float = 0.35, least_time: float = 1.0
 ) -> Motion:
-    """Return every joint in turn to either side of the rest pose and back, from rest to rest.
+    """Return a motion of every joint in turn to both sides of the rest pose, from rest to rest.
 
-    The limits of position, velocity and acceleration hold; torques are what it takes.
+    The motion keeps the limits of position, velocity and acceleration, not of torque.
 
     Parameters
     ----------
     robot : Robot
     angle, distance : float
-        How far a revolute joint turns to either side, rad, and a prismatic one slides, m, where
-        its limits allow.
+        Deflection of a revolute joint to either side, rad, and of a prismatic one, m, within the
+        position limits.
     least_time : float
-        Of one way, s; longer where the limits of velocity and acceleration ask for it.
+        Duration of one deflection, s; longer if velocity or acceleration limits require it.
 
     Returns
     -------
     Motion
-        Of a robot without masses with torques of zero.
+        Motion, with torques of zero for a robot without masses.
 
     Examples
     --------
@@ -44,7 +44,8 @@ def joint_sweep(
         np.minimum(-lower, upper) for lower, upper in map(robot.limits.bounds, ("qd", "qdd"))
     )
     steps = np.where(np.array(robot.joint_types) == "revolute", angle, distance)
-    steps[np.minimum(speed, acceleration) <= 0.0] = 0.0  # what a joint cannot do in both directions
+    # A joint that cannot move in both directions.
+    steps[np.minimum(speed, acceleration) <= 0.0] = 0.0
     points, times = [rest], [0.0]
     for joint, step in enumerate(steps):
         for target in (rest[joint] + step, rest[joint] - step, rest[joint]):
@@ -54,9 +55,10 @@ def joint_sweep(
     for start, end in pairwise(points):
         way = np.abs(end - start)
         moves = way > 0.0
-        # the peaks of a quintic from rest to rest, over the mean of its velocity
+        # A quintic from rest to rest has peaks of 15/8 d/T and 10/sqrt(3) d/T^2.
         by_speed = 15 / 8 * way[moves] / speed[moves]
         by_acceleration = np.sqrt(10 / np.sqrt(3) * way[moves] / acceleration[moves])
         times.append(times[-1] + float(max([least_time, *by_speed, *by_acceleration])))
-    step = SAMPLE_STEP if robot.has_dynamics else 10.0 * SAMPLE_STEP  # a quintic is exact
+    # A quintic is exact between samples.
+    step = SAMPLE_STEP if robot.has_dynamics else 10.0 * SAMPLE_STEP
     return Motion.from_polynomial(robot, quintic(points, times), label="joint by joint", step=step)

@@ -24,9 +24,12 @@ class DurationSearch:
 
     Attributes
     ----------
-    scan_ratio : step of the search from above, where the feasible set may have gaps
-    longest : times the first duration: no longer one is tried
-    shortest : times the first duration: no shorter one is tried
+    scan_ratio : float
+        Ratio of successive durations in a search from above, where the feasible set may have gaps.
+    longest : float
+        Longest duration, relative to the first.
+    shortest : float
+        Shortest duration, relative to the first.
     """
 
     scan_ratio: float = 1.05
@@ -44,31 +47,31 @@ class Scaled:
     Attributes
     ----------
     polynomial : PiecewisePolynomial
-        The motion; it keeps every limit.
+        Motion that keeps every limit.
     duration : float
-        Its duration, s.
+        Duration of the motion, s.
     factor : float
-        Duration divided by that of the shape given (NaN where a callable was given).
+        Duration divided by that of the given shape; NaN for a callable.
     quantity : str
-        Key of the limit that is just met, such as "tau"; "q" where a shorter motion of a callable
-        leaves the position limits, "shape" where the callable refuses one.
+        Key of the limit that is just met, such as "tau"; "q" if a shorter motion of a callable
+        leaves the position limits, "shape" if the callable refuses one.
     joint : str
-        Name of the joint that meets it; empty where the limit is not one of a joint.
+        Name of the joint at the limit; empty for a limit that is not of a joint.
     time : float
-        When, s.
+        Time at which the limit is met, s.
     value, limit : float
-        Value there and the limit, in ``unit``.
+        Value at that time and the limit, in ``unit``.
     unit : str
     utilisation : float
-        Largest share of any limit that depends on the duration: 1 or just below.
+        Largest share of any limit that depends on the duration, 1 or just below.
     iterations : int
-        How many durations were tried.
+        Number of durations that were tried.
     wall_time : float
-        s.
+        Wall time, s.
     status : Status
-        Solved, or "time limit".
+        Status SOLVED or TIME_LIMIT.
     split : array [k], optional
-        Durations of the parts where :func:`best_split` chose them, s.
+        Durations of the parts from :func:`best_split`, s.
     """
 
     polynomial: PiecewisePolynomial
@@ -88,7 +91,7 @@ class Scaled:
 
     @property
     def solved(self) -> bool:
-        """Whether no shorter duration keeps the limits."""
+        """True if no shorter duration keeps the limits."""
         return self.status.solved
 
 
@@ -103,35 +106,36 @@ def shortest_duration(
 ) -> Scaled:
     """Return the shortest duration at which a shape of motion keeps every limit.
 
-    When a motion is stretched in time by the factor l, velocities go with 1/l, accelerations with
-    1/l^2, and the torque at each point of the path is ``g(q) + c / l^2`` with gravity g and c from
-    inertia and Coriolis terms (Hollerbach, *Dynamic scaling of manipulator trajectories*, ASME
-    Journal of Dynamic Systems, Measurement, and Control 106, 1984). Without joint friction each
-    torque is affine in 1/l^2, so if gravity alone is within the limits, the feasible durations are
-    all those from some T* on, and T* is found by a bracketed root-find on the largest use of any
-    limit. Viscous friction adds a term in 1/l: then an instant may be infeasible only for a band
-    of durations, and the search comes from above in steps of 5 %, as it does for Coulomb friction
-    and for a callable, about which nothing is known. Position limits do not depend on the duration
-    and are checked first, as is the torque that holds the arm still.
+    Let a motion be stretched in time by the factor l. Velocities scale with 1/l, accelerations
+    with 1/l^2, and the torque at each point of the path is ``g(q) + c / l^2`` with gravity g
+    and inertial and Coriolis terms c (Hollerbach, *Dynamic scaling of manipulator
+    trajectories*, ASME Journal of Dynamic Systems, Measurement, and Control 106, 1984). Without
+    joint friction each torque is affine in 1/l^2. If gravity alone is within the limits, the
+    feasible durations are therefore all durations from some T*, which a bracketed root search
+    on the largest use of any limit finds. Viscous friction adds a term in 1/l, with which an
+    instant may be infeasible only for an interval of durations. For this case, for Coulomb
+    friction and for a callable the search therefore descends from long durations in steps of 5
+    %. Position limits, which do not depend on the duration, and the torque at rest are checked
+    first.
 
-    The largest use is that of a dense grid on every piece (both one-sided limits at each break),
-    with its maxima refined.
+    The largest use is evaluated on a dense grid of every piece (both one-sided limits at each
+    break), and its maxima are refined.
 
     Parameters
     ----------
     robot : Robot
     make_motion : PiecewisePolynomial or callable
-        A shape, which is stretched uniformly, or ``duration (s) -> PiecewisePolynomial`` of that
-        duration; an InputError that the callable raises counts as "too short".
+        Shape, which is stretched uniformly, or ``duration (s) -> PiecewisePolynomial`` of that
+        duration; an InputError of the callable means that the duration is too short.
     limits : Limits or JointLimits, optional
-        Default ``robot.limits``.
+        Limits; default ``robot.limits``.
     first_duration : float
-        First duration that a callable is tried with, s.
+        First duration for a callable, s.
     tolerance : float
-        The result uses between ``1 - tolerance`` and 1 of the limit that it meets.
+        Largest unused share of the limit that the result meets.
     time_limit : float
-        Wall time, s, after which the shortest that was found is returned with the status "time
-        limit"; where none of a callable keeps the limits by then, the ``utilisation`` is above 1.
+        Wall time, s, after which the shortest duration so far has the status "time limit"; its
+        ``utilisation`` is above 1 if no duration of a callable has kept the limits.
 
     Returns
     -------
@@ -140,9 +144,9 @@ def shortest_duration(
     Raises
     ------
     InputError
-        No limit at all; the shape leaves the position limits; gravity alone needs more torque than
-        allowed; the torque jumps, from what holds the arm before the motion or inside of it, though
-        its rate is limited (likewise the acceleration and the jerk); nothing limits the motion.
+        There is no limit; the shape leaves the position limits; gravity alone exceeds the torque
+        limits; the torque jumps, at an end at rest or inside, under a limit of its rate (likewise
+        the acceleration under one of jerk); or no limit bounds the motion.
 
     Examples
     --------
@@ -161,7 +165,7 @@ def shortest_duration(
 
 
 class _DurationSearch:
-    """One search for the shortest duration; counts the durations that were tried."""
+    """One search for the shortest duration, which counts the durations that it tries."""
 
     def __init__(
         self,
@@ -193,8 +197,8 @@ class _DurationSearch:
             self.first = checks.number("first_duration", first_duration, "s", above=0.0)
             self.make = make_motion
         friction = any(link.viscous_friction or link.coulomb_friction for link in robot.links)
-        # Without friction a longer duration of the same shape never asks for more; of a limit of
-        # the user's own nothing is known.
+        # The use of a shape without friction falls with the duration. Nothing is known about the
+        # user's own limits.
         self.from_above = (
             self.shape is None
             or (friction and bool({"tau", "taud"} & set(self.kinds)))
@@ -225,7 +229,8 @@ class _DurationSearch:
     def run(self, started: float) -> Scaled:
         good, bad = self._bracket()
         good, met, missed = self._narrow(good, bad)
-        # Where the use leaps at the bracket's end, what stops the motion is what the shorter asks.
+        # If the use is discontinuous at the bracket, the limit that the shorter duration violates
+        # is reported.
         cause = met if met.use >= 1.0 - 1e-6 else missed
         if np.isinf(cause.use) and cause.quantity in self.family.of_order(3):
             raise InputError(_jumps_text(self.family[cause.quantity], cause))
@@ -258,7 +263,8 @@ class _DurationSearch:
                 raise InputError(self._no_duration(bad))
             if self.shape is None and deadline.over():
                 return bad, bad
-            peak = self.evaluate(duration)  # of a shape in some milliseconds
+            # Some milliseconds for a shape, so the time limit is not tested.
+            peak = self.evaluate(duration)
         good = (duration, peak)
         if self.from_above and not deadline.over():
             top = self.evaluate(4.0 * duration)
@@ -296,7 +302,10 @@ class _DurationSearch:
     def _narrow(
         self, good: tuple[float, Peak], bad: tuple[float, Peak]
     ) -> tuple[float, Peak, Peak]:
-        """Return Illinois regula falsi in 1/T^2, in which a torque-limited use is affine."""
+        """Return the bracket's ends after Illinois regula falsi in 1/T^2.
+
+        A use that a torque determines is affine in 1/T^2.
+        """
         aim = 1.0 - 0.5 * self.tolerance
         ends, weights, last = [good, bad], [1.0, 1.0], -1
         for iteration in range(200):
@@ -321,7 +330,7 @@ class _DurationSearch:
 
 
 def checked_shape(robot: Robot, shape: object) -> PiecewisePolynomial:
-    """Return what ``make_motion`` is or returns, of as many joints as the robot."""
+    """Return a motion of ``make_motion`` after a check of its type and number of joints."""
     if not isinstance(shape, PiecewisePolynomial):
         raise InputError(
             f"make_motion must return a PiecewisePolynomial, not {type(shape).__name__}"
@@ -331,15 +340,16 @@ def checked_shape(robot: Robot, shape: object) -> PiecewisePolynomial:
 
 
 def refusal_of(robot: Robot, family: LimitFamily, shape: PiecewisePolynomial) -> str | None:
-    """Return why no duration of this shape keeps the limits, or None."""
+    """Return the reason why no duration of this shape keeps the limits, or None."""
     for key in family.of_order(0):
         place = largest_use(family, shape, [key])
         if place.use > 1.0 + ROUNDING:
             member = family[key]
             return (
                 f"the shape leaves the {member.name} limits: "
-                f"{_whose(member, place)} reaches {_told(robot, member, place.value, place)} at "
-                f"{place.time:.6g} s, but its limit is {_told(robot, member, place.limit, place)}"
+                f"{_joint_text(member, place)} reaches "
+                f"{_value_text(robot, member, place.value, place)} at {place.time:.6g} s, but its "
+                f"limit is {_value_text(robot, member, place.limit, place)}"
             )
     held = largest_use(family, shape, family.of_order(1, 2, 3), at_rest=True)
     if held.use > 1.0 + ROUNDING:
@@ -349,7 +359,7 @@ def refusal_of(robot: Robot, family: LimitFamily, shape: PiecewisePolynomial) ->
         values = [robot.position_text(j, q) for j, q in enumerate(pose)]
         return (
             f"holding the arm still at q = ({', '.join(values)}), {held.time:.6g} s into the "
-            f"shape, takes {held.value:.6g} {unit} at {_whose(member, held)}, but its "
+            f"shape, takes {held.value:.6g} {unit} at {_joint_text(member, held)}, but its "
             f"{member.name} limits are {member.lower[held.joint]:g} to "
             f"{member.upper[held.joint]:g} {unit}, so no duration keeps them"
         )
@@ -360,19 +370,19 @@ def refusal_of(robot: Robot, family: LimitFamily, shape: PiecewisePolynomial) ->
 def _jumps_text(member: Member, jump: Peak) -> str:
     jumping = "torque" if jump.quantity == "taud" else "acceleration"
     return (
-        f"the {jumping} of {_whose(member, jump)} jumps at {jump.time:.6g} s, so no duration "
+        f"the {jumping} of {_joint_text(member, jump)} jumps at {jump.time:.6g} s, so no duration "
         f"keeps its {member.name} limit of {abs(jump.limit):g} {member.units[jump.joint]}; take a "
         "shape whose acceleration is continuous, and zero where it begins and ends at rest, such "
         "as a quintic"
     )
 
 
-def _whose(member: Member, peak: Peak) -> str:
+def _joint_text(member: Member, peak: Peak) -> str:
     label = member.labels[peak.joint]
     return f"joint {label!r}" if label and member.limit is None else member.title(peak.joint)
 
 
-def _told(robot: Robot, member: Member, value: float, peak: Peak) -> str:
+def _value_text(robot: Robot, member: Member, value: float, peak: Peak) -> str:
     if member.key == "q":
         return robot.position_text(peak.joint, value, with_radians=True)
     return f"{value:.6g} {member.units[peak.joint]}"

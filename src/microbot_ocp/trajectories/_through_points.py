@@ -1,6 +1,6 @@
 """Textbook trajectories through via points: cubics, quintics, splines, lines with blends.
 
-After Craig, *Introduction to Robotics*, section 7.3. Via points are checked once for all of them.
+The formulas follow Craig, *Introduction to Robotics*, section 7.3.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.motion import PiecewisePolynomial, State, quintic_between
 
-ROUNDING = 1e-12  # relative to a segment: shorter linear parts are rounding and are left out
+ROUNDING = 1e-12  # relative to a segment; shorter linear parts are left out as rounding
 
 
 class ViaPoints(NamedTuple):
@@ -24,14 +24,14 @@ class ViaPoints(NamedTuple):
     t: FloatArray
 
     def given(self, name: str, values: ArrayLike | None, unit: str) -> FloatArray:
-        """Return checked values at the via points [m,n]; zeros where none are given."""
+        """Return checked values [m,n] at the via points; zeros by default."""
         if values is None:
             return np.zeros_like(self.q)
         return checks.array(name, values, self.q.shape, unit)
 
 
 def via_points(via_q: ArrayLike, via_t: ArrayLike) -> ViaPoints:
-    """Check via points and their times.
+    """Return checked via points and times.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def via_points(via_q: ArrayLike, via_t: ArrayLike) -> ViaPoints:
     Raises
     ------
     InputError
-        Fewer than two via points, wrong shapes, anything not finite, times that do not increase.
+        Fewer than two via points, wrong shapes, values not finite, or times that do not increase.
     """
     q = checks.array("via_q", via_q, (None, None), "rad")
     if q.shape[0] < 2 or q.shape[1] < 1:
@@ -60,9 +60,9 @@ def via_points(via_q: ArrayLike, via_t: ArrayLike) -> ViaPoints:
 def via_velocities(via: ViaPoints) -> FloatArray:
     """Return velocities at via points by the heuristic of Craig, section 7.3.
 
-    At each inner via point and for each joint: zero where the slope of the straight lines between
-    the via points changes sign (or is zero on a side), else the mean of the two slopes. Zero at
-    both ends.
+    For each joint, the velocity at an inner via point is zero where the slope of the straight
+    lines between the via points changes sign (or is zero on a side), else the mean of the two
+    slopes. The velocity is zero at both ends.
 
     Parameters
     ----------
@@ -101,10 +101,9 @@ def cubic(
     ----------
     via_q, via_t : array_like [m,n] and [m]
         Joint positions, rad (prismatic: m), and strictly increasing times, s, of the via points.
-    via_qd : array_like [m,n], optional
-        Velocities at the via points, rad/s (m/s). By default the heuristic of Craig, section 7.3:
-        zero where the slope between via points changes sign, else the mean of the slopes on both
-        sides; zero at both ends.
+    Velocities at the via points, rad/s (m/s); default :func:`via_velocities`, which are zero
+        where the slope between via points changes sign and at both ends, else the mean of the
+        slopes on both sides.
 
     Returns
     -------
@@ -114,7 +113,7 @@ def cubic(
     Raises
     ------
     InputError
-        Wrong shapes, times that do not increase, anything not finite.
+        Wrong shapes, times that do not increase, or values that are not finite.
 
     Examples
     --------
@@ -130,7 +129,7 @@ def cubic(
 
 
 def cubic_through(via: ViaPoints, qd: FloatArray) -> PiecewisePolynomial:
-    """Make :func:`cubic` through checked via points with the velocities ``qd`` [m,n] there."""
+    """Return :func:`cubic` through checked via points with velocities ``qd`` [m,n]."""
     h = np.diff(via.t)[:, None]
     q0, qf, v0, vf = via.q[:-1], via.q[1:], qd[:-1], qd[1:]
     a2 = (3 * (qf - q0) - (2 * v0 + vf) * h) / h**2
@@ -154,9 +153,9 @@ def quintic(
     via_q, via_t : array_like [m,n] and [m]
         Joint positions, rad (prismatic: m), and strictly increasing times, s, of the via points.
     via_qd : array_like [m,n], optional
-        Velocities there, rad/s (m/s); by default the heuristic of :func:`cubic`.
+        Velocities at the via points, rad/s (m/s); by default those of :func:`cubic`.
     via_qdd : array_like [m,n], optional
-        Accelerations there, rad/s^2 (m/s^2); by default zero.
+        Accelerations at the via points, rad/s^2 (m/s^2); by default zero.
 
     Returns
     -------
@@ -166,7 +165,7 @@ def quintic(
     Raises
     ------
     InputError
-        Wrong shapes, times that do not increase, anything not finite.
+        Wrong shapes, times that do not increase, or values that are not finite.
 
     Examples
     --------
@@ -189,22 +188,21 @@ def spline(
     ends: str = "clamped",
     end_qd: ArrayLike | None = None,
 ) -> PiecewisePolynomial:
-    """Return cubic spline: of the curves through the via points that of the least mean square
-    curvature.
+    """Return the cubic spline through via points, the curve of least mean square acceleration.
 
-    Cubic segments (Craig, *Introduction to Robotics*, 3rd ed., section 7.3) whose velocities at the
-    inner via points make the acceleration continuous there:
+    The segments are cubics (Craig, *Introduction to Robotics*, 3rd ed., section 7.3) whose
+    velocities at the inner via points make the acceleration continuous:
     ``v[i-1]/h[i-1] + 2 (1/h[i-1] + 1/h[i]) v[i] + v[i+1]/h[i] = 3 (s[i-1]/h[i-1] + s[i]/h[i])``
     with the durations h and mean speeds s of the segments (de Boor, *A Practical Guide to Splines*,
-    chapter IV). No velocity is chosen by hand but those at the ends.
+    chapter IV). Only the velocities at the ends are chosen.
 
     Parameters
     ----------
     via_q, via_t : array_like [m,n] and [m]
         Joint positions, rad (prismatic: m), and strictly increasing times, s, of the via points.
     ends : "clamped" or "natural"
-        Given velocities at both ends, or no acceleration there: a natural spline leaves and arrives
-        at full speed, so an arm at rest cannot follow it.
+        Condition at both ends: given velocities, or zero acceleration. A natural spline starts and
+        ends with a velocity, so an arm at rest cannot follow it.
     end_qd : array_like [2,n], optional
         Velocities at the first and the last via point of a clamped spline, rad/s (m/s); default
         zero.
@@ -217,8 +215,8 @@ def spline(
     Raises
     ------
     InputError
-        Wrong shapes, times that do not increase, anything not finite, end velocities for a natural
-        spline.
+        Wrong shapes, times that do not increase, values that are not finite, or end velocities
+        for a natural spline.
 
     Examples
     --------
@@ -238,13 +236,13 @@ def spline(
 
 
 def spline_velocities(via: ViaPoints, end: FloatArray | float | None = 0.0) -> FloatArray:
-    """Return the velocities [m,n] of :func:`spline`, of a natural one without those at its ends."""
+    """Return the velocities [m,n] of :func:`spline`; ``end`` None makes it a natural spline."""
     weight = 1.0 / np.diff(via.t)
     slope = np.diff(via.q, axis=0) * weight[:, None]
     pull = 3.0 * weight[:, None] * slope
     diagonal = np.concatenate([weight[:1], weight[:-1] + weight[1:], weight[-1:]]) * 2.0
     right = np.concatenate([pull[:1], pull[:-1] + pull[1:], pull[-1:]])
-    beside = np.stack([weight, weight])  # below and above the diagonal
+    beside = np.stack([weight, weight])  # entries below and above the diagonal
     if end is not None:
         diagonal[[0, -1]], right[[0, -1]] = 1.0, end
         beside[0, -1] = beside[1, 0] = 0.0
@@ -254,7 +252,7 @@ def spline_velocities(via: ViaPoints, end: FloatArray | float | None = 0.0) -> F
 def _solve_tridiagonal(
     below: FloatArray, diagonal: FloatArray, above: FloatArray, right: FloatArray
 ) -> FloatArray:
-    """Solve for [m,n] without pivoting: the matrix is diagonally dominant."""
+    """Return the solution [m,n], without pivoting: the matrix is diagonally dominant."""
     pivot, answer = diagonal.copy(), right.copy()
     for i in range(1, pivot.size):
         factor = below[i - 1] / pivot[i - 1]
@@ -285,7 +283,7 @@ def lspb(
     via_q, via_t : array_like [m,n] and [m]
         Joint positions, rad (prismatic: m), and strictly increasing times, s, of the via points.
     blend_time : float or array_like [m-1]
-        Duration t_b of each parabola, s: one for all segments or one a segment; above 0, at most
+        Duration t_b of each parabola, s, one for all segments or one a segment; above 0, at most
         half the segment.
     via_qd : array_like [m,n], optional
         Velocities at the via points, rad/s (m/s); default zero, a stop at each.
@@ -299,7 +297,7 @@ def lspb(
     ------
     InputError
         Wrong shapes, times that do not increase, a blend time not above zero or above half its
-        segment, anything not finite.
+        segment, or values that are not finite.
 
     Examples
     --------
@@ -315,7 +313,7 @@ def lspb(
 
 
 def lspb_through(via: ViaPoints, blends: FloatArray, qd: FloatArray) -> PiecewisePolynomial:
-    """Make :func:`lspb` through checked via points, with blend times [m-1] and velocities [m,n]."""
+    """Return :func:`lspb` through checked via points; blend times [m-1], velocities [m,n]."""
     durations = np.diff(via.t)
     breaks, coefficients = [], []
     for i, (duration, blend) in enumerate(zip(durations, blends, strict=True)):
