@@ -50,7 +50,10 @@ def test_a_planned_motion_that_chatters_says_so_and_slack_calms_it():
     via = [[-1.96, 1.88, -0.64], [-2.05, 0.6, -0.23], [-0.36, 1.76, -1.81]]
     fastest, calmer = (mo.time_optimal(robot, via, slack=slack) for slack in (0.0, 1e-3))
     assert "chatter" in {row.kind for row in fastest.outcome.advice}
+    prepared = mo.TimeOptimalSolver(robot, via, starts=1)(via_q=via)
+    assert "chatter" in {row.kind for row in prepared.outcome.advice}
     assert "slack=0.001" in fastest.remark
+    assert "slack=0.001" in prepared.remark
     assert "chatter" not in {row.kind for row in calmer.outcome.advice}
     assert calmer.duration == pytest.approx(1.001 * fastest.duration, rel=1e-4)
 

@@ -210,7 +210,7 @@ def test_on_a_coarse_mesh_a_motion_from_a_moving_start_keeps_its_limits(microbot
     state = under_way.sample([0.1 * under_way.duration])
     motion = solver(start=state)
     assert motion.solved, motion.note
-    assert (motion.remark == "slowed down at limits") == slowed
+    assert motion.remark.startswith("slowed down at limits") == slowed
     assert mo.certify(microbot, motion, limit_tolerance=6e-4).ok
     np.testing.assert_allclose([motion.q[0], motion.qd[0]], [state.q[0], state.qd[0]], atol=1e-6)
 

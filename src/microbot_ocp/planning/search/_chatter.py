@@ -53,7 +53,10 @@ def _turns(values: FloatArray, least: float) -> list[int]:
     after.
     """
     turns, lowest, highest, rising = [], 0, 0, None
-    for k, value in enumerate(values):
+    slope = np.sign(np.diff(values))
+    extremes = 1 + np.flatnonzero(slope[:-1] != slope[1:])  # all other values lie between two
+    for k in [0, *extremes.tolist(), values.size - 1]:
+        value = values[k]
         lowest = k if value < values[lowest] else lowest
         highest = k if value > values[highest] else highest
         if rising is not False and value < values[highest] - least:

@@ -45,6 +45,7 @@ from microbot_ocp.planning.free import (
     via_times,
     within_limits,
 )
+from microbot_ocp.planning.search._chatter import chatter
 from microbot_ocp.planning.search._problem import MotionProblem
 from microbot_ocp.planning.search._result import fastest
 from microbot_ocp.planning.search._search import from_plain, is_enough, plain_of
@@ -62,6 +63,7 @@ from microbot_ocp.planning.task import (
     dry_friction,
     largest,
     locked_joints,
+    one_remark,
     passing,
     provenance_of,
     reversals,
@@ -353,6 +355,10 @@ class TimeOptimalSolver:
                 motion = problem.motion(solution, about)
             if slowed is not None:
                 motion = replace(slowed, provenance=about, remark="slowed down at limits")
+            if outcome.solved:
+                swings = chatter(family.robot, motion)
+                told = one_remark(motion.remark, *(row.sentence for row in swings))
+                motion, outcome = replace(motion, remark=told), outcome.and_(*swings)
             return with_drives_noted(family.robot, motion.ended(outcome))
 
     def _solved_flat(
