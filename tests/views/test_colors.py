@@ -10,7 +10,7 @@ from matplotlib.colors import to_rgb
 from PIL import Image
 
 import microbot_ocp as mo
-from microbot_ocp.views._style import FIXED, JOINT_LOOKS, SPARE
+from microbot_ocp.views._style import FIXED, JOINT_LOOKS, OTHERS
 
 # Machado, Oliveira and Fernandes (2009), severity 1, on linear RGB
 VISION = {
@@ -72,7 +72,7 @@ def test_joints_are_told_apart_by_colour_or_by_lightness_and_dashes(vision: str)
 
 
 def test_every_line_differs_in_grey() -> None:
-    for looks in ((*FIXED.values(), *SPARE), JOINT_LOOKS):
+    for looks in ((*FIXED.values(), *OTHERS), JOINT_LOOKS):
         dashes = [str(dash) for _, dash in looks]
         repeated = [dash for dash in set(dashes) if dashes.count(dash) > 1]
         assert all(dash == "solid" for dash in repeated)

@@ -1,4 +1,4 @@
-"""Pictures, tables and recordings; nothing here is imported unless it is asked for.
+"""Figures, tables and recordings, each imported at its first use.
 
 ``plots`` needs matplotlib, ``recording`` needs rerun, ``tables`` needs rich.
 """

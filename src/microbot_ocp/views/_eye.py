@@ -1,4 +1,4 @@
-"""From where arms are seen: everything in sight, from the broad side, the right way up."""
+"""Viewpoint of figures in space: the whole arm in view, from its broad side, upright."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from microbot_ocp.views._style import STYLE
 
 
 class Eye(NamedTuple):
-    """Place of the eye and what it looks at [3], m, and what is up for it [3]."""
+    """Viewpoint: position of the eye [3], target point [3], m, and up direction [3]."""
 
     position: FloatArray
     target: FloatArray
@@ -31,7 +31,7 @@ class Eye(NamedTuple):
 
 
 def upward(robot: Robot) -> FloatArray:
-    """Return the unit vector [3] of the base frame nearest to upward; z without gravity."""
+    """Return the axis [3] of the base frame that is closest to upward; z without gravity."""
     size = np.abs(robot.gravity)
     axis = int(size.argmax()) if size.any() else 2
     return (-1.0 if robot.gravity[axis] > 0.0 else 1.0) * np.eye(3)[axis]
@@ -44,10 +44,11 @@ def find_eye(
     headroom: float,
     obstacles: Sequence[Solid] = (),
 ) -> Eye:
-    """Return an eye that sees the arm at all positions q [N,n] from its broad, the tool's side.
+    """Return a viewpoint that has the arm in view at all positions q [N,n].
 
-    It sees the places ``places`` [m,3] as well; ``headroom`` (m) is for the labels above the tool.
-    Where obstacles hide more than a tenth of the arm, or a place, it looks from another side.
+    The eye stands on the broad side of the motion, on the side of the tool, and has ``places``
+    [m,3] in view, too; ``headroom`` (m) is the height of the labels above the tool. If obstacles
+    hide more than a tenth of the arm or of the places, the eye moves to another side.
     """
     up = upward(robot)
     origins = link_origins(robot, q if len(q) else np.zeros((1, robot.joint_count)))
@@ -58,13 +59,13 @@ def find_eye(
     sideways = np.flatnonzero(np.abs(directions.T @ up) < 0.5)
     towards = directions[:, sideways[0]]
     side = float((origins[:, -1] - middle).mean(axis=0) @ towards)
-    if abs(side) < 1e-3 * np.sqrt(spread[sideways].max()):  # the tool is on both sides alike
+    if abs(side) < 1e-3 * np.sqrt(spread[sideways].max()):  # the tool prefers neither side
         side = float(np.array([1.0, -1.0, 1.0]) @ towards)
     towards = towards * (1.0 if side >= 0.0 else -1.0)
     height, width = np.ptp(points @ up), np.linalg.norm(np.ptp(level, axis=0))
     is_level = height - headroom < 0.12 * width
     tilt = np.radians(STYLE.steep_tilt if is_level else STYLE.tilt)
-    seen = origins[:: max(1, len(origins) // 30), 1:].reshape(-1, 3)  # some 30 poses
+    seen = origins[:: max(1, len(origins) // 30), 1:].reshape(-1, 3)  # about 30 poses
     eyes = []
     for turn in np.radians([0, -45, 45, -90, 90, -135, 135, 180]):
         turned = np.cos(turn) * towards + np.sin(turn) * np.cross(up, towards)
@@ -79,9 +80,9 @@ def find_eye(
 def _fitted(
     robot: Robot, points: FloatArray, middle: FloatArray, towards: FloatArray, up: FloatArray
 ) -> Eye:
-    """Return the nearest eye in a direction that sees the balls around all points [N,3].
+    """Return the closest viewpoint in a direction that has spheres around all points [N,3] in view.
 
-    The balls are as large as what stands out from the links: arrows, arcs and masses.
+    The spheres are as large as the arrows, arcs and masses that are drawn around the links.
     """
     axes = Eye(middle + towards, middle, up).axes
     across, above, depth = axes @ (points - middle).T
@@ -95,7 +96,7 @@ def _fitted(
 
 
 def grid_spacing(robot: Robot) -> float:
-    """Return a power of ten or half of one, m, about an eighth of the reach."""
+    """Return a grid spacing of about an eighth of the reach: a power of ten or half of it, m."""
     wanted = reach(robot) / 8
     decade = 10.0 ** np.floor(np.log10(wanted))
     return float(decade * (5.0 if wanted / decade >= 5 else 1.0))

@@ -1,6 +1,6 @@
-"""A result as one HTML file for somebody without Python: words, film, table, figures, certificates.
+"""Reports in one HTML file for readers without Python: text, film, table, figures, certificates.
 
-Everything is inside the file; it loads nothing and follows a light or dark screen.
+The file contains everything, loads nothing, and follows a light or dark theme.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ from microbot_ocp.tasks import Cell, Comparison, controller_duration
 from microbot_ocp.views.plots import figure_of
 from microbot_ocp.views.tables import comparison_table
 
-DOTS = 110  # of a figure, an inch
-RATE = 12.0  # of a film, frames a second: a size that can be sent by mail
+DPI = 110  # resolution of figures, dots per inch
+RATE = 12.0  # frame rate of the film, Hz; the file stays small enough for mail
 
 
 def comparison_report(comparison: Comparison, path: str | Path) -> Path:
@@ -72,7 +72,7 @@ def comparison_report(comparison: Comparison, path: str | Path) -> Path:
 
 
 def cell_report(cell: Cell, path: str | Path) -> Path:
-    """Write a cell as one HTML file: its time, parts an hour, stops, film, curves, certificate."""
+    """Write a cell as one HTML file: duration, parts per hour, stops, film, curves, certificate."""
     motion, robot = cell.motion, cell.robot
     sentences = [f"The arm {robot.name} takes {motion.duration:.3f} s for the task."]
     if not motion.solved:
@@ -81,7 +81,7 @@ def cell_report(cell: Cell, path: str | Path) -> Path:
             f"found lasts {motion.duration:.3f} s, and it may do with much less."
         ]
     cycles = [motion.duration]
-    if motion.solved:  # else there is nothing to compare
+    if motion.solved:  # an unsolved motion is no basis for a comparison
         try:
             usual = controller_duration(cell.task, motion)
         except InputError as problem:
@@ -123,13 +123,13 @@ def cell_report(cell: Cell, path: str | Path) -> Path:
 def certificate_report(
     certificate: Certificate, robot: Robot, motion: Motion, path: str | Path
 ) -> Path:
-    """Write a certificate as one HTML file: its words, its table, the curves of the motion."""
+    """Write a certificate as one HTML file: verdict, table, curves of the motion."""
     verdict = "keeps every limit" if certificate.ok else "does not keep every limit"
     sentence = f"The motion of the arm {robot.name}, {motion.duration:.3f} s long, {verdict}."
     table = replace(view_for(certificate, "table")(certificate), title="", notes=())
     sections = {
         "The motion": _film(lambda to: motion.export(to, RATE, robot)),
-        "What was checked": escape(certificate.verdict),
+        "Certificate": escape(certificate.verdict),
         "Limits": table._repr_html_(),
         "Curves and limits": _figure(motion.plot(robot), "Curves over time"),
     }
@@ -147,7 +147,7 @@ def _verdicts(verdicts: Sequence[tuple[str, str]]) -> str:
 
 def _figure(axes: Any, text: str) -> str:
     stream = io.BytesIO()
-    figure_of(axes).savefig(stream, format="png", dpi=DOTS)
+    figure_of(axes).savefig(stream, format="png", dpi=DPI)
     return _image("png", stream.getvalue(), text, "figure")
 
 
@@ -166,11 +166,12 @@ def _image(kind: str, data: bytes, text: str, look: str = "film") -> str:
 def _written(
     title: str, sentences: Iterable[str], sections: Mapping[str, str], path: str | Path
 ) -> Path:
-    """Write sentences, then what is below each heading; a section without content is left out."""
+    """Write the page: sentences and sections; a section without content is left out."""
     parts = [f"<p>{escape(' '.join(sentences))}</p>"]
     for heading, content in sections.items():
         if content:
-            name = escape(heading)  # what scrolls is reached by the keyboard
+            name = escape(heading)
+            # A region with tabindex can be scrolled with the keyboard.
             box = f'<div class="wide" role="region" aria-label="{name}" tabindex="0">'
             parts.append(f"<h2>{name}</h2>\n{box}{content}</div>")
     origin = f"microbot_ocp {version('microbot_ocp')}, {date.today().isoformat()}"

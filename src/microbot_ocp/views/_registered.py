@@ -1,6 +1,6 @@
-"""Which function shows a result of which class.
+"""Table of the functions that show the results of each class.
 
-The package's ``__init__`` loads this table of names; a function is imported when it is asked for.
+The package's ``__init__`` loads this table of names; a function is imported at its first use.
 """
 
 from microbot_ocp._base.showing import add_views

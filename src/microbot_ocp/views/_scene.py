@@ -1,4 +1,4 @@
-"""What figures and recordings both draw: the arm, its via points, the limits near its curves."""
+"""Common data of figures and recordings: poses of the arm, via points, limits near the curves."""
 
 from __future__ import annotations
 
@@ -23,23 +23,23 @@ POSITIONS = ("q", "error")  # drawn in degrees for revolute joints
 
 
 def solved_entries(comparison: Comparison) -> list[tuple[Entry, Motion]]:
-    """Return the entries that have a motion, in their order."""
+    """Return the entries with a motion, in the order of the comparison."""
     return [(e, e.motion) for e in comparison.entries if e.motion is not None]
 
 
 def link_origins(robot: Robot, q: FloatArray) -> FloatArray:
-    """Return origins [N,links+2,3] of the base, link frames and the tool at q [N,n], m."""
+    """Return the origins [N,links+2,3] of base, link frames and tool at q [N,n], m."""
     columns = buffered_call(frame_origins(robot).map(len(q)))(q.T)
     return columns.T.reshape(len(q), robot.link_count + 2, 3)
 
 
 def tool_places(robot: Robot, q: FloatArray) -> FloatArray:
-    """Return tool positions [N,3] at joint positions q [N,n], m."""
+    """Return the tool positions [N,3] at joint positions q [N,n], m."""
     return link_origins(robot, q)[:, -1]
 
 
 def link_poses(robot: Robot, q: FloatArray) -> FloatArray:
-    """Return poses [N,links+2,4,4] of the base, every link frame and the tool in the base frame."""
+    """Return the poses [N,links+2,4,4] of base, link frames and tool in the base frame."""
     count = robot.link_count + 2
     columns = buffered_call(_poses(robot).map(len(q)))(q.T)
     return columns.T.reshape(len(q), count, 4, 4).transpose(0, 1, 3, 2)
@@ -54,14 +54,14 @@ def _poses(robot: Robot) -> ca.Function:
 
 
 def reach(robot: Robot) -> float:
-    """Return the length of the chain stretched out, m: the scale of everything that is drawn."""
+    """Return the length of the stretched chain, m, which is the unit of all drawn sizes."""
     return reach_of(robot)
 
 
 def via_passages(comparison: Comparison, motion: Motion) -> list[float]:
-    """Return when the motion passes via points, s: its ends, and marks at inner via points.
+    """Return the times of the via points of a motion, s: its ends, and marks at inner via points.
 
-    A via point without a mark near it (0.02 rad or m) is left out.
+    An inner via point counts only if the motion at a mark is closer to it than 0.02 rad or m.
     """
     inner, times = [], np.clip([mark.time for mark in motion.marks], 0.0, motion.duration)
     for via in comparison.via_q[1:-1] if times.size else ():
@@ -92,7 +92,7 @@ def _in_degrees(robot: Robot, quantity: str, joint: int) -> bool:
 
 
 def of_joints(robot: Robot, quantity: str) -> bool:
-    """Return whether a quantity has one value a joint, not one for the arm."""
+    """Return whether a quantity has one value per joint, not one value for the arm."""
     family = LimitFamily.of(robot)
     return quantity not in family or family[quantity].labels == robot.joint_names
 
@@ -100,7 +100,7 @@ def of_joints(robot: Robot, quantity: str) -> bool:
 def drawn_bounds(
     robot: Robot, limits: JointLimits | None, quantity: str, joint: int
 ) -> tuple[float, float]:
-    """Return lower and upper limit of a joint or component in drawn units; infinite for none."""
+    """Return the lower and upper limit of a joint or component in drawn units; ±inf without."""
     if limits is None or quantity not in (family := LimitFamily.of(robot, limits)):
         return -np.inf, np.inf
     factor = display_factor(robot, quantity, joint)
@@ -109,7 +109,7 @@ def drawn_bounds(
 
 
 def limit_texts(robot: Robot, quantity: str) -> list[str]:
-    """Return a robot's limits of a quantity by joint or component, with units; "" for none."""
+    """Return the limits of a quantity per joint or component as text with units; "" without."""
     family = LimitFamily.of(robot)
     if quantity not in family:
         return [""] * robot.joint_count
@@ -124,9 +124,9 @@ def limit_texts(robot: Robot, quantity: str) -> list[str]:
 def range_text(
     low: float, high: float, unit: str = "", show: Callable[[float], str] = "{:.4g}".format
 ) -> str:
-    """Write a range: "±2 rad/s", "0 to 2 rad/s", "at most 1 m/s"; "" without bounds.
+    """Format a range: "±2 rad/s", "0 to 2 rad/s", "at most 1 m/s"; "" without bounds.
 
-    Of bounds that are not one number "varies".
+    NaN stands for a bound that varies along the motion and gives "varies".
     """
     if np.isnan(low) or np.isnan(high):
         return "varies"
@@ -140,10 +140,10 @@ def range_text(
 
 
 class AxisLimits(NamedTuple):
-    """Limits of one quantity of one joint in drawn units, and the range of an axis that shows them.
+    """Limits of one quantity of one joint in drawn units, and the range of the axis.
 
-    ``lower`` and ``upper`` are None where there is no limit or it is far from the data; ``far``
-    names the far ones, such as "limits ±360 deg".
+    ``lower`` and ``upper`` are None without a limit or if the limit is far from the data; ``far``
+    is a text on the far limits, such as "limits ±360 deg".
     """
 
     lower: float | None
@@ -153,7 +153,7 @@ class AxisLimits(NamedTuple):
 
 
 def is_near(bound: float, low: float, high: float) -> bool:
-    """Return whether a bound is near enough to values from low to high to be drawn with them."""
+    """Return whether a bound is close enough to the range low to high to be drawn."""
     span = max(high - low, 1e-9)
     return bool(np.isfinite(bound)) and max(high, bound) - min(low, bound) <= STYLE.stretch * span
 
@@ -161,9 +161,10 @@ def is_near(bound: float, low: float, high: float) -> bool:
 def near_limits(
     robot: Robot, limits: JointLimits | None, quantity: str, joint: int, values: FloatArray
 ) -> AxisLimits:
-    """Return the range of values [N] in stored units with the limits near enough to be drawn.
+    """Return the axis range for values [N] (stored units) and the limits to draw in it.
 
-    What is not finite is left out; a bound that varies along the motion is a curve of its own.
+    Values that are not finite are ignored. A bound that varies along the motion is not included: it
+    is drawn as a curve.
     """
     low, high = _data_range(values * display_factor(robot, quantity, joint))
     bounds = drawn_bounds(robot, limits, quantity, joint)
@@ -189,4 +190,4 @@ def _data_range(values: FloatArray) -> tuple[float, float]:
     low, high = float(values.min()), float(values.max())
     if high - low > 1e-6 * max(1.0, abs(low)):
         return low, high
-    return low - 0.5, high + 0.5  # a joint at rest: an axis needs some height
+    return low - 0.5, high + 0.5  # constant values still need an axis with a height

@@ -1,7 +1,7 @@
-"""Bodies as data, for any kind of picture: a robot's geometry, obstacles, parts, surroundings.
+"""Solid bodies for recordings and films: a robot's geometry, obstacles, carried parts.
 
-Recordings write a :class:`Solid` as a shape of Rerun's, films draw its faces, and the eye of both
-asks whether it hides the arm.
+Recordings write a :class:`Solid` as a shape of Rerun, films draw its faces, and the choice of the
+viewpoint tests whether it hides the arm.
 """
 
 from __future__ import annotations
@@ -34,19 +34,19 @@ from microbot_ocp.views._style import STYLE, Color
 
 
 class Solid(NamedTuple):
-    """A body, centred at its frame.
+    """Body, centred at its frame.
 
     Attributes
     ----------
     kind : str
-        "box", "sphere", "cylinder", "capsule", "mesh", or "plane", whose top is at z = 0.
+        "box", "sphere", "cylinder", "capsule", "mesh", or "plane" (top side at z = 0).
     size : array
         Box and plane: edge lengths [3], m. Sphere: radius [1]. Cylinder and capsule, along z:
-        radius and length [2], that of a capsule without its caps.
+        radius and length [2]; the length of a capsule excludes its caps.
     pose : array [4,4]
-        Its frame in the frame that it is rigid in.
+        Pose in the frame of the link or world that the body is fixed to.
     color : Color
-    mesh : Mesh, optional
+    mesh : TriangleMesh, optional
     """
 
     kind: str
@@ -57,7 +57,7 @@ class Solid(NamedTuple):
 
 
 class Geometry(NamedTuple):
-    """What is drawn of a robot's own geometry in each frame, and why something is not."""
+    """Drawn geometry of a robot per frame, with sentences on missing parts."""
 
     solids: tuple[tuple[int, Solid], ...]
     missing: tuple[str, ...]
@@ -65,7 +65,7 @@ class Geometry(NamedTuple):
 
 @lru_cache(maxsize=8)
 def drawn_geometry(shapes: tuple[Shape, ...]) -> Geometry:
-    """Return visual shapes, collision shapes of links without any; none if one is not read."""
+    """Return the visual shapes, or collision shapes for links without; empty if a file is bad."""
     visual = {shape.link for shape in shapes if shape.role == "visual"}
     chosen = [s for s in shapes if s.role == "visual" or s.link not in visual]
     try:
@@ -84,9 +84,9 @@ def _of_shape(shape: Shape) -> Solid:
 
 
 def joint_solid(kind: str, radius: float, color: Color) -> Solid:
-    """Return a drum about the axis of a revolute joint, a bar along that of a prismatic one.
+    """Return a drum about the axis of a revolute joint, or a bar along a prismatic axis.
 
-    ``radius`` is that of a link, m.
+    ``radius`` is the drawn radius of a link, m.
     """
     thick, length = (factor * radius for factor in STYLE.joint)
     if kind == "revolute":
@@ -95,7 +95,7 @@ def joint_solid(kind: str, radius: float, color: Color) -> Solid:
 
 
 def capsule_solid(capsule: Capsule, color: Color) -> Solid:
-    """Return a capsule in the frame that it is given in."""
+    """Return a capsule as a solid, in the frame of its end points."""
     along = capsule.end - capsule.start
     length = float(np.linalg.norm(along))
     rotation = rotation_to(along / length if length else np.eye(3)[2])
@@ -108,7 +108,7 @@ def _ball(center: FloatArray, radius: float, color: Color) -> Solid:
 
 
 def obstacle_solid(obstacle: Any, robot: Robot) -> Solid:
-    """Return an obstacle of a scene; of a half space what is near the robot."""
+    """Return an obstacle of a scene as a solid; a half space is a plate near the robot."""
     color, size = STYLE.obstacle, reach(robot)
     if isinstance(obstacle, Capsule):
         return capsule_solid(obstacle, color)
@@ -128,14 +128,14 @@ def obstacle_solid(obstacle: Any, robot: Robot) -> Solid:
     corners = obstacle.vertices[obstacle.triangles]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     outward = corners.mean(axis=1) - obstacle.vertices.mean(axis=0)
-    inside_out = np.einsum("ni,ni->n", normals, outward) < 0.0  # a hull's faces go round either way
+    inside_out = np.einsum("ni,ni->n", normals, outward) < 0.0  # hulls have no fixed orientation
     triangles = np.where(inside_out[:, None], obstacle.triangles[:, ::-1], obstacle.triangles)
     mesh = TriangleMesh(obstacle.vertices, triangles, None)
     return Solid("mesh", np.ones(3), obstacle.pose, color, mesh)
 
 
 def part_solids(payload: Payload) -> list[Solid]:
-    """Return the capsules of a part; of one without a shape a ball of aluminium (2700 kg/m^3)."""
+    """Return the capsules of a part; without a shape a ball of aluminium (2700 kg/m^3)."""
     if payload.shape:
         return [capsule_solid(capsule, STYLE.part) for capsule in payload.shape]
     radius = np.cbrt(3.0 * payload.mass / (4.0 * np.pi * 2700.0))
@@ -143,13 +143,13 @@ def part_solids(payload: Payload) -> list[Solid]:
 
 
 def frame_at(origin: FloatArray, rotation: FloatArray | None = None) -> FloatArray:
-    """Return a frame [4,4] at a point [3], turned by a rotation [3,3] or not at all."""
+    """Return a frame [4,4] at a point [3] with a rotation [3,3], by default the identity."""
     turned = np.eye(3) if rotation is None else rotation
     return np.vstack([np.column_stack([turned, origin]), np.eye(4)[3]])
 
 
 def is_inside(solid: Solid, points: FloatArray) -> Any:
-    """Return which points [N,3] are inside of a solid; of a mesh inside of a box around it."""
+    """Return a mask of the points [N,3] inside a solid; a mesh counts as its bounding box."""
     x = (points - solid.pose[:3, 3]) @ solid.pose[:3, :3]
     if solid.kind == "plane":
         return x[:, 2] < 0.0
@@ -176,14 +176,14 @@ def hidden_share(eye: FloatArray, points: FloatArray, solids: Sequence[Solid]) -
 
 
 class CarriedPart(NamedTuple):
-    """A part and the pose [N,4,4] of the tool frame that it is rigid in, at the arm's samples."""
+    """Carried part with the poses [N,4,4] of its frame at the samples of the motion."""
 
     payload: Payload
     poses: FloatArray
 
 
 class Tube(NamedTuple):
-    """Points [k,3] of a tool line, and the radius of the tube around it, m."""
+    """Tolerance tube of a tool line: points [k,3] and radius, m."""
 
     points: FloatArray
     radius: float
@@ -191,18 +191,18 @@ class Tube(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class DrawnSurroundings:
-    """What is around an arm in motion.
+    """Surroundings of a moving arm.
 
     Attributes
     ----------
     scene : Scene, optional
     stretches : tuple of Place
-        Which arm moves among what, from when to when.
+        Intervals of time with the arm (and its payload) and the scene of each.
     tubes : tuple of Tube
     stops : tuple of array [4,4]
-        Poses that the task asks for at stops.
-    parts : tuple of Carried
-        What the arm picks and puts down, lying there before and after.
+        Poses of the stops that have an orientation.
+    parts : tuple of CarriedPart
+        Parts that the arm carries, with their rest poses before and after.
     """
 
     scene: Scene | None = None
@@ -213,17 +213,17 @@ class DrawnSurroundings:
 
     @classmethod
     def of_scene(cls, robot: Robot, scene: Scene | None) -> DrawnSurroundings:
-        """Return the obstacles of a scene, the same at all times."""
+        """Return the surroundings with the fixed obstacles of a scene."""
         return cls(scene, () if scene is None else (Place(0.0, np.inf, robot, scene),))
 
     @classmethod
     def of_cell(cls, cell: Cell, t: FloatArray, q: FloatArray) -> DrawnSurroundings:
-        """Return what is around an arm at q [N,n] at times t [N] that does the task of a cell."""
+        """Return the surroundings for the task of a cell; the arm is at q [N,n] at times t [N]."""
         task, marks = cell.task, cell.motion.marks
         if len(marks) != len(task.stops):
             raise InputError("the motion of this cell has other stops than its task")
         leaves = [mark.time + float(d) for mark, d in zip(marks, task.dwells, strict=True)]
-        at = np.minimum(np.searchsorted(t, leaves), len(t) - 1)  # samples at which stops are left
+        at = np.minimum(np.searchsorted(t, leaves), len(t) - 1)  # sample at the end of each rest
         tool, parts = tool_poses(cell.robot, q), []
         for part in parts_of(task, tool[at]):
             poses = np.repeat(tool[None, at[part.carries[0][0]]], len(t), axis=0)
@@ -242,14 +242,14 @@ class DrawnSurroundings:
         return cls(cell.scene, tuple(stretches), tuple(tubes), tuple(stops), tuple(parts))
 
     def obstacles(self, robot: Robot) -> list[tuple[Any, Solid]]:
-        """Return the scene's obstacles with their bodies."""
+        """Return the obstacles of the scene with their solids."""
         every = () if self.scene is None else self.scene.obstacles
         return [(obstacle, obstacle_solid(obstacle, robot)) for obstacle in every]
 
     def nearest(self, t: FloatArray, q: FloatArray) -> list[Nearest]:
-        """Return where an arm at q [N,n] at times t [N] is nearest to something.
+        """Return the closest pair of points at each sample of the arm, q [N,n] at times t [N].
 
-        Empty without a scene, and without coal.
+        The list is empty without a scene, and without coal.
         """
         if self.scene is None or not has_coal():
             return []

@@ -1,6 +1,6 @@
-"""A page in the browser: via points to drag, limits and payload, and the fastest motion.
+"""Studio: a page in the browser with movable via points, limits, payload and the fastest motion.
 
-The page, its 3-D view and its charts are viser's; all of it comes from this machine.
+viser serves the page, its 3-D view and its charts from this machine.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ from microbot_ocp.views.recording import signed_share
 
 CHARTS = {"tau": "torque, % of its limit", "qd": "velocity, % of its limit"}
 LINK, JOINT = (*rgb("#D55E00"), 255), (130, 142, 160, 255)
-SAMPLES = 400  # of a curve: more than a chart has dots, and few enough to be sent at once
-FREE = 6  # joints with which a dragged via point keeps its orientation, and can be turned
+SAMPLES = 400  # samples per curve: more than the pixels of a chart, few enough for one message
+FREE = 6  # joints from which on a dragged via point keeps its orientation and can be rotated
 
 
 class _Dragged(NamedTuple):
-    """Where a via point is dragged to, and whether it is let go there."""
+    """Pose that a via point is dragged to, and True if the drag has ended."""
 
     place: int
     position: FloatArray
@@ -50,37 +50,37 @@ class _Dragged(NamedTuple):
 def studio(
     robot: Robot, via_q: ArrayLike | None = None, *, port: int = 8080, dark: bool = False
 ) -> Studio:
-    """Open a page for the browser on which the fastest motion follows via points, limits, payload.
+    """Open a page in the browser that solves for the fastest motion after every change.
 
     Via points are dragged in space, by inverse kinematics (with six joints or more they keep their
-    orientation, and can be turned), or moved joint by joint; sliders scale all torque and all
-    velocity limits, and put a payload at the tool. The task is solved again by
-    :class:`microbot_ocp.TimeOptimalSolver`; the arm moves, charts show torques and velocities as
-    shares of their limits, and a line says how much shorter the motion is than the faster of the
-    best cubic (:func:`best_cubic`) and the best LSPB (:func:`best_lspb`). The page is served to
-    this machine only and loads nothing from elsewhere.
+    orientation, and can be rotated), or moved joint by joint. Sliders scale all torque limits and
+    all velocity limits and set a payload at the tool. :class:`microbot_ocp.TimeOptimalSolver`
+    solves each new task. The page shows the moving arm, torques and velocities as shares of their
+    limits, and the time saved against the faster of the best cubic (:func:`best_cubic`) and the
+    best LSPB (:func:`best_lspb`). The page is served to this machine only and loads nothing from
+    elsewhere.
 
     Parameters
     ----------
     robot : Robot
-        With masses and limits.
+        Robot with masses and limits.
     via_q : array_like [m,n], optional
-        Via points, rad (prismatic: m); default those of the demo for its arm, for others three near
-        the middle of the joints' ranges, with every joint bent.
+        Via points, rad (prismatic: m); the default for the demo's arm is the demo's task, for any
+        other arm three bent poses near the middle of the joint ranges.
     port : int
-        Where the page is; a free one after it where it is taken.
+        Port of the page; the next free port if it is taken.
     dark : bool
-        Begin with the dark theme; the page's own settings change it.
+        Start with the dark theme; the page has a switch for it.
 
     Returns
     -------
     Studio
-        Its ``address`` is for the browser; ``close()`` ends the page.
+        Open page: ``address`` is its URL, ``close()`` closes it.
 
     Raises
     ------
     InputError
-        As :class:`microbot_ocp.TimeOptimalSliders`; viser is missing.
+        Errors of :class:`microbot_ocp.TimeOptimalSliders`; viser is missing.
     """
     checks.number("port", port, at_least=1, at_most=65535)
     if via_q is None:
@@ -91,25 +91,25 @@ def studio(
 
 
 class Studio(InteractiveTask):
-    """A page that is open; :func:`studio` makes one.
+    """Open page of :func:`studio`.
 
     Attributes
     ----------
     address : str
-        Where the browser finds it, on this machine only.
+        URL of the page, on this machine only.
     motion : Motion or None
-        The last motion; None where there is none for the last setting.
+        Motion for the last setting; None if the task was not solved.
     saved : float or None
-        Share of the time of the fastest cubic or LSPB that it saves.
+        Time saved against the fastest cubic or LSPB, relative to its duration.
     robot : Robot
-        With the limits and the payload of the last setting.
+        Robot with the limits and the payload of the last setting.
     message : str
-        Duration, saturated joints and solve time, or why there is no motion.
+        Duration, saturated joints and solve time, or the reason why there is no motion.
     """
 
     def __init__(self, robot: Robot, via_q: ArrayLike, port: int, dark: bool) -> None:
         viser = needed("viser", "the studio needs", "studio")
-        # somebody waits: the answer is slowed down where a refinement would gain 0.03 % at most
+        # No refinement rounds: a user waits, and slowing down costs at most 0.03 % more time.
         super().__init__(robot, via_q, rounds=0)
         self._via_q, self._lock = self._solver.via_q.copy(), threading.RLock()
         self._turns, self._drags = viser.transforms.SO3, NewestOnly(self._follow)
@@ -124,7 +124,7 @@ class Studio(InteractiveTask):
         self._player.start()
 
     def close(self) -> None:
-        """End the page."""
+        """Close the page."""
         self._closed.set()
         self._player.join()
         with redirect_stdout(io.StringIO()):
@@ -136,7 +136,7 @@ class Studio(InteractiveTask):
 
     def _draw_controls(self, dark: bool) -> None:
         gui, robot, scale = self._server.gui, self._bare, joint_scale(self._bare)
-        # sharing would leave this machine
+        # The share button would publish the page on the internet.
         gui.configure_theme(dark_mode=dark, show_logo=False, show_share_button=False)
         gui.main_panel.dock_left()
         self._headline = gui.add_markdown("")
@@ -164,15 +164,15 @@ class Studio(InteractiveTask):
         panel.set_width(440)
 
     def _ask(self) -> None:
-        with self._lock:  # every control calls from a thread of its own
+        with self._lock:  # viser calls each control in another thread
             torque, speed, payload = (slider.value for slider in self._limits)
             first = np.array_equal(self._via_q, self._solver.via_q)
             via_q = None if first else self._via_q.copy()
             self._work.ask(Setting(torque / 100, speed / 100, payload, via_q))
 
     def _turn(self, place: int, joint: int, event: Any) -> None:
-        """Put a joint of a via point where its slider stands."""
-        if event.client is None:  # moved by a drag, which asks itself
+        """Set a joint of a via point to the value of its slider."""
+        if event.client is None:  # a drag moved the slider and requests the solve itself
             return
         with self._lock:
             self._via_q[place, joint] = event.target.value * joint_scale(self._bare)[joint]
@@ -180,11 +180,11 @@ class Studio(InteractiveTask):
             self._ask()
 
     async def _drag(self, place: int, event: Any) -> None:
-        grip = event.target  # not awaited: events stay in order
+        grip = event.target  # no await, which would reorder events
         self._drags.ask(_Dragged(place, grip.position, grip.wxyz, event.phase == "end"))
 
     def _follow(self, dragged: _Dragged) -> None:
-        """Bend the arm of a via point to where it is dragged to, or say why it cannot be there."""
+        """Solve the inverse kinematics of a dragged via point, or show why it has no solution."""
         place, free = dragged.place, self._bare.joint_count >= FREE
         turn = self._turns(dragged.quaternion).as_matrix() if free else None
         with self._lock:
@@ -202,7 +202,7 @@ class Studio(InteractiveTask):
                 self._put(place)
 
     def _put(self, place: int) -> None:
-        """Put the grip of a via point where its joints lead."""
+        """Set the grip of a via point to the tool pose of its joints."""
         pose = link_poses(self._bare, self._via_q[[place]])[0, -1:]
         with self._server.atomic():
             self._grips[place].position = pose[0, :3, 3]
@@ -305,10 +305,10 @@ class Studio(InteractiveTask):
                 ]
                 chart.data, chart.visible = (t, limit, -limit, *shares), True
             self._headline.content = f"## {motion.duration:.3f} s\n{self.message}"
-        if self._work.newer:  # which shows its own
+        if self._work.newer:  # the newer setting will replace this answer
             return
         via_q = self._solver.via_q if setting.via_q is None else setting.via_q
-        with interpreted():  # an arm with a payload is met once: nothing is compiled for it
+        with interpreted():  # compiling would not pay: each payload is another robot
             rows = {"cubic": best_cubic(robot, via_q), "LSPB": best_lspb(robot, via_q)}
         name, usual = min(rows.items(), key=lambda row: row[1].duration)
         self.saved = 1.0 - motion.duration / usual.duration
@@ -320,10 +320,10 @@ class Studio(InteractiveTask):
 
 
 def _bent_poses(robot: Robot) -> FloatArray:
-    """Return three poses [3,n] about the middle of the ranges.
+    """Return three poses [3,n] near the middle of the ranges.
 
-    By turns joints are an eighth of their range above and below it: in the middle itself many arms
-    are stretched out or have their wrist's axes in line, and cannot be dragged from there.
+    Joints lie alternately an eighth of their range above and below the middle. In the middle itself
+    many arms are singular (stretched out, wrist axes aligned) and cannot be dragged.
     """
     low, high = _ranges(robot)
     bent = 0.125 * (-1.0) ** np.arange(robot.joint_count)
@@ -331,7 +331,7 @@ def _bent_poses(robot: Robot) -> FloatArray:
 
 
 def _ranges(robot: Robot) -> tuple[FloatArray, FloatArray]:
-    """Return the least and largest joint positions [n] of sliders: limits, or one turn."""
+    """Return the ends [n] of the joint sliders: position limits, or ±pi without a limit."""
     low, high = robot.limits.bounds("q")
     low = np.where(np.isfinite(low), low, -np.pi)
     return low, np.where(np.isfinite(high), high, np.pi)

@@ -1,4 +1,4 @@
-"""How every picture looks: one style, and colours and dashes of methods, curves and joints."""
+"""Style of figures, recordings and films: sizes, and colours and dashes of methods and joints."""
 
 from __future__ import annotations
 
@@ -21,76 +21,78 @@ class Style:
     Attributes
     ----------
     page : (width, height)
-        A4, inches: a printed page, and turned on its side the figures of many panels.
+        Size of a printed page and, as landscape, of figures with many panels: A4, inches.
     width, row : float
         Width of a figure of one column, and height of a row of panels, inches.
     lane : float
         Height of the lane of one joint in a chart of saturation, inches.
     small, tiny : float
-        Size of notes in figures and of the text of the printed page, points.
+        Font sizes of notes in figures and of the text of the printed page, points.
     line : float
         Width of a curve, points.
     ink, warning : str
-        Colours of limits and notes, and of what went wrong.
+        Colours of limits with their notes, and of failures.
     dpi, screen_dpi : int
-        Dots an inch of a file and of a notebook or a live plot.
+        Resolution of files, and of notebooks and live plots, dots per inch.
     side_by_side : int
-        So many joints have columns side by side and their names in tables; of more each has a row,
-        or the busiest stand for all.
+        Largest number of joints with one column each and with names in tables; more joints have one
+        row each, or the busiest joint represents all.
     points : int
-        Samples of a curve of a solution in each phase.
+        Number of samples of a solution's curve per phase.
     stretch : float
-        A limit that would stretch an axis by more is named, not drawn.
+        Largest factor by which a limit may stretch an axis; a limit beyond it is named, not drawn.
     room : float
-        Length of an axis over that of what is drawn on it, as a share more.
+        Margin of an axis, relative to its data.
     rate, samples : float, int
-        Samples a second of a recorded arm, smoother than any screen; and at most so many of all
-        arms together (38 MB of a 7R arm) where nobody asks for a rate.
+        Default sampling rate of a recorded arm, Hz, and largest default number of samples of all
+        arms together (38 MB for a 7R arm).
     dashes : int
-        Of a limit's line over a whole timeline.
+        Number of dashes of a limit's line over the whole timeline.
     link, ghost, plate : float
-        Radii of a link of the arm on top and of the first ghost, half the edge of the base's plate;
-        shares of the reach.
+        Link radius of the solid arm and of the first ghost, and half the edge of the base plate,
+        relative to the reach.
     joint, mass : (radius, length), (least, most)
-        A joint's drum, and radii of the balls at centres of mass; in link radii.
+        Size of a joint's drum, and range of the radii of centres of mass, in link radii.
     film_joint : float
-        Size of a film's joints, whose torques' arcs are as much wider, over those of recordings.
+        Size of joints and torque arcs in a film, relative to a recording.
     ring : float
-        Radius of a torque's arc in link radii; a slide's arrow at the limit is three times as long.
+        Radius of a torque arc in link radii; the arrow of a force at its limit is three times as
+        long.
     arrow, letter, label : float
-        The longest arrow at a tool, the width of a letter, and the height between labels; shares of
-        the reach.
+        Longest arrow at a tool, width of a letter, and height between labels, relative to the
+        reach.
     plane : float
-        From the middle to the edge of what is drawn of a half space, share of the reach.
+        Half the edge of the drawn part of a half space, relative to the reach.
     see_through : int
-        Opacity of ghosts, of 255.
+        Opacity of ghosts, 0 to 255.
     neutral, near, saturated, broken : Color
-        A share of a limit goes from neutral to near; at the limit it jumps to a pink that nothing
-        else has; where it is broken, red. Told apart on a dark screen with any colour vision.
+        Colours of the use of a limit: interpolated from neutral to near below the limit, saturated
+        at the limit, broken above it. They are distinct on a dark screen for any colour vision.
     bright, dull, speed, motion, ball, variable : Color
-        Marked places, limits and base, limits of speeds and further ones, velocities, centres of
-        mass, variables of an optimal-control problem.
+        Colours of marked places, of limits and base, of limits other than torque, of velocities, of
+        centres of mass, and of variables of an optimal-control problem.
     obstacle, capsule, tube, part, metal : Color
-        What stands around an arm, its capsules, tubes of tool lines, carried parts, and geometry
-        that has no colour of its own.
+        Colours of obstacles, capsules of the arm, tubes of tool lines, carried parts, and geometry
+        without a colour.
     screen : (width, height)
-        Of Rerun's view of the arms: its shape.
+        Aspect of Rerun's view of the arms.
     field : float
-        Angle of Rerun's eye from bottom to top, deg.
+        Vertical field of view in Rerun, deg.
     tilt, steep_tilt : float
-        Angle from which the eye looks down, and the same where all that moves is level, deg.
+        Downward angle of the eye, for general motions and for motions in a level plane, deg.
     panel : (width, height)
-        Of the box in which one iterate's curve is drawn.
+        Size of the box of one curve of an iterate.
     frame : (width, height)
-        Of a film, inches.
+        Size of a film, inches.
     frame_rate, hold : float
-        Frames a second (40 ms, which a GIF can say exactly), and how long the last one stays, s.
+        Frame rate of a film, Hz (40 ms is exact in a GIF), and display time of its last frame, s.
     frames : int
-        At most so many in a film.
+        Largest number of frames of a film.
     patch : float
-        Longest edge of an obstacle's face in a film, share of the reach: small faces sort well.
+        Longest edge of an obstacle's face in a film, relative to the reach; depth sorting needs
+        small faces.
     triangles : int
-        Of a robot's own meshes in a film: more are drawn more coarsely.
+        Largest number of triangles of a robot's meshes in a film; larger meshes are simplified.
     """
 
     page: tuple[float, float] = (8.27, 11.69)
@@ -153,24 +155,24 @@ class Style:
 
     @property
     def landscape(self) -> tuple[float, float]:
-        """The page on its side."""
+        """Size of the page in landscape."""
         return self.page[1], self.page[0]
 
     @property
     def limit_line(self) -> dict[str, Any]:
-        """A limit in figures."""
+        """Line style of a limit in figures."""
         return {"color": self.ink, "linestyle": "--", "linewidth": 1.0, "label": "_limit"}
 
     @property
     def beyond_limit(self) -> dict[str, Any]:
-        """The shade beyond a limit in figures."""
+        """Shade beyond a limit in figures."""
         return {"facecolor": "0.5", "alpha": 0.18, "linewidth": 0}
 
 
 STYLE = Style()
 
-# Okabe and Ito's palette, which stays distinct with any colour vision, without its yellow (too
-# faint on white), a violet and a darker green. Line styles differ as well, for prints in grey.
+# Palette of Okabe and Ito, which is distinct for any colour vision, with a violet and a dark green
+# instead of its yellow (too faint on white). Line styles differ as well, for prints in grey.
 FIXED: dict[str, tuple[str, LineStyle]] = {
     "cubic_report": ("#0072B2", (0.0, (7.0, 2.0, 1.5, 2.0))),
     "cubic_scaled": ("#8A2BE2", (0.0, (3.0, 1.2))),
@@ -183,8 +185,8 @@ FIXED: dict[str, tuple[str, LineStyle]] = {
     "cubic_path": ("#E69F00", (0.0, (5.0, 1.2, 1.2, 1.2, 1.2, 1.2))),
     "time_optimal": ("#D55E00", "solid"),
 }
-# Tol's muted palette for any other method, in the order of the entries.
-SPARE: tuple[tuple[str, LineStyle], ...] = (
+# Muted palette of Tol for any other method, in the order of the entries.
+OTHERS: tuple[tuple[str, LineStyle], ...] = (
     ("#AA4499", (0.0, (6.0, 1.5, 1.0, 1.5, 1.0, 1.5))),
     ("#999933", (0.0, (2.5, 2.5))),
     ("#44AA99", "solid"),
@@ -192,13 +194,13 @@ SPARE: tuple[tuple[str, LineStyle], ...] = (
     ("#88CCEE", (0.0, (4.0, 1.0, 1.0, 1.0))),
     ("#B8A038", (0.0, (1.0, 2.0))),
 )
-# Curves without a method, the strongest first.
+# Styles of curves without a method, the strongest first.
 LOOKS: tuple[tuple[str, LineStyle], ...] = (
     *(FIXED[name] for name in ("time_optimal", "cubic_report", "lspb", "straight_path")),
     *(FIXED[name] for name in ("cubic_path", "cubic")),
-    *SPARE,
+    *OTHERS,
 )
-# One colour a joint where a figure shows joints beside each other; light and dark take turns.
+# Styles of joints in one figure; light and dark colours alternate.
 JOINT_LOOKS: tuple[tuple[str, LineStyle], ...] = (
     ("#0072B2", "solid"),
     ("#D55E00", (0.0, (5.0, 1.5))),
@@ -214,18 +216,18 @@ PREFERRED = "time_optimal"
 
 @dataclass(frozen=True)
 class EntryStyle:
-    """How one entry is drawn everywhere.
+    """Style of one entry in all figures.
 
     Attributes
     ----------
     name, title : str
-        Key of the method and what legends print.
+        Key of the method and its name in legends.
     color : str
-        ``#RRGGBB``.
+        Colour ``#RRGGBB``.
     linestyle : str or (offset, dashes)
-        As matplotlib takes it.
+        Line style of matplotlib.
     highlighted : bool
-        Whether it is drawn on top and solid.
+        True for the entry that is drawn on top and solid.
     """
 
     name: str
@@ -236,18 +238,18 @@ class EntryStyle:
 
 
 def entry_styles(comparison: Comparison) -> dict[str, EntryStyle]:
-    """Return the style of every entry by its name; a known method looks the same everywhere."""
-    highlighted, spare = highlighted_name(comparison), cycle(SPARE)
+    """Return the style of every entry by its name; a built-in method has a fixed style."""
+    highlighted, others = highlighted_name(comparison), cycle(OTHERS)
     return {
         e.name: EntryStyle(
-            e.name, entry_title(e), *(FIXED.get(e.name) or next(spare)), e.name == highlighted
+            e.name, entry_title(e), *(FIXED.get(e.name) or next(others)), e.name == highlighted
         )
         for e in comparison.entries
     }
 
 
 def look(place: int, joints: bool = False) -> dict[str, Any]:
-    """Return colour and dashes of the curve, or of the joint, at a place among others."""
+    """Return colour, dashes and width of the curve (or joint) with an index ``place``."""
     looks = JOINT_LOOKS if joints else LOOKS
     color, dashes = looks[place % len(looks)]
     return {"color": color, "linestyle": dashes, "linewidth": STYLE.line}
@@ -260,36 +262,36 @@ def rgb(color: str) -> tuple[int, int, int]:
 
 
 def entry_title(entry: Entry) -> str:
-    """Return what people read of an entry."""
+    """Return the title of an entry."""
     return entry.title or entry.name.replace("_", " ")
 
 
 def method_title(method: str) -> str:
-    """Return what people read of a method."""
+    """Return the title of a method."""
     from microbot_ocp.tasks import METHODS
 
     return METHODS[method].title if method in METHODS else method
 
 
 def highlighted_name(comparison: Comparison) -> str | None:
-    """Return the name of the solved entry to show on top: time_optimal if there, else the last."""
+    """Return the name of the entry drawn on top: time_optimal, or else the last with a motion."""
     solved = [entry.name for entry in comparison.entries if entry.motion is not None]
     return PREFERRED if PREFERRED in solved else next(reversed(solved), None)
 
 
 def main_methods(comparison: Comparison) -> list[str]:
-    """Return the names of the reference and of the entry on top, as far as they are solved."""
+    """Return the names of the reference and of the entry on top, if they have a motion."""
     pair = dict.fromkeys([comparison.reference, highlighted_name(comparison)])
     return [name for name in pair if name in comparison.motions]
 
 
 def failure_sentence(entry: Entry) -> str:
-    """Say why an entry has no motion."""
+    """Return a sentence with the reason why an entry has no motion."""
     return ": ".join([entry.name, "not solved", *filter(None, (entry.status, entry.note))])
 
 
 def failures(comparison: Comparison, methods: list[str] | None = None) -> Iterator[str]:
-    """Yield why entries, all or those of these names, have no motion."""
+    """Yield a sentence for every entry without a motion, of all entries or those in ``methods``."""
     for entry in comparison.entries:
         if entry.motion is None and (methods is None or entry.name in methods):
             yield failure_sentence(entry)

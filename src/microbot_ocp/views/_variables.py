@@ -11,12 +11,12 @@ from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.ocp.solution import PhaseSolution
 from microbot_ocp.views._style import STYLE
 
-Key = tuple[str, int | None, str]  # name, index of the component of several, unit
+Key = tuple[str, int | None, str]  # name, index of the component (None for a scalar), unit
 
 
 @dataclass(frozen=True, eq=False)
 class BoundedCurve:
-    """Values [M] over times t [M], s, in the unit in which they are drawn, and their limits."""
+    """Values [M] over times t [M], s, with their limits, in drawn units."""
 
     t: FloatArray
     values: FloatArray
@@ -25,7 +25,7 @@ class BoundedCurve:
 
 
 def dense_times(phase: PhaseSolution) -> FloatArray:
-    """Return even times and both sides of every mesh point, where controls may jump, s."""
+    """Return even times and both sides of every mesh point (controls may jump there), s."""
     edges, gap = phase.t[1:-1], 1e-9 * phase.duration
     even = np.linspace(0.0, phase.duration, STYLE.points)
     return np.unique(np.concatenate([even, edges - gap, edges + gap]))
@@ -34,9 +34,9 @@ def dense_times(phase: PhaseSolution) -> FloatArray:
 def variable_curves(
     phases: Sequence[PhaseSolution], times: Callable[[PhaseSolution], FloatArray]
 ) -> dict[Key, list[BoundedCurve]]:
-    """Return every component of states, controls and algebraic variables, a curve a phase.
+    """Return the curves of all components of states, controls and algebraic variables per phase.
 
-    The phases follow each other on one time axis; ``times`` gives the times in each of them.
+    The phases follow each other on one time axis; ``times`` returns the sample times of a phase.
     """
     curves: dict[Key, list[BoundedCurve]] = {}
     begin = 0.0

@@ -1,4 +1,4 @@
-"""Solid bodies as small quadrilaterals, and their picture: projected, shaded, far ones first."""
+"""Faces of solid bodies, and their projection with shading and depth sorting."""
 
 from __future__ import annotations
 
@@ -21,39 +21,39 @@ CUBE = np.array([s * np.roll(SQUARE[::s], k, axis=1) for k in range(3) for s in 
 
 
 class Faces(NamedTuple):
-    """Quadrilaterals [N,4,3] counterclockwise from outside, m, and their colours [N,3], 0 to 1."""
+    """Quadrilaterals [N,4,3], m, counterclockwise seen from outside, and colours [N,3], 0 to 1."""
 
     corners: FloatArray
     colors: FloatArray
 
     def placed(self, pose: FloatArray) -> Faces:
-        """Return them where a pose [4,4] takes them."""
+        """Return the faces transformed by a pose [4,4]."""
         return self._replace(corners=self.corners @ pose[:3, :3].T + pose[:3, 3])
 
 
 def joined(faces: Sequence[Faces]) -> Faces:
-    """Return one body of several."""
+    """Return the faces of several bodies as one."""
     corners, colors = zip(*faces, strict=True)
     return Faces(np.concatenate(corners), np.concatenate(colors))
 
 
 class Camera:
-    """A pinhole: positions in the picture at unit distance, and depths, m."""
+    """Pinhole camera with the picture plane at unit distance."""
 
     def __init__(self, eye: Eye) -> None:
         self.position, self.axes = eye.position, eye.axes
         self.light = _unit(np.array([-0.6, 0.9, 0.8]) @ self.axes)
 
     def project(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return positions [...,2] in the picture, and depths [...], of points [...,3], m."""
+        """Return picture positions [...,2] and depths [...], m, of points [...,3], m."""
         seen = (points - self.position) @ self.axes.T
         depth = np.maximum(-seen[..., 2], 1e-6)
         return seen[..., :2] / depth[..., None], depth
 
     def picture(self, faces: Faces) -> tuple[FloatArray, FloatArray]:
-        """Return polygons [N,4,2] and colours [N,3] of the faces that look at the eye."""
+        """Return polygons [N,4,2] and colours [N,3] of the visible sides, the farthest first."""
         a, b, c, d = np.moveaxis(faces.corners, 1, 0)
-        normals = _unit(np.cross(c - a, d - b))  # of the diagonals; of a triangle c and d are one
+        normals = _unit(np.cross(c - a, d - b))  # cross product of the diagonals; triangles: c = d
         sight = _unit(self.position - faces.corners.mean(axis=1))
         seen = np.einsum("ni,ni->n", normals, sight) > 0.0
         normals, sight = normals[seen], sight[seen]
@@ -67,7 +67,7 @@ class Camera:
 
 
 def arm_faces(robot: Robot, q: FloatArray, link: Color, joint: Color) -> Faces:
-    """Return an arm in the pose q [n]."""
+    """Return the faces of an arm in the pose q [n]."""
     poses = link_poses(robot, q[None])[0]
     bodies = arm_bodies(robot, poses, link, joint)
     return joined([faces.placed(poses[frame]) for frame, faces in bodies])
@@ -76,10 +76,10 @@ def arm_faces(robot: Robot, q: FloatArray, link: Color, joint: Color) -> Faces:
 def arm_bodies(
     robot: Robot, poses: FloatArray, link: Color, joint: Color
 ) -> Sequence[tuple[int, Faces]]:
-    """Return a robot's own geometry, or capsules and drums, in link frames (0 is the base).
+    """Return the robot's geometry, or else capsules and drums, with link frames (0 is the base).
 
-    ``poses`` [links+2,4,4] are those of :func:`link_poses`. Only a capsule along a prismatic joint
-    is another one in other poses.
+    ``poses`` [links+2,4,4] are from :func:`link_poses`. Only the capsule along a prismatic joint
+    depends on the pose.
     """
     geometry = _geometry(robot.shapes)
     if geometry:
@@ -99,7 +99,7 @@ def arm_bodies(
 
 @lru_cache(maxsize=8)
 def _geometry(shapes: tuple[Shape, ...]) -> tuple[tuple[int, Faces], ...]:
-    """Return the frame and faces of each shape of a robot's file, as many as a film can do with."""
+    """Return frame and faces of each shape of a robot; large meshes are simplified."""
     solids, cell = drawn_geometry(shapes).solids, 0.0
     meshes = [solid.mesh for _, solid in solids if solid.mesh is not None]
     finest = 0.002 * sum(float(np.ptp(mesh.vertices, axis=0).max()) for mesh in meshes)
@@ -112,9 +112,9 @@ def _geometry(shapes: tuple[Shape, ...]) -> tuple[tuple[int, Faces], ...]:
 
 
 def solid_faces(solid: Solid, edge: float, cell: float = 0.0) -> Faces:
-    """Return the faces of a solid, none longer than ``edge``, m, in the frame that it is rigid in.
+    """Return the faces of a solid in the frame of its pose, with edges up to ``edge``, m.
 
-    The corners of a mesh in a cell of this size, m, become one.
+    Vertices of a mesh within one grid cell of size ``cell``, m, are merged.
     """
     color = np.array(solid.color[:3]) / 255.0
     if solid.mesh is not None:
@@ -128,7 +128,7 @@ def _mesh_faces(mesh: TriangleMesh, color: FloatArray, cell: float) -> Faces:
     colors = np.broadcast_to(color, (len(triangles), 3))
     if mesh.colors is not None:
         colors = mesh.colors[triangles[:, 0], :3] / 255.0
-    if cell:  # the mean stands for all corners in a cell of a cubic grid
+    if cell:  # replace the vertices in each cell of a cubic grid by their mean
         cells, index = np.unique(np.floor(vertices / cell), axis=0, return_inverse=True)
         sums = np.zeros_like(cells)
         np.add.at(sums, index.ravel(), vertices)
@@ -164,19 +164,19 @@ def _corners(kind: str, size: tuple[float, ...], edge: float) -> FloatArray:
 
 
 def _between(rings: FloatArray) -> FloatArray:
-    """Return quadrilaterals [(m-1) k,4,3] between rings [m,k,3] that go round counterclockwise."""
+    """Return quadrilaterals [(m-1) k,4,3] between counterclockwise rings [m,k,3]."""
     after = np.roll(rings, -1, axis=1)
     corners = np.stack([rings[:-1], after[:-1], after[1:], rings[1:]], axis=2)
     return corners.reshape(-1, 4, 3)
 
 
 def _along(a: FloatArray, b: FloatArray, edge: float) -> FloatArray:
-    """Return points from a to b that are at most ``edge`` apart."""
+    """Return points from a to b with distances up to ``edge``."""
     return np.linspace(a, b, int(np.ceil(np.linalg.norm(b - a) / edge)) + 1 if edge < np.inf else 2)
 
 
 def _split(corners: FloatArray, edge: float) -> FloatArray:
-    """Return a rectangle [4,3] cut into patches [N,4,3]."""
+    """Split a rectangle [4,3] into patches [N,4,3]."""
     a, b, _, d = corners
     grid = _along(a, b, edge)[:, None] + _along(a, d, edge)[None] - a
     patches = np.stack([grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]], axis=2)
@@ -184,7 +184,7 @@ def _split(corners: FloatArray, edge: float) -> FloatArray:
 
 
 def tube_faces(tube: Tube, size: float) -> Faces:
-    """Return the wall of a tube, so thick that it is still seen on an arm of this size, m."""
+    """Return the wall of a tube, with a radius that is visible beside an arm of ``size``, m."""
     along = _unit(np.gradient(tube.points, axis=0))
     side = np.eye(3)[int(np.abs(along).max(axis=0).argmin())]
     angle, rings = 2 * np.pi * np.arange(8)[:, None] / 8, []

@@ -1,4 +1,4 @@
-"""One frame after the other of a recording: the arms in space, clocks, and torques over time."""
+"""Frames of a film of a recording: arms in space, clocks, torques over time."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ THEMES = {
         "low": "#8793a3", "high": "#f0e442",
     },
 }  # fmt: skip
-STAGE = np.array([[0.02, 0.105], [0.61, 0.86]])  # corners of the arms' part of the frame
+STAGE = np.array([[0.02, 0.105], [0.61, 0.86]])  # lower left, upper right corner of the 3-D view
 DASHED: Any = (0, (4, 3))
 
 
@@ -58,18 +58,18 @@ def _bytes(color: Any) -> Color:
 
 
 class Film:
-    """Frames of a recording's arms that move in time.
+    """Frames of the moving arms of a recording.
 
     Parameters
     ----------
     recording : Recording
-        Of a motion, a comparison or a controlled arm; it is seen from ``recording.eye``.
+        Recording of a motion, a comparison or a tracking; ``recording.eye`` is the viewpoint.
     theme : str
         "light" or "dark".
     title : str, optional
-        Default that of the recording.
+        Title; default the title of the recording.
     dpi : int
-        Dots an inch of a frame of 8 x 4.5 inches.
+        Dots per inch of a frame of 8 x 4.5 inches.
 
     Raises
     ------
@@ -83,7 +83,7 @@ class Film:
         self.theme = THEMES[checks.one_of("theme", theme, THEMES)]
         if not recording.moving:
             raise InputError("recording must have an arm that moves")
-        # the solid arm is drawn last
+        # The solid arm is drawn last, on top of the ghosts.
         self.arms = sorted(recording.moving, key=lambda arm: arm.look.solid)
         self.solid = self.arms[-1]
         self.recording, self.robot, self.around = recording, recording.robot, recording.around
@@ -98,7 +98,7 @@ class Film:
             self._draw_panels()
 
     def frame(self, t: float) -> np.ndarray:
-        """Return the picture [height,width,3] at time t, 0 to 255."""
+        """Return the picture [height,width,3] at time t (s), with values from 0 to 255."""
         with styled():
             t = min(t, self.duration)
             for place, arm in enumerate(self.arms):
@@ -110,7 +110,7 @@ class Film:
         return np.asarray(self.canvas.buffer_rgba())[:, :, :3].copy()
 
     def _color(self, arm: AnimatedArm) -> Any:
-        """Return the colour of lines and texts, lighter on dark paper."""
+        """Return the colour of lines and texts, lighter for the dark theme."""
         return _mixed(arm.look.style.color, "#ffffff", 0.8 if self.theme["paper"] < "#8" else 1.0)
 
     def _text(self, x: float, y: float, text: str = "", color: str = "ink", **style: Any) -> Any:
@@ -130,7 +130,7 @@ class Film:
         self.saving = self._text(0.025, 0.02, fontsize=12, fontweight="bold", va="bottom")
 
     def _draw_space(self) -> None:
-        """Draw what does not move, and make the artists of what does."""
+        """Draw fixed things, and create the artists of moving things."""
         theme, size = self.theme, reach(self.robot)
         self.space = space = self.figure.add_axes((0.0, 0.0, 1.0, 1.0), zorder=-1)
         space.axis("off")
@@ -160,25 +160,25 @@ class Film:
         self.rings = lines(top, linewidths=1.0, colors=[theme["faint"]])
         self.arcs = lines(top + 1, capstyle="round")
         self.gap = lines(top + 1, linewidths=2.0, colors=[theme["limit"]])
-        # of an arm among obstacles, seen through what stands before it
+        # A dashed line through the joints shows an arm that obstacles hide.
         spine = {"color": self._color(self.solid), "linewidth": 1.2, "linestyle": (0, (2, 2))}
         (self.spine,) = space.plot([], [], alpha=0.5 if self.still else 0.0, zorder=top, **spine)
         places, _ = self.camera.project(np.reshape(self.recording.places, (-1, 3)))
         marker = {"color": theme["paper"], "markeredgecolor": theme["ink"], "markersize": 5.5}
         note = {"fontsize": 8.5, "color": theme["ink"], "textcoords": "offset points"}
-        note["path_effects"] = halo(theme["paper"])  # read on an obstacle and on a part, too
+        note["path_effects"] = halo(theme["paper"])  # legible on obstacles and parts
         for place, name in zip(places, self.recording.place_names, strict=True):
             space.plot(*place[:, None], "o", zorder=top + 2, **marker)
             space.annotate(name, place, xytext=(7, -9), zorder=top + 2, **note)
 
     def _frame_space(self, space: Axes) -> None:
-        """Set limits of the axes that hold the arms at all times, and what is around as far as."""
+        """Set the limits of the axes: the whole motion, and near surroundings."""
         points = np.vstack([link_origins(self.robot, arm.q).reshape(-1, 3) for arm in self.arms])
         flat, depth = self.camera.project(np.vstack([points, self.robot.base[None, :3, 3]]))
         margin = (0.11 * reach(self.robot) / depth)[:, None]
         low, high = (flat - margin).min(axis=0), (flat + margin).max(axis=0)
         stage = STAGE.copy()
-        if self.still:  # up to 60 % more, and room for the texts above
+        if self.still:  # surroundings widen the view by up to 60 %, below the texts
             flat, more = self.camera.project(joined(self.still).corners)[0], high - low
             around = flat.reshape(-1, 2)
             low = np.minimum(low, np.maximum(around.min(axis=0), low - 0.6 * more))
@@ -191,7 +191,7 @@ class Film:
         space.set_ylim(first[1], first[1] + frame[1] / scale)
 
     def _draw_floor(self, space: Axes) -> None:
-        """Draw a level disc with a grid under the base, or where the scene has a floor."""
+        """Draw a level disc with a grid at the base, or at the floor of the scene."""
         self.base = base = self.robot.base[:3, 3]
         if self.floor is not None:
             self.base = base = base + (self.floor - base @ self.up) * self.up
@@ -211,7 +211,7 @@ class Film:
         space.add_collection(LineCollection(segments, **style))
 
     def _draw_panels(self) -> None:
-        """Draw a panel a joint: torque (or velocity) over time as a share of its limit."""
+        """Draw one panel per joint: torque (or velocity) over time as a share of its limit."""
         theme, quantity = self.theme, self._quantity()
         heading = f"{quantity_name(quantity)} within its limits (dashed)"
         self._text(0.70, 0.945, heading, "faint", fontsize=9.5)
@@ -246,7 +246,7 @@ class Film:
         panels[-1].set_xlabel("t [s]", fontsize=8, color=theme["faint"], labelpad=1)
 
     def _quantity(self) -> str:
-        """Return the torque where a limit of it is nearly met, or else velocity."""
+        """Return "qd" if only a velocity limit is nearly met, or else "tau"."""
         history = self.solid.history
         if not self.robot.has_dynamics or "tau" not in self.solid.curves:
             return "qd"
@@ -256,14 +256,14 @@ class Film:
         return "qd" if torque < 0.9 <= speed else "tau"
 
     def _share(self, arm: AnimatedArm, joint: int, quantity: str) -> FloatArray:
-        """Return the share [N] of its limit that a joint uses, or of its largest value."""
+        """Return the use [N] of the limit of a joint, relative to its largest value without."""
         values = arm.curves.get(quantity)
         if values is None:
             return np.full(len(arm.q), np.nan)
         return signed_share(self.recording.limits, quantity, values[:, joint], joint)[0]
 
     def _move_arm(self, place: int, arm: AnimatedArm, t: float) -> None:
-        """Show an arm; with the solid one all that is around it, sorted by depth."""
+        """Show an arm; the solid arm is depth-sorted together with its surroundings."""
         share = 1.0 if arm.look.solid else 0.34
         link, joint = (
             _bytes(_mixed(color, self.theme["paper"], share))
@@ -284,7 +284,7 @@ class Film:
             self.shadow.set_segments([self.camera.project(below)[0]])
 
     def _parts(self, t: float) -> list[Faces]:
-        """Return the carried parts at time t; between samples their poses are mixed."""
+        """Return the carried parts at time t, with interpolated poses."""
         at, edge = _sample(self.solid, t), STYLE.patch * reach(self.robot)
         faces = []
         for payload, poses in self.around.parts:
@@ -294,7 +294,7 @@ class Film:
         return faces
 
     def _move_torques(self, t: float) -> None:
-        """Show arcs around the joints of the solid arm, closed at the limit."""
+        """Show torque arcs around the joints of the solid arm, closed at the limit."""
         if "tau" not in self.solid.curves or not self.robot.has_dynamics:
             return
         radius = STYLE.film_joint * STYLE.ring * STYLE.link * reach(self.robot)
@@ -326,7 +326,7 @@ class Film:
             cursor.set_xdata([t, t])
 
     def _move_texts(self, t: float) -> None:
-        """Say how late it is for every arm, what is nearest, and what the solid arm saves."""
+        """Write the clocks, the smallest distance, and the time saved by the solid arm."""
         for arm, text in self.clocks:
             end = float(arm.times[TIME][-1])
             text.set_text(f"{arm.title or arm.name}   {min(t, end):.2f} s")
@@ -346,11 +346,11 @@ class Film:
 
 
 def _sample(arm: AnimatedArm, t: float) -> float:
-    """Return the index of the sample at time t, s, a fraction between samples."""
+    """Return the fractional index of the sample at time t, s."""
     times = arm.times[TIME]
     return float(np.interp(t, times, np.arange(len(times))))
 
 
 def _at(arm: AnimatedArm, t: float) -> FloatArray:
-    """Return joint positions [n] at time t, s."""
+    """Return the joint positions [n] at time t, s."""
     return np.array([np.interp(t, arm.times[TIME], column) for column in arm.q.T])

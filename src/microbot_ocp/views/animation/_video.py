@@ -1,4 +1,4 @@
-"""Files of a film: GIF by Pillow, which comes with matplotlib, and MP4 by ffmpeg."""
+"""Files of a film: GIF by Pillow (installed with matplotlib) and MP4 by ffmpeg."""
 
 from __future__ import annotations
 
@@ -39,17 +39,17 @@ def write_animation(
     Parameters
     ----------
     recording : Recording
-        Of :func:`microbot_ocp.views.recording.of_motion`, ``of_cell``, ``of_comparison`` or
-        ``of_tracking``.
+        Recording by :func:`microbot_ocp.views.recording.of_motion`, ``of_cell``, ``of_comparison``
+        or ``of_tracking``.
     path : str or Path
         ``.gif`` (800 x 450) or ``.mp4`` (1280 x 720; needs the extra ``export``).
     rate : float, optional
-        Frames a second, Hz; default 25. One second of motion is one of the film; a GIF counts
-        hundredths of a second, so at most 50.
+        Frame rate, Hz; default 25, at most 50 for a GIF, which counts hundredths of a second. The
+        film plays in real time.
     theme : str
         "light" or "dark".
     title : str, optional
-        Default the recording's.
+        Title; default the title of the recording.
     progress : callable, optional
         Called with a :class:`microbot_ocp.tasks.Step` before each frame.
 
@@ -61,8 +61,8 @@ def write_animation(
     Raises
     ------
     InputError
-        Another ending, a rate that is not above 0 or has more than 3000 frames, nothing that
-        moves, imageio-ffmpeg missing.
+        An unknown ending, a rate that is not above 0 or gives more than 3000 frames, no moving arm,
+        imageio-ffmpeg missing.
     """
     target = Path(path)
     checks.one_of("ending of path", target.suffix, DPI)
@@ -85,7 +85,7 @@ def write_animation(
     with whole_file(target) as partial:
         if target.suffix == ".gif":
             around = bool(film.still or film.around.parts)
-            _write_gif(partial, frames, rate, 256 if around else 128)  # colours
+            _write_gif(partial, frames, rate, colors=256 if around else 128)
         else:
             _write_mp4(partial, frames, rate)
     return target
@@ -127,7 +127,7 @@ def animate_comparison(
 
 def _write_gif(path: Path, frames: Iterator[np.ndarray], rate: float, colors: int) -> None:
     pictures = [Image.fromarray(frame) for frame in frames]
-    # one palette for all frames, from some of them: colours do not flicker, and changes are small
+    # One palette for all frames, from some of them: colours do not flicker and the file is small.
     some = pictures[:: max(1, len(pictures) // 6)]
     strip = Image.fromarray(np.vstack([np.asarray(picture) for picture in [*some, pictures[-1]]]))
     palette = _with_exactly(strip.quantize(colors, method=Image.Quantize.MEDIANCUT), strip)
@@ -143,7 +143,7 @@ def _write_gif(path: Path, frames: Iterator[np.ndarray], rate: float, colors: in
 
 
 def _with_exactly(reduced: Image.Image, picture: Image.Image) -> Image.Image:
-    """Return a palette whose colour of the paper, in the picture's corner, is no average."""
+    """Return a palette with the exact background colour, taken from a corner of the picture."""
     colors, corner = list(reduced.getpalette() or ()), (0, 0)
     place: Any = reduced.getpixel(corner)
     colors[3 * place : 3 * place + 3] = np.asarray(picture)[corner].tolist()

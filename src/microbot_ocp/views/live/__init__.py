@@ -1,4 +1,4 @@
-"""Solves watched while they run: progress lines, tasks changed by hand, a live Rerun viewer."""
+"""Live views of solvers: progress lines, interactive tasks, a live Rerun viewer."""
 
 import lazy_loader
 

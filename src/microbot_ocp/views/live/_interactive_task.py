@@ -1,4 +1,4 @@
-"""A time-optimal task that somebody changes by hand: solved again for the newest setting."""
+"""Interactive time-optimal task that is solved again for the newest setting."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ Request = TypeVar("Request")
 
 
 class NewestOnly(Generic[Request]):
-    """Does a job in the background for the newest request; older ones that wait are dropped.
+    """Background worker that handles the newest request and drops older waiting ones.
 
     Parameters
     ----------
     job : callable
-        Takes a request. It runs in one thread, never twice at once; what it raises is logged.
+        Function of a request. It runs in one thread, one request at a time; exceptions are logged.
     """
 
     def __init__(self, job: Callable[[Request], None]) -> None:
@@ -35,34 +35,34 @@ class NewestOnly(Generic[Request]):
         self._newest: Future[None] | None = None
 
     def ask(self, request: Request) -> None:
-        """Do the job for this request as soon as the one under way is done."""
+        """Run the job for this request after the running job."""
         if self._newest is not None:
-            self._newest.cancel()  # nothing happens to the one under way
+            self._newest.cancel()  # a running job is not affected
         self._newest = self._thread.submit(self._job, request)
         self._newest.add_done_callback(lambda job: job.cancelled() or job.result())
 
     @property
     def newer(self) -> bool:
-        """Whether a newer request waits for the job under way to end."""
+        """True if a newer request waits for the running job."""
         return self._newest is not None and not (self._newest.running() or self._newest.done())
 
     def wait(self, timeout: float | None = None) -> bool:
-        """Wait until nothing is left to do; False where ``timeout`` seconds were not enough."""
+        """Wait until all jobs are done; return False if ``timeout`` seconds were not enough."""
         return self._newest is None or not wait([self._newest], timeout).not_done
 
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """What somebody asks for.
+    """Setting of an interactive task.
 
     Attributes
     ----------
     torque, speed : float
-        Shares of the robot's own limits.
+        Scale of the robot's torque and velocity limits.
     payload : float
-        At the tool, kg.
+        Point mass at the tool, kg.
     via_q : array [m,n], optional
-        Other via points, rad (prismatic: m).
+        Via points, rad (prismatic: m); default the via points of the task.
     """
 
     torque: float = 1.0
@@ -81,10 +81,10 @@ class Setting:
 
 
 class InteractiveTask:
-    """The fastest motion through via points for one :class:`Setting` after another.
+    """Fastest motion through via points for changing values of a :class:`Setting`.
 
-    A setting is solved in the background by :class:`microbot_ocp.TimeOptimalSolver`; while a solve
-    is under way only the newest one waits for its turn. Who shows the answer overrides ``_show``.
+    :class:`microbot_ocp.TimeOptimalSolver` solves in the background; only the newest setting waits
+    for a running solve. A subclass shows the answer in ``_show``.
 
     Raises
     ------
@@ -107,7 +107,7 @@ class InteractiveTask:
         self._work = NewestOnly(self._solve)
 
     def wait(self, timeout: float | None = 60.0) -> bool:
-        """Wait until the last position of the sliders is solved; False where that took longer."""
+        """Wait until the last setting is solved; return False after ``timeout`` seconds."""
         return self._work.wait(timeout)
 
     def _solve(self, setting: Setting) -> None:
@@ -117,7 +117,7 @@ class InteractiveTask:
             motion = self._solver(limits, setting.payload, via_q=setting.via_q)
             self.message = motion.note
             self.motion = motion if motion.solved else None
-        except Exception as problem:  # a slider must not go on showing the old motion
+        except Exception as problem:  # any failure must replace the old motion on the screen
             kind = "" if isinstance(problem, InputError) else f"{type(problem).__name__}: "
             self.motion, self.message = None, f"not solved: {kind}{problem}"
         self.robot = self._bare.with_payload(setting.payload).with_limits(limits)
@@ -126,7 +126,7 @@ class InteractiveTask:
         self._answer(setting)
 
     def _answer(self, setting: Setting) -> None:
-        """Say what came of a setting, and show it."""
+        """Write the message on a solved setting and show the answer."""
         if self.motion is not None:
             change = self.motion.duration / self._reference.duration - 1
             self.message = (
@@ -141,7 +141,7 @@ class InteractiveTask:
 
 
 def _saturated(robot: Robot, motion: Motion) -> str:
-    """Say which joints reach their torque limit, and for what share of the time."""
+    """Return a text on the joints at their torque limit, with shares of the duration."""
     shares = np.zeros(robot.joint_count)
     for spell in limit_history(robot, motion).spells("tau"):
         shares[spell.joint] += (spell.end - spell.start) / motion.duration

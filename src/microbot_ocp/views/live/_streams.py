@@ -1,9 +1,9 @@
-"""A solve watched while it runs: a viewer on this machine gets every iterate.
+"""Live streams of iterates to a Rerun viewer on this machine.
 
-Everything stays on the loopback interface: a viewer that is started listens on 127.0.0.1 only, and
-one that is connected to must be on this machine. The viewer's own page loads a font, asks for news
-and examples, and reports its use, all of it on the internet; so its page is served again, with a
-content security policy that makes the browser refuse that.
+All data stay on the loopback interface: a started viewer listens on 127.0.0.1 only, and the address
+of an open viewer must be on this machine. The page of Rerun's web viewer loads a font, news and
+examples from the internet and reports its use. Therefore a copy of the page is served with a
+content security policy that forbids these requests.
 """
 
 from __future__ import annotations
@@ -36,23 +36,23 @@ LOCAL_NAMES = (LOOPBACK, "localhost", "::1")
 
 @contextmanager
 def connected(address: str) -> Iterator[IterationRecorder]:
-    """Yield a progress function that streams to a viewer that is open already.
+    """Yield a progress function that streams to an open viewer.
 
     Parameters
     ----------
     address : str
-        "HOST:PORT" or "rerun+http://HOST:PORT/proxy" of this machine.
+        Address "HOST:PORT" or "rerun+http://HOST:PORT/proxy" on this machine.
 
     Raises
     ------
     InputError
-        The address is malformed or not of this machine, or no viewer listens there.
+        The address is malformed or on another machine, or no viewer listens there.
     """
     host, port = parse_address(address)
     if not listens(host, port):
         raise InputError(
             f"no viewer listens at {host}:{port}: start one with "
-            f"CI=1 rerun --bind {host} (CI=1: it reports its use to nobody)"
+            f"CI=1 rerun --bind {host} (CI=1 turns off usage reports)"
         )
     stream = rr.RecordingStream(APPLICATION)
     stream.connect_grpc(_url(host, port))
@@ -67,9 +67,9 @@ def connected(address: str) -> Iterator[IterationRecorder]:
 
 @contextmanager
 def spawned() -> Iterator[IterationRecorder]:
-    """Yield a progress function that streams to a viewer started for it.
+    """Yield a progress function that streams to a new viewer.
 
-    The viewer stays open; it needs a screen.
+    The viewer needs a screen and stays open.
     """
     port = free_port()
     keep_open(start_viewer("--new", "--expect-data-soon", "--hide-welcome-screen", ports=(port,)))
@@ -91,8 +91,8 @@ def served(announce: Callable[[str], object]) -> Iterator[IterationRecorder]:
 def server(announce: Callable[[str], object]) -> Iterator[str]:
     """Serve the viewer to a browser on this machine until the block ends.
 
-    Yields the address for :func:`connected`. ``announce`` gets the address that the browser should
-    open. Its theme is dark, which the recordings' colours are made for.
+    It yields the address for :func:`connected`. ``announce`` gets the address for the browser, with
+    the dark theme that suits the colours of recordings.
     """
     port, page = free_port(), free_port()
     process = start_viewer("--serve-web", "--web-viewer-port", str(page), ports=(port, page))
@@ -111,7 +111,7 @@ def parse_address(address: str) -> tuple[str, int]:
     Raises
     ------
     InputError
-        It is malformed, or of another machine.
+        The address is malformed, or on another machine.
     """
     parts = urlsplit(address if "://" in address else f"rerun+http://{address}/proxy")
     with suppress(ValueError):
@@ -128,16 +128,16 @@ def _url(host: str, port: int) -> str:
 
 
 TIMEOUT = 20.0  # s
-DIRECT = build_opener(ProxyHandler({}))  # the source is on this machine, whatever proxy there is
-PRECONNECT = re.compile(rb'<link rel="preconnect"[^>]*>')  # which no policy forbids
+DIRECT = build_opener(ProxyHandler({}))  # no proxy: the source is on this machine
+PRECONNECT = re.compile(rb'<link rel="preconnect"[^>]*>')  # policies do not cover preconnect
 
 
 @contextmanager
 def local_page(source: str, data: str) -> Iterator[str]:
-    """Yield the address of a copy of the page at ``source``, as long as the block lasts.
+    """Yield the address of a copy of the page at ``source``, until the block ends.
 
-    Scripts and files come from the copy, data from ``data`` as well; nothing from elsewhere.
-    Both are addresses such as "http://127.0.0.1:9090".
+    The page may load from the copy and from ``data`` only. ``source`` and ``data`` are addresses
+    such as "http://127.0.0.1:9090".
     """
     server = ThreadingHTTPServer((LOOPBACK, 0), partial(_Copy, source, data))
     server.daemon_threads = True
@@ -150,7 +150,7 @@ def local_page(source: str, data: str) -> Iterator[str]:
 
 
 class _Copy(BaseHTTPRequestHandler):
-    """Answers as the source does, with a policy."""
+    """Request handler with the answers of the source and a content security policy."""
 
     def __init__(self, source: str, data: str, *arguments: Any) -> None:
         self.source = source
@@ -164,7 +164,7 @@ class _Copy(BaseHTTPRequestHandler):
     def do_GET(self) -> None:
         try:
             answer = DIRECT.open(self.source + self.path, timeout=TIMEOUT)
-        except OSError as problem:  # that of a page that is not there has its code
+        except OSError as problem:  # an HTTPError has the code of the source
             self.send_error(getattr(problem, "code", 502))
             return
         with answer:
@@ -176,8 +176,8 @@ class _Copy(BaseHTTPRequestHandler):
         self.send_header("Content-Length", str(len(body)))
         self.send_header("Content-Security-Policy", self.policy)
         self.end_headers()
-        with suppress(ConnectionError):  # the page was closed
+        with suppress(ConnectionError):  # the browser may have closed the page
             self.wfile.write(body)
 
     def log_message(self, format: str, *args: Any) -> None:
-        """Print nothing: the terminal shows the solve's progress."""
+        """Ignore the message, because the terminal shows the progress of the solver."""

@@ -1,4 +1,4 @@
-"""Progress of solves and comparisons: a live bar on a terminal, plain lines anywhere else.
+"""Progress of solvers and comparisons: a live bar on a terminal, plain lines elsewhere.
 
 Iterations of a solver are shown on a terminal only.
 """
@@ -24,13 +24,13 @@ DURATION = re.compile(r"\d s\b")
 
 @contextmanager
 def show_progress(console: Console | None = None) -> Iterator[Callable[[Event], None]]:
-    """Yield a callable for any ``progress=``; what it draws is gone when the block ends.
+    """Yield a function for any ``progress=`` that draws a bar until the block ends.
 
     Parameters
     ----------
     console : rich.console.Console, optional
-        Default standard error. In a pipe the steps of a task become lines of text, and iterations
-        are not shown.
+        Console of the bar; default standard error. In a pipe steps become lines of text and
+        iterations are not shown.
 
     Examples
     --------
@@ -76,16 +76,16 @@ def show_progress(console: Console | None = None) -> Iterator[Callable[[Event], 
 
 
 def spoken_progress(say: Callable[[str], None], period: float = 30.0) -> Callable[[Event], None]:
-    """Return a callable for any ``progress=`` that says now and then what is done.
+    """Return a function for any ``progress=`` that reports the current step from time to time.
 
-    Where that names no duration, the last one that was named follows; iterations stay unsaid.
+    A line without a duration ends with the last known duration. Iterations are not reported.
 
     Parameters
     ----------
     say : callable
         Called with a line, such as ``print``.
     period : float
-        At least so many seconds apart, the first one after as many.
+        Smallest time between two lines, and before the first line, s.
 
     Examples
     --------
@@ -118,12 +118,12 @@ def _iterates(event: Event) -> bool:
 
 
 def _words(event: Event) -> tuple[str, str]:
-    """Return the stage of an event and what it says."""
+    """Return the stage and the text of an event."""
     return (event.stage, event.text) if isinstance(event, Step) else ("solve", str(event))
 
 
 class _BarAndText(Progress):
-    """A bar, and below it what is done now, so that neither takes the other's room."""
+    """Progress bar with the current step in a line below."""
 
     def get_renderables(self) -> Iterable[RenderableType]:
         for task in self.tasks:

@@ -1,4 +1,4 @@
-"""The Rerun viewer as a process of this machine: found, started, ended."""
+"""Process of the Rerun viewer on this machine: search, start and end."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from microbot_ocp._base.checks import InputError
 
 LOOPBACK = "127.0.0.1"
 START_TIMEOUT = 20.0  # s
-END_TIMEOUT = 0.4  # s, then the viewer is killed; the process itself has to end within 1 s
+END_TIMEOUT = 0.4  # s before the viewer is killed; this process must end within 1 s
 _started: set[subprocess.Popen[bytes]] = set()
 
 
 def viewer_environment() -> dict[str, str]:
-    """Return the environment of a viewer: it reports its use to nobody.
+    """Return an environment for a viewer without usage reports.
 
-    Rerun sends nothing where ``CI`` is set, unless ``FORCE_RERUN_ANALYTICS`` is.
+    Rerun sends no reports if ``CI`` is set and ``FORCE_RERUN_ANALYTICS`` is not.
     """
     environment = {"RUST_LOG": "error", **os.environ, "CI": "1"}
     environment.pop("FORCE_RERUN_ANALYTICS", None)
@@ -31,17 +31,17 @@ def viewer_environment() -> dict[str, str]:
 
 
 def find_viewer() -> str | None:
-    """Return the path of the Rerun viewer: of this Python's folder, or else on the PATH."""
+    """Return the path of the Rerun viewer in the folder of this Python, or else on the PATH."""
     return shutil.which("rerun", path=str(Path(sys.executable).parent)) or shutil.which("rerun")
 
 
 def start_viewer(*options: str, ports: tuple[int, ...]) -> subprocess.Popen[bytes]:
-    """Start a viewer that listens on this machine only, and wait until it does.
+    """Start a viewer that listens on this machine only, and wait until it listens.
 
     Raises
     ------
     InputError
-        There is no viewer, or it does not listen.
+        The viewer is not installed, or does not listen.
     """
     viewer = find_viewer()
     if viewer is None:
@@ -52,7 +52,7 @@ def start_viewer(*options: str, ports: tuple[int, ...]) -> subprocess.Popen[byte
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
         env=viewer_environment(),
-        start_new_session=True,  # Ctrl-C is for the solve; and a group can be ended as a whole
+        start_new_session=True,  # Ctrl-C must not reach the viewer, and a group ends as a whole
     )
     _started.add(process)
     try:
@@ -74,7 +74,7 @@ def _wait_for(process: subprocess.Popen[bytes], ports: tuple[int, ...]) -> None:
 
 
 def wait_for_viewer(command: list[str]) -> int:
-    """Run a viewer until it is closed; return its status. Its output goes to standard error."""
+    """Run a viewer until it is closed and return its status; it prints to standard error."""
     environment = viewer_environment()
     process = subprocess.Popen(command, stdout=sys.stderr, env=environment, start_new_session=True)
     _started.add(process)
@@ -85,8 +85,8 @@ def wait_for_viewer(command: list[str]) -> int:
 
 
 def end_viewer(process: subprocess.Popen[bytes]) -> None:
-    """End the script that starts a viewer and the viewer itself."""
-    with suppress(ProcessLookupError):  # when all of the group are gone
+    """End a viewer with its start script."""
+    with suppress(ProcessLookupError):  # raised after the last process of the group has ended
         os.killpg(process.pid, signal.SIGTERM)
         process.wait()
         deadline = time.monotonic() + END_TIMEOUT
@@ -99,12 +99,12 @@ def end_viewer(process: subprocess.Popen[bytes]) -> None:
 
 
 def keep_open(process: subprocess.Popen[bytes]) -> None:
-    """Let a viewer outlive this process."""
+    """Keep a viewer running after the end of this process."""
     _started.discard(process)
 
 
 def abandon() -> None:
-    """Kill every viewer that is not to stay open: the process is about to end."""
+    """Abort every viewer that is not kept open, before this process ends."""
     for process in list(_started):
         with suppress(OSError):
             os.killpg(process.pid, signal.SIGKILL)
@@ -118,7 +118,7 @@ def listens(host: str, port: int) -> bool:
 
 
 def free_port() -> int:
-    """Return a port that is free at the moment."""
+    """Return a free port."""
     with socket.socket() as probe:
         probe.bind((LOOPBACK, 0))
         return probe.getsockname()[1]

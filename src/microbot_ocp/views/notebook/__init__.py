@@ -1,4 +1,4 @@
-"""What lives in a cell of a notebook: the Rerun viewer, and sliders that solve a task again.
+"""Notebook widgets: the Rerun viewer, and sliders that solve a task again.
 
 Tables of results are in :mod:`microbot_ocp.views.tables`.
 """

@@ -1,10 +1,10 @@
-"""The Rerun viewer in a notebook.
+"""Rerun viewer in a notebook.
 
-The viewer is a program of 67 MB that runs in the browser. Left alone Rerun fetches it from its own
-server; here it comes from the installed package by a small server on this machine's loopback, so
-that no network is needed. Where the browser is on another machine (JupyterHub, Colab), set the
-environment variable ``RERUN_NOTEBOOK_ASSET`` to ``inline`` or to an address before Python starts,
-as Rerun documents it: then it decides.
+The viewer is a program of 67 MB that runs in the browser. By default Rerun downloads it from its
+server; here a small server on the loopback interface provides it from the installed package, so
+that no network is needed. If the browser is on another machine (JupyterHub, Colab), set the
+environment variable ``RERUN_NOTEBOOK_ASSET`` of Rerun to ``inline`` or to an address before Python
+starts; it takes precedence.
 """
 
 from __future__ import annotations
@@ -42,22 +42,22 @@ def show(
     ----------
     what : Comparison or Motion
     robot : Robot, optional
-        Of a motion, with the limits to draw.
+        Robot of a motion, with the limits to draw.
     width : int or "auto"
-        Pixels; "auto" is the width of the cell.
+        Width in pixels; "auto" is the width of the cell.
     height : int
-        Pixels.
+        Height in pixels.
 
     Returns
     -------
     rerun.notebook.Viewer or None
-        As the last line of a cell it is displayed. None, with a line that says what to install,
-        where the extra ``notebook`` is missing.
+        Viewer, displayed as the last line of a cell. Without the extra ``notebook`` it is None, and
+        a line tells how to install the extra.
 
     Raises
     ------
     InputError
-        Something else than a comparison or a motion with its robot.
+        An argument that is neither a comparison nor a motion with its robot.
     """
     if isinstance(what, Motion) and not isinstance(robot, Robot):
         raise InputError("show needs the robot of a motion: show(motion, robot)")
@@ -73,7 +73,7 @@ def show(
     from microbot_ocp.views.recording import Writer, of_comparison, of_motion
 
     recording = of_comparison(what) if isinstance(what, Comparison) else of_motion(robot, what)  # type: ignore[arg-type]
-    if not os.environ.get(ASSET):  # Rerun itself chooses once, when it is imported
+    if not os.environ.get(ASSET):  # Rerun reads the variable only at its import
         address = f"{_local_server(Path(rerun_notebook.__file__).parent / 'static')}/widget.js"
         rerun_notebook.ASSET_ENV = rerun_notebook.Viewer._esm = address
     stream = rr.RecordingStream(recording.application)
@@ -83,7 +83,7 @@ def show(
         recording=stream,
         blueprint=recording.blueprint(),
         use_global_recording=False,
-        theme="dark",  # which the recordings' colours are made for
+        theme="dark",  # the colours of recordings are chosen for it
     )
     recording.write(Writer(stream))
     stream.flush()
@@ -91,7 +91,7 @@ def show(
 
 
 class _Assets(SimpleHTTPRequestHandler):
-    """The viewer's files, for a page that comes from another port."""
+    """Request handler for the viewer's files, which a page from another port may load."""
 
     extensions_map = {".js": "text/javascript", ".wasm": "application/wasm"}  # noqa: RUF012
 
@@ -100,12 +100,12 @@ class _Assets(SimpleHTTPRequestHandler):
         super().end_headers()
 
     def log_message(self, format: str, *args: Any) -> None:
-        """Print nothing: a notebook would show it."""
+        """Ignore the message, which a notebook would show."""
 
 
 @lru_cache(maxsize=1)
 def _local_server(folder: Path) -> str:
-    """Return the address of a server of the viewer's files on this machine, up to its end."""
+    """Start a server of the viewer's files on this machine and return its address."""
     server = ThreadingHTTPServer(("127.0.0.1", 0), partial(_Assets, directory=str(folder)))
     threading.Thread(target=server.serve_forever, daemon=True).start()
     return f"http://127.0.0.1:{server.server_address[1]}"

@@ -1,4 +1,4 @@
-"""Sliders for limits and payload; each move solves the time-optimal task again and draws it."""
+"""Sliders for limits and payload that solve and draw the time-optimal task again."""
 
 from __future__ import annotations
 
@@ -30,17 +30,17 @@ GRAY: dict[str, Any] = {"color": "0.72", "linewidth": STYLE.line}
 
 
 class LivePlot:
-    """A row of velocities and one of torques, one column a joint.
+    """Figure with a row of velocities and a row of torques, one column per joint.
 
     Parameters
     ----------
     robot : Robot
     reference : Motion
-        Drawn in grey behind.
+        Motion in grey in the background.
     largest : JointLimits
-        The widest limits that will be drawn.
+        Widest limits to be drawn.
     duration : float
-        Length of the time axis, s; a longer motion makes it longer.
+        Length of the time axis, s; a longer motion extends the axis.
     """
 
     def __init__(
@@ -84,13 +84,13 @@ class LivePlot:
             self._keep(duration)
 
     def _keep(self, duration: float) -> None:
-        """Draw what does not move and keep its pixels."""
+        """Draw the fixed artists and keep their pixels."""
         self._axes.set_xlim(0.0, duration)
         self._canvas.draw()
         self._background = self._canvas.copy_from_bbox(self.figure.bbox)
 
     def png(self, motion: Motion | None, limits: JointLimits, message: str = "") -> bytes:
-        """Return the picture of a motion and limits; without one, of a message why."""
+        """Return the picture of a motion and its limits, or of a message without a motion."""
         if motion is not None and motion.duration > self._axes.get_xlim()[1]:
             self._keep(1.25 * motion.duration)
         self._canvas.restore_region(self._background)
@@ -111,18 +111,18 @@ class LivePlot:
 
 
 def _range(values: Any, lower: float, upper: float) -> tuple[float, float]:
-    """Return the range of an axis that holds the limits, or half as much again as the values."""
+    """Return the range of an axis: the limits, or 1.5 times the values without a limit."""
     low = lower if np.isfinite(lower) else 1.5 * min(float(values.min()), -1e-3)
     high = upper if np.isfinite(upper) else 1.5 * max(float(values.max()), 1e-3)
     return (1 + STYLE.room) * low, (1 + STYLE.room) * high
 
 
 class TimeOptimalSliders(InteractiveTask):
-    """The fastest motion through via points under sliders; shows itself in a notebook.
+    """Fastest motion through via points with sliders, displayed in a notebook.
 
-    The first two sliders scale all torque and all velocity limits of the robot, the third one puts
-    a payload at the tool. A move of a slider solves the task again in the background; while a
-    solve is under way only the newest position of the sliders waits for its turn.
+    The first two sliders scale all torque limits and all velocity limits of the robot, the third
+    slider sets a payload at the tool. Every change solves the task again in the background; only
+    the newest setting waits for a running solve.
 
     Parameters
     ----------
@@ -130,26 +130,26 @@ class TimeOptimalSliders(InteractiveTask):
     via_q : array_like [m,n]
         Via points, rad (prismatic: m).
     torque, speed : (lowest, highest)
-        Range of the shares of the robot's limits, around 1.
+        Range of the scale of the robot's limits, around 1.
     payload : float
         Largest payload, kg.
     **settings
-        Of :class:`microbot_ocp.TimeOptimalSolver`.
+        Settings of :class:`microbot_ocp.TimeOptimalSolver`.
 
     Attributes
     ----------
     torque, speed, payload : ipywidgets sliders
-        In percent, percent and kg; their ``value`` may be set by hand.
+        Sliders in percent, percent and kg; a program may set their ``value``.
     motion : Motion or None
-        The last motion; None where there is none for the last setting.
+        Motion for the last setting; None if the task was not solved.
     robot : Robot
-        With the limits and the payload of the last setting.
+        Robot with the limits and the payload of the last setting.
     message : str
-        Duration, saturated joints and solve time, or why there is no motion.
+        Duration, saturated joints and solve time, or the reason why there is no motion.
     solve_time : float
         Wall time of the last solve, s.
     solves : int
-        How many there were.
+        Number of solves.
 
     Raises
     ------
@@ -200,7 +200,7 @@ class TimeOptimalSliders(InteractiveTask):
 
     @property
     def setting(self) -> Setting:
-        """Where the sliders stand."""
+        """Setting of the sliders."""
         return Setting(self.torque.value / 100, self.speed.value / 100, self.payload.value)
 
     def _show(self, setting: Setting) -> None:
@@ -211,5 +211,5 @@ class TimeOptimalSliders(InteractiveTask):
 
     def _repr_mimebundle_(self, **options: Any) -> dict[str, Any]:
         bundle = self._box._repr_mimebundle_(**options)
-        # where no widget can live, in a file or a mail, its picture does
+        # The picture replaces the widget in saved files and mails.
         return {**bundle, "image/png": bytes(self._picture.value), "text/plain": self.message}

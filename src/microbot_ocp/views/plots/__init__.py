@@ -1,7 +1,7 @@
-"""Figures: every function takes axes or makes them, and returns them.
+"""Figures: every function draws on given or new axes and returns them.
 
-``mo.plots`` is this module. None touches pyplot or the user's style; :func:`save` writes files, and
-axes in the last line of a Jupyter cell show their figure.
+``mo.plots`` is this module. No function uses pyplot or changes the user's style. :func:`save`
+writes files, and axes in the last line of a Jupyter cell show their figure.
 
 Examples
 --------

@@ -1,4 +1,4 @@
-"""Results that are a row of small charts: fronts, what data of a motion are worth, sparsity."""
+"""Small charts: fronts, sensitivities of the duration, torque reserve, sparsity."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from microbot_ocp.views.plots._page import AxesGrid, axes_page, styled
 
 
 def _row(axes: GivenAxes | None, count: int, height: float, title: str = "") -> AxesGrid:
-    """Return axes [count], of a height in inches where they are new ones."""
+    """Return axes [count]; new axes have the given height, inches."""
     page = axes_page(axes, 1, count, size=(STYLE.page[0], height), title=title)
     return page.axes.ravel().view(AxesGrid)
 
@@ -26,7 +26,7 @@ def front(front: Front, axes: GivenAxes | None = None) -> AxesGrid:
     Parameters
     ----------
     front : Front
-        From :func:`microbot_ocp.tasks.time_effort_front`.
+        Front of :func:`microbot_ocp.tasks.time_effort_front` or ``time_torque_front``.
     axes : array of Axes [2], optional
         Default a new figure.
 
@@ -51,7 +51,7 @@ def front(front: Front, axes: GivenAxes | None = None) -> AxesGrid:
 
 @styled()
 def prices(sensitivities: Sensitivities, axes: GivenAxes | None = None) -> AxesGrid:
-    """Draw what one percent of each limit saves, the most first.
+    """Draw the time saved by one percent more of each limit, the largest first.
 
     Parameters
     ----------
@@ -66,8 +66,8 @@ def prices(sensitivities: Sensitivities, axes: GivenAxes | None = None) -> AxesG
     table = sensitivities.table()
     names, saved = [row[0] for row in table.rows], [row[-1] for row in table.rows]
     height = 0.8 * STYLE.row + 0.25 * len(names)
-    panels = _row(axes, 1, height, "what one percent of a limit saves")
-    # what barely binds is hollow: a step may end it
+    panels = _row(axes, 1, height, "time saved by one percent more of a limit")
+    # A hollow bar marks a limit that barely binds: one percent more may make it inactive.
     filled = [row[4] == "yes" for row in table.rows]
     for bar, sure in zip(panels[0].barh(names, saved, edgecolor="C0"), filled, strict=True):
         bar.set_fill(sure)
@@ -83,14 +83,14 @@ def duration_line(line: DurationLine, axes: GivenAxes | None = None) -> AxesGrid
     Parameters
     ----------
     line : DurationLine
-        From :meth:`microbot_ocp.TimeOptimalSolver.along`.
+        Result of :meth:`microbot_ocp.TimeOptimalSolver.along`.
     axes : Axes, optional
         Default a new figure.
 
     Returns
     -------
     AxesGrid [1]
-        Slopes are short lines; values before which other limits bind have a hollow mark.
+        Slopes are short lines; a hollow mark shows that other limits bind than at the value before.
     """
     panels = _row(axes, 1, 1.5 * STYLE.row)
     half = 0.3 * np.gradient(line.values) if line.values.size > 1 else np.zeros(1)
@@ -111,7 +111,7 @@ def reserve(reserve: Reserve, axes: GivenAxes | None = None) -> AxesGrid:
     Parameters
     ----------
     reserve : Reserve
-        From :func:`microbot_ocp.smallest_reserve`.
+        Result of :func:`microbot_ocp.smallest_reserve`.
     axes : array of Axes [2], optional
         Default a new figure.
 
@@ -120,7 +120,7 @@ def reserve(reserve: Reserve, axes: GivenAxes | None = None) -> AxesGrid:
     AxesGrid [2]
         The bound is dashed, the least reserve that keeps it dotted.
     """
-    panels = _row(axes, 2, 1.5 * STYLE.row, "what a reserve of torque does")
+    panels = _row(axes, 2, 1.5 * STYLE.row, "effect of a torque reserve")
     share = [100.0 * trial.reserve for trial in reserve.trials]
     error = np.array([trial.error for trial in reserve.trials])
     panels[0].semilogy(share, np.where(np.isfinite(error), 1e3 * error, np.nan), marker="o")
@@ -135,7 +135,7 @@ def reserve(reserve: Reserve, axes: GivenAxes | None = None) -> AxesGrid:
 
 @styled()
 def sparsity(solver: ParametricSolver, axes: GivenAxes | None = None) -> AxesGrid:
-    """Draw the nonzeros of the Jacobian of the rows and of the Hessian of the Lagrangian.
+    """Draw the nonzeros of the Jacobian of the constraints and of the Hessian of the Lagrangian.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ def sparsity(solver: ParametricSolver, axes: GivenAxes | None = None) -> AxesGri
     Returns
     -------
     AxesGrid [2]
-        Lines stand between phases.
+        Lines separate the phases.
     """
     program = solver.program
     panels = _row(axes, 2, 0.5 * STYLE.page[0], solver.transcription.problem.name)

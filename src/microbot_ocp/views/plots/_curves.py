@@ -1,4 +1,4 @@
-"""Curves of joints against time: one drawing function under every figure of motions."""
+"""Curves of joints over time: the drawing function of every figure of motions."""
 
 from __future__ import annotations
 
@@ -23,34 +23,34 @@ from microbot_ocp.views._style import STYLE, LineStyle, look
 from microbot_ocp.views.plots._page import AxesGrid, Page, axes_page, halo, styled
 
 PASSED = "via point passed"
-OWN_LIMIT: dict[str, Any] = {"linestyle": ":", "linewidth": 1.2}  # of one curve
+OWN_LIMIT: dict[str, Any] = {"linestyle": ":", "linewidth": 1.2}  # limit of a single curve
 CORNER: Any = {"xy": (1.0, 1.0), "xycoords": "axes fraction", "textcoords": "offset points"}
-PLAIN = ("q", "qd", "qdd", "tau", "error")  # every robot has them, with limits or without
+PLAIN = ("q", "qd", "qdd", "tau", "error")  # quantities of every robot, also without limits
 
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """One line in every axes.
+    """Curve of one motion, drawn as one line in every axes.
 
     Attributes
     ----------
     label : str
-        What the legend prints.
+        Label in the legend.
     t : array [N], s
     values : mapping from a quantity to array [N,n]
-        "q", "qd", "qdd", "tau", "error" (of the position) or the key of a limit, [N,1] where it is
-        one number, such as "tool_speed"; rad (m), N m (N) and so on; NaN is not drawn.
+        Values in SI units, by "q", "qd", "qdd", "tau", "error" (position error) or the key of a
+        limit; [N,1] for a quantity of the arm, such as "tool_speed". NaN is not drawn.
     color : str, optional
-        Default by the place among the curves, as is the line style.
+        Colour; default by the index of the curve, like the line style.
     linestyle : str or (offset, dashes), optional
     passages : sequence of float
-        Times at which a via point is passed, s: marked.
+        Times at which a via point is passed, s, for markers.
     prominent : bool
-        Whether it is drawn on top and a little wider.
+        True for a wider line on top of the others.
     warning : str
-        What is wrong with it, such as "not solved: ..."; printed in red above the legend.
+        Failure, such as "not solved: ...", in red above the legend.
     torque_limits : (lower [n], upper [n]), optional
-        Its own, N m (N); where the torque is at one of them its axes are shaded.
+        Torque limits of this curve, N m (N); times at these limits are shaded.
     bounds : mapping from a quantity to arrays [N,n]
         Bounds that vary along the motion.
     """
@@ -81,11 +81,11 @@ class Curve:
         ----------
         source : Motion, Simulation or Tracking
         label : str, optional
-            Default its own.
+            Label in the legend; default the label of the source.
         robot : Robot, optional
-            Needed for quantities that only its limits define.
+            Robot; needed for quantities that its limits define.
         quantities : sequence of str
-            Keys of limits whose quantity is evaluated besides, such as "tool_speed".
+            Keys of limits to evaluate, too, such as "tool_speed".
         """
         label = label or str(getattr(source, "label", "simulation"))
         values = {name: getattr(source, name) for name in ("q", "qd", "qdd", "tau")}
@@ -103,7 +103,7 @@ class Curve:
         return cls(label, source.t, values, **more)
 
     def saturated(self, joint: int) -> list[tuple[float, float]]:
-        """Return spans of time, s, in which the torque of a joint is at one of its own limits."""
+        """Return the intervals, s, in which the torque of a joint is at a limit of this curve."""
         if self.torque_limits is None or "tau" not in self.values:
             return []
         (lower, upper), tau = self.torque_limits, self.values["tau"][:, joint]
@@ -116,12 +116,12 @@ class Curve:
 def _limited_values(
     robot: Robot, source: Motion | Simulation, keys: Sequence[str]
 ) -> tuple[dict[str, FloatArray], dict[str, list[FloatArray]]]:
-    """Return values at the samples of quantities that have a limit, and the bounds that vary."""
+    """Return the values of limited quantities at the samples, and their varying bounds."""
     values, bounds = {}, {}
     if keys:
         motion = source if isinstance(source, Motion) else source.as_motion("")
         history = limit_history(robot, motion)
-        at = np.searchsorted(history.t, motion.t)  # the samples are among the history's times
+        at = np.searchsorted(history.t, motion.t)  # history.t contains every sample
         for key in (key for key in keys if key in history.limited):
             value, *sides = history.limited[key]
             values[key] = value[at]
@@ -145,37 +145,35 @@ def curves(
     symbols: bool = False,
     warnings: Sequence[str] = (),
 ) -> AxesGrid:
-    """Draw quantities of joints against time.
+    """Draw quantities of joints over time.
 
     Parameters
     ----------
     robot : Robot
-        For names and units.
+        Robot with names and units.
     curves : sequence of Curve
-        Those without a quantity are left out of its axes.
+        Curves; a curve without a quantity is left out of its axes.
     quantities : sequence of str
-        Of "q", "qd", "qdd", "tau", "error", or the key of another limit of the robot, such as
-        "taud" or "tool_speed"; what is one number, not one a joint, has one panel across.
+        Rows of panels: "q", "qd", "qdd", "tau", "error", or the key of another limit of the robot,
+        such as "taud" or "tool_speed". A quantity of the arm has one panel across the row.
     axes : array of Axes [quantities, joints], optional
-        Where to draw; default a new figure, in which each joint has a column (a row where there are
-        more than four).
+        Default a new figure with one column per joint (one row per joint for more than four).
     joints : sequence of int, optional
         Indices from 0; default all.
     limits : JointLimits, optional
-        Drawn as lines where they are near the curves, otherwise named above the axes.
+        Limits, drawn as lines near the curves or else named above the axes.
     via : (times [m], positions [m,n]), optional
         Via points, s and rad (m), drawn with the position.
     bounds : mapping, optional
-        Largest value shown of a quantity, in its drawn unit; curves beyond are cut, with a note in
-        the axes.
+        Largest drawn value per quantity, in drawn units; a note in the axes tells of cut curves.
     base : bool
-        Whether the first curve is drawn wider and below the others, as their reference.
+        True to draw the first curve wide and below the others, as their reference.
     title : str
-        Of a new figure.
+        Title of a new figure.
     symbols : bool
         Label axes with q, qd, tau instead of position, velocity, torque.
     warnings : sequence of str
-        What went wrong, besides the curves' own warnings.
+        Failures, besides the warnings of the curves.
 
     Returns
     -------
@@ -184,7 +182,7 @@ def curves(
     Raises
     ------
     InputError
-        A quantity or joint that is not there, axes of another shape.
+        An unknown quantity or joint, axes of another shape.
     """
     shown = _shown_joints(robot, joints)
     robot = robot if limits is None else robot.with_limits(limits)
@@ -215,8 +213,8 @@ def _check_quantity(robot: Robot, quantity: str) -> None:
     checks.one_of("quantity", quantity, dict.fromkeys([*PLAIN, *family.keys]))
     if not scene.of_joints(robot, quantity) and len(family[quantity].labels) > 1:
         raise InputError(
-            f"quantity {quantity!r} has {len(family[quantity].labels)} components that are not the "
-            "joints': plots.limit_use shows them"
+            f"quantity {quantity!r} has {len(family[quantity].labels)} components other than the "
+            "joints: draw it by plots.limit_use"
         )
 
 
@@ -231,7 +229,7 @@ def _shown_joints(robot: Robot, joints: Sequence[int] | None) -> list[int]:
 
 
 def _page(axes: GivenAxes | None, rows: int, joints: int, title: str) -> Page:
-    """Return axes [rows, joints]: a column for each joint, or a row where they are many."""
+    """Return axes [rows, joints], laid out with a column per joint, or a row if they are many."""
     (width, height), many = STYLE.page, joints > STYLE.side_by_side
     if many:
         size = (max(width, 2.6 * rows), min(height, 1.45 * joints + 1.4))
@@ -241,7 +239,7 @@ def _page(axes: GivenAxes | None, rows: int, joints: int, title: str) -> Page:
 
 
 def _across(page: Page, row: int) -> Axes:
-    """Return one axes in the place of a row; on axes of the caller the others are hidden."""
+    """Return one axes for a whole row; the other axes of the row are removed or hidden."""
     first, *others = page.axes[row]
     if page.is_new:
         grid = first.get_gridspec()
@@ -265,7 +263,7 @@ def draw_panel(
     via: tuple[FloatArray, FloatArray] | None = None,
     base: bool = False,
 ) -> None:
-    """Draw one quantity of one joint of every curve; the arguments are those of :func:`curves`."""
+    """Draw one quantity of one joint for every curve; see :func:`curves` for the arguments."""
     factor, columns = scene.display_factor(robot, quantity, joint), [np.zeros(0)]
     for place, curve in enumerate(curves):
         if quantity not in curve.values:
@@ -301,7 +299,7 @@ def _mark(
 def _draw_saturation(
     axes: Axes, curves: Sequence[Curve], joint: int, limits: JointLimits | None, base: bool
 ) -> None:
-    """Draw limits of single curves, and shade where one is at them in its share of the height."""
+    """Draw the limits of single curves and shade the times at them, one strip per curve."""
     common = () if limits is None else [bound[joint] for bound in limits.bounds("tau")]
     shaded = [place for place, curve in enumerate(curves) if curve.saturated(joint)]
     for place, curve in enumerate(curves):
@@ -316,7 +314,7 @@ def _draw_saturation(
 
 
 def line_of(curve: Curve, place: int, base: bool = False) -> dict[str, Any]:
-    """Return how the curve at a place among others is drawn."""
+    """Return the line style of the curve with an index ``place``."""
     line = look(place)
     return {
         "color": curve.color or line["color"],
@@ -327,7 +325,7 @@ def line_of(curve: Curve, place: int, base: bool = False) -> dict[str, Any]:
 
 
 def _draw_limits(axes: Axes, limits: scene.AxisLimits) -> None:
-    """Set the range of the axes; draw near limits as lines, name far ones at the edge."""
+    """Set the range of the axes; draw near limits as lines and name far limits at the edge."""
     axes.set_ylim(*limits.axis)
     for limit, edge in zip((limits.lower, limits.upper), limits.axis, strict=True):
         if limit is not None:
@@ -335,7 +333,7 @@ def _draw_limits(axes: Axes, limits: scene.AxisLimits) -> None:
             axes.axhspan(*sorted((limit, edge)), zorder=1, **STYLE.beyond_limit)
     if limits.far:
         note = {"fontsize": STYLE.small, "color": STYLE.ink, "ha": "right", "va": "bottom"}
-        below = limits.far.startswith("lower")  # away from the line of the upper limit
+        below = limits.far.startswith("lower")  # the upper edge has the line of the upper limit
         place = CORNER | {"xy": (1.0, 0.0), "path_effects": halo()} if below else CORNER
         axes.annotate(limits.far, xytext=(-2, 2), **place, **note)
 
@@ -352,7 +350,7 @@ def _cut(axes: Axes, bound: float) -> None:
 def _label_panels(
     page: Page, robot: Robot, quantities: Sequence[str], joints: Sequence[int], symbols: bool
 ) -> None:
-    """Label every panel, or the first of a row where the others say the same; name the joints."""
+    """Label the panels (only the first of a row if labels are equal) and name the joints."""
     grid, many = page.axes, len(joints) > STYLE.side_by_side and page.is_new
     named = False
     for row, quantity in zip(grid, quantities, strict=True):
@@ -366,7 +364,7 @@ def _label_panels(
             size = {"fontsize": 8.5} if many else {}
             panel.set_ylabel("" if repeated else f"{name} [{unit}]", **size)
         for panel, joint in zip(row, joints, strict=True) if of_joints and not named else ():
-            # far limits are named at the right
+            # The title stands left, because notes on far limits stand at the right.
             left = {"loc": "left", "fontsize": 9.5, "pad": 12} if many else {"pad": 15}
             panel.set_title(robot.joint_names[joint], fontweight="bold", **left)
         named = named or of_joints
@@ -377,7 +375,7 @@ def _label_panels(
 
 
 def _handles(curves: Sequence[Curve], marked: bool, page: Page) -> list[Any]:
-    """Return entries of the legend: every curve, then what the markers and shades mean."""
+    """Return the entries of the legend: curves, markers, limits and shades."""
     handles: list[Any] = [
         Line2D([], [], label=curve.label, **line_of(curve, place))
         for place, curve in enumerate(curves)
@@ -403,5 +401,5 @@ def _handles(curves: Sequence[Curve], marked: bool, page: Page) -> list[Any]:
 
 
 def limit_handle() -> Line2D:
-    """Return the legend's entry of a limit."""
+    """Return the legend entry of a limit."""
     return Line2D([], [], **{**STYLE.limit_line, "label": "limit"})

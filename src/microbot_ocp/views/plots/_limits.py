@@ -1,4 +1,4 @@
-"""How much of every limit a motion uses over time, and which actuator saturates when."""
+"""Use of limits over time, and saturation of actuators."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ from microbot_ocp.views._style import STYLE, entry_title, failures, look
 from microbot_ocp.views.plots._curves import limit_handle
 from microbot_ocp.views.plots._page import AxesGrid, axes_page, styled
 
-# Of lanes of saturation: upper limits are plain, lower ones hatched; velocity is a thin bar in the
-# middle, torque the highest; limits beside the joints' take turns in the colours of joints.
+# Bars of the saturation chart: upper limits are plain, lower limits hatched; the bar of the torque
+# is the highest, the bar of the velocity thin. Limits of the arm cycle through FURTHER_FACES.
 HEIGHTS = {"taud": 0.5, "qdd": 0.5, "qddd": 0.4, "qd": 0.26}
 SIDES = {1: " at its upper limit", -1: " at its lower limit", 0: " at a limit"}
 FACES = {"tau": "0.35", "taud": "0.6", "qdd": "0.6", "qddd": "#56B4E9", "qd": "#E69F00"}
@@ -43,7 +43,7 @@ def limit_use(
     quantities: Sequence[str] | None = None,
     limits: Limits | JointLimits | None = None,
 ) -> AxesGrid:
-    """Draw the use of every kind of limit over time: 100 % is the limit.
+    """Draw the use of every kind of limit over time in percent of the limit.
 
     Parameters
     ----------
@@ -52,22 +52,22 @@ def limit_use(
     axes : array of Axes [quantities], optional
         Default a new figure.
     quantities : sequence of str, optional
-        Keys of limits: "q", "qd", "qdd", "qddd", "tau", "taud", or of a further one, such as
-        "tool_speed"; default all that the robot has but the position's.
+        Keys of limits: "q", "qd", "qdd", "qddd", "tau", "taud", or another limit such as
+        "tool_speed"; default all limits of the robot except position limits.
     limits : Limits, optional
-        Default the robot's own.
+        Default the robot's limits.
 
     Returns
     -------
     AxesGrid [quantities, 1]
-        Joints differ by colour and dashes; thin vertical lines mark where a torque reaches or
-        leaves its limit, which is where an actuator switches, and dotted ones where the
-        acceleration jumps, at rest before or after the motion, too, though its rate is limited.
+        Joints differ by colour and dashes. Thin vertical lines mark the times at which a torque
+        reaches or leaves its limit (an actuator switches). Dotted lines mark jumps of the
+        acceleration that a limit of its rate forbids, including jumps from and to rest.
 
     Raises
     ------
     InputError
-        No limits at all, a quantity without one, a motion of another number of joints.
+        No limits at all, a quantity without a limit, a motion of another number of joints.
     """
     history = limit_history(robot, motion, limits)
     limited = [quantity for quantity in history.use if quantity != "q"]
@@ -104,7 +104,7 @@ def limit_use(
 
 
 def _jump_times(history: LimitHistory, quantity: str) -> FloatArray:
-    """Return when the acceleration jumps though a limit depends on its rate, s."""
+    """Return the times at which the acceleration jumps although its rate is limited, s."""
     jumps = history.jumps
     if jumps is None or quantity not in jumps.use:
         return np.zeros(0)
@@ -144,9 +144,9 @@ def saturation(
     robot: Robot | None = None,
     methods: Sequence[str] | None = None,
 ) -> Axes:
-    """Draw which limit is used up when: a lane for each joint of each motion.
+    """Draw the times at each limit: one lane per joint of each motion.
 
-    Limits of other quantities than the joints', such as the tool's speed, have lanes below them.
+    Limits of the arm, such as the tool speed, have lanes below the joints.
 
     Parameters
     ----------
@@ -154,22 +154,22 @@ def saturation(
     axes : Axes, optional
         Default a new figure.
     robot : Robot, optional
-        Of a mapping, with its limits.
+        Robot with limits; needed for a mapping.
     methods : sequence of str, optional
         Names of entries of a comparison; default all.
 
     Returns
     -------
     Axes
-        Bars mark where a limit is used to 99 % or more: dark for torque (hatched at its lower
-        limit), narrow for velocity.
+        Bars cover the times at which a limit is used to 99 % or more: dark for torque (hatched at
+        the lower limit), narrow for velocity.
 
     Raises
     ------
     InputError
-        A mapping without its robot, or without motions.
+        A mapping without robot, or without motions.
     KeyError
-        A method that is not there.
+        An unknown method.
     """
     warnings: list[str] = []
     if isinstance(subject, Comparison):

@@ -1,4 +1,4 @@
-"""Motions, simulations, controllers at work and comparisons against time."""
+"""Figures of motions, simulations, trackings and comparisons over time."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from microbot_ocp.views._style import STYLE, entry_styles, entry_title, failures
 from microbot_ocp.views.plots._curves import PASSED, Curve, curves
 from microbot_ocp.views.plots._page import AxesGrid, halo
 
-AT_WORK = 0.99  # of a limit: it is drawn
+AT_LIMIT = 0.99  # use of a limit from which on its quantity has a row of panels
 
 
 def motion(
@@ -32,7 +32,7 @@ def motion(
     joints: Sequence[int] | None = None,
     limits: Limits | JointLimits | None = None,
 ) -> AxesGrid:
-    """Draw position, velocity and torque of one motion, or of several over each other.
+    """Draw position, velocity and torque of one or several motions over time.
 
     Parameters
     ----------
@@ -41,22 +41,22 @@ def motion(
     axes : array of Axes [quantities, joints], optional
         Default a new figure.
     quantities : sequence of str
-        Of "q", "qd", "qdd", "tau", or the key of another limit, such as "taud" or "tool_speed".
+        Rows of panels: "q", "qd", "qdd", "tau", or the key of another limit, such as "taud" or
+        "tool_speed".
     joints : sequence of int, optional
         Indices from 0; default all.
     limits : Limits, optional
-        Default the robot's own.
+        Default the robot's limits.
 
     Returns
     -------
     AxesGrid [quantities, joints]
-        Dots are at the times of marks; a motion that was not solved is named in red.
+        Dots mark the times of marks; a red text names a motion that was not solved.
 
     Raises
     ------
     InputError
-        A motion of another number of joints, a quantity or joint that is not there, axes of
-        another shape.
+        A motion of another number of joints, an unknown quantity or joint, axes of another shape.
     """
     runs = [motion] if isinstance(motion, Motion | Simulation) else list(motion)
     for each in runs:
@@ -76,7 +76,7 @@ def motion(
 
 
 def cell(cell: Cell) -> AxesGrid:
-    """Draw a motion through stops: every limit at work, rests, what is carried.
+    """Draw a motion through stops with rests, payloads, and every quantity that meets its limit.
 
     Parameters
     ----------
@@ -85,14 +85,14 @@ def cell(cell: Cell) -> AxesGrid:
     Returns
     -------
     AxesGrid [quantities, joints]
-        Position, velocity and torque, and whatever else is at its limit at some time, such as
-        accelerations or torque rates. Where the arm rests is grey, where it carries something a
-        stripe stands at the foot, with the mass in the first one.
+        Rows of position, velocity and torque, and of every other quantity that reaches its limit,
+        such as acceleration or torque rate. Rests are shaded grey. A stripe at the bottom shows a
+        payload; the first panel has its mass.
     """
     robot, motion_, task = cell.robot, cell.motion, cell.task
     use = limit_history(robot, motion_).use
     plain = ("q", "qd", "qdd", "tau", "taud", "qddd")
-    busy = [key for key in use if use[key].max(initial=0.0) >= AT_WORK and use[key].shape[1] > 0]
+    busy = [key for key in use if use[key].max(initial=0.0) >= AT_LIMIT and use[key].shape[1] > 0]
     keys = [key for key in plain if key in ("q", "qd", "tau") or key in busy]
     keys += [key for key in busy if key not in plain and use[key].shape[1] == 1]
     page = motion(robot, motion_, quantities=keys)
@@ -125,35 +125,35 @@ def tracking(
     joints: Sequence[int] | None = None,
     title: str = "",
 ) -> AxesGrid:
-    """Draw errors and torques of one controller, or of several over each other.
+    """Draw errors and torques of one or several controllers over time.
 
     Parameters
     ----------
     robot : Robot
     trackings : Tracking, sequence of Tracking or mapping from a label to Tracking
-        Named by their own ``label`` where no other is given.
+        Simulated trackings; the default label is their ``label``.
     axes : array of Axes [quantities, joints], optional
         Default a new figure.
     quantities : sequence of str
-        Of "error" (reference less position, deg, prismatic: mm), "tau", "q", "qd", "qdd", or the
-        key of another limit, such as "tool_speed".
+        Rows of panels: "error" (reference minus position, deg, prismatic: mm), "tau", "q", "qd",
+        "qdd", or the key of another limit, such as "tool_speed".
     joints : sequence of int, optional
         Indices from 0; default all.
     title : str
-        Of a new figure; default the robot and its controller.
+        Title of a new figure; default the robot and its controller.
 
     Returns
     -------
     AxesGrid [quantities, joints]
-        The torque limits are those of the drives, dotted in the colour of the curve where the
-        curves have different ones. Where a torque is at its limit the axes are shaded in the colour
-        of the curve; several share the height.
+        Torque limits are the limits of the drives; if they differ between the curves, each is
+        dotted in the colour of its curve. A shade in the colour of the curve covers the times at
+        which a torque is at its limit; several curves share the height.
 
     Raises
     ------
     InputError
-        No tracking, one of another number of joints, a quantity or joint that is not there, axes
-        of another shape.
+        No tracking, a tracking of another number of joints, an unknown quantity or joint, axes of
+        another shape.
     """
     if isinstance(trackings, Mapping):
         runs = list(trackings.items())
@@ -176,7 +176,7 @@ def tracking(
 
 
 def _common_limits(robot: Robot, runs: Sequence[Tracking]) -> JointLimits:
-    """Return the robot's, with the torque limits of the drives, if they have the same."""
+    """Return the robot's limits with the torque limits of the drives, if all drives agree."""
     lower, upper = runs[0].torque_limits
     if any(not np.array_equal(run.torque_limits, (lower, upper)) for run in runs):
         lower, upper = np.full_like(lower, -np.inf), np.full_like(upper, np.inf)
@@ -191,15 +191,16 @@ def comparison(
     joints: Sequence[int] | None = None,
     methods: Sequence[str] | None = None,
 ) -> AxesGrid:
-    """Draw position, velocity and torque of every method against time, with the limits.
+    """Draw position, velocity and torque of every method over time, with the limits.
 
     Parameters
     ----------
     comparison : Comparison
     axes : array of Axes [quantities, joints], optional
-        Default a new figure, a column for each joint (a row each for more than four).
+        Default a new figure with one column per joint (one row per joint for more than four).
     quantities : sequence of str
-        Of "q", "qd", "qdd", "tau", or the key of another limit, such as "taud" or "tool_speed".
+        Rows of panels: "q", "qd", "qdd", "tau", or the key of another limit, such as "taud" or
+        "tool_speed".
     joints : sequence of int, optional
         Indices from 0; default all.
     methods : sequence of str, optional
@@ -208,15 +209,15 @@ def comparison(
     Returns
     -------
     AxesGrid [quantities, joints]
-        Markers show when via points are passed. A method without a motion is named above the
-        legend, with the reason.
+        Markers show the passages of via points. A text above the legend names every method without
+        a motion, with the reason.
 
     Raises
     ------
     InputError
-        A quantity or joint that is not there, axes of another shape.
+        An unknown quantity or joint, axes of another shape.
     KeyError
-        A method that is not there.
+        An unknown method.
     """
     every = [entry.name for entry in comparison.entries]
     names = [comparison[name].name for name in (every if methods is None else methods)]
@@ -236,7 +237,7 @@ def comparison(
 def entry_curves(
     comparison: Comparison, names: Sequence[str], quantities: Sequence[str]
 ) -> list[Curve]:
-    """Return curves of the named entries that have a motion."""
+    """Return the curves of the named entries with a motion."""
     styles = entry_styles(comparison)
     robot = comparison.robot.with_limits(comparison.limits)
     return [
@@ -246,7 +247,7 @@ def entry_curves(
             linestyle=styles[entry.name].linestyle,
             passages=scene.via_passages(comparison, motion),
             prominent=styles[entry.name].highlighted,
-            warning="",  # the label says so
+            warning="",  # the legend title has it
         )
         for entry, motion in scene.solved_entries(comparison)
         if entry.name in names
@@ -254,7 +255,7 @@ def entry_curves(
 
 
 def legend_title(entry: Entry, motion: Motion) -> str:
-    """Return the title of an entry with its duration, and whether it may be trusted."""
+    """Return the title of an entry with its duration, and a warning if it failed."""
     title = f"{entry_title(entry)}, {motion.duration:.3f} s"
     if not motion.solved:
         return f"{title} (NOT SOLVED: {entry.status})"

@@ -1,6 +1,6 @@
-"""Pages of axes: new ones or the caller's, styled without global state, saved in one place.
+"""Pages of axes (new or given by the caller) with one style, and their files.
 
-pyplot is never imported: no global state keeps a figure alive.
+pyplot is never imported, so that no global state keeps a figure alive.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from microbot_ocp.views._style import STYLE
 
 FORMATS = (".png", ".pdf", ".svg", ".jpg", ".jpeg")
 SETTINGS: dict[Any, Any] = {
-    "font.family": "DejaVu Sans",  # comes with matplotlib: the same everywhere
+    "font.family": "DejaVu Sans",  # part of matplotlib, so figures look alike on every machine
     "font.size": 9.0,
     "axes.titlesize": 10.5,
     "axes.labelsize": 9.5,
@@ -61,23 +61,23 @@ Drawn = Figure | Axes | np.ndarray | DrawnAxes
 
 
 def halo(color: str = "white") -> list[Any]:
-    """Return path effects with which text stays legible on curves."""
+    """Return path effects that keep text legible on curves."""
     return [withStroke(linewidth=2.5, foreground=color)]
 
 
 def styled(changes: Mapping[str, Any] | None = None) -> Any:
-    """Return a context (or decorator) in which figures look alike, whatever the user has set.
+    """Return a context (or decorator) with the style of this package instead of the user's.
 
-    ``changes`` are settings of matplotlib's.
+    ``changes`` are further matplotlib settings.
     """
     return style.context(["default", {**SETTINGS, **(changes if changes is not None else {})}])
 
 
 class _Shown:
-    """Axes that can be written to a file, and shown by Jupyter in the last line of a cell."""
+    """Mixin of axes that write their figure to a file and show it in Jupyter."""
 
     def savefig(self, path: str | Path, **options: Any) -> Path:
-        """Write the whole figure as :func:`write` does."""
+        """Write the whole figure by :func:`write`."""
         return write(self, path, **options)  # pyright: ignore[reportArgumentType]
 
     def _repr_png_(self) -> bytes | None:
@@ -98,43 +98,43 @@ class AxesGrid(_Shown, np.ndarray):
 
     @property
     def figure(self) -> Figure:
-        """The figure of all of them."""
+        """Figure of the axes."""
         return figure_of(self)
 
 
 class ShownAxes(_Shown, Axes):
-    """Axes made here: ``axes.savefig(path)`` writes their figure, Jupyter shows it."""
+    """New axes: ``axes.savefig(path)`` writes their figure, Jupyter shows it."""
 
 
 class ShownAxes3D(_Shown, Axes3D):
-    """The same in three dimensions."""
+    """Three-dimensional :class:`ShownAxes`."""
 
 
 @dataclass(frozen=True, eq=False)
 class Page:
-    """Where a figure function draws.
+    """Page that a figure function draws on.
 
     Attributes
     ----------
     axes : AxesGrid
-        One axes a panel.
+        One axes per panel.
     is_new : bool
-        Whether the page was made here; only then it gets a title and a legend outside the axes.
+        False for axes of the caller, which get no title and no legend outside of the axes.
     """
 
     axes: AxesGrid
     is_new: bool
 
     def legend(self, handles: Sequence[Any], columns: int, warnings: Iterable[str] = ()) -> None:
-        """Draw one legend: below the page, or in the first axes where the caller gave them.
+        """Draw one legend: below a new page, or in the first axes of the caller.
 
         Parameters
         ----------
         handles : sequence of artists with labels
         columns : int
-            At most so many.
+            Largest number of columns.
         warnings : iterable of str
-            What went wrong, in red above the entries, broken where the page ends.
+            Failures, in red above the entries, wrapped to the page.
         """
         figure, width = self.axes.figure, 40
         target: Any = figure if self.is_new else self.axes.flat[0]
@@ -154,7 +154,7 @@ class Page:
 
 
 def new_page(size: tuple[float, float], title: str = "") -> Figure:
-    """Return an empty figure of a size in inches; call it within :func:`styled`."""
+    """Return an empty figure of a size in inches; the caller needs the context :func:`styled`."""
     figure = Figure(figsize=size, layout=ConstrainedLayoutEngine(w_pad=0.07, h_pad=0.05))
     FigureCanvasAgg(figure)
     if title:
@@ -172,21 +172,22 @@ def axes_page(
     transposed: bool = False,
     **subplots: Any,
 ) -> Page:
-    """Return the given axes, checked, or those of a new figure.
+    """Return a page with the given axes after a check, or with new axes.
 
     Parameters
     ----------
     axes : Axes, array or nested sequence of Axes, optional
-        [rows, columns], or [rows * columns] in that order.
+        Axes [rows, columns], or [rows * columns] row by row.
     rows, columns : int
     size : (width, height)
-        Of a new figure, inches.
+        Size of a new figure, inches.
     title : str
-        Of a new figure.
+        Title of a new figure.
     transposed : bool
-        Whether a new figure has a column for each row; the axes returned stay [rows, columns].
+        True to lay out a new figure with rows and columns exchanged; the returned axes stay
+        [rows, columns].
     **subplots
-        For ``Figure.subplots``.
+        Arguments of ``Figure.subplots``.
 
     Raises
     ------
@@ -213,40 +214,40 @@ def _checked(axes: Any, rows: int, columns: int) -> AxesGrid:
 
 
 def _entries(drawn: Any) -> np.ndarray:
-    """Return what an array or a sequence of sequences holds; all else is one entry."""
+    """Return the entries of an array or nested sequence; any other object is one entry."""
     return np.array(drawn, dtype=object).ravel()
 
 
 def figure_of(drawn: Drawn) -> Figure:
-    """Return the whole figure that axes, an array of axes or a figure belong to."""
+    """Return the whole figure of axes, of an array of axes, or of a figure."""
     first = next(iter(_entries(drawn)), None)
     if isinstance(first, Figure):
         return first
     if not isinstance(first, Axes):
         raise InputError(f"a figure or its axes are needed, not {shown(first)}")
-    return first.figure.figure  # type: ignore[return-value]  # of a subfigure the whole one
+    return first.figure.figure  # type: ignore[return-value]  # a subfigure has a parent figure
 
 
 def save(
     drawn: Drawn | Mapping[str, Drawn], folder: str | Path, name: str = "figure"
 ) -> list[Path]:
-    """Write figures into a folder, each as PNG (150 dots an inch) and as PDF.
+    """Write figures into a folder, each as PNG (150 dots per inch) and as PDF.
 
     One figure is ``FOLDER/NAME.png`` and ``FOLDER/NAME.pdf``, by default ``figure.png`` and
-    ``figure.pdf``; of a mapping each figure has its key as NAME. Files of these names are replaced.
+    ``figure.pdf``; a figure of a mapping has its key as NAME. Existing files are replaced.
 
     Parameters
     ----------
-    drawn : Figure, Axes, array of Axes, or a mapping from a name to such
+    drawn : Figure, Axes, array of Axes, or a mapping from a name to one of them
     folder : str or Path
-        Made where it is not there.
+        Folder, created if it does not exist.
     name : str
-        Of the files of a single figure.
+        Name of the files of a single figure, without ending.
 
     Returns
     -------
     list of Path
-        What was written.
+        Written files.
 
     Raises
     ------
@@ -270,16 +271,16 @@ def save(
 
 
 def write(drawn: Drawn, path: str | Path, theme: str = "light", **options: Any) -> Path:
-    """Write one figure; the ending of the path says how (``.png``, ``.pdf``, ``.svg``).
+    """Write one figure; the ending of the path is the format (``.png``, ``.pdf``, ``.svg``).
 
     Parameters
     ----------
     drawn : Figure, Axes or array of Axes
     path : str or Path
     theme : str
-        "light" as it was drawn, or "dark": greys, black and white change places, for a dark page.
+        "light" for the drawn colours, or "dark" for inverted greys on a dark page.
     **options
-        For ``Figure.savefig``, such as ``dpi``; default 150 dots an inch.
+        Arguments of ``Figure.savefig``, such as ``dpi``; default 150 dots per inch.
 
     Returns
     -------
@@ -289,7 +290,7 @@ def write(drawn: Drawn, path: str | Path, theme: str = "light", **options: Any) 
     Raises
     ------
     InputError
-        Nothing to draw; another ending or theme.
+        Nothing to draw; an unknown ending or theme.
     """
     target = Path(path)
     checks.one_of("theme", theme, ("light", "dark"))
@@ -298,7 +299,7 @@ def write(drawn: Drawn, path: str | Path, theme: str = "light", **options: Any) 
     formats = figure.canvas.get_supported_filetypes()
     if format not in formats:
         raise InputError(f"path must end in one of {', '.join(formats)}, not {target.suffix!r}")
-    undated = {"CreationDate": None} if format == "pdf" else None  # same figure, same file
+    undated = {"CreationDate": None} if format == "pdf" else None  # files are reproducible
     settings = {"dpi": STYLE.dpi, "metadata": undated, **options}
     with styled(), darkened(figure) if theme == "dark" else nullcontext():
         figure.savefig(stream, format=format, **settings)
@@ -307,12 +308,13 @@ def write(drawn: Drawn, path: str | Path, theme: str = "light", **options: Any) 
 
 @contextmanager
 def darkened(figure: Figure) -> Iterator[None]:
-    """Show the figure with light greys for dark ones and the other way round; colours stay.
+    """Invert the greys of a figure inside the context; colours stay.
 
-    The colours of the palette are told apart on both. What was changed is put back at the end.
+    The colours of the palette are distinct on light and dark pages. All changes are undone at the
+    end of the context.
     """
     undo = []
-    for artist in dict.fromkeys(figure.findobj()):  # some are found twice
+    for artist in dict.fromkeys(figure.findobj()):  # findobj repeats some artists
         for name in next((parts for k, parts in COLORED.items() if isinstance(artist, k)), ()):
             old = getattr(artist, f"get_{name}")()
             if not isinstance(old, str) or old not in ("auto", "none", "face"):
@@ -330,7 +332,7 @@ def darkened(figure: Figure) -> Iterator[None]:
 
 
 def _turned(colors: Any) -> np.ndarray:
-    """Return colours [N,4] with the lightness of greys turned round: from 1 and 0 to near both."""
+    """Return colours [N,4] with inverted greys: white to near black, black to near white."""
     rgba = to_rgba_array([to_rgba(color) for color in colors])
     grey = np.ptp(rgba[:, :3], axis=1) < 0.03
     rgba[grey, :3] = 0.92 + (0.075 - 0.92) * rgba[grey, :3].mean(axis=1, keepdims=True)

@@ -1,4 +1,4 @@
-"""Tool paths in space and in two projections, and the arm itself at some joint positions."""
+"""Figures of tool paths in space and in two projections, and of the arm in several poses."""
 
 from __future__ import annotations
 
@@ -33,24 +33,24 @@ from microbot_ocp.views.plots._page import (
 
 @styled()
 def paths(comparison: Comparison, axes: GivenAxes | None = None) -> AxesGrid:
-    """Draw tool paths in space: in three dimensions, from above and from the side, equal scales, m.
+    """Draw tool paths in three dimensions, from above and from the side, with equal scales, m.
 
     Parameters
     ----------
     comparison : Comparison
     axes : array of Axes [3], optional
-        The first one three-dimensional; default a new figure.
+        Axes, of which the first is three-dimensional; default a new figure.
 
     Returns
     -------
     AxesGrid [1, 3]
-        Via points are numbered; the arm is drawn lightly at the first and last one. The side view
-        of an arm on a vertical waist turns with the waist.
+        Via points are numbered; the arm is drawn in grey at the first and last via point. For an
+        arm with a vertical waist axis the side view is the plane of the arm.
 
     Raises
     ------
     InputError
-        Other axes than three, or a first one without a third dimension.
+        A number of axes other than three, or first axes without a third dimension.
     """
     page = _page(comparison, axes)
     space, above, side = page.axes.flat
@@ -72,7 +72,7 @@ def paths(comparison: Comparison, axes: GivenAxes | None = None) -> AxesGrid:
 def draw_paths(
     above: Axes, side: Axes, comparison: Comparison, methods: Sequence[str] | None = None
 ) -> None:
-    """Draw tool paths from above and from the side, of some methods or all, on given axes."""
+    """Draw the tool paths of some methods (default all) from above and from the side."""
     _draw_projection(above, comparison, _onto(0, 1), methods)
     above.set(title="from above", xlabel="x [m]", ylabel="y [m]")
     if has_vertical_waist(comparison):
@@ -109,7 +109,7 @@ def has_vertical_waist(comparison: Comparison) -> bool:
 
 
 def _path_line(style: EntryStyle) -> dict[str, Any]:
-    """Return a wide line for the path below and thin dashes for those above, which lie on it."""
+    """Return the line style of a path: wide for the highlighted path, thin above it otherwise."""
     return {
         "color": style.color,
         "linestyle": style.linestyle,
@@ -127,7 +127,7 @@ def _onto(*axes: int) -> Projection:
 
 
 def _in_arm_plane(robot: Robot, q: FloatArray, points: FloatArray) -> FloatArray:
-    """Project along link 1's x axis, so that an arm that folds over its waist has r below zero."""
+    """Project onto the plane of link 1's x axis and z; r is negative behind the waist."""
     turn = robot.chain_positions(q)[:, 0] + robot.theta_offset[0]
     turn = turn.reshape(-1, *([1] * (points.ndim - 2)))
     r = points[..., 0] * np.cos(turn) + points[..., 1] * np.sin(turn)
@@ -137,7 +137,7 @@ def _in_arm_plane(robot: Robot, q: FloatArray, points: FloatArray) -> FloatArray
 def _draw(
     axes: Any, comparison: Comparison, project: Projection, methods: Sequence[str] | None
 ) -> FloatArray:
-    """Draw the arm at both ends, tool paths and via points [m,2 or 3], which are returned."""
+    """Draw the arm at both ends, tool paths and via points; return the via points [m,2 or 3]."""
     robot, styles, via_q = comparison.robot, entry_styles(comparison), comparison.via_q
     gray = {"color": "0.75", "linewidth": 3, "marker": "o", "zorder": 1, "label": "_arm"}
     ends = via_q[[0, -1]]
@@ -161,7 +161,7 @@ def _draw_projection(
 ) -> None:
     vias = _draw(axes, comparison, project, methods)
     drawn = np.concatenate([line.get_ydata() for line in axes.get_lines()])
-    ceiling = drawn.max() - 0.15 * np.ptp(drawn)  # above it a number could reach the title
+    ceiling = drawn.max() - 0.15 * np.ptp(drawn)  # numbers above it would overlap the title
     for number, place in enumerate(vias.tolist(), start=1):
         offset: Any = (6, -13 if place[1] > ceiling else 5)
         style = {"textcoords": "offset points", "path_effects": halo(), **NUMBER}
@@ -180,12 +180,12 @@ def _draw_in_space(axes: Any, comparison: Comparison) -> None:
 
 
 def set_space(axes: Any, points: FloatArray) -> None:
-    """Label the axes in m, and fit them to the points [N,3] with one scale for all directions."""
+    """Label the axes in m and fit them to the points [N,3] with equal scales."""
     low, high = points.min(axis=0), points.max(axis=0)
     span = np.maximum(high - low, 0.15 * (high - low).max())
     for name, center, width in zip("xyz", (low + high) / 2, 1.08 * span, strict=True):
         getattr(axes, f"set_{name}lim")(center - width / 2, center + width / 2)
-    # its diagonal has one length whatever the shape: high boxes would reach into what is around
+    # set_box_aspect fixes the length of the diagonal, so a high box would overlap its neighbours.
     axes.set_box_aspect(span, zoom=min(1.0, 0.6 * np.linalg.norm(span) / span[2]))
     axes.set(xlabel="x [m]", ylabel="y [m]")
     axes.zaxis.set_rotate_label(False)  # matplotlib may turn it upside down
@@ -193,7 +193,7 @@ def set_space(axes: Any, points: FloatArray) -> None:
 
 
 def azimuth(vias: FloatArray) -> float:
-    """Return the angle, deg, from which the tool's places [m,3] spread across the picture."""
+    """Return the azimuth of the view, deg, in the direction of the mean of the points [m,3]."""
     center = vias[:, :2].mean(axis=0)
     return float(np.degrees(np.arctan2(center[1], center[0]))) if np.any(center) else -60.0
 
@@ -207,20 +207,20 @@ def arms(
     title: str = "",
     target: ArrayLike | None = None,
 ) -> Axes3D:
-    """Draw the arm in space at several joint positions, with one scale for all three directions.
+    """Draw the arm in space at several joint positions, with equal scales.
 
     Parameters
     ----------
     robot : Robot
     poses : mapping from a label to array_like [n]
-        Joint positions, rad (prismatic: m). Of poses that give one shape the first is wide, and the
-        others lie dashed over it.
+        Joint positions, rad (prismatic: m). If poses coincide in space, the first is a wide line
+        and the others are dashed lines over it.
     axes : Axes3D, optional
         Default a new figure.
     title : str
-        Of a new figure; default the robot's name.
+        Title of a new figure; default the robot's name.
     target : array_like [3], optional
-        A point to mark, in the base frame, m.
+        Marked point in the base frame, m.
 
     Returns
     -------
@@ -229,7 +229,8 @@ def arms(
     Raises
     ------
     InputError
-        No pose, or one of another width or not finite; axes without a third dimension.
+        No pose, a pose of another length or with values that are not finite; axes without a third
+        dimension.
     """
     if not poses:
         raise InputError("poses must hold at least one pose")
@@ -245,9 +246,9 @@ def arms(
     alike = np.abs(drawn_arms[:, None] - drawn_arms).max(axis=(2, 3)) < 1e-3 * scene.reach(robot)
     for place, (label, arm) in enumerate(zip(poses, drawn_arms, strict=True)):
         line = look(place)
-        if not alike[place, :place].any():  # else it lies dashed over another one
+        if not alike[place, :place].any():  # an arm over a coincident one stays dashed
             line["linestyle"] = "solid"
-        hidden = int(alike[place, place + 1 :].sum())  # arms of the same shape that lie over it
+        hidden = int(alike[place, place + 1 :].sum())  # number of coincident arms above
         line |= {"linewidth": 2.5 + 4.0 * hidden, "markersize": 6.0 + 3.0 * hidden}
         panel.plot(*arm.T, marker="o", label=label, zorder=3 + place, **line)
     drawn = drawn_arms.reshape(-1, 3)

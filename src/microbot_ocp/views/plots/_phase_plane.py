@@ -1,4 +1,4 @@
-"""The phase plane of a path: admissible speeds, the best profile, and what limits it where."""
+"""Phase plane of a path: admissible speeds, fastest profile and active limits."""
 
 from __future__ import annotations
 
@@ -38,27 +38,27 @@ def phase_plane(
     unit: str = "",
     title: str = "",
 ) -> Axes:
-    """Draw the speed of the path parameter over the path parameter, with all that bounds it.
+    """Draw the speed ds/dt over the path parameter s with its bounds.
 
     Parameters
     ----------
     robot : Robot
-        For names; with the limits where a path is given.
+        Robot with joint names; its limits apply if a path is given.
     plane : PhasePlane or PiecewisePolynomial
-        From :func:`microbot_ocp.planning.phase_plane`, or a path to make one of.
+        Result of :func:`microbot_ocp.planning.phase_plane`, or a path.
     axes : Axes, optional
         Default a new figure.
     unit : str
-        Of the path parameter, such as "rad" for a straight path.
+        Unit of the path parameter, such as "rad" for a straight path.
     title : str
-        Of a new figure; default the robot's name and the duration.
+        Title of a new figure; default the robot's name and the duration.
 
     Returns
     -------
     Axes
-        Shaded where no acceleration keeps every limit. The profile's colour is that of the joint at
-        its limit (solid: upper, dashed: lower torque limit; dotted: velocity limit), switches are
-        diamonds. A path that cannot be travelled says so in red.
+        The shade covers states in which no acceleration keeps every limit. The colour of the
+        profile names the joint at its limit (solid: upper, dashed: lower torque limit; dotted:
+        velocity limit); diamonds are switches. A red text marks a path that cannot be timed.
 
     Raises
     ------
@@ -101,9 +101,9 @@ def limit_name(robot: Robot, limit: PathLimit | None) -> str:
 
 
 def _top(plane: PhasePlane) -> float:
-    """Return a height with room for the profile, and for bounds not above twice its peak.
+    """Return the top of the axes: above the profile, and above bounds up to twice its peak.
 
-    The ends of the path, where its parameter may run off, do not count.
+    The ends of the path are ignored, because the speed may be unbounded there.
     """
     margin = 0.02 * (plane.s[-1] - plane.s[0])
     inner = (plane.s > plane.s[0] + margin) & (plane.s < plane.s[-1] - margin)
@@ -133,14 +133,14 @@ def _draw_bounds(axes: Axes, robot: Robot, plane: PhasePlane, top: float) -> lis
 
 
 def _name_velocity_limits(axes: Axes, robot: Robot, plane: PhasePlane, top: float) -> None:
-    """Write the joint beside each part of the velocity bound that is wide enough and in sight."""
+    """Write the joint beside each part of the velocity bound that is wide enough and visible."""
     joints, least = plane.velocity_joint, 0.08 * (plane.s[-1] - plane.s[0])
     edges = [0, *(np.flatnonzero(np.diff(joints)) + 1), joints.size]
     above: Any = {"xytext": (0, 4), "textcoords": "offset points", "ha": "center", "va": "bottom"}
     for first, last in pairwise(edges):
         s, value = plane.s[first:last], plane.velocity_bound[first:last]
         inside = np.flatnonzero(value < 0.97 * top)
-        other = joints[first] < 0  # such as the tool's speed: the profile's legend names it
+        other = joints[first] < 0  # a limit of the arm; the legend of the profile names it
         if other or inside.size < 2 or np.ptp(s[inside]) < least:
             continue
         middle = inside[inside.size // 2]
@@ -153,7 +153,7 @@ def _draw_profile(axes: Axes, robot: Robot, plane: PhasePlane) -> list[Any]:
     handles: dict[str, Any] = {}
     for arc in plane.arcs:
         line = {**limit_look(arc.limit), "linewidth": 2.8}
-        # a stop belongs to the side that is asked
+        # At a stop s has two samples: take the one on the side of this arc.
         first = int(np.searchsorted(plane.s, arc.start, side="right")) - 1
         last = int(np.searchsorted(plane.s, arc.end, side="left")) + 1
         s, speed = plane.s[first:last], plane.speed[first:last]
@@ -169,7 +169,7 @@ def _draw_profile(axes: Axes, robot: Robot, plane: PhasePlane) -> list[Any]:
 
 
 def limit_look(limit: PathLimit | None) -> dict[str, Any]:
-    """Return the colour of the joint and the line style of the kind of limit."""
+    """Return the line style of a limit: colour of the joint, dashes of the kind of limit."""
     if limit is None:
         return {"color": "0.4", "linestyle": "solid"}
     if (limit.quantity, limit.side) not in DASHES:

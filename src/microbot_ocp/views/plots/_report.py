@@ -1,4 +1,4 @@
-"""A comparison on one printed page: task, limits, methods, curves, tool path, certificates."""
+"""Report of a comparison on one page: task, limits, methods, curves, tool path, certificates."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from microbot_ocp.views.plots._page import new_page, styled, write
 from microbot_ocp.views.plots._paths import draw_paths
 from microbot_ocp.views.tables import narrow_table
 
-LINE = 142  # characters of a line of the page's text
+LINE = 142  # characters per line of text
 SMALL = STYLE.tiny
 SIZES = {
     "axes.titlesize": 8.5,
@@ -46,15 +46,15 @@ SIZES = {
 
 
 def report(comparison: Comparison, path: str | Path, *, footer: str | None = None) -> Path:
-    """Write a comparison as one A4 page of vectors that prints in grey.
+    """Write a comparison as one A4 page that also prints in grey.
 
     Parameters
     ----------
     comparison : Comparison
     path : str or Path
-        The ending says how: ``.pdf``, ``.svg`` or ``.png``.
+        File; its ending is the format: ``.pdf``, ``.svg`` or ``.png``.
     footer : str, optional
-        Default versions, date and command.
+        Line at the bottom; default versions, date and command.
 
     Returns
     -------
@@ -80,10 +80,10 @@ def report_figure(comparison: Comparison, *, footer: str | None = None) -> Figur
         0.125 * (closing.count("\n") + 2),
     )
     figure = new_page(STYLE.page)
-    # left, bottom, width, height, as printers leave them
+    # Margins (left, bottom, width, height) that a printer needs.
     figure.set_layout_engine("constrained", rect=(0.06, 0.03, 0.88, 0.94))
     grid = figure.add_gridspec(len(heights), 1, height_ratios=heights)
-    # a row of its own: the layout leaves no room for a figure's title inside the margins
+    # The heading is a row of the grid: the layout puts a suptitle outside of the margins.
     heading = {"fontsize": 13, "fontweight": "bold", "ha": "center"}
     _write(figure.add_subplot(grid[0]), f"{robot.name}: the same task by every method", **heading)
     _write(figure.add_subplot(grid[1]), task)
@@ -125,7 +125,7 @@ def _task_text(comparison: Comparison, table: Table) -> str:
 
 
 def _limits_text(robot: Robot, quantity: str) -> str:
-    """Write limits of one kind, joint by joint; their unit once where it is the same."""
+    """Return the limits of one quantity joint by joint, with a common unit only once."""
     texts = scene.limit_texts(robot, quantity)
     name = quantity_name(quantity)
     if not any(texts):
@@ -136,11 +136,11 @@ def _limits_text(robot: Robot, quantity: str) -> str:
 
 
 def _draw_table(axes: Axes, comparison: Comparison, text: str) -> None:
-    """Write the lines of a table, each after the line of its method."""
+    """Write the rows of a table, each beside the line style of its method."""
     axes.axis("off")
     axes.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0))
     head, *rows = text.splitlines()
-    size = min(STYLE.tiny + 0.4, 780 / max(map(len, [head, *rows])))  # as much as fits the page
+    size = min(STYLE.tiny + 0.4, 780 / max(map(len, [head, *rows])))  # largest size that fits
     style: dict[str, Any] = {"family": "DejaVu Sans Mono", "fontsize": size, "va": "center"}
     step = 1.0 / (len(rows) + 1)
     axes.text(0.05, 1.0 - step / 2, head, fontweight="bold", **style)
@@ -170,7 +170,7 @@ def _draw_curves(place: Any, comparison: Comparison, chosen: list[str]) -> None:
         name, unit = quantity_name(quantity), f" [{units.pop()}]" if len(units) == 1 else ""
         row[0].set_ylabel(f"{name}{unit}")
     for panel, joint in zip(panels[0], joints, strict=True):
-        pad = 13.0 if panel.texts else 6.0  # above a limit that is named there
+        pad = 13.0 if panel.texts else 6.0  # room for the note on a far limit
         panel.set_title(robot.joint_names[joint], loc="left", fontweight="bold", pad=pad)
     for panel in panels[1]:
         panel.set_xlabel("t [s]")
@@ -181,7 +181,7 @@ def _draw_curves(place: Any, comparison: Comparison, chosen: list[str]) -> None:
 
 
 def _busiest(comparison: Comparison, chosen: list[str]) -> list[int]:
-    """Return the few joints whose torques come nearest to their limits, in their order."""
+    """Return the joints with the largest use of their torque limits, in ascending order."""
     peak = np.zeros(comparison.robot.joint_count)
     for motion in (comparison.motions[name] for name in chosen if len(peak) > STYLE.side_by_side):
         history = limit_history(comparison.robot, motion, comparison.limits)
@@ -205,6 +205,6 @@ def _closing_text(comparison: Comparison, table: Table) -> str:
 def _footer() -> str:
     packages = " ".join(f"{name} {version(name)}" for name in ("microbot_ocp", "casadi", "numpy"))
     command = textwrap.shorten(shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]), 90)
-    command = command.encode(errors="replace").decode()  # bytes that are no text
+    command = command.encode(errors="replace").decode()  # arguments may hold invalid UTF-8
     date = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M")
     return f"{packages} Python {platform.python_version()}; {date}; {command}"

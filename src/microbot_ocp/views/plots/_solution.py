@@ -1,4 +1,4 @@
-"""Solutions of optimal-control problems: every state and control against time, by its own name."""
+"""Figures of solutions of optimal-control problems: every state and control over time."""
 
 from __future__ import annotations
 
@@ -25,30 +25,29 @@ def solution(
     names: Sequence[str] | None = None,
     title: str = "",
 ) -> AxesGrid:
-    """Draw states and controls of one solution, or of several over each other.
+    """Draw states and controls of one or several solutions over time.
 
     Parameters
     ----------
     solution : Solution, or a mapping from a label to Solution
-        Made by a solve, with the same phases.
+        Solutions of a solver, with equal phases.
     axes : array of Axes [variables], optional
         Default a new figure.
     names : sequence of str, optional
-        Which states, controls and algebraic variables; default all.
+        Names of states, controls and algebraic variables; default all.
     title : str
-        Of a new figure.
+        Title of a new figure.
 
     Returns
     -------
     AxesGrid [variables]
-        In the units of the declaration; limits are dashed where they are near. The phases follow
-        each other on one time axis, with a line between them. A solution that was not
-        solved is named in red.
+        Curves in the units of the declaration; bounds near the curves are dashed. The phases follow
+        each other on one time axis, separated by a line. A red text names a failed solution.
 
     Raises
     ------
     InputError
-        No solution, one that was not made by a solve, a name that is not there.
+        No solution, a solution that no solver computed, an unknown name.
     """
     solutions = {"": solution} if isinstance(solution, Solution) else dict(solution)
     if not solutions:
@@ -82,7 +81,7 @@ def solution(
 
 
 def _draw(panel: Axes, every: Sequence[Mapping[Key, Sequence[BoundedCurve]]], name: str) -> None:
-    """Draw a variable of every solution, its bounds where they are near, and ends of phases."""
+    """Draw a variable of every solution with its near bounds and the ends of the phases."""
     shown = [
         (place, curve)
         for place, table in enumerate(every)

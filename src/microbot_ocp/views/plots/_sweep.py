@@ -1,4 +1,4 @@
-"""Pictures of a sweep: time saved over the workspace, what decides, trends, what failed."""
+"""Figures of a sweep: time saved over the workspace, deciding limits, trends, failures."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ POSES = ("start_", "goal_", "via")
 def sweep(
     results: Sweep, axes: GivenAxes | None = None, *, kind: str = "atlas", method: str | None = None
 ) -> DrawnAxes:
-    """Draw one picture of a sweep.
+    """Draw one figure of a sweep.
 
     Parameters
     ----------
@@ -32,12 +32,12 @@ def sweep(
     axes : Axes, array or nested sequence of Axes, optional
         Default a new figure.
     kind : str
-        "atlas": share of the time that the best method saves, over the places of the tool at the
-        goal, seen from above and from the side. "limits": which limit is at work longest, on the
-        same maps, in most cases of a hexagon. "quantities": the saving against what varies, median
-        and quartiles. "failures": how many cases ended in which way.
+        Name of the figure. "atlas": share of the time that the best method saves, over the tool
+        position at the goal, from above and from the side. "limits": the limit that is active
+        longest in most cases of a hexagon, on these maps. "quantities": median and quartiles of the
+        saving over the varied quantities. "failures": number of cases per kind of failure.
     method : str, optional
-        The one that the best is compared with; default the fastest baseline, ``results.reference``.
+        Method to compare the best method with; default the fastest baseline, ``results.reference``.
 
     Returns
     -------
@@ -46,22 +46,22 @@ def sweep(
     Raises
     ------
     InputError
-        A kind or method that is not there, no case yet.
+        An unknown kind or method, no case yet.
     """
     checks.one_of("kind", kind, KINDS)
     if not results.done:
-        raise checks.InputError(f"{results.folder} has no case yet")
+        raise checks.InputError(f"{results.folder} has no finished case yet")
     others = [name for name in results.methods if name != results.best]
     if kind in ("atlas", "quantities"):
         if not others:
-            raise checks.InputError("one method alone saves nothing: the sweep has no other")
+            raise checks.InputError("kind needs two methods to compare, but the sweep has only one")
         method = checks.one_of("method", method or results.reference, others)
     draw: Any = {"atlas": _atlas, "limits": _limits, "quantities": _trends, "failures": _failures}
     return draw[kind](results, axes, method)
 
 
 def _maps(results: Sweep, axes: GivenAxes | None, title: str) -> Any:
-    """Return a page with two panels of the goals, from above and from the side, and places."""
+    """Return a page with two maps of the goals (from above, from the side) and the positions."""
     x, y, z = results.read(["goal_x", "goal_y", "goal_z"]).values()
     away = np.hypot(x, y)
     spans = [np.ptp(v[np.isfinite(v)]) or 1.0 for v in (x, y, away, z)]
@@ -75,12 +75,12 @@ def _maps(results: Sweep, axes: GivenAxes | None, title: str) -> Any:
 
 
 def _atlas(results: Sweep, axes: GivenAxes | None, method: str) -> Any:
-    """Draw the median saving."""
+    """Draw the median of the time saved per hexagon."""
     saved = 100 * results.savings(method)
     page, panels = _maps(results, axes, f"Time saved against: {method_title(method)}")
     finite = np.isfinite(saved)
     ends = np.quantile(saved[finite], [0.02, 0.98]) if finite.any() else (0.0, 1.0)
-    low, top = min(0.0, ends[0]), max(0.0, ends[1])  # the other method may be the faster one
+    low, top = min(0.0, ends[0]), max(0.0, ends[1])  # the saving may be negative
     drawn = _hexagons(panels, saved, np.median, cmap="viridis", vmin=low, vmax=top)
     if drawn is not None:
         bar = page.axes.figure.colorbar(drawn, ax=list(page.axes[0]), shrink=0.85)
@@ -89,7 +89,7 @@ def _atlas(results: Sweep, axes: GivenAxes | None, method: str) -> Any:
 
 
 def _hexagons(panels: Any, values: FloatArray, reduced: Any, **colors: Any) -> Any:
-    """Draw finite values in hexagons, up to 24 across and fewer where cases are few."""
+    """Draw finite values in hexagons, at most 24 across and fewer for few cases."""
     finite, drawn = np.isfinite(values), None
     cells = int(np.clip(np.sqrt(finite.sum()) / 1.5, 6, 24))
     for panel, across, up in panels:
@@ -105,7 +105,7 @@ def _hexagons(panels: Any, values: FloatArray, reduced: Any, **colors: Any) -> A
 
 
 def _limits(results: Sweep, axes: GivenAxes | None, _: str | None) -> Any:
-    """Draw in every hexagon the limit that is at work longest in most of its cases."""
+    """Draw in every hexagon the limit that is active longest in most of its cases."""
     limit, status = results.read([f"{results.best}_limit", f"{results.best}_status"]).values()
     solved, names = status == Status.SOLVED, results.about["limits"]
     page, panels = _maps(results, axes, "Limit that is at work longest")
@@ -170,9 +170,10 @@ def _failures(results: Sweep, axes: GivenAxes | None, _: str | None) -> Any:
 
 
 def _binned(across: FloatArray, values: FloatArray) -> FloatArray:
-    """Return middles, lower quartiles, medians and upper quartiles [4,K] of eight bins.
+    """Return middles, lower quartiles, medians and upper quartiles [4,K] of up to eight bins.
 
-    They have as many cases each, or one value where there are few; with under five cases none.
+    Bins have equal numbers of cases, or one value each if there are at most eight values. Bins with
+    fewer than five cases are left out.
     """
     finite = np.isfinite(values) & np.isfinite(across)
     across, values = across[finite], values[finite]
@@ -188,7 +189,7 @@ def _binned(across: FloatArray, values: FloatArray) -> FloatArray:
 
 
 def _scalars(results: Sweep) -> list[str]:
-    """Return up to six columns of what varies and is no pose."""
+    """Return up to six columns of the varied quantities, poses excluded."""
     columns = [name for name, kind in results.about["columns"] if kind == "float"]
     names = [name for name in results.about["varying"] if not name.startswith(POSES)]
     return [c for c in columns for n in names if c == n or c.rsplit("_", 1)[0] == n][:6]

@@ -1,7 +1,7 @@
-"""Rerun recordings: one entity tree, one layout; ``docs/recordings.md`` describes both.
+"""Rerun recordings with one entity tree and one layout; ``docs/recordings.md`` describes both.
 
-A kind of recording is a function in ``_builders`` that makes a
-:class:`Recording`, which is saved to a file or sent to a stream.
+Each function in ``_builders`` returns a :class:`Recording` of one kind of result, which is saved to
+a file or sent to a stream.
 """
 
 import lazy_loader

@@ -1,4 +1,4 @@
-"""An arm with its motion, sampled as it is drawn, and its look."""
+"""Arm of a recording: its sampled motion and its style."""
 
 from __future__ import annotations
 
@@ -26,32 +26,32 @@ from microbot_ocp.views.recording._writer import (
 
 @dataclass(frozen=True)
 class Look:
-    """How one arm is drawn: its style and link radius (m)."""
+    """Style and link radius (m) of one arm."""
 
     style: EntryStyle
     radius: float
 
     @property
     def solid(self) -> bool:
-        """Whether it is the one that all others are ghosts of."""
+        """True for the solid arm; all other arms are ghosts."""
         return self.style.highlighted
 
     @property
     def color(self) -> Color:
-        """Colour of its surfaces; through those of a ghost one sees."""
+        """Colour of the surfaces, transparent for a ghost."""
         return (*self.line_color[:3], 255 if self.solid else STYLE.see_through)
 
     @property
     def line_color(self) -> Color:
-        """Colour of its lines and texts: a quarter lighter on a dark screen than on paper."""
+        """Colour of lines and texts: a quarter lighter than on paper, for dark screens."""
         red, green, blue = (round(0.75 * part + 0.25 * 255) for part in rgb(self.style.color))
         return red, green, blue, 255
 
 
 def looks(robot: Robot, styles: Sequence[EntryStyle]) -> list[Look]:
-    """Return looks that keep arms apart even where they coincide.
+    """Return the looks of several arms.
 
-    Every ghost has another radius: surfaces at one place would flicker.
+    Every ghost has another radius, because coincident surfaces flicker.
     """
     size, thinner = reach(robot), STYLE.ghost / 15
     return [
@@ -62,21 +62,21 @@ def looks(robot: Robot, styles: Sequence[EntryStyle]) -> list[Look]:
 
 @dataclass(frozen=True, eq=False)
 class AnimatedArm:
-    """An arm in motion, as it is drawn.
+    """Arm in motion, sampled for drawing.
 
     Attributes
     ----------
     look : Look
     times : mapping
-        Values [N] of every timeline.
+        Values [N] by timeline.
     state : State
         Position, velocity and acceleration [N,n].
     curves : mapping
-        Values [N,n] of every quantity that is plotted, in stored units.
+        Values [N,n] of the plotted quantities, in stored units.
     marks : tuple of Mark
-        Named instants, s.
+        Named times, s.
     history : LimitHistory, optional
-        How much of its limits it uses.
+        Use of the limits along the motion.
     """
 
     look: Look
@@ -88,12 +88,12 @@ class AnimatedArm:
 
     @property
     def name(self) -> str:
-        """Its part of every entity path."""
+        """Name of the arm in entity paths."""
         return self.look.style.name
 
     @property
     def title(self) -> str:
-        """What people read; empty for an arm that has the scene to itself."""
+        """Title of the arm in labels; empty for a single arm."""
         return self.look.style.title
 
     @property
@@ -103,19 +103,19 @@ class AnimatedArm:
 
     @property
     def moves(self) -> bool:
-        """Whether it plays in time; otherwise it stands in one pose after the other."""
+        """True for a motion over time, False for a list of poses."""
         return TIME in self.times
 
     def path(self, *below: str) -> str:
-        """Return its entity path, or that of something below it."""
+        """Return the entity path of the arm, or of an entity below it."""
         return "/".join([WORLD, self.name, *below])
 
     def link(self, frame: int, *below: str) -> str:
-        """Return the path of link frame ``frame`` (0 is the base), or of something in it."""
+        """Return the path of link frame ``frame`` (0 is the base), or of an entity below it."""
         return self.path(f"link_{frame}", *below)
 
     def tool(self, *below: str) -> str:
-        """Return the path of the tool, which does not turn, or of something at it."""
+        """Return the path of the tool, which only translates, or of an entity below it."""
         return self.path("tool", *below)
 
     def at(self, samples: np.ndarray) -> Times:
@@ -125,14 +125,14 @@ class AnimatedArm:
     def draw_curve(
         self, writer: Writer, path: str, values: FloatArray, timelines: Sequence[str] = ()
     ) -> None:
-        """Draw values [N] in its colour, over some timelines or all."""
+        """Draw a curve of values [N] in the colour of the arm, over some timelines or all."""
         times = {key: self.times[key] for key in timelines or self.times}
         look, width = self.look, 2.5 if self.look.solid else 1.6
         name = self.title or self.name
         writer.curve(f"{path}/{self.name}", times, values, name, look.line_color, width)
 
     def draw_curves(self, writer: Writer, robot: Robot) -> None:
-        """Draw every quantity of every joint; how far it is over the time, and the other way."""
+        """Draw every quantity of every joint, progress over time, and time over progress."""
         for quantity, values in self.curves.items():
             for joint, name in enumerate(robot.joint_names):
                 shown = values[:, joint] * display_factor(robot, quantity, joint)
@@ -146,9 +146,9 @@ class AnimatedArm:
 def moving_arm(
     motion: Motion, look: Look, rate: float, family: LimitFamily | None = None
 ) -> AnimatedArm:
-    """Return an arm at the motion's own samples, thinned to ``rate`` (Hz), filled where sparser.
+    """Return the arm of a motion, sampled at about ``rate`` (Hz) by :func:`drawn_times`.
 
-    ``family`` holds the limits that are drawn.
+    ``family`` holds the limits of the limit history.
     """
     t = drawn_times(motion.t, rate)
     state = motion.sample(t)
@@ -166,16 +166,16 @@ def moving_arm(
 
 
 def _rate_beyond(robot: Robot, motion: Motion, t: FloatArray) -> FloatArray:
-    """Return rates [N,n] of what stored torques are beyond the bare arm's: of a payload, a drive.
+    """Return the rates [N,n] of the torques that the bare arm does not explain (payload, drive).
 
-    Steps of it count at no time: where something is picked up its weight does.
+    Jumps of these torques, such as the weight of a part at its pick, do not count as rates.
     """
     beyond = motion.tau - torque_along(robot, State(motion.q, motion.qd, motion.qdd))
     gaps, rates = np.flatnonzero(jump_gaps(motion.t)), np.zeros((t.size, beyond.shape[1]))
     mesh = np.searchsorted(motion.t, mesh_of(motion))
     edges = np.unique(np.concatenate([mesh, gaps, gaps + 1]))
     piece = np.clip(np.searchsorted(motion.t[edges], t, side="right") - 1, 0, edges.size - 2)
-    piece = piece - np.isin(edges[piece], gaps)  # at the earlier side of a jump the piece before
+    piece = piece - np.isin(edges[piece], gaps)  # samples before a jump: earlier piece
     for k in np.unique(piece):
         samples, here = slice(edges[k], edges[k + 1] + 1), piece == k
         times, order = motion.t[samples], 2 if edges[k + 1] - edges[k] > 1 else 1
@@ -185,24 +185,24 @@ def _rate_beyond(robot: Robot, motion: Motion, t: FloatArray) -> FloatArray:
 
 
 def drawn_rate(rate: float | None, motions: Sequence[Motion]) -> tuple[float, str]:
-    """Return ``rate`` (Hz), or one that bounds the size of a recording; and a note on it."""
+    """Return ``rate`` or a default (Hz) that bounds the size of a recording, and a note on it."""
     together = sum(motion.duration for motion in motions)
     if rate is not None or STYLE.rate * together <= STYLE.samples:
         return rate or STYLE.rate, ""
     most = STYLE.samples / together
-    return most, f"Drawn at {most:.3g} Hz, because it is long; rate= asks for more."
+    return most, f"Drawn at {most:.3g} Hz, because the motion is long; rate= sets another rate."
 
 
 def standing_arm(q: FloatArray, look: Look) -> AnimatedArm:
-    """Return an arm that stands in poses q [N,n] in turn, counted on the BRANCH timeline."""
+    """Return an arm with the poses q [N,n], numbered on the BRANCH timeline."""
     still = np.zeros_like(q)
     return AnimatedArm(look, {BRANCH: np.arange(1.0, len(q) + 1.0)}, State(q, still, still), {})
 
 
 def drawn_times(t: FloatArray, rate: float) -> FloatArray:
-    """Return samples of t [N] about 1/rate apart, with both ends and both sides of jumps.
+    """Return times about 1/rate apart: samples of t [N] with both ends and both sides of jumps.
 
-    Where they are further apart than 1/rate the gap is filled with times that are no samples.
+    Gaps wider than 1/rate are filled with times between the samples.
     """
     cell = np.floor(t * rate + 1e-6)
     keep = np.append(True, np.diff(cell) > 0)
@@ -219,10 +219,10 @@ def drawn_times(t: FloatArray, rate: float) -> FloatArray:
 
 
 def progress(motion: Motion, t: FloatArray) -> FloatArray:
-    """Return the share [N] of the joint path travelled at times t [N]; at rest that of the time.
+    """Return the travelled share [N] of the joint path at times t [N].
 
-    The length of the path is that of the joint positions in the Euclidean norm, metres of
-    prismatic joints counting as radians.
+    The length of the path is the Euclidean norm of joint steps; metres of prismatic joints count as
+    radians. A motion at rest has the share of its duration instead.
     """
     steps = np.linalg.norm(np.diff(motion.q, axis=0), axis=1)
     length = np.append(0.0, np.cumsum(steps))

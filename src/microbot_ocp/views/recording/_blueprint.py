@@ -1,4 +1,4 @@
-"""Parts of the layouts of recordings: views, the eye, what plays."""
+"""Parts of the layouts of recordings: views, viewpoint, playback."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from microbot_ocp.views.recording._writer import MARKS, SUMMARY, TIME, WORLD
 
 
 def playing(whole: rrb.Container, timeline: str, last: float) -> rrb.Blueprint:
-    """Return a layout that plays a timeline, which ends at ``last``, over and over.
+    """Return a layout that plays a timeline, which ends at ``last``, in a loop.
 
-    What is shorter than 4 s plays at half its speed; the whole progress takes 5 s.
+    Motions shorter than 4 s play at half speed; the progress timeline takes 5 s.
     """
     timed = timeline == TIME
     speed = 0.5 if timed and last < 4.0 else 1.0
-    frames = 200.0 if timed else 1.0  # a second, of counted timelines
+    frames = 200.0 if timed else 1.0  # integers per second on the other timelines
     return folded(
         whole,
         timeline=timeline,
@@ -42,23 +42,23 @@ def folded(whole: rrb.Container, **time: Any) -> rrb.Blueprint:
 
 
 def plot_view(name: str, **settings: Any) -> rrb.TimeSeriesView:
-    """Return curves without a legend: the arms' labels show the colours."""
+    """Return a view of curves without a legend, because the arms' labels show the colours."""
     return rrb.TimeSeriesView(name=name, plot_legend=rrb.PlotLegend(visible=False), **settings)
 
 
 def text_view() -> rrb.TextDocumentView:
-    """Return the summary."""
+    """Return the view of the summary."""
     return rrb.TextDocumentView(origin=SUMMARY, name="summary")
 
 
 def marks_view(name: str) -> rrb.TextLogView:
-    """Return lines of text along the timeline."""
+    """Return a view of the lines of text along the timeline."""
     columns = rrb.TextLogColumns(text_log_columns=["Body"])
     return rrb.TextLogView(origin=MARKS, name=name, columns=columns)
 
 
 def space_view(robot: Robot, eye: Eye, overrides: dict[Any, Any]) -> rrb.Spatial3DView:
-    """Return everything in space, seen from ``eye``."""
+    """Return the view of all entities in space, seen from ``eye``."""
     return rrb.Spatial3DView(
         origin=WORLD,
         name=robot.name,
@@ -71,23 +71,22 @@ def space_view(robot: Robot, eye: Eye, overrides: dict[Any, Any]) -> rrb.Spatial
 
 
 def eye_controls(eye: Eye) -> rrb.EyeControls3D:
-    """Return the viewer's eye."""
+    """Return the viewpoint as the viewer's controls."""
     place, kind = eye.position, rrb.Eye3DKind.Orbital
     return rrb.EyeControls3D(kind=kind, position=place, look_target=eye.target, eye_up=eye.up)
 
 
 def behind_cursor(timeline: str, count: int | None = None) -> rrb.VisibleTimeRange:
-    """Return the last so many rows up to the time cursor, or all."""
+    """Return the range of the last ``count`` rows (default all) up to the time cursor."""
     bound = rrb.TimeRangeBoundary
     start = bound.infinite() if count is None else bound.cursor_relative(seq=-count)
     return rrb.VisibleTimeRange(timeline, start=start, end=bound.cursor_relative())
 
 
 def labelled_range(low: float, high: float) -> tuple[float, float]:
-    """Return the range of an axis, widened where Rerun would label fewer than two of its values.
+    """Return the range of an axis, widened until Rerun labels at least two values.
 
-    Rerun labels the multiples of a power of ten, the finest one that leaves room for its labels,
-    which are nine on a small plot.
+    Rerun labels multiples of a power of ten, of which at most nine fit on a small plot.
     """
     step = 10.0 ** np.floor(np.log10(high - low))
     if (high - low) / step > 9:
@@ -96,7 +95,7 @@ def labelled_range(low: float, high: float) -> tuple[float, float]:
     margin = 0.04 * (high - low)
     if last > first + step / 2:
         return low, high
-    if last < first - step / 2:  # none
+    if last < first - step / 2:  # no multiple lies in the range
         return last - margin, first + margin
     if low - (first - step) < 0.99 * (last + step - high):
         return first - step - margin, high

@@ -1,4 +1,4 @@
-"""What can be recorded: a comparison, a motion, a task, a tracking, inverse kinematics."""
+"""Recordings of comparisons, motions, cells, trackings and inverse kinematics."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ from microbot_ocp.views.tables import narrow_table, solutions_table
 
 
 def of_comparison(comparison: Comparison, rate: float | None = None) -> Recording:
-    """Return every motion on one timeline, the best one solid among ghosts.
+    """Return a recording of all motions on one timeline; the best motion is solid among ghosts.
 
-    ``rate`` (Hz) is how densely they are sampled: by default 200, and less where that would be more
-    than 12,000 samples.
+    ``rate`` (Hz) is the sampling rate, by default 200 Hz, or less so that there are at most 12,000
+    samples.
     """
     styles, robot = entry_styles(comparison), comparison.robot
     solved = solved_entries(comparison)
@@ -61,10 +61,10 @@ def of_motion(
     rate: float | None = None,
     scene: Scene | None = None,
 ) -> Recording:
-    """Return one motion under the robot's limits, as the arm ``motion``.
+    """Return a recording of one motion under the robot's limits, as the arm ``motion``.
 
-    Its ends, and the marks named "via ...", are marked in space. With a scene its obstacles are
-    drawn, the capsules of the arm, and the line between the nearest points with its length.
+    The ends of the motion, and its marks named "via ...", are marked in space. A scene adds its
+    obstacles, the capsules of the arm, and the line between the closest points with its length.
     """
     checks.joints("motion", motion.joint_count, robot)
     inner = sorted(
@@ -98,7 +98,7 @@ def of_motion(
 
 
 def of_cell(cell: Cell, rate: float | None = None) -> Recording:
-    """Return a motion through stops, with the tubes of its tool lines and the parts it carries.
+    """Return a recording of a motion through stops, with tubes of tool lines and carried parts.
 
     Raises
     ------
@@ -107,7 +107,7 @@ def of_cell(cell: Cell, rate: float | None = None) -> Recording:
     """
     plain = of_motion(cell.robot, cell.motion, cell.certificate, rate, cell.scene)
     (arm,), stops = plain.arms, cell.task.stops
-    if cell.task.cycle:  # the last one is the first again
+    if cell.task.cycle:  # the last stop repeats the first
         stops = stops[:-1]
     return replace(
         plain,
@@ -123,14 +123,14 @@ def of_tracking(
     limits: Limits | JointLimits | None = None,
     rate: float | None = None,
 ) -> Recording:
-    """Return a controlled arm ``actual`` with the ghost ``desired`` that it should follow.
+    """Return a recording of a controlled arm ``actual`` and its reference, the ghost ``desired``.
 
-    ``limits`` are those of its drives (default ``robot.limits``): at them it saturates.
+    ``limits`` are the limits of the drives (default ``robot.limits``).
 
     Raises
     ------
     InputError
-        The simulation did not arrive, or is of another robot.
+        The simulation did not reach its end, or belongs to another robot.
     """
     checks.joints("tracking", tracking.q.shape[1], robot)
     motion = tracking.as_motion(tracking.label or "actual")
@@ -172,9 +172,10 @@ def of_branches(
     position: FloatArray,
     orientation: FloatArray | None = None,
 ) -> Recording:
-    """Return solutions of inverse kinematics as ghosts; the arm ``solution`` takes each in turn.
+    """Return a recording of solutions of the inverse kinematics.
 
-    ``position`` [3] (m) and ``orientation`` [3,3] are the target.
+    Every solution is a ghost; the arm ``solution`` takes them one after the other. ``position`` [3]
+    (m) and ``orientation`` [3,3] are the target.
     """
     if not solutions:
         raise InputError("solutions must hold at least one IKSolution, not none")

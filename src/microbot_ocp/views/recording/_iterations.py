@@ -1,8 +1,8 @@
-"""A solve as it converges: every iterate on the timeline ``iteration``.
+"""Recording of a solver's convergence: every iterate on the timeline ``iteration``.
 
-:class:`IterationRecorder` is a progress function. Of a robot's motion it draws the tool's path, the
-arm at some instants, and q, qd and tau over time; of any other problem its states and controls.
-Cost and infeasibility become curves over the iterations of all solves in a row.
+:class:`IterationRecorder` is a progress function. For a robot's motion it draws the tool path, the
+arm at some times, and q, qd and tau over time; for any other problem states and controls. Cost and
+infeasibility are curves over the iterations of all solvers in sequence.
 """
 
 from __future__ import annotations
@@ -27,20 +27,20 @@ from microbot_ocp.views.recording import _blueprint as layout
 from microbot_ocp.views.recording._space import draw_base
 from microbot_ocp.views.recording._writer import MARKS, WORLD, Times, Writer, file_writer, plot_path
 
-ITERATION = "iteration"  # iterations of all solvers so far
+ITERATION = "iteration"  # timeline: number of iterations of all solvers so far
 ARM = f"{WORLD}/iterate"
-APPLICATION = "microbot_ocp_iterations"  # a viewer keeps one layout for each
+APPLICATION = "microbot_ocp_iterations"  # a viewer keeps one layout per application
 COST, INFEASIBILITY = "convergence/cost", "convergence/infeasibility"
 
 
 class IterationRecorder:
-    """A progress function that writes the iterates of a solve.
+    """Progress function that writes the iterates of a solver.
 
     Parameters
     ----------
     writer : Writer
     every : int
-        Of so many iterations one is drawn, and the last of every solve.
+        Interval between drawn iterations; the last iterate of every solver is drawn, too.
     """
 
     def __init__(self, writer: Writer, every: int = 1) -> None:
@@ -50,7 +50,7 @@ class IterationRecorder:
         self._shown: tuple[str, ...] = ()
 
     def __call__(self, event: Iteration | Step | str) -> None:
-        """Take progress of a solve, of several, or of a comparison."""
+        """Record a progress event of a solver, of several solvers, or of a comparison."""
         iteration = event.iteration if isinstance(event, Step) else event
         if not isinstance(iteration, Iteration):
             self.finish()
@@ -67,7 +67,7 @@ class IterationRecorder:
             self.finish()
 
     def finish(self) -> None:
-        """Draw the last iterate, if it is not drawn yet."""
+        """Draw the last iterate unless it is drawn already."""
         if self._pending is not None:
             self._draw(self._pending)
             self._pending = None
@@ -77,7 +77,7 @@ class IterationRecorder:
         return {ITERATION: np.array([max(self.count, 0)])}
 
     def _converge(self, iteration: Iteration) -> None:
-        power = np.log10(max(iteration.infeasibility, 1e-16))  # the least that is drawn
+        power = np.log10(max(iteration.infeasibility, 1e-16))  # lower end of the axis
         for path, value in ((COST, iteration.cost), (INFEASIBILITY, power)):
             if np.isfinite(value):
                 self.writer.columns(path, self._now, rr.Scalars.columns(scalars=[value]))
@@ -104,7 +104,7 @@ class IterationRecorder:
         self.writer.stream.send_blueprint(_blueprint(iteration, curves))
 
     def _draw_arm(self, iteration: MotionIteration) -> None:
-        """Draw the arm at twelve instants, and the path of its tool."""
+        """Draw the arm at twelve times, and the path of its tool."""
         t, state = iteration.motion()
         origins = scene.link_origins(iteration.robot, state.q).astype(np.float32)
         nearest = np.abs(t[:, None] - np.linspace(0.0, t[-1], 12)).argmin(axis=0)
@@ -118,13 +118,13 @@ class IterationRecorder:
 
 @contextmanager
 def record_iterations(path: str | Path, every: int = 1) -> Iterator[IterationRecorder]:
-    """Yield a progress function that writes the iterates into an ``.rrd``, whole or not at all.
+    """Yield a progress function that writes the iterates to an ``.rrd``, completely or not at all.
 
     Parameters
     ----------
     path : path of the file
     every : int
-        Of so many iterations one is drawn, and the last of every solve.
+        Interval between drawn iterations; the last iterate of every solver is drawn, too.
 
     Examples
     --------
@@ -162,9 +162,9 @@ def motion_curves(iteration: MotionIteration) -> dict[str, BoundedCurve]:
 
 
 def phase_curves(phases: tuple[PhaseSolution, ...]) -> dict[str, BoundedCurve]:
-    """Return components of states, controls and algebraic variables over the phases in a row.
+    """Return the components of states, controls and algebraic variables over all phases.
 
-    Each interval has five samples, the outer ones inside: a control may jump between two intervals.
+    Each interval has five samples strictly inside, because a control may jump between intervals.
     """
     inside, joined = np.linspace(1e-9, 1 - 1e-9, 5), {}
 
@@ -179,7 +179,7 @@ def phase_curves(phases: tuple[PhaseSolution, ...]) -> dict[str, BoundedCurve]:
 
 
 def _path(key: str) -> str:
-    """Return where a panel is in the tree, from "group/name/unit"."""
+    """Return the entity path of a panel from its key "group/name/unit"."""
     group, variable, _ = key.split("/", 2)
     return plot_path(group, variable)
 
@@ -194,7 +194,7 @@ def _prepare_arm(writer: Writer, iteration: MotionIteration) -> None:
 
 
 def _blueprint(iteration: Iteration, curves: Mapping[str, BoundedCurve]) -> rrb.Blueprint:
-    """Return the arm to the left where there is one, the curves to the right, convergence below."""
+    """Return the layout: the arm (if any) at the left, curves at the right, convergence below."""
     (width, height), views = STYLE.panel, {}
     bounds = rrb.VisualBounds2D(x_range=(-0.42, width + 0.12), y_range=(-height - 0.1, 0.24))
     for key in curves:
@@ -224,7 +224,7 @@ def _blueprint(iteration: Iteration, curves: Mapping[str, BoundedCurve]) -> rrb.
 
 
 def _space(iteration: MotionIteration) -> rrb.Spatial3DView:
-    """Return the arm in space; the tool's paths of eight earlier iterations stay, faintly."""
+    """Return the view of the arm in space, with faint tool paths of the last eight iterations."""
     robot, q = iteration.robot, np.vstack([iteration.via_q, iteration.motion()[1].q])
     places = scene.tool_places(robot, iteration.via_q)
     eye = find_eye(robot, q, places, STYLE.label * scene.reach(robot))
@@ -233,7 +233,7 @@ def _space(iteration: MotionIteration) -> rrb.Spatial3DView:
 
 
 def _prepare_panel(writer: Writer, path: str) -> None:
-    """Log what does not change: the box, and how lines look. Negative radii are screen points."""
+    """Log the box and the line styles of a panel. Negative radii are screen points."""
     width, height = STYLE.panel
     corners = [[0, 0], [0, -height], [width, -height], [width, 0], [0, 0]]
     box = rr.LineStrips2D([corners], radii=-0.5, colors=[STYLE.neutral])
@@ -248,7 +248,7 @@ def _prepare_panel(writer: Writer, path: str) -> None:
 def _draw_panel(writer: Writer, path: str, times: Times, curve: BoundedCurve) -> None:
     """Draw one curve with its limits and the ends of its axes, at times [1].
 
-    Rerun's plots show one value an instant, so a whole curve is a line in a box.
+    A plot of Rerun shows one value per time, so a whole curve is drawn as a line in a box.
     """
     finite = curve.values[np.isfinite(curve.values)]
     low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
@@ -275,7 +275,7 @@ def _draw_panel(writer: Writer, path: str, times: Times, curve: BoundedCurve) ->
 
 
 def rounded(low: float, high: float) -> tuple[float, float]:
-    """Return a range with round ends that holds another one."""
+    """Return a range with round ends that contains the given range."""
     size = _size(low, high)
     decade = 10.0 ** np.floor(np.log10(size / 4))
     step = next(decade * m for m in (1, 2, 5, 10) if size / (decade * m) <= 5)
@@ -286,5 +286,5 @@ def rounded(low: float, high: float) -> tuple[float, float]:
 
 
 def _size(low: float, high: float) -> float:
-    """Return the length of a range; that of a point is not zero."""
+    """Return the length of a range, with a positive value for a single point."""
     return max(high - low, 1e-3 * max(abs(low), abs(high)), 1e-9)

@@ -1,6 +1,7 @@
-"""Limits along a motion: every question about them is asked here, and the answers are drawn.
+"""Limits along a motion in a recording.
 
-Spells at a limit become lanes of the state timeline, points on the trail and lines of text.
+Intervals at a limit (spells) are drawn as lanes of the state timeline, points on the trail and
+lines of text.
 """
 
 from __future__ import annotations
@@ -21,22 +22,22 @@ from microbot_ocp.views._style import STYLE, Color
 from microbot_ocp.views.recording._animated_arm import AnimatedArm
 from microbot_ocp.views.recording._writer import MARKS, TIME, Times, Writer, plot_path
 
-JOINT_CURVES = ("q", "qd", "qdd", "tau")  # have curves of their own
-QUANTITIES = ("qd", "qdd", "tau")  # every motion comes near some limit of its positions
+JOINT_CURVES = ("q", "qd", "qdd", "tau")  # quantities that are drawn for every motion
+QUANTITIES = ("qd", "qdd", "tau")  # columns of the table of peaks
 FREE = "within"
 
 
 class LimitSpell(NamedTuple):
-    """A time spent at a limit: samples ``first`` to ``last``."""
+    """Interval at a limit: samples ``first`` to ``last``."""
 
-    joint: int | None  # 0-based; None for a limit that is not of a joint
+    joint: int | None  # 0-based; None for a limit of the arm
     text: str  # "torque max", "tool speed max exceeded"
     first: int
     last: int
 
 
 def limit_spells(arm: AnimatedArm) -> list[LimitSpell]:
-    """Return every spell of an arm at a limit but those of positions, in order of time."""
+    """Return the spells of an arm at all limits except position limits, in order of time."""
     if arm.history is None:
         return []
     spells = []
@@ -52,9 +53,9 @@ def limit_spells(arm: AnimatedArm) -> list[LimitSpell]:
 
 
 def lane_path(robot: Robot, name: str, joint: int | None) -> str:
-    """Return the path of the lane of a joint (0-based), or of limits that are not of a joint.
+    """Return the path of the lane of a joint (0-based), or of the limits of the arm (None).
 
-    Lanes are shown in the order of their paths.
+    The viewer sorts lanes by their paths.
     """
     digits, number = len(str(robot.joint_count)), robot.joint_count if joint is None else joint
     label = [*robot.joint_names, "other"][number].replace(" ", "_")
@@ -62,14 +63,14 @@ def lane_path(robot: Robot, name: str, joint: int | None) -> str:
 
 
 class LimitPlot(NamedTuple):
-    """A plot of one component of a further limit."""
+    """Plot of one component of a further limit."""
 
-    path: str  # where its curves are
+    path: str  # entity path of the curves
     title: str
 
 
 def _further(arm: AnimatedArm) -> list[tuple[LimitPlot, int, Member, LimitValues]]:
-    """Return components of limits beside those of position, velocity, acceleration and torque."""
+    """Return the components of all limits except position, velocity, acceleration and torque."""
     if arm.history is None:
         return []
     rows = []
@@ -83,12 +84,12 @@ def _further(arm: AnimatedArm) -> list[tuple[LimitPlot, int, Member, LimitValues
 
 
 def limit_plots(arms: Sequence[AnimatedArm]) -> list[LimitPlot]:
-    """Return plots of the further limits that some arm has values of."""
+    """Return the plots of the further limits that at least one arm has values of."""
     return list(dict.fromkeys(plot for arm in arms for plot, *_ in _further(arm)))
 
 
 def draw_limit_curves(writer: Writer, arm: AnimatedArm, end: Times) -> None:
-    """Draw values of the further limits along the motion; bounds beside those of the solid arm."""
+    """Draw the values of the further limits along the motion, with bounds for the solid arm."""
     for plot, k, _, values in _further(arm):
         arm.draw_curve(writer, plot.path, values.value[:, k])
         for side in ("lower", "upper") if arm.look.solid else ():
@@ -101,7 +102,7 @@ def draw_limit_curves(writer: Writer, arm: AnimatedArm, end: Times) -> None:
 
 
 def limit_notes(arm: AnimatedArm) -> list[str]:
-    """Write a sentence on the peak of every further limit."""
+    """Return a sentence on the peak of every further limit."""
     notes = []
     for member, drawn in {m.key: (m, values) for _, _, m, values in _further(arm)}.values():
         assert arm.history is not None
@@ -120,9 +121,9 @@ def limit_notes(arm: AnimatedArm) -> list[str]:
 def signed_share(
     limits: JointLimits, quantity: str, values: FloatArray, joint: int
 ) -> tuple[FloatArray, np.ndarray]:
-    """Return shares [N] of a joint's limit with the values' signs, and whether it is met [N].
+    """Return signed shares [N] of a joint's limit, and a mask [N] of the samples at the limit.
 
-    Without a limit they are shares of the largest value, and it is never met.
+    Without a limit the shares are relative to the largest value, and no sample is at the limit.
     """
     lower, upper = (float(bound[joint]) for bound in limits.bounds(quantity))
     bound = np.where(values >= 0.0, upper, -lower)
@@ -135,7 +136,7 @@ def signed_share(
 
 
 def peak_table(arm: AnimatedArm) -> tuple[list[str], list[list[str]]]:
-    """Return heads and a row for every joint: an arm's peaks, % of the limits there are."""
+    """Return heads and rows of the table of an arm's peaks by joint, in % of the limits."""
     assert arm.history is not None
     use = {key: arm.history.use[key].max(axis=0) for key in QUANTITIES if key in arm.history.use}
     rows = [
@@ -146,7 +147,7 @@ def peak_table(arm: AnimatedArm) -> tuple[list[str], list[list[str]]]:
 
 
 class LimitSwitch(NamedTuple):
-    """A sample at which a spell begins or ends, and such as "elbow torque max begins"."""
+    """Sample at which a spell begins or ends, with a text such as "elbow torque max begins"."""
 
     sample: int
     text: str
@@ -154,7 +155,7 @@ class LimitSwitch(NamedTuple):
 
 
 def _switches(robot: Robot, spells: Sequence[LimitSpell], count: int) -> list[LimitSwitch]:
-    """Return where spells begin and end within a motion of ``count`` samples, in order of time."""
+    """Return the begins and ends of spells within a motion of ``count`` samples, sorted by time."""
     every = []
     for spell in spells:
         owner = "" if spell.joint is None else f"{robot.joint_names[spell.joint]} "
@@ -178,9 +179,9 @@ def draw_spells(
 def _draw_lanes(
     writer: Writer, robot: Robot, arm: AnimatedArm, spells: Sequence[LimitSpell]
 ) -> None:
-    """Draw a lane for every joint that shows at which limit it is, for the state timeline.
+    """Draw one lane per joint on the state timeline with the limits that the joint is at.
 
-    One more lane is for the limits that are not of a joint, where one of them is met.
+    One more lane shows the limits of the arm, if one of them is met.
     """
     others = [None] if any(spell.joint is None for spell in spells) else []
     for joint in [*range(robot.joint_count), *others]:
@@ -209,7 +210,7 @@ def _lane_color(state: str) -> Color:
 def _draw_switches(
     writer: Writer, robot: Robot, arm: AnimatedArm, switches: Sequence[LimitSwitch]
 ) -> None:
-    """Draw a point on the trail wherever a limit is reached or left."""
+    """Draw a point on the trail at every sample at which a limit is reached or left."""
     if not switches:
         return
     at = np.array([switch.sample for switch in switches])
@@ -218,7 +219,7 @@ def _draw_switches(
     writer.static(path, rr.Points3D.from_fields(radii=[0.5 * arm.look.radius]))
     points = rr.Points3D.columns(positions=places, colors=colors)
     writer.columns(path, arm.at(at), points)
-    # all labels at once would hide each other: one stands until the next, or a tenth of the motion
+    # Only one label at a time, because labels overlap: until the next one or a tenth of the motion.
     tiny = rr.Points3D.from_fields(radii=[1e-3 * arm.look.radius], show_labels=True)
     writer.static(f"{path}/latest", tiny)
     above = places + 0.05 * reach(robot) * upward(robot)
@@ -234,7 +235,7 @@ def _draw_switches(
 
 
 def _draw_marks(writer: Writer, arm: AnimatedArm, switches: Sequence[LimitSwitch]) -> None:
-    """Write a line of text for every mark and every switch; whose it is, if there are several."""
+    """Write a line of text for every mark and switch, with the title of the arm if it has one."""
     clock = arm.times[TIME]
     marks = [*arm.marks, *(Mark(float(clock[s.sample]), s.text) for s in switches)]
     if not marks:

@@ -1,4 +1,4 @@
-"""What acts on an arm: torque at every joint, velocity of the tool, force in the wrist."""
+"""Torque at every joint, velocity of the tool and force in the wrist, drawn in space."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from microbot_ocp.views.recording._writer import Writer, plot_path
 
 
 def draw_torques(writer: Writer, robot: Robot, limits: JointLimits, arm: AnimatedArm) -> None:
-    """Draw in every link frame an arc, closed at the limit, or an arrow along a slide.
+    """Draw the torque of every joint: an arc, closed at the limit, or an arrow along a slide.
 
     A thin circle or line shows the limit.
     """
@@ -38,7 +38,7 @@ def draw_torques(writer: Writer, robot: Robot, limits: JointLimits, arm: Animate
             strips = arcs(share, ring).astype(np.float32)
             radii = np.where(at_limit, 0.5, 0.3) * size
             columns = rr.LineStrips3D.columns(strips=strips, radii=radii, colors=colors)
-        else:  # beside the link of a slide, which lies along its axis
+        else:  # the arrow stands beside the link, which lies along the axis of a slide
             limit = [[beside - whole, beside + whole]]
             columns = rr.Arrows3D.columns(
                 vectors=np.clip(share, -1.0, 1.0)[:, None] * whole,
@@ -54,7 +54,7 @@ def draw_torques(writer: Writer, robot: Robot, limits: JointLimits, arm: Animate
 def arcs(share: FloatArray, radius: float) -> FloatArray:
     """Return polylines [N,28,3] around the z axis, a full turn at a share of 1.
 
-    The last three points are an arrow's head.
+    The last three points are the head of an arrow.
     """
     sweep = 2 * np.pi * np.clip(share, -1.0, 1.0)[:, None]
     angle = sweep * np.linspace(0.0, 1.0, 25)
@@ -68,7 +68,7 @@ def arcs(share: FloatArray, radius: float) -> FloatArray:
 
 
 def _share_colors(share: FloatArray, at_limit: np.ndarray) -> np.ndarray:
-    """Return colours [N,4] of shares [N] of a limit, and of the samples [N] at it."""
+    """Return colours [N,4] for shares [N] of a limit and the mask [N] of samples at the limit."""
     part = np.clip(np.abs(share), 0.0, 1.0)[:, None]
     low, high = np.array(STYLE.neutral, dtype=float), np.array(STYLE.near, dtype=float)
     colors = np.rint(low + part * (high - low)).astype(np.uint8)
@@ -77,17 +77,17 @@ def _share_colors(share: FloatArray, at_limit: np.ndarray) -> np.ndarray:
 
 
 class Arrows(NamedTuple):
-    """One kind of arrow at the tool for every arm, all to one scale."""
+    """Arrows of one kind at the tools of all arms, with one scale."""
 
     name: str
-    quantity: str  # of the curve of their lengths
-    color: Color  # where no other arm needs telling apart
+    quantity: str  # key of the curve of their lengths
+    color: Color  # colour for a single arm; several arms have their own colours
     vectors: tuple[FloatArray, ...]  # [N,3] an arm, m/s or N
-    scale: float  # metres drawn for each m/s or N: the largest is a share of the reach long
+    scale: float  # drawn length per m/s or N, m; the largest arrow is a share of the reach
 
 
 def arrows(robot: Robot, arms: Sequence[AnimatedArm]) -> list[Arrows]:
-    """Return velocities, and forces of a robot with masses, of all arms that move."""
+    """Return tool velocities and, for a robot with masses, wrist forces of all moving arms."""
     rows = [("velocity", "speed", STYLE.motion, tool_velocity)]
     if robot.has_dynamics:
         rows.append(("force", "force", STYLE.near, wrist_force))
@@ -101,7 +101,7 @@ def arrows(robot: Robot, arms: Sequence[AnimatedArm]) -> list[Arrows]:
 
 
 def draw_arrows(writer: Writer, arms: Sequence[AnimatedArm], kind: Arrows) -> None:
-    """Draw arrows at the tools, to scale, and their lengths as curves."""
+    """Draw scaled arrows at the tools, and their lengths as curves."""
     for arm, vectors in zip(arms, kind.vectors, strict=True):
         arm.draw_curve(writer, plot_path(kind.quantity), np.linalg.norm(vectors, axis=1))
         if kind.scale:
@@ -113,7 +113,7 @@ def draw_arrows(writer: Writer, arms: Sequence[AnimatedArm], kind: Arrows) -> No
 
 
 def legend(robot: Robot, alone: bool, scales: Sequence[float]) -> str:
-    """Say what is drawn in space; ``scales`` of velocity and force arrows, m a unit."""
+    """Return a legend of the view in space; ``scales`` of velocity and force arrows, m per unit."""
     parts = []
     if robot.has_dynamics:
         torque = "torque, closed and pink at its limit (arrows for slides)"
@@ -139,11 +139,11 @@ def tool_velocity(robot: Robot, state: State) -> FloatArray:
 
 
 def wrist_force(robot: Robot, state: State) -> FloatArray:
-    """Return the force [N,3] with which the arm holds its last link, base frame, N.
+    """Return the force [N,3] of the arm on its last link, base frame, N.
 
-    ``m (a - g)`` with the mass of the last link and what is fixed to it, the acceleration of its
-    centre of mass and the acceleration of free fall: what a force sensor in the last joint would
-    read.
+    It is ``m (a - g)`` with the mass of the last link (and of bodies fixed to it), the acceleration
+    of its centre of mass and the acceleration of gravity. A force sensor in the last joint would
+    measure it.
     """
     acceleration = buffered_call(_last_acceleration(robot).map(len(state.q)))
     columns = acceleration(state.q.T, state.qd.T, state.qdd.T)

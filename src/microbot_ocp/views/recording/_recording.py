@@ -1,4 +1,4 @@
-"""A recording as data: the arms, the marked places, what is around, the text and curves beside."""
+"""Recording as data: arms, marked places, surroundings, text and curves."""
 
 from __future__ import annotations
 
@@ -40,29 +40,30 @@ TOOL_CURVES = {
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """Arms on common timelines, ready to be saved to a file or sent to a stream.
+    """Recording of arms on common timelines, for a file or a stream.
 
     Attributes
     ----------
     title : str
-        What it is of; recordings of one title share a layout in the viewer.
+        Title; recordings of one title share a layout in the viewer.
     robot : Robot
     limits : JointLimits
-        Those that are drawn.
+        Drawn limits.
     arms : tuple of AnimatedArm
-        Every arm with its motion.
+        Arms with their motions.
     places : array [m,3]
-        Places that are marked in space, m.
-    place_names : tuple of str, m
+        Marked places in space, m.
+    place_names : tuple of str [m]
+        Names of the marked places.
     summary : Table
     target : array [4,4], optional
-        A pose whose axes are drawn.
-    around : Surroundings
-        What is around the last arm.
+        Pose whose axes are drawn.
+    around : DrawnSurroundings
+        Surroundings of the last arm.
     quantities : tuple of str
-        What is plotted.
+        Plotted quantities.
     timeline : str
-        The one that plays.
+        Timeline that plays.
     """
 
     title: str
@@ -79,7 +80,7 @@ class Recording:
 
     @cached_property
     def axis_limits(self) -> Mapping[tuple[str, int], AxisLimits]:
-        """By quantity and joint: the limits that are drawn, and the range of the axis."""
+        """Drawn limits and range of the axis, by quantity and joint."""
         limits = {}
         for quantity in self.quantities:
             tables = [arm.curves[quantity] for arm in self.arms if quantity in arm.curves]
@@ -96,29 +97,29 @@ class Recording:
 
     @property
     def limit_plots(self) -> list[_limits.LimitPlot]:
-        """Plots of limits beside those of position, velocity, acceleration and torque."""
+        """Plots of all limits except position, velocity, acceleration and torque."""
         among = self.around.scene is not None and has_coal() and bool(self.moving)
         return [*([_space.CLEARANCE] if among else []), *_limits.limit_plots(self.moving)]
 
     @property
     def application(self) -> str:
-        """What the viewer files it under; it takes few characters."""
+        """Application identifier for the viewer, which allows few characters."""
         return f"{APPLICATION} {re.sub(r'[^A-Za-z0-9]+', ' ', self.title).strip()}"
 
     @property
     def moving(self) -> list[AnimatedArm]:
-        """The arms that play in time."""
+        """Arms with a motion over time."""
         return [arm for arm in self.arms if arm.moves]
 
     @property
     def end(self) -> Times:
-        """The last value [1] of every timeline."""
+        """Last value [1] of every timeline."""
         names = dict.fromkeys(name for arm in self.arms for name in arm.times)
         return {n: np.array([max(float(arm.times[n][-1]) for arm in self.arms)]) for n in names}
 
     @cached_property
     def eye(self) -> Eye:
-        """Where everything that moves is seen from."""
+        """Viewpoint with the whole motion in view."""
         headroom = STYLE.label * sum(bool(arm.title) for arm in self.arms) * reach(self.robot)
         q = np.vstack([np.zeros((0, self.robot.joint_count)), *(arm.q for arm in self.arms)])
         obstacles = [solid for _, solid in self.around.obstacles(self.robot)]
@@ -126,7 +127,7 @@ class Recording:
 
     @property
     def hidden(self) -> list[str]:
-        """Entities that are hidden at first, so that the scene is not crowded."""
+        """Entities that are hidden by default, to keep the view clear."""
         frames, alone = range(1, self.robot.link_count + 1), len(self.arms) == 1
         paths = []
         for arm in self.arms:
@@ -140,10 +141,7 @@ class Recording:
         return paths
 
     def blueprint(self) -> rrb.Blueprint:
-        """Return the layout, ready to play on the recording's first timeline.
-
-        The arms and the text are to the left, the curves to the right.
-        """
+        """Return the layout: arms and text at the left, curves at the right, playing."""
         text, space = layout.text_view(), self._arms_view()
         if self.quantities:
             marks = layout.marks_view("marks and switches")
@@ -199,7 +197,7 @@ class Recording:
         robot, limits = self.robot, self.axis_limits[quantity, joint]
         name, unit = robot.joint_names[joint], display_unit(robot, quantity, joint)
         far = ""
-        if limits.far and robot.joint_count > STYLE.side_by_side:  # two columns have room for it
+        if limits.far and robot.joint_count > STYLE.side_by_side:  # plots in two columns are wide
             far = f", {limits.far.removesuffix(unit).strip()}"
         return layout.plot_view(
             f"{name} {quantity} [{unit}]{far}",
@@ -208,7 +206,7 @@ class Recording:
         )
 
     def write(self, writer: Writer) -> None:
-        """Send everything but the layout."""
+        """Write all entities; the layout is separate."""
         robot, end = self.robot, self.end
         _space.draw_base(writer, robot, self.places, self.place_names, self.target)
         notes = [*self.summary.notes, *self._more_notes()]
@@ -233,7 +231,7 @@ class Recording:
             _loads.draw_arrows(writer, self.moving, kind)
 
     def save(self, path: str | Path) -> Path:
-        """Write an ``.rrd`` with its layout, whole or not at all; it plays when opened."""
+        """Write an ``.rrd`` with its layout, completely or not at all; it plays when opened."""
         with file_writer(path, self.blueprint(), self.application) as writer:
             self.write(writer)
         return Path(path)
@@ -243,7 +241,7 @@ class Recording:
         return _loads.arrows(self.robot, self.moving)
 
     def _more_notes(self) -> list[str]:
-        """Write sentences on the limits that are not drawn, and on what is drawn in space."""
+        """Return sentences on the limits that are not drawn, and a legend of the view in space."""
         far = [
             f"{quantity} of {self.robot.joint_names[joint]}: {limits.far}"
             for (quantity, joint), limits in self.axis_limits.items()

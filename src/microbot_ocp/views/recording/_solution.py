@@ -1,4 +1,4 @@
-"""A solution of any optimal-control problem: every variable over the time, bounds, phases."""
+"""Recording of a solution of any optimal-control problem: variables, bounds and phases."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from microbot_ocp.views.recording._writer import APPLICATION, TIME, Writer, file
 
 @dataclass(frozen=True, eq=False)
 class SolutionRecording:
-    """Curves of a solution, phase after phase on one time, ready to be saved.
+    """Recording of the curves of a solution, with its phases on one time axis.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class SolutionRecording:
     summary: Table
 
     def blueprint(self) -> rrb.Blueprint:
-        """Return plots of every variable over lanes of the phases; the summary to the left."""
+        """Return the layout: summary at the left, plots of all variables above lanes of phases."""
         plots = [
             plot_view(f"{name} [{unit}]" if unit else name, origin=plot_path(name))
             for name, unit in self.variables
@@ -50,7 +50,7 @@ class SolutionRecording:
         return playing(whole, TIME, self.end)
 
     def write(self, writer: Writer) -> None:
-        """Send everything but the layout."""
+        """Write all entities; the layout is separate."""
         writer.summary(self.summary)
         for (name, _), curves in self.variables.items():
             path, times = plot_path(name), {TIME: np.concatenate([c.t for c in curves])}
@@ -65,21 +65,21 @@ class SolutionRecording:
         writer.columns("phases", {TIME: np.array(begins)}, columns)
 
     def save(self, path: str | Path) -> Path:
-        """Write an ``.rrd`` with its layout, whole or not at all."""
+        """Write an ``.rrd`` with its layout, completely or not at all."""
         with file_writer(path, self.blueprint(), f"{APPLICATION} {self.title}") as writer:
             self.write(writer)
         return Path(path)
 
 
 def of_solution(solution: Solution, name: str = "solution") -> SolutionRecording:
-    """Return states, controls and algebraic variables of a solve, converged or not, with bounds.
+    """Return a recording of the states, controls and algebraic variables of a solution.
 
-    ``name`` is that of the problem.
+    ``name`` is the name of the problem. The solution need not have converged.
 
     Raises
     ------
     InputError
-        A solution that no solve made: it has no interpolation between its mesh points.
+        A solution that no solver computed, which has no interpolation between its mesh points.
     """
     begins = list(accumulate((phase.duration for phase in solution.phases), initial=0.0))
     curves = variable_curves(solution.phases, dense_times)

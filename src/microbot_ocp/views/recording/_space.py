@@ -1,4 +1,4 @@
-"""What is drawn in space: base, places, the arms, and what stands around them."""
+"""Entities of a recording in space: base, marked places, arms, surroundings."""
 
 from __future__ import annotations
 
@@ -44,9 +44,9 @@ def draw_base(
     names: Sequence[str],
     target: FloatArray | None = None,
 ) -> None:
-    """Draw the base plate, a post from the base frame to it, and places [m,3] with names.
+    """Draw the base plate, a post from the base frame to the plate, and places [m,3] with names.
 
-    Of the target [4,4] the axes are drawn.
+    The axes of the target [4,4] are drawn, too.
     """
     size, up, base = reach(robot), upward(robot), robot.base[:3, 3]
     axis = int(np.abs(up).argmax())
@@ -67,7 +67,7 @@ def draw_base(
         writer.frame(f"{WORLD}/target", target)
         writer.static(f"{WORLD}/target", rr.TransformAxes3D(0.12 * size))
     if len(places):
-        alike = np.linalg.norm(places[:, None] - places, axis=2) < 1e-6  # share their names
+        alike = np.linalg.norm(places[:, None] - places, axis=2) < 1e-6  # one label for all names
         labels = [", ".join(compress(names, row)) for row in alike]
         look = {"radii": 0.022 * size, "colors": [STYLE.bright]}
         spheres = rr.Points3D(places, labels=labels, show_labels=True, **look)
@@ -77,7 +77,7 @@ def draw_base(
 def draw_surroundings(
     writer: Writer, robot: Robot, around: DrawnSurroundings, arm: AnimatedArm
 ) -> None:
-    """Draw obstacles and capsules of the arm, tubes and frames of its task, and its parts."""
+    """Draw obstacles, capsules of the arm, tubes and frames of the task, and carried parts."""
     for obstacle, solid in around.obstacles(robot):
         writer.solid(rr.new_entity_path([WORLD, "scene", obstacle.name]), solid)
     if around.scene is not None:
@@ -105,7 +105,7 @@ def draw_surroundings(
 def draw_nearest(
     writer: Writer, robot: Robot, around: DrawnSurroundings, arm: AnimatedArm, end: Times
 ) -> None:
-    """Draw the line between the nearest points with its length, which is a curve, too."""
+    """Draw the line between the closest points with its length, and the length as a curve."""
     nearest = around.nearest(arm.times[TIME], arm.q)
     if around.scene is None or not nearest:
         return
@@ -115,7 +115,7 @@ def draw_nearest(
     labels = [f"{n.pair.label}: {d:.1f} mm" for n, d in zip(nearest, millimetres, strict=True)]
     writer.strips(path, radius, STYLE.near)
     writer.columns(path, arm.times, rr.LineStrips3D.columns(strips=list(ends)))
-    at_obstacle = f"{path}/distance"  # where no label of the arm stands
+    at_obstacle = f"{path}/distance"  # the label stands at the obstacle, apart from arm labels
     writer.static(at_obstacle, rr.Points3D.from_fields(colors=[STYLE.near], radii=[radius]))
     points = rr.Points3D.columns(positions=ends[:, 1], labels=labels)
     writer.columns(at_obstacle, arm.times, points)
@@ -124,7 +124,7 @@ def draw_nearest(
 
 
 def draw_arm(writer: Writer, robot: Robot, arm: AnimatedArm, end: Times) -> None:
-    """Draw an arm along its motion; until ``end`` (last values [1]) it stays in its last pose."""
+    """Draw an arm along its motion; it stays in its last pose until ``end`` (last values [1])."""
     look, times, q = arm.look, arm.times, arm.q
     if any(float(end[key][0]) > value[-1] for key, value in times.items()):
         times = {key: np.append(value, end[key]) for key, value in times.items()}
@@ -152,7 +152,8 @@ def draw_arm(writer: Writer, robot: Robot, arm: AnimatedArm, end: Times) -> None
             place, size = robot.links[k - 1].center_of_mass, radii[k - 1] * look.radius
             ball = rr.Points3D([place], radii=size, colors=[STYLE.ball])
             writer.static(arm.link(k, "center_of_mass"), ball)
-    # labels and arrows hang on the tool, so it does not turn; its frame does
+    # The tool entity only translates, because labels and arrows are its children; a child frame
+    # rotates.
     tool = origins[:, -1]
     writer.columns(arm.tool(), times, rr.Transform3D.columns(translation=tool))
     turned = rr.Transform3D.columns(quaternion=quaternions(rotations[:, -1]))
@@ -160,7 +161,7 @@ def draw_arm(writer: Writer, robot: Robot, arm: AnimatedArm, end: Times) -> None
     writer.static(arm.tool("frame"), axes)
     ball = rr.Points3D([[0, 0, 0]], radii=1.4 * look.radius, colors=[look.color])
     writer.static(arm.tool("ball"), ball)
-    # of the trail a short strip a frame: the view shows those up to its time cursor
+    # The trail is one short strip per sample: the view shows the strips up to the time cursor.
     writer.strips(arm.path("trail"), (0.2 if look.solid else 0.15) * look.radius, look.line_color)
     pieces = np.stack([tool[:-1], tool[1:]], axis=1).astype(np.float32)
     strips = rr.LineStrips3D.columns(strips=pieces)
@@ -185,15 +186,15 @@ def _draw_link(
         fill_mode="solid",
     )
     writer.static(path, shape)
-    if not fixed:  # a prismatic joint stretches it
+    if not fixed:  # a prismatic joint changes its length
         stretched = rr.Capsules3D.columns(lengths=lengths, quaternions=along_z(vectors))
         writer.columns(path, times, stretched)
 
 
 def _mass_radii(robot: Robot) -> FloatArray:
-    """Return radii [n] of the balls in link radii: their volumes are as the masses, down to one.
+    """Return the radii [n] of the centres of mass, in link radii; empty without masses.
 
-    Empty for a robot without masses.
+    The volume is proportional to the mass, down to a smallest radius.
     """
     masses = np.array([link.mass for link in robot.links])
     if not masses.size:
@@ -210,10 +211,11 @@ def draw_labels(
     places: FloatArray,
     names: Sequence[str],
 ) -> None:
-    """Draw titles over the tools at such heights that from ``eye`` no text hides another one.
+    """Draw titles above the tools at heights at which no text hides another one seen from ``eye``.
 
-    ``places`` [m,3] have texts already, their names. Arms that stop early come first: the later
-    ones evade those that stand still. The timelines differ in who is where at the same moment.
+    The names at ``places`` [m,3] count as texts. Arms that stop early are placed first, so that
+    moving titles evade resting ones. Each timeline has its own heights, because the arms meet at
+    other samples.
     """
     size, up, (right, above, _) = reach(robot), eye.up, eye.axes
     step = STYLE.label * size

@@ -1,4 +1,4 @@
-"""The atlas of a sweep: every goal as a point in space, coloured by the time saved."""
+"""Recording of a sweep: every goal as a point in space, coloured by the time saved."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from microbot_ocp.views.recording._blueprint import eye_controls, folded, text_v
 from microbot_ocp.views.recording._writer import WORLD, file_writer
 from microbot_ocp.views.tables._results import sweep as sweep_table
 
-MOST_POINTS = 200_000  # what a viewer turns smoothly
+MOST_POINTS = 200_000  # number of points that a viewer rotates smoothly
 
 
 def of_sweep(results: Sweep, path: str | Path) -> Path:
-    """Write a recording: the time saved against every other method, and the limit that decides.
+    """Write a recording of the time saved against every other method, and of the deciding limit.
 
-    Where more than 200,000 cases are done it shows the first so many.
+    It shows at most the first 200,000 cases.
     """
-    viridis = needed("matplotlib", "atlases need").colormaps["viridis"]  # from dark to bright
+    viridis = needed("matplotlib", "atlases need").colormaps["viridis"]  # dark to bright
     best, first = results.best, slice(MOST_POINTS)
     names = ["goal_x", "goal_y", "goal_z", f"{best}_limit", f"{best}_status"]
     *goals, limit, status = (column[first] for column in results.read(names).values())

@@ -1,4 +1,4 @@
-"""Where a recording goes: its entity paths and timelines, and a file that is whole or absent.
+"""Writer of recordings: entity paths, timelines, and files that are complete or absent.
 
 ``docs/recordings.md`` describes the tree.
 """
@@ -24,10 +24,10 @@ from microbot_ocp.views._style import STYLE, Color
 
 APPLICATION = "microbot_ocp"
 
-TIME = "sim_time"  # duration since the start of the motion, s
+TIME = "sim_time"  # time since the start of the motion, s
 PROGRESS = "progress_permille"  # share of the joint path travelled, 0 to 1000
 BRANCH = "branch"  # number of a solution, from 1
-Times = Mapping[str, FloatArray]  # values [N] by timeline: s on TIME, whole numbers elsewhere
+Times = Mapping[str, FloatArray]  # values [N] by timeline: s on TIME, integers on the others
 
 SUMMARY = "summary"
 MARKS = "marks"
@@ -35,22 +35,22 @@ WORLD = "world"
 
 
 def plot_path(*parts: str) -> str:
-    """Return the path of curves: a quantity, then the joint if it has one, then whose it is."""
+    """Return the path of curves from the quantity, the joint (if any) and the arm."""
     return rr.new_entity_path(["plots", *parts])
 
 
 @dataclass(frozen=True)
 class Writer:
-    """Writes to a stream, and raises where Rerun would only warn."""
+    """Writer to a stream that raises an exception where Rerun only warns."""
 
     stream: rr.RecordingStream
 
-    def static(self, path: str, what: rr.AsComponents) -> None:
-        """Log what never changes."""
-        self.stream.log(path, what, static=True, strict=True)
+    def static(self, path: str, entity: rr.AsComponents) -> None:
+        """Log an entity that does not change over time."""
+        self.stream.log(path, entity, static=True, strict=True)
 
     def columns(self, path: str, times: Times, columns: Iterable[rr.ComponentColumn]) -> None:
-        """Log a row for every time, in one call."""
+        """Log one row per time in one call."""
         indexes = [_time_column(timeline, values) for timeline, values in times.items()]
         self.stream.send_columns(path, indexes=indexes, columns=columns, strict=True)
 
@@ -69,19 +69,19 @@ class Writer:
         color: Color = STYLE.dull,
         width: float = 1.2,
     ) -> None:
-        """Log values [N], by default of a bound that varies."""
+        """Log a curve of values [N]; the default style is that of a varying bound."""
         self._line(path, name, color, width)
         self.columns(path, times, rr.Scalars.columns(scalars=values))
 
     def dashes(self, path: str, spans: Sequence[tuple[Times, float]]) -> None:
-        """Log dashes at a value from begin to end [2] on every timeline, for each span.
+        """Log a dashed horizontal line for each span: begin and end [2] by timeline, and a value.
 
         Rows without a value interrupt the line.
         """
         spans = [span for span in spans if all(begin < end for begin, end in span[0].values())]
         if not spans:
             return
-        gap = 1e-6  # share of the span after a dash, where the row without a value is
+        gap = 1e-6  # offset of the row without a value after a dash, relative to the span
         edges = np.linspace(0.0, 1.0 - gap, 2 * STYLE.dashes)
         share = np.column_stack([edges[::2], edges[1::2], edges[1::2] + gap]).ravel()
         times = {
@@ -94,7 +94,7 @@ class Writer:
         self.columns(path, times, scalars.partition(lengths=lengths))
 
     def level(self, path: str, value: float | None, end: Times) -> None:
-        """Log dashes at a value, if there is one, over whole timelines up to ``end`` [1]."""
+        """Log a dashed line at a value over the timelines up to ``end`` [1]; None draws nothing."""
         if value is not None:
             whole = {key: np.array([0.0, last[0]]) for key, last in end.items()}
             self.dashes(path, [(whole, value)])
@@ -103,11 +103,11 @@ class Writer:
         self.static(path, rr.SeriesLines.from_fields(names=[name], colors=[color], widths=[width]))
 
     def strips(self, path: str, radius: float, color: Color) -> None:
-        """Log how the lines in space at a path look."""
+        """Log the style of the lines in space at a path."""
         self.static(path, rr.LineStrips3D.from_fields(radii=[radius], colors=[color]))
 
     def frame(self, path: str, pose: FloatArray) -> None:
-        """Log a pose [4,4] that does not change."""
+        """Log a constant pose [4,4]."""
         self.static(path, rr.Transform3D(translation=pose[:3, 3], mat3x3=pose[:3, :3]))
 
     def solid(self, path: str, solid: Solid) -> None:
@@ -132,7 +132,7 @@ def _shape(solid: Solid) -> Any:
         return rr.Ellipsoids3D(radii=[size[0]], **style)
     if solid.kind == "cylinder":
         return rr.Cylinders3D(radii=[size[0]], lengths=[size[1]], **style)
-    if solid.kind == "capsule":  # Rerun's begin at their origin
+    if solid.kind == "capsule":  # capsules of Rerun begin at their origin
         start = [[0.0, 0.0, -size[1] / 2]]
         return rr.Capsules3D(radii=[size[0]], lengths=[size[1]], translations=start, **style)
     middle = [[0.0, 0.0, -size[2] / 2 if solid.kind == "plane" else 0.0]]
@@ -140,7 +140,7 @@ def _shape(solid: Solid) -> Any:
 
 
 def _normals(mesh: TriangleMesh) -> FloatArray:
-    """Return unit normals [N,3] of the vertices: without them the viewer does not shade."""
+    """Return the unit normals [N,3] of the vertices, which the viewer needs for shading."""
     corners = mesh.vertices[mesh.triangles]
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals = np.zeros_like(mesh.vertices)
@@ -160,10 +160,10 @@ def _time_column(timeline: str, values: FloatArray) -> rr.TimeColumn:
 def file_writer(
     path: str | Path, blueprint: rrb.Blueprint | None = None, application: str = APPLICATION
 ) -> Iterator[Writer]:
-    """Yield a writer of a file with its layout inside; the file appears when all is written.
+    """Yield a writer of a file with its layout; the file appears after the last write.
 
-    A viewer keeps one layout for each ``application``. The recording is gathered in memory: Rerun's
-    own file sink waits for ever on a full disk.
+    A viewer keeps one layout per ``application``. The recording is collected in memory, because
+    Rerun's file sink blocks for ever on a full disk.
     """
     check_writable(path)
     stream = rr.RecordingStream(application)
@@ -181,8 +181,8 @@ def file_writer(
 def quaternions(rotations: FloatArray) -> FloatArray:
     """Return unit quaternions [N,4] (x, y, z, w) of rotation matrices [N,3,3].
 
-    4 q q' is linear in the matrix, and every row of it is a multiple of q; the row with the
-    largest diagonal entry is far from zero.
+    The matrix 4 q q' is linear in the rotation matrix, and each of its rows is a multiple of q. The
+    row with the largest diagonal entry is normalised, because it is far from zero.
     """
     r = rotations
     square = np.empty((len(r), 4, 4))
@@ -197,9 +197,9 @@ def quaternions(rotations: FloatArray) -> FloatArray:
 
 
 def along_z(vectors: FloatArray) -> FloatArray:
-    """Return quaternions [N,4] that turn the z axis into the directions of vectors [N,3]."""
+    """Return quaternions [N,4] that rotate the z axis into the directions of vectors [N,3]."""
     length = np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-12)
     x, y, z = (vectors / length).T
     turned = np.column_stack([-y, x, np.zeros_like(x), 1 + z])
-    turned[z < -1 + 1e-9] = (1.0, 0.0, 0.0, 0.0)  # half a turn, about any level axis
+    turned[z < -1 + 1e-9] = (1.0, 0.0, 0.0, 0.0)  # half a turn about x: the axis is not unique
     return turned / np.linalg.norm(turned, axis=1, keepdims=True)

@@ -1,4 +1,4 @@
-"""Results as tables: what ``comparison.table()`` returns, and what Jupyter shows.
+"""Tables of results, such as ``comparison.table()``, and their display.
 
 A table is data (:class:`microbot_ocp.Table`); the terminal, Jupyter, Markdown and CSV have one
 writer each.

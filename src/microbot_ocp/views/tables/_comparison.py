@@ -1,4 +1,4 @@
-"""A comparison as rows, as a table, and as the files CSV and JSON."""
+"""Rows of a comparison, its table, and its files CSV and JSON."""
 
 from __future__ import annotations
 
@@ -29,29 +29,28 @@ MEASURED = (
     "saturated_fraction",
     "condition_peak",
 )
-PLACE = ("quantity", "joint", "time", "value", "limit", "unit")  # of the worst violation
+VIOLATION = ("quantity", "joint", "time", "value", "limit", "unit")  # keys of the worst violation
 
-PLAYED = {"executed_duration": "T executed", "trackable_duration": "T trackable"}
+EXECUTED = {"executed_duration": "T executed", "trackable_duration": "T trackable"}
 
 Row = dict[str, Any]
 
 
 def comparison_rows(comparison: Comparison) -> list[Row]:
-    """Return one plain row an entry, ready for strict JSON: what is not known is None.
+    """Return one row of plain values per entry, ready for strict JSON; unknown values are None.
 
     Returns
     -------
     list of dict
-        ``name``, ``title``, ``status``, ``duration`` (s), ``ratio`` (duration over the
-        reference's), ``utilisation`` (quantity -> joint -> largest share of the limit, 1 is the
+        ``name``, ``title``, ``status``, ``duration`` (s), ``ratio`` (duration relative to the
+        reference), ``utilisation`` (quantity -> joint -> largest share of the limit; 1 is the
         limit), ``torque_squared`` ((N m)^2 s), ``work`` (J), ``certificate_ok``, ``verdict``,
-        ``verdict_short``, ``unjudged`` (names of limits that need masses that the robot has not),
-        ``worst_violation`` (quantity, joint, time, value, limit, unit and
-        relative size; None where every limit holds), ``defect``, ``amplification``,
-        ``final_position_error`` (rad), ``final_velocity_error`` (rad/s), ``saturated_fraction``,
-        ``condition_peak``,
-        ``executed_duration`` and ``trackable_duration`` (s) where they were asked for,
-        ``solve_time`` (s), ``note``, ``marks`` (time and name).
+        ``verdict_short``, ``unjudged`` (names of limits that need masses, for a robot without),
+        ``worst_violation`` (quantity, joint, time, value, limit, unit and relative size; None if
+        every limit holds), ``defect``, ``amplification``, ``final_position_error`` (rad),
+        ``final_velocity_error`` (rad/s), ``saturated_fraction``, ``condition_peak``,
+        ``executed_duration`` and ``trackable_duration`` (s; only with ``profile`` and
+        ``trackable``), ``solve_time`` (s), ``note``, ``marks`` (time and name).
     """
     motion = comparison.motions.get(comparison.reference)
     reference = math.nan if motion is None else motion.duration
@@ -59,9 +58,9 @@ def comparison_rows(comparison: Comparison) -> list[Row]:
 
 
 def comparison_table(comparison: Comparison) -> Table:
-    """Return one row a method, with the peak use of every kind of limit but the position's.
+    """Return a table with one row per method and the peak use of every limit except positions.
 
-    The notes give failures, refused certificates and how to read the table.
+    The notes explain the columns and list failures and refused certificates.
     """
     rows = comparison_rows(comparison)
     kinds = dict.fromkeys(kind for row in rows for kind in row["utilisation"] if kind != "q")
@@ -77,7 +76,7 @@ def comparison_table(comparison: Comparison) -> Table:
         (Column("T", "s", ".3f"), [row["duration"] for row in rows]),
         (Column("ratio", show=".3f", bar=True), [row["ratio"] for row in rows]),
     ]
-    for key, head in PLAYED.items():
+    for key, head in EXECUTED.items():
         if any(key in row for row in rows):
             pairs.append((Column(head, "s", ".3f"), [row.get(key) for row in rows]))
     for kind in limited:
@@ -99,12 +98,12 @@ def comparison_table(comparison: Comparison) -> Table:
 
 
 def narrow_table(comparison: Comparison) -> Table:
-    """Return the table where there is room for the main columns only."""
+    """Return the table with the main columns only."""
     return comparison_table(comparison).without("∫tau²", "work")
 
 
 def write_csv(comparison: Comparison, path: str | Path) -> Path:
-    """Write the rows as CSV, one column a joint for every limited quantity; unknown is empty."""
+    """Write the rows as CSV, with one column per joint and limit; unknown values are empty."""
     rows = [dict(_flat(row)) for row in comparison_rows(comparison)]
     keys = list(dict.fromkeys(key for row in rows for key in row))
     cells = [[row.get(key) for key in keys] for row in rows]
@@ -112,7 +111,7 @@ def write_csv(comparison: Comparison, path: str | Path) -> Path:
 
 
 def write_json(comparison: Comparison, path: str | Path) -> Path:
-    """Write task and rows as strict JSON: NaN and infinity become null."""
+    """Write task and rows as strict JSON; NaN and infinity become null."""
     robot = comparison.robot
     revolute = np.array(robot.joint_types) == "revolute"
     pairs = zip(robot.joint_names, robot.joint_types, strict=True)
@@ -144,7 +143,7 @@ def _row(comparison: Comparison, entry: Entry, reference: float) -> Row:
             "verdict_short": _short_verdict(certificate, worst),
             "unjudged": list(certificate.unjudged),
             "worst_violation": worst
-            and {**{key: getattr(worst, key) for key in PLACE}, "relative": worst.violation},
+            and {**{key: getattr(worst, key) for key in VIOLATION}, "relative": worst.violation},
             **{key: getattr(certificate, key) for key in MEASURED},
         }
     row = {
@@ -153,7 +152,7 @@ def _row(comparison: Comparison, entry: Entry, reference: float) -> Row:
         "status": entry.status,
         "duration": duration,
         "ratio": duration / reference,
-        **{key: entry.details[key] for key in PLAYED if key in entry.details},
+        **{key: entry.details[key] for key in EXECUTED if key in entry.details},
         "utilisation": {
             c.quantity: {
                 name or "arm": use for name, use in zip(c.labels, c.utilisation, strict=True)
@@ -183,12 +182,12 @@ def _short_verdict(certificate: Certificate, worst: LimitCheck | None) -> str:
 
 
 def _short_name(quantity: str) -> str:
-    """Return the symbol of a quantity of the joints, the name of any other."""
+    """Return the symbol of a joint quantity, or the name of another quantity."""
     return quantity if quantity in JOINT_QUANTITIES else quantity_name(quantity)
 
 
 def _known(shares: Mapping[str, float | None] | None) -> dict[str, float]:
-    """Return known shares by joint."""
+    """Return the known shares by joint."""
     return {joint: share for joint, share in (shares or {}).items() if share is not None}
 
 
@@ -203,7 +202,7 @@ def _percentages(shares: Mapping[str, float | None]) -> str:
 
 
 def _significant(value: float) -> str:
-    """Write three significant digits without an exponent for what tables usually hold."""
+    """Format three significant digits, without an exponent for usual sizes."""
     if value == 0 or not 1e-3 <= abs(value) < 1e7:
         return f"{value:.3g}"
     digits = max(0, 2 - math.floor(math.log10(abs(value))))
@@ -248,7 +247,7 @@ def _notes(comparison: Comparison, rows: list[Row]) -> Iterator[str]:
 
 def _violation_text(violation: Row | None, verdict: str) -> list[str]:
     if violation is None or (violation["joint"] or violation["quantity"]) in verdict:
-        return []  # the verdict says so already
+        return []  # the verdict names the violation already
     name, unit = _short_name(violation["quantity"]), violation["unit"]
     value, limit, time = (violation[key] for key in ("value", "limit", "time"))
     if value is None or limit is None or time is None:
@@ -258,10 +257,10 @@ def _violation_text(violation: Row | None, verdict: str) -> list[str]:
 
 
 def _flat(row: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield one level only: a column for each joint's use and for what is worst violated."""
+    """Yield the entries of nested mappings as columns with joined keys."""
     for key, value in row.items():
         if key == "worst_violation" and value is None:
-            value = dict.fromkeys((*PLACE, "relative"))
+            value = dict.fromkeys((*VIOLATION, "relative"))
         if isinstance(value, Mapping):
             yield from _flat(value, f"{prefix}{key}_")
         elif key == "unjudged":

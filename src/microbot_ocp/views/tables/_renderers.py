@@ -1,4 +1,4 @@
-"""A table on the terminal and in a notebook, where it follows a light or dark theme."""
+"""Writers of a table for the terminal and for notebooks (light and dark themes)."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ LOOK = "color:inherit;font-size:inherit;border-collapse:collapse"
 
 
 def terminal(table: Table) -> Group:
-    """Return a table for a rich console; the notes are a list below."""
-    # Text, not str: rich would read "[s]" as markup
+    """Return a table for a rich console with its notes as a list below."""
+    # Text instead of str, because rich reads "[s]" as markup.
     title = Text(table.title, style="bold") if table.title else None
     style: dict[str, Any] = {"box": box.SIMPLE_HEAD, "show_edge": False, "pad_edge": False}
     drawn = RichTable(title=title, title_justify="left", padding=(0, 1, 0, 0), **style)
@@ -39,7 +39,7 @@ def terminal(table: Table) -> Group:
 
 
 def html(table: Table) -> str:
-    """Return a table for Jupyter; a bar of 8 em stands for 1."""
+    """Return a table in HTML for Jupyter; a bar of 8 em represents 1."""
     head = "".join(f"<th {_style(column)}>{escape(column.title)}</th>" for column in table.columns)
     body = ""
     for row, mark in zip(table.rows, _marks(table), strict=True):

@@ -1,4 +1,4 @@
-"""What a robot, a motion, a solution and their kin show of themselves in Jupyter."""
+"""Tables of robots, motions, certificates, solutions and sweeps for Jupyter."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def robot(robot: Robot) -> Table:
 
 
 def motion(motion: Motion) -> Table:
-    """Return ends and peaks of every joint."""
+    """Return the table of the ends and peaks of every joint."""
     heads = ("q from", "q to", "peak |qd|", "peak |qdd|", "peak |tau|")
     columns = [Column("joint"), *(Column(head, show=".4g") for head in heads)]
     ends = np.round(motion.q[[0, -1]], 9) + 0.0  # no -0
@@ -70,7 +70,7 @@ def certificate(certificate: Certificate) -> Table:
         for check in certificate.limit_checks
     ]  # fmt: skip
     if (near := certificate.clearance) is not None:
-        # how much of the clearance is missing has no meaning where none but contact is barred
+        # The excess is NaN: a wanted clearance of 0 has no relative excess.
         use = 100 * near.wanted / near.minimum if near.minimum > 0 else np.inf
         proof = "clearance, proved" if near.proved else "clearance, not proved"
         rows.append((proof, use, near.pair, near.time, near.minimum, near.wanted, "m", np.nan))
@@ -85,7 +85,7 @@ def certificate(certificate: Certificate) -> Table:
 
 
 def solution(solution: Solution) -> Table:
-    """Return how every solver fared, and what is in every phase."""
+    """Return the table of the solvers' attempts, with advice and phases as notes."""
     columns = (
         Column("solver", left=True),
         Column("status", left=True),
@@ -106,7 +106,7 @@ def solution(solution: Solution) -> Table:
 
 
 def ocp_certificate(certificate: OCPCertificate) -> Table:
-    """Return conditions of an optimum, re-simulations, Hamiltonians, and which limit acts when."""
+    """Return the table of optimality conditions, re-simulations, Hamiltonians; arcs as notes."""
     names = ("stationarity", "feasibility", "complementarity", "sign")
     residuals = [getattr(certificate.optimality, name) for name in names]
     gap = certificate.optimality.gap
@@ -128,13 +128,13 @@ def ocp_certificate(certificate: OCPCertificate) -> Table:
 
 
 def _table(
-    of: object, columns: Sequence[Column], rows: Iterable[Sequence[Any]], notes: Sequence[str]
+    result: object, columns: Sequence[Column], rows: Iterable[Sequence[Any]], notes: Sequence[str]
 ) -> Table:
-    return Table(columns, list(rows), repr(of), [note for note in notes if note])
+    return Table(columns, list(rows), repr(result), [note for note in notes if note])
 
 
 def sweep(results: Sweep) -> Table:
-    """Return durations of every method and what the best one saves: medians and quartiles."""
+    """Return medians and quartiles of the durations and of the time saved by the best method."""
     summary = results.summary()
     columns = (
         Column("method", left=True),

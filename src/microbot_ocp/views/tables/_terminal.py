@@ -1,4 +1,4 @@
-"""Numbers, robots and answers as a terminal shows them."""
+"""Text and tables of numbers, robots and results for a terminal."""
 
 from __future__ import annotations
 
@@ -21,40 +21,40 @@ from microbot_ocp.views._scene import range_text
 
 
 def number(value: float, digits: int = 4) -> str:
-    """Write a number with so many decimals, without those that say nothing; a dash for none."""
+    """Format a number with at most ``digits`` decimals; a dash for NaN and infinity."""
     if not math.isfinite(value):
         return NOTHING
     return f"{round(value, digits) + 0.0:.{digits}f}".rstrip("0").rstrip(".")
 
 
 def span(lower: float, upper: float, digits: int = 4) -> str:
-    """Write a range: ± where it is symmetric, a dash where there is none."""
+    """Format a range, with ± if it is symmetric, and as a dash without bounds."""
     return range_text(lower, upper, show=lambda value: number(value, digits)) or NOTHING
 
 
 def point_text(point: Iterable[float]) -> str:
-    """Write a point as (x, y, z)."""
+    """Format a point as (x, y, z)."""
     return f"({', '.join(number(float(x)) for x in point)})"
 
 
 def pose_text(robot: Robot, q: ArrayLike) -> str:
-    """Write joint positions with their unit: degrees, or degrees and metres."""
+    """Format joint positions with their unit: degrees, or degrees and metres."""
     unit = "deg" if "prismatic" not in robot.joint_types else "deg, prismatic m"
     return f"{point_text(in_degrees(robot, q))} {unit}"
 
 
 def joint_units(robot: Robot) -> list[str]:
-    """Return the unit in which people read the position of each joint."""
+    """Return the displayed unit of the position of each joint."""
     return ["deg" if kind == "revolute" else "m" for kind in robot.joint_types]
 
 
 def in_degrees(robot: Robot, q: ArrayLike) -> FloatArray:
-    """Turn joint values [..., n] into degrees; those of prismatic joints stay as they are."""
+    """Convert joint values [..., n] to degrees; values of prismatic joints stay in metres."""
     return np.round(np.asarray(q, dtype=float) / joint_scale(robot), 10)
 
 
 def robot_blocks(robot: Robot) -> Iterator[str | Table]:
-    """Yield tables that fit 80 columns, and sentences between them."""
+    """Yield tables of a robot of at most 80 columns, and sentences between them."""
     yield f"{robot.name}{f': {robot.description}' if robot.description else ''}"
     yield "\nModified DH rows (Craig)"
     yield dh_table(robot)
@@ -73,7 +73,7 @@ def robot_blocks(robot: Robot) -> Iterator[str | Table]:
 
 
 def following(robot: Robot) -> Iterator[str]:
-    """Yield a sentence for each joint that follows another."""
+    """Yield a sentence for each mimic joint."""
     for name, (driver, factor, offset) in robot.mimic.items():
         sign = "-" if offset < 0 else "+"
         shift = f" {sign} {number(abs(offset))}" if offset else ""
@@ -143,7 +143,7 @@ def _limits(robot: Robot) -> Iterator[str | Table]:
 def solutions_table(
     robot: Robot, solutions: Sequence[IKSolution], *, turned: bool, named: bool
 ) -> Table:
-    """List solutions under the names of the joints, or shorter under q1, q2 and so on."""
+    """List solutions under the names of the joints, or under q1, q2 and so on in a narrow table."""
     units, title = joint_units(robot), ""
     if named:
         heads = [f"{name} [{unit}]" for name, unit in zip(robot.joint_names, units, strict=True)]
@@ -162,7 +162,7 @@ def solutions_table(
 
 
 def use_blocks(robot: Robot, certificate: Certificate) -> list[str | Table]:
-    """Say how much of every limit is used, by joint where it is one of the joints; the verdict."""
+    """Return the largest use of every limit (by joint for joint limits) and the verdict."""
     checks = [check for check in certificate.limit_checks if np.isfinite(check.utilisation).any()]
     heads, rows, others = ["share of limit"], [[name] for name in robot.joint_names], []
     for check in checks:
@@ -179,7 +179,7 @@ def use_blocks(robot: Robot, certificate: Certificate) -> list[str | Table]:
 
 
 def front_blocks(front: Front) -> list[str | Table]:
-    """List duration, effort and peak torque of every motion of a front; say why it ends."""
+    """List duration, effort and peak torque of every motion of a front, and why it ends early."""
     heads = ["duration [s]", "effort [s]", "peak torque [%]", "status", "certificate"]
     rows = []
     for point in front.points:
