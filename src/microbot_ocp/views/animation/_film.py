@@ -246,7 +246,7 @@ class Film:
         panels[-1].set_xlabel("t [s]", fontsize=8, color=theme["faint"], labelpad=1)
 
     def _quantity(self) -> str:
-        """Return "qd" if only a velocity limit is nearly met, or else "tau"."""
+        """Return "qd" without torques or if only a velocity limit is nearly met, or else "tau"."""
         history = self.solid.history
         if not self.robot.has_dynamics or "tau" not in self.solid.curves:
             return "qd"
