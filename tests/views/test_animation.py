@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -170,3 +171,23 @@ def test_a_long_title_ends_before_the_panels(robot: mo.Robot, motion: mo.Motion)
     )
     title = next(text for text in film.figure.texts if text.get_text().startswith("an arm"))
     assert title.get_window_extent().x1 < 0.69 * film.figure.bbox.width
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("panda_joint1", "panda_joint2"),
+        ("shoulder_pan_joint", "elbow"),
+        ("joint 1", "a_name_of_four_words"),
+        ("withoutanyunderscore", "x"),
+    ],
+)
+def test_panels_have_the_names_of_the_joints(
+    robot: mo.Robot, motion: mo.Motion, names: tuple[str, str]
+) -> None:
+    film = Film(of_motion(replace(robot, joint_names=names), motion))
+    film.frame(0.1)
+    for cursor, name in zip(film.cursors, names, strict=True):
+        (label,) = cursor.axes.get_yticklabels()
+        assert label.get_text().replace("\n", "") == name
+        assert label.get_window_extent().x0 > 0.6 * film.figure.bbox.width  # beside the arm

@@ -192,6 +192,6 @@ def test_the_phase_plane_names_it(robot):
     slow = robot.with_limits(also=[mo.limits.tool_speed(upper=1.0)])
     axes = mo.plots.phase_plane(slow, mo.straight_path(VIA_Q))
     texts = legend_texts(axes.figure)
-    assert "on upper limit of the tool speed" in texts
+    assert "tool speed at its upper limit" in texts
     assert "velocity limits" in texts  # not of the joints alone
     assert not {text.get_text() for text in axes.texts} & set(robot.joint_names)

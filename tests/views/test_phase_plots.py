@@ -28,9 +28,9 @@ def test_profile_curve_and_switches():
         "inadmissible",
         "maximum-velocity curve (torque)",
         "joint velocity limits",
-        "on elbow: upper torque limit",
-        "on elbow: lower torque limit",
-        "on waist: lower velocity limit",
+        "torque of elbow at its upper limit",
+        "torque of elbow at its lower limit",
+        "velocity of waist at its lower limit",
         "switch",
     ]
     assert {"waist", "shoulder"} <= {text.get_text() for text in axes.texts}
@@ -43,7 +43,7 @@ def test_a_slider_has_force_limits_and_no_curve():
     axes = mo.plots.phase_plane(robot, mo.straight_path([[0.0], [1.0]]), own)
     assert axes is own
     texts = [text.get_text() for text in axes.get_legend().get_texts()]
-    assert "on joint 1: upper force limit" in texts
+    assert "force of joint 1 at its upper limit" in texts
     assert not any("maximum-velocity" in text for text in texts)
 
 

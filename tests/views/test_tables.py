@@ -39,7 +39,7 @@ def test_rows(comparison):
     assert fast["certificate_ok"] is False
     assert fast["worst_violation"]["quantity"] == "tau"
     assert fast["worst_violation"]["joint"] == "elbow"
-    assert fast["verdict_short"].startswith("FAILED: tau elbow +")
+    assert fast["verdict_short"].startswith("FAILED: torque of elbow +")
     assert fast["marks"][1] == {"time": 0.7, "name": "via 2"}
     assert failed["status"] == "infeasible"
     for key in ("duration", "ratio", "torque_squared", "work", "certificate_ok", "verdict"):
@@ -66,7 +66,7 @@ def test_notes_tell_failures_and_refusals(comparison):
     text = printed(comparison.table(), width=200)
     assert "LSPB, scaled: not solved: infeasible; the blends overlap" in text
     assert "certificate refused" in text
-    assert "tau of elbow reaches" in text
+    assert "torque of elbow reaches" in text
     assert "stops at the via point" in text
 
 

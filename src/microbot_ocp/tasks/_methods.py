@@ -14,7 +14,7 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.outcome import Outcome
-from microbot_ocp.limits import LimitFamily
+from microbot_ocp.limits import LimitFamily, quantity_name
 from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial
 from microbot_ocp.ocp.solution import StepProgress
 from microbot_ocp.planning import (
@@ -152,8 +152,8 @@ def _with_remarks(
     assert scaled.split is not None
     durations = segments.durations(scaled.split)
     marks = _via_marks(durations)
-    of = f" of {scaled.joint}" if scaled.joint else ""
-    where = f"{scaled.quantity.replace('_', ' ')}{of} at {scaled.time:.3f} s"
+    owner = f" of {scaled.joint}" if scaled.joint else ""
+    where = f"{quantity_name(scaled.quantity)}{owner} at its limit at {scaled.time:.3f} s"
     shape, name = (LINEAR, "LSPB") if segments.blended else (CUBIC, "cubic")
     motion = Motion.from_polynomial(
         task.robot,
@@ -177,7 +177,7 @@ def _with_remarks(
         slow = np.abs(state.qd).max(axis=1) <= STANDSTILL * np.abs(motion.qd).max()
         stops = [mark.name for mark, stands in zip(marks[1:-1], slow, strict=True) if stands]
         remarks += [f"a full stop at {', '.join(stops)}"] if stops else []
-    remarks.append(f"held back by {where}")
+    remarks.append(where)
     if segments.blended:
         share = segments.blend
         blends = segments.blends(scaled.split)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -20,6 +21,7 @@ from microbot_ocp.views._style import STYLE
 
 QUANTITIES = ("q", "qd", "tau")
 POSITIONS = ("q", "error")  # drawn in degrees for revolute joints
+SIDES = {1: "upper ", -1: "lower ", 0: ""}
 
 
 def solved_entries(comparison: Comparison) -> list[tuple[Entry, Motion]]:
@@ -137,6 +139,24 @@ def range_text(
     else:
         text = f"±{show(high)}" if np.isclose(low, -high) else f"{show(low)} to {show(high)}"
     return f"{text} {unit}".rstrip()
+
+
+def limit_text(subject: str, side: int, exceeded: bool = False) -> str:
+    """Return a text such as "torque of elbow at its upper limit"; side 0 is any of the two.
+
+    Every figure, table and recording names a quantity at its limit by this text.
+    """
+    return f"{subject} {'beyond' if exceeded else 'at'} its {SIDES[side]}limit"
+
+
+def limit_title(column: str, joints: Sequence[str]) -> str:
+    """Return the title of a limit by its column of a sweep: "torque of elbow" for "tau_elbow"."""
+    titles = {
+        f"{key}_" + re.sub(r"\W+", "_", joint): f"{quantity.name} of {joint}"
+        for key, quantity in JOINT_QUANTITIES.items()
+        for joint in joints
+    }
+    return titles.get(column, column.replace("_", " "))
 
 
 class AxisLimits(NamedTuple):

@@ -26,7 +26,7 @@ def test_tracking_shows_the_arm_beside_its_reference(tmp_path):
         np.testing.assert_allclose(tool[100], pose[:3, 3], atol=1e-5)
     assert not scalars(path, "/plots/tau/elbow/desired")[0].size
     _, words = read(path, "/saturation/actual/3_elbow", "StateChange:state")
-    assert words[0] == ["torque max"]
+    assert words[0] == ["torque at its upper limit"]
     assert t[-1] == pytest.approx(3.2)
 
 

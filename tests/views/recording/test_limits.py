@@ -39,16 +39,17 @@ def test_spells(bang):
         for s in recording.spells["motion"]
     ]
     assert told == [
-        (0, "torque max", 0.0, 0.3),
-        (2, "velocity max", 0.2, 0.4),
-        (0, "torque min exceeded", 0.6, 1.0),
+        (0, "torque at its upper limit", 0.0, 0.3),
+        (2, "velocity at its upper limit", 0.2, 0.4),
+        (0, "torque beyond its lower limit", 0.6, 1.0),
     ]
 
 
 def test_lanes_begin_and_end_with_the_spells(bang):
     _, path = bang
     t, words = read(path, "/saturation/motion/1_waist", "StateChange:state")
-    assert [w[0] for w in words] == ["torque max", "within", "torque min exceeded", "within"]
+    upper, lower = "torque at its upper limit", "torque beyond its lower limit"
+    assert [w[0] for w in words] == [upper, "within", lower, "within"]
     np.testing.assert_allclose(t, [0.0, 0.3, 0.605, 1.0], atol=6e-3)
     _, shoulder = read(path, "/saturation/motion/2_shoulder", "StateChange:state")
     assert shoulder == [["within"]]
@@ -63,7 +64,7 @@ def test_switches_lie_on_the_trail(bang):
     expected = scene.link_origins(recording.robot, q[at])[:, -1]
     np.testing.assert_allclose(np.array(places)[:, 0], expected, atol=1e-5)
     _, labels = read(path, "/world/motion/switches/latest", "Points3D:labels")
-    assert labels[0] == ["elbow velocity max begins"]
+    assert labels[0] == ["velocity of elbow reaches its upper limit"]
 
 
 def test_lines_of_text(bang):
@@ -71,11 +72,11 @@ def test_lines_of_text(bang):
     t, lines = read(path, "/marks/motion", "TextLog:text")
     told = [line[0] for line in lines]
     assert told == [
-        "elbow velocity max begins",
-        "waist torque max ends",
-        "elbow velocity max ends",
+        "velocity of elbow reaches its upper limit",
+        "torque of waist leaves its upper limit",
+        "velocity of elbow leaves its upper limit",
         "phase 2",
-        "waist torque min exceeded begins",
+        "torque of waist exceeds its lower limit",
     ]
     assert t[3] == pytest.approx(0.5)
 
@@ -86,7 +87,7 @@ def test_lanes_have_a_colour_for_every_word(bang):
     values = static(path, lane, "StateConfiguration:values")
     visible = static(path, lane, "StateConfiguration:visible")
     assert dict(zip(values, visible, strict=True)) == {
-        "torque max": True, "torque min exceeded": True, "within": False,
+        "torque at its upper limit": True, "torque beyond its lower limit": True, "within": False,
     }  # fmt: skip
 
 
@@ -170,13 +171,13 @@ def test_further_limits_have_plots_with_their_bounds(limited):
 def test_spells_at_a_tool_speed_limit_have_a_lane_and_lines_of_text(limited):
     recording, path, fastest = limited
     (spell,) = [s for s in recording.spells["motion"] if s.text.startswith("tool speed")]
-    assert (spell.joint, spell.text) == (None, "tool speed max exceeded")
+    assert (spell.joint, spell.text) == (None, "tool speed beyond its upper limit")
     _, speed = scalars(path, "/plots/tool_speed/value/motion")
     at = np.flatnonzero(speed >= 0.99 * 0.95 * fastest)
     assert (spell.first, spell.last) == (at[0], at[-1])
     _, states = read(path, "/saturation/motion/4_other", "StateChange:state")
-    assert [row[0] for row in states] == ["within", "tool speed max exceeded", "within"]
+    assert [row[0] for row in states] == ["within", "tool speed beyond its upper limit", "within"]
     _, lines = read(path, "/marks/motion", "TextLog:text")
-    assert "tool speed max exceeded begins" in [line[0] for line in lines]
+    assert "tool speed exceeds its upper limit" in [line[0] for line in lines]
     text = static(path, "/summary", "TextDocument:text")[0]
     assert "Tool speed: at most 105 % of its limit" in text

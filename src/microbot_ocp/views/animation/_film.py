@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from typing import Any
 
 import numpy as np
@@ -236,11 +237,11 @@ class Film:
                 self.curves.append((curve, arm.times[TIME], share))
                 span = max(span, float(np.abs(share).max()))
             panel.set_ylim(-1.18 * span, 1.18 * span)
-            name = self.robot.joint_names[joint]
-            label = name if len(name) < 10 else f"joint {joint + 1}"
-            panel.set_yticks([0.0], [label], fontsize=8.5)
+            lines = _name_lines(self.robot.joint_names[joint])
+            panel.set_yticks([0.0], ["\n".join(lines)])
             panel.tick_params(length=0, colors=theme["faint"], pad=4, labelsize=7.5)
-            panel.tick_params(axis="y", labelcolor=theme["ink"], labelsize=8.5)
+            size = 8.5 if len(lines) == 1 else 7.0
+            panel.tick_params(axis="y", labelcolor=theme["ink"], labelsize=size)
             self.cursors.append(panel.axvline(0.0, color=theme["faint"], linewidth=0.8))
         panels[-1].set_xlim(0.0, self.duration)
         panels[-1].set_xlabel("t [s]", fontsize=8, color=theme["faint"], labelpad=1)
@@ -343,6 +344,12 @@ class Film:
         percent = f"{100 * (usual - end) / usual:.0f} % less time ({usual - end:.2f} s) than"
         saving = f"{percent}\n{title}"
         self.saving.set_text(saving if t >= end and usual > end else "")
+
+
+def _name_lines(name: str) -> list[str]:
+    """Split the name of a joint into lines of up to 11 characters, after underscores if it can."""
+    words = name.replace("_", "_ ").rstrip()
+    return [line.replace("_ ", "_") for line in textwrap.wrap(words, 11)]
 
 
 def _sample(arm: AnimatedArm, t: float) -> float:

@@ -150,4 +150,4 @@ def _saturated(robot: Robot, motion: Motion) -> str:
         for name, share in zip(robot.joint_names, shares, strict=True)
         if share >= 0.005
     ]
-    return "at the torque limit: " + ", ".join(named) if named else "no torque limit is reached"
+    return f"torque at its limit: {', '.join(named)}" if named else "no torque at its limit"

@@ -396,7 +396,7 @@ def _handles(curves: Sequence[Curve], marked: bool, page: Page) -> list[Any]:
     if shades:
         color = shades.pop() if len(shades) == 1 else ("0.4", 0.2)
         whose = "" if len(curves) == 1 else ", of the curve of its colour"
-        handles.append(Patch(facecolor=color, label=f"torque at its limit{whose}"))
+        handles.append(Patch(facecolor=color, label=f"{scene.limit_text('torque', 0)}{whose}"))
     return handles
 
 

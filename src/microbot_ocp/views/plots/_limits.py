@@ -27,7 +27,7 @@ from microbot_ocp.views.plots._page import AxesGrid, axes_page, styled
 # Bars of the saturation chart: upper limits are plain, lower limits hatched; the bar of the torque
 # is the highest, the bar of the velocity thin. Limits of the arm cycle through FURTHER_FACES.
 HEIGHTS = {"taud": 0.5, "qdd": 0.5, "qddd": 0.4, "qd": 0.26}
-SIDES = {1: " at its upper limit", -1: " at its lower limit", 0: " at a limit"}
+
 FACES = {"tau": "0.35", "taud": "0.6", "qdd": "0.6", "qddd": "#56B4E9", "qd": "#E69F00"}
 FURTHER_FACES = ("#009E73", "#CC79A7", "#0072B2", "#882255")
 JUMP_LINE: dict[str, Any] = {"color": STYLE.ink, "linestyle": ":", "linewidth": 2.0}
@@ -96,7 +96,7 @@ def limit_use(
     if jumps:
         handles.append(Line2D([], [], label="the acceleration jumps: beyond any rate", **JUMP_LINE))
     if switches:
-        label = "a torque meets or leaves its limit"
+        label = "a torque reaches or leaves its limit"
         handles.append(Line2D([], [], label=label, **SWITCH_LINE))
     warning = "" if motion.solved else f"not solved: {motion.status}".replace("_", " ")
     page.legend(handles, 5, [warning])
@@ -219,7 +219,9 @@ def saturation(
     panel.tick_params(axis="y", length=0, labelsize=font)
     panel.set_xlabel("t [s]")
     kinds = sorted(kinds, key=lambda kind: (kind[0] in FACES, *kind), reverse=True)
-    patches = [Patch(label=family[q].name + SIDES[s], **_face(family, q, s)) for q, s in kinds]
+    patches = [
+        Patch(label=scene.limit_text(family[q].name, s), **_face(family, q, s)) for q, s in kinds
+    ]
     page.legend(patches, 4, warnings)
     return panel
 

@@ -15,6 +15,7 @@ from microbot_ocp.limits import JOINT_QUANTITIES, quantity_name
 from microbot_ocp.motion import PiecewisePolynomial
 from microbot_ocp.planning import PathLimit, PhasePlane, phase_plane as make_plane
 from microbot_ocp.robot import Robot
+from microbot_ocp.views._scene import limit_text
 from microbot_ocp.views._style import STYLE, look
 from microbot_ocp.views.plots._page import axes_page, halo, styled
 
@@ -88,16 +89,15 @@ def phase_plane(
 
 
 def limit_name(robot: Robot, limit: PathLimit | None) -> str:
-    """Return the name of a limit, such as "elbow: upper torque limit"."""
+    """Return a text on a limit, such as "torque of elbow at its upper limit"."""
     if limit is None:
-        return "no limit used up"
-    side = "upper" if limit.side > 0 else "lower"
+        return "no quantity at its limit"
     name = quantity_name(limit.quantity)
-    if limit.quantity not in JOINT_QUANTITIES:
-        return f"{side} limit of the {name}"
     if limit.quantity == "tau" and robot.joint_types[limit.joint] == "prismatic":
         name = "force"
-    return f"{robot.joint_names[limit.joint]}: {side} {name} limit"
+    if limit.quantity in JOINT_QUANTITIES:
+        name = f"{name} of {robot.joint_names[limit.joint]}"
+    return limit_text(name, limit.side)
 
 
 def _top(plane: PhasePlane) -> float:
@@ -160,7 +160,7 @@ def _draw_profile(axes: Axes, robot: Robot, plane: PhasePlane) -> list[Any]:
         axes.plot(s, speed, color="white", linewidth=4.5, zorder=3)
         axes.plot(s, speed, **line, zorder=4, solid_capstyle="butt")
         name = limit_name(robot, arc.limit)
-        handles.setdefault(name, Line2D([], [], label=f"on {name}", **line))
+        handles.setdefault(name, Line2D([], [], label=name, **line))
     if plane.switches.size:
         mark = {"markersize": 6, "markeredgecolor": "white", "markeredgewidth": 0.8, "zorder": 6}
         places = plane.switches, plane.switch_speeds

@@ -13,6 +13,7 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.showing import DrawnAxes, GivenAxes
 from microbot_ocp._base.status import Status
 from microbot_ocp.sweeps import Sweep
+from microbot_ocp.views._scene import limit_title
 from microbot_ocp.views._style import STYLE, look, method_title
 from microbot_ocp.views.plots._page import axes_page, styled
 
@@ -108,14 +109,15 @@ def _limits(results: Sweep, axes: GivenAxes | None, _: str | None) -> Any:
     """Draw in every hexagon the limit that is active longest in most of its cases."""
     limit, status = results.read([f"{results.best}_limit", f"{results.best}_status"]).values()
     solved, names = status == Status.SOLVED, results.about["limits"]
-    page, panels = _maps(results, axes, "Limit that is at work longest")
+    page, panels = _maps(results, axes, "Quantity that is at its limit longest")
     places = np.full(len(limit), np.nan)
     handles, colors = [], [look(place, joints=True)["color"] for place in range(len(names))]
     for place, name in enumerate(names):
         decided = solved & (limit == name)
         places[decided] = place
         if decided.any():
-            label = f"{name.replace('_', ' ')}: {100 * decided.sum() / solved.sum():.0f} %"
+            title = limit_title(name, results.about["joints"])
+            label = f"{title}: {100 * decided.sum() / solved.sum():.0f} %"
             handles.append(Patch(color=colors[place], label=label))
     ends = {"vmin": -0.5, "vmax": len(names) - 0.5}
 

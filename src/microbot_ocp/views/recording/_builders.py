@@ -146,7 +146,7 @@ def of_tracking(
         row += [f"{factor * values[joint]:.3g} {unit}" for values in (tracking.rms, tracking.peak)]
     how = "continuous" if tracking.sample_rate is None else f"{tracking.sample_rate:g} Hz"
     title = f"{robot.name}: {motion.label}, {how}"
-    saturated = f"At a torque limit for {100 * tracking.saturated_fraction:.3g} % of the time."
+    saturated = f"A torque at its limit for {100 * tracking.saturated_fraction:.3g} % of the time."
     return Recording(
         title=title,
         robot=robot,

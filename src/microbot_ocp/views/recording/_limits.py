@@ -17,7 +17,7 @@ from microbot_ocp.limits import AT_LIMIT, LIMIT_TOLERANCE, LimitValues, Member, 
 from microbot_ocp.motion import Mark
 from microbot_ocp.robot import JointLimits, Robot
 from microbot_ocp.views._eye import upward
-from microbot_ocp.views._scene import reach, tool_places
+from microbot_ocp.views._scene import SIDES, limit_text, reach, tool_places
 from microbot_ocp.views._style import STYLE, Color
 from microbot_ocp.views.recording._animated_arm import AnimatedArm
 from microbot_ocp.views.recording._writer import MARKS, TIME, Times, Writer, plot_path
@@ -31,9 +31,12 @@ class LimitSpell(NamedTuple):
     """Interval at a limit: samples ``first`` to ``last``."""
 
     joint: int | None  # 0-based; None for a limit of the arm
-    text: str  # "torque max", "tool speed max exceeded"
+    title: str  # such as "torque of elbow" or "tool speed"
+    text: str  # such as "torque at its upper limit" or "tool speed beyond its upper limit"
     first: int
     last: int
+    side: int  # 1 upper, -1 lower limit
+    exceeded: bool
 
 
 def limit_spells(arm: AnimatedArm) -> list[LimitSpell]:
@@ -45,10 +48,11 @@ def limit_spells(arm: AnimatedArm) -> list[LimitSpell]:
         member, k = arm.history.family[spell.quantity], spell.joint
         first, last = np.searchsorted(arm.history.t, [spell.start, spell.end]).tolist()
         peak = arm.history.use[spell.quantity][first : last + 1, k].max()
-        text = member.name if member.limit is None else member.title(k)
-        text += " max" if spell.side > 0 else " min"
-        text += " exceeded" if peak > 1.0 + LIMIT_TOLERANCE else ""
-        spells.append(LimitSpell(k if member.limit is None else None, text, first, last))
+        joint, title = (k if member.limit is None else None), member.title(k)
+        exceeded = bool(peak > 1.0 + LIMIT_TOLERANCE)
+        # The lane of a joint has its name, so the text of a lane does not repeat it.
+        text = limit_text(title if joint is None else member.name, spell.side, exceeded)
+        spells.append(LimitSpell(joint, title, text, first, last, spell.side, exceeded))
     return sorted(spells, key=lambda spell: (spell.first, spell.joint is None, spell.joint or 0))
 
 
@@ -147,22 +151,22 @@ def peak_table(arm: AnimatedArm) -> tuple[list[str], list[list[str]]]:
 
 
 class LimitSwitch(NamedTuple):
-    """Sample at which a spell begins or ends, with a text such as "elbow torque max begins"."""
+    """Begin or end of a spell, such as "torque of elbow reaches its upper limit"."""
 
     sample: int
     text: str
     begins: bool
 
 
-def _switches(robot: Robot, spells: Sequence[LimitSpell], count: int) -> list[LimitSwitch]:
+def _switches(spells: Sequence[LimitSpell], count: int) -> list[LimitSwitch]:
     """Return the begins and ends of spells within a motion of ``count`` samples, sorted by time."""
     every = []
     for spell in spells:
-        owner = "" if spell.joint is None else f"{robot.joint_names[spell.joint]} "
+        limit, verb = f"its {SIDES[spell.side]}limit", "exceeds" if spell.exceeded else "reaches"
         if spell.first > 0:
-            every.append(LimitSwitch(spell.first, f"{owner}{spell.text} begins", True))
+            every.append(LimitSwitch(spell.first, f"{spell.title} {verb} {limit}", True))
         if spell.last < count - 1:
-            every.append(LimitSwitch(spell.last, f"{owner}{spell.text} ends", False))
+            every.append(LimitSwitch(spell.last, f"{spell.title} leaves {limit}", False))
     return sorted(every, key=lambda switch: switch.sample)
 
 
@@ -170,7 +174,7 @@ def draw_spells(
     writer: Writer, robot: Robot, arm: AnimatedArm, spells: Sequence[LimitSpell]
 ) -> None:
     """Draw spells at limits as lanes, points on the trail, and lines of text."""
-    switches = _switches(robot, spells, len(arm.q))
+    switches = _switches(spells, len(arm.q))
     _draw_lanes(writer, robot, arm, spells)
     _draw_switches(writer, robot, arm, switches)
     _draw_marks(writer, arm, switches)
@@ -202,7 +206,7 @@ def _draw_lanes(
 
 
 def _lane_color(state: str) -> Color:
-    if "exceeded" in state:
+    if "beyond" in state:
         return STYLE.broken
     return STYLE.saturated if quantity_name("tau") in state else STYLE.speed
 

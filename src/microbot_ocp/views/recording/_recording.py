@@ -14,6 +14,7 @@ import rerun.blueprint as rrb
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.table import Table
+from microbot_ocp.limits import quantity_name
 from microbot_ocp.robot import JointLimits, Robot
 from microbot_ocp.scene import has_coal
 from microbot_ocp.views._eye import Eye, find_eye
@@ -243,7 +244,7 @@ class Recording:
     def _more_notes(self) -> list[str]:
         """Return sentences on the limits that are not drawn, and a legend of the view in space."""
         far = [
-            f"{quantity} of {self.robot.joint_names[joint]}: {limits.far}"
+            f"{quantity_name(quantity)} of {self.robot.joint_names[joint]}: {limits.far}"
             for (quantity, joint), limits in self.axis_limits.items()
             if limits.far
         ]

@@ -43,7 +43,7 @@ def of_sweep(results: Sweep, path: str | Path) -> Path:
     }
     views = [
         rrb.Spatial3DView(origin=f"{WORLD}/{name}", name=title, eye_controls=eye_controls(eye))
-        for name, title in {**titles, "limits": "limit that is at work longest"}.items()
+        for name, title in {**titles, "limits": "quantity that is at its limit longest"}.items()
     ]
     shares = [2.6, 1.0]
     layout = folded(rrb.Vertical(rrb.Tabs(*views), text_view(), row_shares=shares))

@@ -177,7 +177,7 @@ def _short_verdict(certificate: Certificate, worst: LimitCheck | None) -> str:
     if worst is None or worst.violation <= 1e-6:
         return "FAILED"
     percent = 100 * worst.violation
-    place = f"{_short_name(worst.quantity)} {worst.joint}".strip()
+    place = quantity_name(worst.quantity) + (f" of {worst.joint}" if worst.joint else "")
     return f"FAILED: {place} +{percent:{'.2g' if percent < 10 else '.0f'}} %"
 
 
@@ -248,7 +248,7 @@ def _notes(comparison: Comparison, rows: list[Row]) -> Iterator[str]:
 def _violation_text(violation: Row | None, verdict: str) -> list[str]:
     if violation is None or (violation["joint"] or violation["quantity"]) in verdict:
         return []  # the verdict names the violation already
-    name, unit = _short_name(violation["quantity"]), violation["unit"]
+    name, unit = quantity_name(violation["quantity"]), violation["unit"]
     value, limit, time = (violation[key] for key in ("value", "limit", "time"))
     if value is None or limit is None or time is None:
         return []

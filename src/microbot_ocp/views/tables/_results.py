@@ -13,7 +13,7 @@ from microbot_ocp.certificate import Certificate
 from microbot_ocp.limits import LimitFamily
 from microbot_ocp.motion import Motion
 from microbot_ocp.ocp import OCPCertificate, Solution
-from microbot_ocp.robot import Robot
+from microbot_ocp.robot import Robot, load_robot, packaged_robots
 from microbot_ocp.sweeps import Quartiles, Sweep, SweepSummary
 from microbot_ocp.views import _scene as scene
 from microbot_ocp.views._style import method_title
@@ -44,12 +44,19 @@ def robot(robot: Robot) -> Table:
 def motion(motion: Motion) -> Table:
     """Return the table of the ends and peaks of every joint."""
     heads = ("q from", "q to", "peak |qd|", "peak |qdd|", "peak |tau|")
-    columns = [Column("joint"), *(Column(head, show=".4g") for head in heads)]
+    columns = [Column("joint", left=True), *(Column(head, show=".4g") for head in heads)]
     ends = np.round(motion.q[[0, -1]], 9) + 0.0  # no -0
     peaks = [np.abs(values).max(axis=0) for values in (motion.qd, motion.qdd, motion.tau)]
-    rows = zip(range(1, motion.joint_count + 1), *ends, *peaks, strict=True)
+    rows = zip(_joint_names(motion), *ends, *peaks, strict=True)
     marks = ", ".join(f"{mark.name} at {mark.time:.4g} s" for mark in motion.marks)
     return _table(motion, columns, rows, [motion.note, marks, "SI and radians"])
+
+
+def _joint_names(motion: Motion) -> Sequence[object]:
+    """Return the joint names of the packaged robot of a motion, or else numbers from 1."""
+    name = motion.provenance.get("robot")
+    names = load_robot(name).joint_names if name in packaged_robots() else ()
+    return names if len(names) == motion.joint_count else range(1, motion.joint_count + 1)
 
 
 def certificate(certificate: Certificate) -> Table:
@@ -164,12 +171,13 @@ def _sweep_notes(results: Sweep, summary: SweepSummary) -> list[str]:
     decides = sorted(summary.decides.items(), key=lambda pair: -pair[1])
     if decides:
         shares = ", ".join(
-            f"{name} {100 * share:.1f} % ({100 * summary.at_limit[name]:.1f} %)"
+            f"{scene.limit_title(name, results.about['joints'])} {100 * share:.1f} % "
+            f"({100 * summary.at_limit[name]:.1f} %)"
             for name, share in decides
         )
         notes.append(
-            "Limit that is at work longest, share of the solved cases (mean share of the time at "
-            f"each): {shares}."
+            "Quantity at its limit longest, share of the solved cases (mean share of the time at "
+            f"the limit): {shares}."
         )
     if summary.failures:
         several = [f"{f.status} {f.count:,} (first: case {f.case})" for f in summary.failures[:4]]

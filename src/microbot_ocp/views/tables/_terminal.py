@@ -145,19 +145,17 @@ def solutions_table(
 ) -> Table:
     """List solutions under the names of the joints, or under q1, q2 and so on in a narrow table."""
     units, title = joint_units(robot), ""
-    if named:
-        heads = [f"{name} [{unit}]" for name, unit in zip(robot.joint_names, units, strict=True)]
-    else:
+    heads = [f"{name} [{unit}]" for name, unit in zip(robot.joint_names, units, strict=True)]
+    if not named:
+        title = ", ".join(f"q{j} is {head}" for j, head in enumerate(heads, start=1))
         heads = [f"q{j + 1}" for j in range(robot.joint_count)]
-        slides = (f"{head} in m" for head, unit in zip(heads, units, strict=True) if unit == "m")
-        title = ", ".join(["Joint positions in deg", *slides])
     digits = [4 if named or unit == "m" else 2 for unit in units]
     rows = [
         [*map(number, map(float, in_degrees(robot, s.q)), digits), f"{s.position_error:.1e}"]
         + [f"{np.degrees(s.orientation_error):.1e}"] * turned
         for s in solutions
     ]
-    heads += ["off [m]", *["off [deg]"] * turned]
+    heads += ["error [m]", *["error [deg]"] * turned]
     return replace(Table.of_text(heads, rows, left=0), title=title)
 
 
