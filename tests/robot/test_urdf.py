@@ -763,9 +763,9 @@ def test_a_locked_joint_is_written_as_one() -> None:
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({}, "of any joint neither the rotor inertia nor a limit of acceleration"),
+        ({}, "for any joint, neither the rotor inertia nor a limit of acceleration"),
         ({"tau_max": np.inf}, "no limit of torque, acceleration or jerk"),
-        ({"qdd_max": [9.0, np.inf]}, "of j2 neither the rotor inertia"),
+        ({"qdd_max": [9.0, np.inf]}, "for j2, neither the rotor inertia"),
         ({"qdd_max": 9.0}, ""),
         ({"qddd_max": 9.0}, ""),
         ({"taud_max": 9.0}, ""),
@@ -785,14 +785,14 @@ def test_show_and_the_note_of_a_motion_say_what_drives_lack(
     path = tmp_path / "arm.urdf"
     path.write_text(chain(revolute(), revolute(xyz="0.5 0 0")))
     assert main(["show", str(path)]) == 0
-    assert "of any joint neither the rotor inertia" in " ".join(capsys.readouterr().out.split())
+    assert "for any joint, neither the rotor inertia" in " ".join(capsys.readouterr().out.split())
     robot = mo.load_robot(path)
     for motion in (
         mo.time_optimal(robot, [[0, 0], [1, 1]], mesh=10, starts=1),
         mo.time_optimal_path(robot, mo.cubic([[0, 0], [1, 1]], [0.0, 1.0])),
     ):
         peak = np.abs(motion.qdd).max()
-        assert f"reaches {peak:.5g} rad/s^2: of any joint neither" in motion.note
+        assert f"reaches {peak:.5g} rad/s^2: for any joint, neither" in motion.note
     bounded = robot.with_limits(qdd_max=9.0)
     assert "reaches" not in mo.time_optimal(bounded, [[0, 0], [1, 1]], mesh=10, starts=1).note
 

@@ -1,4 +1,4 @@
-"""A robot as data, its files, and its kinematics and dynamics as CasADi functions."""
+"""Robots as data, their files, and their kinematics and dynamics as CasADi functions."""
 
 from microbot_ocp._base import border
 

@@ -1,12 +1,13 @@
 """Capsules around a robot's links, fitted to their geometry; meshes need the extra ``urdf``.
 
-A capsule is the set of all points within a radius of a segment: its distance to others is that of
-two segments less the radii, which has derivatives and costs little. The fit looks for the direction
-that gives the least volume, from the principal axes of the points downhill. Across it, the radius
-is that of the smallest enclosing circle; along it, the segment is the shortest that covers all.
+A capsule is the set of all points within a radius of a segment. The distance between two capsules
+is that of their segments less the radii, which is differentiable and cheap. The fit starts at the
+principal axes of the points and descends to the direction of least volume. Across the direction,
+the radius is that of the smallest enclosing circle; along it, the segment is the shortest that
+covers all points.
 
-A link that one capsule fits badly is cut by planes across principal axes, triangle by triangle. A
-solid between two planes is inside the hull of its surface there, so that no part of it is lost.
+A link that one capsule fits badly is cut by planes across principal axes, triangle by triangle. The
+part of a solid between two planes lies inside the hull of its surface there, so no part is lost.
 """
 
 from __future__ import annotations
@@ -29,18 +30,26 @@ from microbot_ocp.robot._transforms import dh_transform
 
 @dataclass(frozen=True)
 class CapsuleFit:
-    """Settings by which capsules are fitted around shapes.
+    """Settings for fitting capsules around shapes.
 
     Attributes
     ----------
-    sides : of the polygon around a circle
-    directions : in which points are searched for the outermost
-    cuts : planes across each principal axis of a part, one of which may divide it
-    halvings : of a link into cells, whose convex hulls are taken for it
-    convex : share of its hull's volume from which on a link counts as convex
-    samples : points by which volumes are measured
-    slender : share of the total length of all links: their radius where none is given
-    finest_step : rad, last step of the search for the direction
+    sides : int
+        Sides of the polygon around a circle.
+    directions : int
+        Directions in which the outermost points are searched.
+    cuts : int
+        Planes across each principal axis of a part, one of which may divide the part.
+    halvings : int
+        Levels of division of a link into cells, whose convex hulls approximate the link.
+    convex : float
+        Share of its hull's volume from which a link counts as convex.
+    samples : int
+        Points for the measurement of volumes.
+    slender : float
+        Default radius of links, relative to the total length of all links.
+    finest_step : float
+        Last step of the search for the direction, rad.
     """
 
     sides: int = 32
@@ -59,34 +68,35 @@ CAPSULE_FIT = CapsuleFit()
 def fit_capsules(
     robot: Robot, role: Role = "collision", *, added_volume: float = 0.3, most: int = 2
 ) -> dict[int, tuple[Capsule, ...]]:
-    """Return capsules that hold the geometry of a robot: for each link of its file as few as are
-    close.
+    """Return as few capsules as fit closely around the geometry of each link.
 
-    A link has one where that adds no more volume than is allowed. Else planes cut it into as many
-    parts as it takes, each with a capsule around it, and all of the link is inside them together.
+    A link has one capsule if that adds no more volume than allowed. Otherwise planes cut the link
+    into parts, each with its own capsule, until the volume is allowed or ``most`` is reached. The
+    capsules of a link contain all of it.
 
     Parameters
     ----------
     robot : Robot
-        As read from a URDF file: with ``shapes``.
+        Robot with ``shapes``, as from a URDF file.
     role : str
-        Which geometry: "collision" or "visual".
+        Kind of geometry: "collision" or "visual".
     added_volume : float
-        What the capsules of a link may add to its volume, as a ratio of it.
+        Largest volume that the capsules of a link may add, relative to the link's volume.
     most : int
-        Capsules of a link, at most, even if they add more; 1 to 32.
+        Largest number of capsules of a link, 1 to 32, even if they add more volume.
 
     Returns
     -------
     dict
-        Frame, 0 for the base frame and 1 to n for the link frames, to the capsules that are rigid
-        in it. A frame without geometry is left out. How far a capsule stands out is its ``excess``.
+        Capsules that are rigid in a frame, by the frame's number: 0 for the base, 1 to n for the
+        links. Frames without geometry are left out. ``excess`` of a capsule is its distance from
+        the geometry.
 
     Raises
     ------
     InputError
-        A mesh file that cannot be read, or the extra ``urdf`` missing to read it; a ratio below 0,
-        a count out of range.
+        A mesh file cannot be read, the extra ``urdf`` is missing, the ratio is below 0, or the
+        count is out of range.
     """
     checks.one_of("role", role, ROLES)
     ratio = checks.number("added_volume", added_volume, at_least=0.0)
@@ -103,26 +113,28 @@ def fit_capsules(
 
 
 def link_capsules(robot: Robot, radius: ArrayLike | None = None) -> dict[int, tuple[Capsule, ...]]:
-    """Return capsules along the links of a robot of which only the DH rows are known.
+    """Return capsules along the links of a robot that has only DH rows.
 
-    They go from the origin of a frame along the common normal to the next axis, and along that to
-    the next origin, as most links do; the last one goes straight to the tool. A prismatic joint has
-    one about its sliding part, as long as its travel.
+    Capsules follow the common normal from the origin of a frame to the next axis, and that axis to
+    the next origin, as most links do. The last capsule ends at the tool. A prismatic joint has a
+    capsule around its sliding part, as long as its travel.
 
     Parameters
     ----------
     robot : Robot
     radius : float or array_like [n+1], optional
-        Of all, or from the base to the last link, m; default a thirtieth of their total length.
+        Radius of all links, or of each from the base to the last, m; default a thirtieth of their
+        total length.
 
     Returns
     -------
     dict
-        As :func:`fit_capsules`. Coinciding origins have none between them.
+        Capsules by frame, as from :func:`fit_capsules`, without those of length zero.
 
     Raises
     ------
     InputError
+        A radius is not positive, or a prismatic joint has no position limits.
         A radius that is not positive, a prismatic joint without limits of its position.
 
     Examples
@@ -187,7 +199,8 @@ def _around(shapes: list[Shape], added_volume: float, most: int) -> list[Capsule
     if not others and first.kind in ("sphere", "cylinder", "capsule"):
         half = first.size[1] / 2 if first.size.size == 2 else 0.0
         center, axis, radius = first.pose[:3, 3], first.pose[:3, 2], float(first.size[0])
-        excess = radius if first.kind == "cylinder" else 0.0  # its caps
+        # Height of the capsule's caps beyond the cylinder.
+        excess = radius if first.kind == "cylinder" else 0.0
         return [Capsule(center - half * axis, center + half * axis, radius, excess=excess)]
     link = _LinkFit(_Surface.of(shapes))
     divisions = [[_Part(link.surface)]]
@@ -208,10 +221,10 @@ def _around(shapes: list[Shape], added_volume: float, most: int) -> list[Capsule
 
 @dataclass(frozen=True, eq=False)
 class LinkHull(Capsule):
-    """A link, or a part of one, by the corners [V,3] of its convex hull.
+    """Convex hull of a link or of a part of one, given by its corners [V,3].
 
-    ``parts`` hold it more closely together: hulls of what is on both sides of a plane. As a capsule
-    it is one that encloses it.
+    ``parts`` enclose the link more closely: hulls of its halves on both sides of a plane. The
+    capsule encloses the hull.
     """
 
     corners: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
@@ -220,7 +233,7 @@ class LinkHull(Capsule):
 
 @lru_cache(maxsize=64)
 def link_hull(shapes: tuple[Shape, ...], frame: int, link: str) -> LinkHull | None:
-    """Return the hull of a link's collision geometry, in its frame; None where it has no volume."""
+    """Return the hull of a link's collision geometry, in its frame; None if it has no volume."""
     place = frame, link, "collision"
     chosen = [shape for shape in shapes if (shape.frame, shape.link, shape.role) == place]
     if not chosen:
@@ -229,7 +242,7 @@ def link_hull(shapes: tuple[Shape, ...], frame: int, link: str) -> LinkHull | No
 
 
 def _hull(surface: _Surface, link: str, halvings: int) -> tuple[LinkHull | None, float]:
-    """Return hull of a surface with its parts, None of a flat one, and their volume, m^3."""
+    """Return the hull of a surface with its parts, None for a flat one, and their volume, m^3."""
     corners, volume = surface.hull
     if corners is None:
         return None, 0.0
@@ -248,7 +261,7 @@ def _hull(surface: _Surface, link: str, halvings: int) -> tuple[LinkHull | None,
 
 @dataclass(frozen=True, eq=False)
 class _Surface:
-    """Triangles [T,3] with corners out of ``places`` [P,3], m, which others may share."""
+    """Triangles [T,3] of indices into ``places`` [P,3], m, which several surfaces may share."""
 
     places: FloatArray
     triangles: NDArray[np.intp]
@@ -262,14 +275,15 @@ class _Surface:
 
     @property
     def points(self) -> FloatArray:
-        """Corners [3 T,3] of the triangles, one after another."""
+        """Corners [3 T,3] of the triangles in sequence, m."""
         return self.places[self.triangles.ravel()]
 
     @cached_property
     def hull(self) -> tuple[FloatArray | None, float]:
-        """Corners [V,3] of the hull, None of a flat one, and its volume, m^3."""
+        """Corners [V,3] of the convex hull, None for a flat one, and its volume, m^3."""
         spatial = needed("scipy.spatial", "hulls of links need", "cell")
-        used = np.zeros(len(self.places), dtype=bool)  # each place once: a hull takes its time
+        # The hull is slow, so each place enters it once.
+        used = np.zeros(len(self.places), dtype=bool)
         used[self.triangles] = True
         points = self.places[used]
         try:
@@ -279,9 +293,7 @@ class _Surface:
         return points[hull.vertices], float(hull.volume)
 
     def halved(self, axis: FloatArray, count: int) -> Iterator[tuple[_Surface, _Surface]]:
-        """Return the triangles on both sides of planes across an axis, of each plane that cuts
-        any.
-        """
+        """Yield the triangles on both sides of each of ``count`` planes across an axis."""
         heights = (self.places @ axis)[self.triangles]
         for plane in np.linspace(heights.min(), heights.max(), count + 2)[1:-1].tolist():
             sides = self._cut(heights - plane)
@@ -289,13 +301,14 @@ class _Surface:
                 yield sides
 
     def _cut(self, heights: FloatArray) -> tuple[_Surface, _Surface]:
-        """Return triangles below and above a plane over which corners are so high [T,3]; those that
-        cross it are cut.
+        """Return triangles below and above a plane, from the corners' heights over it [T,3].
+
+        Triangles that cross the plane are divided.
         """
         below, above = (heights <= 0.0).all(axis=1), (heights >= 0.0).all(axis=1)
         crossing = ~(below | above)
         heights, rows = heights[crossing], np.arange(int(crossing.sum()))[:, None]
-        up = (heights > 0.0).sum(axis=1) == 1  # whether the corner that is alone is above
+        up = (heights > 0.0).sum(axis=1) == 1  # the corner that is alone on its side is above
         alone = np.where(up, heights.argmax(axis=1), heights.argmin(axis=1))
         order = (alone[:, None] + np.arange(3)) % 3
         (h0, h1, h2), corners = heights[rows, order].T[:, :, None], self.triangles[crossing]
@@ -315,7 +328,7 @@ class _Surface:
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """What of a link is between planes."""
+    """A part of a link between planes."""
 
     surface: _Surface
     given: Capsule | None = None
@@ -326,7 +339,7 @@ class _Part:
 
     @cached_property
     def halves(self) -> list[tuple[_Part, ...]]:
-        """Its parts on both sides of several planes, each with a rough capsule."""
+        """Pairs of parts on both sides of several planes, each with a rough capsule."""
         return [
             tuple(_Part(side, _rough_capsule(side.points)) for side in sides)
             for axis in _principal(self.surface.points)
@@ -335,7 +348,7 @@ class _Part:
 
 
 class _LinkFit:
-    """A solid by hulls of small cells of it."""
+    """A solid, approximated by the hulls of its small cells."""
 
     def __init__(self, surface: _Surface) -> None:
         self.surface = surface
@@ -350,29 +363,23 @@ class _LinkFit:
         whole = enclosing_capsule(surface.points)
         ends = np.array([whole.start, whole.end])
         low, high = ends.min(axis=0) - whole.radius, ends.max(axis=0) + whole.radius
-        # an additive recurrence that fills a cube evenly (Roberts, 2018)
+        # Roberts (2018): an additive recurrence whose points fill a cube evenly.
         steps = 1.2207440846057596 ** -np.arange(1.0, 4.0)
         self.samples = low + (high - low) * (np.outer(np.arange(CAPSULE_FIT.samples), steps) % 1.0)
         self.solid = self._distance(self.samples) <= 0.0
 
     def _distance(self, points: FloatArray) -> FloatArray:
-        """Return the distance [N] of points [N,3] from the solid as far as the directions tell,
-        m.
-        """
+        """Return the distance [N] of points [N,3] from the solid, m, in the tested directions."""
         reach = points @ _directions().T
         return np.min([(reach - support).max(axis=1) for support in self.supports], axis=0)
 
     def added_volume(self, parts: Sequence[_Part]) -> float:
-        """Return the volume of the capsules of parts outside of the solid, as a ratio of its
-        volume.
-        """
+        """Return the volume of capsules outside of the solid, relative to the solid's volume."""
         held = np.any([part.capsule.distance(self.samples) <= 0.0 for part in parts], axis=0)
         return float((held & ~self.solid).sum() / max(self.solid.sum(), 1))
 
     def excess(self, part: _Part, parts: Sequence[_Part]) -> float:
-        """Return how far the capsule of a part stands out of the solid where those of others do
-        not, m.
-        """
+        """Return the largest distance of a part's capsule from the solid outside of others, m."""
         capsule, ball = part.capsule, part.capsule.radius * _directions()
         points = np.concatenate([capsule.start + ball, capsule.end + ball])
         others = [other.capsule.distance(points) > 0.0 for other in parts if other is not part]
@@ -381,13 +388,13 @@ class _LinkFit:
 
 
 def _rough_capsule(points: FloatArray) -> Capsule:
-    """Return the least capsule along principal axes around some of many points [N,3]."""
+    """Return the smallest capsule along a principal axis around a subset of points [N,3]."""
     some = points[:: max(1, len(points) // CAPSULE_FIT.directions)]
     return min((_along(some, u) for u in _principal(some)), key=lambda capsule: capsule.volume)
 
 
 def _triangles(shape: Shape) -> FloatArray:
-    """Return triangles [T,3,3] whose convex hulls hold the shape's surface, in its link frame."""
+    """Return triangles [T,3,3] whose convex hull contains the shape, in the link frame."""
     if shape.kind == "mesh":
         mesh = read_mesh(shape)
         corners = mesh.triangles if len(mesh.triangles) else np.arange(len(mesh.vertices))[:, None]
@@ -397,7 +404,7 @@ def _triangles(shape: Shape) -> FloatArray:
         triangles = _revolved(rims, 4) * shape.size
     else:
         sides = CAPSULE_FIT.sides
-        around = 1 / np.cos(np.pi / sides)  # a polygon outside of its circle
+        around = 1 / np.cos(np.pi / sides)  # factor of a polygon's corners outside of its circle
         radius, half = shape.size[0] * around, shape.size[-1] / 2 * (shape.size.size == 2)
         if shape.kind == "cylinder":
             rims = np.array([[0.0, -half], [radius, -half], [radius, half], [0.0, half]])
@@ -411,9 +418,7 @@ def _triangles(shape: Shape) -> FloatArray:
 
 
 def _revolved(rims: FloatArray, sides: int) -> FloatArray:
-    """Return triangles [T,3,3] of polygons about Z of radii and heights [K,2], joined one to the
-    next.
-    """
+    """Return triangles [T,3,3] between successive polygons about Z, of radii and heights [K,2]."""
     turn = (2 * np.arange(sides + 1) + 1) * np.pi / sides
     circle = np.column_stack([np.cos(turn), np.sin(turn), np.ones(sides + 1)])
     rings = circle * rims[:, [0, 0, 1]][:, None]
@@ -437,7 +442,7 @@ def _directions() -> FloatArray:
 
 
 def _outermost(points: FloatArray) -> FloatArray:
-    """Return the points that lie farthest in any of many directions."""
+    """Return the points that are farthest in at least one of many directions."""
     if len(points) < CAPSULE_FIT.directions:
         return points
     return points[np.unique(np.argmax(_directions() @ points.T, axis=1))]
@@ -463,7 +468,7 @@ def _unit(vector: ArrayLike) -> FloatArray:
 
 
 def _across(direction: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return two unit vectors at right angles to a direction and to each other."""
+    """Return two unit vectors orthogonal to a direction and to each other."""
     side = _unit(np.cross(direction, np.eye(3)[np.argmin(np.abs(direction))]))
     return side, _unit(np.cross(direction, side))
 
@@ -474,9 +479,9 @@ def _along(points: FloatArray, direction: FloatArray) -> Capsule:
     flat, along = points @ plane, points @ direction
     center = _circle_center(flat)
     across = np.linalg.norm(flat - center, axis=1)
-    radius = float(across.max()) * (1 + 1e-12)  # rounding leaves no point outside
+    radius = float(across.max()) * (1 + 1e-12)  # a margin for rounding
     reach = np.sqrt(np.maximum(radius**2 - across**2, 0.0))
-    # The segment may begin at most here, and end at least there, to cover every point.
+    # The segment covers every point if it begins before `begin` and ends after `end`.
     begin, end = float((along + reach).min()), float((along - reach).max())
     if begin > end:
         begin = end = (begin + end) / 2
@@ -487,8 +492,8 @@ def _along(points: FloatArray, direction: FloatArray) -> Capsule:
 def _circle_center(points: FloatArray) -> FloatArray:
     """Return the centre [2] of the smallest circle around points [N,2].
 
-    The point farthest outside joins those that hold the circle, which then grows; no more than
-    three are ever needed.
+    The farthest point outside joins the two or three points that determine the circle, which grows
+    until no point is outside.
     """
     held = [points[0]]
     center, radius = points[0], 0.0
@@ -502,15 +507,13 @@ def _circle_center(points: FloatArray) -> FloatArray:
 
 
 def _smallest(points: list[FloatArray]) -> tuple[list[FloatArray], FloatArray, float]:
-    """Return the two or three of up to four points that hold the smallest circle around all, and
-    it.
-    """
+    """Return the two or three of four points that determine the smallest circle, and the circle."""
     given = np.array(points)
     pairs, triples = _choices(len(points))
     a, b, c = (given[triples[:, k]] for k in range(3))
     (x1, y1), (x2, y2) = (b - a).T, (c - a).T
     twice, s1, s2 = 2 * (x1 * y2 - x2 * y1), x1**2 + y1**2, x2**2 + y2**2
-    with np.errstate(divide="ignore", invalid="ignore"):  # three in a line are on no circle
+    with np.errstate(divide="ignore", invalid="ignore"):  # three collinear points have no circle
         around = a + np.column_stack([y2 * s1 - y1 * s2, x1 * s2 - x2 * s1]) / twice[:, None]
     centers = np.concatenate([given[pairs].mean(axis=1), around])
     distances = np.linalg.norm(given - centers[:, None], axis=2)

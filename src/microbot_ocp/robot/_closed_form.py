@@ -1,12 +1,11 @@
-"""The equations of an arm in closed form, readable: sums of products of cosines and sines.
+"""Equations of an arm in closed form: sums of products of cosines and sines.
 
 Every entry of a pose is a trigonometric polynomial of degree 1 in each joint angle and a polynomial
-of degree 1 in each displacement of a prismatic joint; of the mass matrix the degree is 2, of the
-gravity torque 1. A discrete Fourier transform of 3 or 5 values a joint, or interpolation through 2
-or 3 displacements, therefore finds all coefficients, and no computer algebra is needed. Angles of
-joints with parallel axes stay together in one cosine (``cos(q2 + q3)``), those of others are
-factors of their own. The Christoffel symbols follow term by term (Craig, *Introduction to
-Robotics*, 3rd ed., section 6.8).
+of degree 1 in each displacement of a prismatic joint. The mass matrix has degree 2, the gravity
+torque degree 1. A discrete Fourier transform of 3 or 5 values a joint, or interpolation at 2 or 3
+displacements, therefore gives all coefficients, without computer algebra. Angles of joints with
+parallel axes share one cosine (``cos(q2 + q3)``); those of other joints are separate factors. The
+Christoffel symbols follow term by term (Craig, *Introduction to Robotics*, 3rd ed., section 6.8).
 """
 
 from __future__ import annotations
@@ -28,17 +27,17 @@ from microbot_ocp.robot._dynamics import gravity_torque, mass_matrix
 from microbot_ocp.robot._kinematics import forward_kinematics
 from microbot_ocp.robot._model import Robot
 
-MOST_JOINTS = 6  # the mass matrix of the Panda, with seven, has 15 000 terms
-NEGLIGIBLE = 1e-15  # relative to the largest value; the rounding of the transforms is below 4e-16
+MOST_JOINTS = 6  # the mass matrix of the Panda, with seven joints, has 15 000 terms
+NEGLIGIBLE = 1e-15  # relative to the largest value; the transforms have rounding errors below 4e-16
 ENDINGS = {".tex": "latex", ".py": "python", ".c": "c", ".m": "matlab"}
 Runs = tuple[tuple[int, ...], ...]
 Language = Literal["latex", "python", "c", "matlab"]
 
 
 class Term(NamedTuple):
-    """What a coefficient is multiplied by.
+    """Product of waves and powers that a coefficient multiplies.
 
-    ``powers`` has one whole number a joint: the exponent of a displacement, the factor of an angle
+    ``powers`` has one integer a joint: the exponent of a displacement, or the factor of an angle
     in its wave. ``waves`` has "cos", "sin" or "" for each run of parallel joints.
     """
 
@@ -53,9 +52,9 @@ class Series:
     Attributes
     ----------
     terms : dict
-        Each :class:`Term` with its coefficient.
+        Coefficients by :class:`Term`.
     runs : tuple
-        Joint indices of the revolute joints, those with parallel axes together.
+        Indices of the revolute joints, grouped by parallel axes.
     """
 
     terms: dict[Term, float]
@@ -82,13 +81,13 @@ class Series:
 
     @cached_property
     def displacements(self) -> list[int]:
-        """Indices of the prismatic joints that some term has."""
+        """Indices of the prismatic joints in the terms."""
         turning = {joint for run in self.runs for joint in run}
         count = max((len(term.powers) for term in self.terms), default=0)
         return [joint for joint in range(count) if joint not in turning]
 
     def slope(self, joint: int) -> Series:
-        """Return partial derivative with respect to the position of joint index ``joint``."""
+        """Return the partial derivative with respect to the position of joint index ``joint``."""
         place = next((i for i, run in enumerate(self.runs) if joint in run), None)
         terms: dict[Term, float] = {}
         for (powers, waves), value in self.terms.items():
@@ -108,21 +107,21 @@ class Series:
 class ClosedForm:
     """Pose of the tool, and ``M(q) qdd + C(q, qd) qd + g(q) = tau``, kg m^2 and N m.
 
-    Made by :func:`closed_form`. Friction is left out. A robot without masses has a pose alone, the
-    other attributes are empty.
+    :func:`closed_form` makes it. Friction is not included. A robot without masses has a pose only;
+    the other attributes are empty.
 
     Attributes
     ----------
     robot : Robot
     pose : tuple of tuple of Series
-        ``T[4][4]`` of the tool in the base frame.
+        Pose ``T[4][4]`` of the tool in the base frame.
     mass : tuple of tuple of Series
-        ``M[n][n]``.
+        Mass matrix ``M[n][n]``.
     christoffel : tuple of tuple of tuple of Series
-        ``c[n][n][n]``: ``C[i][j] = sum over k of c[i][j][k] qd[k]``; ``c[i][j][k]`` is
-        ``c[i][k][j]``.
+        Symbols ``c[n][n][n]`` with ``C[i][j] = sum over k of c[i][j][k] qd[k]`` and
+        ``c[i][j][k] = c[i][k][j]``.
     gravity : tuple of Series
-        ``g[n]``.
+        Gravity torque ``g[n]``.
     """
 
     robot: Robot
@@ -132,14 +131,12 @@ class ClosedForm:
     gravity: tuple[Series, ...]
 
     def coriolis_text(self, i: int, j: int) -> str:
-        """Return the entry ``C[i][j]`` (from 0) in words of ``qd1``, ``qd2`` and so on."""
+        """Return the entry ``C[i][j]`` (from 0) as text with ``qd1``, ``qd2`` and so on."""
         entry = enumerate(self.christoffel[i][j], start=1)
         return " + ".join(f"({series}) qd{k}" for k, series in entry if series.terms) or "0"
 
     def lines(self) -> list[str]:
-        """Return M, C and G as a line of text an entry; M above its diagonal only, being
-        symmetric.
-        """
+        """Return the entries of M, C and G, one a line; of M only the upper triangle."""
         count = len(self.gravity)
         pairs = [(i, j) for i in range(count) for j in range(count)]
         lines = [f"M{i + 1}{j + 1} = {self.mass[i][j]}" for i, j in pairs if j >= i]
@@ -147,15 +144,13 @@ class ClosedForm:
         return lines + [f"G{i + 1} = {series}" for i, series in enumerate(self.gravity)]
 
     def text(self, language: Language) -> str:
-        """Return all equations as a LaTeX document, or as source text that needs this package no
-        more.
-
+        """Return all equations as a LaTeX document, or as source text independent of this package.
         Parameters
         ----------
         language : {"latex", "python", "c", "matlab"}
             LaTeX has six digits of every coefficient, the others have all. Programs have the
             functions ``forward_kinematics``, ``mass_matrix``, ``coriolis_matrix`` and
-            ``gravity_torque``; a MATLAB file also one that returns the four results.
+            ``gravity_torque``; a MATLAB file has another that returns all four results.
 
         Returns
         -------
@@ -164,7 +159,7 @@ class ClosedForm:
         Raises
         ------
         InputError
-            Another language.
+            The language is unknown.
 
         Examples
         --------
@@ -182,12 +177,12 @@ class ClosedForm:
         return _equation_text.program(self, language)
 
     def export(self, path: str | Path) -> Path:
-        """Write :meth:`text` in the language that the ending says: .tex, .py, .c or .m.
+        """Write :meth:`text` in the language of the path's suffix: .tex, .py, .c or .m.
 
         Raises
         ------
         InputError
-            Another ending.
+            The suffix is unknown.
         NotWritten
             The file cannot be written.
         """
@@ -201,7 +196,7 @@ def closed_form(robot: Robot) -> ClosedForm:
     Parameters
     ----------
     robot : Robot
-        At most six joints, revolute or prismatic, with those that follow others.
+        Robot with at most six joints, revolute or prismatic, including those that follow others.
 
     Returns
     -------
@@ -210,8 +205,8 @@ def closed_form(robot: Robot) -> ClosedForm:
     Raises
     ------
     InputError
-        More than six joints; a joint that turns another by no whole number of its own turns, or
-        slides one that turns: there is no sum of sines.
+        The robot has more than six joints, or a revolute joint follows another by a factor that is
+        no whole number, or follows a prismatic joint: its equations are no finite sum of sines.
 
     Examples
     --------
@@ -257,7 +252,7 @@ def closed_form(robot: Robot) -> ClosedForm:
 def _expanded(
     robot: Robot, function: ca.Function, degree: int
 ) -> tuple[tuple[tuple[Series, ...], ...], float]:
-    """Return every entry of a function of q, of at most this degree, and the size of its values."""
+    """Return the entries of a function of q of at most this degree, and the largest value."""
     count = robot.joint_count
     turns = [kind == "revolute" for kind in robot.joint_types]
     q = ca.SX.sym("q", count)
@@ -297,7 +292,7 @@ def _expanded(
 
 
 def _runs(robot: Robot) -> Runs:
-    """Return revolute joints, neighbours with parallel axes together, each alone if some follow."""
+    """Return revolute joints grouped by parallel neighbours; each alone if any joint follows."""
     runs: list[list[int]] = []
     parallel = (np.abs(np.sin(robot.alpha)) < 1e-12) & (robot.beta == 0)
     for joint, kind in enumerate(robot.joint_types):
@@ -330,7 +325,7 @@ def _add_wave(
 
 
 def _cleaned(terms: dict[Term, float], size: float) -> dict[Term, float]:
-    """Return the terms that are more than rounding, each with as few digits as it needs."""
+    """Return the terms above rounding, each with as few digits as necessary."""
     close = NEGLIGIBLE * size
     amplitudes = {}
     for term, value in sorted(terms.items(), key=lambda item: _place(item[0])):
@@ -350,5 +345,5 @@ def _halves(first: Series, second: Series, third: Series, size: float) -> Series
 
 
 def _place(term: Term) -> tuple[int, tuple[int, ...], tuple[str, ...]]:
-    """Return short terms first, then by joint."""
+    """Return a sort key: short terms first, ties by joint."""
     return sum(map(abs, term.powers)), tuple(-power for power in term.powers), term.waves

@@ -1,10 +1,10 @@
-"""The two conventions of Denavit and Hartenberg: tables of one as tables of the other.
+"""The two conventions of Denavit and Hartenberg, and the conversion to the modified one.
 
 Standard (distal) rows put frame i at the far end of link i: ``T(i-1, i) = Rot_z(theta_i)
 Trans_z(d_i) Trans_x(a_i) Rot_x(alpha_i)`` (Denavit and Hartenberg, 1955; Paul; Spong). Modified
-(proximal) rows put it at joint i (Craig). Between two joints both have the same twist and length,
-which stand in row i of the one and in row i + 1 of the other; so frame i of the standard table is
-``Trans_x(a_i) Rot_x(alpha_i)`` after frame i of the modified one.
+(proximal) rows put it at joint i (Craig). The twist and length between two joints agree in both;
+they stand in row i of a standard table and in row i + 1 of a modified one. Frame i of the standard
+table is therefore ``Trans_x(a_i) Rot_x(alpha_i)`` after frame i of the modified one.
 """
 
 from __future__ import annotations
@@ -27,14 +27,13 @@ NAMES = {"modified": "modified (Craig's, proximal)", "standard": "standard (dist
 def as_modified(
     alpha: FloatArray, a: FloatArray, links: Sequence[Link], shapes: Sequence[Shape]
 ) -> tuple[FloatArray, tuple[Link, ...], tuple[Shape, ...], FloatArray]:
-    """Return what is given of a standard table [n] in the frames at the joints, those of a modified
-    one.
+    """Return the data of a standard table [n] in the frames of a modified one.
 
     Returns
     -------
     rows, links, shapes, end
-        Twists and lengths [2,n]; the frame at the far end of the last link [4,4], where the tool
-        is, in that at its joint.
+        Twists and lengths [2,n], links, shapes, and the standard frame [4,4] of the last link,
+        to which the tool refers, in the modified one.
     """
     rows = np.zeros((2, alpha.size))
     rows[:, 1:] = alpha[:-1], a[:-1]
@@ -60,11 +59,11 @@ def as_modified(
 def doubts(
     convention: Convention, alpha: FloatArray, a: FloatArray, kinds: Sequence[str], placed: bool
 ) -> str:
-    """Return what is odd about a table and would not be in the other convention; empty if nothing.
+    """Return oddities of a table that the other convention would not have; empty if there are none.
 
-    Of the modified convention a first row that is not zero places the base, as is usual. It is odd
-    only where nothing is ``placed`` by a base or a tool and the last two axes are parallel: then
-    the table has a link before its first joint, but none after its last.
+    In the modified convention a nonzero first row usually places the base. It is odd only without a
+    base or tool (``placed``) and with parallel last axes: the table has a link before its first
+    joint but none after its last.
     """
     coincident = {
         "modified": _coincident(alpha[1:], a[1:], kinds),
@@ -74,7 +73,8 @@ def doubts(
     other: Convention = "standard" if convention == "modified" else "modified"
     parallel = np.isclose(np.sin(alpha[-1]), 0.0)
     first = convention == "modified" and alpha.size > 1 and not placed and parallel
-    if first and kinds[0] == "revolute" and (alpha[0] or a[0]):  # rails lie as they please
+    # Prismatic first axes have any direction.
+    if first and kinds[0] == "revolute" and (alpha[0] or a[0]):
         twist = f"alpha {np.degrees(alpha[0]):.4g} deg, a {a[0]:.4g} m"
         odd = [f"there is a link before its first joint ({twist}), but none after its last", *odd]
     if not odd or coincident[other]:
@@ -87,7 +87,7 @@ def doubts(
 
 
 def _coincident(alpha: FloatArray, a: FloatArray, kinds: Sequence[str]) -> list[str]:
-    """Return revolute joints one after another about the same axis."""
+    """Return a note on the first two successive revolute joints that share an axis."""
     same = [
         f"joints {joint + 1} and {joint + 2} turn about the same axis"
         for joint in range(alpha.size)

@@ -1,8 +1,8 @@
-"""Joints that move together: one coordinate drives several joints of a chain.
+"""Coupled joints: one coordinate drives several joints of a chain.
 
-The N joints of a chain stand at ``q_chain = S q + offsets``, with one entry in each row of S [N,n].
-Their velocities and accelerations are ``S qd`` and ``S qdd``, and by virtual work the torques of
-the coordinates are ``S' tau_chain``.
+The N joints of a chain have positions ``q_chain = S q + offsets``, with one entry in each row of
+S [N,n]. Their velocities and accelerations are ``S qd`` and ``S qdd``; by virtual work the torques
+of the coordinates are ``S' tau_chain``.
 """
 
 from __future__ import annotations
@@ -23,14 +23,18 @@ Mimic = Mapping[str, tuple[str, float, float]]  # joint -> joint that it follows
 
 @dataclass(frozen=True, eq=False)
 class Coupling:
-    """All N joints of a chain of which some follow others.
+    """All N joints of a chain in which some joints follow others.
 
     Attributes
     ----------
-    names : names of the joints, outwards
-    types : "revolute" or "prismatic"
-    drivers : index of the joint that each follows, from 0; its own where it is a coordinate
-    factors, offsets : array [N]; 1 and 0 of a coordinate
+    names : tuple of str
+        Names of the joints, from the base outward.
+    types : tuple of str
+        "revolute" or "prismatic".
+    drivers : tuple of int
+        Index of the joint that each one follows, from 0; its own index for a coordinate.
+    factors, offsets : array [N]
+        Factor and offset of the position; 1 and 0 for a coordinate.
     """
 
     names: tuple[str, ...]
@@ -51,12 +55,12 @@ class Coupling:
 
     @cached_property
     def matrix(self) -> FloatArray:
-        """S [N,n]."""
+        """Matrix S [N,n]."""
         return self.factors[:, None] * np.equal.outer(self.drivers, self.rows)
 
     @property
     def mimic(self) -> dict[str, tuple[str, float, float]]:
-        """Joints that follow others: name, to driver, factor and offset."""
+        """Following joints by name, each with its driver, factor and offset."""
         return {
             self.names[k]: (
                 self.names[self.drivers[k]],
@@ -71,14 +75,14 @@ class Coupling:
         return q @ self.matrix.T + self.offsets
 
     def joined(self, limits: JointLimits) -> JointLimits:
-        """Return limits [n] of the coordinates from those of all joints: the tightest.
+        """Return the tightest limits [n] of the coordinates from the limits of all joints.
 
-        Torques are those of the coordinates alone, whose drives move the joints that follow.
+        Torque limits are those of the coordinates, whose drives also move the following joints.
 
         Raises
         ------
         InputError
-            Limits of positions that no coordinate keeps.
+            No position of a coordinate is within all its position limits.
         """
         bounds: dict[str, Any] = {}
         for key in JOINT_QUANTITIES:
@@ -112,12 +116,12 @@ class Coupling:
 
 
 def coupling_of(names: Sequence[str], types: Sequence[Any], mimic: Mimic) -> Coupling:
-    """Return the coupling of joints that follow others, which may follow others themselves.
+    """Return the coupling of joints that follow others; chains of followers are resolved.
 
     Raises
     ------
     InputError
-        A joint that is not one of the chain, a ring, a factor of zero, what is not finite.
+        A joint is not in the chain or follows itself, a factor is zero, or a value is not finite.
     """
     drivers, factors, offsets = [], [], []
     for name in mimic:

@@ -1,14 +1,14 @@
-"""Dynamics of a serial chain as CasADi functions: recursive Newton-Euler and what follows from it.
+"""Dynamics of a serial chain as CasADi functions, by recursive Newton-Euler.
 
 ``M(q) qdd + C(q, qd) qd + g(q) + friction(qd) = tau``
 
 Sources: Craig, *Introduction to Robotics*, 3rd ed., section 6.5 (recursive Newton-Euler in link
 frames; the moment balance is ``n_i = N_i + R n_{i+1} + Pc_i x F_i + P_{i+1} x (R f_{i+1})``);
 Featherstone, *Rigid Body Dynamics Algorithms*, chapter 6 (composite rigid bodies).
-Joint friction is ``viscous qd + coulomb tanh(qd / 0.01)``: the sign of the speed, smoothed so that
-its derivatives exist, is within 1 % of its full size beyond 0.027 rad/s (m/s). Armature adds to the
-diagonal of M. A rotor of inertia J that spins G times as fast as joint j about the axis a of a link
-with angular velocity omega has the angular momentum ``J G qd_j a`` more than at rest; its rate of
+Joint friction is ``viscous qd + coulomb tanh(qd / 0.01)``: a sign function smoothed to be
+differentiable, within 1 % of its full value beyond 0.027 rad/s (m/s). Armature adds to the diagonal
+of M. A rotor of inertia J that spins G times as fast as joint j, about the axis a of a link with
+angular velocity omega, adds the angular momentum ``J G qd_j a`` to that of the link; its rate of
 change is a moment on the link, and ``J G (a . omega_dot + G qdd_j)`` is the torque at the joint.
 
 Theory: docs/theory/dynamics.md, equations (2) to (8).
@@ -35,7 +35,7 @@ from microbot_ocp.robot._kinematics import (
 )
 from microbot_ocp.robot._model import Robot
 
-COULOMB_SMOOTHING = 0.01  # rad/s or m/s: speed at which tanh reaches 76 % of the Coulomb friction
+COULOMB_SMOOTHING = 0.01  # rad/s or m/s; at this speed tanh is 76 % of the Coulomb friction
 
 
 def _require_links(robot: Robot) -> None:
@@ -48,7 +48,7 @@ def _cross(left: ca.SX, right: ca.SX) -> ca.SX:
 
 
 def friction_torque(robot: Robot, qd: ca.SX) -> ca.SX:
-    """Return torques [n] of friction, each of the speed of its own joint."""
+    """Return friction torques [n], each a function of the speed of its own joint."""
     kinds = (robot.friction_of(kind).tolist() for kind in ("viscous_friction", "coulomb_friction"))
     terms = []
     for joint, (viscous, coulomb) in enumerate(zip(*kinds, strict=True)):
@@ -69,7 +69,7 @@ def _newton_euler(robot: Robot, q: ca.SX, qd: ca.SX, qdd: ca.SX, *, friction: bo
         total = selection(robot).T @ _newton_euler(robot.chain, *motion, friction=False)
         return total + friction_torque(robot, qd) if friction else total
     count = robot.joint_count
-    # An upward acceleration of the base acts as gravity does; here in frame 0 of the rows.
+    # Gravity acts as an upward acceleration of the base, here expressed in frame 0 of the rows.
     acceleration = ca.sparsify(constant_transform(robot.base)[0].T @ ca.SX(ca.DM(-robot.gravity)))
     omega, omega_dot = ca.SX(3, 1), ca.SX(3, 1)
     turns, steps, forces, moments, spins = [], [], [], [], [(omega, omega_dot)]
@@ -119,7 +119,7 @@ def _newton_euler(robot: Robot, q: ca.SX, qd: ca.SX, qdd: ca.SX, *, friction: bo
 
 
 def _mass_matrix(robot: Robot, q: ca.SX) -> ca.SX:
-    """Return mass matrix [n,n] by composite rigid bodies, carried inward in link frames."""
+    """Return the mass matrix [n,n] by composite rigid bodies, carried inward in link frames."""
     _require_links(robot)
     if robot.coupling is not None:
         inner = _mass_matrix(robot.chain, *chain_motion(robot, q))
@@ -131,7 +131,7 @@ def _mass_matrix(robot: Robot, q: ca.SX) -> ca.SX:
     for joint in reversed(range(count)):
         link = robot.links[joint]
         com = ca.sparsify(ca.SX(ca.DM(link.center_of_mass)))
-        # mass, first moment and inertia about the origin of this link frame
+        # All three sums refer to the origin of this link frame.
         inertia = ca.sparsify(ca.SX(ca.DM(link.inertia))) + link.mass * _parallel_axis(com)
         mass, first, second = mass + link.mass, first + link.mass * com, second + inertia
         axis = ca.sparsify(ca.SX(ca.DM([0, 0, 1])))
@@ -172,7 +172,7 @@ def _parallel_axis(offset: ca.SX) -> ca.SX:
 
 
 def _shift(first: ca.SX, step: ca.SX) -> ca.SX:
-    """Change of the inertia by a first moment when the origin moves by ``-step``."""
+    """Return the change of an inertia by a first moment when the origin moves by ``-step``."""
     outer = first @ step.T
     return ca.sparsify(2 * ca.dot(first, step) * ca.SX.eye(3) - outer - outer.T)
 
@@ -184,7 +184,7 @@ def _axis_component(robot: Robot, joint: int, force: ca.SX, moment: ca.SX) -> ca
 
 @function_maker
 def inverse_dynamics(robot: Robot, *, compiled: bool = False) -> ca.Function:
-    """Return joint torques of a motion, by recursive Newton-Euler (Craig, section 6.5).
+    """Return the joint torques of a motion, by recursive Newton-Euler (Craig, section 6.5).
 
     Returns
     -------
@@ -205,16 +205,16 @@ def inverse_dynamics(robot: Robot, *, compiled: bool = False) -> ca.Function:
 
 @function_maker
 def mass_matrix(robot: Robot, *, compiled: bool = False) -> ca.Function:
-    """Return mass matrix ``(q[n]) -> M[n,n]``, kg m^2, with rotor inertia on the diagonal."""
+    """Return the mass matrix ``(q[n]) -> M[n,n]``, kg m^2, with rotor inertia on the diagonal."""
     state = symbols(robot, "q")
     return robot_function("mass_matrix", state, {"M": _mass_matrix(robot, **state)}, compiled)
 
 
 @function_maker
 def coriolis_matrix(robot: Robot, *, compiled: bool = False) -> ca.Function:
-    """Return Coriolis and centrifugal matrix ``(q[n], qd[n]) -> C[n,n]`` from Christoffel symbols.
+    """Return the Coriolis and centrifugal matrix ``(q[n], qd[n]) -> C[n,n]`` (Christoffel symbols).
 
-    With it ``dM/dt - 2 C`` is skew-symmetric. Friction is not part of it.
+    With this choice ``dM/dt - 2 C`` is skew-symmetric. Friction is not included.
     """
     state = symbols(robot, "q", "qd")
     q, qd = state.values()
@@ -234,26 +234,23 @@ def gravity_torque(robot: Robot, *, compiled: bool = False) -> ca.Function:
 
 @function_maker
 def bias_torque(robot: Robot, *, compiled: bool = False) -> ca.Function:
-    """Return the torque at zero acceleration, ``C qd + g + friction``: ``(q[n], qd[n]) -> tau[n]``,
-    N m.
-    """
+    """Return the torque without acceleration, C qd + g + friction: ``(q[n], qd[n]) -> tau[n]``."""
     state = symbols(robot, "q", "qd")
     tau = _newton_euler(robot, state["q"], state["qd"], ca.SX(robot.joint_count, 1))
     return robot_function("bias_torque", state, {"tau": tau}, compiled)
 
 
 def solve_symmetric(matrix: ca.SX, right: ca.SX) -> ca.SX:
-    """Solve ``matrix x = right``, symmetric and positive definite, by L D L' written out."""
+    """Return the solution of ``matrix x = right`` for a positive definite matrix, by L D L'."""
     return ca.ldl_solve(right, *ca.ldl(ca.densify(matrix), False))
 
 
 @function_maker
 def forward_dynamics(robot: Robot, *, compiled: bool = False) -> ca.Function:
-    """Return accelerations that torques cause: ``(q[n], qd[n], tau[n]) -> qdd[n]``.
+    """Return the accelerations that torques cause: ``(q[n], qd[n], tau[n]) -> qdd[n]``.
 
-    Where the mass matrix is singular (a massless direction, as the Microbot standing straight up)
-    there is no such acceleration: see :func:`mass_matrix_condition`, or give the links
-    ``armature``.
+    The result is undefined where the mass matrix is singular (massless directions, as the Microbot
+    standing straight up): see :func:`mass_matrix_condition`, or give the links ``armature``.
     """
     state = symbols(robot, "q", "qd", "tau")
     q, qd, tau = state.values()
@@ -264,9 +261,7 @@ def forward_dynamics(robot: Robot, *, compiled: bool = False) -> ca.Function:
 
 @function_maker
 def mass_matrix_condition(robot: Robot, *, compiled: bool = False) -> ca.Function:
-    """Return the condition number of the mass matrix in the 1-norm: ``(q[n]) -> condition``, 1 to
-    infinity.
-    """
+    """Return the 1-norm condition number of the mass matrix: ``(q[n]) -> condition``."""
     state = symbols(robot, "q")
     matrix = ca.densify(_mass_matrix(robot, **state))
     inverse = solve_symmetric(matrix, ca.SX.eye(robot.joint_count))
@@ -277,9 +272,9 @@ def mass_matrix_condition(robot: Robot, *, compiled: bool = False) -> ca.Functio
 
 @function_maker
 def energy(robot: Robot, *, compiled: bool = False) -> ca.Function:
-    """Return mechanical energy: ``(q[n], qd[n]) -> kinetic, potential``, J.
+    """Return the mechanical energy: ``(q[n], qd[n]) -> kinetic, potential``, J.
 
-    The potential is zero at the base origin; rotor inertia counts as kinetic energy.
+    The potential energy is zero at the base origin; kinetic energy includes rotor inertia.
     """
     state = symbols(robot, "q", "qd")
     q, qd = state.values()
@@ -308,11 +303,11 @@ def torque_and_rate(robot: Robot) -> ca.Function:
     return ca.Function("torque_and_rate", every, [tau, taud], [*state], ["tau", "taud"])
 
 
-# what limits may speak of -------------------------------------------------------------------------
+# Quantities for limits ----------------------------------------------------------------------------
 
 
 class MotionState:
-    """Quantities of a motion at one instant; each is built when it is first asked for.
+    """Quantities of a motion at one instant; each is built at its first use.
 
     Attributes
     ----------
@@ -323,8 +318,8 @@ class MotionState:
     tool : expression [4,4]
         Pose of the tool in the base frame.
     tool_velocity, tool_acceleration, tool_jerk : expression [6]
-        Of the tool's origin, linear (m/s, m/s^2, m/s^3), then angular (rad/s, ...), in the base
-        frame.
+        Velocity, acceleration and jerk of the tool's origin: linear (m/s, m/s^2, m/s^3), followed
+        by angular (rad/s, ...), in the base frame.
     link_poses : tuple of expression [4,4]
         Poses of the base and of link frames 1 to N in the base frame.
     """
@@ -332,9 +327,7 @@ class MotionState:
     def __init__(
         self, robot: Robot, q: Any, qd: Any, qdd: Any, qddd: Any, torques: ca.Function | None = None
     ) -> None:
-        """Take ``torques``, a function of the same arguments, in place of
-        :func:`torque_and_rate`.
-        """
+        """Use ``torques``, a function of equal arguments, instead of :func:`torque_and_rate`."""
         self.robot, self.q, self.qd, self.qdd, self.qddd = robot, q, qd, qdd, qddd
         self._torques = torques
 
@@ -351,57 +344,57 @@ class MotionState:
 
     @cached_property
     def tau(self) -> Any:
-        """Joint torques [n]."""
+        """Joint torques [n], N m (N)."""
         if self._torques is None and "_torque_and_rate" not in self.__dict__:
             return inverse_dynamics(self.robot)(self.q, self.qd, self.qdd)
         return self._torque_and_rate[0]
 
     @cached_property
     def taud(self) -> Any:
-        """Time derivatives of the joint torques [n]."""
+        """Time derivatives of the joint torques [n], N m/s (N/s)."""
         return self._torque_and_rate[1]
 
     @cached_property
     def tool(self) -> Any:
-        """Pose of the tool [4,4]."""
+        """Pose of the tool [4,4], m."""
         return forward_kinematics(self.robot)(self.q)
 
     @cached_property
     def link_poses(self) -> tuple[Any, ...]:
-        """Poses [4,4] of the base and every link frame."""
+        """Poses [4,4] of the base and every link frame, m."""
         return tuple(ca.horzsplit(link_poses(self.robot)(self.q), 4))
 
     @cached_property
     def tool_velocity(self) -> Any:
-        """Velocity of the tool [6]."""
+        """Velocity of the tool [6], m/s and rad/s."""
         return jacobian(self.robot)(self.q) @ self.qd
 
     @cached_property
     def tool_acceleration(self) -> Any:
-        """Acceleration of the tool [6]."""
+        """Acceleration of the tool [6], m/s^2 and rad/s^2."""
         return tool_acceleration(self.robot)(self.q, self.qd, self.qdd)
 
     @cached_property
     def tool_jerk(self) -> Any:
-        """Jerk of the tool [6]."""
+        """Jerk of the tool [6], m/s^3 and rad/s^3."""
         return tool_jerk(self.robot)(self.q, self.qd, self.qdd, self.qddd)
 
 
 @lru_cache(maxsize=64)
 def tool_acceleration(robot: Robot) -> ca.Function:
-    """Return acceleration of the tool: ``(q[n], qd[n], qdd[n]) -> a[6]``, linear, then angular."""
+    """Return the tool's acceleration: ``(q[n], qd[n], qdd[n]) -> a[6]``, linear and angular."""
     q, qd, _ = state = [*symbols(robot, "q", "qd", "qdd").values()]
     return _derivative("tool_acceleration", jacobian(robot)(q) @ qd, state)
 
 
 @lru_cache(maxsize=64)
 def tool_jerk(robot: Robot) -> ca.Function:
-    """Return jerk of the tool: ``(q[n], qd[n], qdd[n], qddd[n]) -> j[6]``, linear, then angular."""
+    """Return the tool's jerk: ``(q[n], qd[n], qdd[n], qddd[n]) -> j[6]``, linear and angular."""
     *before, _ = state = [*symbols(robot, "q", "qd", "qdd", "qddd").values()]
     return _derivative("tool_jerk", tool_acceleration(robot)(*before), state)
 
 
 def _derivative(name: str, value: Any, state: list[ca.SX]) -> ca.Function:
-    """Return the derivative by the time of what depends on all of a state but its last part."""
+    """Return the time derivative of an expression of all parts of a state but the last."""
     change = ca.jtimes(value, ca.vertcat(*state[:-1]), ca.vertcat(*state[1:]))
     return ca.Function(name, state, [ca.densify(change)])

@@ -20,10 +20,14 @@ class Typesetting:
 
     Attributes
     ----------
-    program_width : characters a line of a program
-    most_terms : of one statement: parsers of programs nest a level for each
-    latex_width : characters a line of a formula, as they are read
-    digits : of a coefficient that is read
+    program_width : int
+        Characters in a line of a program.
+    most_terms : int
+        Terms of one statement; parsers of programs nest a level for each.
+    latex_width : int
+        Visible characters in a line of a formula.
+    digits : int
+        Digits of a coefficient in text for readers.
     """
 
     program_width: int = 96
@@ -36,7 +40,7 @@ TYPESETTING = Typesetting()
 
 
 def plain(series: Series) -> str:
-    """Return a sum to read: ``3 cos(q1) cos(q2) + 4 cos(q1) cos(q2 + q3)``."""
+    """Return a sum as plain text: ``3 cos(q1) cos(q2) + 4 cos(q1) cos(q2 + q3)``."""
 
     def factors(term: Term) -> list[str]:
         waves = [f"{wave}({_angle(term, run, 'q')})" for wave, run in _waves(series, term)]
@@ -52,7 +56,7 @@ def _waves(series: Series, term: Term) -> list[tuple[str, tuple[int, ...]]]:
 
 
 def _angle(term: Term, run: tuple[int, ...], name: str, times: str = " ") -> str:
-    """Return ``q2 + 2 q3``: the first factor is positive."""
+    """Return an angle such as ``q2 + 2 q3``, whose first factor is positive."""
     text = ""
     for joint in run:
         if power := term.powers[joint]:
@@ -64,7 +68,7 @@ def _angle(term: Term, run: tuple[int, ...], name: str, times: str = " ") -> str
 def _parts(
     series: Series, factors: Callable[[Term], list[str]], times: str, number: Callable[[float], str]
 ) -> Iterator[str]:
-    """Yield terms with their signs: ``-2 a``, then ``+ b``."""
+    """Yield terms with their signs: ``-2 a``, and after it ``+ b``."""
     for at, (term, value) in enumerate(series.terms.items()):
         names = factors(term)
         size = number(abs(value))
@@ -76,7 +80,7 @@ def _parts(
 def _broken(
     parts: Iterable[str], width: int, between: str, size: Callable[[str], int] = len
 ) -> str:
-    """Return the terms in lines of at most this width where they can be."""
+    """Return the terms in lines of at most this width, if the terms permit it."""
     lines: list[list[str]] = []
     room = 0
     for part in parts:
@@ -106,7 +110,7 @@ HEADINGS = {
 
 
 def _entries(form: ClosedForm, symbol: str) -> Iterator[tuple[tuple[int, ...], Series]]:
-    """Yield places and entries of a tensor that are not zero; of what is symmetric one half."""
+    """Yield indices and value of each nonzero entry of a tensor; one half of a symmetric one."""
     every = range(form.robot.joint_count)
     pairs = list(combinations_with_replacement(every, 2))
     places, tensor = {
@@ -122,7 +126,7 @@ def _entries(form: ClosedForm, symbol: str) -> Iterator[tuple[tuple[int, ...], S
 
 
 def latex(form: ClosedForm) -> str:
-    """Return a LaTeX document with every entry that is not zero."""
+    """Return a LaTeX document with every nonzero entry."""
     names = ["d" if kind == "prismatic" else r"\theta" for kind in form.robot.joint_types]
     variables = ", ".join(f"${name}_{i}$" for i, name in enumerate(names, start=1))
     title = re.sub(r"([&%$#_{}])", r"\\\1", re.sub(r"[\\~^]", " ", form.robot.name))
@@ -163,7 +167,7 @@ def _latex_sum(series: Series, names: Sequence[str]) -> str:
             words.append(rf"\{wave} {angle}" if single else rf"\{wave}({angle})")
         return words
 
-    def size(part: str) -> int:  # a command takes the room of one letter or of its name
+    def size(part: str) -> int:  # a command is printed as a letter or as its name
         return len(re.sub(r"\\theta_|\\[,{}]|\\(?=[cs])|\{|\}|\^", "", part))
 
     parts = _parts(series, factors, r"\,", _latex_number)
@@ -175,12 +179,12 @@ def _latex_number(value: float) -> str:
     return rf"{mantissa} \cdot 10^{{{int(exponent)}}}" if exponent else mantissa
 
 
-# programs -----------------------------------------------------------------------------------------
+# Programs -----------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Syntax:
-    """How a language writes what a function of the closed form needs."""
+    """Syntax of one language for the functions of a closed form."""
 
     comment: str
     end: str
@@ -188,7 +192,7 @@ class Syntax:
     let: str
 
     def at(self, language: str, name: str, place: Sequence[int]) -> str:
-        """Return an entry of an array, counted from 0 here."""
+        """Return an entry of an array; ``place`` counts from 0."""
         if language == "matlab":
             return f"{name}({', '.join(str(i + 1) for i in place)})"
         return name + "".join(f"[{i}]" for i in place)
@@ -214,7 +218,7 @@ FUNCTIONS = {
 
 
 def program(form: ClosedForm, language: str) -> str:
-    """Return source text with a function each for T, M, C and g."""
+    """Return source text with one function for each of T, M, C and g."""
     syntax = SYNTAX[language]
     count = form.robot.joint_count
     name = " ".join(form.robot.name.split())
@@ -286,7 +290,7 @@ def _function(form: ClosedForm, language: str, matrix: str) -> list[str]:
 
 
 def _statements(form: ClosedForm, language: str, matrix: str) -> list[str]:
-    """Return the waves that are needed, and every entry that is not zero."""
+    """Return the definitions of the waves in use, and of every nonzero entry."""
     syntax, every = SYNTAX[language], range(form.robot.joint_count)
     waves: dict[str, str] = {}
     entries: list[str] = []
@@ -330,7 +334,7 @@ def _statements(form: ClosedForm, language: str, matrix: str) -> list[str]:
 
 
 def _code_factors(series: Series, term: Term, waves: dict[str, str]) -> list[str]:
-    """Return names of the factors; the waves among them are noted in ``waves``."""
+    """Return names of the factors of a term, and add its waves to ``waves``."""
     factors = []
     for joint in series.displacements:
         factors += [f"q{joint + 1}"] * term.powers[joint]

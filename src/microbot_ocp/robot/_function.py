@@ -1,4 +1,4 @@
-"""What the functions of a robot say when they are called as they are not meant to be."""
+"""CasADi functions of a robot whose errors name the wrong argument."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Maker = TypeVar("Maker", bound=Callable[..., Any])
 
 
 class RobotFunction(ca.Function):
-    """A CasADi function that names the argument of a wrong shape, and the shape it should have."""
+    """A CasADi function whose error names the argument of a wrong shape and the right shape."""
 
     def __call__(self, *arguments: Any, **named: Any) -> Any:
         try:
@@ -59,28 +59,28 @@ def _shape(value: Any) -> tuple[int, ...]:
         return value.shape
     try:
         return np.shape(value)
-    except ValueError:  # rows of different length
+    except ValueError:  # rows of different lengths
         return (-1,)
 
 
 def symbols(robot: Any, *names: str) -> dict[str, ca.SX]:
-    """Return vectors of symbols, one entry a joint."""
+    """Return named vectors of symbols, one entry a joint."""
     return {name: ca.SX.sym(name, robot.joint_count) for name in names}
 
 
 def robot_function(
     name: str, inputs: dict[str, ca.SX], outputs: dict[str, Any], compiled: bool
 ) -> RobotFunction:
-    """Return the function of these expressions, compiled if wanted, with messages of its own."""
+    """Return a RobotFunction of these expressions, compiled if wanted."""
     results = [ca.densify(value) for value in outputs.values()]
     function = ca.Function(name, [*inputs.values()], results, [*inputs], [*outputs])
     return RobotFunction(maybe_compiled(function, compiled))
 
 
 def function_maker(make: Maker) -> Maker:
-    """Cache what a maker of functions of a robot makes.
+    """Return a cached version of a function that makes functions of a robot.
 
-    Where it is given what the function takes, it says so.
+    An InputError explains the call if the arguments are those of the made function.
     """
     cached = lru_cache(maxsize=128, typed=True)(make)
 

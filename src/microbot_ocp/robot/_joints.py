@@ -1,4 +1,4 @@
-"""What the joints of a robot come to: values one each, its rest pose and reach, its drives."""
+"""Quantities of a robot's joints: values one a joint, rest pose, reach, advice on drives."""
 
 from __future__ import annotations
 
@@ -12,14 +12,12 @@ from microbot_ocp.robot._model import Robot
 
 
 def joint_scale(robot: Robot) -> FloatArray:
-    """Return factors [n] from degrees to radians; 1 for prismatic joints, which are in metres."""
+    """Return factors [n] from degrees to radians; 1 for prismatic joints, whose unit is metres."""
     return np.where(np.array(robot.joint_types) == "revolute", np.pi / 180.0, 1.0)
 
 
 def per_joint(robot: Robot, name: str, value: Any) -> FloatArray:
-    """Return one number a joint [n] from a single number or a list; infinite is allowed, NaN is
-    not.
-    """
+    """Return one number a joint [n] from a number or a list, which may be infinite but not NaN."""
     count = robot.joint_count
     several = value if isinstance(value, list) else [value] * count
     if len(several) != count:
@@ -39,7 +37,7 @@ def rest_pose(robot: Robot) -> FloatArray:
 
 
 def stretched_out(robot: Robot) -> float:
-    """Return the distance of the tool from the base origin that is never exceeded, m."""
+    """Return an upper bound of the tool's distance from the base origin, m."""
     robot = robot.chain
     revolute = np.array(robot.joint_types) == "revolute"
     low, high = robot.limits.bounds("q")
@@ -49,21 +47,21 @@ def stretched_out(robot: Robot) -> float:
 
 
 def largest_reach(robot: Robot, *, poses: int = 4000, rounds: int = 12) -> tuple[float, float]:
-    """Give distance of the tool from the base origin, m: the largest found, and one never exceeded.
+    """Return the largest distance found between tool and base origin, m, and an upper bound, m.
 
     Parameters
     ----------
     robot : Robot
     poses : int
-        Drawn within the limits in each round, around the best so far.
+        Random poses within the limits in each round, around the best pose so far.
     rounds : int
-        Each draws from half the width of the one before.
+        Number of rounds, each of which halves the width of the distribution.
 
     Returns
     -------
     tuple of float
-        What the search finds is a lower bound; the upper one is the chain stretched out. Both are
-        infinite where a prismatic joint has no limit.
+        Largest distance found, a lower bound of the reach, and the length of the stretched chain,
+        an upper bound. Both are infinite if a prismatic joint has no limit.
 
     Examples
     --------
@@ -72,13 +70,13 @@ def largest_reach(robot: Robot, *, poses: int = 4000, rounds: int = 12) -> tuple
     >>> round(found, 6), bound
     (1.0, 1.0)
     """
-    from microbot_ocp.robot._kinematics import forward_kinematics  # loads CasADi
+    from microbot_ocp.robot._kinematics import forward_kinematics  # imports CasADi
 
     low, high = robot.limits.bounds("q")
     bound = stretched_out(robot)
     if not np.isfinite(bound):
         return float("inf"), float("inf")
-    rest = rest_pose(robot)  # beyond half a turn from it poses recur
+    rest = rest_pose(robot)  # poses repeat beyond half a turn from the rest pose
     low = np.where(robot.whole_turns | np.isinf(low), np.maximum(low, rest - np.pi), low)
     high = np.where(robot.whole_turns | np.isinf(high), np.minimum(high, rest + np.pi), high)
     rng = np.random.default_rng(0)
@@ -95,22 +93,22 @@ def largest_reach(robot: Robot, *, poses: int = 4000, rounds: int = 12) -> tuple
 
 
 def drive_advice(robot: Robot, qdd: Any = None) -> str:
-    """Say which joints may speed up at once, as no drive does, and what to give for them.
+    """Return a warning about joints that could accelerate faster than any drive, and the remedy.
 
-    These are joints that nothing limits but their velocity, and those that a torque turns whose
-    link is a body with an inertia of its own, but whose rotor, most of what a geared drive turns,
-    is not given. Where links are points with masses, as in textbooks, nothing is said.
+    It names joints with a limit of velocity only, and joints with a torque limit whose link has an
+    inertia of its own but no rotor inertia, which dominates in a geared drive. Links that are point
+    masses, as in textbooks, are exempt.
 
     Parameters
     ----------
     robot : Robot
     qdd : array_like [N,n], optional
-        Accelerations of a motion, to say what they come to.
+        Accelerations of a motion, whose largest value the warning reports.
 
     Returns
     -------
     str
-        A sentence without its full stop; empty where nothing is left out.
+        Sentence without its full stop; empty if no joint is affected.
 
     Examples
     --------
@@ -118,7 +116,7 @@ def drive_advice(robot: Robot, qdd: Any = None) -> str:
     >>> drive_advice(mo.load_robot("microbot"))
     ''
     >>> drive_advice(mo.load_robot("planar_3r")).partition(" nor")[0]
-    'motions may begin faster than a drive can: of wrist neither the rotor inertia'
+    'motions may accelerate faster than a drive can: for wrist, neither the rotor inertia'
     """
     masses = robot.has_dynamics
     limited = {key: np.isfinite(robot.limits.bounds(key)).any(0) for key in ("tau", "taud")}
@@ -145,9 +143,9 @@ def drive_advice(robot: Robot, qdd: Any = None) -> str:
         return ""
     everyone = len(joints) == robot.joint_count
     who = "any joint" if everyone else ", ".join(robot.joint_names[k] for k in joints)
-    reached = "motions may begin faster than a drive can"
+    reached = "motions may accelerate faster than a drive can"
     if qdd is not None:
         peaks = np.abs(np.asarray(qdd)).max(axis=0)
         k = max(joints, key=lambda joint: peaks[joint])
         reached = f"{robot.joint_names[k]} reaches {peaks[k]:.5g} {robot.unit('qdd', k)}"
-    return f"{reached}: of {who} {lacking}"
+    return f"{reached}: for {who}, {lacking}"

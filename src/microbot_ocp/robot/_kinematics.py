@@ -14,11 +14,11 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.robot._function import function_maker, robot_function, symbols
 from microbot_ocp.robot._model import Robot
-from microbot_ocp.robot._transforms import without_dust
+from microbot_ocp.robot._transforms import without_rounding
 
 
 def _cos_sin(angle: float) -> tuple[float, float]:
-    """Give cosine and sine, exact at multiples of a right angle so that the graphs stay sparse."""
+    """Return cosine and sine, exact at multiples of a right angle so that graphs stay sparse."""
     quarter = angle / (np.pi / 2)
     if abs(quarter - round(quarter)) < 1e-12:
         turn = round(quarter) % 4
@@ -27,12 +27,12 @@ def _cos_sin(angle: float) -> tuple[float, float]:
 
 
 def joint_transform(robot: Robot, joint: int, q: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Return rotation [3,3] and position [3] of link frame ``joint`` (0-based) in the frame before.
+    """Return rotation [3,3] and position [3] of link frame ``joint`` (0-based) in the one before.
 
     Returns
     -------
     rotation, position : SX
-        Entries that are zero by structure are left out of the graph.
+        Sparse expressions without structural zeros.
     """
     cos_alpha, sin_alpha = _cos_sin(float(robot.alpha[joint]))
     a, d = float(robot.a[joint]), ca.SX(float(robot.d[joint]))
@@ -66,15 +66,13 @@ def joint_transform(robot: Robot, joint: int, q: ca.SX) -> tuple[ca.SX, ca.SX]:
 
 
 def constant_transform(transform: FloatArray) -> tuple[ca.SX, ca.SX]:
-    """Return the rotation [3,3] and position [3] of a transform [4,4], such as that of the tool or
-    base.
-    """
-    clean = without_dust(transform)
+    """Return the rotation [3,3] and position [3] of a constant transform [4,4]."""
+    clean = without_rounding(transform)
     return ca.sparsify(ca.SX(ca.DM(clean[:3, :3]))), ca.sparsify(ca.SX(ca.DM(clean[:3, 3])))
 
 
 def selection(robot: Robot) -> ca.SX:
-    """Return S [N,n], whose product with rates of the coordinates are those of all joints."""
+    """Return S [N,n], which maps rates of the coordinates to rates of all joints."""
     return ca.sparsify(ca.SX(ca.DM(robot.transmission)))
 
 
@@ -87,7 +85,7 @@ def chain_motion(robot: Robot, q: ca.SX, *rates: ca.SX) -> list[ca.SX]:
 
 
 def frames(robot: Robot, q: ca.SX) -> list[tuple[ca.SX, ca.SX]]:
-    """Return the rotation and origin in the base frame of link frames 1 to N and of the tool."""
+    """Return rotation and origin of link frames 1 to N and of the tool in the base frame."""
     (q,), robot = chain_motion(robot, q), robot.chain
     rotation, origin = constant_transform(robot.base)
     placed = []
@@ -117,7 +115,7 @@ def forward_kinematics(
     frame : int, optional
         Link frame 1 to N (0 is the base); default the tool frame N+1.
     compiled : bool
-        Compile to C (cached); falls back to CasADi's virtual machine with a warning.
+        True to compile to C (cached); on failure CasADi's virtual machine runs, with a warning.
 
     Returns
     -------
@@ -145,9 +143,7 @@ def forward_kinematics(
 
 @function_maker
 def link_poses(robot: Robot, *, compiled: bool = False) -> ca.Function:
-    """Return poses of the base and link frames 1 to N side by side: ``(q[n]) -> poses[4, 4
-    (N+1)]``.
-    """
+    """Return poses of the base and link frames 1 to N: ``(q[n]) -> poses[4, 4 (N+1)]``, m."""
     state = symbols(robot, "q")
     poses = [ca.SX.eye(4), *(_homogeneous(*frame) for frame in frames(robot, **state)[:-1])]
     return robot_function("link_poses", state, {"poses": ca.horzcat(*poses)}, compiled)
@@ -155,7 +151,7 @@ def link_poses(robot: Robot, *, compiled: bool = False) -> ca.Function:
 
 @function_maker
 def frame_origins(robot: Robot, *, compiled: bool = False) -> ca.Function:
-    """Give origins of the base, every link frame and the tool: ``(q[n]) -> origins[3, N+2]``, m."""
+    """Return origins of the base, link frames and tool: ``(q[n]) -> origins[3, N+2]``, m."""
     state = symbols(robot, "q")
     origins = [ca.SX.zeros(3), *(ca.densify(origin) for _, origin in frames(robot, **state))]
     return robot_function("frame_origins", state, {"origins": ca.horzcat(*origins)}, compiled)
@@ -163,12 +159,12 @@ def frame_origins(robot: Robot, *, compiled: bool = False) -> ca.Function:
 
 @function_maker
 def jacobian(robot: Robot, *, compiled: bool = False) -> ca.Function:
-    """Return geometric Jacobian at the tool origin in the base frame.
+    """Return the geometric Jacobian at the tool origin in the base frame.
 
     Returns
     -------
     casadi.Function
-        ``(q[n]) -> J[6,n]``: rows linear velocity (m/s) then angular velocity (rad/s) per joint
+        ``(q[n]) -> J[6,n]``: rows of linear velocity (m/s) and angular velocity (rad/s) per joint
         speed.
     """
     state = symbols(robot, "q")
@@ -189,13 +185,13 @@ def jacobian(robot: Robot, *, compiled: bool = False) -> ca.Function:
 
 @function_maker
 def velocity_propagation(robot: Robot, *, compiled: bool = False) -> ca.Function:
-    """Return velocities of every link frame by outward propagation (Craig, equations 5.45 to 5.48).
+    """Return velocities of all link frames by outward propagation (Craig, equations 5.45 to 5.48).
 
     Returns
     -------
     casadi.Function
-        ``(q[n], qd[n]) -> v[3,N+1], omega[3,N+1]``: column i is the velocity of link frame i+1's
-        origin (m/s) and its angular velocity (rad/s) expressed in that frame; the tool is last.
+        ``(q[n], qd[n]) -> v[3,N+1], omega[3,N+1]``: column i is the velocity of the origin of link
+        frame i+1 (m/s) and its angular velocity (rad/s), expressed in that frame; the tool is last.
     """
     state = symbols(robot, "q", "qd")
     (q, qd), robot = chain_motion(robot, *state.values()), robot.chain

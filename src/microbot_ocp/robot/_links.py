@@ -1,4 +1,4 @@
-"""Links as data: mass, centre, inertia, and what the joint carries."""
+"""Links as data: mass, centre of mass, inertia, and the drive of the joint."""
 
 from __future__ import annotations
 
@@ -11,36 +11,37 @@ import numpy as np
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 
-Part = tuple[float, FloatArray, FloatArray]  # mass, centre [3], inertia about it [3,3]
-DUST = 1e-15  # kg m^2, that of 1 mg at 30 um: what rounding leaves of an inertia meant to be zero
+Part = tuple[float, FloatArray, FloatArray]  # mass, centre [3], inertia about the centre [3,3]
+INERTIA_ROUNDING = 1e-15  # kg m^2, of 1 mg at 30 um: rounding of an inertia that should be zero
 
 
 @dataclass(frozen=True, eq=False)
 class Rotor:
-    """The rotor of a geared drive, which spins on the link that carries it.
+    """A rotor of a geared drive, which spins on the link that carries it.
 
     It turns ``gear_ratio`` times as fast as its joint, relative to its carrier: its kinetic energy
     is ``inertia / 2 (axis . omega + gear_ratio qd)^2`` with the angular velocity ``omega`` of the
-    carrier. So it adds ``inertia gear_ratio^2`` to the joint's own inertia, as ``armature`` does,
-    and couples the joint with those that turn the carrier.
+    carrier. It therefore adds ``inertia gear_ratio^2`` to the joint's own inertia, as ``armature``
+    does, and couples the joint with the joints that turn the carrier.
 
     Parameters
     ----------
     inertia : float
-        About its axis, kg m^2. Its mass and its inertia at rest are part of the carrier's.
+        Inertia about the rotor's axis, kg m^2. The carrier's mass and inertia include the rotor
+        at rest.
     gear_ratio : float
-        Turns of the rotor a turn of the joint (rad/m for a prismatic joint); negative where it
-        spins the other way about its axis.
+        Turns of the rotor for a turn of the joint (rad/m for a prismatic joint); negative for the
+        opposite direction.
     axis : array_like [3], optional
-        Its axis in the carrier's link frame (default: Z).
+        Axis of the rotor in the carrier's link frame (default: Z).
     carrier : int, optional
-        The link that carries it: 0 is the base, 1 the first link. Default the link before its
-        joint.
+        Number of the link that carries the rotor: 0 is the base, 1 the first link. Default the
+        link before the joint.
 
     Raises
     ------
     InputError
-        A negative inertia, a ratio of zero, an axis without direction, a carrier below zero.
+        A negative inertia, a ratio of zero, an axis of length zero, or a carrier below zero.
 
     Examples
     --------
@@ -75,36 +76,36 @@ class Rotor:
 
 @dataclass(frozen=True, eq=False)
 class Link:
-    """One rigid link with what its joint carries.
+    """One rigid link with the drive and friction of its joint.
 
     Parameters
     ----------
     mass : float
-        Mass, kg; zero for a link that only carries others. Its inertia counts all the same.
+        Mass, kg; zero for a link whose mass is neglected. Its inertia is used even so.
     center_of_mass : array_like [3], optional
         Centre of mass in the link frame, m (default: the origin).
     inertia : array_like [3,3], optional
         Inertia tensor about the centre of mass in the link frame, kg m^2 (default: a point mass).
     armature : float
-        Rotor inertia as seen at the joint, kg m^2 (kg for a prismatic joint).
+        Inertia of the rotor referred to the joint, kg m^2 (kg for a prismatic joint).
     rotor : Rotor, optional
-        The rotor that drives the joint, where it is to be told from an ``armature``: on a moving
-        link it couples the joints.
+        Rotor of the joint's drive, an alternative to ``armature``: on a moving link it couples
+        the joints.
     viscous_friction : float
         Joint friction proportional to speed, N m s/rad (N s/m).
     coulomb_friction : float
-        Joint friction of constant size, N m (N); smoothed over 0.01 rad/s (m/s) around rest.
+        Joint friction of constant magnitude, N m (N); smoothed over 0.01 rad/s (m/s) around rest.
     name : str, optional
         Name of the link.
     allow_unphysical : bool
-        Take an inertia that no rigid body has as it stands; what is computed from it need not make
-        sense, and the mass matrix need not be positive definite.
+        True to accept an inertia that no rigid body has. The mass matrix may be indefinite, and
+        results may be meaningless.
 
     Raises
     ------
     InputError
-        A negative mass, an inertia that is not symmetric, not positive semi-definite or breaks
-        the triangle inequality, negative friction, anything not finite.
+        A negative mass, an inertia that is not symmetric, not positive semi-definite or violates
+        the triangle inequality, negative friction, or a value that is not finite.
     """
 
     mass: float
@@ -146,16 +147,16 @@ class Link:
 
 
 def inertia_fault(inertia: FloatArray) -> str | None:
-    """Return why no rigid body has this inertia [3,3]; None if one may, up to rounding."""
+    """Return the reason why no rigid body has this inertia [3,3]; None if one may have it."""
     size = float(np.abs(inertia).max())
     if not 0.0 < size < np.inf:
         return None
     principal = size * np.linalg.eigvalsh(inertia / size)
-    if principal[0] < -1e-9 * size - DUST:
+    if principal[0] < -1e-9 * size - INERTIA_ROUNDING:
         return (
             f"must be positive semi-definite, but a principal moment is {principal[0]:.6g} kg m^2"
         )
-    if principal[0] + principal[1] < principal[2] - 1e-6 * size - DUST:
+    if principal[0] + principal[1] < principal[2] - 1e-6 * size - INERTIA_ROUNDING:
         return (
             f"breaks the triangle inequality: principal moments {principal[0]:.6g} + "
             f"{principal[1]:.6g} < {principal[2]:.6g} kg m^2, which no rigid body has"
@@ -164,7 +165,7 @@ def inertia_fault(inertia: FloatArray) -> str | None:
 
 
 def combined(parts: Sequence[Part], origin: FloatArray) -> Part:
-    """Return one body of several; ``origin`` [3] is the centre of what has no mass."""
+    """Return the union of several bodies; ``origin`` [3] is its centre if it has no mass."""
     total = sum(mass for mass, _, _ in parts)
     first = sum((mass * center for mass, center, _ in parts), np.zeros(3))
     center = first / total if total else origin

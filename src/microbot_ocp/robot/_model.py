@@ -1,11 +1,11 @@
-"""The robot as data: modified Denavit-Hartenberg rows, links, limits. Nothing symbolic here.
+"""Robots as data: modified Denavit-Hartenberg rows, links, limits, without symbolic expressions.
 
 Frames follow Craig, *Introduction to Robotics*, 3rd ed., section 3.4: link frame i sits at joint i,
 and ``T(i-1, i) = Rot_x(alpha_{i-1}) Trans_x(a_{i-1}) Rot_z(theta_i) Trans_z(d_i)``. The tool frame
 follows the last link frame by a constant transform, and frame 0 of the rows follows the base frame
-by another (the identity, unless a robot says otherwise).
+by another, by default the identity.
 
-Axes that are almost but not quite parallel have their common normal far away. Their row has a turn
+Axes that are almost but not quite parallel have a distant common normal. Their row has a rotation
 ``Rot_y(beta)`` after ``Trans_x(a)`` instead (Hayati and Mirmirani, 1985, *Improving the absolute
 positioning accuracy of robot manipulators*, Journal of Robotic Systems 2); elsewhere beta is zero.
 """
@@ -36,24 +36,24 @@ if TYPE_CHECKING:
     from microbot_ocp.robot._dynamics import MotionState
 
 JointType = Literal["revolute", "prismatic"]
-# rad, where there is no limit to speak of (files have 10 rad); rad/s, ten turns a second
-LOOSE = {"q_min": 10 * np.pi, "q_max": 10 * np.pi, "qd_max": 20 * np.pi}
+# Larger limits in rad or rad/s look like degrees: files have up to 10 rad; ten turns a second.
+LOOKS_LIKE_DEGREES = {"q_min": 10 * np.pi, "q_max": 10 * np.pi, "qd_max": 20 * np.pi}
 
 
 @dataclass(frozen=True, eq=False)
 class Robot(HintingOfArms):
     """A serial manipulator: modified-DH rows, links, limits, gravity, base and tool.
 
-    Make one with :meth:`from_dh` or :func:`microbot_ocp.load_robot`. Two robots with the same
-    figures are equal and share the functions built for them.
+    :meth:`from_dh` or :func:`microbot_ocp.load_robot` make one. Robots with equal data are equal
+    and share the functions built for them.
 
-    ``disabled_pairs`` are the pairs of links, by name, that may touch, as an SRDF file lists them;
-    None where nothing lists any. ``named_poses`` are its named states [n], rad or m. ``frames`` are
-    the links of a URDF file by name: 0 for the base or the number of the joint that moves it, and
-    its frame [4,4] in that one.
+    ``disabled_pairs`` are pairs of names of links that may touch, as in an SRDF file, or None.
+    ``named_poses`` are the named states [n] of an SRDF file, rad or m. ``frames`` has for each
+    named link of a URDF file the number of the joint that moves it, 0 for the base, and its frame
+    [4,4] in that joint's frame.
 
-    Where joints move together, ``coupling`` holds all N joints of the chain. Rows, links and frames
-    are N then; names, types and limits are those of the n joints that move on their own.
+    If some joints follow others, ``coupling`` holds all N joints of the chain. Rows, links and
+    frames are those of N joints; names, types and limits are those of the n independent joints.
     """
 
     name: str
@@ -98,7 +98,7 @@ class Robot(HintingOfArms):
         convention: Convention | None = None,
         mimic: Mimic | None = None,
     ) -> Robot:
-        """Build a robot from a Denavit-Hartenberg table, Craig's modified one by default.
+        """Return a robot from a Denavit-Hartenberg table, by default Craig's modified one.
 
         Parameters
         ----------
@@ -106,13 +106,13 @@ class Robot(HintingOfArms):
             Twist alpha_{i-1} (rad), link length a_{i-1} (m) and offset d_i (m) of every row; in
             the standard convention alpha_i and a_i.
         theta_offset : array_like [n], optional
-            Added to the joint angle (for a prismatic joint: the constant angle), rad.
+            Offset of the joint angle (for a prismatic joint: the constant angle), rad.
         joint_type : str or sequence of str
             "revolute" or "prismatic" for each joint; q of a prismatic joint adds to d.
         links : sequence of Link, optional
             One link a joint; without them the robot has kinematics only.
         limits : Limits, optional
-            Limits of the joints; without them none.
+            Limits of the joints; by default none.
         gravity : array_like [3]
             Acceleration of free fall in the base frame, m/s^2.
         tool : array_like [4,4] or [4], optional
@@ -121,26 +121,26 @@ class Robot(HintingOfArms):
         name : str
             Name of the robot.
         joint_names : sequence of str, optional
-            Different names of the joints; default "joint 1" and so on.
+            Names of the joints, all different; default "joint 1" and so on.
         description : str
-            What the robot is, in a sentence.
+            Description of the robot in a sentence.
         base : array_like [4,4] or [4], optional
-            Frame 0 of the rows in the base frame, given as ``tool`` is; default the identity.
+            Frame 0 of the rows in the base frame, in a form of ``tool``; default the identity.
             Poses, Jacobians and gravity are in the base frame.
         beta : array_like [n], optional
-            Turn about Y of every row, rad: for axes that are almost but not quite parallel.
+            Rotation about Y in every row, rad, for axes that are almost but not quite parallel.
         shapes : sequence of Shape
-            Visual and collision geometry. It plays no part in whether two robots are equal.
+            Visual and collision geometry, which the comparison of robots ignores.
         convention : {"modified", "standard"}, optional
-            "modified" (proximal): frames at the joints, as in Craig. "standard" (distal): frames
-            at the far ends of the links, as in Paul, Spong and Corke; what is given of ``links``,
-            ``shapes`` and ``tool`` is then in those frames. The robot itself has modified rows in
-            either case. Default "modified", with a warning where a table looks like the other.
+            Frames of the table, ``links``, ``shapes`` and ``tool``: "modified" (proximal) at the
+            joints, as in Craig, or "standard" (distal) at the far ends of the links, as in Paul,
+            Spong and Corke. The robot has modified rows in either case. Default "modified", with
+            a warning if the table looks like a standard one.
         mimic : mapping of str to (str, float, float), optional
-            Joints that follow others: name, to the name of the other, the factor and the offset
-            (rad or m) of its position. They are no joints of the robot: q, the limits and the
-            torques are those of the others. ``limits`` are of all joints here, and the tightest
-            hold; of torques those of the joints that are followed, whose drives move both.
+            Joints that follow others: each name with its driving joint, the factor and the offset
+            (rad or m) of its position. q, limits and torques of the robot exclude them. Here
+            ``limits`` includes them, and the tightest limits hold; torque limits are those of the
+            driving joints, whose drives move both.
 
         Returns
         -------
@@ -149,9 +149,9 @@ class Robot(HintingOfArms):
         Raises
         ------
         InputError
-            Rows of different length, wrong counts or shapes, anything not finite; ``beta`` in
-            the standard convention; joints that follow each other in a ring, or whose limits leave
-            no position.
+            Rows of different lengths, wrong counts or shapes, or values that are not finite;
+            ``beta`` in the standard convention; joints that follow each other in a ring, or whose
+            position limits exclude each other.
 
         Examples
         --------
@@ -240,12 +240,12 @@ class Robot(HintingOfArms):
 
     @property
     def link_count(self) -> int:
-        """Number of links that move, N: that of the joints, unless some follow others."""
+        """Number of moving links N, equal to that of joints unless some follow others."""
         return self.alpha.size
 
     @property
     def chain(self) -> Robot:
-        """The same arm with N joints that all move on their own; itself where all do."""
+        """Robot with N independent joints; this one if no joint follows another."""
         return self if self.coupling is None else self._uncoupled
 
     @cached_property
@@ -270,24 +270,23 @@ class Robot(HintingOfArms):
 
     @cached_property
     def whole_turns(self) -> np.ndarray:
-        """Whether each joint [n] moved by a whole turn leaves every link where it is."""
+        """Mask [n] of the joints that move every link back to its place in a whole turn."""
         factors, revolute = self.transmission, np.array(self.chain.joint_types) == "revolute"
         return np.all((revolute[:, None] & (factors % 1.0 == 0.0)) | (factors == 0.0), axis=0)
 
     @property
     def mimic(self) -> dict[str, tuple[str, float, float]]:
-        """Joints that follow others, as :meth:`from_dh` takes them."""
+        """Joints that follow others, in the form of :meth:`from_dh`."""
         return {} if self.coupling is None else self.coupling.mimic
 
     def chain_positions(self, q: FloatArray) -> FloatArray:
-        """Return positions [...,N] of all joints, those that follow others too, rad or m."""
+        """Return positions [...,N] of all joints, including those that follow others, rad or m."""
         return q if self.coupling is None else self.coupling.positions(q)
 
     def friction_of(self, kind: str) -> FloatArray:
-        """Return sizes [n] of "viscous_friction" or "coulomb_friction" of the joints, SI; zero
-        without masses.
+        """Return "viscous_friction" or "coulomb_friction" of the joints [n], SI; 0 without masses.
 
-        That of joints that follow others comes to their drives by their power.
+        Friction of joints that follow others is referred to their drives by equal power.
         """
         if not self.links:
             return np.zeros(self.joint_count)
@@ -297,12 +296,12 @@ class Robot(HintingOfArms):
 
     @property
     def has_dynamics(self) -> bool:
-        """Whether the links carry masses."""
+        """True if the links have masses."""
         return bool(self.links)
 
     @property
     def rotors(self) -> tuple[tuple[int, Rotor, int], ...]:
-        """Joint index, from 0, rotor and number of the link that carries it, 0 for the base."""
+        """Joint index from 0, rotor, and number of its carrier, 0 for the base, of each rotor."""
         return tuple(
             (joint, link.rotor, joint if link.rotor.carrier is None else link.rotor.carrier)
             for joint, link in enumerate(self.links)
@@ -310,15 +309,11 @@ class Robot(HintingOfArms):
         )
 
     def unit(self, quantity: str, joint: int) -> str:
-        """Return the unit of a quantity of the joints, such as ``"tau"``, at joint index ``joint``,
-        from 0.
-        """
+        """Return the unit of a joint quantity, such as ``"tau"``, at joint index from 0."""
         return getattr(JOINT_QUANTITIES[quantity], self.joint_types[joint])
 
     def position_text(self, joint: int, value: float, *, with_radians: bool = False) -> str:
-        """Return a position of a joint with its unit: degrees of a revolute, metres of a
-        prismatic one.
-        """
+        """Return a joint position with its unit: degrees (revolute) or metres (prismatic)."""
         if not 0 <= joint < self.joint_count:
             raise InputError(f"joint must be from 0 to {self.joint_count - 1}, not {shown(joint)}")
         value = float(value)
@@ -343,19 +338,19 @@ class Robot(HintingOfArms):
         Parameters
         ----------
         q, qd, qdd : array [N,n]
-            rad, rad/s, rad/s^2 (prismatic: m, ...).
+            Positions, velocities and accelerations, rad, rad/s, rad/s^2 (prismatic: m, ...).
         qddd : array [N,n], optional
-            Where the rates of the torques are asked for, too; rad/s^3 (m/s^3).
+            Jerks, needed for torque rates, rad/s^3 (m/s^3).
 
         Returns
         -------
         dict
-            "tau" [N,n], N m (N), and with ``qddd`` "taud" [N,n], N m/s (N/s).
+            Torques "tau" [N,n], N m (N), and with ``qddd`` their rates "taud" [N,n], N m/s (N/s).
 
         Raises
         ------
         InputError
-            Other shapes, or no numbers.
+            An array has a wrong shape or is not numeric.
 
         Examples
         --------
@@ -383,24 +378,24 @@ class Robot(HintingOfArms):
     def with_limits(
         self, limits: Limits | JointLimits | None = None, **changes: Unpack[LimitChanges]
     ) -> Robot:
-        """Return the same robot with other limits: all of them, or those given by name.
+        """Return the robot with other limits: a whole set, or some by name.
 
         Parameters
         ----------
         limits : Limits or JointLimits, optional
-            In the place of all that the robot has.
+            Limits that replace all limits of the robot.
         **changes
-            ``q_min``, ``q_max``, ``qd_max``, ``qdd_max``, ``qddd_max``, ``tau_max``, ``taud_max``,
-            ``qd_min`` and so on, ``also``: in the place of these alone, given as in
+            Limits by name, which replace only these: ``q_min``, ``q_max``, ``qd_max``, ``qdd_max``,
+            ``qddd_max``, ``tau_max``, ``taud_max``, ``qd_min`` and so on, ``also``. Values as in
             :class:`Limits`: a number for all joints, one a joint, or ``(lower, upper)``, in SI
-            units. ``qd_max`` without ``qd_min`` means plus and
-            minus; ``qd_min`` without ``qd_max`` leaves the upper limit as it is.
+            units. ``qd_max`` without ``qd_min`` bounds both directions; ``qd_min`` without
+            ``qd_max`` leaves the upper limit unchanged.
 
         Raises
         ------
         InputError
-            Both ways at once, wrong length, NaN, a lower limit above its upper one, a negative
-            bound.
+            Both ``limits`` and ``changes``, a wrong length, NaN, a lower limit above the upper
+            one, or a negative bound.
 
         Examples
         --------
@@ -423,7 +418,7 @@ class Robot(HintingOfArms):
         return replace(self, limits=joint_limits)
 
     def with_links(self, links: Sequence[Link]) -> Robot:
-        """Return the same robot with other links (payload, model mismatch, rotor inertia)."""
+        """Return the robot with other links (payload, model mismatch, rotor inertia)."""
         return replace(self, links=checked_links(links, self.link_count))
 
     def with_payload(
@@ -432,23 +427,23 @@ class Robot(HintingOfArms):
         center_of_mass: ArrayLike = (0.0, 0.0, 0.0),
         inertia: ArrayLike | None = None,
     ) -> Robot:
-        """Return the same robot holding a mass: part of its last link from then on.
+        """Return the robot with a payload, which becomes part of its last link.
 
         Parameters
         ----------
         mass : float
-            kg; 0 is no payload.
+            Mass, kg; 0 is no payload.
         center_of_mass : array_like [3]
-            Where, in the tool frame, m.
+            Centre of mass in the tool frame, m.
         inertia : array_like [3,3], optional
-            About its centre of mass, along the axes of the tool frame, kg m^2; a point mass by
-            default.
+            Inertia about the centre of mass along the axes of the tool frame, kg m^2; default a
+            point mass.
 
         Raises
         ------
         InputError
-            A negative mass, an inertia that no body has, a place that is not finite, a robot
-            without masses.
+            A negative mass, an inertia that no rigid body has, a centre that is not finite, or a
+            robot without masses.
 
         Examples
         --------
@@ -473,19 +468,19 @@ class Robot(HintingOfArms):
         return self.with_links([*self.links[:-1], loaded])
 
     def with_capsules(self, capsules: Mapping[Any, Sequence[Capsule]]) -> Robot:
-        """Return the same robot with these capsules around its links: what may touch obstacles.
+        """Return the robot with these capsules around its links, for collision avoidance.
 
         Parameters
         ----------
         capsules : mapping
-            Frame, 0 for the base and 1 to n for the links, or the name of a link, to the capsules
-            that are rigid in it, in its frame. :func:`~microbot_ocp.fit_capsules` and
-            :func:`~microbot_ocp.robot.link_capsules` make such.
+            Capsules that are rigid in a frame, by the frame's number, 0 for the base and 1 to n
+            for the links, or by the name of a link. :func:`~microbot_ocp.fit_capsules` and
+            :func:`~microbot_ocp.robot.link_capsules` return such mappings.
 
         Raises
         ------
         InputError
-            A link that the robot does not have, what is no capsule.
+            The robot has no such link, or an entry is no capsule.
 
         Examples
         --------
@@ -513,20 +508,20 @@ class Robot(HintingOfArms):
         return replace(self, capsules=tuple(sorted(placed, key=lambda pair: pair[0])))
 
     def with_part(self, *capsules: Capsule) -> Robot:
-        """Return the same robot with a part in its gripper, which may touch obstacles, too.
+        """Return the robot with a part in its gripper, which collision avoidance includes.
 
-        Its mass is another matter: :meth:`with_payload`.
+        The mass of the part is added by :meth:`with_payload`.
 
         Parameters
         ----------
         capsules : Capsule
-            Around the part, in the tool frame, m; a sphere is a capsule without length. Without a
-            name they are called "part".
+            Capsules around the part, in the tool frame, m; a sphere is a capsule of length zero.
+            Their default name is "part".
 
         Raises
         ------
         InputError
-            What is no capsule, or a robot without capsules of its own.
+            An entry is no capsule, or the robot has no capsules.
 
         Examples
         --------
@@ -548,12 +543,12 @@ class Robot(HintingOfArms):
         return replace(self, capsules=tuple(held))
 
     def with_gravity(self, gravity: ArrayLike) -> Robot:
-        """Return the same robot under another gravity vector [3], m/s^2, in the base frame."""
+        """Return the robot under another gravity vector [3], m/s^2, in the base frame."""
         return replace(self, gravity=checks.array("gravity", gravity, (3,), "m/s^2"))
 
     @cached_property
     def chain_digest(self) -> str:
-        """Digest of joint types, rows, base and tool, 12 digits: of names, links or limits none."""
+        """Digest of joint types, rows, base and tool, 12 digits, without names, links, limits."""
         digest = hashlib.sha256(repr(self.joint_types).encode())
         rows = self.alpha, self.a, self.d, self.theta_offset, self.beta
         for item in (*rows, self.base, self.tool):
@@ -597,7 +592,7 @@ class Robot(HintingOfArms):
 
 
 def _columns(**columns: Any) -> dict[str, Any]:
-    """Return columns [n] of a table; zero where there is none."""
+    """Return columns [n] of a table; missing ones are zero."""
     count = checks.array("alpha", columns["alpha"], (None,), "rad").size
     if count == 0:
         raise InputError("alpha must have at least one row, not 0")
@@ -631,16 +626,16 @@ def _joint_limits(limits: Any, count: int) -> JointLimits:
 
 
 def _warn_of_degrees(limits: JointLimits, joint_types: Sequence[str], keys: Iterable[str]) -> None:
-    """Warn of limits of positions or velocities that look like degrees."""
+    """Warn about limits of positions or velocities that look like degrees."""
     turning = [kind == "revolute" for kind in joint_types]
-    for key in LOOSE.keys() & keys:
+    for key in LOOKS_LIKE_DEGREES.keys() & keys:
         angles = getattr(limits, key)[turning]
-        if hint := checks.degrees_hint(angles, LOOSE[key]):
+        if hint := checks.degrees_hint(angles, LOOKS_LIKE_DEGREES[key]):
             warn_user(f"{key} is {angles.tolist()} rad{'/s' * key.startswith('qd')}{hint}")
 
 
 def _check_units(name: str, table: Mapping[str, FloatArray]) -> None:
-    """Refuse angles of more than a turn; warn of lengths that look like millimetres."""
+    """Raise InputError for angles beyond a turn; warn about lengths that look like millimetres."""
     for key in ("alpha", "theta_offset", "beta"):
         if np.abs(table[key]).max() > 2 * np.pi * (1.0 + 1e-9):
             angles = table[key].tolist()

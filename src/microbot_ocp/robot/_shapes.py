@@ -15,7 +15,7 @@ from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.needed import needed
 from microbot_ocp._base.reading import opened
 
-# Kind -> what its size holds.
+# Names of the entries of a shape's size.
 SIZES = {
     "box": ("x", "y", "z"),
     "sphere": ("radius",),
@@ -29,25 +29,25 @@ ROLES: tuple[Role, ...] = ("visual", "collision")
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """One piece of a robot's geometry, rigid in one of its frames.
+    """A rigid piece of geometry in one of a robot's frames.
 
     Parameters
     ----------
     frame : int
-        0 for the base frame, 1 to n for the link frames, as in
+        Number of the frame: 0 for the base frame, 1 to n for the link frames, as in
         :func:`microbot_ocp.forward_kinematics`.
     pose : array_like [4,4]
-        Frame of the shape in that frame, m.
+        Pose of the shape in that frame, m.
     kind : str
-        "box", "sphere", "cylinder", "capsule" or "mesh", centred at the shape's frame; a cylinder
+        "box", "sphere", "cylinder", "capsule" or "mesh", centred at the shape's origin; a cylinder
         and a capsule lie along its Z.
     size : array_like
-        Box: edge lengths [3], m. Sphere: radius [1]. Cylinder and capsule: radius and length [2],
-        that of a capsule without its caps. Mesh: factors [3] along its axes; meshes are in m.
+        Box: edge lengths [3], m. Sphere: radius [1], m. Cylinder and capsule: radius and length
+        [2], m, without the caps of a capsule. Mesh: scale factors [3]; meshes are in m.
     role : str
         "visual" or "collision".
     link : str
-        Name of the link that it belongs to in the file.
+        Name of the shape's link in the file.
     path : str
         File of a mesh.
     color : tuple of float, optional
@@ -56,8 +56,8 @@ class Shape:
     Raises
     ------
     InputError
-        An unknown kind or role, a size that is negative or of the wrong length, anything not
-        finite, a mesh without a path.
+        An unknown kind or role, a size that is negative or of the wrong length, a value that is
+        not finite, or a mesh without a path.
     """
 
     frame: int
@@ -66,7 +66,7 @@ class Shape:
     size: FloatArray
     role: Role = "collision"
     link: str = ""
-    path: str = field(default="", compare=False)  # another one on another machine
+    path: str = field(default="", compare=False)  # differs between machines
     color: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
@@ -77,7 +77,7 @@ class Shape:
         put(self, "pose", checks.array(f"pose of {label}", self.pose, (4, 4), "m"))
         names = SIZES[self.kind]
         size = checks.array(f"{', '.join(names)} of {label}", self.size, (len(names),))
-        if self.kind != "mesh" and (size < 0).any():  # a mesh may be mirrored
+        if self.kind != "mesh" and (size < 0).any():  # a negative scale mirrors a mesh
             raise InputError(
                 f"{', '.join(names)} of {label} must be at least 0 m, not {size.tolist()}"
             )
@@ -89,7 +89,7 @@ class Shape:
 
 
 def checked_shapes(shapes: Sequence[Shape], count: int) -> tuple[Shape, ...]:
-    """Return shapes of the frames of a chain of so many joints."""
+    """Return shapes whose frames exist in a chain of ``count`` joints."""
     for shape in shapes:
         if not isinstance(shape, Shape) or not 0 <= shape.frame <= count:
             raise InputError(
@@ -100,23 +100,23 @@ def checked_shapes(shapes: Sequence[Shape], count: int) -> tuple[Shape, ...]:
 
 @dataclass(frozen=True, eq=False)
 class Capsule:
-    """All points within ``radius`` of the segment from ``start`` to ``end``.
+    """Set of all points within ``radius`` of the segment from ``start`` to ``end``.
 
     Parameters
     ----------
     start, end : array_like [3]
-        Ends of the segment, m; a sphere where they are the same.
+        Ends of the segment, m; equal ends make a sphere.
     radius : float
-        m.
+        Radius, m.
     name : str
-        Of the link or the obstacle, for messages and figures.
+        Name of the link or obstacle, for messages and figures.
     excess : float
-        How far it stands out, at most, from the hull of what it was fitted around, m.
+        Largest distance between the capsule's surface and the hull that it encloses, m.
 
     Raises
     ------
     InputError
-        A negative radius or excess, anything not finite.
+        A negative radius or excess, or a value that is not finite.
     """
 
     start: FloatArray
@@ -135,7 +135,7 @@ class Capsule:
 
     @property
     def volume(self) -> float:
-        """m^3."""
+        """Volume, m^3."""
         length = float(np.linalg.norm(self.end - self.start))
         return np.pi * self.radius**2 * (length + 4 / 3 * self.radius)
 
@@ -152,9 +152,12 @@ class TriangleMesh(NamedTuple):
 
     Attributes
     ----------
-    vertices : array [N,3], m
-    triangles : array [M,3] of indices of vertices
-    colors : array [N,4] of 0 to 255, or None where the file has none
+    vertices : array [N,3]
+        Positions, m.
+    triangles : array [M,3]
+        Indices of vertices.
+    colors : array [N,4] or None
+        Red, green, blue and opacity of the vertices, 0 to 255; None if the file has no colours.
     """
 
     vertices: FloatArray
@@ -168,7 +171,7 @@ def read_mesh(shape: Shape) -> TriangleMesh:
     Raises
     ------
     InputError
-        A file that cannot be read or is empty, or the extra is missing.
+        The file is empty or cannot be read, or the extra is missing.
     """
     mesh = _mesh_file(shape.path, shape.link)
     return mesh._replace(vertices=mesh.vertices * shape.size)
@@ -178,7 +181,7 @@ def read_mesh(shape: Shape) -> TriangleMesh:
 def _mesh_file(path: str, link: str) -> TriangleMesh:
     trimesh = needed("trimesh", "reading meshes needs", "urdf")
     try:
-        opened(path).close()  # refuses a pipe, on which it would wait
+        opened(path).close()  # a pipe would block the reader
         scene: Any = trimesh.load_scene(path, process=False)
         if scene.units:
             scene = scene.convert_units("meters")
@@ -188,7 +191,7 @@ def _mesh_file(path: str, link: str) -> TriangleMesh:
         visual = given.visual
         colored = visual.defined and (visual.kind != "texture" or visual.uv is not None)
         colors = np.array(visual.to_color().vertex_colors) if colored else None
-    except Exception as problem:  # it raises whatever happens to go wrong inside
+    except Exception as problem:  # trimesh raises many kinds of errors
         raise InputError(f"mesh {path!r} of link {link!r} cannot be read: {problem}") from None
     if not len(vertices) or not np.isfinite(vertices).all():
         raise InputError(f"mesh {path!r} of link {link!r} has no vertices to go by")

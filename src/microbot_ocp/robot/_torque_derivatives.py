@@ -1,21 +1,23 @@
-"""First and second derivatives of the joint torques and their rates, by formulas of their own.
+"""First and second derivatives of joint torques and their rates, by analytical formulas.
 
-The chain is a cloud of mass points r with velocities r' that joint velocities qd give them, and r*
-that virtual joint velocities nu give them. ``nu . tau`` is the sum of ``m r* . (r'' - g)``. Its
-derivatives need nothing but moments of the links outside of a joint, of r, r' and r* with r, and
-the force and moment there. With the screw S of joint k and its changes by the motion inside of it,
+The chain is a set of mass points at r, with velocities r' due to the joint velocities qd, and
+virtual velocities r* due to virtual joint velocities nu. The virtual power ``nu . tau`` is the sum
+of ``m r* . (r'' - g)``. Its derivatives with respect to a joint need only the moments of the links
+outward of the joint, formed by r, r' and r* with r, and the wrench at the joint. The screw S of
+joint k has the rates of change
 
-``S* = w x S``, ``S' = v x S``, ``S'' = a x S + v x S'``,
+``S* = w x S``, ``S' = v x S``, ``S'' = a x S + v x S'``
 
-every entry of the second derivative is a few scalar products of S, S*, S' and S'' of an inner joint
-with six vectors of an outer one. A torque rate is the time derivative of all that, which one sweep
-of forward differentiation gives: third derivatives never appear. With 7 joints that is half of the
-operations of automatic differentiation.
+by the virtual velocity w, the velocity v and the acceleration a of the link inward of it. Every
+entry of the second derivative is the sum of a few scalar products of S, S*, S' and S'' of an inner
+joint with six vectors of an outer one. A torque rate is the time derivative of these expressions by
+one sweep of forward differentiation, so third derivatives never appear. With 7 joints the formulas
+have half of the operations of automatic differentiation.
 
-Turning the outer chain is the same as a change of the motion of its base: Carpentier and Mansard,
-"Analytical derivatives of rigid body dynamics algorithms", RSS 2018; Singh, Russell and Wensing,
-"Efficient analytical derivatives of rigid-body dynamics using spatial vector algebra", IEEE RA-L
-7(2), 2022.
+A rotation of the outer chain is equivalent to a change of the motion of its base: Carpentier and
+Mansard, "Analytical derivatives of rigid body dynamics algorithms", RSS 2018; Singh, Russell and
+Wensing, "Efficient analytical derivatives of rigid-body dynamics using spatial vector algebra",
+IEEE RA-L 7(2), 2022.
 """
 
 from __future__ import annotations
@@ -32,47 +34,47 @@ from microbot_ocp.robot._dynamics import friction_torque
 from microbot_ocp.robot._kinematics import constant_transform, joint_transform
 from microbot_ocp.robot._model import Robot
 
-FROM_JOINTS = 6  # with fewer joints automatic derivatives are the smaller ones
+FROM_JOINTS = 6  # automatic derivatives of fewer joints have fewer operations
 _UNIT = ca.SX.eye(3)
 _STATE = ("q", "qd", "qdd", "qddd")
 
 
-class _Pair(NamedTuple):
+class _SpatialVector(NamedTuple):
     """A screw (angular, linear) or a wrench (moment, force), about the base origin."""
 
     angular: ca.SX
     linear: ca.SX
 
-    def __add__(self, other: _Pair) -> _Pair:  # type: ignore[override]
-        return _Pair(self.angular + other.angular, self.linear + other.linear)
+    def __add__(self, other: _SpatialVector) -> _SpatialVector:  # type: ignore[override]
+        return _SpatialVector(self.angular + other.angular, self.linear + other.linear)
 
-    def times(self, factor: ca.SX | float) -> _Pair:
-        return _Pair(factor * self.angular, factor * self.linear)
+    def times(self, factor: ca.SX | float) -> _SpatialVector:
+        return _SpatialVector(factor * self.angular, factor * self.linear)
 
-    def dot(self, other: _Pair) -> ca.SX:
+    def dot(self, other: _SpatialVector) -> ca.SX:
         return ca.dot(self.angular, other.angular) + ca.dot(self.linear, other.linear)
 
-    def on_screw(self, other: _Pair) -> _Pair:
-        """Return the rate of a screw that is carried along by this one."""
+    def motion_cross(self, other: _SpatialVector) -> _SpatialVector:
+        """Return the rate of a screw that moves with this one."""
         linear = ca.cross(self.angular, other.linear) + ca.cross(self.linear, other.angular)
-        return _Pair(ca.cross(self.angular, other.angular), linear)
+        return _SpatialVector(ca.cross(self.angular, other.angular), linear)
 
-    def on_wrench(self, other: _Pair) -> _Pair:
-        """Return the rate of a wrench that is carried along by this one."""
+    def force_cross(self, other: _SpatialVector) -> _SpatialVector:
+        """Return the rate of a wrench that moves with this screw."""
         angular = ca.cross(self.angular, other.angular) + ca.cross(self.linear, other.linear)
-        return _Pair(angular, ca.cross(self.angular, other.linear))
+        return _SpatialVector(angular, ca.cross(self.angular, other.linear))
 
     def moments(self, first: ca.SX, second: ca.SX) -> ca.SX:
-        """Return the sum of m x(r) r' of the velocities x(r) of this screw: [3,3]."""
+        """Return the sum [3,3] of m x(r) r', x(r) = v + w x r, from the sums of m r and m r r'."""
         return self.linear @ first.T + ca.skew(self.angular) @ second
 
     def momentum(self, mass: ca.SX, first: ca.SX) -> ca.SX:
-        """Return the sum of m x(r): [3]."""
+        """Return the sum of m x(r) over points r with the velocity x(r) of this screw: [3]."""
         return mass * self.linear + ca.cross(self.angular, first)
 
 
 def _axial(matrix: ca.SX) -> ca.SX:
-    """Return the sum of r x y, of the sum of y r'."""
+    """Return the sum of r x y from a matrix, the sum of y r'."""
     return ca.vertcat(
         matrix[2, 1] - matrix[1, 2], matrix[0, 2] - matrix[2, 0], matrix[1, 0] - matrix[0, 1]
     )
@@ -80,50 +82,50 @@ def _axial(matrix: ca.SX) -> ca.SX:
 
 @dataclass
 class _Moments:
-    """Sums over the mass points of links: r r', of their velocities, and the force on them."""
+    """Sums over the mass points of links: mass moments, moments of velocities, and the wrench."""
 
     mass: ca.SX
-    first: ca.SX  # m r
-    second: ca.SX  # m r r'
-    velocity: ca.SX  # m r', and with r
+    first: ca.SX  # sum of m r
+    second: ca.SX  # sum of m r r'
+    velocity: ca.SX  # sum of m r'; the next is the sum of m r' r^T
     velocities: ca.SX
-    virtual: ca.SX  # m r*, and with r
+    virtual: ca.SX  # sum of m r*; the next is the sum of m r* r^T
     virtuals: ca.SX
-    both: ca.SX  # m r' x r*
-    wrench: _Pair
+    both: ca.SX  # sum of m r' x r*
+    wrench: _SpatialVector
 
     def __add__(self, other: _Moments) -> _Moments:
         return _Moments(*(mine + vars(other)[name] for name, mine in vars(self).items()))
 
-    def inertia(self, x: _Pair) -> _Pair:
-        """Return the wrench that a screw of accelerations needs."""
+    def inertia(self, x: _SpatialVector) -> _SpatialVector:
+        """Return the wrench for an acceleration screw x."""
         turned = ca.trace(self.second) * x.angular - self.second @ x.angular
-        return _Pair(ca.cross(self.first, x.linear) + turned, x.momentum(self.mass, self.first))
+        return _SpatialVector(
+            ca.cross(self.first, x.linear) + turned, x.momentum(self.mass, self.first)
+        )
 
-    def coriolis(self, x: _Pair) -> _Pair:
-        """Change of the wrench with the velocity, as the base of these links changes its own."""
+    def coriolis(self, x: _SpatialVector) -> _SpatialVector:
+        """Return the wrench's derivative with respect to the velocity, in the direction x."""
         turned = ca.trace(self.velocities) * x.angular - self.velocities @ x.angular
-        return _Pair(2 * turned, 2 * ca.cross(x.angular, self.velocity))
+        return _SpatialVector(2 * turned, 2 * ca.cross(x.angular, self.velocity))
 
-    def coriolis_transposed(self, x: _Pair) -> _Pair:
+    def coriolis_transposed(self, x: _SpatialVector) -> _SpatialVector:
         turned = ca.trace(self.velocities) * x.angular - self.velocities.T @ x.angular
-        return _Pair(2 * (ca.cross(self.velocity, x.linear) + turned), ca.SX.zeros(3))
+        return _SpatialVector(2 * (ca.cross(self.velocity, x.linear) + turned), ca.SX.zeros(3))
 
-    def centripetal(self, x: _Pair) -> _Pair:
-        """Return virtual power of the centripetal accelerations, which are quadratic in the
-        velocity.
-        """
+    def centripetal(self, x: _SpatialVector) -> _SpatialVector:
+        """Return the derivative of the centripetal virtual power, quadratic in velocity."""
         symmetric = self.virtuals + self.virtuals.T - 2 * ca.trace(self.virtuals) * _UNIT
         angular = ca.cross(x.linear, self.virtual) + symmetric @ x.angular
-        return _Pair(angular, ca.cross(self.virtual, x.angular))
+        return _SpatialVector(angular, ca.cross(self.virtual, x.angular))
 
 
 class _Link(NamedTuple):
-    screw: _Pair  # S, S', S'', S*
-    rate: _Pair
-    second_rate: _Pair
-    virtual: _Pair
-    outside: _Moments  # of this link and all outside of it
+    screw: _SpatialVector  # S
+    rate: _SpatialVector  # S'
+    second_rate: _SpatialVector  # S''
+    virtual: _SpatialVector  # S*
+    outside: _Moments  # sums over this link and all links outward
 
 
 def _chain(
@@ -131,22 +133,26 @@ def _chain(
 ) -> list[_Link]:
     rotation, origin = (ca.densify(part) for part in constant_transform(robot.base))
     zero, upward = ca.SX.zeros(3), ca.SX(ca.DM(-robot.gravity))
-    v, a, w = _Pair(zero, zero), _Pair(zero, upward), _Pair(zero, zero)
-    screws: list[tuple[_Pair, _Pair, _Pair, _Pair]] = []
+    v, a, w = _SpatialVector(zero, zero), _SpatialVector(zero, upward), _SpatialVector(zero, zero)
+    screws: list[tuple[_SpatialVector, _SpatialVector, _SpatialVector, _SpatialVector]] = []
     moments_of: list[_Moments] = []
     for k, link in enumerate(robot.links):
         turn, step = joint_transform(robot, k, q[k])
         origin, rotation = origin + rotation @ step, rotation @ turn
         axis = ca.densify(rotation[:, 2])
         revolute = robot.joint_types[k] == "revolute"
-        screw = _Pair(axis, ca.cross(origin, axis)) if revolute else _Pair(zero, axis)
-        rate = v.on_screw(screw)
-        screws.append((screw, rate, a.on_screw(screw) + v.on_screw(rate), w.on_screw(screw)))
+        screw = (
+            _SpatialVector(axis, ca.cross(origin, axis)) if revolute else _SpatialVector(zero, axis)
+        )
+        rate = v.motion_cross(screw)
+        screws.append(
+            (screw, rate, a.motion_cross(screw) + v.motion_cross(rate), w.motion_cross(screw))
+        )
         v, w = v + screw.times(qd[k]), w + screw.times(nu[k])
         a = a + screw.times(qdd[k]) + rate.times(qd[k])
         center = ca.DM(link.center_of_mass)
         mass, local = ca.SX(link.mass), ca.SX(link.mass * center)
-        # second moment of the mass about its centre
+        # The second moment about the centre is tr(I)/2 - I for an inertia I.
         spread = ca.SX(ca.DM(0.5 * np.trace(link.inertia) * np.eye(3) - link.inertia))
         held = ca.SX(3, 3)
         if payload is not None and k == robot.joint_count - 1:
@@ -161,11 +167,11 @@ def _chain(
         second = second + mass * origin @ origin.T
         velocities, virtuals = v.moments(first, second), w.moments(first, second)
         velocity, virtual = v.momentum(mass, first), w.momentum(mass, first)
-        # m r' x r*, with r* = w(r): the moment of r* with r gives it
+        # r* is w(r), so the sum of m r' x r* follows from the moment of r* with r.
         both = ca.cross(v.linear, virtual) + _axial(virtuals @ ca.skew(v.angular).T)
         force = a.momentum(mass, first) + ca.cross(v.angular, velocity)
         moment = _axial(a.moments(first, second) + ca.skew(v.angular) @ velocities)
-        wrench = _Pair(moment, force)
+        wrench = _SpatialVector(moment, force)
         sums = mass, first, second, velocity, velocities, virtual, virtuals, both, wrench
         moments_of.append(_Moments(*sums))
     outside = [*accumulate(reversed(moments_of), lambda outer, inner: inner + outer)]
@@ -175,29 +181,30 @@ def _chain(
 def torque_derivatives(
     robot: Robot, *, rates: bool = False, payload: bool = False
 ) -> tuple[ca.Function, ca.Function] | None:
-    """Return first and second derivatives of the torques, or None where automatic ones are smaller.
+    """Return first and second derivatives of the torques, or None if automatic ones are smaller.
 
     Parameters
     ----------
     robot : Robot
     rates : bool
-        Of torques and torque rates, as :func:`torque_and_rate` stacks them, else of torques alone.
+        True for torques stacked with torque rates, as in :func:`torque_and_rate`; False for
+        torques alone.
     payload : bool
-        With the mass of a point at the tool, kg, as the last argument; nothing is differentiated
-        by it.
+        True to add the mass of a point at the tool, kg, as the last argument; derivatives with
+        respect to it are zero.
 
     Returns
     -------
     tuple of casadi.Function
-        With the arguments a, which are q, qd, qdd (and qddd, payload), ``first_derivatives(a...) ->
-        values, Jacobian`` and ``second_derivatives(a..., weights) -> gradient, Hessian`` of the sum
-        of all values, each times its weight.
+        With arguments a = q, qd, qdd (qddd, payload): ``first_derivatives(a...) -> values,
+        Jacobian`` and ``second_derivatives(a..., weights) -> gradient, Hessian`` of the weighted
+        sum of all values.
     """
     return _derivatives(robot, rates, payload) if has_torque_derivatives(robot) else None
 
 
 def has_torque_derivatives(robot: Robot) -> bool:
-    """Return whether :func:`torque_derivatives` are smaller than automatic ones."""
+    """Return True if :func:`torque_derivatives` are smaller than automatic ones."""
     alone = robot.coupling is None and not robot.rotors
     return robot.joint_count >= FROM_JOINTS and alone
 
@@ -218,7 +225,7 @@ def _derivatives(robot: Robot, rates: bool, payload: bool) -> tuple[ca.Function,
             [change["q"], change["qd"] + first["q"], change["qdd"] + first["qd"], first["qdd"]],
         ]
         values = ca.vertcat(first["tau"], rate)
-        # d/dt (nu . tau) with d nu / dt as the weights of the torques themselves
+        # d/dt (nu . tau) = nu . taud + nud . tau: pull = nud weights the torques, nu their rates.
         change = _along([q, qd, qdd, nu], [qd, qdd, qddd, pull], second)
         weights = ca.vertcat(pull, nu)
         gradient = [
@@ -271,7 +278,7 @@ def _terms(
 ) -> tuple[dict[str, ca.SX], dict[str, ca.SX]]:
     """Return torques with their Jacobians, and first and second derivatives of nu . tau.
 
-    The second ones by qd and qdd, and twice by qdd, are zero.
+    The second derivatives with respect to qd and qdd, and twice to qdd, are zero.
     """
     links = _chain(robot, q, qd, qdd, nu, payload)
     n = robot.joint_count
@@ -282,19 +289,19 @@ def _terms(
     tau_q, tau_qd, tau_qdd = ca.SX(n, n), slope, ca.diag(armature)
     q_q, q_qd, qd_qd, q_qdd = ca.SX(n, n), ca.SX(n, n), ca.jacobian(by_qd, qd), ca.SX(n, n)
     for k, (screw, rate, second_rate, virtual, outside) in enumerate(links):
-        momentum, wrench = _Pair(_axial(outside.virtuals), outside.virtual), outside.wrench
-        gyration = _Pair(2 * outside.both, ca.SX.zeros(3))
+        momentum, wrench = _SpatialVector(_axial(outside.virtuals), outside.virtual), outside.wrench
+        gyration = _SpatialVector(2 * outside.both, ca.SX.zeros(3))
         with_screw = outside.inertia(screw)
         coriolis, backward = outside.coriolis(screw), outside.coriolis_transposed(screw)
-        carried = screw.on_wrench(momentum)
+        carried = screw.force_cross(momentum)
         with_virtual = outside.inertia(virtual) + carried
         with_rate = (
             outside.coriolis_transposed(virtual)
-            + rate.on_wrench(momentum)
-            + screw.on_wrench(gyration)
+            + rate.force_cross(momentum)
+            + screw.force_cross(gyration)
             + outside.centripetal(rate)
         )
-        change = screw.on_wrench(wrench) + outside.inertia(second_rate) + outside.coriolis(rate)
+        change = screw.force_cross(wrench) + outside.inertia(second_rate) + outside.coriolis(rate)
         drag = outside.inertia(rate).times(2) + coriolis
         curvature = carried + outside.centripetal(screw)
         tau[k] += screw.dot(wrench)

@@ -1,4 +1,4 @@
-"""Rotations and homogeneous transforms: of angles, of DH rows, of quaternions, as users give them.
+"""Rotations and homogeneous transforms from angles, DH rows and quaternions.
 
 Fixed angles are roll, pitch, yaw about the axes of the base (Craig, 3rd ed., equation 2.64).
 """
@@ -19,7 +19,7 @@ def transform_of(rotation: ArrayLike, position: ArrayLike) -> FloatArray:
     return matrix
 
 
-def without_dust(matrix: FloatArray) -> FloatArray:
+def without_rounding(matrix: FloatArray) -> FloatArray:
     """Return the matrix with entries below 1e-15, rounding errors of right angles, set to zero."""
     return np.where(np.abs(matrix) < 1e-15, 0.0, matrix)
 
@@ -37,16 +37,14 @@ def rotation_of(angles: ArrayLike) -> FloatArray:
 
 
 def fixed_angles(rotation: ArrayLike) -> FloatArray:
-    """Return roll, pitch, yaw [3], rad, of a rotation [3,3]; where pitch is a quarter turn the yaw
-    is 0.
-
+    """Return roll, pitch, yaw [3], rad, of a rotation [3,3]; yaw is 0 at a pitch of a quarter turn.
     >>> fixed_angles(rotation_of([0.1, 0.2, 0.3])).round(6).tolist()
     [0.1, 0.2, 0.3]
     """
     m = checks.array("rotation", rotation, (3, 3))
-    vertical = np.hypot(m[0, 0], m[1, 0]) < 1e-15  # then roll and yaw are one
+    vertical = np.hypot(m[0, 0], m[1, 0]) < 1e-15  # roll and yaw are about one axis
     yaw = 0.0 if vertical else np.arctan2(m[1, 0], m[0, 0])
-    # with the yaw taken out the three fit together to the last digit, however steep the pitch
+    # The order yaw, pitch, roll keeps full precision for any pitch.
     cos, sin = np.cos(yaw), np.sin(yaw)
     pitch = np.arctan2(-m[2, 0], cos * m[0, 0] + sin * m[1, 0])
     roll = np.arctan2(sin * m[0, 2] - cos * m[1, 2], cos * m[1, 1] - sin * m[0, 1])
@@ -54,9 +52,7 @@ def fixed_angles(rotation: ArrayLike) -> FloatArray:
 
 
 def dh_transform(alpha: float, a: float, d: float, theta: float, beta: float = 0.0) -> FloatArray:
-    """Return homogeneous transform [4,4] of one modified-DH row (Craig, equation 3.6; Hayati's
-    beta).
-    """
+    """Return the transform [4,4] of a modified-DH row (Craig, equation 3.6) with Hayati's beta."""
     ca, sa, ct, st = np.cos(alpha), np.sin(alpha), np.cos(theta), np.sin(theta)
     matrix = np.array(
         [
@@ -71,16 +67,17 @@ def dh_transform(alpha: float, a: float, d: float, theta: float, beta: float = 0
         about_x = np.array([[1.0, 0.0, 0.0], [0.0, ca, -sa], [0.0, sa, ca]])
         matrix[:3, :3] = about_x @ [[cb * ct, -cb * st, sb], [st, ct, 0], [-sb * ct, sb * st, cb]]
         matrix[:3, 3] = np.array([a, 0.0, 0.0]) + d * matrix[:3, 2]
-    return matrix + 0.0  # no -0.0, which would be printed and written
+    return matrix + 0.0  # + 0.0 turns -0.0, which would be printed, into 0.0
 
 
-EXACT, ROUNDED = 1e-6, 1e-3  # of R R' from the identity: a rotation, one written with four digits
+# Deviation of R R' from the identity: of a rotation, and of one rounded to four digits.
+EXACT, ROUNDED = 1e-6, 1e-3
 
 
 def nearest_rotation(matrix: ArrayLike) -> FloatArray:
     """Return the rotation [3,3] with the least sum of squared differences from a matrix [3,3].
 
-    Golub and Van Loan, *Matrix Computations*, 4th ed., section 6.4.1.
+    The method is in Golub and Van Loan, *Matrix Computations*, 4th ed., section 6.4.1.
 
     Examples
     --------
@@ -93,9 +90,9 @@ def nearest_rotation(matrix: ArrayLike) -> FloatArray:
 
 
 def checked_rotations(name: str, matrices: FloatArray) -> FloatArray:
-    """Return rotations [...,3,3]; of rounded ones the nearest, with a warning.
+    """Return rotations [...,3,3]; rounded ones become the nearest rotation, with a warning.
 
-    ``name`` may have a place, {}, for the index of one of several.
+    ``name`` may contain {} for the index of the matrix.
     """
     slip = np.abs(matrices @ np.swapaxes(matrices, -1, -2) - np.eye(3)).max(axis=(-2, -1))
     mirrored = np.linalg.det(matrices) <= 0.0
@@ -119,7 +116,7 @@ def checked_rotations(name: str, matrices: FloatArray) -> FloatArray:
 
 
 def rigid_transform(name: str, value: ArrayLike | None) -> FloatArray:
-    """Return read-only homogeneous transform [4,4] from one, from a DH row [4], or the identity."""
+    """Return a read-only transform [4,4] from one, from a DH row [4], or the identity for None."""
     if value is None:
         matrix = np.eye(4)
     elif np.ndim(np.asarray(value, dtype=object)) == 1:
@@ -137,7 +134,7 @@ def rigid_transform(name: str, value: ArrayLike | None) -> FloatArray:
 
 
 def of_quaternion(quaternion: ArrayLike) -> FloatArray:
-    """Return the rotation [3,3] of a quaternion w, x, y, z of any length but zero."""
+    """Return the rotation [3,3] of a quaternion w, x, y, z of any nonzero length."""
     w, x, y, z = np.asarray(quaternion) / np.linalg.norm(quaternion)
     return np.array(
         [

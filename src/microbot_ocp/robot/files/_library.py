@@ -1,4 +1,4 @@
-"""Robots by name or by file: packaged ones, TOML, URDF and MJCF files, `robot_descriptions`."""
+"""Robots by name or file: packaged ones, TOML, URDF and MJCF files, `robot_descriptions`."""
 
 from __future__ import annotations
 
@@ -33,9 +33,7 @@ def packaged_robots() -> tuple[str, ...]:
 
 
 def is_robot_name(source: str) -> bool:
-    """Return whether it is a name, packaged or of ``robot_descriptions``, and not the path of a
-    file.
-    """
+    """Return True for the name of a robot, packaged or of ``robot_descriptions``, not a path."""
     return source.startswith(DESCRIPTIONS) or source in packaged_robots()
 
 
@@ -49,15 +47,16 @@ def load_robot(
     Parameters
     ----------
     source : str or Path
-        A name from :func:`packaged_robots`, the path of a ``.toml``, ``.urdf``, ``.xacro`` or MJCF
+        Name from :func:`packaged_robots`, path of a ``.toml``, ``.urdf``, ``.xacro`` or MJCF
         ``.xml`` file, or ``robot_descriptions:NAME`` with a name of the package
         `robot_descriptions <https://github.com/robot-descriptions/robot_descriptions.py>`_ (extra
-        ``descriptions``), which fetches the files when a name is first used.
+        ``descriptions``), which fetches the files at the first use of a name.
     tip : str, optional
-        Of a URDF or MJCF file: the link at the end of the chain, whose frame is the tool; needed
-        where the file has several arms (see :func:`~microbot_ocp.robot.files.load_urdf`).
+        Link at the end of the chain of a URDF or MJCF file, whose frame is the tool frame;
+        necessary if the file has several arms (see
+        :func:`~microbot_ocp.robot.files.load_urdf`).
     xacro_arguments : mapping of str to str, optional
-        Of a ``.xacro`` file: its arguments, such as ``{"ur_type": "ur10e"}``.
+        Arguments of a ``.xacro`` file, such as ``{"ur_type": "ur10e"}``.
 
     Returns
     -------
@@ -66,8 +65,8 @@ def load_robot(
     Raises
     ------
     InputError
-        Unknown name (lists what there is), missing file, malformed TOML or URDF, a key that is
-        unknown, missing or of the wrong kind; a file of a format whose extra is missing.
+        Unknown name (the message lists known ones), missing file, malformed TOML or URDF, a key
+        that is unknown, missing or of a wrong type, or a missing extra.
 
     Examples
     --------
@@ -90,19 +89,19 @@ def load_robot(
 
 
 def save_robot(robot: Robot, path: str | Path) -> None:
-    """Write a robot to a file that :func:`load_robot` reads back: TOML to the last bit, or URDF.
+    """Write a robot to a file for :func:`load_robot`: TOML, without any loss, or URDF.
 
     Parameters
     ----------
     robot : Robot
     path : str or Path
-        File to write, ending in ``.toml`` or ``.urdf``; what was there is replaced.
+        File with the suffix ``.toml`` or ``.urdf``, which is replaced.
 
     Raises
     ------
     InputError
-        Another ending, a file that cannot be written, or a robot with rotors on its links, for
-        which URDF has no place.
+        The suffix is unknown, the file cannot be written, or the robot has rotors on its links,
+        which URDF cannot express.
 
     Examples
     --------
@@ -130,7 +129,7 @@ def _described(name: str, tip: str | None) -> Robot:
         raise InputError(f"robot_descriptions has no {shown(name)}{similar(name, near or names)}")
     try:
         files = import_module(f"robot_descriptions.{name}")
-    except Exception as problem:  # it clones a repository: whatever may go wrong with a network
+    except Exception as problem:  # cloning a repository over a network may raise anything
         reason = " ".join(str(problem).split())
         raise InputError(f"robot_descriptions cannot fetch {name!r}: {reason}") from problem
     if urdf := getattr(files, "URDF_PATH", None):
@@ -145,20 +144,20 @@ def robot_text(
     tip: str | None = None,
     xacro_arguments: Mapping[str, str] | None = None,
 ) -> str:
-    """Return the text of a robot's TOML file, to be changed into another robot.
+    """Return the text of a robot's TOML file, from which another robot can be written.
 
-    Of a packaged robot and of a TOML file it is the file as it stands, with its comments and the
-    sources of its figures; of another file, what :func:`microbot_ocp.save_robot` makes of it.
+    For a packaged robot or a TOML file it is the file itself, with its comments and sources; for
+    other files it is the output of :func:`microbot_ocp.save_robot`.
 
     Parameters
     ----------
     source, tip, xacro_arguments
-        As in :func:`load_robot`.
+        Arguments of :func:`load_robot`.
 
     Raises
     ------
     InputError
-        As from :func:`load_robot`: what cannot be loaded is not copied.
+        Errors of :func:`load_robot`.
 
     Examples
     --------
@@ -172,7 +171,7 @@ def robot_text(
 
 
 def _toml_file(name: str) -> tuple[str, str]:
-    """Return the text of a packaged robot or of a TOML file, and what to call it in messages."""
+    """Return the text of a packaged robot or of a TOML file, and its name for messages."""
     if name in packaged_robots():
         return (_packaged() / f"{name}.toml").read_text("utf-8"), f"{name}.toml"
     path = Path(name)

@@ -1,8 +1,8 @@
 """Robots from MJCF files, by MuJoCo's own parser and compiler.
 
-What MuJoCo compiles (classes, defaults, includes, inertias of geoms, angles in degrees) is taken
-from its model, as links and joints like those of a URDF; the chain is then read as that of a URDF.
-Format: https://mujoco.readthedocs.io/en/stable/XMLreference.html.
+Links and joints in the form of a URDF are taken from the compiled model, in which MuJoCo has
+resolved classes, defaults, includes, inertias of geoms and angles in degrees. The reader for URDF
+makes the chain from them. Format: https://mujoco.readthedocs.io/en/stable/XMLreference.html.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from microbot_ocp._base.needed import needed
 from microbot_ocp._base.reading import bytes_of
 from microbot_ocp.robot._model import Robot
 from microbot_ocp.robot._shapes import Shape
-from microbot_ocp.robot._transforms import of_quaternion, transform_of, without_dust
+from microbot_ocp.robot._transforms import of_quaternion, transform_of, without_rounding
 from microbot_ocp.robot.files._urdf_file import Inertial, UrdfFile, UrdfJoint, UrdfLink
 from microbot_ocp.robot.files._urdf_reader import PARALLEL, joint_motion, robot_of
 from microbot_ocp.robot.files._xml import Remarks
@@ -37,22 +37,22 @@ def load_mjcf(
     """Read the chain from the world to one body or site of a MuJoCo file.
 
     Joint names, positive directions and zero positions are those of the file, and the base frame is
-    that of the world. Armature, damping and dry friction of a joint are taken as they stand, the
-    torque limits from force ranges of its actuators and its own; MJCF has no limits of velocities
-    or accelerations: give them by :meth:`~microbot_ocp.Robot.with_limits`. Joints that an equality
-    of joints or of fixed tendons ties to another with a factor and an offset follow it, and one
-    that is tied alone stands still; actuators of all act on the one that the others follow.
+    the world frame. Armature, damping and dry friction of a joint are unchanged. Torque limits come
+    from force ranges of the joint and its actuators. MJCF has no limits of velocity or
+    acceleration: give them by :meth:`~microbot_ocp.Robot.with_limits`. A joint follows another if
+    an equality of joints or fixed tendons ties them by a factor and an offset; a joint that is tied
+    to a constant is fixed. The actuators of all coupled joints act on the one that leads them.
 
     Parameters
     ----------
     path : str or Path
-        An MJCF file, such as those of MuJoCo Menagerie; read by the package ``mujoco``, which is
-        the extra ``mjcf``.
+        MJCF file, such as those of MuJoCo Menagerie; needs the package ``mujoco`` of the extra
+        ``mjcf``.
     tip : str, optional
-        Body or site at the end of the chain, whose frame is the tool's; needed where the file has
-        several arms. Joints that are not on the way to it are held at zero.
+        Body or site at the end of the chain, whose frame is the tool frame; necessary if the file
+        has several arms. Joints outside of the chain are fixed at zero.
     parallel_tolerance : float
-        As in :func:`load_urdf`.
+        Tolerance for parallel axes, rad; see :func:`load_urdf`.
 
     Returns
     -------
@@ -61,17 +61,17 @@ def load_mjcf(
     Raises
     ------
     InputError
-        A file that MuJoCo cannot read, with what it says; no moving joint; several arms without
-        ``tip``; joints of the arm that are tied by a polynomial of a higher degree; the extra
-        ``mjcf`` is missing.
+        MuJoCo cannot read the file, for the reason in the message; there is no moving joint, or
+        there are several arms but no ``tip``; joints of the arm are tied by a polynomial of a
+        higher degree; the extra ``mjcf`` is missing.
 
     Warns
     -----
     RobotFileWarning
-        What a serial chain has no place for, by name, if the torques of its joints feel it: springs
-        of joints and tendons, compensated gravity, equalities that close loops, fluids; actuators
-        that do not act on a joint; and damping that alone takes more than a joint's torque at
-        1 rad/s, as is usual where it stands for a controller's.
+        Elements that affect the joint torques but have no equivalent in a serial chain, by name:
+        springs of joints and tendons, gravity compensation, equalities that close loops, fluids,
+        and actuators that do not act on a joint. Damping that exceeds a joint's torque limit at
+        1 rad/s, as usual if it models a controller.
 
     Examples
     --------
@@ -87,7 +87,7 @@ def load_mjcf(
     """
     checks.number("parallel_tolerance", parallel_tolerance, "rad", at_least=0.0, at_most=0.1)
     mujoco = needed("mujoco", "reading MJCF files needs", "mjcf")
-    bytes_of(path, "robot file")  # what cannot be read is said as of other files
+    bytes_of(path, "robot file")  # errors of reading are equal for all robot files
     origin, remarks = Path(path).name, Remarks()
     with naming(f"{origin}: "):
         try:
@@ -97,7 +97,7 @@ def load_mjcf(
             raise InputError(f"MuJoCo cannot read it: {reason}") from None
         reader = _Model(mujoco, model, Path(path).absolute().parent, remarks)
         robot = robot_of(reader.file(), remarks, tip, parallel_tolerance)
-        from microbot_ocp.robot.files._mjcf_forces import Forces  # which loads CasADi
+        from microbot_ocp.robot.files._mjcf_forces import Forces  # imports CasADi
 
         forces = Forces(mujoco, model, robot, reader.joint_names, reader.held())
         forces.remark(remarks)
@@ -106,7 +106,7 @@ def load_mjcf(
 
 
 class _Model:
-    """A compiled model as links and joints."""
+    """A compiled model, converted to links and joints."""
 
     def __init__(self, mujoco: Any, model: Any, folder: Path, remarks: Remarks) -> None:
         self.mujoco, self.model, self.folder, self.remarks = mujoco, model, folder, remarks
@@ -123,11 +123,11 @@ class _Model:
         ]
 
     def _kind(self, enum: str, value: int) -> str:
-        """Return the name of a constant of MuJoCo: HINGE of mjJNT_HINGE."""
+        """Return the name of a constant of MuJoCo without its prefix: HINGE of mjJNT_HINGE."""
         return getattr(self.mujoco, enum)(value).name.partition("_")[2]
 
     def _on(self, *parts: str) -> bool:
-        """Return whether none of these parts of the physics is switched off."""
+        """Return True if none of these parts of the physics is switched off."""
         bits = [int(getattr(self.mujoco.mjtDisableBit, f"mjDSBL_{part}")) for part in parts]
         return not any(self.model.opt.disableflags & bit for bit in bits)
 
@@ -155,7 +155,7 @@ class _Model:
         self.joints[name] = UrdfJoint(name, "fixed", parent, child, frame)
 
     def _join(self, body: int) -> None:
-        """Add the joints of a body, one after another about their anchors, as MuJoCo has them."""
+        """Add the joints of a body in sequence, each at its own anchor, as MuJoCo applies them."""
         model, name = self.model, self.bodies[body]
         parent = self.bodies[model.body_parentid[body]]
         frame = _pose(model.body_pos[body], model.body_quat[body])
@@ -194,8 +194,8 @@ class _Model:
         rubs = self._on("FRICTIONLOSS", "CONSTRAINT")
         if kind == "revolute" and damping > max(most, -least):
             self.remarks.add(
-                "damping that takes more than the torque of a joint at 1 rad/s is taken as it "
-                "stands; where it stands for a controller's, set viscous_friction of the links",
+                "damping above the torque limit of a joint at 1 rad/s is kept; if it models a "
+                "controller, set viscous_friction of the links",
                 f"{name!r} ({damping:g} N m s/rad of {most:g} N m)",
             )
         leader, factor, offset = self.followed.get(number, (number, 1.0, 0.0))
@@ -212,9 +212,9 @@ class _Model:
                 "tau_max": repr(most),
             },
         )  # fmt: skip
-        # the file's pose is that at the reference
+        # MuJoCo gives a body's pose at the reference position of the joint.
         joint = replace(joint, frame=frame @ joint_motion(joint, -self._reference(number)))
-        if leader is None:  # tied to a place of its own
+        if leader is None:  # tied to a constant position
             frame = joint.frame @ joint_motion(joint, offset)
             return UrdfJoint(name, "fixed", parent, child, frame)
         return joint
@@ -223,9 +223,7 @@ class _Model:
         return float(self.model.qpos0[self.model.jnt_qposadr[number]])
 
     def _followed(self) -> dict[int, tuple[int | None, float, float]]:
-        """Return by number the joints that equalities tie to another, or to none, with the factor
-        and the offset.
-        """
+        """Return the leader (or None), factor and offset of each joint that an equality ties."""
         model, tied = self.model, dict[int, tuple[int | None, float, float]]()
         for k in np.flatnonzero(model.eq_active0).tolist():
             kind = self._kind("mjtEq", model.eq_type[k])
@@ -239,7 +237,7 @@ class _Model:
                 total -= slope * rest
                 for joint, factor in others.items():
                     terms[joint] = terms.get(joint, 0.0) - slope * factor
-            # the sum of terms times positions is this
+            # The equality says: the sum of terms times positions equals the total.
             total += constant
             joints = [joint for joint, factor in terms.items() if factor]
             first = next((joint for joint in joints if joint not in tied), None)
@@ -249,16 +247,14 @@ class _Model:
             leader = head = joints[0] if joints else None
             while head in tied:
                 head = tied[head][0]
-            if head == first:  # tied twice to the same
+            if head == first:  # a second equality of tied joints
                 continue
             factor = -terms[leader] / terms[first] if leader is not None else 1.0
             tied[first] = leader, float(factor), float(total / terms[first])
         return tied
 
     def _terms(self, kind: str, number: int) -> tuple[dict[int, float], float]:
-        """Return factors of the joints of one side of an equality, and its length in the pose of
-        the file.
-        """
+        """Return factors of the joints on a side of an equality, and its reference length."""
         model = self.model
         if kind == "JOINT":
             return {number: 1.0}, self._reference(number)
@@ -270,7 +266,7 @@ class _Model:
         return terms, float(model.tendon_length0[number])
 
     def held(self) -> dict[int, float]:
-        """Return places of joints by number, rad or m, where all that lead others are at zero."""
+        """Return positions of joints by number, rad or m, if all leading joints are at zero."""
 
         def place(joint: int) -> float:
             leader, factor, offset = self.followed.get(joint, (None, 0.0, 0.0))
@@ -280,15 +276,16 @@ class _Model:
         return {k: place(k) for k, kind in enumerate(kinds) if kind in ("SLIDE", "HINGE")}
 
     def _drives(self, number: int) -> Iterator[tuple[int, float]]:
-        """Yield a joint and all that follow it, with the factors of their speeds."""
+        """Yield a joint and all joints that follow it, with the factors of their speeds."""
         yield number, 1.0
         for joint, (leader, factor, _) in self.followed.items():
             if leader == number:
                 yield from ((k, factor * further) for k, further in self._drives(joint))
 
     def _forces(self, number: int) -> tuple[float, float]:
-        """Give least and greatest torque of the actuators of a joint and of those that follow it;
-        infinite without a limit.
+        """Return the smallest and largest torque of the actuators of a joint and its followers.
+
+        A side without a limit is infinite.
         """
         model, ranges, alone = self.model, list[FloatArray](), (-math.inf, math.inf)
         for joint, factor in self._drives(number):
@@ -303,7 +300,7 @@ class _Model:
         return least, most
 
     def _actuators(self, joint: int) -> Iterator[tuple[int, float, FloatArray]]:
-        """Yield number, gear and limits [2] of force of each actuator that acts on a joint."""
+        """Yield number, gear and force limits [2] of each actuator that acts on a joint."""
         model = self.model
         for k in range(model.nu):
             direct = self._kind("mjtTrn", model.actuator_trntype[k]) in ("JOINT", "JOINTINPARENT")
@@ -320,7 +317,7 @@ class _Model:
             yield k, gear, limits
 
     def _of_actuators(self, joint: int, name: str) -> float:
-        """Return what the actuators of a joint add to its own armature or damping."""
+        """Return the armature or damping that the actuators of a joint add to its own."""
         values = getattr(self.model, f"actuator_{name}", np.zeros(self.model.nu))
         return float(sum(gear**2 * values[k] for k, gear, _ in self._actuators(joint)))
 
@@ -355,4 +352,4 @@ class _Model:
 
 def _pose(position: FloatArray, quaternion: FloatArray) -> FloatArray:
     """Return the transform [4,4] of a position and a quaternion, scalar first."""
-    return without_dust(transform_of(of_quaternion(quaternion), position))
+    return without_rounding(transform_of(of_quaternion(quaternion), position))

@@ -1,7 +1,7 @@
-"""Forces that a MuJoCo model has and a serial chain has not: found by MuJoCo's inverse dynamics.
+"""Forces of a MuJoCo model that a serial chain does not have, found by MuJoCo's inverse dynamics.
 
-An element is left out of an arm by name if the torques of the arm's joints change once it is
-switched off. With all of them off MuJoCo's torques must be those of the robot.
+An element is reported by name if the torques of the arm's joints change once it is switched off.
+Without all such elements, MuJoCo's torques must agree with those of the robot.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from microbot_ocp.robot._dynamics import COULOMB_SMOOTHING, inverse_dynamics
 from microbot_ocp.robot._model import Robot
 from microbot_ocp.robot.files._xml import Remarks
 
-STATES = 2  # at random; a force that vanishes at one of them is felt at the other
-ROUNDING = 1e-8  # of the largest torque; MuJoCo turns inertias into their principal axes
+STATES = 2  # random states; a force that vanishes at one of them acts at the other
+ROUNDING = 1e-8  # relative to the largest torque; MuJoCo rotates inertias into their principal axes
 TENDON = "stiffness stiffnesspoly damping dampingpoly armature frictionloss limited"
-# Kind of object, arrays of the model that make its forces, and how a remark begins.
+# Kind of element, arrays of the model with its forces, and start of the remark.
 FORCES = (
     ("JOINT", ("jnt_stiffness", "jnt_stiffnesspoly"), "springs of joints are left out"),
     ("DOF", ("dof_dampingpoly",), "damping that is not proportional to the speed is left out"),
@@ -41,18 +41,16 @@ FORCES = (
 
 
 class Forces:
-    """Inverse dynamics of a model, of which only the joints of an arm move."""
+    """Inverse dynamics of a model in which only the joints of an arm move."""
 
     def __init__(
         self, mujoco: Any, model: Any, robot: Robot, names: list[str], held: Mapping[int, float]
     ) -> None:
-        """Take a model, names of its joints, and by number the places, rad or m, of those that do
-        not move.
-        """
+        """Prepare a model; ``held`` has positions, rad or m, of the fixed joints by number."""
         self.mujoco, self.model, self.robot = mujoco, copy.copy(model), robot
         for name in ("CONTACT", "ACTUATION"):
             self.model.opt.disableflags |= int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{name}"))
-        # Friction is compared without, for it is smooth here; limits of tendons always act.
+        # The comparison excludes friction, which is smoothed here; limits of tendons always act.
         self.model.dof_frictionloss[:], self.model.jnt_limited[:] = 0.0, 0
         self.model.tendon_range[:] = [1e3, 2e3]
         self.data = mujoco.MjData(self.model)
@@ -78,7 +76,7 @@ class Forces:
         return np.array(rows)
 
     def remark(self, remarks: Remarks) -> None:
-        """Name all elements whose forces on the arm are left out."""
+        """Add remarks on all elements whose forces on the arm are ignored."""
         for kind, names, words in FORCES:
             arrays = [getattr(self.model, name) for name in names if hasattr(self.model, name)]
             acting = self._acting(kind, arrays)
@@ -93,21 +91,21 @@ class Forces:
         self.model.opt.density = self.model.opt.viscosity = 0.0
         after = self.torques()
         if self._differ(before, after):
-            remarks.add("forces of the air or water around it are left out")
+            remarks.add("forces of air or water around the arm are left out")
         rubbing = np.tanh(self.states[1] / COULOMB_SMOOTHING)
         ours = deferred_call(inverse_dynamics(self.robot))(*self.states)
         ours = ours - self.robot.friction_of("coulomb_friction") * rubbing
         if self._differ(ours, after):
             worst = float(np.abs(ours - after).max() / np.abs(after).max())
             remarks.add(
-                "MuJoCo's torques are others, by forces that are not read, such as those of "
+                "MuJoCo's torques differ because of forces that are not read, such as those of "
                 "plugins and flexible bodies",
                 f"by {100 * worst:.2g} %",
             )
         self._remark_actuators(remarks)
 
     def _acting(self, kind: str, parts: list[Any]) -> list[int]:
-        """Return numbers of the elements that change the torques of the arm, and are not read."""
+        """Return numbers of the elements that change the torques of the arm and are not read."""
         given = sorted({int(k) for part in parts for k in np.nonzero(part)[0]})
         given = [k for k in given if kind != "ACTUATOR" or not self._direct(k)]
         return [k for k in given if self._acts(parts, [k])] if self._acts(parts, given) else []
@@ -132,7 +130,7 @@ class Forces:
         return repr(name) if name else f"{kind.lower()} {number}"
 
     def _direct(self, actuator: int) -> bool:
-        """Return whether an actuator acts on a joint."""
+        """Return True if an actuator acts on a joint."""
         kind = self.mujoco.mjtTrn(self.model.actuator_trntype[actuator]).name
         return kind in ("mjTRN_JOINT", "mjTRN_JOINTINPARENT")
 
@@ -144,7 +142,7 @@ class Forces:
             )
 
     def _remark_actuators(self, remarks: Remarks) -> None:
-        """Name the actuators that are not read: those that act on no joint, or by no control."""
+        """Add remarks on actuators that are not read: no joint to act on, or no control input."""
         mujoco, model, data = self.mujoco, self.model, self.data
         mujoco.mj_forward(model, data)
         moments = np.zeros((model.nu, model.nv))

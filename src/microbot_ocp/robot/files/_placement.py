@@ -1,9 +1,9 @@
-"""Modified-DH rows of any serial chain, from where its joint axes lie at the zero position.
+"""Modified-DH rows of any serial chain, from its joint axes at the zero position.
 
 Craig, *Introduction to Robotics*, 3rd ed., section 3.4: Z of link frame i lies along axis i, X
-along the common normal from axis i to axis i+1. Where that normal is not unique (parallel or
-coincident axes, the last axis), the frame stays as close to the one before as it can. Where axes
-are almost but not quite parallel, the row has Hayati's turn beta instead of a distant normal.
+along the common normal from axis i to axis i+1. If that normal is not unique (parallel or
+coincident axes, the last axis), the frame stays as close to the previous one as possible. If axes
+are almost but not quite parallel, the row has Hayati's angle beta instead of a distant normal.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.robot._transforms import dh_transform, transform_of
 
-NEARLY_PARALLEL = 0.02  # sine of the angle below which the common normal of two axes is far away
-ROUNDING = 1e-15  # m and rad: what rounding leaves of a zero
-COINCIDENT = 1e-12  # m, and the sine of an angle: axes this close are one
+NEARLY_PARALLEL = 0.02  # sine of the angle of two axes, below which their common normal is distant
+ROUNDING = 1e-15  # m and rad, rounding of a zero
+COINCIDENT = 1e-12  # m, and the sine of an angle, below which two axes are one
 
 
 class Rows(NamedTuple):
-    """Modified-DH rows [n], frame 0 in the base frame, and every link frame at zero in it."""
+    """Modified-DH rows [n], frame 0 in the base frame, and all link frames at zero in the base."""
 
     alpha: FloatArray
     a: FloatArray
@@ -33,19 +33,18 @@ class Rows(NamedTuple):
 
 
 def dh_rows(points: FloatArray, axes: FloatArray, parallel_tolerance: float) -> Rows:
-    """Return rows of the chain whose axes pass through ``points`` [n,3] along unit vectors ``axes``
-    [n,3].
+    """Return the rows of a chain with axes through ``points`` along unit vectors ``axes``.
 
     Parameters
     ----------
     points, axes : array [n,3]
-        At the zero position, in the base frame, m.
+        Points, m, and directions of the axes at the zero position, in the base frame.
     parallel_tolerance : float
-        Axes whose angle is below this count as parallel, rad.
+        Angle below which axes count as parallel, rad.
     """
     count = len(points)
     base = placed = _frame_zero(points[0], axes[0])
-    # Sine of the angle between an axis and the next, first from the base's Z; zero if parallel.
+    # The sines are those between successive axes, the first from the base's Z; 0 if parallel.
     sines = np.linalg.norm(np.cross([base[:3, 2], *axes[:-1]], axes), axis=1)
     sines = np.where(sines > parallel_tolerance, sines, 0.0)
     table, frames = np.zeros((count, 5)), []
@@ -57,20 +56,20 @@ def dh_rows(points: FloatArray, axes: FloatArray, parallel_tolerance: float) -> 
             x_next, origin_next = _normal(points[pair], axes[pair], x, foot, sines[i + 1])
         else:
             x_next, origin_next = _across(x, z_next), foot
-        # X after the turns alpha about X and beta about the new Y
+        # X is turned by alpha about X and by beta about the new Y.
         z_turned = np.cos(alpha) * z - np.sin(alpha) * np.cross(z, x)
         turned = np.cos(beta) * x - np.sin(beta) * z_turned
         theta = np.arctan2(z_next @ np.cross(turned, x_next), turned @ x_next)
         row = np.array([alpha, a, z_next @ (origin_next - foot), theta, beta])
         table[i] = np.where(np.abs(row) < ROUNDING, 0.0, row)
-        # The frame as the rows make it, so that rounding does not pile up along the chain.
+        # The rows themselves place the next frame, so that rounding does not accumulate.
         placed = placed @ dh_transform(*table[i])
         frames.append(placed)
     return Rows(*table.T, base=base, frames=frames)
 
 
 def _frame_zero(point: FloatArray, axis: FloatArray) -> FloatArray:
-    """Return frame 0 [4,4] in the base frame; the base frame itself if it can be."""
+    """Return frame 0 [4,4] in the base frame; the base frame itself if possible."""
     if np.hypot(axis[0], axis[1]) < COINCIDENT and axis[2] > 0:
         beside = np.array([point[0], point[1], 0.0])
         if np.linalg.norm(beside) < COINCIDENT:
@@ -80,11 +79,11 @@ def _frame_zero(point: FloatArray, axis: FloatArray) -> FloatArray:
 
 
 def _across(x: FloatArray, z: FloatArray) -> FloatArray:
-    """Return unit vector normal to ``z``, as close to ``x`` as it can be."""
+    """Return the unit vector normal to ``z`` that is closest to ``x``."""
     for candidate in (x, *np.eye(3)):
         normal = candidate - (candidate @ z) * z
         if np.linalg.norm(normal) > 0.5:
-            # twice, so that it is normal to the last digit
+            # A second projection makes the vector normal to the last digit.
             normal = normal / np.linalg.norm(normal)
             normal = normal - (normal @ z) * z
             return normal / np.linalg.norm(normal)
@@ -94,10 +93,10 @@ def _across(x: FloatArray, z: FloatArray) -> FloatArray:
 def _to_axis(
     frame: FloatArray, point: FloatArray, z_next: FloatArray, sine: float
 ) -> tuple[float, float, float, FloatArray]:
-    """Give twist, length, beta and the foot of a frame's X on the next axis, X being normal to
-    both.
+    """Return twist, length, beta, and the foot of a frame's X, normal to both axes, on the next.
 
-    Of axes nearly parallel, X leads to where the next one crosses the plane normal to Z.
+    For nearly parallel axes X leads to the point at which the next axis crosses the plane normal
+    to Z.
     """
     x, z, origin = frame[:3, 0], frame[:3, 2], frame[:3, 3]
     across, beside, along = x @ z_next, np.cross(z, x) @ z_next, z @ z_next
@@ -114,16 +113,14 @@ def _to_axis(
 def _crossing(
     origin: FloatArray, z: FloatArray, point_next: FloatArray, z_next: FloatArray
 ) -> FloatArray:
-    """Return where an axis crosses the plane through ``origin`` normal to ``z``."""
+    """Return the point at which an axis crosses the plane through ``origin`` normal to ``z``."""
     return point_next + (origin - point_next) @ z / (z_next @ z) * z_next
 
 
 def _normal(
     points: FloatArray, axes: FloatArray, x: FloatArray, foot: FloatArray, sine: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Give unit X along the common normal from one axis [2,3] to the next, and its foot on the
-    first.
-    """
+    """Return unit X along the common normal from one axis [2,3] to the next, and its foot."""
     (point, point_next), (z, z_next) = points, axes
     gap = point_next - point
     if sine < NEARLY_PARALLEL:

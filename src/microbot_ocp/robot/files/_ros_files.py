@@ -1,6 +1,6 @@
-"""Files that robot files refer to, by the packages of ROS: meshes, and what xacro files include.
+"""Files that robot files refer to by packages of ROS: meshes, and files included by xacro.
 
-Xacro files are expanded into URDF by the package ``xacro``.
+The package ``xacro`` expands xacro files into URDF.
 """
 
 from __future__ import annotations
@@ -19,19 +19,17 @@ from microbot_ocp._base.reading import MOST_BYTES, bytes_of
 from microbot_ocp.robot.files._xml import Remarks
 
 SCHEMES = ("package", "model")
-EXPANSION_TIME = 10.0  # s, of wall time: expressions are programs, whose steps nothing counts
+EXPANSION_TIME = 10.0  # s of wall time; xacro expressions are programs that may not end
 
 
 def find_mesh(reference: str, folder: Path | None, remarks: Remarks) -> str:
-    """Return the path of the file that a URDF names; the reference itself, with a remark, if there
-    is none.
-    """
+    """Return the path of a mesh file; the reference itself, with a remark, if it is missing."""
     reference = reference.strip()
     for path in _candidates(reference, folder):
         try:
             if path.is_file():
                 return str(path)
-        except (OSError, ValueError):  # a name that no file can have
+        except (OSError, ValueError):  # an impossible file name
             break
     if reference:
         remarks.add("mesh files are missing", repr(reference))
@@ -43,7 +41,7 @@ def _candidates(reference: str, folder: Path | None) -> Iterator[Path]:
     if scheme in SCHEMES:
         name, _, rest = place.partition("/")
         yield from (package / rest for package in _package(name, folder))
-        # a package that was renamed or unpacked without its folder
+        # The package may have been renamed, or unpacked without its folder.
         yield from (above / rest for above in _above(folder))
     elif reference.startswith("file:"):
         yield Path(unquote(reference.removeprefix("file:").removeprefix("//")))
@@ -66,30 +64,30 @@ def _above(folder: Path | None) -> tuple[Path, ...]:
 
 
 def urdf_content(
-    path: str | Path, what: str, arguments: Mapping[str, str] | None = None
+    path: str | Path, label: str, arguments: Mapping[str, str] | None = None
 ) -> str | bytes:
-    """Return what a URDF file holds, or a xacro file once it is expanded.
+    """Return the content of a URDF file, or of an expanded xacro file.
 
     Raises
     ------
     InputError
-        As :func:`bytes_of`; the package ``xacro`` is missing, or what it says is wrong.
+        Errors of :func:`bytes_of` and of the package ``xacro``, or the package is missing.
     """
-    data = bytes_of(path, what)
+    data = bytes_of(path, label)
     xacro = Path(path).suffix.lower() == ".xacro"
     return _expanded(Path(path), arguments) if xacro else data
 
 
 def _expanded(path: Path, arguments: Mapping[str, str] | None) -> str:
-    """Return URDF text of a xacro file.
+    """Return the URDF text of a xacro file.
 
-    ``$(find package)`` looks around the file and on ROS_PACKAGE_PATH; a package that is in neither
-    is taken for the one that the file is in, which may have been renamed.
+    ``$(find package)`` searches around the file and on ROS_PACKAGE_PATH; a package that is not
+    found is assumed to be the one that contains the file, which may have been renamed.
 
     Raises
     ------
     InputError
-        The package ``xacro`` is missing, or what it says is wrong with the file.
+        The package ``xacro`` is missing, or reports an error in the file.
     """
     xacro = needed("xacro", "reading xacro files needs", "urdf")
     substitution_args = needed("xacro.substitution_args", "reading xacro files needs", "urdf")
@@ -102,12 +100,12 @@ def _expanded(path: Path, arguments: Mapping[str, str] | None) -> str:
         return str(place or folder.parent)
 
     def work(_: object = None) -> tuple[bool, str]:
-        """Return whether it went well, and the text or what is wrong."""
+        """Return True and the text, or False and the error."""
         substitution_args._eval_find = find
         try:
             document: Any = xacro.process_file(str(path), mappings=dict(arguments or {}))
             return True, document.toxml()
-        except Exception as problem:  # it raises whatever happens to go wrong inside
+        except Exception as problem:  # xacro raises many kinds of errors
             cause = problem
             while isinstance(inner := getattr(cause, "exc", None), Exception):
                 cause = inner
@@ -118,7 +116,7 @@ def _expanded(path: Path, arguments: Mapping[str, str] | None) -> str:
 
     before = substitution_args._eval_find
     try:
-        # expressions are programs, which may go on for ever
+        # Expressions are programs, which may not end.
         until = time.perf_counter() + EXPANSION_TIME
         good, text = in_child(work, until, most_bytes=MOST_BYTES) if can_fork() else work()
     except OutOfTime:

@@ -1,17 +1,16 @@
-"""Robots from and to TOML files: one ``[[joint]]`` a row of the DH table.
+"""TOML files of robots, with one ``[[joint]]`` for each row of the DH table.
 
-The key ``convention`` of the file, "modified" or "standard", is that of
-:meth:`~microbot_ocp.Robot.from_dh`. Angles are in radians, or in degrees where the key ends in
-``_deg``. Keys of a joint: ``name``,
-``type``, ``alpha``, ``a``, ``d``, ``theta_offset``, ``beta``; ``mass``, ``center_of_mass``,
-``inertia``, ``armature``, ``viscous_friction``, ``coulomb_friction``, ``allow_unphysical``; a table
-``rotor`` with ``inertia``, ``gear_ratio``, ``axis``, ``carrier``; a table ``mimic`` of a joint that
-follows another with ``joint``, ``factor``, ``offset``;
-``q_min``, ``q_max``, ``qd_max``, ``qdd_max``, ``qddd_max``, ``tau_max``, ``taud_max``. ``qd_max``
-and the like may be ``[lower, upper]``. The table ``[limits]`` holds further limits, such as
+The key ``convention``, "modified" or "standard", is that of :meth:`~microbot_ocp.Robot.from_dh`.
+Angles are in radians, or in degrees under a key with the ending ``_deg``. Keys of a joint:
+``name``, ``type``, ``alpha``, ``a``, ``d``, ``theta_offset``, ``beta``; ``mass``,
+``center_of_mass``, ``inertia``, ``armature``, ``viscous_friction``, ``coulomb_friction``,
+``allow_unphysical``; a table ``rotor`` with ``inertia``, ``gear_ratio``, ``axis``, ``carrier``; a
+table ``mimic`` with ``joint``, ``factor``, ``offset`` for a joint that follows another; ``q_min``,
+``q_max``, ``qd_max``, ``qdd_max``, ``qddd_max``, ``tau_max``, ``taud_max``. All but the first two
+bounds may be ``[lower, upper]``. The table ``[limits]`` holds further limits, such as
 ``tool_speed_max``. The tables ``[tool]`` and ``[base]`` hold a DH row or a ``matrix``; each
 ``[[shape]]`` holds the fields of a :class:`~microbot_ocp.robot.Shape`; ``disabled_pairs`` and
-``[named_poses]`` are what an SRDF file says; ``[sources]`` is for the reader's eyes.
+``[named_poses]`` are data of an SRDF file; the program ignores ``[sources]``.
 """
 
 from __future__ import annotations
@@ -89,7 +88,7 @@ SHAPE = keys_of(Shape)
 
 
 def parse_robot(text: str, origin: str = "robot") -> Robot:
-    """Return the robot from the text of a TOML file; ``origin`` names it in error messages."""
+    """Return the robot from the text of a TOML file; ``origin`` names the file in messages."""
     with naming(f"{origin}: "):
         return _robot(read_table(parsed(text), ROBOT), Path(origin).stem)
 
@@ -140,7 +139,7 @@ def _mimic(row: dict[str, Any]) -> tuple[str, float, float]:
 
 
 def _pairs(pairs: Any) -> tuple[tuple[str, str], ...]:
-    """Return pairs of names of links, such as an SRDF file disables."""
+    """Return pairs of names of links, as an SRDF file disables them."""
     for pair in pairs if isinstance(pairs, list) else [pairs]:
         if not isinstance(pair, list) or [*map(type, pair)] != [str, str]:
             raise InputError(f"disabled_pairs must be pairs of names of links, not {shown(pair)}")
@@ -207,7 +206,7 @@ def _limits(rows: list[dict[str, Any]], also: tuple[Limit, ...]) -> Limits:
 def _further(table: dict[str, Any]) -> tuple[Limit, ...]:
     if not table:
         return ()
-    from microbot_ocp.limits import MEMBER_KEYS, limits_from_table  # these load CasADi
+    from microbot_ocp.limits import MEMBER_KEYS, limits_from_table  # imports CasADi
 
     return limits_from_table(read_table(table, dict.fromkeys(MEMBER_KEYS, ANY), "in [limits]"))
 
@@ -227,10 +226,10 @@ def _placement(name: str, table: Any) -> Any:
 
 
 def robot_to_toml(robot: Robot) -> str:
-    """Return the text of the TOML file of a robot.
+    """Return the text of the TOML file of a robot, angles in radians.
 
-    Every figure has the shortest digits that read back as the same number, angles in radians. What
-    a robot does not hold, such as the sources of a packaged file, is not written.
+    Every number has the fewest digits from which reading restores it. Data that a robot does not
+    hold, such as the sources of a packaged file, are lost.
     """
     lines = [f"name = {_text(robot.name)}"]
     if robot.description:
@@ -271,12 +270,12 @@ def robot_to_toml(robot: Robot) -> str:
 
 
 def _text(value: str) -> str:
-    # A JSON string is a TOML basic string, but for DEL, which TOML wants escaped.
+    # A JSON string is a TOML basic string, except that TOML requires an escape for DEL.
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def _lines(item: Any, *keys: str) -> list[str]:
-    """Return what an object has under these keys, but for what is empty."""
+    """Return lines for the attributes of an object that are not empty."""
     given = ((key, getattr(item, key)) for key in keys)
     return [f"{key} = {_value(value)}" for key, value in given if not _is_empty(value)]
 

@@ -1,11 +1,10 @@
-"""URDF and SRDF files as data: what stands there, every number checked by name.
+"""URDF and SRDF files as data, with every number checked by name.
 
-Formats: https://wiki.ros.org/urdf/XML, with its defaults, versions 1.0 to 1.2 as urdfdom 6 has
-them; files that leave out an entry which the format demands have it filled in with a remark.
-http://wiki.ros.org/srdf is MoveIt's description of a robot beside its URDF: read are the chains of
-groups, named states, and the pairs of links whose collisions are disabled; planning groups have no
-place in a robot. ``ELEMENTS`` lists the parts that are read and those that change no motion; any
-other part is left out with a remark.
+URDF: https://wiki.ros.org/urdf/XML, with its defaults, versions 1.0 to 1.2 as in urdfdom 6; missing
+mandatory entries are filled in, with a remark. SRDF: http://wiki.ros.org/srdf, MoveIt's description
+of a robot beside its URDF; the reader takes the chains of groups, named states, and pairs of links
+with disabled collisions, and ignores planning groups. ``ELEMENTS`` lists the parts of a URDF that
+are read and those that do not affect the motion; any other part is ignored with a remark.
 """
 
 from __future__ import annotations
@@ -23,22 +22,28 @@ from microbot_ocp._base.checks import FloatArray, InputError, naming
 from microbot_ocp._base.reading import bytes_of
 from microbot_ocp.limits import JOINT_QUANTITIES
 from microbot_ocp.robot._shapes import ROLES, SIZES, Role, Shape
-from microbot_ocp.robot._transforms import of_quaternion, rotation_of, transform_of, without_dust
+from microbot_ocp.robot._transforms import (
+    of_quaternion,
+    rotation_of,
+    transform_of,
+    without_rounding,
+)
 from microbot_ocp.robot.files._ros_files import find_mesh
 from microbot_ocp.robot.files._xml import Remarks, read_xml
 
 EXTENSION = "microbot_ocp"
-ACCELERATION = "drake:acceleration"  # attribute of <limit> by which Drake extends the format
+ACCELERATION = "drake:acceleration"  # attribute of <limit> in Drake's extension of the format
 MOVING = ("revolute", "continuous", "prismatic")
-HELD = ("planar", "floating", "spherical")  # a serial chain has no such joints
-# What a joint's extension element may hold: rotor inertia, and limits that <limit> has no room for.
+UNSUPPORTED = ("planar", "floating", "spherical")  # joints that a serial chain cannot have
+# Keys of a joint's extension element: rotor inertia, and limits that <limit> cannot express.
 RANGES = tuple(key for key in JOINT_QUANTITIES if key != "q")
 EXTRA_KEYS = ("armature", *(f"{quantity}_{side}" for quantity in RANGES for side in ("min", "max")))
-PREFIXES = ("xmlns", "sensor", "controller")  # of attributes and elements that move nothing
+# Prefixes of attributes and elements that do not affect the motion.
+PREFIXES = ("xmlns", "sensor", "controller")
 MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 VERSIONS = ("1.0", "1.1", "1.2")
-# Attributes and children of each element: those that are read, and those that change no motion of
-# an arm, some only with the value that stands behind "=". Others are remarked on by name.
+# Attributes and children of each element: those that are read, and those that do not affect the
+# motion of an arm, some only with the value after "=". A remark names all others.
 ELEMENTS = {
     "robot": (
         f"name version link joint gazebo transmission mujoco {EXTENSION}",
@@ -56,7 +61,7 @@ ELEMENTS = {
         "name origin geometry",
         "material verbose contact_coefficients drake:proximity_properties",
     ),
-    "contact": (  # Bullet's
+    "contact": (  # an element of Bullet
         "",
         "lateral_friction rolling_friction spinning_friction restitution stiffness damping "
         "contact_cfm contact_erp friction_anchor",
@@ -125,13 +130,13 @@ class UrdfLink:
 
 @dataclass(frozen=True, eq=False)
 class UrdfJoint:
-    """A joint; what does not belong to its type is left at its default."""
+    """A joint; attributes that its type does not have keep their defaults."""
 
     name: str
     type: str
     parent: str
     child: str
-    frame: FloatArray  # [4,4] in the parent
+    frame: FloatArray  # transform [4,4] to the parent
     axis: FloatArray = field(default_factory=lambda: np.array([1.0, 0.0, 0.0]))  # unit vector
     lower: float = -math.inf
     upper: float = math.inf
@@ -141,20 +146,20 @@ class UrdfJoint:
     jerk: float = math.inf
     damping: float = 0.0
     friction: float = 0.0
-    leader: str | None = None  # joint that it mimics
+    leader: str | None = None  # name of the joint that this one mimics
     multiplier: float = 1.0
     offset: float = 0.0
     extra: dict[str, str] = field(default_factory=dict)
 
     @property
     def moves(self) -> bool:
-        """Whether a chain may have it as one of its joints."""
+        """True if the joint can be part of a chain."""
         return self.type in MOVING
 
 
 @dataclass(frozen=True, eq=False)
 class UrdfFile:
-    """All of a file."""
+    """Content of a URDF file."""
 
     name: str
     links: dict[str, UrdfLink]
@@ -164,7 +169,7 @@ class UrdfFile:
 
 
 def urdf_file(root: Element, origin: str, folder: Path | None, remarks: Remarks) -> UrdfFile:
-    """Return the file whose root element is ``root``; meshes are looked for from ``folder``."""
+    """Return the file with the root element ``root``; ``folder`` is the start of mesh searches."""
     if root.tag != "robot":
         raise InputError(f"it is not a URDF: its root is <{root.tag}>, not <robot>")
     about = dict(_part(root, EXTENSION).attrib)
@@ -187,14 +192,14 @@ def urdf_file(root: Element, origin: str, folder: Path | None, remarks: Remarks)
 def remark_unread(
     element: Element, table: Mapping[str, tuple[str, str]], remarks: Remarks, owner: str
 ) -> None:
-    """Remark on all of an element that a table has neither as read nor as harmless."""
+    """Add a remark for each part of an element that the table does not list."""
     read, harmless = (names.split() for names in table[element.tag])
     parts = [(key, key, value) for key, value in element.attrib.items()]
     parts += [(part.tag, f"<{part.tag}>", part.text or part.get("value", "")) for part in element]
     for key, text, value in parts:
         known = {key, f"{key}={_plain(value)}"} & {*read, *harmless}
         if not known and key.partition(":")[0] not in PREFIXES:
-            kind = "left out is what may change how the arm moves or where it may"
+            kind = "parts that may affect the motion or its limits are not read"
             remarks.add(kind, f"{text} of {owner}")
     for part in element:
         if part.tag in read and part.tag in table:
@@ -204,7 +209,7 @@ def remark_unread(
 
 
 def _plain(value: str) -> str:
-    """Return a number or truth as ``ELEMENTS`` has it: 0, 1."""
+    """Return a number or truth value in the notation of ``ELEMENTS``: 0, 1."""
     text = value.strip().lower()
     try:
         return f"{float(text):g}"
@@ -217,20 +222,20 @@ def _named(root: Element, kind: str) -> dict[str, Element]:
     for element in root.findall(kind):
         name = element.get("name")
         if not name or name in elements:
-            what = f"two {kind}s named {name!r}" if name else f"a {kind} without a name"
-            raise InputError(f"it has {what}")
+            fault = f"two {kind}s named {name!r}" if name else f"a {kind} without a name"
+            raise InputError(f"it has {fault}")
         elements[name] = element
     return elements
 
 
 def _part(element: Element, kind: str) -> Element:
-    """Return the first child of a kind; one without attributes where there is none."""
+    """Return the first child of a kind; an element without attributes if there is none."""
     part = element.find(kind)
     return Element(kind) if part is None else part
 
 
 def number_from(label: str, text: str) -> float:
-    """Return the number that ``text`` says; it may be infinite or NaN."""
+    """Return the number in ``text``, which may be infinite or NaN."""
     try:
         if "_" in text or not text.isascii():  # Python would read 1_0 as 10
             raise ValueError
@@ -250,7 +255,7 @@ def _finite(
 
 
 def numbers_from(label: str, text: str) -> list[float]:
-    """Return the numbers that stand in a text."""
+    """Return the numbers in a text."""
     return [number_from(label, entry) for entry in text.split()]
 
 
@@ -270,15 +275,16 @@ def _frame(element: Element, label: str) -> FloatArray:
         rotation = of_quaternion(np.array([w, x, y, z]))
     else:
         rotation = rotation_of(_vector(origin, "rpy", label, "0 0 0"))
-    return without_dust(transform_of(rotation, _vector(origin, "xyz", label, "0 0 0")))
+    return without_rounding(transform_of(rotation, _vector(origin, "xyz", label, "0 0 0")))
 
 
 class _Reader:
-    """The links and joints of a file; what is filled in or left out is remarked."""
+    """A reader of the links and joints of a file, with remarks on missing and ignored data."""
 
     def __init__(self, root: Element, folder: Path | None, remarks: Remarks) -> None:
         self.folder, self.remarks = folder, remarks
-        self.colors: dict[str, tuple[float, ...]] = {}  # red, green, blue, opacity by name
+        # Red, green, blue and opacity of each material.
+        self.colors: dict[str, tuple[float, ...]] = {}
         for material in root.findall("material"):
             try:
                 if color := self._color(material):
@@ -287,7 +293,7 @@ class _Reader:
                 remarks.add("materials that cannot be read are left out", str(problem))
 
     def link(self, element: Element, name: str) -> UrdfLink:
-        """Return a link; geometry that cannot be read is left out."""
+        """Return a link, without geometry that cannot be read."""
         shapes = []
         for role in ROLES:
             for part in element.findall(role):
@@ -323,8 +329,8 @@ class _Reader:
         """Return a joint."""
         label = f"joint {name!r}"
         kind = element.get("type")
-        if kind not in (*MOVING, *HELD, "fixed"):
-            readable = ", ".join((*MOVING, *HELD))
+        if kind not in (*MOVING, *UNSUPPORTED, "fixed"):
+            readable = ", ".join((*MOVING, *UNSUPPORTED))
             raise InputError(f"{label} is {kind}: only {readable} and fixed joints can be read")
         ends = [_part(element, role).get("link", "") for role in ("parent", "child")]
         frame = _frame(element, f"origin of {label}")
@@ -339,8 +345,8 @@ class _Reader:
         soft_lower = _finite(safety, "soft_lower_limit", label, lower)
         soft_upper = _finite(safety, "soft_upper_limit", label, upper)
         if kind != "continuous" and (soft_lower > lower or soft_upper < upper):
-            what = "soft limits, tighter than the limits of a joint, are left out"
-            self.remarks.add(what, f"[{soft_lower:g}, {soft_upper:g}] of {label}")
+            words = "soft limits, tighter than the limits of a joint, are left out"
+            self.remarks.add(words, f"[{soft_lower:g}, {soft_upper:g}] of {label}")
         return UrdfJoint(
             name,
             kind,
@@ -362,7 +368,7 @@ class _Reader:
         )
 
     def _axis(self, joint: Element, name: str) -> FloatArray:
-        """Return unit axis [3] of a moving joint in its own frame."""
+        """Return the unit axis [3] of a moving joint in its own frame."""
         axis = _vector(_part(joint, "axis"), "xyz", f"axis of joint {name!r}", "1 0 0")
         length = float(np.linalg.norm(axis))
         if length < 1e-6:
@@ -370,15 +376,13 @@ class _Reader:
                 f"axis of joint {name!r} must be a unit vector, not {axis.tolist()} of length "
                 f"{length:.6g}"
             )
-        if abs(length - 1) > 1e-3:  # a unit vector written with four digits is within 1e-4 of one
+        if abs(length - 1) > 1e-3:  # a unit vector with four digits has an error of 1e-4
             item = f"of joint {name!r}, of length {length:.6g}"
             self.remarks.add("axes are scaled to unit vectors", item)
         return axis / length
 
     def _bound(self, limit: Element, key: str, label: str) -> float:
-        """Return a bound of speed, effort or acceleration; infinite without one, which files write
-        as 0.
-        """
+        """Return a bound of speed, effort or acceleration; infinite if missing or 0."""
         if number_from(f"{key} of {label}", limit.get(key, "inf")) == math.inf:
             return math.inf
         bound = _finite(limit, key, label, at_least=0.0)
@@ -388,28 +392,28 @@ class _Reader:
         return bound or math.inf
 
     def _acceleration(self, limit: Element, label: str) -> float:
-        """Return the smallest bound of speeding up and of slowing down."""
+        """Return the smallest bound of acceleration and deceleration."""
         keys = [
             key for key in ("acceleration", "deceleration", ACCELERATION) if key in limit.attrib
         ]
         bounds = [self._bound(limit, key, label) for key in keys]
         if len({*bounds}) > 1:
-            kind = "of several limits of acceleration the smallest is taken, both ways"
+            kind = "the smallest of several acceleration limits holds in both directions"
             self.remarks.add(kind, label)
         return min(bounds, default=math.inf)
 
     def _range(self, limit: Element, kind: str, name: str) -> tuple[float, float]:
-        """Return lower and upper position of a joint, rad or m."""
+        """Return the lower and upper position of a joint, rad or m."""
         if kind == "continuous":
             return -math.inf, math.inf
         if not limit.attrib.keys() & {"lower", "upper"}:
-            what = "joints without lower and upper limit are read as unlimited"
-            self.remarks.add(what, repr(name))
+            words = "joints without lower and upper limit are read as unlimited"
+            self.remarks.add(words, repr(name))
             return -math.inf, math.inf
         sides = []
         for side in ("lower", "upper"):
             label = f"{side} limit of joint {name!r}"
-            sides.append(number_from(label, limit.get(side, "0")))  # as URDF has it
+            sides.append(number_from(label, limit.get(side, "0")))  # the default of URDF
             if math.isnan(sides[-1]):
                 raise InputError(f"{label} must be a number, not nan")
         return sides[0], sides[1]
@@ -449,13 +453,16 @@ def _size(element: Element, label: str) -> list[float]:
 
 @dataclass(frozen=True, eq=False)
 class SrdfFile:
-    """All of a file that a robot can hold.
+    """Data of an SRDF file for a robot.
 
     Attributes
     ----------
-    tips : group -> link at the end of its chain; groups without a chain are left out
-    states : names, and their joint -> position, rad or m
-    disabled : pairs of links that may touch, each in alphabetical order
+    tips : dict
+        Last link of the chain of each group; groups without a chain are left out.
+    states : tuple
+        Names of states, each with positions by joint, rad or m.
+    disabled : tuple
+        Pairs of links that may touch, each in alphabetical order.
     """
 
     tips: dict[str, str]
@@ -469,7 +476,7 @@ def read_srdf(path: str | Path) -> SrdfFile:
     Raises
     ------
     InputError
-        A file that cannot be read or is no SRDF, a name that is missing, a value that is no number.
+        The file cannot be read or is no SRDF, a name is missing, or a value is no number.
     """
     name, remarks = Path(path).name, Remarks()
     with naming(f"{name}: "):

@@ -1,12 +1,12 @@
 """Robots from URDF files.
 
-A URDF places its joints freely; a :class:`~microbot_ocp.robot.Robot` has modified-DH rows. Reading
-turns the chain from the root to one end into rows (see ``_placement.py``), with a constant base
-transform before them and the tool after, and expresses masses and geometry in the new link frames.
-Links that do not move against each other become one body.
+A URDF places its joints freely; a :class:`~microbot_ocp.robot.Robot` has modified-DH rows. The
+reader converts the chain from the root to one end into rows (see ``_placement.py``), with a
+constant base transform before and the tool after them, and expresses masses and geometry in the new
+link frames. Links without a joint between them become one body.
 
-URDF knows no rotor inertia, no limits of acceleration or torque rate, no one-sided limits and no
-gravity. Writing puts these in elements ``<microbot_ocp>``, which other readers pass over.
+URDF has no rotor inertia, no limits of acceleration or torque rate, no one-sided limits and no
+gravity. The writer puts them into elements ``<microbot_ocp>``, which other readers ignore.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ from microbot_ocp.robot._coupling import Mimic
 from microbot_ocp.robot._links import Link, Part, combined, inertia_fault
 from microbot_ocp.robot._model import Robot
 from microbot_ocp.robot._shapes import Shape
-from microbot_ocp.robot._transforms import without_dust
+from microbot_ocp.robot._transforms import without_rounding
 from microbot_ocp.robot.files._placement import dh_rows
 from microbot_ocp.robot.files._ros_files import urdf_content
 from microbot_ocp.robot.files._urdf_file import (
-    HELD,
     RANGES,
+    UNSUPPORTED,
     SrdfFile,
     UrdfFile,
     UrdfJoint,
@@ -43,11 +43,13 @@ from microbot_ocp.robot.files._urdf_file import (
 )
 from microbot_ocp.robot.files._xml import Remarks, read_xml
 
-PARALLEL = 1e-12  # rad: what rounding in the computation leaves between parallel axes
-USUAL_TOOL = "tool0"  # name of the tool frame by ROS-Industrial's convention
-FIELDS = {"qd": "velocity", "tau": "effort", "qdd": "acceleration", "qddd": "jerk"}  # of a joint
-ROOM = 70  # characters that a list of names takes in a message
-Places = dict[str, tuple[int, FloatArray]]  # of links: number of the joint that moves it, frame
+PARALLEL = 1e-12  # rad, rounding in the computed angle between parallel axes
+USUAL_TOOL = "tool0"  # name of the tool frame in ROS-Industrial's convention
+# Attributes of a joint.
+FIELDS = {"qd": "velocity", "tau": "effort", "qdd": "acceleration", "qddd": "jerk"}
+LIST_WIDTH = 70  # characters of a list of names in a message
+# Each link has the number of the joint that moves it, and its frame.
+Places = dict[str, tuple[int, FloatArray]]
 
 
 def load_urdf(
@@ -62,50 +64,49 @@ def load_urdf(
 
     Joint names, positive directions and zero positions are those of the file; the base frame is the
     frame of its root link, the tool frame that of the link ``tip``. Damping and friction of a joint
-    become its viscous and Coulomb friction. Gravity is (0, 0, -9.81) m/s^2 unless the file carries
-    another. What the links look like is kept in ``robot.shapes``; mesh files are not opened.
+    become its viscous and Coulomb friction. Gravity is (0, 0, -9.81) m/s^2 unless the file has
+    another. Geometry is in ``robot.shapes``; mesh files are not opened.
 
     Parameters
     ----------
     path : str or Path
-        A ``.urdf`` file, or a ``.xacro`` file (extra ``urdf``; its expressions are run, for 10 s at
-        most).
+        File ``.urdf`` or ``.xacro`` (extra ``urdf``; xacro expressions run for 10 s at most).
     tip : str, optional
-        Link at the end of the chain. Joints that are not on the way to it are held at zero, and
-        what they carry is carried along; so are planar and floating joints, with a warning. Joints
-        on the way that mimic another move with it, under the limits of both; its effort moves them
-        all, their own is not used. Those off the way are held. Without ``tip`` the file
-        must be one arm; where that ends in several frames, the tool is ``tool0``, or else the
-        last link that moves, with a warning. Fingers that mimic each other are not part of it.
-        With an SRDF file it may be a group with a chain; where all its chains end at one link,
-        that is the tip by itself.
+        Link at the end of the chain, or a group with a chain in the SRDF file. By default the file
+        must be one arm; if it ends in several frames, the tool is ``tool0`` or the last moving
+        link, with a warning, and a gripper whose fingers mimic each other is ignored. If all
+        chains of an SRDF file end at one link, that link is the default. Joints outside of the
+        chain are fixed at zero, with the links that they carry; so are planar and floating joints,
+        with a warning. Joints of the chain that mimic another move with it under the limits of
+        both; only the effort limit of the leading joint counts.
     srdf : str or Path, optional
-        The SRDF file that MoveIt has beside a URDF; default that of the same name in the same
-        folder, if there is one. The pairs of links whose collisions it disables become
-        ``robot.disabled_pairs``, states of all joints of the chain ``robot.named_poses``.
+        SRDF file of MoveIt; default a file of equal name in the folder, if there is one. Pairs of
+        links with disabled collisions become ``robot.disabled_pairs``, states of all joints of
+        the chain ``robot.named_poses``.
     parallel_tolerance : float
-        Axes of neighbouring joints whose angle is below this count as parallel, rad. Poses are
-        then wrong by up to this angle; a larger one makes plain rows of angles rounded hard.
+        Angle below which axes of neighbouring joints count as parallel, rad. It bounds the error
+        of poses; a larger tolerance gives simple rows for a file with strongly rounded angles.
     xacro_arguments : mapping of str to str, optional
         Values of the arguments that a xacro file declares, such as ``{"ur_type": "ur10e"}``.
 
     Returns
     -------
     Robot
-        Without masses if no moving link of the file has any.
+        Robot, without masses if no moving link has any.
 
     Raises
     ------
     InputError
-        A file that cannot be read or is no URDF; no moving joint; several arms without ``tip``
-        (lists the tips that there are); duplicate names, links without a way from the root; a
-        negative mass, an axis of length zero, limits with lower above upper, anything not finite.
+        The file cannot be read or is no URDF; there is no moving joint, or there are several arms
+        but no ``tip`` (the message lists possible tips); duplicate names, links that are not
+        connected to the root; a negative mass, an axis of length zero, a lower limit above the
+        upper one, or a value that is not finite.
 
     Warns
     -----
     RobotFileWarning
-        What is read otherwise than a strict reader would: inertias that no rigid body has (taken
-        as they stand), joints without limits, missing meshes, joints held on the way.
+        Data that a strict reader would refuse or treat differently: inertias that no rigid body
+        has (kept), joints without limits, missing meshes, joints of the chain that are fixed.
     """
     name = str(path)
     data = urdf_content(name, "robot file", xacro_arguments)
@@ -130,8 +131,8 @@ def parse_urdf(
 ) -> Robot:
     """Return the robot from the text of a URDF file.
 
-    ``origin`` names it in messages; its meshes are looked for from ``folder``; ``about`` is what an
-    SRDF file says.
+    ``origin`` names the file in messages, ``folder`` is the start of mesh searches, and ``about``
+    is the content of an SRDF file.
     """
     checks.number("parallel_tolerance", parallel_tolerance, "rad", at_least=0.0, at_most=0.1)
     remarks = Remarks()
@@ -149,7 +150,7 @@ def parse_urdf(
 
 
 def _with_semantics(robot: Robot, about: SrdfFile, links: Set[str], remarks: Remarks) -> Robot:
-    """Return the robot with what an SRDF file says of it and its links."""
+    """Return the robot with data of an SRDF file."""
     names = robot.joint_names
     for name in sorted(set(sum(about.disabled, ())) - links):
         remarks.add("pairs of links that only the SRDF has are left out", repr(name))
@@ -163,17 +164,17 @@ def _with_semantics(robot: Robot, about: SrdfFile, links: Set[str], remarks: Rem
 
 def robot_of(file: UrdfFile, remarks: Remarks, tip: str | None, parallel_tolerance: float) -> Robot:
     """Return the arm of a file from its root to ``tip``."""
-    with np.errstate(all="ignore"):  # what overflows is refused by name
+    with np.errstate(all="ignore"):  # an overflow raises InputError with the name of the value
         return _Tree(file, remarks).robot(tip, parallel_tolerance)
 
 
 def read_urdf_shapes(path: str | Path) -> tuple[Shape, ...]:
-    """Give collision geometry of a URDF file without moving joints, in the frame of its root link.
+    """Return collision geometry of a URDF file of fixed joints, in the frame of its root link.
 
     Raises
     ------
     InputError
-        A file that cannot be read or is no URDF, a joint that moves, links without a way from the
+        The file cannot be read or is no URDF, a joint moves, or a link is not connected to the
         root.
     """
     file, remarks = Path(path), Remarks()
@@ -183,10 +184,7 @@ def read_urdf_shapes(path: str | Path) -> tuple[Shape, ...]:
         tree = _Tree(urdf_file(content, file.name, file.absolute().parent, remarks), remarks)
         for joint in tree.joints.values():
             if joint.moves:
-                raise InputError(
-                    f"joint {joint.name!r} moves, but what stands around an arm has no moving "
-                    "joints"
-                )
+                raise InputError(f"joint {joint.name!r} moves, but a scene has no moving joints")
     remarks.warn(file.name)
     return tuple(
         replace(shape, frame=0, pose=frame @ shape.pose)
@@ -197,12 +195,12 @@ def read_urdf_shapes(path: str | Path) -> tuple[Shape, ...]:
 
 
 class _Tree:
-    """Links and joints of a URDF, checked to be a tree."""
+    """The tree of links and joints of a URDF."""
 
     def __init__(self, file: UrdfFile, remarks: Remarks) -> None:
         self.file, self.remarks = file, remarks
         self.links, self.joints = file.links, file.joints
-        self.above: dict[str, UrdfJoint] = {}  # link -> joint that carries it
+        self.above: dict[str, UrdfJoint] = {}  # joint that carries each link
         self.below: dict[str, list[UrdfJoint]] = {name: [] for name in self.links}
         for joint in self.joints.values():
             for role, end in (("parent", joint.parent), ("child", joint.child)):
@@ -224,14 +222,14 @@ class _Tree:
 
     @property
     def root(self) -> str:
-        """The link that all others hang on."""
+        """The link that carries all others."""
         if len(self.roots) != 1:
-            names = _some([repr(name) for name in self.roots])
+            names = _abbreviated([repr(name) for name in self.roots])
             raise InputError(f"there must be one root link, not {names}: the file is not one chain")
         return self.roots[0]
 
     def _outward(self, *links: str) -> Iterator[str]:
-        """Yield the links and all links outward of them, each after the one that carries it."""
+        """Yield the links and all links that they carry, each after its carrier."""
         waiting = list(links)
         while waiting:
             name = waiting.pop()
@@ -247,10 +245,9 @@ class _Tree:
         return way[::-1]
 
     def _leader(self, joint: UrdfJoint) -> tuple[str, float, float]:
-        """Give joint at the head of those that mimic each other, the factor of its position and the
-        position with it at zero.
+        """Return the leading joint of a mimicking one, the factor, and the position at zero.
 
-        A joint whose leader is not there, or is itself, leads itself.
+        A joint leads itself if its leader is missing or the joint itself.
         """
         factor, offset, at, passed = 1.0, 0.0, joint, {joint.name}
         while at.leader is not None:
@@ -267,12 +264,13 @@ class _Tree:
         return at.name, factor, offset
 
     def _moving(self, way: list[UrdfJoint]) -> list[UrdfJoint]:
-        """Return the joints on the way that move, without those that mimic another by nothing."""
+        """Return the moving joints of a chain, except those that mimic by a factor of zero."""
         return [joint for joint in way if joint.moves and self._leader(joint)[1]]
 
     def _coordinates(self, way: list[UrdfJoint]) -> dict[str, UrdfJoint]:
-        """Return by the head of each mimicking group its joint on the way that moves the others:
-        the head itself, or the first.
+        """Return, by leading joint, the joint of a chain that moves the group.
+
+        It is the leader itself, or the first of the group in the chain.
         """
         chosen: dict[str, UrdfJoint] = {}
         for joint in self._moving(way):
@@ -282,15 +280,15 @@ class _Tree:
         return chosen
 
     def _tips(self) -> str:
-        """Return ends of the file, those with the most joints on the way first, for messages."""
+        """Return ends of the file for messages, those with the longest chains first."""
         ends = [name for name in self.links if not self.below[name]]
         counts = {name: len(self._coordinates(self._way(name))) for name in ends}
         longest = sorted(counts.items(), key=lambda pair: -pair[1])
-        return _some([f"{name!r} ({count})" for name, count in longest if count])
+        return _abbreviated([f"{name!r} ({count})" for name, count in longest if count])
 
     def _only_tip(self) -> str:
-        """Return the end of a file that is one arm."""
-        moving = {self.root: False}  # whether any joint outward of a link moves
+        """Return the end of a file with a single arm."""
+        moving = {self.root: False}  # True if any joint outward of a link moves
         for name in reversed(self.order):
             moving[name] = any(j.moves or moving[j.child] for j in self.below[name])
         last = self.root
@@ -298,7 +296,7 @@ class _Tree:
             if len(arms) > 1:
                 if self._is_gripper(last):
                     break
-                names = _some([repr(joint.name) for joint in arms])
+                names = _abbreviated([repr(joint.name) for joint in arms])
                 here = len(self._coordinates(self._way(last)))
                 before = f"{last!r} ({here}) without them, " if here else ""
                 raise InputError(
@@ -310,12 +308,12 @@ class _Tree:
         if len(ends) == 1:
             return ends[0]
         tip = USUAL_TOOL if USUAL_TOOL in ends else last
-        others = _some([repr(name) for name in ends if name != tip])
+        others = _abbreviated([repr(name) for name in ends if name != tip])
         self.remarks.add(f"the tool frame is that of {tip!r}; others can be chosen by tip", others)
         return tip
 
     def _is_gripper(self, link: str) -> bool:
-        """Return whether all that moves outward of a link that moves itself mimics one joint."""
+        """Return True if all moving joints outward of a moving link mimic one joint."""
         outward = [j for name in self._outward(link) for j in self.below[name] if j.moves]
         return (
             any(joint.moves for joint in self._way(link))
@@ -323,7 +321,7 @@ class _Tree:
         )
 
     def robot(self, tip: str | None, parallel_tolerance: float) -> Robot:
-        """Return the chain from the root to ``tip``, or to the only end there is."""
+        """Return the chain from the root to ``tip``, by default the only end."""
         if not any(joint.moves for joint in self.joints.values()):
             raise InputError("the file has no moving joint, so there is no arm to read")
         tip = self._only_tip() if tip is None else tip
@@ -349,8 +347,8 @@ class _Tree:
         rows = dh_rows(points, np.array(axes), parallel_tolerance)
         placed = [np.eye(4), *rows.frames]
         try:
-            tool = _seen_from(placed[-1], places[tip][1])
-        except np.linalg.LinAlgError:  # of axes or places that are 1e300 apart
+            tool = _relative_to(placed[-1], places[tip][1])
+        except np.linalg.LinAlgError:  # axes or positions of about 1e300
             raise InputError(
                 f"the joints up to {tip!r} have no frames: numbers too large"
             ) from None
@@ -358,14 +356,14 @@ class _Tree:
         seen: dict[str, tuple[int, FloatArray]] = {}
         for name in self.order:
             number, frame = places[name]
-            seen[name] = number, (pose := _seen_from(placed[number], frame))
+            seen[name] = number, (pose := _relative_to(placed[number], frame))
             given = self.links[name].shapes
             shapes += [replace(shape, frame=number, pose=pose @ shape.pose) for shape in given]
         robot = Robot.from_dh(
             *rows[:4],
             joint_type=["prismatic" if j.type == "prismatic" else "revolute" for j in moving],
             links=self._links(moving, places, rows.frames),
-            limits=_limits([self._led(joint, moving) for joint in moving]),
+            limits=_limits([self._within_leader(joint, moving) for joint in moving]),
             mimic=self._mimic(way),
             gravity=self.file.gravity,
             tool=tool,
@@ -380,7 +378,7 @@ class _Tree:
         return replace(robot, frames=seen)
 
     def _mimic(self, way: list[UrdfJoint]) -> Mimic:
-        """Return the joints on the way that follow others there, with factor and offset."""
+        """Return the joints of a chain that follow others in it, with factor and offset."""
         mimic: dict[str, tuple[str, float, float]] = {}
         chosen = self._coordinates(way)
         for joint in self._moving(way):
@@ -392,8 +390,8 @@ class _Tree:
                 mimic[joint.name] = first.name, ratio, offset - ratio * zero
         return mimic
 
-    def _led(self, joint: UrdfJoint, moving: list[UrdfJoint]) -> UrdfJoint:
-        """Return a joint within the limits of the one that it mimics, if that is off the way."""
+    def _within_leader(self, joint: UrdfJoint, moving: list[UrdfJoint]) -> UrdfJoint:
+        """Return a joint limited as its leader, too, if the leader is outside of the chain."""
         name, factor, offset = self._leader(joint)
         head = self.joints[name]
         if head in moving:
@@ -414,12 +412,12 @@ class _Tree:
         )
 
     def _remark_held(self, way: list[UrdfJoint], moving: list[UrdfJoint]) -> None:
-        """Remark on what a serial chain cannot follow."""
+        """Add remarks on joints that a serial chain cannot follow."""
         heads = {self._leader(joint)[0] for joint in moving}
         for joint in self.joints.values():
             if joint in moving:
                 continue
-            if joint in way and joint.type in HELD:
+            if joint in way and joint.type in UNSUPPORTED:
                 self.remarks.add(
                     "planar and floating joints on the way to the tip are held at zero",
                     f"{joint.name!r} ({joint.type})",
@@ -431,8 +429,9 @@ class _Tree:
                 )
 
     def places(self, chain: list[UrdfJoint]) -> Places:
-        """Return of all links the number of the joint of a chain that moves them, from 1, 0 for
-        what stands still, and their frame in the root's, the chain at zero, other joints held.
+        """Return, for all links, the number of the joint that moves them, and their root frame.
+
+        Numbers of the joints of a chain begin at 1; 0 means fixed. The chain is at zero.
         """
         numbers = {joint.name: number for number, joint in enumerate(chain, 1)}
         placement = {name: (0, np.eye(4)) for name in self.roots}
@@ -448,7 +447,7 @@ class _Tree:
     def _links(
         self, moving: list[UrdfJoint], places: Places, placed: list[FloatArray]
     ) -> list[Link]:
-        """Return one link a joint, of all that moves with it; none if nothing has a mass."""
+        """Return one link a joint, of all that moves with it; an empty list without masses."""
         bodies: list[list[Part]] = [[] for _ in range(len(moving) + 1)]
         for name in self.order:
             number, place = places[name]
@@ -457,8 +456,8 @@ class _Tree:
                 inertia = frame[:3, :3] @ inertial.inertia @ frame[:3, :3].T
                 bodies[number].append((inertial.mass, frame[:3, 3], inertia))
                 if fault := inertia_fault(inertial.inertia):
-                    what = "are taken as they stand" if number else "do not move here"
-                    self.remarks.add(f"inertias that no rigid body has {what}", f"{name!r} {fault}")
+                    rest = "are taken as they stand" if number else "do not move here"
+                    self.remarks.add(f"inertias that no rigid body has {rest}", f"{name!r} {fault}")
         if not any(mass or inertia.any() for body in bodies[1:] for mass, _, inertia in body):
             return []
         links = []
@@ -474,15 +473,15 @@ class _Tree:
         return links
 
 
-def _seen_from(frame: FloatArray, other: FloatArray) -> FloatArray:
+def _relative_to(frame: FloatArray, other: FloatArray) -> FloatArray:
     """Return another frame [4,4] in the coordinates of a frame [4,4]."""
-    return without_dust(np.array(np.linalg.solve(frame, other), dtype=float))
+    return without_rounding(np.array(np.linalg.solve(frame, other), dtype=float))
 
 
-def _some(texts: list[str]) -> str:
-    """Return as many texts as a message has room for, at least one."""
+def _abbreviated(texts: list[str]) -> str:
+    """Return as many texts as fit into a message, at least one."""
     ends = itertools.accumulate(len(text) + 2 for text in texts)
-    fitting = max(sum(end <= ROOM for end in ends), 1)
+    fitting = max(sum(end <= LIST_WIDTH for end in ends), 1)
     rest = len(texts) - fitting
     return ", ".join([*texts[:fitting], f"{rest} more"] if rest > 0 else texts)
 
@@ -511,11 +510,11 @@ def _limits(moving: list[UrdfJoint]) -> Limits:
 
 
 def joint_motion(joint: UrdfJoint, position: float) -> FloatArray:
-    """Return the transform [4,4] of a joint by ``position``, rad or m."""
+    """Return the transform [4,4] of a joint at ``position``, rad or m."""
     motion = np.eye(4)
     if joint.type == "prismatic":
         motion[:3, 3] = position * joint.axis
     else:
-        skew = np.cross(np.eye(3), joint.axis)  # times a vector: axis x vector
+        skew = np.cross(np.eye(3), joint.axis)  # rows: skew @ v = axis x v
         motion[:3, :3] += np.sin(position) * skew + (1 - np.cos(position)) * skew @ skew
     return motion

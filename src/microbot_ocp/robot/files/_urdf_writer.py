@@ -1,4 +1,4 @@
-"""Robots to URDF files."""
+"""URDF files of robots."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from microbot_ocp.robot.files._urdf_file import ACCELERATION, EXTENSION, MOMENTS
 
 
 def robot_to_urdf(robot: Robot) -> str:
-    """Return the text of the URDF file of a robot: the same poses, dynamics and geometry.
+    """Return the text of the URDF file of a robot, with equal poses, dynamics and geometry.
 
     The root link is ``base_link``, the last one ``tool``. Rotor inertia, gravity, and limits that
-    URDF has no room for stand in elements ``<microbot_ocp>``: :func:`microbot_ocp.load_robot` reads
-    them, other programs pass over them. Needs no extra.
+    URDF cannot express are in elements ``<microbot_ocp>``, which :func:`microbot_ocp.load_robot`
+    reads and other programs ignore. Needs no extra.
     """
     if robot.rotors:
         raise InputError(
@@ -61,7 +61,7 @@ def robot_to_urdf(robot: Robot) -> str:
     text = ElementTree.tostring(root, "unicode")
     try:
         ElementTree.fromstring(text)
-    except ElementTree.ParseError as problem:  # XML has no place for most control characters
+    except ElementTree.ParseError as problem:  # XML excludes most control characters
         raise InputError(
             f"robot {robot.name!r} cannot be written as XML: {problem}; look at its names or "
             "description"
@@ -77,7 +77,7 @@ def _unused(name: str, taken: Iterable[str]) -> str:
 
 
 def _link_names(robot: Robot) -> list[str]:
-    """Return different names: base_link, one a joint, tool."""
+    """Return names of links, all different: base_link, one a joint, tool."""
     names = ["base_link"]
     for joint, joint_name in enumerate(robot.chain.joint_names):
         link = robot.links[joint].name if robot.has_dynamics else None
@@ -143,7 +143,7 @@ def _write_moving(element: ElementTree.Element, robot: Robot, joint: int) -> Non
         key = {"qd": "velocity", "tau": "effort", "qdd": ACCELERATION}.get(quantity, "")
         lower, upper = (float(bound[joint]) for bound in robot.limits.bounds(quantity))
         size = max(-lower, upper)
-        if key and 0.0 < size < math.inf:  # others read 0 as not stated
+        if key and 0.0 < size < math.inf:  # other programs take 0 as unlimited
             limit[key] = repr(size)
         if (lower, upper) != ((-size, size) if limit.get(key) else (-math.inf, math.inf)):
             extra[f"{quantity}_min"], extra[f"{quantity}_max"] = repr(lower), repr(upper)

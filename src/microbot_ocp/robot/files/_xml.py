@@ -1,9 +1,7 @@
-"""XML of robot files: harmless faults are tolerated, anything else is refused.
+"""XML of robot files: harmless faults are tolerated with a warning, all others are refused.
 
-What is tolerated is gathered and reported as warnings, one for each kind.
-
-Read are undeclared prefixes (``drake:...``), comments of any form, and any encoding, with or
-without a byte order mark. Refused are entity declarations and elements nested without end.
+The reader accepts undeclared prefixes (``drake:...``), comments of any form, and any encoding, with
+or without a byte order mark. It refuses entity declarations and unlimited nesting.
 """
 
 from __future__ import annotations
@@ -17,9 +15,9 @@ from xml.parsers import expat
 from microbot_ocp._base.checks import InputError, warn_user
 from microbot_ocp._base.reading import DEEPEST
 
-SHOWN = 12  # examples in a warning; a file may have the same fault a hundred times
+SHOWN = 12  # most examples in a warning; a file may repeat a fault a hundred times
 BYTE_ORDER_MARKS = (
-    (codecs.BOM_UTF32_LE, "utf-32"),  # before utf-16, whose mark it begins with
+    (codecs.BOM_UTF32_LE, "utf-32"),  # tested before utf-16, whose mark is a prefix of this one
     (codecs.BOM_UTF32_BE, "utf-32"),
     (codecs.BOM_UTF8, "utf-8-sig"),
     (codecs.BOM_UTF16_LE, "utf-16"),
@@ -28,13 +26,14 @@ BYTE_ORDER_MARKS = (
     (b"\0<", "utf-16-be"),
 )
 DECLARATION = re.compile(r"\A\s*<\?xml\s.*?\?>", re.DOTALL)
-COMMENT = re.compile(r"<!--.*?(?:-->|\Z)", re.DOTALL)  # without an end: all that follows
+# A comment without an end extends to the end of the text.
+COMMENT = re.compile(r"<!--.*?(?:-->|\Z)", re.DOTALL)
 
 
 class RobotFileWarning(UserWarning):
-    """A robot file is read although something in it is wrong, missing or cannot be followed.
+    """A robot file was read although something in it is wrong, missing or not supported.
 
-    The message names the file, the links or joints, and what was made of it.
+    The message names the file, the links or joints concerned, and the data that were assumed.
     """
 
 
@@ -45,13 +44,13 @@ class Remarks:
         self._items: dict[str, list[str]] = {}
 
     def add(self, kind: str, item: str = "") -> None:
-        """Note an ``item`` of a ``kind``: the beginning of the sentence that lists its items."""
+        """Add an ``item`` of a ``kind``, the start of the sentence that lists its items."""
         items = self._items.setdefault(kind, [])
         if item and item not in items:
             items.append(item)
 
     def warn(self, origin: str) -> None:
-        """Say all that was noted about the file ``origin``."""
+        """Warn about all remarks on the file ``origin``."""
         for kind, items in self._items.items():
             shown = items[:SHOWN]
             if len(items) > SHOWN:
@@ -61,9 +60,9 @@ class Remarks:
 
 
 def read_xml(data: str | bytes, remarks: Remarks) -> ElementTree.Element:
-    """Return the root element of an XML text; names keep their prefixes as they stand."""
+    """Return the root element of an XML text; names keep their prefixes."""
     text = data if isinstance(data, str) else _decoded(data, remarks)
-    # Lines are kept, so that errors name the right one.
+    # Removed comments keep their line breaks, so that errors name the right line.
     text = COMMENT.sub(_blank, text.lstrip("\ufeff"))
     text = DECLARATION.sub(_blank, text, count=1)
     builder, depth = ElementTree.TreeBuilder(), 0
@@ -111,4 +110,4 @@ def _declared(data: bytes) -> str:
     declaration = re.match(rb"\s*<\?xml[^>]*?encoding\s*=\s*[\"']([\w.:-]+)", data)
     name = declaration.group(1).decode("ascii", "replace") if declaration else "utf-8"
     wide = name.lower().replace("-", "").startswith(("utf16", "utf32"))
-    return "utf-8" if wide else name  # of wide characters the declaration itself was not found
+    return "utf-8" if wide else name  # a declaration in wide characters would not have matched
