@@ -13,7 +13,7 @@ import pytest
 import microbot_ocp as mo
 from microbot_ocp._base import fast_calls
 from microbot_ocp._base.codegen import interpreted
-from microbot_ocp._base.fast_calls import FastCall, buffered_call, deferred_call, fast_loop
+from microbot_ocp._base.fast_calls import FastCall, buffered_call, deferred_call
 
 ROBOT = mo.load_robot("microbot")
 FUNCTIONS = {
@@ -159,8 +159,9 @@ def rest_of_division() -> ca.Function:
                        ["after", "going", "double"])  # fmt: skip
 
 
-def test_a_loop_ends_where_it_says_or_at_its_most(way: str) -> None:
-    loop = fast_loop.__wrapped__(rest_of_division(), 10)
+def test_a_loop_ends_where_it_says_or_at_its_most(way: str, monkeypatch) -> None:
+    monkeypatch.setattr(fast_calls, "WORTH_COMPILING", -1.0)
+    loop = deferred_call.__wrapped__(rest_of_division(), 10)
     after, going, double = loop([7.0, 0.0], [2.0])
     assert (after.tolist(), going.tolist(), double.tolist()) == ([1.0, 3.0], [0.0], [2.0, 6.0])
     after, going, _ = loop([100.0, 0.0], [2.0])
@@ -176,8 +177,9 @@ def test_a_loop_ends_where_it_says_or_at_its_most(way: str) -> None:
     assert loop(np.zeros((0, 2)), [2.0])[0].shape == (0, 2)
 
 
-def test_rows_of_a_loop_end_after_as_many_calls_as_alone(way: str) -> None:
-    loop = fast_loop.__wrapped__(rest_of_division(), 10)
+def test_rows_of_a_loop_end_after_as_many_calls_as_alone(way: str, monkeypatch) -> None:
+    monkeypatch.setattr(fast_calls, "WORTH_COMPILING", -1.0)
+    loop = deferred_call.__wrapped__(rest_of_division(), 10)
     first = np.column_stack([np.random.default_rng(2).uniform(0, 30, 5 * ROWS), np.zeros(5 * ROWS)])
     alone = [loop(row, [2.0]) for row in first]
     for together, each in zip(loop(first, [2.0]), zip(*alone, strict=True), strict=True):
@@ -206,7 +208,7 @@ def test_every_operation_of_many_states_has_the_bits_of_one(way: str) -> None:
 def test_a_loop_needs_a_state_and_a_number() -> None:
     x = ca.SX.sym("x", 2)
     with pytest.raises(mo.InputError, match="must return the next state, then one number"):
-        fast_loop(ca.Function("wrong", [x], [x, x]), 3)
+        deferred_call(ca.Function("wrong", [x], [x, x]), 3)
 
 
 def test_a_deferred_call_compiles_once_that_pays(monkeypatch):
@@ -254,6 +256,20 @@ def test_compiled_torques_have_the_bits_of_those_that_are_not(monkeypatch):
     call = deferred_call.__wrapped__(function)
     for _ in range(2):  # the second time it is compiled
         np.testing.assert_array_equal(call(*states), as_it_is)
+
+
+@pytest.mark.parametrize("kind", ["a matrix", "two matrices"])
+def test_own_sines_have_the_same_bits_before_and_after_it_is_compiled(monkeypatch, kind):
+    function = FUNCTIONS[kind]
+    rows = [5.0 * state for state in states(function)]
+    rows[0][3] *= 1e7  # the sine of such an angle is the C library's
+    call = deferred_call.__wrapped__(function, alike=False)
+    expected = [as_tuple(fresh(function)(*given)) for given in (rows, [row[0] for row in rows])]
+    for worth in (np.inf, -1.0):
+        monkeypatch.setattr(fast_calls, "WORTH_COMPILING", worth)
+        for given, answers in zip((rows, [row[0] for row in rows]), expected, strict=True):
+            for ours, answer in zip(as_tuple(call(*given)), answers, strict=True):
+                np.testing.assert_array_equal(ours, answer)
 
 
 @pytest.mark.skipif(np.finfo(np.longdouble).nmant < 63, reason="nothing more precise is at hand")

@@ -96,25 +96,36 @@ def fast_call(function: ca.Function) -> FastCall:
 
 @lru_cache(maxsize=128)
 def deferred_call(
-    function: ca.Function, most: int = 0, kept: bool = False, compiled: bool = True
+    function: ca.Function,
+    most: int = 0,
+    kept: bool = False,
+    compiled: bool = True,
+    alike: bool = True,
 ) -> FastCall:
     """Return a CasADi function as a numpy function of many states, compiled when that pays.
 
     Compiled code from the cache is used at once. Otherwise the function runs uncompiled, many
     states as a table (:mod:`~microbot_ocp._base.interpreter`), until that has taken
     :data:`WORTH_COMPILING`; the few thousand states of a motion take less. All give equal bits.
+
     Parameters
     ----------
     function : casadi.Function
-        Function as for :func:`fast_call` with vectors as outputs; if ``most`` is above zero, as
-        for :func:`fast_loop`.
+        Function as for :func:`fast_call` with dense outputs. If ``most`` is above zero it takes a
+        state and further inputs, and returns the next state, a number that is positive as long as
+        the repetition continues, and further outputs.
     most : int
-        Largest number of repetitions; zero for a single evaluation.
+        Largest number of repetitions, of each row of a batch, with the other inputs constant; zero
+        for a single evaluation.
     kept : bool
         True to return the outputs of every repetition from one state; with ``most`` of zero, the
         function runs along the rows of the other inputs, its first output the next state.
     compiled : bool
         False to never compile.
+    alike : bool
+        True for sines with the bits of CasADi's virtual machine. False for those of
+        :func:`fast_call`, which take a third less time in batches, also before compilation; but
+        CasADi's without a compiler or with ``kept``.
 
     Returns
     -------
@@ -125,7 +136,7 @@ def deferred_call(
     Raises
     ------
     InputError
-        Errors of :func:`fast_call`.
+        Errors of :func:`fast_call`; the state's size changes.
 
     Examples
     --------
@@ -133,18 +144,30 @@ def deferred_call(
     >>> tau = deferred_call(mo.inverse_dynamics(mo.load_robot("microbot")))
     >>> tau(*np.zeros((3, 5, 3))).shape
     (5, 3)
+    >>> x, a = ca.SX.sym("x"), ca.SX.sym("a")
+    >>> better = (x + a / x) / 2
+    >>> step = ca.Function("heron", [x, a], [better, ca.fabs(better - x) > 1e-15])
+    >>> root, _ = deferred_call(step, 50)([1.0], np.array([[2.0], [9.0]]))
+    >>> root.round(6).tolist()
+    [[1.414214], [3.0]]
     """
     _check_vectors(function)
-    fast = _extension(function, most, make=False, kept=kept, alike=True) if compiled else None
+    if most and (function.size_in(0) != function.size_out(0) or function.size_out(1) != (1, 1)):
+        raise InputError(f"{function.name()} must return the next state, then one number")
+
+    def extension(make: bool = True) -> FastCall | None:
+        return _extension(function, most, make=make, kept=kept, alike=alike)
+
+    fast = extension(make=False) if compiled else None
     inner = (function, *function.find_functions())
     in_python = any(part.class_name() == "CallbackInternal" for part in inner)
     spent = -np.inf if in_python or not compiled else 0.0  # a Python callback has no C code
-    as_it_is = _as_it_is(function, most, kept, compiled)
+    as_it_is = _as_it_is(function, most, kept, compiled, alike)
 
     def call(*given: Any) -> Any:
         nonlocal fast, spent
         if fast is None and spent > WORTH_COMPILING and compiles() and not deadline.over():
-            fast = _extension(function, most, kept=kept, alike=True)
+            fast = extension()
             if fast is None and not deadline.over():  # after a time limit, a later call tries again
                 fast = as_it_is
         if fast is not None:
@@ -176,45 +199,6 @@ def table_call(function: ca.Function) -> FastCall:
     """
     _check_vectors(function)
     return _stand_in(function)
-
-
-@lru_cache(maxsize=128)
-def fast_loop(function: ca.Function, most: int) -> FastCall:
-    """Return the repetition of a CasADi function as a numpy function of one state or of many.
-
-    Parameters
-    ----------
-    function : casadi.Function
-        Uncompiled function of vectors: a state and further inputs. It returns the next state, a
-        number that is positive as long as the repetition continues, and further outputs.
-    most : int
-        Largest number of calls, at least 1.
-
-    Returns
-    -------
-    callable
-        Function as from :func:`fast_call`, of the first state and the constant further inputs,
-        which returns the outputs of the last call. A batch is a loop in C over its rows, each
-        with its own number of repetitions.
-
-    Raises
-    ------
-    InputError, NotCompiled
-        Errors of :func:`fast_call`; the state's size changes.
-
-    Examples
-    --------
-    >>> x, a = ca.SX.sym("x"), ca.SX.sym("a")
-    >>> better = (x + a / x) / 2
-    >>> step = ca.Function("heron", [x, a], [better, ca.fabs(better - x) > 1e-15])
-    >>> root, _ = fast_loop(step, 50)([1.0], np.array([[2.0], [9.0]]))
-    >>> root.round(6).tolist()
-    [[1.414214], [3.0]]
-    """
-    _check_vectors(function)
-    if function.size_in(0) != function.size_out(0) or function.size_out(1) != (1, 1):
-        raise InputError(f"{function.name()} must return the next state, then one number")
-    return _extension(function, most) or _repeated(_stand_in(compile_function(function)), most)
 
 
 def _check_vectors(function: ca.Function) -> None:
@@ -268,9 +252,15 @@ def _source(function: ca.Function, most: int, kept: bool, alike: bool) -> str:
     """Return the C text of a module."""
     if alike:
         return c_source([function]) + _glue(function, most, kept, "")
-    formulas = TRIGONOMETRY.read_text("utf-8")
-    numbers, vectors = (formulas.replace("REAL", real) for real in ("double", "vector"))
-    return numbers + c_source([function]) + _glue(function, most, kept, vectors)
+    return (
+        _sines_of("double")
+        + c_source([function])
+        + _glue(function, most, kept, _sines_of("vector"))
+    )
+
+
+def _sines_of(real: str) -> str:
+    return TRIGONOMETRY.read_text("utf-8").replace("REAL", real)
 
 
 def _glue(function: ca.Function, most: int, kept: bool, trigonometry: str) -> str:
@@ -419,7 +409,7 @@ class _Memory:
 
 
 def _by_table(
-    function: ca.Function,
+    function: ca.Function, alike: bool = True
 ) -> Callable[[int, list[FloatArray]], tuple[FloatArray, ...]] | None:
     """Return a function of many rows by an operation table, with transposed outputs.
 
@@ -430,7 +420,7 @@ def _by_table(
         return None
     table = with_products(table)
     try:
-        run = _interpreter()
+        run = _interpreter(alike)
     except (OSError, subprocess.SubprocessError, RuntimeError):
         return None  # the caller uses CasADi's virtual machine
     sizes, shapes = _sizes(function)
@@ -457,9 +447,14 @@ def _by_table(
     return call
 
 
-@lru_cache(maxsize=1)
-def _interpreter() -> Callable[..., None]:
+@lru_cache(maxsize=2)
+def _interpreter(alike: bool) -> Callable[..., None]:
     """Return the interpreter of operation tables, which is compiled once for all functions.
+
+    Parameters
+    ----------
+    alike : bool
+        Kind of its sines, as for :func:`deferred_call`.
 
     Raises
     ------
@@ -469,7 +464,8 @@ def _interpreter() -> Callable[..., None]:
     cc = codegen.compiler()
     if cc is None:
         raise RuntimeError("no C compiler was found")
-    library = build_library(interpreter_text(), "rows", cc, "-O3", further=ROUNDED_ALIKE)
+    text = ("" if alike else _sines_of("double")) + interpreter_text()
+    library = build_library(text, "rows", cc, "-O3", further=ROUNDED_ALIKE)
     run = ctypes.CDLL(str(library)).interpret_rows
     count, address = ctypes.c_long, ctypes.c_void_p
     side = (count, address)
@@ -478,10 +474,12 @@ def _interpreter() -> Callable[..., None]:
     return run
 
 
-def _stand_in(function: ca.Function, by_table: bool = True) -> FastCall:
+def _stand_in(function: ca.Function, by_table: bool = True, alike: bool = True) -> FastCall:
     """Return the function of :func:`fast_call` without an extension module."""
     sizes, shapes = _sizes(function)
     single, many = buffered_call(function), _many_rows(function, by_table)
+    if not alike and by_table and (table := _by_table(function, alike)) is not None:
+        single, many = (lambda *arrays: table(1, [*arrays])), table
 
     def call(*given: Any) -> Any:
         arrays, rows = _vectors_or_batches(function, sizes, given)
@@ -541,7 +539,9 @@ def _many_rows(
 
 
 def _repeated(single: FastCall, most: int) -> FastCall:
-    """Return the function of :func:`fast_loop` without an extension module."""
+    """Return a function that repeats another as :func:`deferred_call` says, without an extension
+    module.
+    """
 
     def call(*given: Any) -> Any:
         arrays = [np.asarray(value, dtype=float) for value in given]
@@ -561,9 +561,11 @@ def _repeated(single: FastCall, most: int) -> FastCall:
     return call
 
 
-def _as_it_is(function: ca.Function, most: int, kept: bool, by_table: bool) -> FastCall:
+def _as_it_is(
+    function: ca.Function, most: int, kept: bool, by_table: bool, alike: bool
+) -> FastCall:
     """Return the function of :func:`deferred_call` without an extension module."""
-    single = _stand_in(function, by_table)
+    single = _stand_in(function, by_table, alike)
     chained = lru_cache(maxsize=1)(lambda rows: buffered_call(function.mapaccum(rows, NESTED)))
 
     def repeated(*given: Any) -> tuple[FloatArray, ...]:

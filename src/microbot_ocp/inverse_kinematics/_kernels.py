@@ -19,7 +19,7 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp._base.fast_calls import FastCall, fast_call, fast_loop
+from microbot_ocp._base.fast_calls import FastCall, deferred_call
 from microbot_ocp._base.threads import cached_in_thread
 from microbot_ocp.robot import Robot, forward_kinematics, jacobian, solve_symmetric
 
@@ -199,7 +199,7 @@ def descent(robot: Robot, width: int) -> FastCall:
         ["state", "target", "wanted", "lower", "upper", "low", "high", "settings"],
         ["next", "going", "error"],
     )
-    return fast_loop(function, STEPS.total_steps)
+    return deferred_call(function, STEPS.total_steps, alike=False)
 
 
 def _step(
@@ -225,15 +225,15 @@ def _step(
 @lru_cache(maxsize=64)
 def pose_of(robot: Robot) -> FastCall:
     """Return ``(q[n] or [N,n]) -> T[4,4] or [N,4,4]``, tool in base."""
-    return fast_call(forward_kinematics(robot))
+    return deferred_call(forward_kinematics(robot), alike=False)
 
 
 def scaled_jacobian(robot: Robot, q: FloatArray, width: int) -> FloatArray:
     """Return Jacobians [N,m,n] of the task (m = 3 or 6), positions by the reach, joints by
     their unit.
     """
-    full = np.reshape(fast_call(jacobian(robot))(q), (len(q), 6, robot.joint_count))
-    full = full * joint_scale(robot)
+    full = deferred_call(jacobian(robot), alike=False)(q)
+    full = full.reshape(len(q), 6, robot.joint_count) * joint_scale(robot)
     full[:, :3] /= reach(robot)
     return full[:, :3] if width == 3 else full
 
