@@ -71,7 +71,7 @@ def test_a_velocity_limit_may_be_tiny():
     assert motion.duration == pytest.approx(1e4, rel=0.03)
 
 
-@pytest.mark.parametrize("apart", [1e-3, 1e-5])
+@pytest.mark.parametrize("apart", [pytest.param(1e-3, marks=pytest.mark.thorough), 1e-5])
 def test_via_points_close_together_cost_nothing(apart):
     robot = slider(tau_max=2.0)
     via = [[0.0], [0.5], [0.5 + apart], [1.0]]
@@ -84,13 +84,13 @@ def test_via_points_close_together_cost_nothing(apart):
 def test_a_pendulum_too_weak_to_be_lifted_swings_several_times():
     robot = pendulum(tau_max=3.0, qd_max=20.0)
     via = [[0.0], [np.pi]]
-    motion = mo.time_optimal(robot, via, mesh=30, compiled=False)
+    motion = mo.time_optimal(robot, via, mesh=15, compiled=False)
     assert motion.solved
     assert mo.certify(robot, motion, via_q=via).ok
     assert np.count_nonzero(np.diff(np.sign(motion.qd[1:-1, 0]))) >= 2
     tried = motion.provenance["starts"]
     assert len(tried) <= 30
-    one = mo.time_optimal(robot, via, mesh=30, compiled=False, starts=1, tries=1)
+    one = mo.time_optimal(robot, via, mesh=15, compiled=False, starts=1, tries=1)
     assert len(one.provenance["starts"]) == 1
 
 
@@ -151,13 +151,13 @@ def test_an_answer_on_a_bound_of_the_duration_says_so(monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("jerk", [np.inf, 50.0])
+@pytest.mark.parametrize("jerk", [pytest.param(np.inf, marks=pytest.mark.thorough), 50.0])
 def test_a_robot_without_masses_does_what_kinematics_allows(jerk):
     limits = mo.Limits(qd_max=2.0, qdd_max=5.0, qddd_max=jerk, tau_max=1.0)
     bare = mo.Robot.from_dh([0.0, np.pi / 2], [0.0, 0.0], [0.5, 0.0], limits=limits, name="bare")
     assert not bare.has_dynamics
     via = np.array([[0.0, 0.0], [1.0, 0.5], [0.2, 1.0]])
-    free = mo.time_optimal(bare, via, mesh=30, compiled=False)
+    free = mo.time_optimal(bare, via, mesh=30, starts=1, compiled=False)
     path = mo.time_optimal_path(bare, mo.straight_path(via), compiled=False)
     for motion in (free, path):
         assert motion.solved
@@ -216,7 +216,7 @@ def test_slack_is_given_for_less_effort():
     robot, via = arm(), [[0.0, 0.3], [1.0, -0.5], [0.5, 0.8]]
     fastest = mo.time_optimal(robot, via, mesh=15, starts=1, compiled=False)
     before = np.inf
-    for slack in (1e-3, 1e-2, 0.1):
+    for slack in (1e-3, 0.1):
         motion = mo.time_optimal(robot, via, mesh=15, starts=1, slack=slack, compiled=False)
         assert motion.solved
         assert mo.certify(robot, motion, via_q=via).ok

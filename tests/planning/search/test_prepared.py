@@ -55,7 +55,7 @@ def test_a_search_finds_nothing_slower(prepared):
 
 @pytest.mark.parametrize(("tau_max", "payload"), [(4.0, 0.0), (4.0, 3.0), (10.0, 1.0)])
 def test_a_payload_on_a_rail_takes_the_closed_form(tau_max, payload):
-    solver = mo.TimeOptimalSolver(slider(mass=2.0, tau_max=4.0), [[0.0], [1.5]])
+    solver = mo.TimeOptimalSolver(slider(mass=2.0, tau_max=4.0), [[0.0], [1.5]], mesh=40)
     motion = solver(mo.Limits(tau_max=tau_max), payload)
     assert motion.duration == pytest.approx(2 * np.sqrt(1.5 * (2.0 + payload) / tau_max), rel=1e-3)
 
@@ -127,7 +127,7 @@ def test_other_via_points_are_numbers_of_the_same_solver(microbot, prepared):
 
 
 def test_a_prepared_answer_that_is_solved_keeps_its_limits_as_well_as_others(prepared):
-    for share in (0.8, 0.9, 1.1):
+    for share in (0.8, 1.1):
         limits = prepared.robot.limits
         motion = prepared(mo.Limits(qd_max=limits.qd_max, tau_max=share * limits.tau_max))
         assert motion.solved
@@ -135,7 +135,7 @@ def test_a_prepared_answer_that_is_solved_keeps_its_limits_as_well_as_others(pre
 
 
 @pytest.mark.parametrize("rate", [np.inf, 10.0])
-@pytest.mark.parametrize("share", [0.2, 0.3])  # before its torque falls as fast as it can
+@pytest.mark.parametrize("share", [0.3])  # before its torque falls as fast as it can
 def test_what_is_left_of_a_fastest_motion_is_the_fastest_from_where_it_is(rate, share):
     rail = slider(mass=2.0, tau_max=4.0, taud_max=rate)
     solver = mo.TimeOptimalSolver(rail, [[0.0], [1.5]], mesh=40)
@@ -223,7 +223,13 @@ def as_fast_as_cold(solver, robot, via_q):
     assert mo.certify(robot, motion, via_q=via_q).ok
 
 
-@pytest.mark.parametrize("via_q", [[[0.2, -0.3], [1.2, 0.8]], [[0.0, 0.0], [-0.5, 1.0]]])
+@pytest.mark.parametrize(
+    "via_q",
+    [
+        pytest.param([[0.2, -0.3], [1.2, 0.8]], marks=pytest.mark.thorough),
+        [[0.0, 0.0], [-0.5, 1.0]],
+    ],
+)
 def test_under_torque_rates_other_via_points_are_as_fast_as_a_cold_solve(via_q):
     """On an even mesh half an interval would be lost at every switch: 1 % of the motion."""
     robot = arm(tau_max=[60.0, 25.0], taud_max=[400.0, 150.0])

@@ -8,6 +8,7 @@ from microbot_ocp.planning import straight_path, time_optimal_path
 from planning.shared import ARM_VIA, VIA_Q, VIA_T, arm, slider
 
 STEP = 1e-4  # s
+QUICK = {"mesh": 20, "starts": 1}
 
 
 def largest_step(robot: mo.Robot, motion: mo.Motion) -> float:
@@ -29,8 +30,14 @@ def two_links(share: float) -> mo.Robot:
 
 
 CASES = [
-    *((two_links(share), ARM_VIA) for share in (1.0, 0.3)),
-    *(pytest.param((microbot(s), VIA_Q), marks=pytest.mark.thorough) for s in (1.0, 0.3)),
+    (two_links(1.0), ARM_VIA),
+    *(
+        pytest.param(case, marks=pytest.mark.thorough)
+        for case in (
+            (two_links(0.3), ARM_VIA),
+            *((microbot(share), VIA_Q) for share in (1.0, 0.3)),
+        )
+    ),
 ]
 
 
@@ -38,7 +45,7 @@ CASES = [
 def free(request):
     """A robot whose torque rates are limited, points and the free motion through them."""
     robot, via_q = request.param
-    return robot, via_q, mo.time_optimal(robot, via_q)
+    return robot, via_q, mo.time_optimal(robot, via_q, **QUICK)
 
 
 @pytest.mark.slow
@@ -75,11 +82,13 @@ def test_the_panda_leaves_from_the_torques_that_hold_it():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("stop", [{"dwell": 0.3}, {"velocity": "rest"}])
+@pytest.mark.parametrize(
+    "stop", [{"dwell": 0.3}, pytest.param({"velocity": "rest"}, marks=pytest.mark.thorough)]
+)
 def test_stops_and_dwells_are_passed_with_the_torques_that_hold_the_arm(stop):
     robot = two_links(1.0)
     stops = [mo.Stop(q=q, **(stop if k == 1 else {})) for k, q in enumerate(ARM_VIA)]
-    motion = mo.time_optimal(robot, stops)
+    motion = mo.time_optimal(robot, stops, **QUICK)
     assert motion.solved
     assert largest_step(robot, motion) < 1.005
     np.testing.assert_allclose(motion.sample(motion.marks[1].time).qdd, 0.0, atol=1e-9)
@@ -88,7 +97,7 @@ def test_stops_and_dwells_are_passed_with_the_torques_that_hold_the_arm(stop):
 @pytest.mark.slow
 def test_a_prepared_solver_leaves_from_the_torques_that_hold_the_arm():
     robot = two_links(1.0)
-    motion = mo.TimeOptimalSolver(robot, ARM_VIA)()
+    motion = mo.TimeOptimalSolver(robot, ARM_VIA[:2], **QUICK)()
     assert motion.solved
     assert largest_step(robot, motion) < 1.01
 
@@ -103,7 +112,7 @@ def test_a_prepared_solver_leaves_from_the_torques_that_hold_the_arm():
     ],
     ids=["corner", "cubic", "quintic", "spline"],
 )
-@pytest.mark.parametrize("share", [0.25, 1.0])
+@pytest.mark.parametrize("share", [0.25, pytest.param(1.0, marks=pytest.mark.thorough)])
 def test_timed_paths_leave_and_stop_with_the_torques_that_hold_the_arm(path, share):
     robot = two_links(share)
     motion = time_optimal_path(robot, path)

@@ -59,7 +59,8 @@ def cut(two_links):
         Stop(position=[0.6, 1.0, 0.0], tolerance=0.05, name="third"),
     ]
     segments = [mo.Line(tolerance=2e-3), None]
-    return mo.time_optimal(two_links, stops, segments=segments, **QUICK), stops, segments
+    options = QUICK | {"mesh": 10}
+    return mo.time_optimal(two_links, stops, segments=segments, **options), stops, segments
 
 
 def test_a_tolerance_shortens_the_way(rail):
@@ -118,7 +119,8 @@ def test_the_best_order_is_found_and_bounds_leave_others_out(rail):
 
 
 def test_orders_that_coarse_answers_cannot_tell_apart_are_all_refined(rail):
-    motion = mo.time_optimal(rail, [[0.0], [1.0], [1.001], [0.0]], order="free", **QUICK)
+    options = QUICK | {"mesh": 6, "starts": 1}
+    motion = mo.time_optimal(rail, [[0.0], [1.0], [1.001], [0.0]], order="free", **options)
     rows = motion.provenance["orders"]
     assert [row["status"] for row in rows] == ["solved", "solved"]
     assert rows[0]["duration"] == motion.duration <= rows[1]["duration"]
@@ -225,7 +227,8 @@ def test_an_arc_goes_through_its_point(two_links):
     start, end, radius = np.array([1.4, -0.4, 0.0]), np.array([1.4, 0.4, 0.0]), 0.4
     stops = [Stop(position=start), Stop(position=end)]
     segments = [mo.Circle(through=[1.0, 0.0, 0.0])]
-    motion = mo.time_optimal(two_links, stops, segments=segments, starts=1, **QUICK)
+    options = QUICK | {"mesh": 10, "starts": 1}
+    motion = mo.time_optimal(two_links, stops, segments=segments, **options)
     assert mo.certify(two_links, motion, via_q=stops, segments=segments).ok
     poses = np.array(mo.forward_kinematics(two_links).map(len(motion.t))(motion.q.T))
     place = poses.reshape(4, -1, 4)[:2, :, 3].T
@@ -493,7 +496,7 @@ PLACE, VELOCITY = np.array([0.27, 0.8, -0.24]), np.array([1.8, 1.7, -2.0])
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("apart", [0.0, 1e-8])
+@pytest.mark.parametrize("apart", [pytest.param(0.0, marks=pytest.mark.thorough), 1e-8])
 def test_how_near_the_places_are_does_not_decide_how_an_arm_in_motion_stops(microbot, apart):
     """Sweeping out and back takes the same time, however near it comes to where it started."""
     stops = [mo.Stop(q=PLACE, velocity=VELOCITY), mo.Stop(q=PLACE + apart)]
@@ -552,7 +555,12 @@ LINES = [mo.Line(tolerance=2e-3), None]
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "limit", [mo.limits.tool_speed(1.0), mo.limits.tool_acceleration(4.0), mo.limits.power(60.0)]
+    "limit",
+    [
+        mo.limits.tool_speed(1.0),
+        mo.limits.tool_acceleration(4.0),
+        pytest.param(mo.limits.power(60.0), marks=pytest.mark.thorough),
+    ],
 )
 def test_a_tool_line_under_a_limit_of_the_tool_is_solved_from_the_first_start(two_links, limit):
     limits = two_links.with_limits(also=[limit]).limits
@@ -606,7 +614,7 @@ def test_what_is_singular_within_the_tolerance_of_a_line_is_no_obstacle(microbot
     assert min(turns_of_the_first_joint(microbot, stops, tolerance)) < 0.1
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_line_beside_a_singular_place_takes_as_long_as_that_through_it(microbot):
     durations = []
     for y in (0.0, 3e-4):
@@ -618,7 +626,7 @@ def test_a_line_beside_a_singular_place_takes_as_long_as_that_through_it(microbo
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("beside", [-2e-4, 3e-4])
+@pytest.mark.parametrize("beside", [pytest.param(-2e-4, marks=pytest.mark.thorough), 3e-4])
 def test_a_six_joint_arm_passes_its_shoulder_within_the_tolerance(beside):
     """The arm of a UR5e stands over the axis of its base 0.1333 m beside it."""
     robot, down = mo.load_robot("ur5e"), np.diag([1.0, -1.0, -1.0])
