@@ -251,7 +251,7 @@ def test_a_motion_with_another_payload_is_refused(microbot, tmp_path):
         lambda robot: mo.smallest_reserve(robot, motion, mo.ComputedTorque(kp=100.0), [robot], 1.0),
     ):
         played(loaded)
-        with pytest.raises(mo.InputError, match=r"torques are not those of .* robot.with_payload"):
+        with pytest.raises(mo.InputError, match=r"not those of .* robot.with_payload"):
             played(microbot)
 
 
@@ -265,7 +265,7 @@ def test_segments_without_stops_are_refused(microbot):
         lambda **given: mo.execution.ratings(microbot, motion, **given),
     ):
         for given in ({"cycle": True}, {"segments": [None]}):
-            with pytest.raises(mo.InputError, match=r"segments and cycle are of stops"):
+            with pytest.raises(mo.InputError, match=r"segments and cycle .* via_q"):
                 asked(**given)
 
 
@@ -327,7 +327,7 @@ def test_profile_files_of_other_kinds(tmp_path, text, message):
     ("name", "text", "message"),
     [
         ("a.csv", "", "a.csv: it is empty"),
-        ("a.csv", "0,1,2\n1,2,3\n", "1 to 4 columns for each of 3 joints, parted by commas, not 3"),
+        ("a.csv", "0,1,2\n1,2,3\n", "1 to 4 columns for each of 3 joints, .* not 3"),
         (
             "a.csv",
             "t,a,b,c\n0,0,0,0\n1,1,1\n",
@@ -515,7 +515,7 @@ def test_a_payload_that_changes_on_the_way(pick_and_place, tmp_path, profile):
         certificate = mo.check(robot, path, profile, via_q=stops)
         assert certificate.ok
         assert "assumed" not in certificate.verdict
-        assumed = "all the way, as marks (home, grip, above, release, back) do not say"
+        assumed = "the marks (home, grip, above, release, back) do not tell"
         assert assumed in mo.check(robot, path, profile).verdict
     heavier = [stops[0], replace(stops[1], payload=6.0), *stops[2:]]
     certificate = mo.check(robot, path, profile, via_q=heavier)
@@ -523,7 +523,7 @@ def test_a_payload_that_changes_on_the_way(pick_and_place, tmp_path, profile):
     assert not certificate.ok
     assert torque.violation > 0.05
     assert grip.time <= torque.time <= release.time + 3 * step
-    with pytest.raises(mo.InputError, match=r"torques are not those .* the stops, via_q"):
+    with pytest.raises(mo.InputError, match=r"not those of .* via_q"):
         mo.check(robot, motion, profile)
 
 
@@ -641,7 +641,7 @@ def test_efforts_say_whether_marks_are_of_the_arm_as_it_is(microbot, tmp_path):
     path = motion.export(tmp_path / "a.csv", profile="hold@250", robot=microbot)
     assert "assumed" not in mo.check(microbot, path, "hold@250").verdict
     loaded = mo.check(microbot.with_payload(1.0), path, "hold@250")
-    assert "as marks (grip, release) do not say what the tool holds" in loaded.verdict
+    assert "the marks (grip, release) do not tell" in loaded.verdict
 
 
 @pytest.mark.parametrize("gravity", [True, False])
@@ -654,7 +654,7 @@ def test_efforts_of_another_load_are_told(microbot, gravity):
     for arm, told in ((microbot, False), (loaded, True)):
         given = replace(rows, tau=efforts(arm, state, profile), marks=())
         verdict = mo.check(microbot, given, "hold@250").verdict
-        assert ("though the efforts are of another arm or load" in verdict) == told
+        assert ("the efforts belong to another arm" in verdict) == told
     assert (
         "assumed" not in mo.check(microbot, replace(rows, tau=None, marks=()), "hold@250").verdict
     )

@@ -56,7 +56,7 @@ def test_a_motion_with_a_load_is_not_rated_as_the_empty_arm(microbot):
     shape = mo.quintic([[0.0, 0.3, 0.2], [0.5, 0.8, -0.4]], [0.0, 1.0])
     motion = mo.Motion.from_polynomial(loaded, shape, label="quintic")
     assert mo.execution.ratings(loaded, motion).peak_torque.max() > 0.0
-    with pytest.raises(mo.InputError, match="motion's torques are not those of 'microbot'"):
+    with pytest.raises(mo.InputError, match="not those of 'microbot'"):
         mo.execution.ratings(microbot, motion)
 
 
@@ -81,7 +81,7 @@ def test_what_is_carried_on_the_way_is_lifted(microbot):
     assert work == pytest.approx(arm[-1] - arm[0] + lifted, rel=1e-6)
     held = microbot.torques_along(via[3:], 0.0 * via[3:], 0.0 * via[3:])["tau"][0]
     np.testing.assert_allclose(found.holding_torque, np.abs(held), rtol=1e-9)
-    with pytest.raises(mo.InputError, match=r"torques are not those of .* the stops, via_q"):
+    with pytest.raises(mo.InputError, match=r"not those of .* via_q"):
         mo.execution.ratings(microbot, motion)
     with pytest.raises(mo.InputError, match="has 4 marks, but the task 3 stops"):
         mo.execution.ratings(microbot, motion, via_q=stops[1:])

@@ -209,7 +209,7 @@ def test_marks_of_a_message_are_beside_it(tmp_path):
     motion.export(path, profile="ros2_jtc_quintic@50", robot=robot)
     for text, sentence in (
         ('{"of": "0", "marks": []}', "marks of another file"),
-        ("[]", "no list of marks"),
+        ("[]", "a list of marks"),
         ("{", "no JSON"),
     ):
         beside.write_text(text)

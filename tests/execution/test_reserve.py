@@ -79,7 +79,7 @@ def test_no_reserve_keeps_what_the_controller_does_not(microbot):
     )
     assert not found.solved
     assert np.isnan(found.reserve)
-    assert "the controller itself does not" in found.advice
+    assert "the controller itself misses it" in found.advice
     assert len(found.table().rows) == len(found.trials) == 3
     drawn = found.plot()
     assert drawn.shape == (2,)

@@ -1,9 +1,9 @@
-"""From the plan to the arm: what a controller makes of the samples of a motion.
+"""Execution of a motion's samples by a robot controller.
 
-In: a motion, or the rows of anyone's file, and a :class:`Profile` of the controller. Out: the curve
-that the drives get as a motion, its certificate, and rows that the controller accepts. Begin with
-``_profile.py``; ``_curve.py`` has the rules of interpolation, ``_command.py`` slows a motion down
-until they keep the limits, ``_check.py`` judges a file.
+The input is a motion or the rows of a trajectory file, and the :class:`Profile` of a controller.
+The results are the executed motion, its certificate, and rows that the controller accepts. Begin
+with ``_profile.py``; ``_curve.py`` holds the interpolation rules, ``_command.py`` slows a motion
+down until its execution keeps the limits, ``_check.py`` certifies a file.
 """
 
 from microbot_ocp._base import border

@@ -1,4 +1,4 @@
-"""Public names; loaded when they are first asked for."""
+"""Public names, loaded on first use."""
 
 from ._check import (
     check as check,

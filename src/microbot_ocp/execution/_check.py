@@ -1,4 +1,4 @@
-"""Anyone's trajectory judged: the certificate of what the controller makes of it."""
+"""Certificate of any trajectory as a controller executes it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from microbot_ocp.planning import Segment, Task
 from microbot_ocp.robot import Robot, gravity_torque
 from microbot_ocp.scene import Scene
 
-AT_REST = float(np.finfo(np.float32).eps)  # rad/s: as joint_trajectory_controller compares
+AT_REST = float(np.finfo(np.float32).eps)  # tolerance of joint_trajectory_controller, rad/s
 
 
 def check(
@@ -37,38 +37,39 @@ def check(
     segments: Sequence[Segment] | None = None,
     cycle: bool = False,
 ) -> Certificate:
-    """Judge anyone's trajectory as a controller would play it.
+    """Certify any trajectory as a controller would execute it.
 
-    It is :func:`certify` of what :func:`executed` makes of the rows, under the limits of the robot
-    and of the profile, without the simulation: a file of positions has no torques to be simulated
-    with.
+    The executed motion, see :func:`executed`, is certified by :func:`certify` under the limits of
+    the robot and of the profile. It is not re-simulated, because a file of positions holds no
+    torques.
 
     Parameters
     ----------
     robot : Robot
+        Arm that executes the trajectory.
     trajectory : path, Motion or CommandRows
-        A file as of :func:`~microbot_ocp.execution.read_rows`; a motion, saved or not, is sampled
-        at the profile's rate.
+        Trajectory file, see :func:`~microbot_ocp.execution.read_rows`; or a motion, which is
+        sampled at the profile's rate.
     profile : str or Profile
-        As of :func:`load_profile`.
+        Profile of the controller; see :func:`load_profile`.
     scene : Scene, optional
         Obstacles to keep clear of, proved between the rows, too.
     limit_tolerance : float
-        Relative violation of a limit that still passes.
+        Allowed relative violation of a limit.
     via_q, segments, cycle
-        Of a motion through stops, as of :func:`certify`: every stretch is judged with what the tool
-        holds. The marks of the trajectory say when the stops are reached.
+        Stops of the motion, see :func:`certify`; every segment is certified with its payload. The
+        marks of the trajectory give the times of the stops.
 
     Returns
     -------
     Certificate
-        ``limit_checks`` has the worst use of every limit, with joint, time and amount.
+        Certificate; ``limit_checks`` has the worst use of every limit, with joint and time.
 
     Raises
     ------
     InputError
-        A file that cannot be read, other joints, a profile that does not fit, a motion of an arm
-        with another payload.
+        The file cannot be read, its joints or the profile do not fit the robot, or the motion
+        belongs to an arm with another payload.
 
     Examples
     --------
@@ -95,17 +96,18 @@ def check(
     fit = _efforts_fit(robot, rows)
     if task or fit or not robot.has_dynamics or (fit is None and not rows.marks):
         return certificate
-    why = "though the efforts are of another arm or load"
+    why = "although the efforts belong to another arm or payload"
     if rows.marks:
         names = ", ".join(mark.name for mark in rows.marks)
-        why = f"as marks ({names}) do not say what the tool holds"
-    assumed = f"assumed: {robot.name} as it is all the way, {why}"
+        why = f"because the marks ({names}) do not tell the payload"
+    assumed = f"assumed: {robot.name} with its own payload all along, {why}"
     return replace(certificate, verdict=f"{certificate.verdict[:-1]}; {assumed}.")
 
 
 def _efforts_fit(robot: Robot, rows: CommandRows) -> bool | None:
-    """Return whether efforts of rows, with gravity or without, are those of the arm as it is; None
-    where rows have none, or too little to tell.
+    """Return True if the efforts of rows, with or without gravity, are those of the robot.
+
+    The result is None if the rows have no efforts, or too little data to decide.
     """
     if rows.tau is None or rows.qd is None or rows.qdd is None or not rows.tau.any():
         return None
@@ -115,7 +117,7 @@ def _efforts_fit(robot: Robot, rows: CommandRows) -> bool | None:
 
 
 def efforts(robot: Robot, state: State, profile: Profile) -> FloatArray:
-    """Return torques [N,n] as a profile wants them."""
+    """Return the efforts [N,n] that a profile requires: torques with or without gravity."""
     tau = torque_along(robot, state)
     return tau if profile.gravity else tau - _gravity(robot, state)
 
@@ -137,7 +139,7 @@ def judged(
     *,
     simulated: bool,
 ) -> Certificate:
-    """Return the certificate of the curve that a controller makes of rows."""
+    """Certify the executed curve of rows; a profile may require rest at both ends."""
     subject = task or LimitFamily.of(robot, profile.limits_of(robot))
     tolerances = Tolerances(limit=limit_tolerance)
     certificate = certified(subject, curve, scene, tolerances, simulated=simulated)
@@ -146,7 +148,7 @@ def judged(
     rests = []
     for name, k in (("first", 0), ("last", -1)):
         speed = float(np.abs(rows.qd[k]).max())
-        problem = f"the {name} row moves at {speed:.3g} rad/s"
+        problem = f"the {name} row moves at {speed:.3g} rad/s, but must be at rest"
         where = f"{name} row", float(rows.t[k]), speed, AT_REST, "rad/s"
         rests.append(Check("rest", speed <= AT_REST, problem, *where))
     verdict = certificate.verdict

@@ -17,7 +17,7 @@ from microbot_ocp.certificate import Certificate, LimitCheck, limit_checks_of
 from microbot_ocp.execution._check import AT_REST, efforts, judged
 from microbot_ocp.execution._curve import NEAR, played, played_task, rows_of
 from microbot_ocp.execution._load import refuse_other_arm, torques_through
-from microbot_ocp.execution._moved_in import MoveLeg, Part, drawn_in, state_of
+from microbot_ocp.execution._moved_in import MoveLeg, Part, moved_inside, state_of
 from microbot_ocp.execution._profile import HELD, Profile, load_profile
 from microbot_ocp.execution._rows import CommandRows
 from microbot_ocp.limits import LIMIT_TOLERANCE, ROUNDING, LimitFamily
@@ -30,19 +30,20 @@ from microbot_ocp.scene import Scene
 
 @dataclass(frozen=True, eq=False)
 class ControllerCommand:
-    """A motion as a controller gets it.
+    """Motion as rows for a controller, with their execution and its certificate.
 
     Attributes
     ----------
     profile : Profile
+        Profile of the controller.
     rows : CommandRows
-        One a step, from rest to rest, with efforts as the profile wants them.
+        Rows, one per step, from rest to rest, with the efforts that the profile requires.
     executed : Motion
-        What the controller makes of them.
+        Execution of the rows by the controller.
     certificate : Certificate
-        Of ``executed``, under the limits of the robot and of the profile.
+        Certificate of ``executed`` under the limits of the robot and of the profile.
     planned_duration, cost : float
-        Duration of the motion, s, and what the rows take longer.
+        Duration of the motion, and additional duration of the rows, s.
     """
 
     profile: Profile
@@ -54,22 +55,23 @@ class ControllerCommand:
 
     @property
     def accepted(self) -> bool:
-        """Whether the certificate passed."""
+        """True if the certificate passed."""
         return self.certificate.ok
 
     def export(self, path: str | Path, robot: Robot) -> Path:
-        """Write the rows: the quantities that the controller wants, and the marks.
+        """Write the rows: the quantities that the controller requires, and the marks.
 
         Formats are those of :meth:`~microbot_ocp.Motion.export`, without films.
 
         Raises
         ------
         InputError
-            The certificate did not pass; another ending.
+            The certificate did not pass, or the ending of the file is unknown.
         """
         if not self.accepted:
             raise InputError(
-                f"profile {self.profile.name!r} does not accept it: {self.certificate.verdict}"
+                f"profile {self.profile.name!r} does not accept the rows: "
+                f"{self.certificate.verdict}"
             )
         marks = tuple((mark.time, mark.name) for mark in self.rows.marks)
         return write_columns(path, Columns.of(self.rows, robot, self.profile.columns, marks))
@@ -85,45 +87,45 @@ def commanded(
     segments: Sequence[Segment] | None = None,
     cycle: bool = False,
 ) -> ControllerCommand:
-    """Make rows of a motion that a controller accepts.
+    """Convert a motion into rows that a controller accepts.
 
-    The motion is sampled at the rate of the profile, to a whole number of steps. Where what the
-    controller makes of the rows exceeds a limit, of the robot or of the profile, the motion is
-    slowed down evenly, until it does not any more. Where accelerations or torques that jump cost
-    more than some steps so, they are rounded off: by the cubic B-spline of samples some steps
-    apart, at most 1e-3 rad (m) off. A motion of :func:`microbot_ocp.time_optimal` through joint
-    poses, without a ``scene``, is also planned again with a limit of the jerk, so that only its via
-    points stay; the label of the rows says so. Of these the soonest is returned. Where their
-    execution would leave a tool line or a range of positions, rows are moved in.
+    The motion is sampled at the rate of the profile, to a whole number of steps. If the execution
+    of the rows exceeds a limit of the robot or of the profile, the motion is slowed down evenly
+    until it keeps all limits. If jumps of accelerations or torques make that cost more than some
+    steps, they are rounded off by the cubic B-spline of samples some steps apart, at most 1e-3 rad
+    (m) away. A motion of :func:`microbot_ocp.time_optimal` through joint poses, without a
+    ``scene``, is also planned again with a jerk limit; only its via points stay then, and the label
+    of the rows says so. The fastest of these candidates is returned. Rows whose execution would
+    leave a tool line or the position limits are moved inside.
 
-    Of a motion through stops this is done from rest to rest with what the tool holds there, so that
-    grip and release are at rows; the certificate is that of every stretch.
+    A motion through stops is treated from rest to rest with the payload of each segment, so that
+    grip and release coincide with rows; every segment is certified.
 
     Parameters
     ----------
     robot : Robot
+        Arm that executes the motion.
     motion : Motion
-        At rest at both ends.
+        Motion that is at rest at both ends.
     profile : str or Profile
-        As of :func:`load_profile`.
+        Profile of the controller; see :func:`load_profile`.
     scene : Scene, optional
-        Obstacles that the executed motion keeps clear of: proved, not mended.
+        Obstacles that the executed motion must keep clear of: proved, but not corrected.
     via_q, segments, cycle
-        Of a motion through stops, as of :func:`certify`.
+        Stops of the motion; see :func:`certify`.
 
     Returns
     -------
     ControllerCommand
-        ``accepted`` says whether the certificate passed, ``cost`` how many seconds the controller
-        costs.
+        Rows and their certificate; ``accepted`` is its verdict, ``cost`` the added duration, s.
 
     Raises
     ------
     InputError
-        A motion that moves at an end, or that slowing down does not help much: it leaves the
-        position limits, or jumps where the profile allows no jump. Plan under
-        ``profile.limits_of(robot)`` then. A motion of an arm with another payload, or of other
-        stops.
+        The motion moves at an end, or slowing down cannot help: it leaves the position limits, or
+        jumps although the profile allows no jump. Plan such motions under
+        ``profile.limits_of(robot)``. Motions with another payload or with other stops are refused,
+        too.
 
     Examples
     --------
@@ -141,7 +143,7 @@ def commanded(
     for end, row in (("begin", motion.qd[0]), ("end", motion.qd[-1])):
         if (speed := float(np.abs(row).max())) > AT_REST:
             raise InputError(
-                f"motion must {end} at rest to be a controller's, not at {speed:.3g} rad/s"
+                f"motion must {end} at rest for a controller, not at {speed:.3g} rad/s"
             )
     _refuse_outside(robot, motion, chosen)
     if task is None:
@@ -164,11 +166,11 @@ def commanded(
 def _planned_again(
     robot: Robot, motion: Motion, rows: CommandRows, profile: Profile
 ) -> Motion | None:
-    """Return another plan through the via points, whose accelerations take two steps to change by
-    their largest, where a motion of :func:`time_optimal` under these limits costs much as it is.
+    """Plan a motion of :func:`time_optimal` again with a jerk limit if its rows take much longer.
 
-    A jerk costs a plan little, but rows that see a jump of the acceleration much. No other motion
-    is planned again: one that is slower than such a plan had other limits or a wish besides.
+    Under the limit an acceleration takes two steps to change by its largest value: a jerk limit
+    costs a plan little, but a jump of the acceleration costs rows much. The result is None for any
+    other motion, and for one that is slower than the new plan: it had other limits or other aims.
     """
     made, limits = motion.provenance, profile.limits_of(robot)
     known = [limits_digest(each) for each in (robot.limits, limits)]
@@ -188,7 +190,7 @@ def _planned_again(
 
 
 def _refuse_outside(robot: Robot, motion: Motion, profile: Profile) -> None:
-    """Refuse a motion that leaves the positions which the robot and a profile allow."""
+    """Reject a motion outside the positions that the robot and a profile allow."""
     low, high = profile.limits_of(robot).bounds("q")
     beyond = np.maximum(low - motion.q, motion.q - high)
     sample, joint = np.unravel_index(int(beyond.argmax()), beyond.shape)
@@ -202,17 +204,17 @@ def _refuse_outside(robot: Robot, motion: Motion, profile: Profile) -> None:
 
 
 def _rows_through(task: Task, motion: Motion, profile: Profile) -> CommandRows:
-    """Return rows of a motion through stops, slowed down from rest to rest.
+    """Return the rows of a motion through stops, slowed down from rest to rest.
 
-    Where commands are held their curve is at rest a step later, and it leaves a step before: there
-    is a row more on both sides of every rest.
+    The curve of held commands starts a step before its first row and ends a step after its last
+    row, so every rest gets one more row on both sides.
     """
     step, pad = profile.step, int(profile.interpolation in HELD)
     last = len(task.stops) - 1
     rests = [k for k in range(last + 1) if k in (0, last) or task.at_rest(k)]
     still = np.zeros_like(motion.q[:1])
     pieces = [State(motion.q[:1], still, still)]
-    count, marks = 0, []  # rows after the first one
+    count, marks = 0, []  # number of rows after the first one
 
     def hold(rows: int) -> None:
         nonlocal count
@@ -242,7 +244,7 @@ def _rows_through(task: Task, motion: Motion, profile: Profile) -> CommandRows:
 
 
 def _from_rest(task: Task, motion: Motion, first: int, last: int) -> Motion:
-    """Return the motion from one stop where it rests to the next, without acceleration at both."""
+    """Return the motion between two stops at rest, with zero acceleration at both."""
     start = motion.marks[first].time + float(task.dwells[first])
     end = motion.marks[last].time
     here = (motion.t > start + 2 * JUMP_GAP) & (motion.t < end - 2 * JUMP_GAP)
@@ -255,11 +257,9 @@ def _from_rest(task: Task, motion: Motion, first: int, last: int) -> Motion:
 
 
 def _accepted(leg: MoveLeg, window: int = 0) -> CommandRows:
-    """Return rows of the motion slowed down until its execution keeps all limits, those of each
-    segment there.
+    """Slow the motion down until its execution keeps the limits of every segment; return its rows.
 
-    With a ``window`` it is first made what a controller makes of it that holds its samples so many
-    steps.
+    A ``window`` replaces the motion by the B-spline of its samples that many steps apart.
     """
     motion, profile, robot = leg.motion, leg.profile, leg.families[0].robot
     steps = max(1, int(np.ceil(motion.duration / profile.step - ROUNDING)))
@@ -269,9 +269,10 @@ def _accepted(leg: MoveLeg, window: int = 0) -> CommandRows:
         if window:
             rounding = replace(profile, interpolation="hold", rate=1.0 / (window * profile.step))
             slowed = played(robot, rows_of(slowed, rounding), rounding)
-        rows, parts = drawn_in(leg, rows_of(slowed, profile))
+        rows, parts = moved_inside(leg, rows_of(slowed, profile))
+        # A cubic B-spline is away from its control points by about qdd h^2 / 6.
         off = np.abs(slowed.qdd).max() * (window * profile.step) ** 2 / 6.0
-        factor, worst = _slower(parts)
+        factor, worst = _slowdown_factor(parts)
         factor = max(factor, np.sqrt(off / NEAR))
         if factor <= 1.0:
             return rows
@@ -279,20 +280,20 @@ def _accepted(leg: MoveLeg, window: int = 0) -> CommandRows:
             why = f"it is off by {off:.3g} rad" if worst is None else worst.excess
             raise InputError(
                 f"motion cannot be slowed down for profile {profile.name!r}: {why}; plan under the "
-                "limits of the profile, profile.limits_of(robot), and tool lines within less"
+                "limits of the profile, profile.limits_of(robot), with smaller tool line tolerances"
             )
-        # what asks for more than there is, as a place does that is left, may ask for less later
+        # An infeasible position at this speed may become feasible at a lower one.
         goal = steps * factor if steps * factor <= most else np.sqrt(steps * most)
         steps = max(steps + 1, int(np.ceil(goal)))
 
 
 def _soonest(leg: MoveLeg) -> CommandRows:
-    """Return rows of the motion slowed down as it is, or rounded off, whichever takes less time.
+    """Return the rows of the motion slowed down, as it is or rounded off, whichever is faster.
 
-    Where an acceleration jumps, polynomials between two rows make too much of it, and differences
-    of rows see a jerk and a torque rate that only much slower motions leave within bounds. The
-    cubic B-spline of samples some steps apart jumps nowhere, and its knots are at rows. It takes
-    two of these steps more.
+    At a jump of the acceleration, polynomials between two rows overshoot, and differences of rows
+    show a jerk and a torque rate that only much slower motions keep within limits. The cubic
+    B-spline of samples some steps apart has no such jump, and its knots are rows. It takes two of
+    these longer steps more.
     """
     best = None
     with suppress(InputError):
@@ -308,23 +309,23 @@ def _soonest(leg: MoveLeg) -> CommandRows:
             before = smooth.t[-1]
             if best is None or before < best.t[-1]:
                 best = smooth
-    return best or _accepted(leg)  # which says what is in the way
+    return best or _accepted(leg)  # the second call raises the error with the reason
 
 
 def _windows(motion: Motion, profile: Profile) -> list[int]:
-    """Return steps between samples of a spline that may be near enough, the most first."""
+    """Return spline windows, in steps, that may be accurate enough; the largest first."""
     most = max(float(np.abs(motion.qdd).max()), ROUNDING)
     seconds = min(np.sqrt(6.0 * NEAR / most), 0.5 * motion.duration)
-    window = int(np.ceil(seconds / profile.step))  # what is slowed down is nearer
+    window = int(np.ceil(seconds / profile.step))  # a slower motion deviates less
     return [window >> halvings for halvings in range(window.bit_length())]
 
 
-def _slower(parts: Sequence[Part]) -> tuple[float, LimitCheck | None]:
-    """Return by what a curve has to be slower to keep all limits, about or somewhat less, and the
-    check that asks for it.
+def _slowdown_factor(parts: Sequence[Part]) -> tuple[float, LimitCheck | None]:
+    """Return the factor by which a curve must be slower to keep all limits, and the decisive check.
 
-    A limit of a derivative of some order is used by the power of it less; of a torque all but the
-    part of gravity. Infinite where a place is left, as slowing down is no other place.
+    A derivative of order k scales with the power k of the speed, so a use u needs the factor
+    u^(1/k); for torques it is a lower bound, since gravity does not scale. A position limit gives
+    infinity, since slowing down does not move the curve.
     """
     limits = [c for part in parts for c in limit_checks_of(*part)[0] if c.violation > ROUNDING]
     if not limits:
@@ -346,7 +347,7 @@ def exported(
 ) -> Path:
     """Write a motion for a controller; see :meth:`microbot_ocp.Motion.export`."""
     if rate is not None:
-        raise InputError("give rate or profile, not both: a profile has a rate")
+        raise InputError("give rate or profile, not both: the profile has a rate")
     if robot is None:
         raise InputError("a profile needs the robot: give robot=...")
     return commanded(robot, motion, profile, **given).export(path, robot)

@@ -1,9 +1,9 @@
-"""The curve that the drives get from rows: a motion of its own.
+"""Curve that the drives follow when a controller executes rows, as a motion.
 
-Commands that are held have velocities, accelerations and jerks as their differences from step to
-step, as libfranka takes them. The curve that has just these is the cubic B-spline with the commands
-as its control points: its jerk in a step is the third difference, its acceleration at the steps the
-second one. It begins and ends at rest, a step before the first command counts and after the last.
+Controllers that hold commands, such as libfranka, define velocity, acceleration and jerk by the
+differences of commands from step to step. The cubic B-spline with the commands as control points
+has these derivatives: its jerk within a step is the third difference, its acceleration at the steps
+the second. It is at rest one step before the first command and one step after the last.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from microbot_ocp.planning import Segment, Task, motion_along
 from microbot_ocp.robot import Robot
 from microbot_ocp.scene import Scene, with_arm_capsules
 
-NEAR = Tolerances().via  # rad (m): no farther from its way, as certificates ask of via points
+NEAR = Tolerances().via  # largest deviation, rad (m): the tolerance of via points
 
 
 def executed(
@@ -45,31 +45,32 @@ def executed(
     segments: Sequence[Segment] | None = None,
     cycle: bool = False,
 ) -> Motion:
-    """Return what a controller makes of the samples of a motion, as a motion.
+    """Return the executed motion of a controller that plays the samples of a motion.
 
     Parameters
     ----------
     robot : Robot
+        Arm that executes the motion.
     motion : Motion or CommandRows
-        A motion is sampled at the profile's rate first, to a whole number of steps: beyond its end
-        it is held.
+        Motion to execute; it is sampled at the profile's rate, to a whole number of steps, and held
+        beyond its end. Rows are taken as they are.
     profile : str or Profile
-        As of :func:`load_profile`.
+        Profile of the controller; see :func:`load_profile`.
     via_q, segments, cycle
-        Of a motion through stops, as of :func:`certify`: torques are those with what the tool holds
-        then.
+        Stops of the motion, see :func:`certify`; torques are computed with the payload at each
+        time.
 
     Returns
     -------
     Motion
-        With the torques of inverse dynamics. Under a profile that holds commands it is two steps
-        longer than the rows, and its marks are a step later.
+        Executed motion with torques by inverse dynamics. Under a profile that holds commands it is
+        two steps longer than the rows, and its marks are a step later.
 
     Raises
     ------
     InputError
-        Another number of joints, no rate, rows without what the profile interpolates, rows that
-        are not one a step, a motion of an arm with another payload.
+        The number of joints differs, the profile has no rate, the rows lack a quantity that the
+        profile interpolates or are not one per step, or the motion has another payload.
 
     Examples
     --------
@@ -90,13 +91,13 @@ def executed(
 
 
 def played(robot: Robot, rows: CommandRows, chosen: Profile, task: Task | None = None) -> Motion:
-    """Do as :func:`executed`, of rows through the stops of a task."""
+    """Return the executed motion of rows, through the stops of a task if given."""
     curve = RULES[chosen.interpolation](rows, chosen)
-    delay = chosen.step if chosen.interpolation in HELD else 0.0  # of the rows
+    delay = chosen.step if chosen.interpolation in HELD else 0.0  # the curve lags the rows
     marks = [Mark(mark.time + delay, mark.name) for mark in rows.marks]
-    origin = {"method": "what a controller makes of samples", "profile": chosen.name}
+    origin = {"method": "execution by a controller", "profile": chosen.name}
     about: Any = {"label": f"{rows.label}, by {chosen.name}", "provenance": origin}
-    # limits that change at a mark are judged from there on, so it is a break
+    # Limits may change at a mark, so every mark is a break.
     inner = np.array([mark.time for mark in marks[1:-1]])
     curve = curve.divided(
         inner[np.abs(inner - curve.breaks[nearest_samples(curve.breaks, inner)]) > JUMP_GAP]
@@ -114,11 +115,11 @@ def played_task(
     cycle: bool,
     scene: Scene | None = None,
 ) -> Task | None:
-    """Return the task of stops, as a controller keeps them, under the limits of robot and profile.
+    """Return the task of stops under the limits of robot and profile, as a controller keeps it.
 
-    What is passed without a rest is kept as nearly as certificates ask of via points.
+    Stops without a rest get the tolerance of via points on top of their own.
     """
-    arm = robot if scene is None else with_arm_capsules(robot)  # parts hang on capsules
+    arm = robot if scene is None else with_arm_capsules(robot)  # parts are attached to capsules
     task = given_task(arm, profile.limits_of(robot), via_q, segments, cycle)
     if task is None:
         return None
@@ -132,10 +133,9 @@ def played_task(
 
 
 def rows_of(motion: Motion, profile: Profile) -> CommandRows:
-    """Return the samples of a motion at the rate of a profile, the last one at rest where the
-    motion is.
+    """Return the samples of a motion at the rate of a profile; a row beyond its end is at rest.
 
-    Torques are those that the motion stores, interpolated.
+    Torques are interpolated from the stored ones.
     """
     step = profile.step
     count = max(1, checks.step_count(motion.duration, step))
@@ -169,12 +169,11 @@ def _linear(rows: CommandRows, profile: Profile) -> PiecewisePolynomial:
 
 
 def spline_of(q: FloatArray, step: float) -> PiecewisePolynomial:
-    """Return the uniform cubic B-spline with commands [N,n] as its control points, each a step
-    late.
-    """
+    """Return the uniform cubic B-spline with control points [N,n], which lags them by one step."""
     control = np.concatenate([q[:1], q[:1], q, q[-1:], q[-1:]])
     first, second, third = (np.diff(control, n=order, axis=0) for order in (1, 2, 3))
     pieces = len(third)
+    # Power coefficients: (c0 + 4 c1 + c2) / 6, (c2 - c0) / 2h, second / 2h^2, third / 6h^3.
     terms = (
         control[1 : pieces + 1] + second[:pieces] / 6.0,
         0.5 * (first[:pieces] + first[1 : pieces + 1]) / step,

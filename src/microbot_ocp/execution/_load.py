@@ -1,4 +1,4 @@
-"""What the arm of a motion carries: as the robot says, or as the stops on the way do."""
+"""Payload of an arm along a motion: constant, or given by the stops of a task."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ def given_task(
     segments: Sequence[Segment] | None,
     cycle: bool,
 ) -> Task | None:
-    """Return the task of the stops that are given; None where there are none."""
+    """Return the task of the given stops; None without stops."""
     if via_q is not None:
         return task_of(robot, via_q, limits, segments=segments, cycle=cycle)
     if segments is not None or cycle:
-        raise InputError("segments and cycle are of stops: give these, too, via_q=...")
+        raise InputError("segments and cycle belong to stops: give the stops, too, via_q=...")
     return None
 
 
@@ -38,7 +38,7 @@ def torques_through(
     task: Task | None,
     torque: Callable[[Robot, State], FloatArray] = torque_along,
 ) -> Callable[[FloatArray, State], FloatArray]:
-    """Return torques [N,n] by times [N] of a motion and states there, with what the tool holds."""
+    """Return torques [N,n] as a function of times [N] and states, with the payload at each time."""
     if task is None:
         return lambda _, state: torque(robot, state)
     parts = stretches(task, motion)
@@ -46,7 +46,7 @@ def torques_through(
 
 
 def refuse_other_arm(robot: Robot, motion: Motion, task: Task | None = None) -> None:
-    """Refuse a motion whose torques are those of another arm, or of one that carries something."""
+    """Reject a motion whose stored torques are not those of the robot with its payload."""
     checks.joints("motion", motion.joint_count, robot)
     if not robot.has_dynamics or not motion.tau.any():
         return
@@ -56,9 +56,9 @@ def refuse_other_arm(robot: Robot, motion: Motion, task: Task | None = None) -> 
     if off[sample, joint] > Tolerances().torque * np.abs(motion.tau).max():
         other = other_arm(robot, motion)
         raise InputError(
-            f"{other and other + ': '}motion's torques are not those of {robot.name!r}: that of "
-            f"{robot.joint_names[joint]} is off by {off[sample, joint]:.4g} "
+            f"{other and other + ': '}torques of the motion are not those of {robot.name!r}: that "
+            f"of {robot.joint_names[joint]} differs by {off[sample, joint]:.4g} "
             f"{robot.unit('tau', int(joint))} at "
-            f"{motion.t[sample]:.4g} s. Give the arm with its load, robot.with_payload(...), "
-            "and where that changes, the stops, via_q=... or --task, to what takes them"
+            f"{motion.t[sample]:.4g} s. Give the arm with its payload, robot.with_payload(...), "
+            "or, if the payload changes on the way, the stops, via_q=... or --task"
         )

@@ -1,4 +1,4 @@
-"""Rows moved, as little as it takes, until their curve is where limits and stops allow."""
+"""Rows moved by the least change that brings their curve within position limits and stops."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from microbot_ocp.planning import Stop
 from microbot_ocp.robot import Robot
 
 Part = tuple[LimitFamily, StateHistory]
-FEWEST_KNOTS = 10  # of a spline that is zero at both ends
-# times [N], joints [N,n], and a function from joints to limits of the place there
+FEWEST_KNOTS = 10  # rows per control point are at most a tenth of all rows
+# A place is its times [N], positions [N,n], and the function from positions to position limits.
 Place = tuple[FloatArray, FloatArray, Callable[[FloatArray], list[LimitValues]]]
 
 
 @dataclass(frozen=True, eq=False)
 class MoveLeg:
-    """A motion from rest to rest, with the limits of each segment and the stops between them."""
+    """Motion from rest to rest, with the limits of its segments and the stops between them."""
 
     families: Sequence[LimitFamily]
     motion: Motion
@@ -35,7 +35,7 @@ class MoveLeg:
     stops: Sequence[Stop] = ()
 
     def parts(self, curve: Motion) -> list[Part]:
-        """Return the limits of each segment with the part of a curve where they hold."""
+        """Return the limits of each segment, with the part of a curve where they hold."""
         history, inner = curve.history(), [mark.time for mark in curve.marks[1:-1]]
         if len(self.families) == 1:
             return [(self.families[0], history)]
@@ -43,7 +43,7 @@ class MoveLeg:
         return [(f, history.between(*span)) for f, span in zip(self.families, spans, strict=True)]
 
     def places(self, curve: Motion, parts: Sequence[Part]) -> Iterator[Place]:
-        """Yield limits of the place in every part, and those of the stops that are passed."""
+        """Yield the position limits of every part, and the tolerances of the stops on the way."""
         for family, history in parts:
             if family.of_order(0):
                 yield history.t, history.samples.q, partial(_of_place, family)
@@ -63,15 +63,15 @@ def _misses(robot: Robot, stop: Stop, q: FloatArray) -> list[LimitValues]:
     return [LimitValues(rows, np.full_like(rows, -np.inf), np.full_like(rows, -ROUNDING))]
 
 
-def drawn_in(leg: MoveLeg, given: CommandRows) -> tuple[CommandRows, list[Part]]:
-    """Return rows moved until their curve is where limits and stops allow, and its parts.
+def moved_inside(leg: MoveLeg, given: CommandRows) -> tuple[CommandRows, list[Part]]:
+    """Move rows until their curve keeps position limits and stops; return them and its parts.
 
-    They are moved by a cubic B-spline: the farther its control points are apart, the less
-    acceleration it adds, so the widest one that brings all in is taken.
+    The displacement is a cubic B-spline. Fewer control points add less acceleration, so the number
+    is doubled only until the curve is inside.
     """
     best, least, spacing = None, np.inf, max(len(given.q) // FEWEST_KNOTS, 1)
     while spacing and least > ROUNDING * NEAR:
-        rows, parts, out = _moved_in(leg, given, spacing)
+        rows, parts, out = _moved_by_spline(leg, given, spacing)
         if out < least:
             best, least = (rows, parts), out
         spacing //= 2
@@ -79,23 +79,25 @@ def drawn_in(leg: MoveLeg, given: CommandRows) -> tuple[CommandRows, list[Part]]
     return best
 
 
-def _moved_in(
+def _moved_by_spline(
     leg: MoveLeg, given: CommandRows, spacing: int
 ) -> tuple[CommandRows, list[Part], float]:
-    """Return rows moved by a spline with a control point every ``spacing`` rows, the parts of their
-    curve, and how far it is out.
+    """Move rows by a spline with a control point every ``spacing`` rows.
 
-    The control points move by the least change that keeps, to first order, every place that was
-    farthest out beside one of them, again and again.
+    Sequential least squares: the places where the curve is outside by most beside each control
+    point are collected, and the control points get the least change that keeps all of them, to
+    first order, until the curve is inside or does not improve. Returns the rows, the parts of their
+    curve, and the largest excess.
     """
     robot, step = leg.families[0].robot, spacing * leg.profile.step
     rows, worst = given, np.inf
     moves = np.zeros_like(given.q[: (len(given.q) - 1) // spacing + 1])
-    free = np.arange(2, len(moves) - 2)  # both ends stay at rest
-    seen: set[tuple[int, float, int]] = set()  # by part, time, and side and component
+    free = np.arange(2, len(moves) - 2)  # zero control points keep both ends at rest
+    seen: set[tuple[int, float, int]] = set()  # place, time, and bound that was exceeded
     known, most = -1, np.inf
     while True:
         curve, slopes, beyond = played(robot, rows, leg.profile), [], []
+        # The curve of held commands is a step longer at both ends than its rows.
         parts, late = leg.parts(curve), 0.5 * (curve.duration - given.t[-1])
         for place, (t, q, measured) in enumerate(leg.places(curve, parts)):
             knot, excess = (t - late) / step, _excess(measured(q))
@@ -116,7 +118,8 @@ def _moved_in(
         if done or not (better or (len(seen) > known and out <= most)):
             return best
         known = len(seen)
-        asked = np.array(beyond) + 0.5 * out  # farther in, for what lies between these places
+        # Half of the excess on top covers the curve between the collected places.
+        asked = np.array(beyond) + 0.5 * out
         moved = _least(np.array(slopes), asked, moves[free].ravel())
         moves[free] = moved.reshape(free.size, -1)
         shift = spline_of(moves, step)
@@ -127,7 +130,7 @@ def _moved_in(
 
 
 def _excess(values: list[LimitValues]) -> FloatArray:
-    """Return by how much limits [k] are exceeded at each place [N,2k], upper bounds first."""
+    """Return the excess over limits [k] at each place [N,2k], upper bounds first."""
     sides = [v.value - v.upper for v in values], [v.lower - v.value for v in values]
     return np.hstack([*sides[0], *sides[1]])
 
@@ -135,8 +138,8 @@ def _excess(values: list[LimitValues]) -> FloatArray:
 def _least(slopes: FloatArray, beyond: FloatArray, moved: FloatArray) -> FloatArray:
     """Return the least x with ``beyond + slopes @ (x - moved) <= 0``.
 
-    Its multipliers are found by the active sets of Lawson and Hanson, *Solving Least Squares
-    Problems*, chapter 23.
+    The dual is non-negative least squares in the multipliers w, with x = -slopes^T w; it is solved
+    by the active set method of Lawson and Hanson, *Solving Least Squares Problems*, chapter 23.
     """
     gram, asked = slopes @ slopes.T, beyond - slopes @ moved
     weights, active = np.zeros_like(asked), np.zeros(asked.size, dtype=bool)
@@ -159,20 +162,20 @@ def _least(slopes: FloatArray, beyond: FloatArray, moved: FloatArray) -> FloatAr
 
 
 def _bump(x: FloatArray) -> FloatArray:
-    """Return what a control point of a uniform cubic B-spline counts, x knots from it."""
+    """Return the value of a uniform cubic B-spline basis function, x knots from its centre."""
     away = np.abs(x)
     near = np.maximum(1.0 - away, 0.0) ** 3
     return (np.maximum(2.0 - away, 0.0) ** 3 - 4.0 * near) / 6.0
 
 
 def _slopes(measured: Callable[[FloatArray], list[LimitValues]], q: FloatArray) -> FloatArray:
-    """Return how excesses change with the joints [k,n], by central differences."""
+    """Return the derivatives of excesses by the joints [k,n], by central differences."""
     steps = np.cbrt(np.finfo(float).eps) * np.vstack([np.eye(q.size), -np.eye(q.size)])
     sides = _excess(measured(q + steps))
-    with np.errstate(invalid="ignore"):  # of bounds that are infinite
+    with np.errstate(invalid="ignore"):  # infinite bounds give NaN
         return (sides[: q.size] - sides[q.size :]).T / (2.0 * steps[0, 0])
 
 
 def state_of(rows: CommandRows) -> State:
-    """Return positions, velocities and accelerations of rows."""
+    """Return the positions, velocities and accelerations of rows."""
     return State(rows.q, np.asarray(rows.qd), np.asarray(rows.qdd))

@@ -1,10 +1,9 @@
-"""Speed override and stop on the path: a motion under way, slowed down within its limits.
+"""Speed override and stop on the path: the speed of a motion under way changed within its limits.
 
-The place on the path is the time s of the motion as planned. An even share of its speed divides
-what moves by more than what holds: gravity does not scale. How soon the speed may change is what
-the limits leave, so the change is timed by the passes of path timing. They know no limits of torque
-rates, jerk or power: under such the speed changes along a cubic of the time, tried from place to
-place, and is judged by the family of limits.
+The path parameter s is the time of the motion as planned. Scaling the speed by k scales inertial
+torques by k^2 but not gravity, so the limits decide how soon the speed may change, and path timing
+finds the earliest change. Limits of torque rates, jerk or power are beyond path timing: under them
+the speed follows a cubic of time whose start and end are searched, and the limit family judges it.
 """
 
 from __future__ import annotations
@@ -56,8 +55,8 @@ from microbot_ocp.planning.path import (
 from microbot_ocp.planning.task import with_locked_joints_held
 from microbot_ocp.robot import Robot
 
-Samples = tuple[FloatArray, State, FloatArray]  # times, states there, and where a piece ends
-Places = tuple[FloatArray, FloatArray]  # on the path, and when they are reached
+Samples = tuple[FloatArray, State, FloatArray]  # sample times, states, and ends of pieces
+Places = tuple[FloatArray, FloatArray]  # path parameters, and their times
 TOLERANCE = PathTimingSettings.limit_tolerance
 
 
@@ -67,11 +66,10 @@ class RampSettings:
 
     Attributes
     ----------
-    begins, ends : samples of the plan at which it may begin, and at which it may end, that are
-        tried first
-    samples : of a ramp at which limits are looked at first
-    finer : times the usual samples at which they are looked at then
-    parts : of a ramp at least, between samples
+    begins, ends : number of samples of the plan that are tried first as start and end of a ramp
+    samples : number of points of a ramp at which limits are checked first
+    finer : density of the second check, relative to the usual samples
+    parts : smallest number of intervals of a ramp between samples
     """
 
     begins: int = 21
@@ -82,11 +80,11 @@ class RampSettings:
 
 
 RAMP = RampSettings()
-UNCHANGED = "Within the limits the motion cannot go on from here at any other speed on its path."
-EXCEEDED = "limits are exceeded by {:.3g} % between places of the grid: give a finer grid"
+UNCHANGED = "Within its limits the motion cannot change its speed from here: it goes on as planned."
+EXCEEDED = "limits are exceeded by {:.3g} % between points of the grid: give a larger grid"
 BROKEN = (
-    "motion must keep limits of torque rate, jerk, power and the like that a change of its speed "
-    "shall keep, but its {}: plan it under them, or give limits without them"
+    "a change of speed must keep the limits of torque rate, jerk or power, but the motion itself "
+    "breaks them: its {}; plan it under these limits, or give limits without them"
 )
 
 
@@ -101,43 +99,45 @@ def overridden(
     grid: int = PathTimingSettings.grid,
     compiled: bool = True,
 ) -> Motion:
-    """Change the speed of a motion that is under way, as soon as the limits allow, on its path.
+    """Change the speed of a motion under way on its path, as soon as the limits allow.
 
     Parameters
     ----------
     robot : Robot
+        Arm that executes the motion.
     motion : Motion
-        As planned.
+        Motion as planned.
     at : float
-        Where on it the arm is: its time in the motion as planned, s.
+        Present place on the path: the time of the motion as planned, s.
     speed : float
-        Share of the planned speed to go on with, 0 to 1; 0 stops the arm on the path after the
-        shortest way.
+        New speed as a fraction of the planned speed, 0 to 1; 0 stops the arm on the path as soon
+        as possible.
     current : float
-        Share of the planned speed that the arm has now; 0 where it rests after a stop.
+        Present speed as a fraction of the planned speed; 0 if the arm rests after a stop.
     limits : Limits, optional
-        Default the robot's own. What the motion itself exceeds them by is let pass, but of torque
-        rates, jerk, power and others that depend on more than half planes of acceleration. Under
-        such the speed changes along a cubic of the time, the soonest that keeps them all, and what
-        else would be sooner is not looked for.
+        Limits to keep; default the robot's own. Limits of velocity, acceleration and torque are
+        widened to the values of the motion itself. Under limits of torque rates, jerk, power or
+        others that are not half planes of acceleration, the speed changes along a cubic of time,
+        the earliest that keeps all limits; earlier changes of another form are not searched.
     grid : int
-        Places on the path besides the breaks of the motion; without such limits.
+        Number of grid points on the path besides the breaks of the motion; unused under limits of
+        torque rates, jerk or power.
     compiled : bool
-        Use compiled functions where there is a compiler.
+        True to use compiled functions if there is a compiler.
 
     Returns
     -------
     Motion
-        From the present state on. "at" in the provenance is where on the planned motion it ends,
-        to resume from, and "changed_at" where the new speed is reached, s. The status is
-        "infeasible" where the limits leave no speed to go on with from the present one; the rest of
-        the motion is returned as planned then.
+        Motion from the present state on. Its provenance holds "at", the end on the planned motion,
+        to resume from, and "changed_at", the time at which the new speed is reached, s. If the
+        limits allow no change of the present speed, the status is "infeasible" and the rest of the
+        motion is returned as planned.
 
     Raises
     ------
     InputError
-        A time outside the motion, a share outside of 0 to 1; a motion that exceeds limits of torque
-        rates, jerk or power itself, or of an arm with another payload.
+        The time is outside the motion, a fraction is outside of 0 to 1, the motion itself exceeds
+        limits of torque rates, jerk or power, or it belongs to an arm with another payload.
 
     Examples
     --------
@@ -161,7 +161,7 @@ def overridden(
         checks.number(name, share, at_least=0.0, at_most=1.0)
     rests = not np.any(motion.sample([at]).qd)
     if not speed and (rests or not current):
-        raise InputError("speed is 0 and the arm rests already: it goes on resting")
+        raise InputError("speed must be above 0, as the arm rests already")
     family = LimitFamily.of(robot, limits)
     family.refuse_means()
     shape = polynomial_of(motion)
@@ -170,10 +170,12 @@ def overridden(
     evenly = np.linspace(at, motion.duration, grid + 1)
     s = np.union1d(evenly, shape.breaks[shape.breaks > at])
     s = s[np.append(np.diff(s) > 1e-9 * motion.duration, True)]
-    widened = with_locked_joints_held(_widened(family, motion), None)
+    widened = with_locked_joints_held(_widened_limits(family, motion), None)
     override = _Override(motion, widened, curve, s, current, rests, compiles(compiled))
     if later := override.along.limits.later:
-        return _ramped(family, motion, _Ramp(at, speed if rests else current, speed), later)
+        return _changed_by_ramp(
+            family, motion, _Ramp(at, speed if rests else current, speed), later
+        )
     for _ in range(SLOWING.rounds):
         changed, timing = override.soonest(speed)
         outcome = Outcome.of(Status.SOLVED)
@@ -186,33 +188,34 @@ def overridden(
         override = override.finer(excess > TOLERANCE)
     places, changed_at = (timing.s, timing.t), float(timing.t[changed])
     samples = sampled([(curve, timing)])
-    other = _changed(override.family.robot, motion, samples, places, changed_at)
-    return _ended(other, outcome, float(excess.max()))
+    other = _retimed(override.family.robot, motion, samples, places, changed_at)
+    return _with_outcome(other, outcome, float(excess.max()))
 
 
 @dataclass(frozen=True, eq=False)
 class _Override:
-    """A motion from some time on as a path, with a grid, and the arm's present speed on it."""
+    """Rest of a motion as a path, with a grid and the present speed of the arm."""
 
     planned: Motion
     family: LimitFamily
     curve: PathCurve
-    s: FloatArray  # the grid
+    s: FloatArray  # grid of path parameters
     current: float
-    rests: bool  # where it begins, whatever the speed
+    rests: bool  # True if the planned motion itself rests at the start
     fast: bool
 
     @cached_property
     def along(self) -> CurveLimits:
-        """The limits on the grid."""
+        """Limits on the grid."""
         return self._limits_at(self.s)
 
     def _limits_at(self, s: FloatArray) -> CurveLimits:
         return CurveLimits.of(self.family, self.curve, s, self.fast)
 
     def soonest(self, speed: float) -> tuple[int, Reached]:
-        """Return the first place of the grid from which on a speed can be kept, with its timing."""
+        """Return the first grid point from which on a speed can be kept, with its timing."""
         last = self.s.size - 1
+        # Bisection assumes that a feasible place has only feasible places after it.
         places = np.arange(last + 1) if speed else self._where_it_can_rest()
         best, low, high = (last, self._timed(last, speed)), -1, places.size - 1
         while best[1].feasible and high - low > 1:
@@ -223,16 +226,14 @@ class _Override:
         return best
 
     def _where_it_can_rest(self) -> np.ndarray:
-        """Return places of the grid, from the second interval's end on, where the limits hold at
-        rest.
-        """
+        """Return the grid points, from the second interval's end on, at which the arm can rest."""
         q = self.curve.evaluate(self.s)[0]
         still = np.zeros_like(q)
         holds = self.family.excess(MotionSamples(q, still, still, still)) <= 0.0
         return np.flatnonzero(holds & (np.arange(len(q)) > 1))
 
     def _timed(self, place: int, speed: float) -> Reached:
-        """Return the timing at a speed from a place of the grid on, or stopped there."""
+        """Return the timing at a speed from a grid point on, or stopped there."""
         along, last = self.along, self.s.size - 1
         if not speed and place < last:
             along = self._limits_at(self.s[: place + 1])
@@ -246,39 +247,39 @@ class _Override:
         )
 
     def as_planned(self) -> Reached:
-        """Return the timing of the motion itself."""
+        """Return the timing of the planned motion."""
         s, still = self.s, np.zeros(self.s.size - 1)
         return Reached(s, np.ones(s.size), still, still, s - s[0], True, float("nan"))
 
     def judged(self, timing: Reached) -> tuple[Reached, FloatArray]:
-        """Return the timing with steady ends, and the excess of limits in each of its intervals."""
+        """Return the timing with steady ends, and the excess over limits in each interval."""
         ends = [0] * self.rests + [-1] * (timing.s.size == self.s.size)
         timing = with_steady_ends(timing, ends)
         return timing, self._limits_at(timing.s).excess(timing)
 
     def finer(self, cut: np.ndarray) -> _Override:
-        """Return the same with these of the first intervals cut in two."""
+        """Return this path with the marked ones of its first intervals halved."""
         s = self.s
         middles = 0.5 * (s[1:] + s[:-1])[: cut.size][cut]
         return replace(self, s=np.sort(np.concatenate([s, middles])))
 
 
-def _changed(
+def _retimed(
     robot: Robot, planned: Motion, samples: Samples, places: Places, changed_at: float
 ) -> Motion:
-    """Return the motion at another speed."""
+    """Return the motion with another timing of its path."""
     t, state, breaks = samples
     first, last = places[0][[0, -1]]
     ahead = [mark for mark in planned.marks if first < mark.time <= last]
     marks = [replace(mark, time=float(np.interp(mark.time, *places))) for mark in ahead]
-    provenance = {"method": "another speed on the path", "at": float(last)}
+    provenance = {"method": "speed override", "at": float(last)}
     provenance["changed_at"] = changed_at
     return Motion.from_state(
         robot, t, state, label=planned.label, breaks=breaks, marks=marks, provenance=provenance
     )
 
 
-def _ended(motion: Motion, outcome: Outcome, excess: float) -> Motion:
+def _with_outcome(motion: Motion, outcome: Outcome, excess: float) -> Motion:
     if outcome.solved and excess > TOLERANCE:
         outcome = Outcome.of(Status.LIMITS_EXCEEDED, EXCEEDED.format(100.0 * excess))
     return motion.ended(outcome, excess=excess)
@@ -286,7 +287,10 @@ def _ended(motion: Motion, outcome: Outcome, excess: float) -> Motion:
 
 @dataclass(frozen=True)
 class _Ramp:
-    """A speed on the path from a place ``at`` on, changed along a cubic of the time."""
+    """Speed on the path from a place ``at`` on that changes along a cubic of time.
+
+    With x = (t - begin) / lasts: ds/dt = current + (speed - current) (3 x^2 - 2 x^3).
+    """
 
     at: float
     current: float
@@ -299,7 +303,7 @@ class _Ramp:
         return self.begin + self.lasts
 
     def along(self, t: FloatArray) -> tuple[FloatArray, ...]:
-        """Return the place on the path, and its three derivatives by the time, at times t [N]."""
+        """Return the path parameter and its three time derivatives at times t [N]."""
         lasts, change = max(self.lasts, ROUNDING), self.speed - self.current
         x = np.clip((t - self.begin) / lasts, 0.0, 1.0)
         after = np.maximum(t - self.end, 0.0)
@@ -313,13 +317,15 @@ class _Ramp:
 
 
 def _state_at(motion: Motion, place: Sequence[FloatArray]) -> MotionSamples:
-    """Return the state at a place of the motion as planned, at another speed."""
+    """Return the state at places of the planned motion, with the speed's derivatives."""
     s = np.minimum(place[0], motion.duration)
     return samples_along(motion.samples(s), place[1:])
 
 
-def _ramped(family: LimitFamily, motion: Motion, wanted: _Ramp, later: Sequence[str]) -> Motion:
-    """Return the soonest ramp that keeps all limits, and what follows."""
+def _changed_by_ramp(
+    family: LimitFamily, motion: Motion, wanted: _Ramp, later: Sequence[str]
+) -> Motion:
+    """Change the speed by the earliest ramp that keeps all limits."""
     judged, _ = limit_checks_of(family, motion.history())
     excessive = [c for c in judged if c.quantity in later and c.violation > LIMIT_TOLERANCE]
     if excessive:
@@ -355,19 +361,19 @@ def _ramped(family: LimitFamily, motion: Motion, wanted: _Ramp, later: Sequence[
     times = [sample_times(breaks[k], none, step, 5) for k, step in parts if k.sum() > 1]
     t = np.unique(np.concatenate([jumps, *times]))
     state = State(*_state_at(motion, ramp.along(t))[:3])
-    other = _changed(family.robot, motion, (t, state, breaks), places, ramp.end)
+    other = _retimed(family.robot, motion, (t, state, breaks), places, ramp.end)
     judged, _ = limit_checks_of(family, other.history())
     excess = max(float(np.nanmax(c.utilisation / most[c.quantity])) for c in judged) - 1.0
-    return _ended(other, outcome, excess)
+    return _with_outcome(other, outcome, excess)
 
 
 def _soonest_ramp(
     wanted: _Ramp, motion: Motion, keeps: Callable[[Sequence[FloatArray]], np.ndarray]
 ) -> _Ramp | None:
-    """Return the ramp that ends first of those that are tried; None where none keeps all limits."""
+    """Return the earliest-ending ramp of those tried; None if no ramp keeps all limits."""
     current, speed, at = wanted.current, wanted.speed, wanted.at
     s = np.append(at, motion.t[motion.t > at + JUMP_GAP])
-    s = np.append(s[:-1][~jump_gaps(s)], s[-1])  # no ramp begins or ends within a jump
+    s = np.append(s[:-1][~jump_gaps(s)], s[-1])  # a ramp must not begin or end within a jump
     dense = dense_times(motion)[0]
     dense = np.append(at, dense[dense > at])
     none = np.zeros_like(dense)
@@ -376,22 +382,23 @@ def _soonest_ramp(
     begins = np.flatnonzero(s < np.min(broken[0], initial=np.inf)) if current else np.array([0])
     ends = np.flatnonzero(s > np.max(broken[1], initial=-np.inf))
     best = None
-    if current and not speed and at_current.all():  # it rests where the motion ends at the latest
+    if current and not speed and at_current.all():  # at the latest it rests at the motion's end
         best = replace(wanted, begin=(s[-1] - at) / current)
 
     def between(i: int, k: int) -> _Ramp:
         begin = (s[i] - at) / current if current else 0.0
         return replace(wanted, begin=begin, lasts=2.0 * (s[k] - s[i]) / (current + speed))
 
+    # A coarse check rejects most ramps before the dense one.
     def works(ramp: _Ramp) -> bool:
         counts = RAMP.samples, int(RAMP.finer * ramp.lasts / SAMPLE_STEP)
         shares = (np.linspace(0.0, 1.0, max(count, 2)) for count in counts)
         return all(keeps(ramp.along(ramp.begin + x * ramp.lasts)).all() for x in shares)
 
-    for i in _some(begins, RAMP.begins):
+    for i in _evenly_chosen(begins, RAMP.begins):
         later = ends[ends > i]
         low = 0
-        for high in _some(np.arange(later.size), RAMP.ends):
+        for high in _evenly_chosen(np.arange(later.size), RAMP.ends):
             ramp = between(i, int(later[high]))
             if best is not None and ramp.end >= best.end:
                 break
@@ -407,14 +414,14 @@ def _soonest_ramp(
     return best
 
 
-def _some(places: np.ndarray, count: int) -> list[int]:
-    """Return some of the places, the first and the last among them."""
+def _evenly_chosen(places: np.ndarray, count: int) -> list[int]:
+    """Return at most ``count`` of the places, evenly spread, with the first and the last."""
     chosen = np.linspace(0, len(places) - 1, min(count, len(places)), dtype=int)
     return places[np.unique(chosen)].tolist()
 
 
-def _widened(family: LimitFamily, motion: Motion) -> LimitFamily:
-    """Return limits as they are, or as the motion uses them where that is more."""
+def _widened_limits(family: LimitFamily, motion: Motion) -> LimitFamily:
+    """Return the limits, widened to the values of the motion itself."""
     samples = motion.history().samples
     bounds, also = {}, []
     for member in family:

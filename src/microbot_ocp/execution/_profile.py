@@ -18,7 +18,7 @@ from microbot_ocp.limits import JOINT_QUANTITIES, JointLimits, Limit, Limits
 from microbot_ocp.robot import Robot
 
 COLUMNS = ("q", "qd", "qdd", "tau")
-HELD = ("hold", "linear")  # whose commands are held: what the drives get comes a step late
+HELD = ("hold", "linear")  # commands are held, so the drives lag the rows by one step
 INTERPOLATIONS = (*HELD, "cubic", "quintic")
 LIMIT_KEYS = tuple(f"{key}_{side}" for key in JOINT_QUANTITIES for side in ("min", "max"))
 BRAKING_KEYS = ("q_min", "q_max", "qd_max", "deceleration", "offset")
@@ -26,26 +26,29 @@ BRAKING_KEYS = ("q_min", "q_max", "qd_max", "deceleration", "offset")
 
 @dataclass(frozen=True)
 class Profile:
-    """What a controller does with the rows of a file, and what must hold then.
+    """Interpolation of a controller between rows, and the limits that its commands must keep.
 
     Attributes
     ----------
     name, description : str
+        Name and description of the controller.
     interpolation : "hold", "linear", "cubic" or "quintic"
-        "hold": a row is a command, and velocity, acceleration and jerk are its differences from
-        step to step. "linear": commands on straight lines between the rows, held likewise. "cubic",
-        "quintic": Hermite polynomials through the velocities, or velocities and accelerations.
+        Rule between rows. "hold": a row is a command, and velocity, acceleration and jerk are its
+        differences from step to step. "linear": commands lie on straight lines between the rows and
+        are held. "cubic", "quintic": Hermite polynomials through the velocities, or through
+        velocities and accelerations.
     rate : float or None
-        Commands a second, Hz; None where an installation decides.
+        Command rate, Hz; None if the installation decides.
     limits : Limits
-        Of the joints and of anything else, beside those of the robot.
+        Limits besides those of the robot.
     columns : tuple of str
-        What the rows hold, of "q", "qd", "qdd" and "tau".
+        Quantities of the rows, from "q", "qd", "qdd" and "tau".
     gravity : bool
-        Whether efforts hold the torque of gravity.
+        True if efforts include the torque of gravity.
     rests : bool
-        Whether the first and the last row must be at rest.
+        True if the first and the last row must be at rest.
     sources : mapping
+        Source of each figure, and the figures that are left out because no source states them.
         Where each figure is from, and which are left out as nobody states them.
     """
 
@@ -74,14 +77,14 @@ class Profile:
         return 1.0 / self.rate
 
     def limits_of(self, robot: Robot) -> JointLimits:
-        """Return the limits of a robot and of the controller, of each the tighter one.
+        """Return the tighter one of each limit of a robot and of the controller.
 
-        Plan under these where a motion without them would have to be slowed down much.
+        Plan under these limits if a motion would otherwise have to be slowed down much.
 
         Raises
         ------
         InputError
-            A robot of another number of joints.
+            The robot has another number of joints than the limits.
         """
         with naming(f"profile {self.name}, for other joints than {robot.name}'s: "):
             return robot.limits.tightened(self.limits.for_joints(robot.joint_count))
@@ -89,7 +92,7 @@ class Profile:
 
 @dataclass(frozen=True)
 class _Ahead:
-    """Velocity some time ahead, s, at the present acceleration."""
+    """Velocity predicted for a time ahead (s), at the present acceleration."""
 
     time: float
 
@@ -99,9 +102,10 @@ class _Ahead:
 
 @dataclass(frozen=True)
 class _Braking:
-    """The velocity from which a joint can still brake before the end of its range.
+    """Largest velocity from which a joint can still brake before the end of its range.
 
-    Upwards ``min(qd_max, max(0, sqrt(2 deceleration (end - q)) - offset))``, downwards likewise.
+    Upwards it is ``min(qd_max, max(0, sqrt(2 deceleration (end - q)) - offset))``, and likewise
+    downwards.
     """
 
     sign: float
@@ -111,7 +115,7 @@ class _Braking:
     offset: tuple[float, ...]
 
     def __call__(self, state: Any) -> Any:
-        import casadi as ca  # names of profiles are listed without it
+        import casadi as ca  # importing here lets the command line list profiles without CasADi
 
         room = ca.fmax(0.0, self.sign * (ca.DM(self.end) - state.q))
         fast = ca.sqrt(2.0 * ca.DM(self.deceleration) * room) - ca.DM(self.offset)
@@ -119,7 +123,7 @@ class _Braking:
 
 
 def packaged_profiles() -> tuple[str, ...]:
-    """Return names of the profiles that come with the package.
+    """Return the names of the profiles that come with the package.
 
     Examples
     --------
@@ -140,13 +144,13 @@ def load_profile(source: str | Path | Profile) -> Profile:
     Parameters
     ----------
     source : str, Path or Profile
-        A name from :func:`packaged_profiles` or the path of a ``.toml`` file; ``@RATE`` behind a
-        name gives the rate in Hz: "hold@250". A profile is returned as it is.
+        Name from :func:`packaged_profiles`, or path of a ``.toml`` file; ``@RATE`` after a name
+        sets the rate in Hz: "hold@250". A profile is returned unchanged.
 
     Raises
     ------
     InputError
-        Unknown name, missing file, a key that is unknown or of the wrong kind.
+        The name is unknown, the file is missing, or a key is unknown or of the wrong kind.
 
     Examples
     --------
@@ -163,8 +167,8 @@ def load_profile(source: str | Path | Profile) -> Profile:
         text, origin, rate = text_of(str(source), "profile file"), Path(str(source)).name, ""
     else:
         raise InputError(
-            f"profile must be one of {', '.join(packaged_profiles())}, with @RATE in Hz behind "
-            f"it, or the path of a .toml file, not {checks.shown(source)}"
+            f"profile must be one of {', '.join(packaged_profiles())}, optionally followed by "
+            f"@RATE in Hz, or the path of a .toml file, not {checks.shown(source)}"
         )
     with naming(f"{origin}: "):
         profile = _profile(parsed(text))
@@ -193,7 +197,7 @@ PROFILE = {
 
 
 def _profile(data: Mapping[str, Any]) -> Profile:
-    from microbot_ocp.limits import MEMBER_KEYS, limits_from_table  # these load CasADi
+    from microbot_ocp.limits import MEMBER_KEYS, limits_from_table  # this import loads CasADi
 
     given = read_table(data, PROFILE)
     limits, braking = (given.pop(key, {}) for key in ("limits", "braking"))

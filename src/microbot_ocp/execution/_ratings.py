@@ -1,4 +1,4 @@
-"""What a motion asks of drives and gears over a cycle: ratings, not limits of an instant."""
+"""Ratings of drives and gears over a cycle of a motion, as opposed to limits at an instant."""
 
 from __future__ import annotations
 
@@ -20,26 +20,27 @@ from microbot_ocp.robot import Robot
 
 @dataclass(frozen=True, eq=False)
 class Ratings:
-    """What each joint has to give over a cycle of a motion and a dwell at its end.
+    """Load of each joint over a cycle of a motion and a dwell at its end.
 
     Attributes
     ----------
     robot : Robot
+        Arm that executes the motion.
     duration, dwell : float
-        Of the motion, and of the rest after it, s.
+        Duration of the motion, and of the rest after it, s.
     rms_torque : array [n]
-        Root mean square, N m (N): what heats a motor.
+        Root-mean-square torque, N m (N); it heats the motor.
     holding_torque : array [n]
-        In the dwell, N m (N).
+        Torque in the dwell, N m (N).
     cubic_torque : array [n]
-        Cube root of the mean of the torque's cube, weighted by the speed: what wears a gear, N m
-        (N). Zero for a joint that does not move.
+        Cube root of the mean of the torque's cube, weighted by the speed, N m (N); it wears the
+        gear. Zero for a joint that does not move.
     peak_torque, peak_speed, mean_speed : array [n]
-        N m (N), rad/s (m/s).
+        Peak torque, N m (N); peak and mean speed, rad/s (m/s).
     peak_power : array [n]
-        W, drawn.
+        Largest power drawn, W.
     energy_drawn, energy_returned : array [n]
-        J a cycle, both not below 0.
+        Energy per cycle, J, both at least 0.
     """
 
     robot: Robot
@@ -57,12 +58,12 @@ class Ratings:
 
     @property
     def mean_power(self) -> float:
-        """Drawn less what is given back, of all joints over the cycle, W."""
+        """Mean power of all joints over the cycle, drawn minus returned, W."""
         energy = float((self.energy_drawn - self.energy_returned).sum())
         return energy / (self.duration + self.dwell)
 
     def least_dwell(self, rms_max: ArrayLike) -> float:
-        """Return the shortest dwell, s, with which no joint is above its rated torque.
+        """Return the shortest dwell, s, that keeps every joint at or below its rated torque.
 
         Parameters
         ----------
@@ -72,8 +73,8 @@ class Ratings:
         Raises
         ------
         InputError
-            Ratings that are not above 0, or of another number of joints; a joint for which no dwell
-            is long enough: holding the arm alone asks for more.
+            A rating is not above 0 or the number of ratings is wrong, or holding the arm alone
+            exceeds the rating of a joint, so that no dwell is long enough.
 
         Examples
         --------
@@ -91,7 +92,7 @@ class Ratings:
         if not np.all(rated > 0.0):
             raise InputError(f"rms_max must be above 0 N m, not {rms_max}")
         whole = self.duration + self.dwell
-        # what the motion alone adds up to
+        # The integral of tau^2 over the motion: a dwell d gives (square + d holding^2) / (T + d).
         square = self.rms_torque**2 * whole - self.holding_torque**2 * self.dwell
         missing = square - rated**2 * self.duration
         spare = rated**2 - self.holding_torque**2
@@ -107,7 +108,7 @@ class Ratings:
         return float(needed.max())
 
     def table(self) -> Table:
-        """Return one row a joint."""
+        """Return a table with one row per joint."""
 
         def unit(key: str) -> str:
             every = range(self.rms_torque.size)
@@ -138,19 +139,20 @@ def ratings(
     segments: Sequence[Segment] | None = None,
     cycle: bool = False,
 ) -> Ratings:
-    """Rate what a motion asks of drives and gears, with a dwell after it.
+    """Evaluate the load of drives and gears along a motion with a dwell after it.
 
     Parameters
     ----------
     robot : Robot
-        With masses.
+        Arm with masses.
     motion : Motion
+        Motion of one cycle.
     dwell : float
-        Rest at the end of the motion in each cycle, s; the arm is held against gravity, with what
-        it carries there.
+        Rest at the end of the motion in each cycle, s; the arm is held against gravity, with its
+        payload there.
     via_q, segments, cycle
-        Of a motion through stops, as of :func:`certify`: torques are those with what the tool holds
-        then.
+        Stops of the motion, see :func:`certify`; torques are computed with the payload at each
+        time.
 
     Returns
     -------
@@ -159,8 +161,8 @@ def ratings(
     Raises
     ------
     InputError
-        Another number of joints, a robot without masses, a dwell below 0; a motion whose torques
-        are not those of the robot: where what it holds changes on the way the stops say so.
+        The number of joints differs, the robot has no masses, the dwell is negative, or the torques
+        of the motion are not those of the robot; give the stops if its payload changes on the way.
 
     Examples
     --------
@@ -174,7 +176,7 @@ def ratings(
     """
     checks.joints("motion", motion.joint_count, robot)
     if not robot.has_dynamics:
-        raise InputError(f"robot {robot.name!r} has no masses that torques follow from")
+        raise InputError(f"robot {robot.name!r} has no masses, so no torques follow from it")
     rest = checks.number("dwell", dwell, "s", at_least=0.0)
     task = given_task(robot, None, via_q, segments, cycle)
     refuse_other_arm(robot, motion, task)

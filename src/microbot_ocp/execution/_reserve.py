@@ -1,4 +1,4 @@
-"""The reserve of torque that feedback needs where the arm is not what the plan took it for."""
+"""Torque reserve that feedback needs if the arm differs from the model of the plan."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from microbot_ocp.limits import LIMIT_TOLERANCE, JointLimits, LimitFamily, Limit
 from microbot_ocp.motion import JUMP_GAP, Motion, mesh_of, polynomial_of
 from microbot_ocp.planning import (
     checked_box,
-    robust_limits as robust_limits,  # offered beside the arms of the same box
+    robust_limits as robust_limits,  # offered here beside the plants of the same parameter box
     time_optimal,
     tool_poses,
 )
@@ -31,24 +31,24 @@ from microbot_ocp.planning.free import within_limits
 from microbot_ocp.robot import Robot
 from microbot_ocp.simulation import Controller, track
 
-COARSEST = 1e-2  # tolerance that a simulation takes
+COARSEST = 1e-2  # largest tolerance that a simulation accepts
 
 
 @dataclass(frozen=True)
 class Trial:
-    """One reserve that was looked at.
+    """Result of one reserve.
 
     Attributes
     ----------
     reserve : float
-        Share of the torque limits.
+        Reserve as a fraction of the torque limits.
     duration : float
-        Of the motion planned with it, s; NaN where there is none.
+        Duration of the motion planned with it, s; NaN if there is none.
     error : float
-        Largest distance of the tool from where it should be, over all plants, m; infinite where one
-        is lost.
+        Largest distance of the tool from its reference over all plants, m; infinite if a
+        simulation fails.
     saturated : float
-        Largest share of the time, with that of settling, in which a torque is at its true limit.
+        Largest fraction of the simulated time in which a torque is at its true limit.
     """
 
     reserve: float
@@ -59,23 +59,24 @@ class Trial:
 
 @dataclass(frozen=True, eq=False)
 class Reserve:
-    """The least reserve with which every plant follows.
+    """Least torque reserve with which every plant follows the motion.
 
     Attributes
     ----------
     status : Status
-        "not found" where no reserve keeps the bound; ``advice`` says why.
+        Status "not found" if no reserve keeps the bound; ``advice`` explains it.
     reserve : float
-        Share of the torque limits; NaN where none is enough.
+        Reserve as a fraction of the torque limits; NaN if none is enough.
     motion : Motion
-        Planned with it: the *trackable* motion; the ideal one where none is enough.
+        Motion planned with the reserve, the *trackable* motion; the ideal one if none is enough.
     ideal : Motion
-        Planned without a reserve.
+        Motion planned without a reserve.
     bound : float
-        Of the tool's error, m.
+        Allowed error of the tool, m.
     trials : tuple of Trial
-        Every reserve that was looked at, in order of the reserve.
+        Results of all reserves tried, in increasing order.
     advice : str
+        Reason why no reserve keeps the bound, with a remedy; empty if one does.
     """
 
     status: Status
@@ -88,22 +89,20 @@ class Reserve:
 
     @property
     def solved(self) -> bool:
-        """Whether a reserve keeps the bound."""
+        """True if a reserve keeps the bound."""
         return self.status.solved
 
     @property
     def cost(self) -> float:
-        """What the reserve costs, s."""
+        """Additional duration due to the reserve, s."""
         return self.motion.duration - self.ideal.duration
 
     def plot(self, axes: GivenAxes | None = None) -> DrawnAxes:
-        """Draw the error of the tool and duration over the reserve:
-        :func:`microbot_ocp.plots.reserve`.
-        """
+        """Draw tool error and duration over the reserve; see :func:`microbot_ocp.plots.reserve`."""
         return view_for(self, "plot")(self, axes)
 
     def table(self) -> Table:
-        """Return what each reserve costs and what it does for the tool."""
+        """Return a table of the duration and the tool error of each reserve."""
         columns = [
             Column("reserve", "%", ".2f"),
             Column("T", "s", ".4f"),
@@ -127,32 +126,33 @@ def differing_plants(
     count: int = 20,
     seed: int = 0,
 ) -> tuple[Robot, ...]:
-    """Return arms that differ from the model: the corners of a box, and arms inside of it.
+    """Return arms that differ from the model: corners of a parameter box, and arms inside it.
 
     Parameters
     ----------
     robot : Robot
-        With masses.
+        Model with masses.
     mass : float
-        Share by which the mass of every link, with its inertia and its armature, may be off.
+        Largest relative error of the mass of every link, with its inertia and its armature.
     friction : float
-        Share by which viscous and Coulomb friction of every joint may be off.
+        Largest relative error of viscous and Coulomb friction of every joint.
     payload : (float, float)
-        Point masses at the tool, kg.
+        Range of the point mass at the tool, kg.
     count : int
-        How many arms are drawn besides the corners, each link by itself.
+        Number of random arms besides the corners; each link is drawn by itself.
     seed : int
-        Of the draws.
+        Seed of the random arms.
 
     Returns
     -------
     tuple of Robot
-        The corners first: all masses, all frictions and the payload at an end of their ranges.
+        Corners first: all masses, all frictions and the payload at an end of their ranges.
 
     Raises
     ------
     InputError
-        Shares outside of 0 to 1, a payload below 0 or in the wrong order, a robot without masses.
+        A fraction is outside of 0 to 1, the payload range is negative or decreasing, or the robot
+        has no masses.
 
     Examples
     --------
@@ -179,7 +179,7 @@ def differing_plants(
 
 
 def _differing(robot: Robot, mass: FloatArray, friction: FloatArray) -> Robot:
-    """Return the robot with masses and frictions [n] times these."""
+    """Return the robot with its masses and frictions scaled by factors [n]."""
     links = []
     for link, m, f in zip(robot.links, mass, friction, strict=True):
         factors = dict.fromkeys(("mass", "inertia", "armature"), m)
@@ -199,34 +199,35 @@ def smallest_reserve(
     accuracy: float = 0.01,
     **loop: Any,
 ) -> Reserve:
-    """Find the least reserve of torque with which the tool stays near its reference.
+    """Find the least torque reserve with which the tool stays near its reference.
 
-    The motion is planned with a share of the torques kept back, and played on every plant by the
-    controller, whose torques saturate at the true limits; its end is held as long as it took, so
-    that settling counts, unless a ``duration`` is given. The share doubles from ``accuracy`` on
-    until no plant is off by more than ``bound``, and is then halved in.
+    The motion is planned with a fraction of the torques kept back. The controller executes it on
+    every plant, with torques that saturate at the true limits. The end is held as long as the
+    motion took, so that settling counts, unless a ``duration`` is given. The fraction doubles from
+    ``accuracy`` on until no plant deviates by more than ``bound``; bisection refines it.
 
     Parameters
     ----------
     robot : Robot
-        The model of the plan and of the controller.
+        Model of the plan and of the controller.
     task : Motion, array_like [m,n] or callable
-        Via points, through which :func:`microbot_ocp.time_optimal` plans anew; or a motion, which
-        is slowed down only where it exceeds what is left of the torques; or a function from a
-        reserve to a motion.
+        Via points that :func:`microbot_ocp.time_optimal` plans through; or a motion, which is
+        slowed down only if it exceeds the reduced torques; or a function from a reserve to a
+        motion.
     controller : Controller
+        Controller that executes the motion.
     plants : sequence of Robot
         Arms that are simulated, such as :func:`differing_plants` of the robot.
     bound : float
-        Of the distance of the tool from its reference, at any time until it has settled, m.
+        Allowed distance of the tool from its reference, at any time until it has settled, m.
     limits : Limits, optional
-        Of the plan, before a share is kept back; default the robot's own.
+        Limits of the plan, before a fraction is kept back; default the robot's own.
     accuracy : float
-        How near the least reserve it is told, as a share of the torque limits, and how exactly the
-        arms are simulated, as a share of the bound, where no ``tolerance`` is given.
+        Resolution of the reserve, as a fraction of the torque limits, and tolerance of the
+        simulations, relative to the bound, unless a ``tolerance`` is given.
     **loop
-        ``sample_rate``, ``delay``, ``noise``, ``saturation``, ``step`` and so on, as of
-        :func:`microbot_ocp.track`.
+        Options of :func:`microbot_ocp.track`: ``sample_rate``, ``delay``, ``noise``,
+        ``saturation``, ``step`` and so on.
 
     Returns
     -------
@@ -235,8 +236,8 @@ def smallest_reserve(
     Raises
     ------
     InputError
-        No plant, a plant with other joints, a bound or an accuracy that is not above 0, a motion of
-        an arm with another payload.
+        There is no plant, a plant has other joints, the bound or the accuracy is not above 0, or
+        the motion belongs to an arm with another payload.
 
     Examples
     --------
@@ -252,7 +253,7 @@ def smallest_reserve(
     (True, True)
     """
     check_trials(robot, controller, plants, bound, accuracy=accuracy, **loop)
-    # dry friction that turns over costs a finer one thousands of steps
+    # A finer tolerance costs thousands of steps when dry friction changes its sign.
     loop = {"tolerance": min(accuracy * bound, COARSEST), **loop}
     play = partial(track, robot, controller=controller, **loop)
     plan = _planner(robot, task, limits)
@@ -263,18 +264,18 @@ def smallest_reserve(
     def keeps(reserve: float) -> bool:
         try:
             motion = motions.setdefault(reserve, ideal) if not reserve else plan(reserve)
-        except InputError as problem:  # what is left does not hold the arm
+        except InputError as problem:  # the reduced torques cannot hold the arm
             trials[reserve] = Trial(reserve, np.nan, np.inf, np.nan)
             advice[:] = [str(problem)]
             return False
         motions[reserve] = motion
-        trials[reserve] = _tried(robot, motion, plants, reserve, play)
+        trials[reserve] = _trial_of(robot, motion, plants, reserve, play)
         return motion.solved and trials[reserve].error <= bound
 
     def ordered() -> tuple[Trial, ...]:
         return tuple(trials[each] for each in sorted(trials))
 
-    advice = ["no reserve keeps the bound: the controller itself does not, or torques are too few"]
+    advice = ["no reserve keeps the bound: the controller itself misses it, or torques are too low"]
     good, bad = 0.0, -accuracy
     while not keeps(good):
         bad, good = good, accuracy if not good else 2.0 * good
@@ -289,7 +290,7 @@ def smallest_reserve(
 def check_trials(
     robot: Robot, controller: Any = None, plants: Any = None, bound: Any = None, **options: Any
 ) -> None:
-    """Refuse what :func:`smallest_reserve` cannot be asked, before anything is planned."""
+    """Reject arguments that :func:`smallest_reserve` cannot use, before anything is planned."""
     if controller is None or plants is None or bound is None:
         raise InputError("controller, plants and bound must be given to find a reserve")
     checks.number("bound", bound, "m", above=0.0)
@@ -325,19 +326,19 @@ def _planner(
         motion = within_limits(family, shape, times, LIMIT_TOLERANCE, False)
         if motion is None:
             raise InputError(
-                f"the motion cannot be slowed down until it leaves {100 * reserve:.3g} % of the "
-                "torques"
+                f"the motion cannot be slowed down enough to keep a reserve of {100 * reserve:.3g} "
+                "% of the torques"
             )
         return motion
 
     return slowed
 
 
-def _tried(
+def _trial_of(
     robot: Robot, motion: Motion, plants: Sequence[Robot], reserve: float, play: Callable[..., Any]
 ) -> Trial:
     error = saturated = 0.0
-    reference = motion if "duration" in play.keywords else _held(motion)
+    reference = motion if "duration" in play.keywords else _with_end_held(motion)
     for plant in plants:
         run = play(reference, plant=plant)
         saturated = max(saturated, run.saturated_fraction)
@@ -348,8 +349,8 @@ def _tried(
     return Trial(reserve, motion.duration, error, saturated)
 
 
-def _held(motion: Motion) -> Motion:
-    """Return the motion with its end held as long as it took, where it ends at rest."""
+def _with_end_held(motion: Motion) -> Motion:
+    """Return the motion with its end held for its duration, if it ends at rest."""
     if np.abs(motion.qd[-1]).max() > AT_REST:
         return motion
     end, still = motion.duration, np.zeros((2, motion.joint_count))

@@ -1,4 +1,4 @@
-"""Rows of anyone's trajectory: times, positions, and velocities and accelerations where given."""
+"""Rows of any trajectory: times, positions, and optional velocities, accelerations and torques."""
 
 from __future__ import annotations
 
@@ -41,25 +41,28 @@ MESSAGES_HERE = (
     "FollowJointTrajectoryActionGoal", "ExecuteTrajectoryGoal", "MotionPlanResponse",
     "GetMotionPlanResponse", "MoveGroupResult", "GetCartesianPathResponse",
 )  # fmt: skip
-# "qd elbow [rad/s]", "elbow", "time (s)"
+# Heads such as "qd elbow [rad/s]", "elbow", "time (s)".
 KEY = re.compile(r"(q|qd|qdd|tau) (.*)", re.DOTALL)
 UNIT = re.compile(r"(.*?) ?[\[(]([^\[\]()]*)[\])]", re.DOTALL)
 
 
 @dataclass(frozen=True, eq=False)
 class CommandRows:
-    """What a file for a controller holds.
+    """Trajectory as rows for a controller.
 
     Attributes
     ----------
     t : array [N]
-        Increasing times from 0, s: those of the file from its first one on.
+        Increasing times, s; the first one is 0.
     q : array [N,n]
-        rad (m).
+        Positions, rad (m).
     qd, qdd, tau : array [N,n] or None
-        rad/s (m/s), rad/s^2 (m/s^2), N m (N); None where the file has none.
+        Velocities, rad/s (m/s), accelerations, rad/s^2 (m/s^2), and torques, N m (N); None if the
+        file has none.
     label : str
+        Label for figures and certificates.
     marks : tuple of Mark
+        Named times, such as those of stops.
     """
 
     t: FloatArray
@@ -81,25 +84,25 @@ class CommandRows:
 
 
 def read_rows(path: str | Path, robot: Robot) -> CommandRows | Motion:
-    """Read a trajectory of this package, of ROS, or a plain table.
+    """Read a trajectory of this package, of ROS, or from a plain table.
 
     Parameters
     ----------
     path : str or Path
-        ``.csv``: a time and n positions, then n velocities, accelerations and torques as far as
-        there are any, with or without heads; where heads name the joints, as "elbow" or, like
-        those of :meth:`~microbot_ocp.Motion.export`, "qd elbow [rad/s]", in any order.
+        File in s, rad (m) and N m (N). ``.csv``: a time and n positions, optionally n velocities,
+        accelerations and torques, with or without heads; if heads name the joints, as "elbow" or,
+        like those of :meth:`~microbot_ocp.Motion.export`, "qd elbow [rad/s]", in any order.
         ``.json``, ``.yaml``: a ``JointTrajectory`` of ROS, or a message that holds one, with joints
-        in any order. ``.npz``: a saved motion, which is returned as one, or arrays ``t``, ``q``,
-        ``qd``, ``qdd``, ``tau``, with ``joint_names`` in any order. All in s, rad (m) and N m (N).
+        in any order. ``.npz``: a saved motion, which is returned as a motion, or arrays ``t``,
+        ``q``, ``qd``, ``qdd``, ``tau``, with ``joint_names`` in any order.
     robot : Robot
-        Whose joints they are.
+        Robot that has the joints.
 
     Raises
     ------
     InputError
-        A file that cannot be read, other joints or units, times that do not increase, positions
-        more than a turn beyond the limits, such as degrees.
+        The file cannot be read, joints or units differ, times do not increase, or positions are
+        more than a turn beyond the limits, as if they were in degrees.
     """
     target = Path(path)
     refuse_toml(target, "trajectory")
@@ -112,7 +115,7 @@ def read_rows(path: str | Path, robot: Robot) -> CommandRows | Motion:
         else:
             try:
                 rows = _of_message(_document(target), _marks_beside(target), robot)
-            except OverflowError:  # of a whole number that is no float
+            except OverflowError:  # an integer of the file exceeds the range of floats
                 raise InputError("it holds a number that is too large") from None
         checks.joints("it", rows.q.shape[1], robot)
         beyond = np.maximum(rows.q - robot.limits.q_max, robot.limits.q_min - rows.q)
@@ -127,7 +130,7 @@ def read_rows(path: str | Path, robot: Robot) -> CommandRows | Motion:
 
 
 def _of_table(text: str, robot: Robot) -> CommandRows:
-    lines = list(io.StringIO(text.lstrip(), newline=""))  # names may hold ends of lines
+    lines = list(io.StringIO(text.lstrip(), newline=""))  # quoted names may contain line ends
     lines[:1] = [line.lstrip("# ") for line in lines[:1]]
     reader = csv.reader(lines)
     heads, names = next(reader, []), robot.joint_names
@@ -142,8 +145,8 @@ def _of_table(text: str, robot: Robot) -> CommandRows:
     by_names = any(key or joint in names for key, joint, _ in parsed[1:])
     if not by_names and width not in (1 + count * np.arange(1, 5)):
         raise InputError(
-            f"it must have a time and 1 to 4 columns for each of {count} joints, parted by commas, "
-            f"not {width} columns"
+            f"it must have a time and 1 to 4 columns for each of {count} joints, separated by "
+            f"commas, not {width} columns"
         )
     first = reader.line_num if named else 0
     values = _numbers_of(lines, first, width)
@@ -168,7 +171,7 @@ def _of_table(text: str, robot: Robot) -> CommandRows:
 
 
 def _parsed(head: str, names: Sequence[str]) -> tuple[str | None, str, str | None]:
-    """Return quantity, joint and unit of a head, where it has them; a name may look like a unit."""
+    """Return quantity, joint and unit of a head; parts of a joint's name may look like a unit."""
     ways = []
     for text in (head, head.strip()):
         key, rest = found.groups() if (found := KEY.fullmatch(text)) else (None, text)
@@ -181,7 +184,7 @@ def _parsed(head: str, names: Sequence[str]) -> tuple[str | None, str, str | Non
 
 
 def _numbers_of(lines: Sequence[str], first: int, width: int) -> FloatArray:
-    """Return the numbers [N,width] of a table from its line ``first`` on."""
+    """Return the numbers [N,width] of a table from the line ``first`` on."""
     if len(lines) == first:
         raise InputError("it has heads and no rows")
     try:
@@ -189,7 +192,7 @@ def _numbers_of(lines: Sequence[str], first: int, width: int) -> FloatArray:
             lines[first:], delimiter=",", usecols=range(width), comments=None, ndmin=2,
             quotechar='"',
         )  # fmt: skip
-    except ValueError:  # a mark may hold the end of a line
+    except ValueError:  # a quoted mark may contain a line end
         rows = []
         reader = csv.reader(lines[first:])
         for row in filter(None, reader):
@@ -205,8 +208,9 @@ def _numbers_of(lines: Sequence[str], first: int, width: int) -> FloatArray:
 def _columns_of(
     heads: Sequence[str], parsed: Sequence[Any], order: Order, robot: Robot, by_names: bool
 ) -> Order:
-    """Return where each quantity of each joint is, by heads that name joints; else as in
-    ``order``.
+    """Return the column of each quantity of each joint, from heads that name joints.
+
+    Heads that name no joints leave the columns as in ``order``.
     """
     names = robot.joint_names
     key, joint, unit = parsed[0]
@@ -217,7 +221,7 @@ def _columns_of(
     units = {0: "s"}
     for (key, place), column in order.items():
         units[column] = robot.unit(key, place)
-        # "elbow_position" in the place of the waist
+        # A head such as "elbow_position" must not stand over the column of the waist.
         named = [] if by_names else [name for name in names if _speaks_of(heads[column], name)]
         if named and names[place] not in named:
             raise InputError(
@@ -230,13 +234,14 @@ def _columns_of(
 
 
 def _speaks_of(head: str, name: str) -> bool:
-    """Return whether a head has a name as one of its words."""
+    """Return True if a head contains a name as one of its words."""
     return bool(re.search(rf"(?<![^\W_]){re.escape(name)}(?![^\W_])", head)) and bool(name.strip())
 
 
 def _by_names(heads: Sequence[tuple[str | None, str]], robot: Robot) -> Order:
-    """Return where each quantity of each joint is, by heads that may name the first and do the
-    second.
+    """Return the column of each quantity of each joint, from heads with joint names.
+
+    A head without quantity belongs to the first quantity that its joint does not have yet.
     """
     _order(list(dict.fromkeys(joint for _, joint in heads)), robot)
     order: Order = {}
@@ -256,7 +261,7 @@ def _by_names(heads: Sequence[tuple[str | None, str]], robot: Robot) -> Order:
 
 
 def _mark(text: str, time: float) -> Mark:
-    """Return a mark of a row: "grip" is at its time, "above @ 0.71" before it."""
+    """Return the mark of a row: "grip" is at the row's time, "above @ 0.71" at 0.71 s."""
     name, _, at = text.rpartition(" @ ")
     own = name and _is_number(at)
     return Mark(float(at), unquote(name)) if own else Mark(time, unquote(text))
@@ -271,13 +276,13 @@ def _is_number(word: str) -> bool:
 
 
 def _renamed(names: Sequence[str], robot: Robot) -> Sequence[str]:
-    """Return the joints' names in the place of the numbers that an export without a robot has."""
+    """Replace the numbers that an export without a robot writes by the joints' names."""
     own = {f"joint_{number}": name for number, name in enumerate(robot.joint_names, start=1)}
     return [own[name] for name in names] if {*names} == {*own} - {*own.values()} else names
 
 
 def _order(names: Sequence[str], robot: Robot) -> list[int]:
-    """Return where each joint of the robot is among these names."""
+    """Return the place of each joint of the robot among these names."""
     given = list(map(str, names))
     if not set(given) >= set(robot.joint_names) or len(set(given)) != len(given):
         raise InputError(
@@ -289,10 +294,10 @@ def _order(names: Sequence[str], robot: Robot) -> list[int]:
 
 
 def _of_archive(path: Path, robot: Robot) -> CommandRows | Motion:
-    bytes_of(path, "trajectory")  # a plain file
+    bytes_of(path, "trajectory")  # raises unless it is a plain file
     try:
         arrays: Any = arrays_in(path, (*ARRAYS, METADATA))
-    except Exception as problem:  # as archives raise on damage
+    except Exception as problem:  # numpy raises various errors on damaged archives
         raise InputError(f"it is no archive of numpy: {problem}") from None
     if arrays.pop(METADATA, None) is not None:
         return Motion.load(path)
@@ -318,14 +323,14 @@ def _document(path: Path) -> Any:
 
 
 def _marks_beside(path: Path) -> Sequence[Any]:
-    """Return the marks that were written beside a message; none where there are none."""
+    """Return the marks that were written beside a message; empty without such a file."""
     beside = marks_path(path)
     if not beside.is_file():
         return ()
     with naming(f"{beside.name}: "):
         document = _document(beside)
         if not isinstance(document, dict) or not isinstance(document.get("marks"), list):
-            raise InputError("it holds no list of marks")
+            raise InputError("it must hold a list of marks")
         if document.get("of") != digest(path):
             raise InputError(f"it holds marks of another file than {path.name}: remove it")
     return document["marks"]
@@ -364,7 +369,7 @@ def _of_message(document: Any, given: Sequence[Any], robot: Robot) -> CommandRow
 
 
 def _trajectories_in(document: Any, depth: int = 0) -> Iterator[Mapping[str, Any]]:
-    """Return trajectories of joints within a message, as MoveIt's plans hold them."""
+    """Yield the joint trajectories within a message, as MoveIt's plans nest them."""
     if depth > 6 or not isinstance(document, dict | list):
         return
     if isinstance(document, dict) and {"joint_names", "points"} <= set(document):

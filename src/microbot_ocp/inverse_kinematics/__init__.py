@@ -1,9 +1,9 @@
-"""Joint positions for poses of the tool: one solution, every branch, many targets, a line.
+"""Inverse kinematics: one solution, every branch, many targets at once, or a line of targets.
 
-In: a robot and targets, positions with or without orientations. Out: :class:`IKSolution` (or an
-:class:`IKPath`), always, with a status, the nearest pose and a sentence where a target is missed.
-Begin with ``_solve.py``; ``_kernels.py`` holds the compiled descent and the nonlinear programs,
-``_search.py`` what is built of them: branches, continua, nearest poses.
+The input is a robot and targets: positions with or without orientations. The result is always an
+:class:`IKSolution` or an :class:`IKPath`; if a target is missed it holds a status, the nearest pose
+and an advice. Begin with ``_solve.py``; ``_kernels.py`` holds the compiled descent and the
+nonlinear programs, ``_search.py`` the search of branches, continua and nearest poses.
 """
 
 from microbot_ocp._base import border

@@ -1,4 +1,4 @@
-"""Public names; loaded when they are first asked for."""
+"""Public names, loaded on first use."""
 
 from ._closed_form import (
     elbow_arm_branches as elbow_arm_branches,

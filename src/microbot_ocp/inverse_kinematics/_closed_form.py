@@ -1,4 +1,4 @@
-"""The course report's closed form for an elbow arm, the yardstick of the numerical solutions."""
+"""Closed form of the course report for an elbow arm, a reference for numerical solutions."""
 
 from __future__ import annotations
 
@@ -12,26 +12,24 @@ from microbot_ocp._base.checks import FloatArray, InputError
 def elbow_arm_branches(
     position: ArrayLike, height: float = 2.0, upper: float = 3.0, forearm: float = 4.0
 ) -> FloatArray:
-    """Return joint angles of a waist-shoulder-elbow arm by the law of cosines (course report, part
-    2).
-
+    """Return the joint angles of an elbow arm by the law of cosines (course report, part 2).
     Parameters
     ----------
     position : array_like [3]
         Tool origin in the base frame, m.
     height, upper, forearm : float
-        Height of the shoulder and the lengths of the two links, m (the report's h, e, f).
+        Height of the shoulder, and lengths of the two links, m (the report's h, e, f).
 
     Returns
     -------
     array [4,3]
-        In the report's order, rad, within half a turn: facing the target, elbow up and down; turned
-        away, elbow down and up.
+        Joint angles in (-pi, pi], rad, in the report's order: facing the target, elbow up and down;
+        turned away, elbow down and up.
 
     Raises
     ------
     InputError
-        A target out of reach.
+        The target is out of reach.
 
     Examples
     --------
@@ -49,7 +47,7 @@ def elbow_arm_branches(
         )
     bend = np.arccos(np.clip(cosine, -1.0, 1.0))
     lift = np.arctan2(rise, radius)
-    # angle at the shoulder between the line to the target and the upper arm
+    # Angle at the shoulder between the line to the target and the upper arm.
     inner = np.arctan2(forearm * np.sin(bend), upper + forearm * np.cos(bend))
     facing = np.arctan2(y, x)
     away = np.arctan2(-y, -x)

@@ -1,7 +1,8 @@
-"""The CasADi functions of inverse kinematics: the compiled descent, two small NLPs, measures.
+"""CasADi functions of inverse kinematics: compiled descent, two small NLPs, error measures.
 
-Positions are divided by the arm's reach, so that a metre and a radian weigh alike. A target is a
-row [3] (position in the base frame, m) or [12] (position, then the columns of the rotation).
+Positions are divided by the arm's reach, so that a metre and a radian have comparable weights. A
+target is a row [3] (position in the base frame, m) or [12] (position, then the columns of the
+rotation).
 
 Sources: damping by the squared error after Sugihara, "Solvability-unconcerned inverse kinematics by
 the Levenberg-Marquardt method", IEEE Transactions on Robotics 27(5), 2011.
@@ -26,22 +27,21 @@ from microbot_ocp.robot import Robot, forward_kinematics, jacobian, solve_symmet
 
 @dataclass(frozen=True)
 class StepSettings:
-    """Settings of one attempt to go from a start to a target (damped least squares).
+    """Settings of damped least squares from a start to a target.
 
     Attributes
     ----------
-    damping : share of the squared error in the damping: of 0.03, 0.1 and 0.3 the one with which
-        most starts reach a target within 15 steps, for six and seven joints with limits
-    damping_floor : least damping; the matrix stays regular at singular solutions
-    redundant_damping_floor : the same for arms with joints to spare
+    damping : factor on the squared error that gives the damping
+    damping_floor : smallest damping; it keeps the matrix regular at singular solutions
+    redundant_damping_floor : smallest damping of redundant arms
     rank_tolerance : singular value, relative to the largest, that counts as zero
     polishing_error : scaled error below which steps count as polishing
-    polishing_steps : most steps of polishing
-    close_error : scaled error of an attempt that is about to arrive
-    steps : most steps of one attempt
-    total_steps : most steps of all attempts
-    pull_error : scaled error below which a step also goes towards the wanted joints
-    null_space_step : rad; shorter steps beside the task have arrived
+    polishing_steps : largest number of polishing steps
+    close_error : scaled error below which an attempt may exceed its patience
+    steps : largest number of steps of one attempt
+    total_steps : largest number of steps of all attempts
+    pull_error : scaled error below which steps also move towards the wanted joints
+    null_space_step : null-space step below which the joints have arrived, rad
     """
 
     damping: float = 0.03
@@ -75,7 +75,7 @@ IPOPT_OPTIONS = {
 
 @lru_cache(maxsize=64)
 def reach(robot: Robot) -> float:
-    """Give sum of the lengths of the chain, m: no position is farther from the base; 1 for none."""
+    """Return the sum of the link lengths, m, an upper bound of the reach; 1 if all are zero."""
     total = np.abs(robot.a).sum() + np.abs(robot.d).sum() + np.linalg.norm(robot.tool[:3, 3])
     return float(total) if total > 1e-9 else 1.0
 
@@ -90,7 +90,7 @@ def joint_scale(robot: Robot) -> FloatArray:
 def evenly_spread_step(dimensions: int) -> FloatArray:
     """Return the step of an additive recurrence that fills the unit cube evenly (modulo 1).
 
-    The powers of the root of x^(d+1) = x + 1, the golden ratio's relatives.
+    The steps are powers of 1/x with the root x of x^(d+1) = x + 1, the golden ratio for d = 1.
     """
     root = 2.0
     for _ in range(60):
@@ -103,7 +103,7 @@ def evenly_spread_step(dimensions: int) -> FloatArray:
 def _residual(
     robot: Robot, q: ca.SX, target: ca.SX, weight: ca.SX
 ) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
-    """Return scaled error and its Jacobian, distance (m) and angle (rad) to the target."""
+    """Return the scaled error, its Jacobian, distance (m) and angle (rad) to the target."""
     pose, full = forward_kinematics(robot)(q), jacobian(robot)(q)
     offset = target[:3] - pose[:3, 3]
     error, slope = offset / reach(robot), full[:3, :] / reach(robot)
@@ -111,38 +111,38 @@ def _residual(
     if target.numel() == 12:
         turn = ca.reshape(target[3:], 3, 3) @ pose[:3, :3].T
         sine = ca.inv_skew(turn - turn.T) / 2
-        length = ca.sqrt(ca.dot(sine, sine) + 1e-40)  # never zero: the quotient below stays 1
+        length = ca.sqrt(ca.dot(sine, sine) + 1e-40)  # positive, so that the quotient below exists
         angle = ca.atan2(length, (ca.trace(turn) - 1) / 2)
-        # Logarithm of the turn: with the geometric Jacobian the gradient of half the squared angle
-        # is exact, however large the angle.
+        # The error is the logarithm of the rotation, angle times axis: with the geometric Jacobian
+        # the gradient of half the squared angle is exact for every angle.
         error = ca.vertcat(error, weight * sine * angle / length)
         slope = ca.vertcat(slope, weight * full[3:, :])
     return error, ca.densify(slope), ca.norm_2(offset), angle
 
 
 class Descent(NamedTuple):
-    """How a descent goes; its fields are the last input of :func:`descent`."""
+    """Options of a descent; the fields are the last input of :func:`descent`."""
 
-    weight: float = 1.0  # of the angle, against the distance over the reach
-    attempts: int = 1  # the first from the given joints, the next from farther and farther off
-    patience: int = 50  # steps of an attempt that is not close to the target yet
+    weight: float = 1.0  # weight of the angle, relative to distance over reach
+    attempts: int = 1  # starts; the first is given, later ones are farther and farther from it
+    patience: int = 50  # steps of an attempt that does not come close to the target
     enough: float = 1e-13  # scaled error of a solution
-    polish: int = 4  # steps with a small error, at least: doubled roots need some
-    nearest: int = 0  # steps that also bring a redundant arm nearer to the wanted joints
+    polish: int = 4  # smallest number of polishing steps; doubled roots converge slowly
+    nearest: int = 0  # steps in which a redundant arm also moves towards the wanted joints
 
 
 @lru_cache(maxsize=64)
 def descent(robot: Robot, width: int) -> FastCall:
-    """Give damped Gauss-Newton steps within bounds, until a target of ``width`` 3 or 12 is reached.
+    """Return damped Gauss-Newton steps within bounds towards a target of ``width`` 3 or 12.
 
     Returns
     -------
     callable
         ``(state[n+3], target, wanted[n], lower[n], upper[n], low[n], high[n], settings[6]) ->
-        state[n+3], going[1], error[1]``. The state starts as joint positions and three zeros; it
-        counts the steps of this attempt, those with a small error, and the attempts. A step leaves
-        joints alone that a bound holds back. New attempts start between ``wanted`` and a point of
-        ``low`` to ``high``. ``error`` is the scaled one of the joints returned; ``settings`` are
+        state[n+3], going[1], error[1]``. The state starts as joint positions and three zeros, which
+        count the steps of the attempt, its polishing steps, and the attempts. Joints that press
+        against a bound stay fixed in a step. New attempts start between ``wanted`` and a point in
+        ``low`` to ``high``. ``error`` is the scaled error of the returned joints; ``settings`` are
         the fields of :class:`Descent`.
     """
     count = robot.joint_count
@@ -161,8 +161,10 @@ def descent(robot: Robot, width: int) -> FastCall:
     def beyond(step: ca.SX) -> ca.SX:
         return ca.logic_or(ca.logic_and(q <= lower, step < 0), ca.logic_and(q >= upper, step > 0))
 
+    # Active set: joints at a bound whose gradient step points outwards are fixed in this step.
     held = beyond(pull)
     regular = min(count, error.numel()) == generic_rank(robot, width)
+    # Sugihara's damping, lambda = w |e|^2 + floor, vanishes at a solution: the end is quadratic.
     damping = STEPS.damping * ca.dot(error, error) + (
         STEPS.damping_floor if regular else STEPS.redundant_damping_floor
     )
@@ -172,9 +174,10 @@ def descent(robot: Robot, width: int) -> FastCall:
         missing = (1 - held) * (wanted - q) / scale
         return _step(slope @ ca.diag(1 - held), error, damping, missing, sought)
 
-    if slope.size1() < count:  # what the task does not feel may push joints beyond their limits
+    if slope.size1() < count:  # the null-space step may press further joints against their bounds
         held = ca.if_else(sought, beyond(step_of_others(ca.SX.zeros(count))[0]), held)
     move, apart = step_of_others(held)
+    # A step of at most half a turn keeps the linear model from spinning joints.
     move *= scale * ca.fmin(1, np.pi / (ca.norm_inf(move) + 1e-300))
     small += size < STEPS.polishing_error
     exact = ca.logic_or(ca.logic_and(size <= enough, small >= polish), size <= 2e-16)
@@ -205,11 +208,11 @@ def descent(robot: Robot, width: int) -> FastCall:
 def _step(
     slope: ca.SX, error: ca.SX, damping: ca.SX, missing: ca.SX, sought: ca.SX
 ) -> tuple[ca.SX, ca.SX]:
-    """Return the step, and how far it goes beside the task: 0 unless nearness to joints is sought.
+    """Return the step, and the size of its null-space part, 0 unless ``sought``.
 
-    With fewer equations than joints the smaller of the two normal equations is solved, and the
-    step may contain a part that the task does not feel: while it is ``sought``, that towards the
-    wanted joints, which are ``missing`` [n] away.
+    With fewer equations than joints the smaller normal equations are solved:
+    (J J^T + lambda I) y = e - J b, step = J^T y + b. The null-space part b moves towards the
+    wanted joints, which are ``missing`` [n] away, while it is ``sought``.
     """
     rows, count = slope.shape
     if rows >= count:
@@ -229,11 +232,17 @@ def pose_of(robot: Robot) -> FastCall:
 
 
 def scaled_jacobian(robot: Robot, q: FloatArray, width: int) -> FloatArray:
+<<<<<<< Updated upstream
     """Return Jacobians [N,m,n] of the task (m = 3 or 6), positions by the reach, joints by
     their unit.
     """
     full = deferred_call(jacobian(robot), alike=False)(q)
     full = full.reshape(len(q), 6, robot.joint_count) * joint_scale(robot)
+=======
+    """Return Jacobians [N,m,n] of the task (m = 3 or 6), scaled by reach and joint units."""
+    full = np.reshape(fast_call(jacobian(robot))(q), (len(q), 6, robot.joint_count))
+    full = full * joint_scale(robot)
+>>>>>>> Stashed changes
     full[:, :3] /= reach(robot)
     return full[:, :3] if width == 3 else full
 
@@ -248,9 +257,9 @@ def generic_rank(robot: Robot, width: int) -> int:
 
 @cached_in_thread(maxsize=64)
 def nearest_pose_nlp(robot: Robot, width: int) -> ca.Function:
-    """Return NLP: the least squared distance, then the least angle, within limits on q.
+    """Return the NLP of the nearest pose: least squared distance and angle within joint limits.
 
-    Parameters of the NLP: target, then the weight of the angle (0: the position alone).
+    Its parameters are the target and the weight of the angle (0: position only).
     """
     q, target = ca.SX.sym("q", robot.joint_count), ca.SX.sym("target", width)
     weight = ca.SX.sym("weight")
@@ -258,19 +267,19 @@ def nearest_pose_nlp(robot: Robot, width: int) -> ca.Function:
     cost = ca.sumsqr((target[:3] - pose[:3, 3]) / reach(robot))
     if width == 12:
         turn = ca.reshape(target[3:], 3, 3) @ pose[:3, :3].T
-        cost += weight**2 * (3 - ca.trace(turn))  # 2 (1 - cos angle): smooth, least where it is
+        # 3 - trace = 2 (1 - cos angle) is smooth and has its minimum at angle zero.
+        cost += weight**2 * (3 - ca.trace(turn))
     program = {"x": q, "p": ca.vertcat(target, weight), "f": cost}
     return ca.nlpsol("nearest_pose", "ipopt", program, IPOPT_OPTIONS)
 
 
 @cached_in_thread(maxsize=64)
 def nearest_joints_nlp(robot: Robot, width: int, rank: int) -> ca.Function:
-    """Return NLP: on a continuum of solutions the one nearest to wanted joint positions, within
-    limits.
+    """Return the NLP of the nearest joints: on a continuum of solutions, within joint limits.
 
-    Of the task's equations only ``rank`` combinations are imposed, those that are independent at
-    the start: more would leave the constraints without a regular Jacobian. Parameters of the NLP:
-    target, wanted q [n], combinations [rank,m] by columns.
+    Only ``rank`` combinations of the task's equations are constraints, those independent at the
+    start; more would make the Jacobian of the constraints singular. Its parameters are target,
+    wanted q [n], and combinations [rank,m] by columns.
     """
     q, target = ca.SX.sym("q", robot.joint_count), ca.SX.sym("target", width)
     wanted = ca.SX.sym("wanted", robot.joint_count)

@@ -1,4 +1,4 @@
-"""A line of targets followed on one branch, with shorter steps where the joints move fast."""
+"""Inverse kinematics along a line of targets on one branch, with adaptive steps."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from microbot_ocp.inverse_kinematics._result import IKPath, read_only
 from microbot_ocp.inverse_kinematics._solve import checked_targets, nearest_solution
 from microbot_ocp.robot import Robot
 
-LARGEST_STEP = 0.1  # rad (prismatic: share of the reach); larger ones are halved
-HALVINGS = 20  # most times that a step between two targets is halved
-BRANCHES = 24  # of the first target, and those a whole turn away, that are tried in turn
+LARGEST_STEP = 0.1  # step of a joint above which a segment is halved, rad (or share of the reach)
+HALVINGS = 20  # largest number of successive halvings of a segment
+BRANCHES = 24  # largest number of start poses tried at the first target
 
 
 def follow_ik(
@@ -31,33 +31,33 @@ def follow_ik(
 ) -> IKPath:
     """Return joint positions along a line of targets, continuous from row to row.
 
-    Between neighbouring targets the tool goes straight (its orientation about a fixed axis); where
-    a joint would move far in one step, points in between are solved as well, so that the branch is
+    Between neighbouring targets the tool moves on a straight line and turns about a fixed axis. If
+    a joint would move far in one step, targets in between are solved as well, so that the branch is
     kept.
 
     Parameters
     ----------
     robot : Robot
-        Its position limits hold.
+        Arm with its position limits.
     positions : array_like [N,3]
         Tool origins in the base frame, m.
     orientations : array_like [N,3,3], optional
         Rotations of the tool in the base frame.
     seed : array_like [n], optional
-        The branch nearest to these joint positions is followed, rad (prismatic: m). Default: of
-        the branches of the first target the most central one that can be followed to the end.
+        Joint positions, rad (prismatic: m), that select the nearest branch. Default: the most
+        central branch of the first target that can be followed to the end.
     time_limit : float
-        Wall time, s, after which the rows that are left have the status "time limit".
+        Wall time, s, after which unsolved rows have the status "time limit".
 
     Returns
     -------
     IKPath
-        Always; rows that are not reached hold the nearest pose found and their status.
+        Joint positions; rows that are not reached hold the nearest pose found and their status.
 
     Raises
     ------
     InputError
-        Wrong shapes, numbers that are not finite, matrices that are not rotations.
+        A shape is wrong, a number is not finite, or a matrix is no rotation.
 
     Examples
     --------
@@ -84,7 +84,7 @@ def _path(robot: Robot, targets: FloatArray, seed: ArrayLike | None) -> IKPath:
         if not len(starts):
             starts = nearest_solution(robot, targets[0], None, begin).q[None]
         starts = _with_turns(robot, starts)
-    lengths = []  # rows that each start can be followed for
+    lengths = []  # number of rows along which each start can be followed
     for start in starts if len(starts) > 1 else ():
         lengths.append(_rows_followed(robot, targets, start))
         if lengths[-1] == len(targets) or deadline.over():
@@ -94,8 +94,9 @@ def _path(robot: Robot, targets: FloatArray, seed: ArrayLike | None) -> IKPath:
 
 
 def _with_turns(robot: Robot, starts: FloatArray) -> FloatArray:
-    """Return the starts [K,n], most central first, and those one turn of one joint away within
-    limits.
+    """Add to start poses [K,n] those a full turn of one joint away within limits.
+
+    The most central poses come first, at most ``BRANCHES``.
     """
     low, high = robot.limits.bounds("q")
     rows = [starts]
@@ -123,7 +124,7 @@ def _rows_followed(robot: Robot, targets: FloatArray, start: FloatArray) -> int:
 def _followed(robot: Robot, targets: FloatArray, start: FloatArray, begin: float) -> IKPath:
     q, statuses, jumps = [], [], []
     here, where = start, targets[0]
-    reached = True  # whether the row before was, so that a branch exists to be kept
+    reached = True  # True if the previous row was reached, so that its branch can be kept
     for row, target in enumerate(targets):
         if deadline.over():
             left = len(targets) - row
@@ -134,8 +135,8 @@ def _followed(robot: Robot, targets: FloatArray, start: FloatArray, begin: float
         if following is not None:
             here, status = following, Status.SOLVED
         else:
-            here, status = _elsewhere(robot, here, target, begin)
-            # after a stretch out of reach the arm may come back on the branch it left
+            here, status = _nearest_other_pose(robot, here, target, begin)
+            # Beyond an unreachable stretch the arm may return to the branch that it left.
             lost = row > 0 and (reached or _step(robot, here, q[-1]) > 0.5)
             if status is Status.SOLVED and lost:
                 jumps.append(row)
@@ -154,7 +155,10 @@ def _followed(robot: Robot, targets: FloatArray, start: FloatArray, begin: float
 def _advance(
     robot: Robot, q: FloatArray, origin: FloatArray, target: FloatArray, halvings: int = HALVINGS
 ) -> FloatArray | None:
-    """Go from q at ``origin`` to ``target`` on the same branch; None where that does not go."""
+    """Move from q at ``origin`` to ``target`` on one branch; return None if that fails.
+
+    A step above ``LARGEST_STEP`` may lead to another branch, so the segment is halved instead.
+    """
     ended, errors = search.descend(robot, q[None], target[None], robot.limits.bounds("q"))
     if errors[0] < search.goal(robot) and _step(robot, ended[0], q) <= LARGEST_STEP:
         return ended[0]
@@ -166,25 +170,25 @@ def _advance(
 
 
 def _step(robot: Robot, ours: FloatArray, theirs: FloatArray) -> float:
-    """Return largest joint change, whole turns included, rad (prismatic: share of the reach)."""
+    """Return the largest joint change, full turns included, rad (prismatic: share of the reach)."""
     return float(np.abs((ours - theirs) / joint_scale(robot)).max())
 
 
 def _halfway(origin: FloatArray, target: FloatArray) -> FloatArray:
-    """Return the target in the middle: of the line, and of the turn about its fixed axis."""
+    """Return the target half-way on the line, and half-way in the turn about its fixed axis."""
     middle_point = (origin + target) / 2
     if origin.size == 3:
         return middle_point
-    # The rotation nearest to the mean of two rotations is the one halfway between them.
+    # The rotation nearest to the mean of two rotations is the one half-way between them.
     left, _, right = np.linalg.svd(middle_point[3:].reshape(3, 3))
     middle_point[3:] = (left @ right).ravel()
     return middle_point
 
 
-def _elsewhere(
+def _nearest_other_pose(
     robot: Robot, q: FloatArray, target: FloatArray, begin: float
 ) -> tuple[FloatArray, Status]:
-    """Return the nearest branch there is, or else the nearest pose that the arm can slide into."""
+    """Return a solution on another branch, else the nearest pose that the arm can move into."""
     other = nearest_solution(robot, target, q, begin)
     if other.solved:
         return other.q, other.status

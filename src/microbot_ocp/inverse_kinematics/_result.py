@@ -1,4 +1,4 @@
-"""What inverse kinematics returns: a solution, or a line of them."""
+"""Results of inverse kinematics: a solution, or a line of solutions."""
 
 from __future__ import annotations
 
@@ -20,24 +20,25 @@ class IKSolution:
     q : array [n]
         Joint positions within the limits, rad (prismatic: m).
     status : Status
+        Status "solved" if the target is reached, else the reason.
     position_error : float
         Distance from the tool's origin to the target, m.
     orientation_error : float
-        Angle between the tool's orientation and the target's, rad; 0 where none was asked.
+        Angle between the tool's orientation and the target's, rad; 0 without orientation.
     advice : str
-        The status as a sentence, with figures and what may help.
+        Status as a sentence, with figures and a remedy.
     pose : array [4,4]
         Tool in base at ``q``, by forward kinematics.
     self_motion : int
         Number of directions in which the joints can move while the tool stays: 0 for an isolated
-        solution; otherwise ``q`` stands for a continuum.
+        solution; otherwise ``q`` represents a continuum.
     singular : bool
-        Whether the Jacobian has lost rank at ``q`` beyond what the arm's redundancy explains.
+        True if the Jacobian at ``q`` has a lower rank than it has for this arm in general.
     solve_time : float
-        Wall time of the search, s; for a batch its share of it.
+        Wall time of the search, s; in a batch, the time per target.
     """
 
-    _is_answer: ClassVar[bool] = True  # made here only: nobody's arguments
+    _is_answer: ClassVar[bool] = True  # results are not accepted as arguments
 
     q: FloatArray
     status: Status
@@ -55,7 +56,7 @@ class IKSolution:
 
     @property
     def solved(self) -> bool:
-        """Whether the target is reached."""
+        """True if the target is reached."""
         return self.status.solved
 
 
@@ -66,16 +67,19 @@ class IKPath:
     Attributes
     ----------
     q : array [N,n]
-        One row a target, continuous: joints count on past a full turn where the limits allow it.
+        Joint positions, one row per target; joints continue past a full turn if the limits allow.
     statuses : tuple of Status, N
+        Status of each row.
     position_error : array [N], m
+        Distance from the tool's origin to the target.
     orientation_error : array [N], rad
+        Angle between the tool's orientation and the target's.
     largest_step : float
         Largest change of one joint between neighbouring rows, rad (prismatic: m).
     jumps : tuple of int
         Rows that could not be joined to the row before without a jump; empty on success.
     advice : str
-        What happened, as sentences.
+        Result in sentences, with remedies.
     solve_time : float
         Wall time, s.
     """
@@ -91,17 +95,17 @@ class IKPath:
 
     @property
     def status(self) -> Status:
-        """The first status that is not solved, else solved."""
+        """First status that is not solved, or solved."""
         return next((each for each in self.statuses if each is not Status.SOLVED), Status.SOLVED)
 
     @property
     def solved(self) -> bool:
-        """Whether every target is reached and the joints never jump."""
+        """True if every target is reached and the joints never jump."""
         return self.status.solved and not self.jumps
 
 
 def read_only(values: FloatArray) -> FloatArray:
-    """Return a copy that cannot be written to."""
+    """Return a read-only copy."""
     result = np.array(values, dtype=float)
     result.setflags(write=False)
     return result

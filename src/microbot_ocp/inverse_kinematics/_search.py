@@ -1,10 +1,9 @@
-"""Solutions from seeds and every branch of many targets: many starts, one compiled descent.
+"""Search of solutions from seeds, and of every branch of many targets, by one compiled descent.
 
-How completeness is judged: starts are added until every branch found was met by several of them
-and, for arms of revolute joints with as many joints as the task has equations, until the signs of
-the Jacobian's determinant over the branches add up to zero. They must: joint angles form a torus,
-which is compact, poses do not, so the map from one to the other has degree zero. A missed branch
-leaves a remainder.
+Completeness: starts are added until several of them led to every branch found. For arms of revolute
+joints with as many joints as equations, the signs of the Jacobian's determinant over all branches
+must also add up to zero: the joint angles form a compact torus, the poses are not compact, so the
+map between them has degree zero. A missed branch leaves a remainder.
 """
 
 from __future__ import annotations
@@ -24,22 +23,21 @@ from microbot_ocp.robot import Robot
 
 @dataclass(frozen=True)
 class BranchSearch:
-    """Settings by which every branch counts as found, and solutions as the same.
+    """Settings of the branch search, and tolerances of equal solutions.
 
     Attributes
     ----------
-    position_tolerance : m, of every solution
-    orientation_tolerance : rad, of every solution
-    rounds : most rounds of random starts
-    meetings : starts that must have led to every branch before the search ends
-    continuum_samples : solutions that represent a continuum
-    probe_step : rad (prismatic: share of the reach) along a suspected self-motion
-    same_solution : rad between two runs that ended in the same solution
-    nearest_tolerance : rad (prismatic: share of the reach), of the pose nearest to a target out
-        of reach
-    double_solution : rad within which two solutions may be one that is doubled
-    same_on_continuum : rad between representatives that settled at the same place
-    redundant_attempts : starts for an arm with joints to spare
+    position_tolerance : position error of a solution, m
+    orientation_tolerance : orientation error of a solution, rad
+    rounds : largest number of rounds of starts
+    meetings : number of starts that must lead to every branch before the search ends
+    continuum_samples : number of solutions that represent a continuum
+    probe_step : step along a suspected self-motion, rad (prismatic: share of the reach)
+    same_solution : distance of two runs that ended in one solution, rad
+    nearest_tolerance : accuracy of a nearest pose, rad (prismatic: share of the reach)
+    double_solution : distance within which two solutions may be one doubled root, rad
+    same_on_continuum : distance of representatives at one place of a continuum, rad
+    redundant_attempts : number of starts of a redundant arm
     """
 
     position_tolerance: float = 1e-8
@@ -59,19 +57,20 @@ BRANCH_SEARCH = BranchSearch()
 
 
 SEARCH = kernels.Descent(patience=16, enough=1e-12, polish=2)
-SLIDE = kernels.Descent(nearest=70, polish=2)  # to the target and along its continuum
-DOWNHILL = kernels.Descent()  # to a target that may be out of reach
-# From the seed, then from farther and farther off. Half of the starts reach most targets. Within
-# limits a few targets of a 7R arm are reached from one start in 200, and no search of all branches
-# follows that would find more.
+SLIDE = kernels.Descent(nearest=70, polish=2)  # reaches a target and slides along its continuum
+DOWNHILL = kernels.Descent()  # approaches a target that may be out of reach
+# The attempts start at the seed, then farther and farther away. Half of the starts reach most
+# targets; within limits a few targets of a 7R arm need 200 starts, more than a search of all
+# branches would try.
 FROM_SEED = kernels.Descent(attempts=100, patience=24, enough=1e-10, polish=2, nearest=10)
 
 
 @dataclass
-class Found:
-    """Solutions of one target: q [K,n], directions of self-motion [K]; whether any start got there.
+class BranchSet:
+    """Solutions q [K,n] of one target, with the number of self-motions of each [K].
 
-    A continuum may be reached and yet have no member within the limits.
+    ``reached`` is True if any start reached the target; a continuum may be reached without a member
+    inside the limits.
     """
 
     q: FloatArray
@@ -80,16 +79,14 @@ class Found:
 
 
 def quasi_random(count: int, dimensions: int, skip: int = 0) -> FloatArray:
-    """Return points [count, dimensions] in the unit cube that fill it evenly."""
+    """Return points [count, dimensions] that fill the unit cube evenly."""
     places = np.arange(skip, skip + count)[:, None]
     return (0.5 + places * kernels.evenly_spread_step(dimensions)) % 1.0
 
 
 @lru_cache(maxsize=64)
 def middle(robot: Robot) -> FloatArray:
-    """Return the middle of the joint limits [n]; where a side is open, the allowed value nearest to
-    zero.
-    """
+    """Return the middle of the joint limits [n]; with an open side, the value nearest to zero."""
     lower, upper = robot.limits.bounds("q")
     closed = np.isfinite(lower) & np.isfinite(upper)
     half = (np.where(closed, lower, 0.0) + np.where(closed, upper, 0.0)) / 2
@@ -98,7 +95,7 @@ def middle(robot: Robot) -> FloatArray:
 
 @lru_cache(maxsize=64)
 def start_range(robot: Robot) -> tuple[FloatArray, FloatArray]:
-    """Give where starts lie: within the limits, at most half a turn (the reach) from the middle."""
+    """Return the range of starts: the limits, at most half a turn (the reach) from the middle."""
     around = np.where(robot.whole_turns, np.pi, kernels.reach(robot))
     lower, upper = robot.limits.bounds("q")
     low = np.maximum(lower, middle(robot) - around)
@@ -106,16 +103,14 @@ def start_range(robot: Robot) -> tuple[FloatArray, FloatArray]:
 
 
 def difference(robot: Robot, ours: FloatArray, theirs: FloatArray) -> FloatArray:
-    """Return joint differences, revolute ones wrapped to half a turn, prismatic ones over the
-    reach.
-    """
+    """Return joint differences: revolute ones modulo a turn, prismatic ones over the reach."""
     gap = ours - theirs
     turned = (gap + np.pi) % (2 * np.pi) - np.pi
     return np.where(robot.whole_turns, turned, gap / kernels.joint_scale(robot))
 
 
 def within_limits(robot: Robot, q: FloatArray, near: FloatArray) -> tuple[FloatArray, np.ndarray]:
-    """Move joints [K,n] by whole turns into the limits, nearest to ``near``; whether that went."""
+    """Move joints [K,n] by full turns into the limits, nearest to ``near``; return success [K]."""
     lower, upper = robot.limits.bounds("q")
     turn = 2 * np.pi
     slack = 1e-9
@@ -130,7 +125,7 @@ def within_limits(robot: Robot, q: FloatArray, near: FloatArray) -> tuple[FloatA
 
 
 def goal(robot: Robot) -> float:
-    """Return scaled error below which a start has reached its target: within both tolerances."""
+    """Return the scaled error of a solution that is within both tolerances."""
     return max(min(1e-10, BRANCH_SEARCH.position_tolerance / kernels.reach(robot)), 1e-14)
 
 
@@ -142,7 +137,7 @@ def descend(
     given: kernels.Descent = SEARCH,
     wanted: FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray]:
-    """Run every start [B,n] towards its target [B,w]; returns q [B,n] and scaled errors [B]."""
+    """Run every start [B,n] towards its target [B,w]; return q [B,n] and scaled errors [B]."""
     unlimited = np.full(robot.joint_count, np.inf)
     lower, upper = (-unlimited, unlimited) if bounds is None else bounds
     state = np.concatenate([q, np.zeros((len(q), 3))], axis=1)
@@ -155,7 +150,7 @@ def descend(
 def descend_from(
     robot: Robot, seeds: FloatArray, targets: FloatArray
 ) -> tuple[FloatArray, np.ndarray]:
-    """Give solutions [N,n] within limits downhill from seeds [N,n] or near them; whether one is."""
+    """Find solutions [N,n] within limits from seeds [N,n]; return a mask of those that succeed."""
     bounds, given = robot.limits.bounds("q"), FROM_SEED
     clipped = np.clip(seeds, *bounds)
     if robot.joint_count > kernels.generic_rank(robot, targets.shape[1]):
@@ -165,7 +160,7 @@ def descend_from(
 
 
 def task_errors(robot: Robot, q: FloatArray, targets: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Give distances (m) and angles (rad) [B] between the tool at q [B,n] and the targets [B,w]."""
+    """Return distances (m) and angles (rad) [B] between the tool at q [B,n] and targets [B,w]."""
     return pose_errors(kernels.pose_of(robot)(np.ascontiguousarray(q)), targets)
 
 
@@ -174,20 +169,20 @@ def pose_errors(poses: FloatArray, targets: FloatArray) -> tuple[FloatArray, Flo
     distance = np.linalg.norm(targets[:, :3] - poses[:, :3, 3], axis=1)
     if targets.shape[1] == 3:
         return distance, np.zeros(len(targets))
-    # the columns of a rotation lie one after the other in a target
+    # The columns of a target's rotation are consecutive, so reshaping gives its transpose.
     turn = poses[:, :3, :3] @ targets[:, 3:].reshape(-1, 3, 3)
     twice_sine = np.linalg.norm((turn - turn.swapaxes(1, 2)).reshape(-1, 9), axis=1) / np.sqrt(2)
     return distance, np.arctan2(twice_sine, np.trace(turn, axis1=1, axis2=2) - 1)
 
 
 def reaches(distance: ArrayLike, angle: ArrayLike) -> np.ndarray:
-    """Return whether distances (m) and angles (rad) from targets are within the tolerances."""
+    """Return a mask of distances (m) and angles (rad) that are within the tolerances."""
     near = np.less(distance, BRANCH_SEARCH.position_tolerance)
     return near & np.less(angle, BRANCH_SEARCH.orientation_tolerance)
 
 
 def clusters(robot: Robot, q: FloatArray, tolerance: float) -> tuple[FloatArray, np.ndarray]:
-    """Give one row for every different solution among q [B,n], and how many rows it stands for."""
+    """Return one row for every different solution in q [B,n], and its number of occurrences."""
     rows, _, met = _clusters_of_each(robot, q[None], np.ones((1, len(q)), dtype=bool), tolerance)
     return rows, met
 
@@ -195,9 +190,9 @@ def clusters(robot: Robot, q: FloatArray, tolerance: float) -> tuple[FloatArray,
 def _clusters_of_each(
     robot: Robot, q: FloatArray, left: np.ndarray, tolerance: float
 ) -> tuple[FloatArray, np.ndarray, np.ndarray]:
-    """Do as :func:`clusters` for each of T targets, among those of q [T,B,n] that are ``left``.
+    """Group the equal solutions of T targets, among those of q [T,B,n] marked ``left``.
 
-    Returns rows [K,n], their targets [K] in order, and how many rows each stands for.
+    Returns rows [K,n], their targets [K] in order, and their numbers of occurrences.
     """
     turn = np.where(robot.whole_turns, 2 * np.pi, np.inf)
     place, which = difference(robot, q, middle(robot)), np.arange(len(q))
@@ -223,7 +218,7 @@ def _clusters_of_each(
 def _merge_doubles(
     robot: Robot, q: FloatArray, owners: np.ndarray, met: np.ndarray, targets: FloatArray
 ) -> tuple[FloatArray, np.ndarray, np.ndarray]:
-    """Join solutions of a target whose midpoint is one too: roots closer than can be told apart."""
+    """Merge solutions of a target whose midpoint is a solution, too: a doubled root."""
     counts = np.bincount(owners)
     one, other = np.triu_indices(counts.max(initial=0), 1)
     block, pair = np.nonzero(other < counts[:, None])
@@ -246,24 +241,22 @@ def _merge_doubles(
 
 
 def ranks(robot: Robot, q: FloatArray, width: int) -> np.ndarray:
-    """Return ranks [K] of the task's Jacobian at q [K,n]."""
+    """Return the ranks [K] of the task's Jacobian at q [K,n]."""
     return _rank(np.linalg.svd(kernels.scaled_jacobian(robot, q, width), compute_uv=False))
 
 
 def _rank(values: np.ndarray) -> np.ndarray:
-    """Return ranks [K] of matrices with these singular values [K,m]."""
+    """Return the ranks [K] of matrices with these singular values [K,m]."""
     return (values > kernels.STEPS.rank_tolerance * np.maximum(values[:, :1], 1e-12)).sum(axis=1)
 
 
 def self_motions(robot: Robot, q: FloatArray, targets: FloatArray, rank: np.ndarray) -> np.ndarray:
-    """Return directions [K] in which the joints can really move at q [K,n] while the tool stays.
+    """Return the numbers [K] of directions in which joints can move at q [K,n] with a fixed tool.
 
-    ``targets`` [K,w] are those that q reaches, ``rank`` [K] is that of the Jacobian at q.
-
-    Where the Jacobian has the rank it has nearly everywhere, the solutions form a surface of as
-    many dimensions as it has null directions. Where it has lost rank, null directions alone do not
-    tell: at a doubled root they are only tangent. So a step is taken along each, and brought back
-    to the target.
+    ``targets`` [K,w] are reached at q, ``rank`` [K] is the rank of the Jacobian there. At the
+    generic rank the solutions form a manifold whose dimension is the number of null directions. At
+    a lower rank null directions may be tangent only, as at a doubled root, so a step along each is
+    taken and brought back to the target.
     """
     count, width = robot.joint_count, targets.shape[1]
     generic = kernels.generic_rank(robot, width)
@@ -287,12 +280,12 @@ def self_motions(robot: Robot, q: FloatArray, targets: FloatArray, rank: np.ndar
 
 
 def motions_of_one(robot: Robot, q: FloatArray, target: FloatArray) -> np.ndarray:
-    """Find :func:`self_motions` at solutions q [K,n] of one target [w]."""
+    """Return the :func:`self_motions` at solutions q [K,n] of one target [w]."""
     return self_motions(robot, q, np.tile(target, (len(q), 1)), ranks(robot, q, target.size))
 
 
-def _spread(robot: Robot, q: FloatArray, count: int) -> FloatArray:
-    """Return at most ``count`` rows of q, far from each other, the most central one first."""
+def _farthest_points(robot: Robot, q: FloatArray, count: int) -> FloatArray:
+    """Choose at most ``count`` rows of q by farthest-point sampling, from the most central one."""
     central = np.abs(difference(robot, q, middle(robot))).max(axis=1)
     chosen = [int(np.argmin(central))]
     far = np.full(len(q), np.inf)
@@ -305,8 +298,9 @@ def _spread(robot: Robot, q: FloatArray, count: int) -> FloatArray:
 def nearest_on_continuum(
     robot: Robot, starts: FloatArray, target: FloatArray, wanted: FloatArray
 ) -> list[FloatArray | None]:
-    """Return on the self-motion through each of ``starts`` [K,n] the joints nearest to ``wanted``,
-    within limits.
+    """Find the joints nearest to ``wanted`` on the self-motion through each of ``starts`` [K,n].
+
+    The joints are within limits; an entry is None if none are found.
     """
     bounds = robot.limits.bounds("q")
     q = np.clip(starts, *bounds)
@@ -321,7 +315,7 @@ def nearest_on_continuum(
 def _nearest_slowly(
     robot: Robot, q: FloatArray, target: FloatArray, wanted: FloatArray
 ) -> FloatArray | None:
-    for _ in range(2):  # the second time with the equations that are independent at the answer
+    for _ in range(2):  # the second pass has the independent equations of the first result
         rank = max(1, int(ranks(robot, q[None], target.size)[0]))
         if rank >= robot.joint_count:
             break
@@ -336,11 +330,10 @@ def _nearest_slowly(
 
 
 def _are_nearest(robot: Robot, q: FloatArray, target: FloatArray, wanted: FloatArray) -> np.ndarray:
-    """Return at which q [K,n] no joint within limits can move nearer to ``wanted`` along the
-    self-motion.
+    """Return a mask of q [K,n] that are nearest to ``wanted`` on their self-motion, to first order.
 
-    To first order (Karush, Kuhn and Tucker): what is missing is a combination of the rows of the
-    task's Jacobian, but for joints at a limit that what is missing points beyond.
+    Karush, Kuhn and Tucker: wanted - q is a combination of the rows of the task's Jacobian, except
+    at joints on a limit beyond which it points.
     """
     rows = kernels.scaled_jacobian(robot, q, target.size).swapaxes(1, 2)
     missing = (wanted - q) / kernels.joint_scale(robot)
@@ -356,9 +349,9 @@ def _are_nearest(robot: Robot, q: FloatArray, target: FloatArray, wanted: FloatA
 def _slide(
     robot: Robot, q: FloatArray, target: FloatArray, wanted: FloatArray
 ) -> FloatArray | None:
-    """Return small steps along the self-motion towards ``wanted`` while they bring q nearer to it.
+    """Move along the self-motion towards ``wanted`` by small steps while q comes nearer.
 
-    The NLP gives up where a doubled root lies on the continuum; this does not.
+    The NLP fails if a doubled root lies on the continuum; this method does not.
     """
     bounds = robot.limits.bounds("q")
     poses, errors = descend(robot, q[None], target[None], bounds)
@@ -383,11 +376,11 @@ def _slide(
     return q
 
 
-def find_branches(robot: Robot, targets: FloatArray) -> list[Found]:
-    """Return all solutions of every target [N,w], modulo a turn, without regard to limits.
+def find_branches(robot: Robot, targets: FloatArray) -> list[BranchSet]:
+    """Find all solutions of every target [N,w], modulo a turn, without regard to limits.
 
-    Only continua (redundant arms, self-motion at singularities) are searched within the limits and
-    given by their members nearest to the middle of the limits.
+    Continua (of redundant arms, or self-motions at singularities) are searched within the limits
+    and represented by their members nearest to the middle of the limits.
     """
     count, width = robot.joint_count, targets.shape[1]
     rank = kernels.generic_rank(robot, width)
@@ -395,6 +388,7 @@ def find_branches(robot: Robot, targets: FloatArray) -> list[Found]:
     balanced_when_complete = bool(robot.whole_turns.all()) and count == rank == min(width, 6)
     low, high = start_range(robot)
     if not redundant:
+        # Starts cover every angle, so that solutions beyond the limits balance the degree, too.
         around = np.where(robot.whole_turns, np.pi, 0.0)
         low = np.minimum(low, middle(robot) - around)
         high = np.maximum(high, middle(robot) + around)
@@ -437,41 +431,45 @@ def find_branches(robot: Robot, targets: FloatArray) -> list[Found]:
             q, reached = descend_from(robot, middle(robot)[None], targets[index : index + 1])
             answers[index], jacobian_ranks[index] = q[reached], ranks(robot, q[reached], width)
     found_all = zip(answers, jacobian_ranks, targets, strict=True)
-    return [_sorted_out(robot, q, rank, target) for q, rank, target in found_all]
+    return [_with_representatives(robot, q, rank, target) for q, rank, target in found_all]
 
 
 def _complete(
     jacobians: FloatArray, values: np.ndarray, met: np.ndarray, turn: int, balanced: bool
 ) -> bool:
-    """Return whether isolated solutions, each met so many times [K], are likely to be all.
+    """Return True if isolated solutions, each with its number of occurrences [K], are likely all.
 
-    Given are their Jacobians [K,m,n] and the singular values of these.
+    ``jacobians`` [K,m,n] and their singular values ``values`` belong to the solutions.
     """
     if not len(met):
         return turn > 0
     conditions = values[:, -1] / np.maximum(values[:, 0], 1e-12)
     if values.shape[1] < jacobians.shape[2] or conditions.min() < kernels.STEPS.rank_tolerance:
-        # a continuum gives a new solution every time: two rounds, and its neighbours met often
+        # A continuum gives new solutions in every round, so only isolated ones must recur.
         isolated = conditions >= kernels.STEPS.rank_tolerance
         return turn > 0 and bool(np.all(met[isolated] >= BRANCH_SEARCH.meetings))
     if met.min() < BRANCH_SEARCH.meetings:
         return False
     if not balanced or conditions.min() < 1e-4:
-        return True  # the sign of a vanishing determinant tells nothing
+        return True  # the sign of a vanishing determinant is undefined
+    # Degree zero: the determinants of all solutions have as many positive as negative signs.
     return abs(np.sign(np.linalg.det(jacobians)).sum()) < 0.5
 
 
-def _sorted_out(robot: Robot, q: FloatArray, rank: np.ndarray, target: FloatArray) -> Found:
-    """Return isolated solutions as they are, continua by representatives; ``rank`` [K] is at q
-    [K,n].
+def _with_representatives(
+    robot: Robot, q: FloatArray, rank: np.ndarray, target: FloatArray
+) -> BranchSet:
+    """Replace the members of continua among q [K,n] by representatives; isolated ones stay.
+
+    ``rank`` [K] is the rank of the Jacobian at q.
     """
     if not len(q):
-        return Found(q, np.zeros(0, dtype=int), False)
+        return BranchSet(q, np.zeros(0, dtype=int), False)
     deficient = rank < robot.joint_count
     isolated, suspects = q[~deficient], q[deficient]
     if not len(suspects):
-        return Found(q, np.zeros(len(q), dtype=int), True)
-    suspects = _spread(robot, suspects, BRANCH_SEARCH.continuum_samples)
+        return BranchSet(q, np.zeros(len(q), dtype=int), True)
+    suspects = _farthest_points(robot, suspects, BRANCH_SEARCH.continuum_samples)
     motion = motions_of_one(robot, suspects, target)
     doubled = suspects[motion == 0]
     begins, _ = within_limits(robot, suspects[motion > 0], middle(robot))
@@ -484,17 +482,16 @@ def _sorted_out(robot: Robot, q: FloatArray, rank: np.ndarray, target: FloatArra
     moves = np.zeros(len(everything), dtype=int)
     if len(central):
         moves[len(isolated) + len(doubled) :] = motions_of_one(robot, central, target)
-    return Found(everything, moves, True)
+    return BranchSet(everything, moves, True)
 
 
 def nearest_pose(
     robot: Robot, target: FloatArray, start: FloatArray | None = None
 ) -> tuple[FloatArray, bool]:
-    """Find within limits the least distance, then angle; q [n] and whether it converged.
+    """Find the pose of least distance, then least angle, within limits; return q and convergence.
 
-    From many starts, or downhill from the one given. The distance comes first: with the angle
-    weighted by a thousandth of it the best starts are found, then the position alone is brought
-    home.
+    The search begins at ``start`` [n], or at many starts. The distance has priority: the angle has
+    a weight of a thousandth, and in the end the position is solved alone.
     """
     bounds = robot.limits.bounds("q")
     low, high = start_range(robot)
@@ -518,13 +515,13 @@ def nearest_pose(
             answer = solve(x0=q, p=np.append(target, share), lbx=bounds[0], ubx=bounds[1])
             q = np.clip(np.array(answer["x"]).ravel(), *bounds)
             ended = bool(solve.stats()["success"]) or _stationary(robot, q, target)
-            if share == weight:  # where the position can be reached it is, exactly
+            if share == weight:  # a reachable position is reached exactly
                 closer, errors = descend(robot, q[None], target[None, :3], bounds)
                 if errors[0] < goal(robot):
                     q, ended = closer[0], True
                     break
         distance, angle = (x[0] for x in task_errors(robot, q[None], target[None]))
-        # distances that agree to a tolerance leave the choice to the angle
+        # Distances that agree within a tolerance leave the decision to the angle.
         key = (round(distance / (1e-7 * kernels.reach(robot))), angle)
         if key < best_key:
             best, best_key, converged = q, key, ended
@@ -533,9 +530,9 @@ def nearest_pose(
 
 
 def _stationary(robot: Robot, q: FloatArray, target: FloatArray) -> bool:
-    """Return whether no joint that its limits leave free brings the tool nearer, to first order.
+    """Return True if no joint inside its limits brings the tool nearer, to first order.
 
-    IPOPT often stops short of its own tolerance where the optimum is degenerate (a stretched arm).
+    IPOPT often stops short of its tolerance at a degenerate optimum, such as a stretched arm.
     """
     offset = (target[:3] - kernels.pose_of(robot)(q)[:3, 3]) / kernels.reach(robot)
     downhill = kernels.scaled_jacobian(robot, q[None], 3)[0].T @ offset
@@ -549,7 +546,7 @@ def _stationary(robot: Robot, q: FloatArray, target: FloatArray) -> bool:
 
 
 def by_nlp(robot: Robot, target: FloatArray, starts: int) -> FloatArray:
-    """Return branches [K,n] of a target [3] or [12]: from every start the joints nearest to it."""
+    """Find branches [K,n] of a target [3] or [12]: from every start, the joints nearest to it."""
     low, high = start_range(robot)
     rank = kernels.generic_rank(robot, target.size)
     spread = low + (high - low) * quasi_random(starts, robot.joint_count)
@@ -563,9 +560,7 @@ def by_nlp(robot: Robot, target: FloatArray, starts: int) -> FloatArray:
 def _nearest_by_nlp(
     robot: Robot, start: FloatArray, target: FloatArray, wanted: FloatArray, rank: int
 ) -> FloatArray:
-    """Return joints [1,n] nearest to ``wanted`` by the NLP, under what is independent at the
-    start.
-    """
+    """Solve the NLP of the joints [1,n] nearest to ``wanted``, with rank-reduced constraints."""
     left, _, _ = np.linalg.svd(kernels.scaled_jacobian(robot, start[None], target.size)[0])
     parameters = np.concatenate([target, wanted, left[:, :rank].T.ravel("F")])
     low, high = robot.limits.bounds("q")

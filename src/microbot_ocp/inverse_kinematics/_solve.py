@@ -1,4 +1,4 @@
-"""One solution or every branch for a pose of the tool, with a status that says what was found."""
+"""One solution or every branch for a pose of the tool, with a status."""
 
 from __future__ import annotations
 
@@ -30,34 +30,33 @@ def solve_ik(
     *,
     time_limit: float = np.inf,
 ) -> IKSolution:
-    """Return joint positions that bring the tool to a position and, if asked, an orientation.
+    """Return joint positions that bring the tool to a position and, optionally, an orientation.
 
     Parameters
     ----------
     robot : Robot
-        Its position limits hold.
+        Arm with its position limits.
     position : array_like [3]
         Tool origin in the base frame, m.
     orientation : array_like [3,3], optional
-        Rotation of the tool in the base frame. Where the arm lacks the freedom the position is
-        held and the least angle to the orientation is sought.
+        Rotation of the tool in the base frame. If the arm cannot reach both, the position is kept
+        and the angle to the orientation is minimised.
     seed : array_like [n], optional
-        Joint positions, rad (prismatic: m): the search goes downhill from them, which leads to the
-        branch nearest to them if they are close to it, and on a continuum to about the nearest
-        point. Where it leads nowhere, starts farther and farther off follow, then a search of all
-        branches. Default: of all branches the most central one.
+        Joint positions, rad (prismatic: m), from which the search descends to the nearest branch,
+        or to a nearby point of a continuum. If that fails, starts farther and farther away follow,
+        and a search of all branches. Default: the most central of all branches.
     time_limit : float
-        Wall time, s, after which what is not found yet has the status "time limit".
+        Wall time, s, after which an unfinished search has the status "time limit".
 
     Returns
     -------
     IKSolution
-        Always; a target that is not reached has a status, the nearest pose and a sentence.
+        Solution; if the target is missed, the nearest pose with its status and advice.
 
     Raises
     ------
     InputError
-        Wrong shapes, numbers that are not finite, a matrix that is not a rotation.
+        A shape is wrong, a number is not finite, or the matrix is no rotation.
 
     Examples
     --------
@@ -88,15 +87,16 @@ def solve_ik_each(
     Parameters
     ----------
     robot : Robot
-        Its position limits hold.
+        Arm with its position limits.
     positions : array_like [N,3]
         Tool origins in the base frame, m.
     orientations : array_like [N,3,3], optional
         Rotations of the tool in the base frame.
     seeds : array_like [N,n] or [n], optional
-        One a target, or one for all, rad (prismatic: m). Default: the middle of the limits.
+        Seeds for each target, or one for all, rad (prismatic: m). Default: the middle of the
+        limits.
     time_limit : float
-        Wall time, s, after which what is not found yet has the status "time limit".
+        Wall time, s, after which unfinished targets have the status "time limit".
 
     Returns
     -------
@@ -105,7 +105,7 @@ def solve_ik_each(
     Raises
     ------
     InputError
-        As for :func:`solve_ik`.
+        The arguments are refused as by :func:`solve_ik`.
 
     Examples
     --------
@@ -124,13 +124,11 @@ def solve_ik_each(
     return _in_parts(partial(_from_seeds, robot), time_limit, targets, wanted)
 
 
-PART = 64  # targets that are solved at once where there is a time limit
+PART = 64  # targets solved at once under a time limit
 
 
 def _in_parts(solve: Callable[..., Any], time_limit: float, *rows: FloatArray) -> tuple[Any, ...]:
-    """Return what is solved of rows of targets (and seeds), part after part until the time is
-    over.
-    """
+    """Solve rows of targets (and seeds), part by part until the time is over."""
     with deadline.within(time_limit):
         count = len(rows[0])
         size = PART if np.isfinite(deadline.until()) else count
@@ -138,17 +136,17 @@ def _in_parts(solve: Callable[..., Any], time_limit: float, *rows: FloatArray) -
         return tuple(chain(*(solve(*(each[part] for each in rows)) for part in parts)))
 
 
-def _given_up(robot: Robot, targets: FloatArray) -> list[IKSolution]:
+def _timed_out(robot: Robot, targets: FloatArray) -> list[IKSolution]:
     still = np.zeros(len(targets), dtype=int)
     q = np.tile(search.middle(robot), (len(targets), 1))
     return _solutions(robot, targets, q, still, 0.0, Status.TIME_LIMIT)
 
 
 def _from_seeds(robot: Robot, targets: FloatArray, seeds: FloatArray) -> tuple[IKSolution, ...]:
-    """Return downhill from the seeds [N,n]; by a search of all branches where that fails."""
+    """Solve from the seeds [N,n]; search all branches of targets for which that fails."""
     begin = time.perf_counter()
     if deadline.over():
-        return tuple(_given_up(robot, targets))
+        return tuple(_timed_out(robot, targets))
     q, solved = search.descend_from(robot, seeds, targets)
     share = (time.perf_counter() - begin) / len(targets)
     solutions = iter(_solutions(robot, targets[solved], q[solved], None, share))
@@ -170,26 +168,27 @@ def solve_ik_all(
     Parameters
     ----------
     robot : Robot
+        Arm with its position limits.
     position : array_like [3]
         Tool origin in the base frame, m.
     orientation : array_like [3,3], optional
         Rotation of the tool in the base frame.
     time_limit : float
-        Wall time, s, after which what is not found yet has the status "time limit".
+        Wall time, s, after which an unfinished search has the status "time limit".
 
     Returns
     -------
     tuple of IKSolution
-        The most central first. Branches are told apart modulo a turn; each is given as near to the
-        middle of the limits as whole turns allow. A continuum (``self_motion`` above 0: redundant
-        arms, some singular poses) is given by its members that are locally nearest to the middle.
-        Never empty: where no branch exists, the one entry is the nearest pose and its status says
-        why.
+        Solutions, the most central first. Branches are different modulo a turn; each is moved by
+        full turns as near to the middle of the limits as possible. A continuum (``self_motion``
+        above 0: redundant arms, some singular poses) is represented by its members that are locally
+        nearest to the middle. If no branch exists, the only entry is the nearest pose with its
+        status.
 
     Raises
     ------
     InputError
-        As for :func:`solve_ik`.
+        The arguments are refused as by :func:`solve_ik`.
 
     Examples
     --------
@@ -213,12 +212,12 @@ def solve_ik_batch(
     Returns
     -------
     tuple of tuples of IKSolution
-        For every target what :func:`solve_ik_all` returns.
+        Result of :func:`solve_ik_all` for every target.
 
     Raises
     ------
     InputError
-        As for :func:`solve_ik`.
+        The arguments are refused as by :func:`solve_ik`.
     """
     targets = checked_targets(positions, orientations)
     return _in_parts(partial(_branches, robot), time_limit, targets)
@@ -227,7 +226,7 @@ def solve_ik_batch(
 def _branches(robot: Robot, targets: FloatArray) -> tuple[tuple[IKSolution, ...], ...]:
     begin = time.perf_counter()
     if deadline.over():
-        return tuple((solution,) for solution in _given_up(robot, targets))
+        return tuple((solution,) for solution in _timed_out(robot, targets))
     wanted, everything = search.middle(robot), search.find_branches(robot, targets)
     owners = np.repeat(np.arange(len(targets)), [len(branches.q) for branches in everything])
     q = np.concatenate([branches.q for branches in everything])
@@ -244,18 +243,18 @@ def _branches(robot: Robot, targets: FloatArray) -> tuple[tuple[IKSolution, ...]
             solutions[index].append(solution)
     for index, branches in enumerate(everything):
         if not solutions[index]:
-            solutions[index].append(_missed(robot, targets[index], branches, wanted, share))
+            solutions[index].append(_unreached(robot, targets[index], branches, wanted, share))
     return tuple(map(tuple, solutions))
 
 
 def branches_by_nlp(
     robot: Robot, position: ArrayLike, orientation: ArrayLike | None = None, starts: int = 32
 ) -> FloatArray:
-    """Give branches [K,n] by an NLP alone: slower than :func:`solve_ik_all` and independent of it.
+    """Find branches [K,n] by NLPs only, slower than :func:`solve_ik_all` and independent of it.
 
-    From each of ``starts`` evenly spread starts IPOPT seeks the joints nearest to it that meet the
-    target within the limits; answers are verified by forward kinematics and told apart modulo a
-    turn.
+    From each of ``starts`` evenly spread starts IPOPT minimises the distance in joint space to the
+    start, subject to the target and the limits. Answers are verified by forward kinematics and
+    compared modulo a turn.
     """
     return search.by_nlp(robot, checked_target(position, orientation), starts)
 
@@ -263,9 +262,7 @@ def branches_by_nlp(
 def nearest_solution(
     robot: Robot, target: FloatArray, seed: FloatArray | None, begin: float
 ) -> IKSolution:
-    """Return the solution of a checked target nearest to the seed [n] (default: the middle of
-    limits).
-    """
+    """Return the solution of a checked target nearest to the seed [n] or to the limits' middle."""
     wanted = search.middle(robot) if seed is None else np.array(seed)
     branches = search.find_branches(robot, target[None])[0]
     rows, inside = search.within_limits(robot, branches.q, wanted)
@@ -273,7 +270,7 @@ def nearest_solution(
     if seed is not None and (motions.any() or not len(rows)):
         rows, motions = _nearer_members(robot, target, rows, motions, wanted)
     if not len(rows):
-        return _missed(robot, target, branches, wanted, time.perf_counter() - begin)
+        return _unreached(robot, target, branches, wanted, time.perf_counter() - begin)
     chosen = [np.argmin(np.linalg.norm((rows - wanted) / joint_scale(robot), axis=1))]
     used = time.perf_counter() - begin
     return _solutions(robot, target[None], rows[chosen], motions[chosen], used)[0]
@@ -282,9 +279,9 @@ def nearest_solution(
 def _nearer_members(
     robot: Robot, target: FloatArray, rows: FloatArray, motions: np.ndarray, wanted: FloatArray
 ) -> tuple[FloatArray, np.ndarray]:
-    """Return solutions [K,n] with those of continua moved to where they are nearest to ``wanted``.
+    """Move members of continua among solutions [K,n] to their places nearest to ``wanted``.
 
-    What lies straight downhill from ``wanted`` is added: a representative may sit on another part
+    The solution downhill from ``wanted`` is added, because a representative may lie on another part
     of its continuum.
     """
     bounds = robot.limits.q_min, robot.limits.q_max
@@ -299,12 +296,12 @@ def _nearer_members(
     return moved, motions
 
 
-FAR_OFF = 10.0  # times the stretched arm: a target that far off is in another unit
-FARTHEST = 1e6  # m; beyond, nothing is left of a reach in double precision
+FAR_OFF = 10.0  # ratio of distance to the stretched arm above which units look wrong
+FARTHEST = 1e6  # distance beyond which double precision cannot resolve a reach, m
 
 
 def checked_target(position: ArrayLike, orientation: ArrayLike | None) -> FloatArray:
-    """Return the row [3] or [12] of a checked position [3] and orientation [3,3]."""
+    """Return a checked position [3] and orientation [3,3] as a row [3] or [12]."""
     if np.shape(position) == (4, 4):
         raise InputError("position must have shape [3], not [4, 4]: give pose[:3, 3], pose[:3, :3]")
     if orientation is not None and np.shape(orientation) in ((3,), (4,)):
@@ -318,7 +315,7 @@ def checked_target(position: ArrayLike, orientation: ArrayLike | None) -> FloatA
 
 
 def checked_targets(positions: ArrayLike, orientations: ArrayLike | None) -> FloatArray:
-    """Return rows [N,3] or [N,12] of checked positions [N,3] and orientations [N,3,3]."""
+    """Return checked positions [N,3] and orientations [N,3,3] as rows [N,3] or [N,12]."""
     places = checks.array("positions", positions, (None, 3), "m")
     if not len(places):
         raise InputError("positions must have at least one row, not 0")
@@ -336,14 +333,14 @@ def _check_near(name: str, places: FloatArray) -> None:
 
 
 def _rotation_rows(name: str, turns: FloatArray) -> FloatArray:
-    """Return columns [N,9] of rotations [N,3,3], made exact; ``name`` has a place for the index."""
-    # The nearest true rotation: digits lost in a file must not keep a pose from being reached.
+    """Return the columns [N,9] of rotations [N,3,3], made exact; ``name`` may hold an index."""
+    # Rounded matrices of a file are replaced by the nearest rotation, so the pose can be reached.
     left, _, right = np.linalg.svd(checked_rotations(name, turns))
     return (left @ right).swapaxes(1, 2).reshape(-1, 9)
 
 
-def _missed(
-    robot: Robot, target: FloatArray, branches: search.Found, wanted: FloatArray, used: float
+def _unreached(
+    robot: Robot, target: FloatArray, branches: search.BranchSet, wanted: FloatArray, used: float
 ) -> IKSolution:
     """Return the nearest pose for a target that no branch within limits reaches."""
     begin = time.perf_counter()
@@ -371,7 +368,7 @@ def _reached_without_limits(robot: Robot, target: FloatArray) -> bool:
     if not np.isfinite(robot.limits.bounds("q")).any():
         return False
     if robot.joint_count <= generic_rank(robot, target.size):
-        return False  # the search has looked beyond the limits already
+        return False  # the search of a non-redundant arm has ignored the limits
     without = robot.with_limits(q_min=-np.inf, q_max=np.inf)
     return search.find_branches(without, target[None])[0].reached
 
@@ -384,7 +381,7 @@ def _solutions(
     solve_time: float,
     status: Status = Status.SOLVED,
 ) -> list[IKSolution]:
-    """Give one solution a row of targets [K,w] and q [K,n], measured anew; motions [K] if known."""
+    """Return one solution per row of targets [K,w] and q [K,n]; compute motions [K] if None."""
     width = targets.shape[1]
     rank = search.ranks(robot, q, width)
     singular = rank < generic_rank(robot, width)

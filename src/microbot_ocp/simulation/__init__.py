@@ -1,9 +1,9 @@
-"""The arm in motion: from given torques, or under a controller.
+"""Simulation of an arm under given torques or under a controller.
 
-In: a robot with masses, and torques (:func:`simulate`) or a reference motion and a controller
-(:func:`track`). Out: a :class:`Simulation` or :class:`Tracking` with samples, status and advice.
-Every simulation is one call of one CasADi integrator on the whole grid. Begin with
-``_loops.py``; ``_integration.py`` holds the equation and the integrators.
+The input is a robot with masses, and torques (:func:`simulate`) or a reference motion and a
+controller (:func:`track`). The result is a :class:`Simulation` or :class:`Tracking` with samples,
+status and advice. A simulation calls one CasADi integrator once for the whole grid. Begin with
+``_loops.py``; ``_integration.py`` holds the differential equation and the integrators.
 """
 
 from microbot_ocp._base import border

@@ -1,6 +1,6 @@
-"""Joint controllers as frozen settings; each writes its torque as a CasADi expression.
+"""Joint controllers as frozen settings; each returns its torque as a CasADi expression.
 
-So a closed loop is one differential equation, and an integrator needs one call for all of it; see
+A closed loop is therefore one differential equation, integrated by one call; see
 :func:`microbot_ocp.track`. Sources: Craig, *Introduction to Robotics*, 3rd ed., chapter 10
 (computed torque: sections 10.3 to 10.5); Siciliano et al., *Robotics: Modelling, Planning and
 Control*, section 8.5 (PD with gravity compensation).
@@ -23,7 +23,7 @@ Saturation = bool | ArrayLike | tuple[ArrayLike, ArrayLike] | Limits | JointLimi
 
 
 class Reference(NamedTuple):
-    """Wanted position, velocity and acceleration at one instant, SX [n] each."""
+    """Reference position, velocity and acceleration at one instant, SX [n] each."""
 
     q: ca.SX
     qd: ca.SX
@@ -31,7 +31,7 @@ class Reference(NamedTuple):
 
 
 class Controller(Protocol):
-    """What :func:`microbot_ocp.track` asks of a controller; any object that has it will do."""
+    """Interface of a controller for :func:`microbot_ocp.track`; any object with it may be used."""
 
     @property
     def label(self) -> str:
@@ -39,13 +39,13 @@ class Controller(Protocol):
         ...
 
     def torque(self, model: Robot, reference: Reference, q: ca.SX, qd: ca.SX) -> ca.SX:
-        """Return torque SX [n] from the model of the arm, the reference and the measured state."""
+        """Return the torque SX [n] from model, reference and measured state."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class ComputedTorque:
-    """The partitioned control law: the model's inverse dynamics with a corrected acceleration.
+    """Computed-torque control: inverse dynamics of the model at a corrected acceleration.
 
     ``tau = M(q) (qdd_d + kv (qd_d - qd) + kp (q_d - q)) + C(q, qd) qd + g(q)`` (Craig, section
     10.4). With an exact model the error of every joint obeys ``e'' + kv e' + kp e = 0``.
@@ -60,7 +60,7 @@ class ComputedTorque:
     Raises
     ------
     InputError
-        A gain that is not above zero.
+        A gain is not above zero.
 
     Examples
     --------
@@ -79,7 +79,7 @@ class ComputedTorque:
         object.__setattr__(self, "kv", kv)
 
     def torque(self, model: Robot, reference: Reference, q: ca.SX, qd: ca.SX) -> ca.SX:
-        """Return torque SX [n], N m (N)."""
+        """Return the torque SX [n], N m (N)."""
         pull = _per_joint("kp", self.kp, model) * (reference.q - q)
         damping = _per_joint("kv", self.kv, model) * (reference.qd - qd)
         return inverse_dynamics(model)(q, qd, reference.qdd + damping + pull)
@@ -101,7 +101,7 @@ class PDGravity:
     Raises
     ------
     InputError
-        A gain that is not above zero.
+        A gain is not above zero.
     """
 
     kp: ArrayLike
@@ -113,7 +113,7 @@ class PDGravity:
         object.__setattr__(self, "kv", _vector("kv", self.kv, "N m s/rad", above=0.0))
 
     def torque(self, model: Robot, reference: Reference, q: ca.SX, qd: ca.SX) -> ca.SX:
-        """Return torque SX [n], N m (N)."""
+        """Return the torque SX [n], N m (N)."""
         spring = _per_joint("kp", self.kp, model) * (reference.q - q)
         damper = _per_joint("kv", self.kv, model) * (reference.qd - qd)
         return spring + damper + gravity_torque(model)(q)
@@ -121,25 +121,25 @@ class PDGravity:
 
 @dataclass(frozen=True, eq=False)
 class Feedforward:
-    """The torque that the model needs for the reference, without feedback."""
+    """Feedforward: the model's torque for the reference, without feedback."""
 
     label: ClassVar[str] = "feedforward only"
 
     def torque(self, model: Robot, reference: Reference, q: ca.SX, qd: ca.SX) -> ca.SX:
-        """Return torque SX [n], N m (N)."""
+        """Return the torque SX [n], N m (N)."""
         return inverse_dynamics(model)(*reference)
 
 
 @dataclass(frozen=True, eq=False)
 class SensorNoise:
-    """White Gaussian noise on what a sampled controller measures, always the same for one seed.
+    """White Gaussian noise on the measurements of a sampled controller, fixed by its seed.
 
     Parameters
     ----------
     q, qd : float or array_like [n]
         Standard deviations of the measured position, rad (m), and velocity, rad/s (m/s).
     seed : int
-        Of numpy's default generator, at least 0.
+        Seed of numpy's default generator, at least 0.
     """
 
     q: ArrayLike = 0.0
@@ -154,13 +154,13 @@ class SensorNoise:
             raise InputError(f"seed must be a whole number of at least 0, not {self.seed!r}")
 
     def draw(self, rows: int, joints: int) -> FloatArray:
-        """Return errors [rows, 2 joints] of the measured positions, then velocities."""
+        """Return errors [rows, 2 joints] of the measured positions and velocities."""
         spread = [widened(f"noise {k}", getattr(self, k), joints) for k in ("q", "qd")]
         normal = np.random.default_rng(self.seed).normal(size=(rows, 2 * joints))
         return normal * np.concatenate(spread)
 
 
-# Controllers whose gains are data of a loop, so that other gains are the same function
+# The gains of these controllers are inputs of the loop, so one compiled loop serves all gains.
 GAINS: dict[type, tuple[str, ...]] = {
     ComputedTorque: ("kp", "kv"),
     PDGravity: ("kp", "kv"),
@@ -169,7 +169,7 @@ GAINS: dict[type, tuple[str, ...]] = {
 
 
 def gains_of(controller: Controller, joints: int) -> FloatArray:
-    """Return all gains of a controller that ``GAINS`` names, one after the other."""
+    """Return all gains of a controller listed in ``GAINS`` as one vector."""
     names = GAINS[type(controller)]
     return np.concatenate([[], *(widened(k, getattr(controller, k), joints) for k in names)])
 
@@ -183,9 +183,7 @@ def with_gains(kind: type, gains: ca.SX, joints: int) -> Controller:
 
 
 def saturate(tau: ca.SX, lower: FloatArray, upper: FloatArray) -> ca.SX:
-    """Return torque SX [n] cut to its limits [n]; infinite ones leave no trace in the
-    expression.
-    """
+    """Return the torque SX [n] limited to [lower, upper]; infinite limits add no operation."""
     for bound, cut in ((lower, ca.fmax), (upper, ca.fmin)):
         limited = np.isfinite(bound)
         if limited.any():
@@ -195,9 +193,7 @@ def saturate(tau: ca.SX, lower: FloatArray, upper: FloatArray) -> ca.SX:
 
 
 def torque_limits(saturation: Saturation, robot: Robot) -> tuple[FloatArray, FloatArray]:
-    """Return lower and upper torque [n] of a ``saturation`` argument: those of the robot if
-    True.
-    """
+    """Return lower and upper torque [n] of a ``saturation`` argument; True means the robot's."""
     if isinstance(saturation, bool):
         none = np.full(robot.joint_count, np.inf)
         return robot.limits.bounds("tau") if saturation else (-none, none)
@@ -207,7 +203,7 @@ def torque_limits(saturation: Saturation, robot: Robot) -> tuple[FloatArray, Flo
 
 
 def widened(name: str, value: ArrayLike, count: int) -> FloatArray:
-    """Return a checked vector of one value or one a joint as an array [count]."""
+    """Return a vector [1] or [count] as an array [count]."""
     vector = np.asarray(value, dtype=float)
     if vector.size not in (1, count):
         raise InputError(f"{name} has {vector.size} entries for {count} joints")

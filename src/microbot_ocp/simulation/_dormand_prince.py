@@ -1,9 +1,9 @@
-"""The method of Dormand and Prince of order 8 with error control and dense output, DOP853.
+"""Explicit Runge-Kutta method of order 8 with error control and dense output, DOP853.
 
 Source: Hairer, Nørsett, Wanner, *Solving Ordinary Differential Equations I*, 2nd ed., sections II.4
-to II.6, with the constants of their code. One step is one CasADi function, whose inputs hold all
-that differs between runs of one loop, so that it is built and compiled once. A method of one step
-begins anew where its input jumps, at no cost.
+to II.6, with the constants of their code. One step is one CasADi function; all data of a run are
+inputs, so the function is built and compiled once per loop. A one-step method restarts at a jump of
+its input at no cost.
 """
 
 from __future__ import annotations
@@ -19,42 +19,41 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.fast_calls import FastCall
 
 TOO_MANY_STEPS = "it needed more steps than allowed"
-SHRUNK = "its step shrank to nothing"
+SHRUNK = "its step became too small"
 NOT_FINITE = "the accelerations are not finite"
 NOT_FINITE_AT_START = "the accelerations are not finite at the start"
 OVER = "stopped at the time limit"
 
-SMALLEST = 1e-15  # step, as a share of the time: what rounding leaves of one
-LAST_TERM = (4 / 7) ** 4 * (3 / 7) ** 3  # largest share of it anywhere inside a step
-STAGES = 12  # then the rate at the new state, and three more for the dense output
+SMALLEST = 1e-15  # smallest step relative to the time, at the level of rounding
+LAST_TERM = (4 / 7) ** 4 * (3 / 7) ** 3  # largest value of s^4 (1 - s)^3, the last dense term
+STAGES = 12  # stages of the step; 4 more rates follow for the dense output
 
 
 @cache
 def _constants() -> tuple[FloatArray, ...]:
-    """Return the weights of earlier rates, those of the error estimates, and the last terms of the
-    dense output, as the file of constants has them.
-    """
+    """Return the coefficients of the stages, the error estimates and the last dense terms."""
     text = Path(__file__).with_name("dormand_prince.txt").read_text("utf-8")
     tables = (part.partition("\n")[2] for part in text.split("# ")[1:])
     return tuple(np.array(table.split(), dtype=float) for table in tables)
 
 
 def step_function(rate: ca.Function) -> ca.Function:
-    """Return one step of ``rate(t, x, u)`` with the choice of the next.
+    """Return one step of ``rate(t, x, u)`` with the choice of the next step size.
 
     Returns
     -------
     casadi.Function
-        ``([t, width, x], u, [tolerance, end, longest]) -> [t, width, x], going, record``: the time,
-        the width of the step that is tried next and the state; 0 at the end of the piece or where
-        the step shrank to nothing; whether the step was taken, its start and width, then x and what
-        its dense output consists of, 8 columns [states].
+        ``([t, width, x], u, [tolerance, end, longest]) -> [t, width, x], going, record``. The first
+        output has the time, the size of the next step and the state. ``going`` is 0 at the end of
+        the piece, or if the step became too small. ``record`` holds 1 if the step was accepted, its
+        start and size, and 8 columns [states] of its dense output.
     """
     states = rate.size1_in("x")
     state, control = ca.MX.sym("state", 2 + states), ca.MX.sym("control", 3)
     u = ca.MX.sym("u", rate.size1_in("u"))
     t, wanted, x = ca.vertsplit(state, [0, 1, 2, 2 + states])
     tolerance, end, longest = ca.vertsplit(control)
+    # A remainder up to 1 % longer than the step is taken as one step.
     whole = end - t <= 1.01 * wanted
     width = ca.if_else(whole, end - t, wanted)
 
@@ -71,6 +70,7 @@ def step_function(rate: ca.Function) -> ca.Function:
     change, first, last = after - x, width * rates[:, 0], width * rates[:, STAGES]
     late = width * ca.mtimes(rates, ca.DM(terms.reshape(4, -1).T))
 
+    # The embedded estimates of orders 5 and 3 combine to err5^2 / sqrt(err5^2 + 0.01 err3^2).
     scale = tolerance * (1 + ca.fmax(ca.fabs(x), ca.fabs(after)))
     order_5, order_3 = errors.reshape(2, STAGES)
     fifth, third = (
@@ -78,13 +78,13 @@ def step_function(rate: ca.Function) -> ca.Function:
         for row in (order_5, order_3 + weights[STAGES, :STAGES])
     )
     error = width * fifth / ca.sqrt(states * (fifth + 0.01 * third) + 1e-300)
-    # Between its ends a long step may be less accurate: the last term of the dense output tells
+    # Between its ends a long step may be less accurate; the last dense term measures that error.
     between = LAST_TERM * ca.sqrt(ca.sumsqr(late[:, 3] / scale) / states)
-    error = ca.fmax(error, between) + 0 * between  # fmax drops what is no number
+    error = ca.fmax(error, between) + 0 * between  # fmax drops NaN, the product restores it
     good = error <= 1
     factor = ca.fmin(6, ca.fmax(1 / 3, 0.9 * ca.fmax(error, 1e-9) ** -0.125))
-    following = width * ca.if_else(error < np.inf, factor, 1 / 3)  # not so where it is no number
-    # A step that the end has cut short says nothing against the width wanted before
+    following = width * ca.if_else(error < np.inf, factor, 1 / 3)  # NaN counts as a rejected step
+    # A step shortened to hit the end must not shorten the next one.
     following = ca.if_else(ca.logic_and(good, whole), ca.fmax(wanted, following), following)
     following = ca.fmin(following, longest)
     time = ca.if_else(good, ca.if_else(whole, end, t + width), t)
@@ -104,26 +104,26 @@ def integrated(
     max_steps: int,
     longest: float,
 ) -> tuple[FloatArray, str]:
-    """Integrate from piece to piece.
+    """Integrate a piecewise smooth equation piece by piece.
 
     Parameters
     ----------
     steps : callable
-        What :func:`step_function` made, as a numpy function that keeps what each call returns.
+        Function from :func:`step_function`, repeated, that keeps the outputs of each call.
     pieces : (edges [K+1], inputs [K,m])
-        Times at which the right-hand side may jump, and ``u`` between.
+        Times at which the right-hand side may jump, and the input ``u`` between them.
     max_steps : int
-        Most steps from one time of the grid to the next.
+        Largest number of steps between two times of the grid.
     longest : float
         Longest step, s.
 
     Returns
     -------
     states [N, states], message
-        NaN from where the steps ended early, and why they did.
+        States, NaN after a failure; and the reason of the failure, empty without one.
     """
     state, message = np.concatenate([grid[:1], [longest], start]), ""
-    passed, tried = 1, 0  # times of the grid, and steps since the last of them
+    passed, tried = 1, 0  # grid times reached, and steps tried since the last one
     records: list[FloatArray] = []
     for end, u in zip(pieces[0][1:], pieces[1], strict=True):
         control = np.array([tolerance, end, longest])
@@ -148,7 +148,7 @@ def integrated(
 
 
 def _at(grid: FloatArray, start: FloatArray, records: FloatArray) -> FloatArray:
-    """Return states [N, states] at times [N] by the dense output of steps [K], then NaN."""
+    """Return states [N, states] at times [N] by the dense output of steps [K]; NaN beyond them."""
     begin, width = records[:, 1], records[:, 2]
     terms = records[:, 3:].reshape(len(records), 8, start.size)
     edges = np.searchsorted(grid, np.append(begin, (begin + width)[-1:]), side="right")
@@ -156,6 +156,7 @@ def _at(grid: FloatArray, start: FloatArray, records: FloatArray) -> FloatArray:
     states[0] = start
     count = np.diff(edges)
     share = (grid[1 : 1 + count.sum()] - np.repeat(begin, count)) / np.repeat(width, count)
+    # Basis of the dense output in s = share: 1, s, s (1 - s), s^2 (1 - s), s^2 (1 - s)^2, ...
     basis = np.ones((share.size, 8))
     for k in range(7):
         basis[:, k + 1] = basis[:, k] * (1 - share if k % 2 else share)

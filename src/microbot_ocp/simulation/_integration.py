@@ -1,7 +1,7 @@
-"""A differential equation with a signal of the time as its input, in one integrator call.
+"""Integration of a differential equation forced by a signal of time, in one integrator call.
 
-Torques and references that are not formulas of the time go in as Chebyshev series on pieces of it,
-so that they may jump between two pieces at no loss of accuracy.
+Torques and references that are not formulas of time become Chebyshev series on pieces of the time,
+so they may jump between two pieces without loss of accuracy.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from microbot_ocp.simulation._dormand_prince import (
     step_function,
 )
 
-Values = Callable[[FloatArray], FloatArray]  # times [N] to values [N,m]
+Values = Callable[[FloatArray], FloatArray]  # maps times [N] to values [N,m]
 
 INTEGRATORS = ("dop853", "cvodes", "idas", "collocation", "rk")
 
@@ -42,13 +42,13 @@ class Integration:
 
     Attributes
     ----------
-    degree : of the Chebyshev series that inputs become between breaks
-    fit_error : largest error of these, relative to the largest value
-    shortest_piece : s; a piece that holds no break is not divided below this
-    longest_step : share of a piece: an arm at rest must not be stepped over until it moves
-    rounding : relative change below which halving a fixed step changes rounding only
-    parts : integrator calls where there is a time limit: what is done by then is known
-    probes : steps of the run that looks for the place where an integrator failed
+    degree : degree of the Chebyshev series of an input between breaks
+    fit_error : largest error of the series, relative to the largest value
+    shortest_piece : length below which a piece without break is not divided, s
+    longest_step : longest step relative to a piece, so that no motion after a rest is skipped
+    rounding : relative change below which halving a fixed step changes rounding errors only
+    parts : number of integrator calls under a time limit; finished parts are kept
+    probes : steps of the fixed-step run that locates a failure
     """
 
     degree: int = 10
@@ -61,15 +61,15 @@ class Integration:
 
 
 INTEGRATION = Integration()
-# Chebyshev nodes, none at the ends, as a signal has two values at a break; series from values there
+# Chebyshev nodes exclude the ends of a piece, because a signal has two values at a break.
 NODES = -np.cos((2 * np.arange(INTEGRATION.degree + 1) + 1) * np.pi / (2 * INTEGRATION.degree + 2))
 FIT = np.linalg.inv(np.polynomial.chebyshev.chebvander(NODES, INTEGRATION.degree))
-STEPS = 64  # in one call of compiled code, between which the time limit is looked at
+STEPS = 64  # steps in one compiled call; the time limit is checked between calls
 
-# What parts of the integrators' return codes mean, the first that is in one.
+# Reasons by a part of the integrators' return codes; the first part that matches counts.
 FAILURES = {
     "TOO_MUCH_WORK": TOO_MANY_STEPS,
-    "TOO_MUCH_ACC": "the accuracy asked for is beyond the machine's",
+    "TOO_MUCH_ACC": "the tolerance is below the accuracy of the machine",
     "ERR_FAIL": SHRUNK,
     "CONV_FAIL": SHRUNK,
     "FIRST_R": NOT_FINITE_AT_START,
@@ -86,10 +86,10 @@ class Pieces(NamedTuple):
 
 
 class Signal(NamedTuple):
-    """A signal of the time: as a formula, or as values that series follow between breaks.
+    """Signal of time: a formula, or values with Chebyshev series that fit them between breaks.
 
-    ``formula`` is a CasADi function ``(t) -> w[m]`` (then without ``pieces``); ``values`` gives the
-    signal [N,m] at times [N].
+    ``formula`` is a CasADi function ``(t) -> w[m]``; a formula has no ``pieces``. ``values``
+    returns the signal [N,m] at times [N].
     """
 
     values: Values
@@ -101,16 +101,16 @@ Rate = Callable[[ca.SX, ca.SX, ca.SX, ca.SX], ca.SX]
 
 
 class ForcedEquation(NamedTuple):
-    """A differential equation ``x' = rate(t, x, w(t), parameters)`` forced by a signal w.
+    """Differential equation ``x' = rate(t, x, w(t), parameters)`` forced by a signal w.
 
-    Equal rates are the same function, which is built once.
+    Equal rates share one function, which is built once.
 
-    CVODES is a multistep method that is not started anew where its input changes: a jump of the
-    torque costs it digits or ends it. So the independent variable is not the time but s, which
-    counts the pieces; in each the time goes by at the rate ``30 y^2 (1 - y)^2`` (y = 0 to 1) times
-    the length of the piece. At the edges it stands still, and the right-hand side is continuous
-    there whatever the signal does. The input of a piece holds its index, start and length and the
-    coefficients of the signal. With a single piece the time goes by evenly.
+    CVODES is a multistep method and does not restart where its input jumps: a jump costs it
+    accuracy or makes it fail. Its independent variable is therefore not t but s, which counts the
+    pieces. Within a piece of length h, dt/ds = 30 h y^2 (1 - y)^2 with y = 0 to 1, so the time
+    stands still at both edges and the right-hand side is continuous for every signal. The input of
+    a piece holds its index, start and length and the coefficients of the signal. A single piece has
+    dt/ds = h.
     """
 
     rate: Rate
@@ -119,13 +119,13 @@ class ForcedEquation(NamedTuple):
     parameters: FloatArray
 
     def steps(self) -> FastCall:
-        """Give steps of the method of Dormand and Prince, which :meth:`inputs` go into."""
+        """Return the steps of the Dormand-Prince method, whose inputs are :meth:`inputs`."""
         formula, pieces = self.signal.formula, self.signal.pieces
         kind = formula.serialize() if formula else pieces.coefficients.shape[1:] if pieces else ""
         return _steps(self.rate, self.states, self.parameters.size, kind)
 
     def inputs(self, start: float, end: float) -> tuple[FloatArray, FloatArray]:
-        """Return edges [K+1] of the pieces and what goes into a step in each [K,m]."""
+        """Return the edges [K+1] of the pieces and the inputs of a step in each [K,m]."""
         pieces = self.signal.pieces
         edges = np.array([start, end]) if pieces is None else pieces.edges
         series = np.zeros((1, 0)) if pieces is None else pieces.coefficients
@@ -155,7 +155,7 @@ class ForcedEquation(NamedTuple):
 
 @lru_cache(maxsize=64)
 def _steps(rate: Rate, states: int, parameters: int, kind: str | tuple[int, int]) -> FastCall:
-    """Return :meth:`ForcedEquation.steps` for a formula or for series of a shape."""
+    """Return :meth:`ForcedEquation.steps` for a formula or for series of a given shape."""
     size = 0 if isinstance(kind, str) else kind[0] * kind[1]
     t, x, u = ca.SX.sym("t"), ca.SX.sym("x", states), ca.SX.sym("u", 2 + parameters + size)
     if isinstance(kind, str):
@@ -168,7 +168,7 @@ def _steps(rate: Rate, states: int, parameters: int, kind: str | tuple[int, int]
 
 
 class IntegratorSettings(NamedTuple):
-    """An integrator of ``INTEGRATORS`` with its tolerance and largest number of steps."""
+    """Integrator of ``INTEGRATORS`` with its tolerance and largest number of steps."""
 
     integrator: str
     tolerance: float
@@ -176,11 +176,11 @@ class IntegratorSettings(NamedTuple):
 
 
 class IntegrationRun(NamedTuple):
-    """What an integrator found.
+    """Result of an integrator.
 
-    ``message`` says what is wrong unless the status is solved. ``states`` [N, states] are those at
-    the times asked for (NaN after a failure), ``steps`` those of a fixed step. After a failure
-    ``trace`` holds the times and states of a fixed step, which does not stop.
+    ``states`` [N, states] belong to the times of the grid and are NaN after a failure. ``steps`` is
+    the number of fixed steps. ``message`` gives the reason of a failure; ``trace`` then holds the
+    times and states of a fixed-step run, which continues beyond the failure.
     """
 
     status: Status
@@ -191,20 +191,19 @@ class IntegrationRun(NamedTuple):
 
 
 def fitted(values: Values, breaks: FloatArray, tolerance: ArrayLike) -> Signal:
-    """Return the signal of values, as a Chebyshev series on every piece of the time that follows
-    them.
+    """Fit values by a Chebyshev series on every piece of the time.
 
     Pieces start as the whole time and are divided at the break nearest to their middle, so that
-    smooth stretches keep long pieces and a jump ends up between two of them.
+    smooth intervals keep long pieces and a jump ends up between two pieces.
 
     Parameters
     ----------
     values : callable
-        Times [N] to values [N,m]; never asked for a break itself.
+        Function from times [N] to values [N,m]; it is never evaluated at a break.
     breaks : array [K+1]
         Times at which the values or their derivatives may jump, both ends included, s.
     tolerance : array_like [m]
-        Largest error of every column.
+        Largest error of each column.
     """
     tolerance = np.maximum(tolerance, 1e-17)
     probes = -np.cos((np.arange(INTEGRATION.degree) + 1) * np.pi / (INTEGRATION.degree + 1))
@@ -239,9 +238,7 @@ def fitted(values: Values, breaks: FloatArray, tolerance: ArrayLike) -> Signal:
 
 
 def _series(place: ca.SX, flat: ca.SX, shape: tuple[int, ...]) -> ca.SX:
-    """Return the value [m] of Chebyshev series at ``place`` in -1 to 1, by Clenshaw's
-    recurrence.
-    """
+    """Return the value [m] of Chebyshev series at ``place`` in [-1, 1] by Clenshaw's recurrence."""
     terms, width = shape
     series = ca.reshape(flat, width, terms)
     later, latest = ca.SX.zeros(width), ca.SX.zeros(width)
@@ -251,7 +248,7 @@ def _series(place: ca.SX, flat: ca.SX, shape: tuple[int, ...]) -> ca.SX:
 
 
 def formula_signal(t: ca.SX, expression: ca.SX) -> Signal:
-    """Return the signal that is an expression [m] of the time ``t``."""
+    """Return the signal of an expression [m] of the time ``t``."""
     function = ca.Function("signal", [t], [ca.densify(expression)], ["t"], ["w"])
 
     def values(times: FloatArray) -> FloatArray:
@@ -263,11 +260,11 @@ def formula_signal(t: ca.SX, expression: ca.SX) -> Signal:
 def integrate(
     forced: ForcedEquation, start: FloatArray, grid: FloatArray, settings: IntegratorSettings
 ) -> IntegrationRun:
-    """Return states [N, states] at the times of the grid."""
+    """Integrate the equation; return its states [N, states] at the times of the grid."""
     if settings.integrator != "dop853":
         return _by_plugin(forced, start, grid, settings)
     pieces = forced.inputs(float(grid[0]), float(grid[-1]))
-    # Series of a piece are seen by the nodes of one step, a formula need not be
+    # The nodes of one step sample a whole series; a formula may vary faster than any step.
     longest = np.inf if forced.signal.pieces else INTEGRATION.longest_step * (grid[-1] - grid[0])
     limits = settings.tolerance, settings.max_steps, longest
     states, message = integrated(forced.steps(), pieces, start, grid, *limits)
@@ -275,7 +272,7 @@ def integrate(
         return IntegrationRun(Status.SOLVED, states)
     if message is OVER:
         return missing(Status.TIME_LIMIT, OVER)._replace(states=states)
-    # A fixed step does not stop where this one does, so it shows where that is.
+    # A fixed-step run continues beyond the failure, so it shows where the failure is.
     settings = settings._replace(integrator="rk")
     return _by_plugin(forced, start, grid, settings, _failed(message, states))
 
@@ -287,7 +284,7 @@ def _by_plugin(
     settings: IntegratorSettings,
     failed: IntegrationRun | None = None,
 ) -> IntegrationRun:
-    """Return what an integrator of CasADi's finds in one call; of what ``failed``, the trace."""
+    """Integrate with one of CasADi's integrators in one call, or trace a failed run."""
     equation, edges, inputs = forced.equation(float(grid[0]), float(grid[-1]))
     s = _stretched(grid, edges)
     stops = np.union1d(s[1:], np.arange(1.0, edges.size))
@@ -335,9 +332,10 @@ def in_time(
     otherwise: Callable[[Status, str], T],
     receive: Callable[[FloatArray], object] = lambda _: None,
 ) -> T:
-    """Return what ``work`` returns; where there is a time limit another process does the work.
+    """Run ``work`` and return its result; under a time limit it runs in another process.
 
-    ``receive`` gets what ``work`` sends, ``otherwise`` a status and message where nothing came.
+    ``receive`` gets the parts that ``work`` sends; ``otherwise`` makes the result from a status and
+    a message if the work did not finish.
     """
     if not (np.isfinite(deadline.until()) and can_fork()):
         return work(lambda _: None)
@@ -381,7 +379,7 @@ def settled(
                 return IntegrationRun(Status.SOLVED, x, steps)
             if change < INTEGRATION.rounding * size and change > 0.5 * before:
                 reason = "rounding errors are larger"
-            elif 2 * steps > most:  # a coarse step may fail where a finer one does not
+            elif 2 * steps > most:  # results that are not finite go on: a finer step may be
                 reason = f"more than {most} steps needed"
     except RuntimeError as problem:
         return _failed(str(problem), np.zeros((0, 0)))
@@ -399,7 +397,7 @@ def plugin(
 ) -> tuple[str, dict[str, Any]]:
     """Return CasADi's name of an integrator and its options.
 
-    ``steps`` are those of a fixed step; ``span`` is the length of a piece in the independent
+    ``steps`` is the number of fixed steps, ``span`` the length of a piece in the independent
     variable.
     """
     if settings.integrator == "rk":
@@ -424,7 +422,7 @@ def plugin(
         "print_stats": False,
     }
     if settings.integrator == "cvodes":
-        # Not stiff: Adams' method needs neither Jacobian nor linear solver.
+        # Equations of arms are not stiff: Adams' method needs neither Jacobian nor linear solver.
         options["linear_multistep_method"] = "adams"
         options["nonlinear_solver_iteration"] = "functional"
     return settings.integrator, options
@@ -438,6 +436,7 @@ def _stretched(t: FloatArray, edges: FloatArray) -> FloatArray:
     if count == 1:
         return place
     low, high = np.zeros_like(place), np.ones_like(place)
+    # Bisection inverts y^3 (10 - 15 y + 6 y^2), the time within a piece.
     for _ in range(60):
         y = 0.5 * (low + high)
         above = y**3 * (10 - 15 * y + 6 * y**2) > place
@@ -447,7 +446,7 @@ def _stretched(t: FloatArray, edges: FloatArray) -> FloatArray:
 
 
 def _failed(message: str, states: FloatArray) -> IntegrationRun:
-    """Return the run that an integrator ended with an error message."""
+    """Return the failed run of an integrator, with the reason from its error message."""
     code = re.search(r"(?:CV|IDA)_([A-Z_]+)", message)
     reason = message.strip().split("\n")[-1]
     if code:

@@ -1,4 +1,4 @@
-"""The arm under given torques, and under a controller, continuous or sampled."""
+"""Simulation of an arm under given torques, and under a continuous or sampled controller."""
 
 from __future__ import annotations
 
@@ -59,10 +59,10 @@ from microbot_ocp.simulation._signals import (
 
 Integrator = Literal["dop853", "cvodes", "idas", "collocation", "rk"]
 
-MOST_TURNS = 2000  # some seconds of work
-MOST_SAMPLES = 400_000  # some seconds of work
-FINEST = 100  # fixed steps that a sample may take in any case
-MOST_DELAY = 1000  # samples, each of which is a part of the state
+MOST_TURNS = 2000  # turns of a joint; about a few seconds of work
+MOST_SAMPLES = 400_000  # samples of a controller; about a few seconds of work
+FINEST = 100  # fixed steps that a sample may take regardless of max_steps
+MOST_DELAY = 1000  # samples of delay; each extends the state
 
 
 def simulate(
@@ -79,45 +79,45 @@ def simulate(
 ) -> Simulation:
     """Simulate an arm from given torques: ``M(q) qdd = tau - C(q, qd) qd - g(q) - friction``.
 
-    Craig, *Introduction to Robotics*, 3rd ed., section 6.9, with a solver that knows its error.
+    Craig, *Introduction to Robotics*, 3rd ed., section 6.9, by integrators with error control.
 
     Parameters
     ----------
     robot : Robot
-        A robot with masses.
+        Robot with masses.
     tau : Motion, callable, array_like [N,n] or [n], optional
-        Torques, N m (N): the stored ones of a motion (they may jump at its breaks), a function of
-        the CasADi time that returns n expressions, values on the grid ``t`` (linear between), or
-        constants; default none.
+        Torques, N m (N): the stored torques of a motion (they may jump at its breaks), a function
+        of the CasADi time that returns n expressions, values on the grid ``t`` (linear between), or
+        constants; default zero.
     q0 : array_like [n]
         Joint positions at the start, rad (prismatic: m); default those of the motion.
     qd0 : array_like [n], optional
         Velocities at the start, rad/s (m/s); default those of the motion, else zero.
     t : array_like [N]
-        Strictly increasing times of the result, s, the first being that of the start; default those
-        of the motion.
+        Strictly increasing times of the result, s, from the start on; default those of the motion.
     integrator : "dop853", "cvodes", "idas", "collocation" or "rk"
-        With error control: the Runge-Kutta method of Dormand and Prince of order 8, Adams' method,
-        backward differences. Radau collocation of degree 3 or the classical Runge-Kutta method with
-        a fixed step, halved until two solutions agree within the tolerance.
+        Method. The first three control the error: Runge-Kutta of order 8 by Dormand and Prince,
+        Adams' method, backward differences. The others, Radau collocation of degree 3 and the
+        classical Runge-Kutta method, have a fixed step that is halved until two solutions agree
+        within the tolerance.
     tolerance : float
         Absolute and relative tolerance.
     max_steps : int
-        Most steps: from one time of the grid to the next, of a fixed step in all.
+        Largest number of steps: between two times of the grid, or in all for a fixed step.
     time_limit : float
-        Wall time, s, after which the integrator is stopped: the status is "time limit", and what it
-        has not reached, NaN. Up to a tenth of the duration that was reached may be missing.
+        Wall time, s, after which the integrator is stopped: the status is "time limit", and states
+        that it has not reached are NaN. Up to a tenth of the time reached may be missing.
 
     Returns
     -------
     Simulation
-        After a failure its status and advice say why.
+        Result; after a failure its status and advice give the reason.
 
     Raises
     ------
     InputError
-        Wrong shapes, times that do not increase, a start outside the limits or where the mass
-        matrix is singular, or so fast that a joint would turn more than 2000 times.
+        Shapes are wrong, times do not increase, the start is outside the limits or at a singular
+        mass matrix, or so fast that a joint would turn more than 2000 times.
 
     Examples
     --------
@@ -151,12 +151,12 @@ def simulate(
 
 
 class OpenLoop(NamedTuple):
-    """An arm under torques w: ``x' = rate(t, x, w, none)``."""
+    """Arm under torques w: ``x' = rate(t, x, w, parameters)``, without parameters."""
 
     arm: Robot
 
     def __call__(self, t: ca.SX, x: ca.SX, w: ca.SX, parameters: ca.SX) -> ca.SX:
-        """Give the derivative of the state."""
+        """Return the derivative of the state."""
         q, qd = ca.vertsplit(x, self.arm.joint_count)
         return ca.vertcat(qd, forward_dynamics(self.arm)(q, qd, w))
 
@@ -184,44 +184,45 @@ def track(
     """Simulate the arm ``plant`` along a motion, under a controller with the model ``robot``.
 
     Under continuous control the closed loop is one differential equation. Under sampled control
-    the torque is computed from the (noisy) measurement at every sample and held until the next:
-    one accumulated map over the samples, each an integration of the arm alone.
+    the torque is computed from the (noisy) measurement at every sample and held until the next
+    sample: one accumulated map over the samples, each an integration of the arm.
 
     Parameters
     ----------
     robot : Robot
-        The model inside the controller.
+        Model inside the controller.
     motion : Motion, PiecewisePolynomial or callable
-        The reference; a callable takes the CasADi time from 0 and returns n expressions for the
+        Reference; a callable takes the CasADi time from 0 and returns n expressions for the
         positions, whose derivatives are exact.
     controller : Controller
         :class:`ComputedTorque`, :class:`PDGravity`, :class:`Feedforward` or one of your own.
     plant : Robot, optional
-        The arm that is simulated: other masses, friction, payload; default ``robot``.
+        Simulated arm, with other masses, friction or payload; default ``robot``.
     q0, qd0 : array_like [n], optional
         Start of the arm, rad (m) and rad/s (m/s); default on the reference.
     duration : float, optional
-        s; default that of the motion. Needed for a callable.
+        Duration, s; default that of the motion. Required for a callable.
     step : float
         Longest step between the samples of the result, s.
     saturation : bool, float, array_like [n], (lower, upper) or Limits
         Torque limits, N m (N): True for those of the plant, False for none.
     sample_rate : float, optional
-        Samples a second of the controller, Hz; default continuous control.
+        Sampling rate of the controller, Hz; default continuous control.
     delay : int
-        Samples between a measurement and the torque that follows from it; of sampled control only.
+        Samples between a measurement and its torque; sampled control only.
     noise : SensorNoise, optional
-        Of sampled control only.
+        Noise of the measurements; sampled control only.
     disturbance : array_like [n] or callable, optional
         Torques on the joints in addition to those of the drives, N m (N): constants, or a
         function of the CasADi time.
     integrator : "dop853", "cvodes", "idas", "collocation" or "rk"
-        See :func:`simulate`; default "dop853". Under sampled control "rk", "dop853" not being one.
+        Method, see :func:`simulate`; default "dop853", or "rk" under sampled control, for which
+        "dop853" is not available.
     tolerance, max_steps
-        See :func:`simulate`; under sampled control a fixed step may take 100 steps a sample in any
-        case.
+        See :func:`simulate`; under sampled control a fixed step may always take 100 steps per
+        sample.
     time_limit
-        See :func:`simulate`; of sampled control nothing is kept.
+        See :func:`simulate`; under sampled control no states are kept.
 
     Returns
     -------
@@ -230,7 +231,8 @@ def track(
     Raises
     ------
     InputError
-        Bad shapes, numbers or robots that do not fit together, noise without samples.
+        Shapes or numbers are wrong, robots do not fit together, or noise or delay is given without
+        a sample rate.
 
     Examples
     --------
@@ -299,10 +301,10 @@ def track(
 
 
 class ClosedLoop(NamedTuple):
-    """An arm under a controller: ``x' = rate(t, x, w, gains)`` along the reference w.
+    """Arm under a controller: ``x' = rate(t, x, w, gains)`` along the reference w.
 
-    Equal loops are one function, built and compiled once: gains are data. A controller from outside
-    is its law, serialised.
+    Equal loops share one function, built and compiled once: gains are its inputs. The law of a
+    user-defined controller is stored as a serialised function.
     """
 
     arm: Robot
@@ -312,7 +314,7 @@ class ClosedLoop(NamedTuple):
     disturbance: str
 
     def torque(self, w: ca.SX, q: ca.SX, qd: ca.SX, gains: ca.SX) -> ca.SX:
-        """Give the torque [n] within the limits of the drives."""
+        """Return the torque [n] within the limits of the drives."""
         if isinstance(self.law, str):
             tau = ca.Function.deserialize(self.law)(w, q, qd)
         else:
@@ -321,7 +323,7 @@ class ClosedLoop(NamedTuple):
         return saturate(tau, *map(np.array, self.cuts))
 
     def __call__(self, t: ca.SX, x: ca.SX, w: ca.SX, gains: ca.SX) -> ca.SX:
-        """Give the derivative of the state."""
+        """Return the derivative of the state."""
         q, qd = ca.vertsplit(x, self.arm.joint_count)
         tau = self.torque(w, q, qd, gains)
         if self.disturbance:
@@ -340,26 +342,26 @@ def _law(loop: ClosedLoop) -> ca.Function:
 
 
 def _law_text(controller: Controller, model: Robot) -> str:
-    """Return a controller from outside as a serialised function."""
+    """Return a user-defined controller as a serialised function."""
     count = model.joint_count
     w, q, qd = ca.SX.sym("w", 3 * count), ca.SX.sym("q", count), ca.SX.sym("qd", count)
     try:
         tau = controller.torque(model, Reference(*ca.vertsplit(w, count)), q, qd)
-    except RuntimeError as problem:  # CasADi's, of the user's law
-        raise InputError(f"controller has no torques: {reason_of(problem)}") from problem
+    except RuntimeError as problem:  # CasADi raises it for errors in the user's law
+        raise InputError(f"controller returns no torques: {reason_of(problem)}") from problem
     if tau.shape != (count, 1):
         raise InputError(f"controller must return {count} torques, not shape {tau.shape}")
     return ca.Function("law", [w, q, qd], [ca.densify(tau)]).serialize()
 
 
-# sampled control: the torque is computed at every sample and held until the next ------------------
+# sampled control ----------------------------------------------------------------------------------
 
 
 class Samples(NamedTuple):
-    """Times of the samples, and times in between at which the result is given."""
+    """Sample times of a controller, and the times of the result between them."""
 
     t: FloatArray  # [K]
-    within: FloatArray  # [M], s after a sample, the last one being the period
+    within: FloatArray  # result times after a sample [M], s; the last is the period
     end: float
 
     @classmethod
@@ -373,23 +375,23 @@ class Samples(NamedTuple):
 
 
 class SampledLoop(NamedTuple):
-    """A sampled controller and the arm between its samples."""
+    """Sampled controller and the arm between its samples."""
 
     arm: Robot
-    law: ca.Function  # reference, measured position and velocity, gains to torque
+    law: ca.Function  # maps reference, measured position and velocity, and gains to torque
     gains: FloatArray
-    disturbance: ca.Function | None  # time to disturbance
+    disturbance: ca.Function | None  # maps time to torque
     signal: Signal
-    errors: FloatArray  # of the measurements [K, 2n]
+    errors: FloatArray  # measurement errors [K, 2n]
     delay: int = 0  # samples between a measurement and its torque
 
     def run(
         self, samples: Samples, start: FloatArray, settings: IntegratorSettings
     ) -> tuple[FloatArray, IntegrationRun, FloatArray]:
-        """Return times [N], states and held torques [N,n].
+        """Simulate the loop; return times [N], states and held torques [N,n].
 
-        One step of the accumulated map measures, computes the torque and integrates the arm with
-        it until the next sample.
+        One step of the accumulated map measures, computes the torque and integrates the arm until
+        the next sample.
         """
         count, inner = self.arm.joint_count, samples.within.size
         first = self.signal.values(samples.t[:1])[0]
@@ -415,16 +417,18 @@ class SampledLoop(NamedTuple):
         tau = np.full((grid.size, count), np.nan)
         if held:
             tau = np.vstack([np.repeat(held[0], inner, axis=0), held[0][-1:]])
-        if not run.states.size:  # one map holds all samples, so a failure in one leaves no states
+        if not run.states.size:  # a failure in one sample leaves the whole map without states
             run = run._replace(states=np.full((grid.size, 2 * count), np.nan))
         keep = grid <= samples.end + 1e-9 * samples.within[-1]
         run = run._replace(states=run.states[keep])
         return np.minimum(grid[keep], samples.end), run, tau[keep]
 
     def _period(self, samples: Samples, name: str, options: dict[str, Any]) -> ca.Function:
-        """Return state, moment, reference and error to: next state, all states on the way, torque.
+        """Return the map of one sample.
 
-        Behind positions and velocities the state has the torques that are still to come.
+        It takes state, time, reference and measurement error, and returns the next state, the
+        states within the sample, and the torque. The state holds the delayed torques after
+        positions and velocities.
         """
         count, inner = self.arm.joint_count, samples.within.size
         t, x, u = ca.SX.sym("t"), ca.SX.sym("x", 2 * count), ca.SX.sym("u", count + 1)
@@ -444,7 +448,7 @@ class SampledLoop(NamedTuple):
         return ca.Function("period", [state, moment, wanted, error], outputs)
 
 
-# checks before any integrator starts --------------------------------------------------------------
+# checks of arguments ------------------------------------------------------------------------------
 
 
 def checked_settings(integrator: str, tolerance: float, max_steps: int) -> IntegratorSettings:
@@ -474,7 +478,7 @@ def checked_start(
         j = int(turns.argmax())
         raise InputError(
             f"qd0 of {robot.joint_names[j]} is {qd[j]:g} rad/s, {turns[j]:.3g} turns in "
-            f"{duration:g} s: at most {MOST_TURNS} are simulated"
+            f"{duration:g} s: at most {MOST_TURNS} turns are simulated"
         )
     condition = float(deferred_call(mass_matrix_condition(robot))(q)[0])
     if not condition < SINGULAR:

@@ -1,4 +1,4 @@
-"""What a simulation returns: its motion, accelerations, conditioning, status and advice."""
+"""Results of simulations: motion, accelerations, conditioning, status and advice."""
 
 from __future__ import annotations
 
@@ -20,36 +20,39 @@ from microbot_ocp.motion import Motion, State
 from microbot_ocp.robot import JointLimits, Limits, Robot, forward_dynamics, mass_matrix_condition
 from microbot_ocp.simulation._integration import IntegrationRun, IntegratorSettings
 
-SINGULAR = 1e12  # condition number of the mass matrix from which on torques determine nothing
-NEAR_SINGULAR = 1e6  # condition number of the mass matrix from which on the advice mentions it
-UNBOUNDED = 1e4  # rad and rad/s: no arm goes there
+SINGULAR = 1e12  # condition number of the mass matrix above which torques determine no motion
+NEAR_SINGULAR = 1e6  # condition number of the mass matrix above which the advice mentions it
+UNBOUNDED = 1e4  # size of a state beyond the reach of any arm, rad and rad/s
 ARMATURE = "give the links armature (rotor inertia), such as mo.Link(..., armature=0.1)"
-OPEN_LOOP = "the torques accelerate the arm without bound: give others, or simulate a shorter time"
+OPEN_LOOP = "the torques accelerate the arm without bound: change them, or simulate a shorter time"
 CLOSED_LOOP = "the loop is unstable: raise sample_rate, or lower the gains"
 
 
 @dataclass(frozen=True, eq=False)
 class Simulation:
-    """What an arm did under given torques.
+    """Motion of an arm under given torques.
 
     Attributes
     ----------
     t : array [N]
         Times, s.
     q, qd, qdd, tau : array [N,n]
-        Positions, rad (m), velocities, accelerations and the torques that drove them, N m (N).
-        NaN where the integrator did not arrive.
+        Positions, rad (m), velocities, accelerations and driving torques, N m (N); NaN if the
+        integrator did not reach them.
     status : Status
+        Status of the integration.
     integrator : str
+        Method.
     tolerance : float
+        Tolerance of the integration.
     steps : int
-        Steps taken by a fixed-step integrator, 0 for the others.
+        Number of steps of a fixed-step integrator, 0 for the others.
     condition_peak, condition_time : float
-        Largest condition number of the mass matrix among the samples, and when, s.
+        Largest condition number of the mass matrix among the samples, and its time, s.
     advice : str
-        What went wrong and what to do about it; empty where nothing is wrong.
+        Reason of a failure, and a remedy; empty without failure.
     wall_time : float
-        s.
+        Wall time, s.
     """
 
     t: FloatArray
@@ -68,43 +71,43 @@ class Simulation:
 
     @property
     def solved(self) -> bool:
-        """Whether the integrator arrived, within its tolerance."""
+        """True if the integrator reached the end within its tolerance."""
         return self.status.solved
 
     def as_motion(self, label: str) -> Motion:
-        """Return the same as a motion from time 0.
+        """Return the simulation as a motion that starts at time 0.
 
         Raises
         ------
         InputError
-            The integrator did not arrive.
+            The integrator did not reach the end.
         """
         return Motion(self.t - self.t[0], self.q, self.qd, self.qdd, self.tau, label)
 
     def plot(self, robot: Robot, axes: GivenAxes | None = None, **options: Any) -> DrawnAxes:
-        """Draw position, velocity and torque over time: :func:`microbot_ocp.plots.motion`."""
+        """Draw position, velocity and torque over time; see :func:`microbot_ocp.plots.motion`."""
         return view_for(self, "plot")(robot, self, axes, **options)
 
 
 @dataclass(frozen=True, eq=False)
 class Tracking(Simulation):
-    """What an arm did under a controller, and how far from its reference.
+    """Motion of an arm under a controller, with its reference.
 
     Attributes
     ----------
     t, q, qd, qdd, tau, status, ...
-        As in :class:`Simulation`; ``tau`` is what the drives gave, within their limits, without
-        the disturbance. Under sampled control it is held between the samples.
+        Fields of :class:`Simulation`; ``tau`` is the torque of the drives, within their limits and
+        without the disturbance. Under sampled control it is held between the samples.
     reference : State
-        Wanted positions, velocities and accelerations [N,n].
+        Reference positions, velocities and accelerations [N,n].
     label : str
         Name of the controller.
     sample_rate : float or None
-        Hz; None for continuous control.
+        Sampling rate, Hz; None for continuous control.
     saturated_fraction : float
-        Share of the time in which at least one torque is at its limit.
+        Fraction of the time in which at least one torque is at its limit.
     torque_limits : (lower [n], upper [n])
-        Those of the drives, N m (N); infinite where there is none.
+        Torque limits of the drives, N m (N); infinite if there is none.
     """
 
     reference: State = field(default_factory=lambda: State(*(np.zeros((0, 0)),) * 3))
@@ -115,25 +118,25 @@ class Tracking(Simulation):
 
     @property
     def error(self) -> FloatArray:
-        """Reference less position [N,n], rad (m)."""
+        """Reference minus position [N,n], rad (m)."""
         return self.reference.q - self.q
 
     def plot(self, robot: Robot, axes: GivenAxes | None = None, **options: Any) -> DrawnAxes:
-        """Draw errors and torques over time: :func:`microbot_ocp.plots.tracking`."""
+        """Draw errors and torques over time; see :func:`microbot_ocp.plots.tracking`."""
         return view_for(self, "plot")(robot, self, axes, **options)
 
     def to_rerun(
         self, robot: Robot, path: str | Path, limits: Limits | JointLimits | None = None
     ) -> Path:
-        """Write a Rerun recording (``.rrd``) of the arm beside the ghost of its reference.
+        """Write a Rerun recording (``.rrd``) of the arm beside a ghost of its reference.
 
-        ``limits`` are those of its drives; default ``robot.limits``.
+        ``limits`` are the limits to draw; default ``robot.limits``.
         """
         return view_for(self, "rerun")(robot, self, limits).save(path)
 
     @property
     def rms(self) -> FloatArray:
-        """Root mean square over the time of the error of every joint [n], rad (m)."""
+        """Root mean square over time of the error of every joint [n], rad (m)."""
         return self.rms_after(self.t[0])
 
     @property
@@ -164,9 +167,7 @@ def result_fields(
     started: float,
     unbounded_hint: str,
 ) -> dict[str, Any]:
-    """Return fields of :class:`Simulation` from a run, with its accelerations and the
-    conditioning.
-    """
+    """Return the fields of :class:`Simulation` from a run, with accelerations and conditioning."""
     count = robot.joint_count
     states = run.states
     times, trace = (grid, states) if run.trace is None else run.trace
@@ -183,7 +184,7 @@ def result_fields(
     worst = int(condition.argmax())
     status, message = run.status, run.message
     moment = None if stopped else _unbounded(times, trace)
-    # The mass matrix was regular until then, so the torques are the cause.
+    # Before that time the mass matrix was regular, so the torques are the cause.
     unbounded = moment is not None and condition[times < moment].max(initial=0.0) < NEAR_SINGULAR
     if moment is not None and not status.solved:
         status = Status.UNBOUNDED
@@ -227,7 +228,7 @@ def _accelerations(robot: Robot) -> ca.Function:
 
 
 def _unbounded(times: FloatArray, trace: FloatArray) -> float | None:
-    """Time at which the state first exceeds ``UNBOUNDED``, s; None where it never does."""
+    """Return the time at which the state first exceeds ``UNBOUNDED``, s; None if it never does."""
     if not np.isfinite(trace[0]).all():
         return None
     with np.errstate(invalid="ignore"):

@@ -1,4 +1,4 @@
-"""Inputs of a simulation as signals of the time: torques, references, disturbances, formulas."""
+"""Inputs of a simulation as signals of time: torques, references, disturbances, formulas."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ from microbot_ocp.simulation._integration import (
     formula_signal,
 )
 
-Formula = Callable[[Any], Any]  # of the CasADi time, to n expressions
+Formula = Callable[[Any], Any]  # maps the CasADi time to n expressions
 
-# Of a sampled motion's position, velocity, acceleration: rounding of samples 1 ms apart allows no
-# more.
+# Relative fit errors of position, velocity and acceleration: rounding of samples 1 ms apart allows
+# no smaller ones.
 SAMPLED_FIT = np.array([1e-11, 1e-10, 1e-8])
-EXACT_FIT = np.full(3, INTEGRATION.fit_error)  # of polynomials
+EXACT_FIT = np.full(3, INTEGRATION.fit_error)  # relative fit errors of polynomials
 
 
 def torque_signal(tau: Motion | ArrayLike | Formula | None, grid: FloatArray, count: int) -> Signal:
@@ -68,7 +68,7 @@ def torque_signal(tau: Motion | ArrayLike | Formula | None, grid: FloatArray, co
 def reference_signal(
     motion: Motion | PiecewisePolynomial | Formula, duration: float | None, robot: Robot
 ) -> tuple[float, float, Signal]:
-    """Start and end, s, and the signal of position, velocity and acceleration [3n]."""
+    """Return start and end, s, and the signal of position, velocity and acceleration [3n]."""
     count = robot.joint_count
     if isinstance(motion, Motion):
         checks.joints("motion", motion.joint_count, robot)
@@ -81,7 +81,7 @@ def reference_signal(
         values, fit = (lambda times: np.hstack([part(times) for part in parts])), EXACT_FIT
     else:
         if duration is None:
-            raise InputError("duration must be given where the motion is a function of the time")
+            raise InputError("duration must be given if the motion is a function of time")
         t, q = symbolic("motion", motion, count)
         qd = ca.jacobian(q, t)
         qdd = ca.jacobian(qd, t)
@@ -103,11 +103,11 @@ def reference_signal(
 
 
 def series_of(motion: PiecewisePolynomial) -> Pieces | None:
-    """Return position, velocity and acceleration [3n] as series; None where the degree is above."""
+    """Return position, velocity and acceleration [3n] as series; None if the degree is too high."""
     powers = motion.coefficients.shape[1]
     if powers > INTEGRATION.degree + 1:
         return None
-    of_share = FIT @ ((1 + NODES[:, None]) / 2) ** np.arange(powers)  # that has gone by
+    of_share = FIT @ ((1 + NODES[:, None]) / 2) ** np.arange(powers)  # series of powers
     length = np.diff(motion.breaks)[:, None, None]
     scaled = motion.coefficients * length ** np.arange(powers)[:, None]
     count = np.arange(powers)[:, None]
@@ -121,17 +121,18 @@ def series_of(motion: PiecewisePolynomial) -> Pieces | None:
 def motion_from_formula(
     robot: Robot, formula: Formula, duration: float, *, label: str, step: float = SAMPLE_STEP
 ) -> Motion:
-    """Return a motion whose positions are a function of the CasADi time, with exact derivatives.
+    """Build a motion from positions as a function of the CasADi time, with exact derivatives.
 
     Parameters
     ----------
     robot : Robot
-        A robot with masses, for the torques.
+        Robot with masses, for the torques.
     formula : callable
-        Takes the CasADi time, s, and returns n expressions, rad (m), smooth in between.
+        Function from the CasADi time, s, to n expressions, rad (m), smooth inside the duration.
     duration : float
-        s.
+        Duration, s.
     label : str
+        Label for figures and certificates.
     step : float
         Longest step between the samples, s.
 
@@ -159,16 +160,16 @@ def motion_from_formula(
 
 
 def torque_formula(name: str, given: ArrayLike | Formula, count: int) -> tuple[ca.SX, ca.SX]:
-    """Return the time and n torques, which are constants or a user's function of it."""
+    """Return the time and n torques, constant or as a user's function of time."""
     if callable(given):
         return symbolic(name, given, count)
     return ca.SX.sym("t"), ca.SX(ca.DM(checks.array(name, given, (count,), "N m")))
 
 
 def symbolic(name: str, formula: Formula, count: int) -> tuple[ca.SX, ca.SX]:
-    """Return the time and the n expressions that a user's function makes of it."""
+    """Return the time and the n expressions of a user's function."""
     if not callable(formula):
-        raise TypeError(f"{name} is no function")  # what it may be besides its annotation says
+        raise TypeError(f"{name} is no function")  # the caller's annotation names the other types
     t = ca.SX.sym("t")
     try:
         value = formula(t)
@@ -184,19 +185,18 @@ def symbolic(name: str, formula: Formula, count: int) -> tuple[ca.SX, ca.SX]:
 
 
 def interpolated(motion: Motion, samples: FloatArray, breaks: FloatArray, most: int = 6) -> Values:
-    """Return samples [N,n] of a motion in between: polynomials through the nearest that no break
-    parts.
+    """Return the interpolation of a motion's samples [N,n], by polynomials within each piece.
 
-    ``most`` is the number that they go through, at most: six for quintics.
+    A polynomial passes through at most ``most`` nearest samples of its piece: six for quintics.
     """
-    first = nearest_samples(motion.t, breaks)  # of a jump the later, which stands at the break
+    first = nearest_samples(motion.t, breaks)  # at a jump the second sample, which is at the break
     gap = np.append(jump_gaps(motion.t), False)
 
     def values(times: FloatArray) -> FloatArray:
         i = np.clip(np.searchsorted(motion.t, times, side="right") - 1, 0, motion.t.size - 2)
         piece = np.clip(np.searchsorted(first, i, side="right") - 1, 0, first.size - 2)
         low, high = first[piece], first[piece + 1]
-        high = high - gap[high - 1]  # the later side of a jump belongs to the piece that follows
+        high = high - gap[high - 1]  # the second sample of a jump belongs to the next piece
         widths = np.minimum(most, high - low + 1)
         answer = np.zeros((times.size, motion.joint_count))
         for width in np.unique(widths):
@@ -211,9 +211,7 @@ def interpolated(motion: Motion, samples: FloatArray, breaks: FloatArray, most: 
 
 
 def lagrange_weights(t: FloatArray, nodes: FloatArray) -> FloatArray:
-    """Return weights [N,k] of values at nodes [N,k] in the polynomial through them, at times t
-    [N].
-    """
+    """Return the weights [N,k] of values at nodes [N,k] in their polynomial at times t [N]."""
     weights = np.ones_like(nodes)
     for k in range(nodes.shape[1]):
         for other in range(nodes.shape[1]):
