@@ -232,17 +232,9 @@ def pose_of(robot: Robot) -> FastCall:
 
 
 def scaled_jacobian(robot: Robot, q: FloatArray, width: int) -> FloatArray:
-<<<<<<< Updated upstream
-    """Return Jacobians [N,m,n] of the task (m = 3 or 6), positions by the reach, joints by
-    their unit.
-    """
+    """Return Jacobians [N,m,n] of the task (m = 3 or 6), scaled by reach and joint units."""
     full = deferred_call(jacobian(robot), alike=False)(q)
     full = full.reshape(len(q), 6, robot.joint_count) * joint_scale(robot)
-=======
-    """Return Jacobians [N,m,n] of the task (m = 3 or 6), scaled by reach and joint units."""
-    full = np.reshape(fast_call(jacobian(robot))(q), (len(q), 6, robot.joint_count))
-    full = full * joint_scale(robot)
->>>>>>> Stashed changes
     full[:, :3] /= reach(robot)
     return full[:, :3] if width == 3 else full
 
