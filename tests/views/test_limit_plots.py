@@ -74,7 +74,7 @@ def test_bars_stand_where_the_limits_are_used_up(robot, motion):
     assert [text.get_text() for text in axes.get_yticklabels()] == ["joint 1"]
     assert [text.get_text() for text in axes.texts] == ["mine, 1.500 s"]
     assert legend_texts(axes.figure) == [
-        "torque at its upper limit", "torque at its lower limit", "velocity at a limit",
+        "torque at its upper limit", "torque at its lower limit", "velocity at its limit",
     ]  # fmt: skip
     assert_all_on_the_page(axes.figure)
 
