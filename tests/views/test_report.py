@@ -131,7 +131,7 @@ def test_a_cell_says_how_often_an_hour(tmp_path):
     (path,) = cell.save(tmp_path, ["report"])
     page = Reader(path.read_text("utf-8"))
     assert page.loaded == []
-    hourly = rf"{3600 / motion.duration:.0f} parts an hour, against \d+ by the controller"
+    hourly = rf"{3600 / motion.duration:.0f} parts per hour, compared with \d+ by the controller"
     assert re.search(hourly, page.text)
     assert "here again" not in page.text
     assert "here" in page.text

@@ -51,8 +51,8 @@ def comparison_report(comparison: Comparison, path: str | Path) -> Path:
         if reference in times and reference != best:
             usual, saved = comparison[reference].title, 1.0 - times[best] / times[reference]
             sentences.append(
-                f"The fastest of the textbook's ({usual}) takes {times[reference]:.3f} s under the "
-                f"same limits: against it {100 * saved:.0f} % is saved."
+                f"The fastest textbook motion ({usual}) takes {times[reference]:.3f} s under the "
+                f"same limits, so {100 * saved:.0f} % of its time is saved."
             )
     else:
         sentences.append("No motion is both solved and certified.")
@@ -62,11 +62,11 @@ def comparison_report(comparison: Comparison, path: str | Path) -> Path:
         for entry in comparison.entries
     ]
     sections = {
-        "The fastest motion, the fastest of the textbook's as a ghost": film,
-        "Every method": comparison_table(comparison)._repr_html_(),
+        "Fastest motion (solid) and fastest textbook motion (transparent)": film,
+        "All methods": comparison_table(comparison)._repr_html_(),
         "Position, velocity and torque": _figure(comparison.plot(), "Curves over time"),
-        "Way of the tool": _figure(comparison.plot_paths(), "Tool paths in space"),
-        "Is it true?": _verdicts(verdicts),
+        "Tool paths": _figure(comparison.plot_paths(), "Tool paths in space"),
+        "Verification": _verdicts(verdicts),
     }
     return _written(f"{robot.name}: the same task by every method", sentences, sections, path)
 
@@ -78,44 +78,45 @@ def cell_report(cell: Cell, path: str | Path) -> Path:
     if not motion.solved:
         sentences = [
             f"The task is not solved for the arm {robot.name} ({motion.status}): the best motion "
-            f"found lasts {motion.duration:.3f} s, and it may do with much less."
+            f"found takes {motion.duration:.3f} s, and a much faster motion may exist."
         ]
     cycles = [motion.duration]
     if motion.solved:  # an unsolved motion is no basis for a comparison
         try:
             usual = controller_duration(cell.task, motion)
         except InputError as problem:
-            sentences.append(f"A controller's own moves cannot be compared: {problem}.")
+            sentences.append(f"A comparison with a controller's moves is not possible: {problem}.")
         else:
             cycles.append(usual)
             saved = 100.0 * (1.0 - motion.duration / usual)
-            saving = f"{saved:.0f} % is saved" if saved >= 0.0 else f"{-saved:.0f} % is lost"
+            change = "saved" if saved >= 0.0 else "lost"
+            saving = f"{abs(saved):.0f} % of that time is {change}"
             moves = (
-                "moves of all joints in step from rest to rest, of limited jerk"
+                "synchronous joint moves of limited jerk from rest to rest"
                 if cell.task.family.jerk_matters
-                else "trapezoidal moves of all joints in step, blended at stops that need no rest"
+                else "synchronous trapezoidal joint moves, blended at stops without rest"
             )
             sentences.append(
-                f"Against the same stops by a controller's own moves ({moves}; tool lines from rest"
-                f" to rest), which take {usual:.3f} s at best under the same limits"
-                f"{', obstacles aside' * bool(cell.scene)}: {saving}."
+                f"The moves of a standard controller through these stops ({moves}; tool lines from "
+                f"rest to rest) take {usual:.3f} s at best under the same limits"
+                f"{', without regard to obstacles' * bool(cell.scene)}, so {saving}."
             )
     if cell.task.cycle and motion.solved:
         parts, *usual = (f"{3600.0 / duration:.0f}" for duration in cycles)
-        against = "".join(f", against {each} by the controller's own moves" for each in usual)
-        sentences.append(f"Repeated, that is {parts} parts an hour{against}.")
+        against = "".join(f", compared with {each} by the controller's moves" for each in usual)
+        sentences.append(f"Repeated, this gives {parts} parts per hour{against}.")
     carried = [f"{load.mass:g}" for load in cell.task.payloads]
     stops = [
         [mark.name, f"{mark.time:.3f}", f"{dwell:g}", load]
         for mark, dwell, load in zip(motion.marks, cell.task.dwells, [*carried, ""], strict=True)
     ]
-    head = ["stop", "reached [s]", "rest [s]", "then carries [kg]"]
+    head = ["stop", "reached [s]", "rest [s]", "payload afterwards [kg]"]
     film = _film(lambda to: cell.export(to, RATE))
     sections = {
         "The motion": film,
         "Stops": Table.of_text(head, stops)._repr_html_(),
         "Curves and limits": _figure(cell.plot(), "Curves over time"),
-        "Is it true?": _verdicts([("certificate", cell.certificate.verdict)]),
+        "Verification": _verdicts([("certificate", cell.certificate.verdict)]),
     }
     return _written(f"{robot.name}: a cell", sentences, sections, path)
 
@@ -139,8 +140,8 @@ def certificate_report(
 def _verdicts(verdicts: Sequence[tuple[str, str]]) -> str:
     rows = (f"<dt><b>{escape(name)}</b></dt><dd>{escape(text)}</dd>" for name, text in verdicts)
     return (
-        "<p>Every motion was simulated again from its own torques by equations that the planner "
-        "did not use, and every limit was looked at between the samples.</p>"
+        "<p>Every motion was simulated again from its torques, with equations that are independent "
+        "of the planner, and every limit was checked between the samples, too.</p>"
         f"<dl>{''.join(rows)}</dl>"
     )
 

@@ -142,7 +142,7 @@ def range_text(
 
 
 def limit_text(subject: str, side: int, exceeded: bool = False) -> str:
-    """Return a text such as "torque of elbow at its upper limit"; side 0 is any of the two.
+    """Return a text such as "torque of elbow at its upper limit"; side 0 names no side.
 
     Every figure, table and recording names a quantity at its limit by this text.
     """

@@ -347,7 +347,7 @@ class Film:
 
 
 def _name_lines(name: str) -> list[str]:
-    """Split the name of a joint into lines of up to 11 characters, after underscores if it can."""
+    """Split the name of a joint into lines of up to 11 characters, preferably at underscores."""
     words = name.replace("_", "_ ").rstrip()
     return [line.replace("_ ", "_") for line in textwrap.wrap(words, 11)]
 

@@ -165,7 +165,7 @@ def curves(
     via : (times [m], positions [m,n]), optional
         Via points, s and rad (m), drawn with the position.
     bounds : mapping, optional
-        Largest drawn value per quantity, in drawn units; a note in the axes tells of cut curves.
+        Largest drawn value per quantity, in drawn units; a note in the axes marks cut curves.
     base : bool
         True to draw the first curve wide and below the others, as their reference.
     title : str

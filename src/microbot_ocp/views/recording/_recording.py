@@ -253,7 +253,7 @@ class Recording:
         if solid:
             notes += drawn_geometry(self.robot.shapes).missing
         if far:
-            notes.append(f"Too far off to be drawn: {'; '.join(far)}.")
+            notes.append(f"Limits outside of the plots: {'; '.join(far)}.")
         if self.moving:
             scales = [kind.scale for kind in self._arrows]
             notes.append(_loads.legend(self.robot, len(self.moving) == 1, scales))
