@@ -1,4 +1,4 @@
-"""Public names of the package; ``__init__.py`` loads them when they are asked for."""
+"""Public names of the package, each imported at its first access."""
 
 from . import (
     execution as execution,

@@ -1,4 +1,4 @@
-"""``python -m microbot_ocp`` is ``microbot-ocp``."""
+"""Entry of ``python -m microbot_ocp``, which runs ``microbot-ocp``."""
 
 import sys
 

@@ -128,6 +128,7 @@ def read_document(
 
 def arrays_in(path: Path, wanted: Collection[str] | None = None) -> dict[str, np.ndarray]:
     """Return the plain arrays of a file, all or the wanted ones; damage raises various errors."""
+    # The directory of the file has the sizes before anything is decompressed.
     with zipfile.ZipFile(path) as stored:
         names = stored.namelist()
         size = sum(member.file_size for member in stored.infolist())

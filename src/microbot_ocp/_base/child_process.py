@@ -114,6 +114,7 @@ class Child:
                 raise OutOfTime
             if not self.reading.poll(min(left, silence)):
                 now, count = self._processor_time(), last_count if steps is None else steps()
+                # Stuck means no message and no step for longer than all of the work before.
                 if count == last_count and now - heard > max(silence, heard):
                     raise OutOfTime
                 last_count, heard = count, heard if count == last_count else now

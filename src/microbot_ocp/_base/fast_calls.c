@@ -1,7 +1,7 @@
-/* What makes CasADi's C code of one function, which stands before, a module of Python.
+/* Template of a Python module around CasADi's C code of one function, which precedes it.
 
-   fast_calls.py puts sizes and names in the place of what stands between two at signs. The work
-   arrays may be static: the interpreter's lock is held from the first to the last row. */
+   fast_calls.py replaces the names between at signs by sizes and code. The work arrays may be
+   static because Python's interpreter lock is held from the first to the last row. */
 #define PY_SSIZE_T_CLEAN
 #define NPY_NO_DEPRECATED_API NPY_1_7_API_VERSION
 #include <Python.h>
@@ -15,6 +15,7 @@ static const npy_intp out_columns[] = {@OUT_COLUMNS@};
 static PyObject *input_error;
 static int memory;
 
+/* Evaluates one state; a repeated function continues while its second output is positive. */
 static int evaluate(const double **arg, double **res, casadi_int *iw, double *w) {
 #if @MOST@ && !@KEPT@
   static double state[@STATE@];
@@ -33,8 +34,8 @@ static int evaluate(const double **arg, double **res, casadi_int *iw, double *w)
 }
 
 #if @HAS_WIDE@
-/* Many states at once: as many as a register of the machine holds, each in a lane of its own. The
-   operations are those of one state in the same order, so that the bits are the same, too. */
+/* A vector register holds LANES states, one in each lane. The order of operations is that of a
+   single state, so the results have equal bits. */
 #if defined(__AVX512F__)
 #define LANES 8
 #define EACH(f, a) ((vector){f(a[0]), f(a[1]), f(a[2]), f(a[3]), f(a[4]), f(a[5]), f(a[6]), f(a[7])})
@@ -62,13 +63,14 @@ typedef long long mask __attribute__((vector_size(8 * LANES)));
 #define COSINE(a) EACH(cos, a)
 #endif
 
-/* Return in which lanes an angle is too far off for the formulas above. */
+/* Returns the mask of lanes with an angle beyond the range of the formulas above. */
 static mask wide(const vector *x, vector *y) {
   mask far = {0};
   @WIDE@
   return far;
 }
 
+/* Evaluates one lane by the code for a single state, whose sines have no limit of range. */
 static void evaluate_lane(const vector *x, vector *y, int lane) {
   static const double *arg[@SZ_ARG@];
   static double *res[@SZ_RES@], w[@SZ_W@];
@@ -82,7 +84,8 @@ static void evaluate_lane(const vector *x, vector *y, int lane) {
   for (j = 0; j < @OUT_TOTAL@; ++j) y[j][lane] = result[j];
 }
 
-/* A lane that is done takes the next row. */
+/* Evaluates all rows. A lane takes the next row as soon as its repetition ends, so that rows with
+   many repetitions do not hold up the others. */
 static void evaluate_rows(const double *const *in, const npy_intp *step, double *const *out,
                           npy_intp rows) {
   vector x[@IN_TOTAL@], y[@OUT_TOTAL@];
@@ -96,7 +99,7 @@ static void evaluate_rows(const double *const *in, const npy_intp *step, double 
     for (k = 0; k < LANES; ++k) {
       if (row_of[k] >= 0 || next == rows) continue;
       for (i = n = 0; i < @N_IN@; n += in_size[i++])
-        if (step[i] || next < LANES || (@MOST@ && !i)) /* else it stands there */
+        if (step[i] || next < LANES || (@MOST@ && !i)) /* else the lane has it already */
           for (j = 0; j < in_size[i]; ++j) given[(n + j) * LANES + k] = in[i][next * step[i] + j];
       count[k] = 0;
       row_of[k] = next++;
@@ -138,7 +141,7 @@ static PyObject *call(PyObject *module, PyObject *const *given, Py_ssize_t count
     if (PyArray_CheckExact(given[i]) && PyArray_TYPE((PyArrayObject *)given[i]) == NPY_DOUBLE
         && PyArray_ISBEHAVED_RO((PyArrayObject *)given[i])
         && (PyArray_IS_C_CONTIGUOUS((PyArrayObject *)given[i])
-            || (PyArray_NDIM((PyArrayObject *)given[i]) == 2 /* rows may be in any order */
+            || (PyArray_NDIM((PyArrayObject *)given[i]) == 2 /* rows may be strided */
                 && PyArray_STRIDE((PyArrayObject *)given[i], 1) == sizeof(double)))) {
       in[i] = (PyArrayObject *)given[i];
       Py_INCREF(in[i]);

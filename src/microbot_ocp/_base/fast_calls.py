@@ -429,6 +429,7 @@ def _by_table(
     code, constants = (array.ctypes.data for array in (table.code, table.constants))
 
     def call(rows: int, given: list[FloatArray]) -> tuple[FloatArray, ...]:
+        # The interpreter takes whole blocks of columns, so rows are padded with zeros.
         height = -(-rows // COLUMNS) * COLUMNS
         inputs = [np.zeros((height, size)) for size in sizes]
         outputs = [np.empty((height, size)) for size in numels]
@@ -488,6 +489,7 @@ def _stand_in(function: ca.Function, by_table: bool = True, alike: bool = True) 
         lead = () if rows is None else (rows,)
         answers = []
         for answer, (height, width) in zip(results, shapes, strict=True):
+            # CasADi stores matrices by columns: a row of the batch holds the transposed matrix.
             blocks = answer.T.reshape(*lead, width, height)
             answers.append(blocks[..., 0, :] if width == 1 else blocks.swapaxes(-1, -2))
         return answers[0] if len(answers) == 1 else tuple(answers)

@@ -42,6 +42,7 @@ def transition_matrices(slopes: FloatArray, lengths: FloatArray) -> FloatArray:
     """
     matrices = slopes * lengths[:, None, None]
     size = float(np.abs(matrices).sum(axis=2).max(initial=0.0))
+    # exp(A) = exp(A / 2^k)^(2^k) with a norm of at most 1/2 of A / 2^k.
     halvings = max(0, int(np.ceil(np.log2(size))) + 1) if 0 < size < np.inf else 0
     matrices = matrices / 2.0**halvings
     total = np.broadcast_to(np.eye(slopes.shape[1]), matrices.shape)
@@ -65,6 +66,7 @@ def carry(defects: FloatArray, transitions: FloatArray) -> Carried:
     with np.errstate(over="ignore", invalid="ignore"):
         for k, (transition, defect) in enumerate(zip(transitions, defects, strict=True)):
             errors[k] = error = transition @ error + defect
+        # Products formed from the end need one multiplication a segment.
         for transition in transitions[:0:-1]:
             rest = rest @ transition
             norm = float(np.linalg.norm(rest, 2)) if np.isfinite(rest).all() else np.inf

@@ -122,6 +122,7 @@ def _all(expressions: Sequence[ca.MX]) -> Iterator[Lookup]:
             continue
         seen[key] = here  # kept alive, so that no other node gets its hash
         given = [node.dep(k) for k in range(node.n_dep())]
+        # Operands of if_else_zero after the condition (operand 0) count only where it holds.
         branch = ca.logic_and(used, given[0]) if node.op() == ca.OP_IF_ELSE_ZERO else used
         waiting += [(e, label, branch if k else used) for k, e in enumerate(given)]
         for name, argument, lower, upper in _read(node, label, given):

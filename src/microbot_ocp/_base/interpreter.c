@@ -1,7 +1,7 @@
-/* An interpreter of tables of operations on blocks of columns. interpreter.py puts cases of the
-   operations in use where it says so, and appends the tables. Columns of the work stand side by
-   side; those of inputs and outputs one after the other, as CasADi has them. Tables are texts,
-   which a compiler reads in a tenth of the time that it takes for numbers. */
+/* An interpreter of operation tables for blocks of columns. interpreter.py inserts a case for each
+   operation in use and appends the tables. In the work array the columns of one place are adjacent;
+   inputs and outputs are stored column after column, as in CasADi. Tables are string literals,
+   which a compiler reads ten times as fast as lists of numbers. */
 
 #include <math.h>
 #include <stddef.h>
@@ -18,7 +18,7 @@ typedef struct { unsigned short operation, to, of, and; } __attribute__((may_ali
 #define SINE(a) sin(a)
 #define COSINE(a) cos(a)
 
-/* Numbers of a register that lie in two lines of a cache take twice as long. */
+/* Loads that cross a cache line take twice as long, so blocks begin at one. */
 #define ALIGNED(work) \
   ((double*) (((size_t) (work) + ALIGNMENT * sizeof(double) - 1) & -(ALIGNMENT * sizeof(double))))
 
@@ -31,6 +31,8 @@ typedef struct { unsigned short operation, to, of, and; } __attribute__((may_ali
     break; \
   }
 
+/* Two rows of the table: operands of the first product, then those of a second product or the other
+   operand. The product is rounded before the sum, as in separate operations. */
 #define WITH_PRODUCTS(operation, formula) \
   case operation: { \
     const double *a = AT(code->of), *b = AT(code->and); \
@@ -86,7 +88,7 @@ static inline __attribute__((always_inline)) void interpret(
 INTERPRETER(interpret_1, 1)
 INTERPRETER(interpret_block, COLUMNS)
 
-/* Blocks one after the other, of rows of numpy: a multiple of COLUMNS. */
+/* Evaluates rows of numpy arrays, a multiple of COLUMNS, block by block. */
 void interpret_rows(
     long rows, const Operation* code, const Operation* end, const double* constants, long inputs,
     const int* in, long outputs, const int* out, const double** arg, double** res, double* work) {
@@ -99,7 +101,7 @@ void interpret_rows(
 
 #define FUNCTION(table, name, columns, inputs, outputs, places) \
   int name(const double** arg, double** res, casadi_int* iw, double* w, int mem) { \
-    int end = 0; /* after the last operation of what is asked for */ \
+    int end = 0; /* after the last operation of the requested outputs */ \
     for (int k = 0; k < outputs; k++) \
       if (res[k] && table##_ends[k] > end) end = table##_ends[k]; \
     (columns == 1 ? interpret_1 : interpret_block)( \

@@ -164,6 +164,7 @@ def with_products(table: OperationTable) -> OperationTable:
     is_output = operation == ca.OP_OUTPUT
     writes = np.flatnonzero(~is_output)
     writes = writes[np.lexsort((writes, to[writes]))]
+    # Writes sorted by place and row let a bisection find the last write before each read.
     keys = to[writes] * len(code) + writes
 
     def writer(place: np.ndarray, row: np.ndarray) -> np.ndarray:
@@ -188,9 +189,11 @@ def with_products(table: OperationTable) -> OperationTable:
         moved &= (overwritten[side] >= user) | (overwritten[side] == rows)
     left, right = is_sum & moved[source]
     merged, is_difference = left | right, operation == ca.OP_SUB
+    # A moved product loses its row; its sum takes two rows.
     begin = np.cumsum(1 + merged - moved) - 1 - merged
     result = np.zeros((len(code) + merged.sum() - moved.sum(), 4), dtype=np.uint16)
     result[begin[~moved]] = code[~moved]
+    # The kinds number PRODUCTS: 0 to 2 with one product, 3 and 4 with two.
     kind = np.where(left & right, 3 + is_difference, is_difference * (2 - left))
     product = np.where(left, *source)
     first = [FIRST_PRODUCT + kind, to, *(places[product] for places in of)]

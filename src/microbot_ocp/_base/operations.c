@@ -1,6 +1,6 @@
-/* What CasADi's operations are in C, of numbers or of vectors of them, entry by entry: the first
-   argument is {0}, the second {1}. The macros are those of numbers in interpreter.c, of vectors in
-   fast_calls.c; interpreter.py reads these lines. */
+/* CasADi's operations in C, elementwise for numbers and vectors: the first argument is {0}, the
+   second {1}. The macros are defined in interpreter.c for numbers and in fast_calls.c for vectors;
+   interpreter.py reads these lines. */
 
 OPERATION(ASSIGN, {0})
 OPERATION(ADD, {0}+{1})

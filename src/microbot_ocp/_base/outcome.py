@@ -86,7 +86,7 @@ class Ledger(tuple[LedgerRow, ...]):
         return [asdict(row) for row in self]
 
     def table(self) -> Table:
-        """Return a table with one row a strategy."""
+        """Return a table with one row per strategy."""
         return Table(COLUMNS, [tuple(row.values()) for row in self.as_dicts()])
 
     def __str__(self) -> str:
@@ -181,7 +181,7 @@ class Outcome:
 
     @property
     def text(self) -> str:
-        """Sentences of all advice, one a line."""
+        """Sentences of all advice, one per line."""
         return "\n".join(row.sentence for row in self.advice)
 
     def and_(self, *rows: Advice) -> Outcome:

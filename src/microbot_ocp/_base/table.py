@@ -61,12 +61,12 @@ class Table:
     ----------
     columns : sequence of Column
     rows : sequence of sequences
-        Rows with one value a column; None or NaN if unknown.
+        Rows with one value per column; None or NaN if unknown.
     title : str
     notes : sequence of str
         Sentences below the table.
     emphasis : sequence of str
-        One word a row: "bad", "missing" or "".
+        One word per row: "bad", "missing" or "".
 
     Examples
     --------

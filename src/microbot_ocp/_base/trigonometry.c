@@ -1,14 +1,15 @@
-/* Sine and cosine of a REAL (double or vector), which a compiler puts where they are used. The C
-   library's take 11 ns for both, of one number at a time.
+/* Sine and cosine of a REAL (double or vector), which the compiler can inline. The C library takes
+   11 ns for both, for one number at a time.
 
-   x = r + n pi/2 with |r| <= pi/4: pi/2 in three parts (Cody and Waite), of which the first two have
-   33 bits, so that n times them is exact up to FAR. Then the polynomials of fdlibm's k_sin.c and
-   k_cos.c. The error is below three units in the last place; beyond FAR the C library is asked. */
+   The argument is x = r + n pi/2 with |r| <= pi/4. pi/2 is a sum of three parts (Cody and Waite),
+   the first two of 33 bits, so that their products with n are exact up to FAR. The polynomials are
+   those of k_sin.c and k_cos.c in fdlibm. The error is below three units in the last place; beyond
+   FAR the C library is called. */
 
 #include <math.h>
 
 #define FAR 1e6
-#define NEAREST(x) (((x) + 6755399441055744.) - 6755399441055744.) /* 1.5 * 2^52: whole numbers */
+#define NEAREST(x) (((x) + 6755399441055744.) - 6755399441055744.) /* 1.5 * 2^52: sums round to integers */
 #define WHERE_double(condition, a, b) ((condition) ? (a) : (b))
 #define WHERE_vector(condition, a, b) WHERE(condition, a, b)
 
@@ -47,7 +48,7 @@ static inline REAL cosine_REAL(REAL x) {
   return WHERE_REAL((quarter == 1.) | (quarter * quarter == 4.), -y, y);
 }
 
-/* For what CasADi writes of one state, or for the operations of many */
+/* Names for CasADi's code of one state, and for the operations on vectors of states. */
 #define IS_double 1
 #if IS_REAL
 static inline double sine(double x) {

@@ -104,6 +104,7 @@ def jumps_between(
     first, last = starts.qdd[:1], ends.qdd[-1:]
     before = np.concatenate([_beyond(starts, 0, last if cycle else first), ends.qdd])
     after = np.concatenate([starts.qdd, _beyond(ends, -1, first if cycle else last)])
+    # Position and velocity are continuous at a jump.
     q, qd = (np.concatenate([a[:1], b]) for a, b in zip(starts[:2], ends[:2], strict=True))
     return MotionSamples(q, qd, before, (after - before) / JUMP_TIME)
 
@@ -337,6 +338,7 @@ def largest_use(
     k, i, channel = _candidates(use)
     center, best = lengths[k] * fraction[i], use[k, i, channel]
     reach = lengths[k] / points
+    # Nine points across a bracket have a spacing of a quarter of its half-width.
     offsets = np.linspace(-1.0, 1.0, 9)
     for _ in range(PEAK_SEARCH.rounds):
         around = np.clip(center[:, None] + reach[:, None] * offsets, 0.0, lengths[k][:, None])

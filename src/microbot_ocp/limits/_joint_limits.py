@@ -17,7 +17,7 @@ from microbot_ocp.limits._limit import Limit
 
 TORQUES_OF_A_BOX = ("largest_torque", "least_torque")  # keys of limits that bound torques, too
 LimitArgument = ArrayLike | tuple[ArrayLike, ArrayLike]
-"""A number, one value a joint, or a pair (lower, upper) of either."""
+"""A number, one value per joint, or a pair (lower, upper) of either."""
 
 
 class JointQuantity(NamedTuple):
@@ -75,7 +75,7 @@ class LimitChanges(TypedDict, total=False):
 class Limits(HintingOfArms):
     """Limits of every joint; a quantity without a value is unlimited.
 
-    Each argument is a scalar (for all joints) or a list or array [n] (one value a joint).
+    Each argument is a scalar (for all joints) or a list or array [n] (one value per joint).
     ``qd_max``, ``qdd_max``, ``qddd_max`` (jerk), ``tau_max`` and ``taud_max`` (torque rate) bound
     both directions, unless given as a tuple ``(lower, upper)``, or together with ``qd_min`` and so
     on. A robot holds its limits as arrays [n]:
@@ -130,7 +130,7 @@ class Limits(HintingOfArms):
                 raise InputError(
                     f"{key}_max of joint {j + 1} must leave room for zero, not "
                     f"[{lower[j]:g}, {upper[j]:g}] {unit} (a tuple means "
-                    "(lower, upper); give one value a joint as a list)"
+                    "(lower, upper); give one value per joint as a list)"
                 )
         return JointLimits(**arrays, also=_further(self.also))
 
@@ -141,14 +141,14 @@ class Limits(HintingOfArms):
             for side, value in ((low, lower), (high, upper)):
                 if isinstance(value, tuple):
                     raise InputError(
-                        f"{side} must be a number or a list with one value a joint, not the tuple "
-                        f"{value}: q_min and q_max are the pair"
+                        f"{side} must be a number or a list with one value per joint, not the "
+                        f"tuple {value}: q_min and q_max are the pair"
                     )
         elif isinstance(upper, tuple):
             if len(upper) != 2:
                 raise InputError(
                     f"{high} as a tuple must be (lower, upper), not {len(upper)} entries; give "
-                    "one value a joint as a list"
+                    "one value per joint as a list"
                 )
             if lower is not None:
                 raise InputError(f"{low} is given twice: as {lower!r} and in the tuple {high}")

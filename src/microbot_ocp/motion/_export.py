@@ -194,7 +194,7 @@ def _write_parquet(path: Path, columns: Columns) -> None:
 
 
 def _write_keyframes(path: Path, columns: Columns) -> None:
-    """Write MuJoCo keyframes, one a sample, for a model with the joints of the arm."""
+    """Write MuJoCo keyframes, one per sample, for a model with the joints of the arm."""
     root = ElementTree.Element("mujoco")
     frame = ElementTree.SubElement(root, "keyframe")
     for i, t in enumerate(columns.t.tolist()):

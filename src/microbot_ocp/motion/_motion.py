@@ -212,6 +212,7 @@ class Motion(HintingOfArms):
         def state_at(t: FloatArray) -> State:
             return State(polynomial(t), velocity(t), acceleration(t))
 
+        # A torque that is not resolved between two samples adds their midpoint.
         least, places = _steps_to_tell(acceleration), breaks
         for _ in range(SAMPLING.halvings):
             t = sample_times(places, breaks[1:-1][jumps], step, least)

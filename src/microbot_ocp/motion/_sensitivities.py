@@ -136,7 +136,7 @@ class DurationLine:
         return np.array([False, *(before != after for before, after in pairs)])
 
     def table(self) -> Table:
-        """Return one row a value, with the limits that begin (+) and cease (-) to bind."""
+        """Return one row per value, with the limits that begin (+) and cease (-) to bind."""
         columns = [
             Column(self.name, self.unit, ".6g"),
             Column("T", "s", ".4f"),

@@ -158,6 +158,7 @@ def link_capsules(robot: Robot, radius: ArrayLike | None = None) -> dict[int, tu
             )
         row = (robot.alpha[joint], robot.a[joint], robot.d[joint] + (low if slides else 0.0))
         step = before @ dh_transform(*row, robot.theta_offset[joint], robot.beta[joint])
+        # The common normal ends at the bend, from which the offset d leads to the next origin.
         bend = before[:3, 3] + robot.a[joint] * before[:3, 0]
         segments += [(joint, before[:3, 3], bend), (joint, bend, step[:3, 3])]
         if slides:
@@ -249,6 +250,7 @@ def _hull(surface: _Surface, link: str, halvings: int) -> tuple[LinkHull | None,
     parts: tuple[LinkHull, ...] = ()
     if halvings:
         axes = _principal(corners)
+        # The best plane is that whose two hulls have the least volume.
         cuts = [sides for axis in axes for sides in surface.halved(axis, 1)]
         sides = min(cuts, key=lambda cut: sum(side.hull[1] for side in cut), default=())
         halves = [_hull(side, link, halvings - 1) for side in sides]
@@ -314,6 +316,7 @@ class _Surface:
         (h0, h1, h2), corners = heights[rows, order].T[:, :, None], self.triangles[crossing]
         i, j, k = corners[rows, order].T
         a, b, c = (self.places[index] for index in (i, j, k))
+        # At p and q the edges of the single corner a cross the plane.
         p, q = a + h0 / (h0 - h1) * (b - a), a + h0 / (h0 - h2) * (c - a)
         at_p = len(self.places) + np.arange(len(p))
         at_q = at_p + len(p)
@@ -352,6 +355,7 @@ class _LinkFit:
 
     def __init__(self, surface: _Surface) -> None:
         self.surface = surface
+        # Cells halved along their longest principal axis are nearly convex.
         cells = [surface]
         for _ in range(CAPSULE_FIT.halvings):
             cells = [
@@ -370,6 +374,7 @@ class _LinkFit:
 
     def _distance(self, points: FloatArray) -> FloatArray:
         """Return the distance [N] of points [N,3] from the solid, m, in the tested directions."""
+        # Beyond the support h of a hull in direction u the distance is at least u . x - h.
         reach = points @ _directions().T
         return np.min([(reach - support).max(axis=1) for support in self.supports], axis=0)
 
@@ -450,6 +455,7 @@ def _outermost(points: FloatArray) -> FloatArray:
 
 def _downhill(points: FloatArray, direction: FloatArray) -> FloatArray:
     """Return the unit vector near ``direction`` along which the capsule has the least volume."""
+    # A pattern search: the volume has kinks where the outermost points change.
     best, step = _along(points, direction).volume, 0.2
     while step > CAPSULE_FIT.finest_step:
         side, other = _across(direction)
@@ -480,6 +486,7 @@ def _along(points: FloatArray, direction: FloatArray) -> Capsule:
     center = _circle_center(flat)
     across = np.linalg.norm(flat - center, axis=1)
     radius = float(across.max()) * (1 + 1e-12)  # a margin for rounding
+    # A cap reaches this far beyond the segment at the distance of a point from the axis.
     reach = np.sqrt(np.maximum(radius**2 - across**2, 0.0))
     # The segment covers every point if it begins before `begin` and ends after `end`.
     begin, end = float((along + reach).min()), float((along - reach).max())
@@ -511,6 +518,7 @@ def _smallest(points: list[FloatArray]) -> tuple[list[FloatArray], FloatArray, f
     given = np.array(points)
     pairs, triples = _choices(len(points))
     a, b, c = (given[triples[:, k]] for k in range(3))
+    # The centre of a circle through three points is equidistant to all: a linear system for it.
     (x1, y1), (x2, y2) = (b - a).T, (c - a).T
     twice, s1, s2 = 2 * (x1 * y2 - x2 * y1), x1**2 + y1**2, x2**2 + y2**2
     with np.errstate(divide="ignore", invalid="ignore"):  # three collinear points have no circle

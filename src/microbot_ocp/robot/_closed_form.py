@@ -2,7 +2,7 @@
 
 Every entry of a pose is a trigonometric polynomial of degree 1 in each joint angle and a polynomial
 of degree 1 in each displacement of a prismatic joint. The mass matrix has degree 2, the gravity
-torque degree 1. A discrete Fourier transform of 3 or 5 values a joint, or interpolation at 2 or 3
+torque degree 1. A discrete Fourier transform of 3 or 5 values per joint, or interpolation at 2 or 3
 displacements, therefore gives all coefficients, without computer algebra. Angles of joints with
 parallel axes share one cosine (``cos(q2 + q3)``); those of other joints are separate factors. The
 Christoffel symbols follow term by term (Craig, *Introduction to Robotics*, 3rd ed., section 6.8).
@@ -136,7 +136,7 @@ class ClosedForm:
         return " + ".join(f"({series}) qd{k}" for k, series in entry if series.terms) or "0"
 
     def lines(self) -> list[str]:
-        """Return the entries of M, C and G, one a line; of M only the upper triangle."""
+        """Return the entries of M, C and G, one per line; of M only the upper triangle."""
         count = len(self.gravity)
         pairs = [(i, j) for i in range(count) for j in range(count)]
         lines = [f"M{i + 1}{j + 1} = {self.mass[i][j]}" for i, j in pairs if j >= i]
@@ -259,6 +259,7 @@ def _expanded(
     value = function(q)
     joints = [joint for joint in range(count) if ca.depends_on(value, q[joint])]
     along = np.linspace(-1.0, 1.0, degree + 1)
+    # An angle of degree k needs 2 k + 1 samples; joints that follow raise the degree.
     around = 2 * degree * np.abs(robot.transmission).sum(axis=0).astype(int) + 1
     axes = [
         np.arange(around[joint]) * 2 * np.pi / around[joint] if turns[joint] else along
@@ -269,6 +270,7 @@ def _expanded(
     rows, columns = value.shape
     values = np.array(function.map(grid.shape[1])(grid)).reshape(rows, -1, columns)
     size = float(np.abs(values).max())
+    # Axis by axis, values become Fourier coefficients of angles or coefficients of powers.
     spectrum = np.moveaxis(values, 1, 2).reshape(rows, columns, *(axis.size for axis in axes))
     for place, (joint, axis) in enumerate(zip(joints, axes, strict=True), start=2):
         if turns[joint]:
@@ -283,6 +285,7 @@ def _expanded(
         for place in map(tuple, np.argwhere(np.abs(entry) > NEGLIGIBLE / 2 * size)):
             powers = [0] * count
             for joint, axis, at in zip(joints, axes, place, strict=True):
+                # The upper half of a discrete spectrum has the negative frequencies.
                 folded = turns[joint] and at > axis.size // 2
                 powers[joint] = int(at) - (axis.size if folded else 0)
             _add_wave(terms, complex(entry[place]), powers, runs)
@@ -315,6 +318,7 @@ def _add_wave(
         if leading < 0:
             for joint in run:
                 powers[joint] = -powers[joint]
+    # Each run has exp(i s x) = cos x + i s sin x, with the sign s of its leading factor.
     for waves in product(*(("cos", "sin") if sign else ("",) for sign in signs)):
         factor = coefficient
         for wave, sign in zip(waves, signs, strict=True):

@@ -45,6 +45,7 @@ def as_modified(
         carrier = joint if rotor is None or rotor.carrier is None else rotor.carrier
         if rotor is not None and carrier:
             rotor = replace(rotor, axis=ends[carrier - 1][:3, :3] @ rotor.axis)
+        # The link moves from the frame at its far end to the frame at its joint.
         inertia = turn @ link.inertia @ turn.T
         center = turn @ link.center_of_mass + ends[joint][:3, 3]
         inertia = (inertia + inertia.T) / 2

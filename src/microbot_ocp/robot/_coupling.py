@@ -91,6 +91,7 @@ class Coupling:
             if key.startswith("tau"):
                 ends[:, self.following] = [[-np.inf], [np.inf]]
             groups = [ends[:, np.equal(self.drivers, row)] for row in self.rows]
+            # A negative factor exchanges the bounds, so each end is sorted by min and max.
             low = np.array([group.min(axis=0).max() for group in groups])
             high = np.array([group.max(axis=0).min() for group in groups])
             for row in np.array(self.rows)[low > high].tolist():

@@ -75,6 +75,7 @@ def _newton_euler(robot: Robot, q: ca.SX, qd: ca.SX, qdd: ca.SX, *, friction: bo
     turns, steps, forces, moments, spins = [], [], [], [], [(omega, omega_dot)]
     for joint, link in enumerate(robot.links):
         turn, step = joint_transform(robot, joint, q[joint])
+        # Craig (6.47): acceleration of this origin by the rotation of the link before.
         acceleration = turn.T @ (
             acceleration + _cross(omega_dot, step) + _cross(omega, _cross(omega, step))
         )
@@ -88,6 +89,7 @@ def _newton_euler(robot: Robot, q: ca.SX, qd: ca.SX, qdd: ca.SX, *, friction: bo
             acceleration = acceleration + 2 * _cross(omega, speed) + change
         com = ca.sparsify(ca.SX(ca.DM(link.center_of_mass)))
         inertia = ca.sparsify(ca.SX(ca.DM(link.inertia)))
+        # Craig (6.48) to (6.50): acceleration of the centre of mass, force, and moment.
         at_com = acceleration + _cross(omega_dot, com) + _cross(omega, _cross(omega, com))
         force = link.mass * at_com
         moment = inertia @ omega_dot + _cross(omega, inertia @ omega) + _cross(com, force)
@@ -97,6 +99,7 @@ def _newton_euler(robot: Robot, q: ca.SX, qd: ca.SX, qdd: ca.SX, *, friction: bo
         moments.append(moment)
         spins.append((omega, omega_dot))
     torque: list[ca.SX] = [link.armature * qdd[joint] for joint, link in enumerate(robot.links)]
+    # Theory (5): the spin J G qd_j a of a rotor adds to the angular momentum of its carrier.
     for joint, rotor, carrier in robot.rotors:
         omega, omega_dot = spins[carrier]
         axis = ca.sparsify(ca.SX(ca.DM(rotor.axis)))
@@ -105,6 +108,7 @@ def _newton_euler(robot: Robot, q: ca.SX, qd: ca.SX, qdd: ca.SX, *, friction: bo
         if carrier:
             change = qdd[joint] * axis + qd[joint] * _cross(omega, axis)
             moments[carrier - 1] = moments[carrier - 1] + spin * change
+    # Craig (6.51) to (6.53): the loads of outer links are carried inward, joint by joint.
     force, moment = ca.SX(3, 1), ca.SX(3, 1)
     for joint in reversed(range(count)):
         if joint + 1 < count:
@@ -134,6 +138,7 @@ def _mass_matrix(robot: Robot, q: ca.SX) -> ca.SX:
         # All three sums refer to the origin of this link frame.
         inertia = ca.sparsify(ca.SX(ca.DM(link.inertia))) + link.mass * _parallel_axis(com)
         mass, first, second = mass + link.mass, first + link.mass * com, second + inertia
+        # Theory (6): force and moment that accelerate the composite body by 1 about or along Z.
         axis = ca.sparsify(ca.SX(ca.DM([0, 0, 1])))
         if robot.joint_types[joint] == "revolute":
             force, moment = _cross(axis, first), second @ axis
@@ -142,6 +147,7 @@ def _mass_matrix(robot: Robot, q: ca.SX) -> ca.SX:
         matrix[joint, joint] = (
             _axis_component(robot, joint, force, moment) + robot.links[joint].armature
         )
+        # The load at each inner joint is an entry M_ij, j < i.
         for outer in range(joint, 0, -1):
             turn, step = transforms[outer]
             force = turn @ force
@@ -153,6 +159,7 @@ def _mass_matrix(robot: Robot, q: ca.SX) -> ca.SX:
         second = turn @ second @ turn.T
         second = second + _shift(turned, step) + mass * _parallel_axis(step)
         first = turned + mass * step
+    # Theory (5): J G^2 on the diagonal, J G a . Z_i for each revolute joint that turns the carrier.
     for joint, rotor, carrier in robot.rotors:
         spin = rotor.inertia * rotor.gear_ratio
         matrix[joint, joint] += spin * rotor.gear_ratio

@@ -224,8 +224,8 @@ def program(form: ClosedForm, language: str) -> str:
     name = " ".join(form.robot.name.split())
     head = [
         f"{name}: its equations in closed form, M(q) qdd + C(q, qd) qd + g(q) = tau.",
-        "SI units and radians; q and qd have one entry a joint. Here c23 is cos(q2 + q3), s22m3 is",
-        "sin(2 q2 - q3); h123 is the Christoffel symbol of C(1, 2) and the speed of joint 3.",
+        "SI units and radians; q and qd have one entry per joint. Here c23 is cos(q2 + q3), s22m3",
+        "is sin(2 q2 - q3); h123 is the Christoffel symbol of C(1, 2) and the speed of joint 3.",
     ]
     lines = [f"{syntax.comment} {line}" for line in head]
     if language == "python":

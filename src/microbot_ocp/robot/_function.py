@@ -64,7 +64,7 @@ def _shape(value: Any) -> tuple[int, ...]:
 
 
 def symbols(robot: Any, *names: str) -> dict[str, ca.SX]:
-    """Return named vectors of symbols, one entry a joint."""
+    """Return named vectors of symbols, one entry per joint."""
     return {name: ca.SX.sym(name, robot.joint_count) for name in names}
 
 

@@ -1,4 +1,4 @@
-"""Quantities of a robot's joints: values one a joint, rest pose, reach, advice on drives."""
+"""Quantities of a robot's joints: values per joint, rest pose, reach, advice on drives."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ def joint_scale(robot: Robot) -> FloatArray:
 
 
 def per_joint(robot: Robot, name: str, value: Any) -> FloatArray:
-    """Return one number a joint [n] from a number or a list, which may be infinite but not NaN."""
+    """Return one number per joint [n] from a number or a list; infinite but not NaN is allowed."""
     count = robot.joint_count
     several = value if isinstance(value, list) else [value] * count
     if len(several) != count:
         raise InputError(
-            f"{name} must be one number, or {count} with one a joint "
+            f"{name} must be one number, or {count} with one per joint "
             f"({', '.join(robot.joint_names)}), not {value}"
         )
     for entry in several:

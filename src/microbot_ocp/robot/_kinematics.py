@@ -43,6 +43,7 @@ def joint_transform(robot: Robot, joint: int, q: ca.SX) -> tuple[ca.SX, ca.SX]:
     else:
         cos_theta, sin_theta = (ca.SX(v) for v in _cos_sin(offset))
         d = d + q
+    # Craig (3.6); constant angles enter as numbers, so that zeros drop out of the graph.
     rotation = ca.vertcat(
         ca.horzcat(cos_theta, -sin_theta, 0),
         ca.horzcat(sin_theta * cos_alpha, cos_theta * cos_alpha, -sin_alpha),
@@ -173,6 +174,7 @@ def jacobian(robot: Robot, *, compiled: bool = False) -> ca.Function:
     columns = []
     for joint, kind in enumerate(robot.chain.joint_types):
         rotation, origin = poses[joint]
+        # Columns are (Z x (p_tool - p), Z) of a revolute and (Z, 0) of a prismatic joint.
         axis = ca.densify(rotation)[:, 2]
         if kind == "revolute":
             columns.append(ca.vertcat(ca.cross(axis, ca.densify(tool - origin)), axis))
@@ -203,6 +205,7 @@ def velocity_propagation(robot: Robot, *, compiled: bool = False) -> ca.Function
         turn, step = (
             constant_transform(robot.tool) if at_tool else joint_transform(robot, joint, q[joint])
         )
+        # Craig (5.45) to (5.48): velocities of the frame before, to which the joint adds its rate.
         v = turn.T @ (v + ca.cross(omega, ca.densify(step)))
         omega = turn.T @ omega
         if not at_tool:

@@ -169,6 +169,7 @@ def combined(parts: Sequence[Part], origin: FloatArray) -> Part:
     total = sum(mass for mass, _, _ in parts)
     first = sum((mass * center for mass, center, _ in parts), np.zeros(3))
     center = first / total if total else origin
+    # The parallel-axis theorem moves each inertia to the common centre.
     about_center = np.zeros((3, 3))
     for mass, place, inertia in parts:
         arm = place - center
@@ -177,7 +178,7 @@ def combined(parts: Sequence[Part], origin: FloatArray) -> Part:
 
 
 def checked_links(links: Any, count: int) -> tuple[Link, ...]:
-    """Return the links of a chain, one a joint."""
+    """Return the links of a chain, one per joint."""
     chain = tuple(links)
     if len(chain) != count:
         raise InputError(f"links has {len(chain)} entries for {count} joints")

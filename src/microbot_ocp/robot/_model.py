@@ -110,7 +110,7 @@ class Robot(HintingOfArms):
         joint_type : str or sequence of str
             "revolute" or "prismatic" for each joint; q of a prismatic joint adds to d.
         links : sequence of Link, optional
-            One link a joint; without them the robot has kinematics only.
+            One link per joint; without them the robot has kinematics only.
         limits : Limits, optional
             Limits of the joints; by default none.
         gravity : array_like [3]
@@ -290,6 +290,8 @@ class Robot(HintingOfArms):
         """
         if not self.links:
             return np.zeros(self.joint_count)
+        # Power is conserved: viscous friction scales with the square of the factor, Coulomb
+        # friction with its magnitude.
         power = 2 if kind == "viscous_friction" else 1
         sizes = np.array([getattr(link, kind) for link in self.links])
         return sizes @ np.abs(self.transmission) ** power
@@ -387,7 +389,7 @@ class Robot(HintingOfArms):
         **changes
             Limits by name, which replace only these: ``q_min``, ``q_max``, ``qd_max``, ``qdd_max``,
             ``qddd_max``, ``tau_max``, ``taud_max``, ``qd_min`` and so on, ``also``. Values as in
-            :class:`Limits`: a number for all joints, one a joint, or ``(lower, upper)``, in SI
+            :class:`Limits`: a number for all joints, one per joint, or ``(lower, upper)``, in SI
             units. ``qd_max`` without ``qd_min`` bounds both directions; ``qd_min`` without
             ``qd_max`` leaves the upper limit unchanged.
 

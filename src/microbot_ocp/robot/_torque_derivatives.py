@@ -141,6 +141,7 @@ def _chain(
         origin, rotation = origin + rotation @ step, rotation @ turn
         axis = ca.densify(rotation[:, 2])
         revolute = robot.joint_types[k] == "revolute"
+        # Screw about the base origin: (z, p x z) of a revolute, (0, z) of a prismatic joint.
         screw = (
             _SpatialVector(axis, ca.cross(origin, axis)) if revolute else _SpatialVector(zero, axis)
         )
@@ -148,6 +149,7 @@ def _chain(
         screws.append(
             (screw, rate, a.motion_cross(screw) + v.motion_cross(rate), w.motion_cross(screw))
         )
+        # The rates above need the motion inward of the joint; the sums below that of the link.
         v, w = v + screw.times(qd[k]), w + screw.times(nu[k])
         a = a + screw.times(qdd[k]) + rate.times(qd[k])
         center = ca.DM(link.center_of_mass)
@@ -169,11 +171,13 @@ def _chain(
         velocity, virtual = v.momentum(mass, first), w.momentum(mass, first)
         # r* is w(r), so the sum of m r' x r* follows from the moment of r* with r.
         both = ca.cross(v.linear, virtual) + _axial(virtuals @ ca.skew(v.angular).T)
+        # Mass points have r'' = a(r) + omega x r'; the spatial acceleration a contains -g.
         force = a.momentum(mass, first) + ca.cross(v.angular, velocity)
         moment = _axial(a.moments(first, second) + ca.skew(v.angular) @ velocities)
         wrench = _SpatialVector(moment, force)
         sums = mass, first, second, velocity, velocities, virtual, virtuals, both, wrench
         moments_of.append(_Moments(*sums))
+    # A joint moves its link and all outward links, so their sums belong to it.
     outside = [*accumulate(reversed(moments_of), lambda outer, inner: inner + outer)]
     return [_Link(*parts, moments) for parts, moments in zip(screws, outside[::-1], strict=True)]
 
@@ -220,6 +224,7 @@ def _derivatives(robot: Robot, rates: bool, payload: bool) -> tuple[ca.Function,
     if rates:
         change = _along([q, qd, qdd], [qd, qdd, qddd], first)
         rate = first["q"] @ qd + first["qd"] @ qdd + first["qdd"] @ qddd
+        # taud = tau_q qd + tau_qd qdd + tau_qdd qddd, so d taud / d qd = d/dt tau_qd + tau_q.
         jacobian = [
             [first["q"], first["qd"], first["qdd"], ca.SX(n, n)],
             [change["q"], change["qd"] + first["q"], change["qdd"] + first["qd"], first["qdd"]],
@@ -291,6 +296,8 @@ def _terms(
     for k, (screw, rate, second_rate, virtual, outside) in enumerate(links):
         momentum, wrench = _SpatialVector(_axial(outside.virtuals), outside.virtual), outside.wrench
         gyration = _SpatialVector(2 * outside.both, ca.SX.zeros(3))
+        # All entries are scalar products of vectors of the outer joint k with S, S', S'' and S* of
+        # the inner joints i.
         with_screw = outside.inertia(screw)
         coriolis, backward = outside.coriolis(screw), outside.coriolis_transposed(screw)
         carried = screw.force_cross(momentum)
@@ -322,6 +329,7 @@ def _terms(
             )
             q_qd[i, k] = inner.virtual.dot(drag) + inner.rate.dot(curvature)
             q_qdd[i, k] = inner.virtual.dot(with_screw)
+            # The entries [k, i] follow: symmetric blocks are copied, others have further products.
             if i < k:
                 tau_qdd[k, i], qd_qd[k, i], q_q[k, i] = across, bend, q_q[i, k]
                 tau_q[k, i] = inner.second_rate.dot(with_screw) + inner.rate.dot(backward)

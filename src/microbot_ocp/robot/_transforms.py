@@ -85,6 +85,7 @@ def nearest_rotation(matrix: ArrayLike) -> FloatArray:
     array([ 0.707107, -0.707107,  0.      ])
     """
     left, _, right = np.linalg.svd(checks.array("matrix", matrix, (3, 3)))
+    # A reflection becomes a rotation in the direction of the least singular value.
     left[:, 2] *= np.sign(np.linalg.det(left @ right))
     return left @ right
 

@@ -220,6 +220,7 @@ class _SplitSearch:
         shape = self._check_stretch(points[0])
         extent = max(np.ptp(shape(shape.breaks), axis=0).max(), DIFFERENCE)
         self.units = np.append(np.ones(self.parts), np.full(shapes.shape[1], extent))
+        # The whole duration is linear in those of the parts: doubling each gives its weight.
         longer = points[0] + np.log(2.0) * np.eye(self.parts, points.shape[1])
         added = np.array([self.shape_at(point).duration for point in longer]) - shape.duration
         self.weights = added / np.exp(points[0, : self.parts])
@@ -288,6 +289,7 @@ class _SplitSearch:
             # The use does not fall with the duration here.
             held = np.where(use > 1.0, double, -np.inf)
             falls = slope < 0.0
+            # The model use0 exp(slope / use0 x) in x = log T is 1 at x = -use0 log(use0) / slope.
             wanted = np.where(falls, -use * np.log(use) / np.where(falls, slope, 1.0), held)
             change = float(np.clip(wanted.max(), -double, np.log(DURATION_SEARCH.longest)))
             if abs(change) <= self.tolerance or enough - too_short <= self.tolerance:
@@ -386,6 +388,7 @@ class _SplitSearch:
         known, seen = float(change @ there), float(change @ rise)
         if known <= 0.0:
             return curvature
+        # Powell's damping keeps the curvature positive definite.
         damping = 1.0 if seen >= 0.2 * known else 0.8 * known / (known - seen)
         rise = damping * rise + (1.0 - damping) * there
         return curvature + np.outer(rise, rise) / (change @ rise) - np.outer(there, there) / known

@@ -316,6 +316,7 @@ class _DurationSearch:
             s_good, s_bad = long**-2, short**-2
             gap_good, gap_bad = (aim - met.use) * weights[0], (missed.use - aim) * weights[1]
             share = gap_good / (gap_good + gap_bad) if np.isfinite(gap_bad) else 0.5
+            # Bisection in every fourth step bounds the number of steps.
             if iteration % 4 == 3 or not 0.0 < share < 1.0:
                 share = 0.5
             middle = (s_good + share * (s_bad - s_good)) ** -0.5
@@ -324,6 +325,7 @@ class _DurationSearch:
             peak = self.evaluate(middle)
             end = int(peak.use > 1.0)
             ends[end], weights[end] = (middle, peak), 1.0
+            # Illinois: an end that stays counts half, so that the secant moves it.
             weights[1 - end] = 0.5 * weights[1 - end] if last == end else 1.0
             last = end
         return ends[0][0], ends[0][1], ends[1][1]

@@ -108,7 +108,7 @@ def cubic(
     Returns
     -------
     PiecewisePolynomial
-        One piece a segment, exact.
+        One piece per segment, exact.
 
     Raises
     ------
@@ -160,7 +160,7 @@ def quintic(
     Returns
     -------
     PiecewisePolynomial
-        One piece a segment, exact.
+        One piece per segment, exact.
 
     Raises
     ------
@@ -210,7 +210,7 @@ def spline(
     Returns
     -------
     PiecewisePolynomial
-        One piece a segment, exact.
+        One piece per segment, exact.
 
     Raises
     ------
@@ -237,6 +237,7 @@ def spline(
 
 def spline_velocities(via: ViaPoints, end: FloatArray | float | None = 0.0) -> FloatArray:
     """Return the velocities [m,n] of :func:`spline`; ``end`` None makes it a natural spline."""
+    # Rows of the system in the docstring of `spline`; a natural end has 2 v[0] + v[1] = 3 s[0].
     weight = 1.0 / np.diff(via.t)
     slope = np.diff(via.q, axis=0) * weight[:, None]
     pull = 3.0 * weight[:, None] * slope
@@ -283,7 +284,7 @@ def lspb(
     via_q, via_t : array_like [m,n] and [m]
         Joint positions, rad (prismatic: m), and strictly increasing times, s, of the via points.
     blend_time : float or array_like [m-1]
-        Duration t_b of each parabola, s, one for all segments or one a segment; above 0, at most
+        Duration t_b of each parabola, s, one for all segments or one per segment; above 0, at most
         half the segment.
     via_qd : array_like [m,n], optional
         Velocities at the via points, rad/s (m/s); default zero, a stop at each.
@@ -291,7 +292,7 @@ def lspb(
     Returns
     -------
     PiecewisePolynomial
-        Three pieces a segment (two where the blends fill it), exact.
+        Three pieces per segment (two where the blends fill it), exact.
 
     Raises
     ------

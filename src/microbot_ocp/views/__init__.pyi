@@ -1,4 +1,4 @@
-"""Public names; loaded when they are first asked for."""
+"""Public names, each imported at its first access."""
 
 from . import notebook as notebook, plots as plots
 from ._studio import Studio as Studio, studio as studio

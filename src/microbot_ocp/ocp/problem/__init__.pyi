@@ -1,4 +1,4 @@
-"""Public names; loaded when they are first asked for."""
+"""Public names, each imported at its first access."""
 
 from ._expressions import (
     Expressions as Expressions,

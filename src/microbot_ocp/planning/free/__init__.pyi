@@ -1,4 +1,4 @@
-"""Public names; loaded when they are first asked for."""
+"""Public names, each imported at its first access."""
 
 from ._flat_program import FlatTranscription as FlatTranscription, flat_form as flat_form
 from ._initial_guesses import (

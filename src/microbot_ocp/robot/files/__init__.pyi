@@ -1,4 +1,4 @@
-"""Public names; loaded when they are first asked for."""
+"""Public names, each imported at its first access."""
 
 from ._library import (
     is_robot_name as is_robot_name,

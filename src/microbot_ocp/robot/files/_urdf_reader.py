@@ -447,7 +447,7 @@ class _Tree:
     def _links(
         self, moving: list[UrdfJoint], places: Places, placed: list[FloatArray]
     ) -> list[Link]:
-        """Return one link a joint, of all that moves with it; an empty list without masses."""
+        """Return one link per joint, of all that moves with it; an empty list without masses."""
         bodies: list[list[Part]] = [[] for _ in range(len(moving) + 1)]
         for name in self.order:
             number, place = places[name]

@@ -77,7 +77,7 @@ def _unused(name: str, taken: Iterable[str]) -> str:
 
 
 def _link_names(robot: Robot) -> list[str]:
-    """Return names of links, all different: base_link, one a joint, tool."""
+    """Return names of links, all different: base_link, one per joint, tool."""
     names = ["base_link"]
     for joint, joint_name in enumerate(robot.chain.joint_names):
         link = robot.links[joint].name if robot.has_dynamics else None

@@ -1,4 +1,4 @@
-"""Public names; loaded when they are first asked for."""
+"""Public names, each imported at its first access."""
 
 from ._faces import Faces as Faces, arm_bodies as arm_bodies
 from ._film import Film as Film
