@@ -262,6 +262,7 @@ class CaseSource:
                 values[:, axis.columns] = axis.values[index]
             return values
         qmc = needed("scipy.stats.qmc")
+        # The whole sequence depends on the seed alone, so chunks can be drawn in any order.
         engine = qmc.Sobol(len(self._axes), scramble=True, seed=self.cases.seed)
         if start:
             engine.fast_forward(start)

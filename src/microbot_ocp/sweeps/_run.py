@@ -285,6 +285,7 @@ class _Run:
         todo = self.study.source.chunks(size, set(self.results.parts))
         self.tell()
         try:
+            # Invariant: every chunk is in todo, in flight, or has its file.
             while self._fill(todo) or self._flying:
                 try:
                     future = self._answers.get(timeout=SCHEDULING.tick)

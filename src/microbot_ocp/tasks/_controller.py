@@ -109,6 +109,7 @@ def _profile_on_path(
     )
     breaks = profile.breaks
     t = np.append(np.linspace(breaks[:-1], breaks[1:], PIECES, endpoint=False).T, breaks[-1])
+    # Chain rule on q(s(t)): qd = q' sd, qdd = q'' sd^2 + q' sdd.
     rate, slope = profile.derivative(), path.derivative()
     s, sd, sdd = profile(t).clip(0.0, 1.0)[:, 0], rate(t), rate.derivative()(t)
     if not smooth:
@@ -124,6 +125,7 @@ def _double_s(parts: FloatArray) -> PiecewisePolynomial:
     """
     rise, hold, cruise = parts
     times = np.array([rise, hold, rise, cruise, rise, hold, rise])
+    # Unit jerk gives s, sd and sdd of each phase; the last line scales the end position to 1.
     state, rows = np.zeros(3), []
     for jerk, h in zip((1, 0, -1, 0, -1, 0, 1), times, strict=True):
         row = [*state[:2], state[2] / 2, jerk / 6]

@@ -62,6 +62,7 @@ def swap_in(staged: Path, target: Path, index: bool, motions: bool) -> list[Path
         for name in new:
             _move(staged / name, target / name)
         if index or same:
+            # The index is moved last and after a sync, so that a new index never lists missing files.
             for folder in (target / "motions", target):
                 if folder.is_dir():
                     sync(folder)

@@ -55,6 +55,8 @@ def find_eye(
     points = np.vstack([origins.reshape(-1, 3), places, origins[:, -1] + headroom * up])
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
     level = points - np.outer(points @ up, up)
+    # The smallest eigenvector of the covariance is the level direction of least spread, so that the
+    # view along it is the broad side. up up' keeps the vertical eigenvector apart.
     spread, directions = np.linalg.eigh(np.cov((level - level.mean(axis=0)).T) + np.outer(up, up))
     sideways = np.flatnonzero(np.abs(directions.T @ up) < 0.5)
     towards = directions[:, sideways[0]]
@@ -88,6 +90,8 @@ def _fitted(
     across, above, depth = axes @ (points - middle).T
     centre = [(values.min() + values.max()) / 2 for values in (across, above)]
     aspect = STYLE.screen[0] / STYLE.screen[1]
+    # A sphere of radius r at a distance a from the axis of view is visible at a depth d if
+    # a + r <= d tan(field / 2).
     away = np.maximum(np.abs(above - centre[1]), np.abs(across - centre[0]) / aspect)
     radius = 2.0 * STYLE.ring * STYLE.link * reach(robot)
     need = (away + radius) / np.tan(np.radians(STYLE.field) / 2)

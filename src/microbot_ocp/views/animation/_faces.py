@@ -61,6 +61,7 @@ class Camera:
         half = np.einsum("ni,ni->n", normals, _unit(sight + self.light))
         shine = 0.45 * np.maximum(0.0, half)[:, None] ** 24
         colors = faces.colors[seen] * bright[:, None]
+        # Painter's algorithm: draw far faces first.
         flat, depth = self.project(faces.corners[seen])
         order = np.argsort(-depth.mean(axis=1), kind="stable")
         return flat[order], (colors + shine * (1.0 - colors))[order]
@@ -134,6 +135,7 @@ def _mesh_faces(mesh: TriangleMesh, color: FloatArray, cell: float) -> Faces:
         np.add.at(sums, index.ravel(), vertices)
         vertices = sums / np.bincount(index.ravel(), minlength=len(cells))[:, None]
         triangles = index.ravel()[triangles]
+        # Remove triangles that have collapsed or coincide after the merge.
         a, b, c = triangles.T
         once = np.unique(np.sort(triangles, axis=1), axis=0, return_index=True)[1]
         once = once[((a != b) & (b != c) & (c != a))[once]]

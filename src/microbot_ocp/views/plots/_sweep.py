@@ -96,6 +96,7 @@ def _hexagons(panels: Any, values: FloatArray, reduced: Any, **colors: Any) -> A
     for panel, across, up in panels:
         panel.plot(across[~finite], up[~finite], ".", color="0.8", markersize=2, zorder=0)
         if finite.any():
+            # Regular hexagons need sqrt(3) times fewer rows than columns for a square map.
             shape = np.ptp(up[finite]) / (np.ptp(across[finite]) or 1.0)
             drawn = panel.hexbin(
                 across[finite], up[finite], values[finite], reduce_C_function=reduced,

@@ -170,6 +170,7 @@ def _rate_beyond(robot: Robot, motion: Motion, t: FloatArray) -> FloatArray:
 
     Jumps of these torques, such as the weight of a part at its pick, do not count as rates.
     """
+    # Differentiate piece by piece of the mesh, because the torque may jump between pieces.
     beyond = motion.tau - torque_along(robot, State(motion.q, motion.qd, motion.qdd))
     gaps, rates = np.flatnonzero(jump_gaps(motion.t)), np.zeros((t.size, beyond.shape[1]))
     mesh = np.searchsorted(motion.t, mesh_of(motion))
@@ -202,8 +203,9 @@ def standing_arm(q: FloatArray, look: Look) -> AnimatedArm:
 def drawn_times(t: FloatArray, rate: float) -> FloatArray:
     """Return times about 1/rate apart: samples of t [N] with both ends and both sides of jumps.
 
-    Gaps wider than 1/rate are filled with times between the samples.
+    Gaps wider than 2/rate are filled with times between the samples.
     """
+    # Keep the first sample in each cell of width 1/rate, and both samples of a jump.
     cell = np.floor(t * rate + 1e-6)
     keep = np.append(True, np.diff(cell) > 0)
     jump = jump_gaps(t)

@@ -233,6 +233,7 @@ def draw_labels(
             t, tool = arm.times[timeline], tool_places(robot, arm.q)
             across, lowest = tool @ right, tool @ above + step
             high = lowest
+            # Repeat the list: moving above one text may cause a clash with an earlier one.
             for other_t, other_across, other_high, letters in taken * len(taken):
                 at = np.maximum(np.searchsorted(other_t, t, side="right") - 1, 0)
                 width = STYLE.letter * size * (len(arm.title) + letters) / 2
