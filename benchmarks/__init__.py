@@ -3,6 +3,6 @@
 import sys
 from pathlib import Path
 
-# The peers' models are the ones that the tests prove equal to ours; problems hold the report's.
+# Tests prove that the peers' models equal ours; problems hold those of the report.
 for folder in ("tests", "problems"):
     sys.path.insert(0, str(Path(__file__).resolve().parent.parent / folder))

@@ -1,15 +1,11 @@
 """Run the benchmarks named on the command line, or all of them, and print one table each.
 
-``python -m benchmarks suite`` solves the suite of published problems, ``python -m benchmarks
-torture`` random tasks by seed, ``python -m benchmarks one_sided`` those of arms with a weak side,
-``python -m benchmarks scenes`` those among obstacles, ``python -m benchmarks sweep`` what a sweep
-costs beside its work, ``python -m benchmarks published`` published tasks among obstacles, ``python
--m benchmarks switching_times`` exact switching times of random tasks, ``python -m benchmarks
-replanning`` times re-plans of an arm that moves, ``python -m benchmarks plants`` plays arms of
-MuJoCo that differ from the model, ``python -m benchmarks baseline`` records all answers and
-compares them with an earlier record, ``python -m benchmarks ledger FILE`` prints what the
-strategies did in such a record, ``python -m benchmarks prices`` says what data of a task are worth;
-see their own ``--help``.
+Benchmarks with their own options, see ``python -m benchmarks NAME --help``: suite (published
+optimal-control problems), torture (random tasks by seed), one_sided (arms with a weak side), scenes
+(tasks among obstacles), published (published tasks among obstacles), sweep (overhead of a sweep),
+switching_times (exact switching times of random tasks), replanning (re-plans of a moving arm),
+plants (MuJoCo arms that differ from the model), baseline (record of all answers, compared with an
+earlier one), ledger FILE (strategies in such a record), prices (value of the data of a task).
 """
 
 import argparse
@@ -35,7 +31,7 @@ BENCHMARKS = (
 
 
 def main() -> None:
-    """Misses are printed, not punished: a busy machine is no reason to fail."""
+    """Run the chosen benchmarks; missed goals are printed, since a busy machine is no failure."""
     if sys.argv[1:2] == ["suite"]:
         importlib.import_module("benchmarks.suite.runner").main(sys.argv[2:])
         return
@@ -61,7 +57,7 @@ def main() -> None:
         except ModuleNotFoundError as absent:
             sys.exit(f"{names[0]} needs {absent.name}, which is not installed")
         return
-    for name in names:  # a process each: threads of one peer would outlive its benchmark
+    for name in names:  # one process each, because threads of a peer would outlive its benchmark
         more = [name, "--repetitions", str(options.repetitions)]
         ended = subprocess.run([sys.executable, "-m", "benchmarks", *more], check=False)
         if ended.returncode:

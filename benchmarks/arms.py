@@ -1,9 +1,9 @@
-"""Arms of three to seven joints: a task for the first time, again, and prepared.
+"""Arms of three to seven joints: a task solved for the first time, again, and prepared.
 
-Free motions through three random points, and the timing of a spline through five; default settings,
-each in a fresh process that counts all from the task to the motion, the imports not. "first" has
-nothing compiled before. "prepared" is another payload in a ``TimeOptimalSolver``. Processor time
-includes that of the solvers' own processes.
+Tasks are free motions through three random points, and the timing of a spline through five, with
+default settings. Each runs in a fresh process; the time from the task to the motion counts, without
+imports. "first" starts without compiled functions. "prepared" is another payload in a
+``TimeOptimalSolver``. Processor time includes the solvers' own processes.
 
 ``python -m benchmarks arms``, or one line: ``python -m benchmarks.arms free|path ROBOT SEED``.
 """
@@ -24,9 +24,9 @@ import microbot_ocp as mo
 from benchmarks.measure import in_fresh_process
 from microbot_ocp._base.checks import FloatArray
 
-REACH = 2.0  # rad: via points are within, and within the limits
-PAYLOAD = 0.05  # kg, of the prepared solve
-# s: first, again, prepared
+REACH = 2.0  # largest distance of via points from zero, within the limits, rad
+PAYLOAD = 0.05  # payload of the prepared solve, kg
+# Goals for the first, the second and the prepared solve, s.
 GOALS = {
     ("free", "microbot"): (1.5, 0.5, 0.05),
     ("free", "stanford"): (8, 2, 0.3),
@@ -42,26 +42,26 @@ GOALS = {
 
 
 def via_points(robot: mo.Robot, seed: int, count: int) -> FloatArray:
-    """Random via points [count,n], rad (m), in the middle of what the joints can reach."""
+    """Draw via points [count,n], rad (m), in the middle of the joint ranges."""
     low, high = np.maximum(robot.limits.q_min, -REACH), np.minimum(robot.limits.q_max, REACH)
     share = np.random.default_rng(seed).uniform(0.1, 0.9, (count, robot.joint_count))
     return low + (high - low) * share
 
 
 def timed(make: Callable[[], mo.Motion]) -> tuple[mo.Motion, list[float]]:
-    """A motion, and the wall and processor time that it took, s."""
+    """Run ``make``; return its motion, and its wall and processor time, s."""
     begin = time.perf_counter(), sum(os.times()[:4])
     motion = make()
     return motion, [time.perf_counter() - begin[0], sum(os.times()[:4]) - begin[1]]
 
 
 def child(what: str, name: str, seed: int) -> None:
-    """In a fresh process: solve one task, then the prepared one, and print what came of it."""
+    """Solve one task in this fresh process, and a prepared one, and print the results."""
     import casadi as ca
 
-    for solver in ("ipopt", "fatrop"):  # loading them is an import
+    for solver in ("ipopt", "fatrop"):  # loading a solver counts as an import
         ca.load_nlpsol(solver)
-    assert callable(mo.time_optimal)  # loaded when first asked for: an import, too
+    assert callable(mo.time_optimal)  # the first access imports it, which does not count
     assert callable(mo.time_optimal_path)
     robot = mo.load_robot(name)
     found: dict[str, Any] = {}
@@ -81,7 +81,7 @@ def child(what: str, name: str, seed: int) -> None:
 
 
 def run(repetitions: int = 0) -> None:
-    """One seed an arm unless more are asked for."""
+    """Run one seed per arm, or more if asked for."""
     print("Free motions through three random points, and the timing of a path through five:")
     print("wall time (processor time), s; what failed is said in its line")
     print("  task  arm       seed  first           again           prepared        duration, s")

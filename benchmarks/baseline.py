@@ -1,4 +1,4 @@
-"""What the package answers, recorded, and held against an earlier record.
+"""Record of the package's answers, and its comparison with an earlier record.
 
     python -m benchmarks baseline --out FILE [--only GROUP ...] [--count N] [--jobs 2]
     python -m benchmarks baseline --out FILE --against EARLIER
@@ -8,15 +8,15 @@
 
 Groups: the demo's methods, the suite of published problems by ``solve`` without and with an
 accuracy, random tasks by seed, scenes with obstacles, cells, switching times, and the arms of the
-table of speeds. Every case is solved in a process of its own; a line of JSON each goes to FILE
-(cost or duration, status, whether its certificate holds, processor time, a digest of the answer's
-bits). A run that was ended goes on where FILE ends. ``--against`` prints what changed and ends with
-1 where an answer got worse by more than 1e-4, a certificate was lost, or the processor time of a
-group grew by more than a tenth. ``--ledger`` prints how often each strategy was run in a file, how
-often the answer came from it, the time that it took, and the cases that needed it where these are
-few; with ``--markdown`` as it stands in the documentation. ``--without`` leaves a strategy of the
-tables out, or gives a number of the settings of the search for motions another value; only cases
-are solved in which the strategy was run in EARLIER (all of them for a number).
+table of speeds. Every case is solved in its own process and writes a line of JSON to FILE (cost or
+duration, status, verdict of its certificate, processor time, a digest of the answer's bits). A run
+that was interrupted continues with the cases missing in FILE. ``--against`` prints the changes and
+exits with 1 if an answer got worse by more than 1e-4, a certificate was lost, or the processor time
+of a group grew by more than a tenth. ``--ledger`` prints for each strategy its runs, the answers
+that came from it, its time, and the cases that needed it if they are few; ``--markdown`` prints
+this table for the documentation. ``--without`` removes a strategy from the tables, or sets a number
+in the settings of the search; only cases that ran the strategy in EARLIER are solved (all of them
+for a number).
 """
 
 from __future__ import annotations
@@ -46,16 +46,16 @@ from microbot_ocp.planning.search import SEARCH, STRATEGIES
 WORSE = 1e-4  # relative growth of a cost or duration that is reported
 SLOWER = 0.1  # relative growth of a group's processor time that is reported
 AIM = 1e-6  # accuracy of the group "refined"
-LIMIT = 600  # s of processor time of a case
+LIMIT = 600  # processor time of a case, s
 TASKS, SCENES = 300, 60
-FEW = 12  # cases that a strategy decided are named
-SEEDS = 3  # of each class of switching times and each arm
+FEW = 12  # number of decided cases up to which a strategy's cases are named
+SEEDS = 3  # seeds of each class of switching times and of each arm
 
 Row = dict[str, Any]
 
 
 def of_motion(robot: mo.Robot, motion: mo.Motion, **task: Any) -> Row:
-    """Return what is recorded of a motion, with its certificate for the task."""
+    """Return the record of a motion, with its certificate for the task."""
     arrays = (motion.t, motion.q, motion.qd, motion.qdd, motion.tau)
     return {
         "cost": float(motion.duration),
@@ -76,7 +76,7 @@ def digest(*arrays: Any) -> str:
 
 
 def of_problem(name: str, way: str) -> Row:
-    """Return what became of a problem of the suite, and whether ``verify`` agrees."""
+    """Solve a problem of the suite; return its record with the verdict of ``verify``."""
     problem = next(p for p in PROBLEMS if p.name == name)
     built, guess = problem.build(), None if problem.guess is None else problem.guess()
     solution = ocp.solve(built, guess=guess, accuracy=AIM if way == "refined" else None)
@@ -93,7 +93,7 @@ def of_problem(name: str, way: str) -> Row:
 
 
 def of_task(seed: str) -> Row:
-    """Return what became of a random task."""
+    """Solve a random task; return its record."""
     task = torture.task_of(int(seed))
     solved = mo.time_optimal if task.path is None else mo.time_optimal_path
     motion = solved(task.robot, task.via if task.path is None else task.path, time_limit=LIMIT / 4)
@@ -102,7 +102,7 @@ def of_task(seed: str) -> Row:
 
 
 def of_scene(number: str) -> Row:
-    """Return what became of a task among obstacles."""
+    """Solve a task among obstacles; return its record."""
     name, kind = scenes.ROBOTS[int(number) % 5], scenes.KINDS[int(number) // 5 % 4]
     drawn = scenes.draw(name, kind, int(number))
     if drawn is None:
@@ -113,7 +113,7 @@ def of_scene(number: str) -> Row:
 
 
 def of_demo(method: str) -> Row:
-    """Return what a method of the demo's comparison found."""
+    """Run a method of the demo's comparison; return its record."""
     robot, times = mo.load_robot("microbot"), {"via_t": report.VIA_T, "via_qd": report.VIA_QD}
     comparison = mo.compare(robot, report.VIA_Q, **times, methods=[method], mesh=200)
     return of_motion(robot, comparison[method].motion, via_q=report.VIA_Q)
@@ -135,7 +135,7 @@ def of_cell(name: str) -> Row:
 
 
 def of_switching(name: str) -> Row:
-    """Return the exact duration of a random task, or why there is none."""
+    """Return the exact duration of a random task, or the reason why there is none."""
     arm, family, seed = name.split("/")
     robot, poses = switching_times.task(arm, family, 0, int(seed))
     motion = mo.time_optimal(robot, poses, starts=1, switching_times=True)
@@ -189,7 +189,7 @@ def names_of(group: str, count: int | None) -> list[str]:
 
 
 def ablate(what: str) -> None:
-    """Leave a strategy out in this process, or give a setting of the search another value."""
+    """Remove a strategy in this process, or set a number in the settings of the search."""
     name, is_setting, value = what.partition("=")
     if is_setting:
         object.__setattr__(SEARCH, name, type(getattr(SEARCH, name))(float(value)))
@@ -202,7 +202,7 @@ def ablate(what: str) -> None:
 
 
 def was_run(row: Row, strategy: str) -> bool:
-    """Return whether a strategy was run in a case; whether there is a ledger for a setting."""
+    """Return True if a case ran a strategy; for a setting, if it has a ledger."""
     entries = row.get("ledger") or ()
     return bool(entries) if "=" in strategy else any(e["strategy"] == strategy for e in entries)
 
@@ -212,7 +212,7 @@ def solved_here(group: str, name: str) -> Row:
     before = child._spent()
     try:
         row = SOLVE[group](name)
-    except Exception as problem:  # whatever a user would see in the place of an answer
+    except Exception as problem:  # any exception that a user would see is a result, too
         text = str(problem).partition("\n")[0]
         row = {"cost": None, "status": f"{type(problem).__name__}: {text}", "solved": False}
         row["certified"] = False
@@ -241,7 +241,7 @@ def read(path: Path) -> dict[tuple[str, str], Row]:
 
 
 def changes(now: Mapping[Any, Row], before: Mapping[Any, Row]) -> Iterator[tuple[str, bool]]:
-    """Yield a line for what changed, and whether it is for the worse, group by group."""
+    """Yield a line for each change, and True if it is for the worse, group by group."""
     both = [key for key in now if key in before]
     for group in dict.fromkeys(key[0] for key in both):
         cases = [(now[key], before[key]) for key in both if key[0] == group]
@@ -256,7 +256,7 @@ def changes(now: Mapping[Any, Row], before: Mapping[Any, Row]) -> Iterator[tuple
                 size = max(abs(old["cost"]), np.finfo(float).tiny)
                 growth = (new["cost"] - old["cost"]) / size
                 if abs(growth) > WORSE:
-                    # where only one of both is right, the cost of the other says nothing
+                    # If only one of two answers is certified, their costs are not comparable.
                     counts = growth > 0 and new["certified"] == old["certified"]
                     yield f"{label}: {old['cost']:.8g} -> {new['cost']:.8g} ({growth:+.2e})", counts
         spent, earlier = (sum(row["seconds"] for row in rows) for rows in zip(*cases, strict=True))
@@ -278,7 +278,7 @@ def changes(now: Mapping[Any, Row], before: Mapping[Any, Row]) -> Iterator[tuple
 
 
 def ledger(path: Path) -> mo.Table:
-    """Return what every strategy did in all cases of a file, the dearest first."""
+    """Return the table of all strategies in a file, the one with the largest time first."""
     sums: dict[tuple[str, str], list[float]] = {}
     needed: dict[tuple[str, str], list[str]] = {}
     for (group, name), row in read(path).items():
@@ -299,7 +299,7 @@ def ledger(path: Path) -> mo.Table:
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Solve what FILE does not hold yet, then compare."""
+    """Solve the cases that FILE does not hold, and compare."""
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks baseline",
         description=__doc__,

@@ -1,10 +1,11 @@
 """A pick-and-place cycle of a UR5e: its period against the sum of its single motions.
 
 ``python -m benchmarks cell``: the arm picks 2 kg, lifts it on a straight line, carries it over,
-puts it down on a line and goes back. Durations, not wall times, so a busy machine does no harm.
+puts it down on a line and goes back. The table has durations of motions, not wall times, so a busy
+machine does not change it.
 
-``python -m benchmarks cell --robot panda --scene`` does the same with a part that has a shape,
-without and with a table and a fence around it, by one of three arms.
+``python -m benchmarks cell --robot panda --scene`` does this with a part that has a shape, without
+and with a table and a fence around it, by one of three arms.
 """
 
 from __future__ import annotations
@@ -19,11 +20,11 @@ import microbot_ocp as mo
 from microbot_ocp import Table
 
 DOWN = np.diag([1.0, -1.0, -1.0])
-ARMS = {"ur5e": (0.15, 0.5), "puma560": (0.4, 1.0), "panda": (0.15, 0.5)}  # height, m, and kg
+ARMS = {"ur5e": (0.15, 0.5), "puma560": (0.4, 1.0), "panda": (0.15, 0.5)}  # height, m; mass, kg
 
 
 def stops(dwell: float = 0.2) -> list[mo.Stop]:
-    """The tool points down; 0.1 m above the table the way is free."""
+    """Return the stops, with the tool pointing down; 0.1 m above the table the path is free."""
     held: dict[str, Any] = {"orientation": DOWN}
     return [
         mo.Stop(position=[0.4, -0.3, 0.2], payload=2.0, dwell=dwell, name="pick", **held),
@@ -58,7 +59,7 @@ def main(arguments: list[str]) -> None:
 
 
 def with_part(height: float, mass: float) -> list[mo.Stop]:
-    """A bolt is picked and put down at a height, m, and lifted by 0.12 m on either side."""
+    """Return stops that pick a bolt, put it down at a height, m, and lift it by 0.12 m at both."""
     bolt = mo.Capsule([0.0, 0.0, 0.04], [0.0, 0.0, 0.08], 0.03, "bolt")
     part = mo.Payload(mass, [0.0, 0.0, 0.05], shape=bolt)
     low, high = height, height + 0.12
@@ -72,7 +73,7 @@ def with_part(height: float, mass: float) -> list[mo.Stop]:
 
 
 def run(_: int = 0) -> None:
-    """Print one row a motion."""
+    """Print one row per motion."""
     robot, line, rows = mo.load_robot("ur5e"), mo.Line(), []
     segments = [line, None, line, None]
 

@@ -1,9 +1,8 @@
-"""The arm under computed torque, 2 s on 2,001 points: ``track`` against scipy's RK45.
+"""Arm under computed torque, 2 s on 2,001 points: ``track`` against scipy's RK45.
 
 scipy calls the whole right-hand side, reference included, as one compiled function of one state.
-Both get the tolerance that `track` has by default; how far each is from a solution at 1e-13 is
-printed first. ``track`` returns torques, accelerations and the conditioning of the mass matrix
-besides.
+Both have the default tolerance of ``track``; their distance from a solution at 1e-13 is printed
+first. ``track`` also returns torques, accelerations and the conditioning of the mass matrix.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ GRID = np.linspace(0.0, 2.0, 2001)
 
 
 def right_side(robot: mo.Robot, path: mo.motion.PiecewisePolynomial) -> ca.Function:
-    """Derivative of the state (t, x) -> x' along one piece of a polynomial."""
+    """Return the derivative of the state, (t, x) -> x', along one piece of a polynomial."""
     count = robot.joint_count
     t, x = ca.SX.sym("t"), ca.SX.sym("x", 2 * count)
     wanted = sum(ca.DM(row) * t**power for power, row in enumerate(path.coefficients[0]))
@@ -39,7 +38,7 @@ def right_side(robot: mo.Robot, path: mo.motion.PiecewisePolynomial) -> ca.Funct
 
 
 def run(repetitions: int = 0) -> None:
-    """Arms of three, six and seven joints."""
+    """Run arms of three, six and seven joints."""
     for name in ROBOTS:
         robot = mo.load_robot(name)
         via = via_points(robot, 0, 2)

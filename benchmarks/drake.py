@@ -1,11 +1,12 @@
 """Free time-optimal motions of arms with 3 to 7 joints: ours, and Drake's B-splines with SNOPT.
 
 Every row is one task, the report's three poses or three random ones, with rest at both ends:
-duration, wall time, and by how much any limit is exceeded at 2000 places along the motion.
-``time_optimal`` runs as it comes, once with an empty cache of compiled functions and once with a
-full one. Drake's KinematicTrajectoryOptimization has the torque limits at evenly spaced places,
-two a control point, the joints' speeds and positions as bounds of control points, and is told the
-share of the duration at which our motion passes the via point: it has no such unknown.
+duration, wall time, and the largest excess over a limit at 2000 places along the motion.
+``time_optimal`` runs with its defaults, once with an empty cache of compiled functions and once
+with a full one. Drake's KinematicTrajectoryOptimization has the torque limits at evenly spaced
+places, two per control point, and limits of speeds and positions at the control points. It is given
+the fraction of the duration at which our motion passes the via point, because it has no unknown for
+it.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ PLACES = 2000
 
 @dataclass(frozen=True)
 class Row:
-    """One motion: its duration and wall time, s, and the worst relative excess of a limit."""
+    """Row of one motion: duration and wall time, s, and the largest relative excess of a limit."""
 
     way: str
     duration: float
@@ -46,7 +47,7 @@ class Row:
 
 
 def random_points(robot: mo.Robot, seed: int, count: int = 3) -> np.ndarray:
-    """Poses within the limits at which the arm can rest."""
+    """Draw poses within the limits at which the arm can rest."""
     random, limits = np.random.default_rng(seed), robot.limits
     low, high = np.maximum(limits.q_min, -np.pi), np.minimum(limits.q_max, np.pi)
     gravity, points = mo.gravity_torque(robot), []
@@ -58,7 +59,7 @@ def random_points(robot: mo.Robot, seed: int, count: int = 3) -> np.ndarray:
 
 
 def ours(robot: mo.Robot, via: np.ndarray, way: str) -> tuple[Row, float]:
-    """Ours as it comes, and the share of its duration at which it passes the via point."""
+    """Return our row by defaults, and the fraction of its duration at the via point."""
     begin = time.perf_counter()
     motion = mo.time_optimal(robot, via)
     wall = time.perf_counter() - begin
@@ -68,7 +69,7 @@ def ours(robot: mo.Robot, via: np.ndarray, way: str) -> tuple[Row, float]:
 
 
 def plant_of(robot: mo.Robot) -> Any:
-    """The arm as Drake's plant."""
+    """Return the arm as Drake's plant."""
     drake: Any = importlib.import_module("pydrake.all")
     plant = drake.MultibodyPlant(0.0)
     plant.mutable_gravity_field().set_gravity_vector(robot.gravity)
@@ -93,7 +94,7 @@ def plant_of(robot: mo.Robot) -> Any:
 
 
 def by_drake(robot: mo.Robot, via: np.ndarray, count: int, share: float) -> Row:
-    """KinematicTrajectoryOptimization with SNOPT."""
+    """Return the row of KinematicTrajectoryOptimization with SNOPT."""
     drake: Any = importlib.import_module("pydrake.all")
     begin = time.perf_counter()
     n, limits = robot.joint_count, robot.limits
@@ -129,10 +130,10 @@ def by_drake(robot: mo.Robot, via: np.ndarray, count: int, share: float) -> Row:
 
 
 def run(repetitions: int = 0) -> None:
-    """The report's task, and random ones of every arm; ``repetitions`` of them, by default one."""
+    """Run the report's task, and ``repetitions`` random tasks of every arm, by default one."""
     for name in ROBOTS:
         robot = mo.load_robot(name)
-        robot = robot.with_limits(taud_max=np.inf)  # of which Drake knows nothing
+        robot = robot.with_limits(taud_max=np.inf)  # Drake has no limits of torque rates
         tasks = {"the report's three poses": VIA_Q} if name == "microbot" else {}
         for seed in range(1, 1 + (repetitions or 1)):
             tasks[f"three random points (seed {seed})"] = random_points(robot, seed)
@@ -143,7 +144,7 @@ def run(repetitions: int = 0) -> None:
                 os.environ["MICROBOT_OCP_CACHE"] = empty
                 try:
                     rows = [ours(robot, via, "time_optimal, empty cache")[0]]
-                    # nothing but what is on the disk is known of another task
+                    # A slightly different task shares only the cache on the disk.
                     row, share = ours(robot, via + 1e-9, "time_optimal, full cache")
                 finally:
                     del os.environ["MICROBOT_OCP_CACHE"]

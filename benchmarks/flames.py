@@ -1,8 +1,9 @@
-"""A picture of where the time of a free motion goes: flame graphs of wall time, by module.
+"""Flame graphs of the wall time of a free motion, by module.
 
-Each task in a fresh process: what its main thread works on is looked at every 2 ms. A bar is as
-wide as the time in it, and above it is what it called; solvers in processes of their own are waited
-for in ``child_process``. The tasks are those of ``python -m benchmarks phases``.
+Each task runs in a fresh process, whose main thread is sampled every 2 ms. The width of a bar is
+the time in a module, and the bars above it are the modules that it called; solvers in their own
+processes appear as waiting in ``child_process``. The tasks are those of
+``python -m benchmarks phases``.
 
 ``python -m benchmarks flames`` writes ``docs/images/flames.png``.
 """
@@ -26,9 +27,9 @@ from benchmarks.measure import in_fresh_process
 
 ROBOTS = ("microbot", "ur5e", "panda")
 PICTURE = Path(__file__).parent.parent / "docs" / "images" / "flames.png"
-PERIOD = 2e-3  # s
-HIGH = 14  # bars above each other
-NARROW = 0.012  # share of the width below which a bar is not drawn, or has no name
+PERIOD = 2e-3  # sampling period, s
+HIGH = 14  # largest number of bars above each other
+NARROW = 0.012  # width, relative to the picture, below which a bar has no name or is not drawn
 SOURCE = str(Path(mo.__file__).parent)
 COLOURS = ("#e8c547", "#e39b3b", "#d9713c", "#c9503f")
 
@@ -36,10 +37,10 @@ Stack = tuple[str, ...]
 
 
 def child(name: str) -> None:
-    """Solve one task and print how often each stack of modules was met."""
+    """Solve one task and print the number of samples of each stack of modules."""
     import casadi as ca
 
-    for solver in ("ipopt", "fatrop"):  # loading them is an import
+    for solver in ("ipopt", "fatrop"):  # loading a solver counts as an import
         ca.load_nlpsol(solver)
     solve, robot = mo.time_optimal, mo.load_robot(name)
     via = via_points(robot, 0, 3)
@@ -62,7 +63,7 @@ def child(name: str) -> None:
 
 
 def _modules(thread: int) -> Stack:
-    """Return modules of the package that a thread works in, the outermost first."""
+    """Return the modules of the package on the stack of a thread, the outermost first."""
     frame, names = sys._current_frames().get(thread), list[str]()
     while frame is not None:
         path = frame.f_code.co_filename
@@ -92,7 +93,7 @@ def run(_: int = 0) -> None:
 
 
 def _draw(axes: Axes, met: dict[Stack, int], whole: int, left: float, level: int) -> None:
-    """Draw bars of what stacks begin with, the widest first, and above each what it calls."""
+    """Draw the first modules of stacks as bars, the widest first, and their callees above."""
     widths: Counter[str] = Counter()
     for stack, count in met.items():
         if stack:

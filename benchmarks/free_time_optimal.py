@@ -1,10 +1,10 @@
-"""The fastest motion through a via point: ours against rockit with IPOPT.
+"""Fastest motion through a via point: ours against rockit with IPOPT.
 
-Every repetition runs in a process of its own and counts all from the robot to the solution, the
-building of the problem included, the imports not. Both get one starting guess and one mesh of 100
-intervals a phase, torque limits at both ends of every interval, IPOPT's own tolerances. rockit
-holds the acceleration constant over an interval, ours lets it change linearly and reaches the same
-optimum on 20 intervals. As it comes, ours tries several starts and refines the mesh as well.
+Every repetition runs in its own process; the time from the robot to the solution counts, with the
+building of the problem, without imports. Both have one starting guess, one mesh of 100 intervals
+per phase, torque limits at both ends of every interval, and IPOPT's default tolerances. rockit
+holds the acceleration constant over an interval, ours is linear in time and reaches the same
+optimum on 20 intervals. With its defaults, ours also tries several starts and refines the mesh.
 """
 
 from __future__ import annotations
@@ -29,10 +29,11 @@ LIKE_FOR_LIKE = {"mesh": MESH, "starts": 1, "limit_tolerance": 1.0}  # one guess
 
 
 def rockit_duration(robot: mo.Robot, *, guess_by_rockit: bool = False) -> float:
-    """Two stages with free durations, q and qd by multiple shooting, torque by inverse dynamics.
+    """Solve two stages with free durations by multiple shooting; return the duration, s.
 
-    The expanded graph halves the time of the solver. rockit's own ``set_initial`` takes longer
-    than the solver; unless asked for, the same guess goes to the transcribed problem directly.
+    The states are q and qd, torques come from inverse dynamics. The expanded graph halves the time
+    of the solver. rockit's own ``set_initial`` takes longer than the solver, so by default the
+    guess is given to the transcribed problem directly.
     """
     import casadi as ca
     from rockit import FreeTime, MultipleShooting, Ocp
@@ -77,7 +78,7 @@ def rockit_duration(robot: mo.Robot, *, guess_by_rockit: bool = False) -> float:
 
 
 def our_duration(robot: mo.Robot, **settings: float) -> float:
-    """By :func:`microbot_ocp.time_optimal`."""
+    """Solve by :func:`microbot_ocp.time_optimal`; return the duration, s."""
     return mo.time_optimal(robot, VIA_Q, **settings).duration
 
 
@@ -95,21 +96,21 @@ EMPTY_CACHE = ", nothing compiled before"
 
 
 def child(way: str) -> None:
-    """In a fresh process: time one way and print what came of it."""
+    """Time one method in this fresh process and print the result."""
     import casadi as ca
 
     if way.startswith("rockit"):
         import rockit  # noqa: F401  imports are not part of the time
-    for solver in ("ipopt", "fatrop"):  # nor is loading the solvers
+    for solver in ("ipopt", "fatrop"):  # loading a solver counts as an import
         ca.load_nlpsol(solver)
-    assert callable(mo.time_optimal)  # loaded when first asked for: an import, too
+    assert callable(mo.time_optimal)  # the first access imports it, which does not count
     begin = time.perf_counter()
     duration = WAYS[way](mo.load_robot("microbot"))
     print(json.dumps({"seconds": time.perf_counter() - begin, "duration": duration}))
 
 
 def seconds_of(name: str, cache: str, durations: dict[str, float]) -> float:
-    """Seconds that the way takes; its motion's duration goes into ``durations``."""
+    """Return the time of a method, s; store the duration of its motion in ``durations``."""
     with tempfile.TemporaryDirectory() as empty:
         folder = empty if name.endswith(EMPTY_CACHE) else cache
         answer = in_fresh_process(__name__, [name.removesuffix(EMPTY_CACHE)], folder)
@@ -118,7 +119,7 @@ def seconds_of(name: str, cache: str, durations: dict[str, float]) -> float:
 
 
 def run(repetitions: int = 0) -> None:
-    """Fresh processes, in turns; each takes seconds, so there are few."""
+    """Run few fresh processes in turns, because each takes seconds."""
     names = list(WAYS)[1:]
     names.insert(2, "time_optimal, one start" + EMPTY_CACHE)
     durations: dict[str, float] = {}

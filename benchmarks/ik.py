@@ -1,9 +1,9 @@
-"""Inverse kinematics: ours against ssik's closed forms, and how many reachable targets are missed.
+"""Inverse kinematics: ours against ssik's closed forms, and the number of reachable targets missed.
 
-ssik solves an arm's kinematics in closed form, by subproblems of its geometry. It is given the same
-frames and limits, and asked for one representative of every branch (its choice of lock angles for
-seven joints), or for the solution nearest to a seed. Targets are poses of random joint positions
-within limits; a seed near one is 0.05 rad off in every joint, one far off is another such position.
+ssik solves an arm's kinematics in closed form by geometric subproblems. It has our frames and
+limits, and returns one representative of every branch (with its own lock angles for seven joints),
+or the solution nearest to a seed. Targets are poses of random joint positions within limits; a near
+seed is 0.05 rad away in every joint, a far seed is another random position.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ import ssik
 import microbot_ocp as mo
 from benchmarks.measure import Benchmark
 
-TARGETS = 10_000  # of every arm, to count those that are missed
+TARGETS = 10_000  # targets of every arm for the count of misses
 BATCH = 1_000
-FEW = {6: 50, 7: 5}  # targets of one repetition of the slower calls, by joints
+FEW = {6: 50, 7: 5}  # targets per repetition of the slower calls, by number of joints
 
 
 def random_arm(count: int, seed: int) -> mo.Robot:
-    """An arm of revolute joints with any twists and lengths, and limits of 2.5 rad."""
+    """Draw an arm of revolute joints with any twists and lengths, and limits of 2.5 rad."""
     random = np.random.default_rng(seed)
     twists, lengths = random.uniform(-np.pi, np.pi, count), random.uniform(-0.5, 0.5, (2, count))
     robot = mo.Robot.from_dh(
@@ -33,7 +33,7 @@ def random_arm(count: int, seed: int) -> mo.Robot:
 
 
 def peer(robot: mo.Robot) -> ssik.Manipulator:
-    """The same arm for ssik: from frame to frame at zero, each joint about its own z axis."""
+    """Convert the arm for ssik: frames at zero, each joint about its own z axis."""
     zero, last, steps = np.zeros(robot.joint_count), np.eye(4), []
     for frame in (*range(1, robot.joint_count + 1), None):
         pose = np.array(mo.forward_kinematics(robot, frame=frame)(zero))
@@ -44,7 +44,7 @@ def peer(robot: mo.Robot) -> ssik.Manipulator:
 
 
 def reachable(robot: mo.Robot, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Joints [N,n] within limits, the tool's poses [N,4,4] there, other joints [N,n]."""
+    """Draw joints [N,n] within limits, their tool poses [N,4,4], and other joints [N,n]."""
     bounds = robot.limits.q_min, robot.limits.q_max
     random = np.random.default_rng(42)
     q, other = random.uniform(*bounds, (2, count, robot.joint_count))
@@ -52,7 +52,7 @@ def reachable(robot: mo.Robot, count: int) -> tuple[np.ndarray, np.ndarray, np.n
 
 
 def per_target(call: Callable[[int], object], count: int) -> Callable[[], float]:
-    """Seconds of one of ``count`` calls, one a target."""
+    """Return the timing of one of ``count`` calls, one per target, s."""
 
     def seconds() -> float:
         begin = time.perf_counter()
@@ -64,11 +64,11 @@ def per_target(call: Callable[[int], object], count: int) -> Callable[[], float]
 
 
 def compare(robot: mo.Robot, repetitions: int) -> None:
-    """One solution from a seed near and far off, then every branch."""
+    """Time one solution from a near and a far seed, and every branch."""
     arm, few = peer(robot), FEW[robot.joint_count]
     q, poses, other = reachable(robot, BATCH)
     places, turns = np.array(poses[:, :3, 3]), np.array(poses[:, :3, :3])
-    if robot.joint_count == 6:  # with seven joints both choose members of continua
+    if robot.joint_count == 6:  # seven joints have continua of solutions
         for pose, place, turn in zip(poses[:few], places, turns, strict=False):
             branches = [s.q for s in mo.solve_ik_all(robot, place, turn)]
             peers = np.array([s.q for s in arm.solve(pose, enumerate_windings=False)])
@@ -117,7 +117,7 @@ def compare(robot: mo.Robot, repetitions: int) -> None:
 
 
 def count_missed(robot: mo.Robot) -> None:
-    """Solve reachable targets from random seeds; a position alone for three joints."""
+    """Solve reachable targets from random seeds; positions only for three joints."""
     _, poses, seeds = reachable(robot, TARGETS)
     turns = poses[:, :3, :3] if robot.joint_count > 3 else None
     found = mo.inverse_kinematics.solve_ik_each(robot, poses[:, :3, 3], turns, seeds)
@@ -126,7 +126,7 @@ def count_missed(robot: mo.Robot) -> None:
 
 
 def run(repetitions: int = 0) -> None:
-    """Packaged arms of six and seven joints; misses on those, the Microbot and random arms."""
+    """Time packaged arms of six and seven joints; count misses on those and on random arms."""
     packaged = [mo.load_robot(name) for name in ("puma560", "ur5e", "panda")]
     for robot in packaged:
         compare(robot, repetitions or 7)

@@ -1,4 +1,4 @@
-"""Interleaved timing and the table that tells what came of it."""
+"""Interleaved timing, and the table of its results."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ PEER = "peer"
 
 @dataclass
 class Benchmark:
-    """A peer and our ways of doing the same, each a callable that returns seconds per call.
+    """Benchmark of a peer and our ways to do the same task, as callables that return s per call.
 
     ``goals`` holds the wanted ratio peer / ours by the name of our way.
     """
@@ -34,12 +34,12 @@ class Benchmark:
     goals: Mapping[str, float] = field(default_factory=dict)
 
     def run(self, repetitions: int) -> None:
-        """Take turns, A B C A B C ..., so that a slow spell of the machine hits all alike."""
+        """Run in turns, A B C A B C ..., so that a slow spell of the machine hits all alike."""
         ways = {PEER: self.peer[1], **self.ours}
-        # what pays after half a second of use is compiled at once
+        # Kernels that are compiled after half a second of use are compiled at once.
         fast_calls.WORTH_COMPILING = -1.0
         for way in ways.values():
-            way()  # warm: caches of the processor, first-call imports
+            way()  # the first call warms the caches and imports
         taken: dict[str, list[float]] = {name: [] for name in ways}
         for _ in range(repetitions):
             for name, way in ways.items():
@@ -76,18 +76,18 @@ def _spread(seconds: Seconds) -> str:
 
 
 def timed(statement: str, number: int = 1, **names: Any) -> Callable[[], float]:
-    """Seconds of one call, as the mean over ``number``; timeit's loop, so no wrapper is timed."""
+    """Return the mean time of ``number`` calls, s, by timeit's loop without a wrapper."""
     timer = timeit.Timer(statement, timer=time.process_time, globals=names)
     return lambda: timer.timeit(number) / number
 
 
 def in_fresh_process(module: str, arguments: list[str], cache: str) -> dict[str, Any]:
-    """What ``python -m module arguments`` printed last, as JSON, its compiled kernels in a folder.
+    """Run ``python -m module arguments`` with a folder of kernels; return its last line as JSON.
 
     Raises
     ------
     RuntimeError
-        It failed.
+        The process failed.
     """
     done = subprocess.run(
         [sys.executable, "-m", module, *arguments],

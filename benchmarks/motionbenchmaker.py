@@ -1,4 +1,4 @@
-"""MotionBenchMaker under torque limits: planning problems of others, with a proof of every limit.
+"""MotionBenchMaker under torque limits: published planning problems with a proof of every limit.
 
     python -m benchmarks motionbenchmaker --data FOLDER [--robot panda --family box --count 20]
 
@@ -16,10 +16,10 @@ torques), 180 degrees a second; no torque rates are published.
 
 The usual chain is RRT-Connect, shortcuts, parabolas at corners and the best timing by toppra, which
 keeps torques, speeds and accelerations at its grid points, but no torque rates or dry friction.
-The path that the search starts from, timed by our reachability under torques with friction, but
-without torque rates, stands beside it. ``--page docs/motionbenchmaker.md`` writes the tables there.
-Original meshes are checked by pinocchio and coal against the original boxes and cylinders, at
-places along the motion, with none of our capsules.
+A further column is the first path of our search, timed by our reachability under torques with
+friction, but without torque rates. ``--page docs/motionbenchmaker.md`` writes the tables there.
+The original meshes are checked by pinocchio and coal against the original boxes and cylinders, at
+places along the motion, without our capsules.
 """
 
 from __future__ import annotations
@@ -46,15 +46,15 @@ from microbot_ocp._base.deadline import processor_time
 from microbot_ocp.scene import Surroundings, detour
 
 ROBOTS = ("panda", "ur5")
-CAPSULES = {"panda": 2, "ur5": 3}  # a link at most: with which most starts and goals are free
+CAPSULES = {"panda": 2, "ur5": 3}  # capsules per link with which most starts and goals are free
 DEVELOPING = ("box", "table_pick", "bookshelf_small", "bookshelf_tall")
 FAMILIES = (*DEVELOPING, "cage", "bookshelf_thin", "table_under_pick")
-IN_TIME = 60.0  # s of processor time: what takes more is not counted as solved
+IN_TIME = 60.0  # processor time above which a task does not count as solved, s
 MARKS = "<!-- made by benchmarks motionbenchmaker -->\n", "<!-- end of what is made -->\n"
-POSES, DISTANCES = 500, 50  # along a motion at which meshes are checked, and measured
-# Franka hand with both fingers, closed, in the flange: mass, centre of mass, inertia, summed from
-# github.com/frankaemika/franka_description, end_effectors/franka_hand/inertials.yaml,
-# commit 0b5034b
+POSES, DISTANCES = 500, 50  # poses of a motion with a check of meshes, and with their distances
+# Mass, centre of mass and inertia of the Franka hand with closed fingers, in the flange, summed in
+# github.com/frankaemika/franka_description, end_effectors/franka_hand/inertials.yaml, commit
+# 0b5034b.
 HAND = (
     0.7126,
     [0.00771, 0.00776, 0.0256],
@@ -103,7 +103,7 @@ def publish(rows: list[dict[str, Any]], page: Path) -> None:
 
 
 def _rows(cases: list[tuple[Any, ...]], jobs: int) -> Any:
-    """The rows of cases, as they come."""
+    """Yield the rows of cases in the order in which they finish."""
     if jobs == 1 or not cases:
         yield from (measured(*case) for case in cases)
         return
@@ -117,7 +117,7 @@ def _rows(cases: list[tuple[Any, ...]], jobs: int) -> Any:
 
 @lru_cache
 def arm(folder: Path, name: str) -> mo.Robot:
-    """The arm of a file with its capsules, a published model's dynamics and the maker's limits."""
+    """Load an arm with capsules, a published model's dynamics and the manufacturer's limits."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", mo.robot.RobotFileWarning)
         robot = mo.robot.load_urdf(folder / name / f"{name}.urdf")
@@ -139,7 +139,7 @@ def arm(folder: Path, name: str) -> mo.Robot:
 
 
 class Meshes:
-    """The original meshes of an arm among the original boxes and cylinders."""
+    """Original meshes of an arm among the original boxes and cylinders."""
 
     def __init__(self, folder: Path, robot: mo.Robot, name: str, scene: mo.Scene) -> None:
         import coal
@@ -167,7 +167,7 @@ class Meshes:
         self.places = [self.model.joints[self.model.getJointId(j)].idx_q for j in robot.joint_names]
 
     def free(self, poses: np.ndarray) -> bool:
-        """Whether nothing touches in poses [N,n]."""
+        """Return True if nothing touches in poses [N,n]."""
         return not any(
             pin.computeCollisions(
                 self.model, self.data, self.geometry, self.found, self._q(q), True
@@ -176,7 +176,7 @@ class Meshes:
         )
 
     def apart(self, poses: np.ndarray) -> float:
-        """Least distance of all pairs in poses [N,n], m."""
+        """Return the least distance of all pairs in poses [N,n], m."""
         least = np.inf
         for q in poses:
             pin.computeDistances(self.model, self.data, self.geometry, self.found, self._q(q))
@@ -190,7 +190,7 @@ class Meshes:
 
 
 def measured(folder: Path, name: str, family: str, number: int, limit: float) -> dict[str, Any]:
-    """One problem, its motion, and the same by the usual chain."""
+    """Solve one problem, and by the usual chain; return the row."""
     robot, place = arm(folder, name), folder / name / "problems" / f"{family}_{name}"
     scene = mo.load_scene(place / f"scene{number:04d}.yaml")
     via = mo.scene.load_request(place / f"request{number:04d}.yaml", robot)
@@ -230,7 +230,7 @@ def measured(folder: Path, name: str, family: str, number: int, limit: float) ->
 
 
 def chain(robot: mo.Robot, scene: mo.Scene, via: np.ndarray) -> float | None:
-    """Duration of the usual chain, s; None without a path, or a timing of it."""
+    """Return the duration of the usual chain, s; None without a path or a timing of it."""
     around = Surroundings(robot.with_limits(taud_max=np.inf), scene)
     if not all(map(around.is_free, via)):
         return None
@@ -267,7 +267,7 @@ def line(row: dict[str, Any]) -> str:
 
 
 def report(rows: list[dict[str, Any]]) -> str:
-    """Tables of the record, as Markdown: by family, what was not solved, where time goes."""
+    """Return Markdown tables of the record: by family, unsolved problems, shares of the time."""
     return "\n\n".join([table(rows), unsolved(rows), stages(rows)])
 
 
@@ -277,7 +277,7 @@ def median(values: Iterable[float | None], text: str) -> str:
 
 
 def unsolved(rows: list[dict[str, Any]]) -> str:
-    """Return which problems were tried and not solved and certified in time, by reason."""
+    """Return the problems that were not solved and certified in time, by reason."""
     numbers: dict[tuple[str, str], dict[str, list[str]]] = {}
     for row in rows:
         in_time = row.get("processor", 0.0) <= IN_TIME
@@ -295,7 +295,7 @@ def unsolved(rows: list[dict[str, Any]]) -> str:
 
 
 def stages(rows: list[dict[str, Any]]) -> str:
-    """Where the time of the motions goes, as Markdown: medians by robot, s."""
+    """Return the table of the times of all stages: medians by robot, s, as Markdown."""
     names = dict.fromkeys(name for row in rows for name in row.get("stages", ()))
     lines = ["| robot | " + " | ".join(names) + " |", "|---" * (len(names) + 1) + "|"]
     for robot in dict.fromkeys(row["robot"] for row in rows):
@@ -306,7 +306,7 @@ def stages(rows: list[dict[str, Any]]) -> str:
 
 
 def table(rows: list[dict[str, Any]]) -> str:
-    """Counts and medians by robot and family, as Markdown."""
+    """Return the table of counts and medians by robot and family, as Markdown."""
     lines = [
         "| robot | family | problems | refused, free by meshes | solved and certified | duration, "
         "s | saved against the chain, % | against its path, % | processor time to the first, s | "
@@ -334,7 +334,7 @@ def table(rows: list[dict[str, Any]]) -> str:
 
 
 def draw(rows: list[dict[str, Any]], path: Path) -> None:
-    """Durations against the chain's; how many have a first certified motion after some time."""
+    """Draw durations against the chain's, and the share of certified motions over time."""
     from matplotlib.figure import Figure
 
     figure = Figure((9, 4), layout="constrained")

@@ -1,4 +1,4 @@
-"""Arms as models of MuJoCo."""
+"""Arms as MuJoCo models."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from microbot_ocp.robot import dh_transform
 
 
 def mjcf(robot: mo.Robot) -> str:
-    """Nested bodies, one hinge or slide along Z each, explicit inertials, no contact."""
-    import mujoco  # tests are skipped without it
+    """Write nested bodies with one hinge or slide along Z, explicit inertials, no contact."""
+    import mujoco  # tests that need it are skipped without it
 
     def text(values: Any) -> str:
         return " ".join(f"{value:.17g}" for value in np.ravel(values))
@@ -43,7 +43,7 @@ def mjcf(robot: mo.Robot) -> str:
 
 
 def with_small_bodies(robot: mo.Robot) -> mo.Robot:
-    """MuJoCo takes no point masses: they become balls of 0.01 kg m^2."""
+    """Replace point masses, which MuJoCo refuses, by balls of 0.01 kg m^2."""
     return robot.with_links(
         [
             link if link.inertia.any() else replace(link, inertia=0.01 * np.eye(3))

@@ -2,10 +2,10 @@
 
 ``python -m benchmarks one_sided [--count 30] [--first 0] [--out FILE]``
 
-Gravity alone asks for more than the weak side of a joint has, so that the arm has to swing, and
-local optima are several percent apart. Every task is solved with default settings, by the search of
-a prepared solver, and with many starts; in the table is by how much the first is slower than the
-best that any of them reached within the limits.
+Gravity exceeds the torque of a joint's weak side, so the arm has to swing, and local optima differ
+by several percent. Every task is solved with default settings, by the search of a prepared solver,
+and with many starts; the table shows how much slower the first is than the best motion of all three
+that keeps the limits.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ COUNT = 30
 
 
 def task_of(seed: int) -> RandomTask:
-    """The task of a seed: an arm with a weak side in every joint, two or three via points."""
+    """Draw the task of a seed: an arm with a weak side in every joint, two or three via points."""
     random = np.random.default_rng([seed, 20261123])
     name = str(random.choice(["microbot", "microbot", "planar_3r", "chain"]))
     chain = random_chain(random, int(random.integers(2, 5))) if name == "chain" else None
@@ -39,7 +39,7 @@ def task_of(seed: int) -> RandomTask:
 
 
 def poses_of_rest(random: np.random.Generator, robot: mo.Robot) -> np.ndarray:
-    """Two or three via points; the arm can rest at the first and the last of them."""
+    """Draw two or three via points; the arm can rest at the first and the last of them."""
     via = via_points(random, robot, int(random.integers(2, 4)))
     low, high = robot.limits.tau_min, robot.limits.tau_max
     for k in (0, -1):
@@ -65,7 +65,7 @@ def _row(task: RandomTask, solve: Callable[[], mo.Motion]) -> dict[str, Any]:
 
 
 def results_of(seed: int, names: Sequence[str]) -> dict[str, Any]:
-    """What each of the ways led to."""
+    """Return the results of all methods for a seed."""
     task = task_of(seed)
     ways: dict[str, Callable[[], mo.Motion]] = {
         "default": lambda: mo.time_optimal(task.robot, task.via),

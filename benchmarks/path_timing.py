@@ -1,12 +1,12 @@
-"""The best timing of a given path: ours against toppra with pinocchio's inverse dynamics.
+"""Best timing of a given path: ours against toppra with pinocchio's inverse dynamics.
 
-toppra runs as it comes: Seidel's solver, collocation of the torque limits at the grid points,
-equal steps of the path parameter, and its cheaper output, constant path acceleration. Ours is the
-reachability analysis on as many points, limits at both ends of every interval. For the record:
-``time_optimal_path`` as it comes, which goes on to refine the grid until limits hold between its
-points, and samples the motion with its torques. By how much
-limits are exceeded between the grid points is printed last: of the whole motion, and without its
-first and last 2 %, as this path starts and ends at q'(s) = 0, where toppra's grid says little.
+toppra runs with Seidel's solver, collocation of the torque limits at the grid points, equal steps
+of the path parameter, and its cheaper output, constant path acceleration. Ours is the reachability
+analysis on as many points, with limits at both ends of every interval. A further row is
+``time_optimal_path`` with its defaults, which also refines the grid until limits hold between its
+points, and samples the motion with its torques. The largest excess over the limits between the grid
+points is printed last: over the whole motion, and without its first and last 2 %, because this path
+starts and ends at q'(s) = 0, where toppra's grid constrains little.
 """
 
 from __future__ import annotations
@@ -24,23 +24,23 @@ from microbot_ocp.planning import time_path
 GOAL = 10.0
 PLACES = 20_000
 PROMISED = 1000
-GRIDS = {200: None, PROMISED: GOAL, 5000: None}  # the other two show how it scales
+GRIDS = {200: None, PROMISED: GOAL, 5000: None}  # only one has a goal; the others show the scaling
 
 
 def report_path() -> PiecewisePolynomial:
-    """The cubic of the course report: 2 s + 2 s, passing the via point at (10, 40, 20) deg/s."""
+    """Return the report's cubic: 2 s + 2 s, passing the via point at (10, 40, 20) deg/s."""
     via_q = np.radians([[0, 0, 0], [-8, 45, 30], [-90, 90, 90]])
     via_qd = np.radians([[0, 0, 0], [10, 40, 20], [0, 0, 0]])
     return mo.cubic(via_q, [0.0, 2.0, 4.0], via_qd)
 
 
 def run(repetitions: int = 0) -> None:
-    """Three grids, with everything compiled in the first round, which does not count."""
+    """Time three grids; an uncounted first round compiles everything."""
     robot, path = mo.load_robot("microbot"), report_path()
     names = {"robot": robot, "path": path, "limits": robot.limits}
     for intervals, goal in GRIDS.items():
         names |= {"intervals": intervals, "grid": even_grid(path, intervals)}
-        # the cubic starts and ends at rest by itself, whatever the speed along it
+        # The cubic starts and ends at rest by itself, whatever the speed along it.
         reach = "f(robot, path, limits, grid=intervals, start_free=True, end_free=True)"
         toppra = timed("f(robot, path, grid)", f=toppra_duration, **names)
         ways = {"time_path": timed(reach, f=time_path, **names)}
@@ -60,8 +60,8 @@ def run(repetitions: int = 0) -> None:
 
 
 def print_excesses(robot: mo.Robot, path: PiecewisePolynomial) -> None:
-    """Worst relative excess of a limit of torque or velocity at 20,000 places of each motion."""
-    family = LimitFamily.of(robot.with_limits(taud_max=np.inf))  # of which toppra knows nothing
+    """Print the worst relative excess of torque or velocity at 20,000 places of each motion."""
+    family = LimitFamily.of(robot.with_limits(taud_max=np.inf))  # toppra has no torque rates
     ways = {}
     for name in ("ParametrizeSpline", "ParametrizeConstAccel"):
         task = toppra_problem(robot, path, even_grid(path, PROMISED))

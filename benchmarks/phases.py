@@ -1,11 +1,11 @@
-"""Where the time of a free motion goes: through three random points, for the first time and again.
+"""Times of the parts of a free motion through three random points, for the first time and again.
 
-Each in a fresh process, the imports not counted: shares of the time in the parts below, by the wall
-times in the motion's provenance (solves and threads run side by side, so their sum is more than the
+Each runs in a fresh process, without imports. The table has the shares of the parts below, from the
+wall times in the motion's provenance (solves and threads run in parallel, so their sum exceeds the
 wall time), and the processor time of all, s. "kernels": derivatives as graphs, their C text and its
-compiler. "programs": assembly on each mesh. "solvers made": what they prepare before they start.
-"functions": values and derivatives that solvers ask for. "steps": the rest of the solvers, their
-linear algebra. Starts, ranking, error estimates and samples are in the processor time alone.
+compiler. "programs": assembly on each mesh. "solvers made": preparation of solvers. "functions":
+values and derivatives that solvers evaluate. "steps": the rest of the solvers, their linear
+algebra. Starts, ranking, error estimates and samples are in the processor time only.
 
 ``python -m benchmarks phases``, or one line: ``python -m benchmarks.phases ROBOT SEED``.
 """
@@ -27,7 +27,7 @@ def child(name: str, seed: int) -> None:
     """Solve one task in a fresh process and print the times of its parts."""
     import casadi as ca
 
-    for solver in ("ipopt", "fatrop"):  # loading them is an import
+    for solver in ("ipopt", "fatrop"):  # loading a solver counts as an import
         ca.load_nlpsol(solver)
     assert callable(mo.time_optimal)
     robot = mo.load_robot(name)
@@ -46,7 +46,7 @@ def child(name: str, seed: int) -> None:
 
 
 def run(repetitions: int = 0) -> None:
-    """One seed an arm unless more are asked for."""
+    """Run one seed per arm, or more if asked for."""
     names = ("kernels", "programs", "solvers made", "functions", "steps")
     print("  arm       seed  time  " + "".join(f"{name:>13}" for name in names) + "    processor")
     for name in ROBOTS:

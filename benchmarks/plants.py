@@ -1,9 +1,9 @@
-"""Arms of MuJoCo that differ from the model, under computed torque that saturates and is sampled.
+"""MuJoCo arms that differ from the model, under saturated and sampled computed torque.
 
-The reserve is found on a few arms of the package's own simulation, which promises a bound of the
-tool's error and a share of the time at the torque limits. Then other arms, drawn from the same box
-of masses and frictions, are played by MuJoCo along the plan with that reserve and along the ideal
-one. With ``--out`` every arm is a line of a file: what stands there is not played again.
+The reserve is found on a few arms in the package's own simulation, which promises a bound of the
+tool's error and a share of the time at the torque limits. MuJoCo simulates other arms, drawn from
+the same box of masses and frictions, along the plan with that reserve and along the ideal plan.
+With ``--out`` every arm is a line of a file; arms found in the file are not simulated again.
 
     python -m benchmarks plants --robot microbot --count 20
     python -m benchmarks plants --robot ur5e --out out/plants.jsonl
@@ -28,13 +28,14 @@ from microbot_ocp.planning import tool_poses
 from microbot_ocp.robot import COULOMB_SMOOTHING
 
 RATE, GAIN, BOUND = 500.0, 100.0, 0.02
-TASK = ("robot", "seed", "mass", "friction", "payload", "gain", "bound", "few")  # what a line is of
+# A line of the file belongs to these values.
+TASK = ("robot", "seed", "mass", "friction", "payload", "gain", "bound", "few")
 END = "end of what is made by"
-SUBSTEPS = 4  # of the simulation in a period of the controller
+SUBSTEPS = 4  # steps of the simulation per period of the controller
 
 
 def poses(robot: mo.Robot, seed: int) -> np.ndarray:
-    """Two poses [2,n] at random, rad."""
+    """Draw two poses [2,n], rad."""
     low, high = np.maximum(robot.limits.q_min, -1.2), np.minimum(robot.limits.q_max, 1.2)
     return np.random.default_rng(seed).uniform(low, high, (2, robot.joint_count))
 
@@ -42,9 +43,9 @@ def poses(robot: mo.Robot, seed: int) -> np.ndarray:
 def played(
     robot: mo.Robot, motion: mo.Motion, plant: mo.Robot, gain: float = GAIN
 ) -> tuple[float, float]:
-    """Largest error of the tool in m, and the share of the time at a torque limit.
+    """Simulate computed torque at RATE, clipped and held over the period.
 
-    Computed torque at RATE, clipped, held over the period.
+    Returns the largest error of the tool, m, and the fraction of the time at a torque limit.
     """
     model = mujoco.MjModel.from_xml_string(mjcf(plant))
     model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
@@ -79,7 +80,7 @@ def publish(page: Path, name: str, table: str) -> None:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """One arm, a line for each plan."""
+    """Simulate one arm; print a line for each plan."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks plants", description=__doc__)
     parser.add_argument("--robot", default="microbot")
     parser.add_argument("--count", type=int, default=500, help="arms that are drawn")

@@ -1,4 +1,4 @@
-"""What reserves, profiles and boxes of arms cost, and what data of a task are worth.
+"""Costs of reserves, controller profiles and parameter boxes, and values of the data of a task.
 
 ``python -m benchmarks prices --out out/prices.jsonl --page docs/how-to/controllers.md`` plans one
 task of four arms as fast as they can, for controllers, with reserves, and for every arm of a box;
@@ -6,10 +6,10 @@ MuJoCo plays the plans with reserves on arms with masses 5 % off. Table and figu
 
 ``python -m benchmarks prices --check 50`` draws tasks of ``benchmarks/torture.py`` (free motions of
 at most six joints) and compares slopes by the multipliers of one prepared solve with central
-differences of other solves on the same mesh: of a limit that binds, of the payload, of a coordinate
-of a via point, each drawn. Steps are halved until two of them agree. A slope is *flagged* where the
-datum is worth less than ``Sensitivities.least``, and *bent* where the differences to both sides
-differ by more than a hundredth at the last step: other limits bind there.
+differences of other solves on the same mesh: of an active limit, of the payload, of a coordinate of
+a via point, each drawn at random. Steps are halved until two of them agree. A slope is *flagged* if
+it is below ``Sensitivities.least``, and *bent* if the differences to both sides differ by more than
+a hundredth at the last step, because other limits become active there.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from microbot_ocp.limits import ROUNDING, LimitFamily, MotionSamples
 KINDS = (0, 1, 2, 5, 6, 7, 8)  # seeds by their last digit: not timings, not many via points
 JOINTS, LOADED, TRIED, HALVINGS = 6, 0.02, 0.005, 5
 AGREE, WITHIN = 0.003, 0.01
-# by arm: profiles that fit, and what its maker lets it carry, kg (of the Microbot none is stated)
+# Profiles that fit each arm, and the payload that its manufacturer allows, kg (Microbot: none).
 ROS = ("ros2_jtc_linear@250", "ros2_jtc_cubic@250", "ros2_jtc_quintic@100")
 ARMS = {
     "microbot": (("hold@500", *ROS), 1.0),
@@ -44,13 +44,13 @@ ARMS = {
     "panda": (("panda", "fr3", *ROS), 3.0),
 }
 RESERVES = (0.01, 0.02, 0.05, 0.1, 0.2)
-LIMIT = 100.0  # s of wall time for a plan
+LIMIT = 100.0  # wall time of a plan, s
 BOX: dict[str, Any] = {"mass": 0.05}
 
 
 @dataclass(frozen=True)
 class Compared:
-    """One slope: what it is of, its error, and whether it is flagged or bent."""
+    """Slope of one datum: its name, its error, and its flags."""
 
     name: str
     error: float
@@ -59,7 +59,7 @@ class Compared:
 
 
 def central(duration: Callable[[float], float], middle: float, step: float) -> tuple[float, bool]:
-    """A slope by central differences, and whether those to one side differ by over a hundredth."""
+    """Return a slope by central differences, and True if one-sided ones differ by over 1 %."""
     slopes: list[float] = []
     bent = False
     for k in range(HALVINGS):
@@ -72,12 +72,12 @@ def central(duration: Callable[[float], float], middle: float, step: float) -> t
 
 
 def duration_of(motion: mo.Motion) -> float:
-    """As the solver left it: not slowed down, s."""
+    """Return the duration as the solver left it, without slowing down, s."""
     return float(sum(motion.provenance["phase_durations"]))
 
 
 def compared(task: RandomTask, seed: int) -> Iterator[Compared | str]:
-    """Slopes of a task; text where there is none."""
+    """Yield the compared slopes of a task, or text if it has none."""
     robot, draw = task.robot, np.random.default_rng([seed, 31])
     solver = mo.TimeOptimalSolver(robot, task.via, mesh=40, starts=2, rounds=0, tolerance=1e-8)
     load = LOADED * sum(link.mass for link in robot.links) if robot.has_dynamics else 0.0
@@ -96,7 +96,7 @@ def compared(task: RandomTask, seed: int) -> Iterator[Compared | str]:
     def row(name: str, slope: float, size: float, f: Callable[[float], float]) -> Compared | str:
         try:
             difference, bent = central(f, middle, TRIED * abs(size))
-        except mo.InputError as problem:  # a step leads to what no arm holds
+        except mo.InputError as problem:  # a step may lead to values that the arm cannot hold
             return f"{name}: {problem}"
         nothing = abs(size) * max(abs(slope), abs(difference)) <= ROUNDING * middle
         error = 0.0 if nothing else abs(slope / difference - 1.0) if difference else np.inf
@@ -129,7 +129,7 @@ def compared(task: RandomTask, seed: int) -> Iterator[Compared | str]:
             weight,
             lambda change: duration_of(solver(payload=load + change)),
         )
-        if not motion.remark.startswith("slowed"):  # else times are not those of the solve
+        if not motion.remark.startswith("slowed"):  # a slowed motion has another duration
             yield f"scaling {scaling(motion, robot.with_payload(load), slopes):.1e}"
     yield f"{100 * share:.1f} % of the time of the solve"
     motion = solver(payload=load, via_q=task.via)
@@ -148,7 +148,7 @@ def compared(task: RandomTask, seed: int) -> Iterator[Compared | str]:
 
 
 def scaling(motion: mo.Motion, robot: mo.Robot, slopes: mo.motion.Sensitivities) -> float:
-    """Elasticity of the duration in torques and masses together, which is zero."""
+    """Return the elasticity of the duration in torques and masses together, which is zero."""
     rows = motion.provenance["multipliers"]["rows"]["tau"]
     samples = MotionSamples(*motion.sample(np.clip(rows["t"], 0.0, motion.duration)), np.zeros(0))
     masses = float((np.array(rows["slopes"]) * robot.torques_along(*samples[:3])["tau"]).sum())
@@ -158,7 +158,7 @@ def scaling(motion: mo.Motion, robot: mo.Robot, slopes: mo.motion.Sensitivities)
 
 
 def check(count: int, first: int) -> None:
-    """Print every slope, and how many of them are within a hundredth."""
+    """Print every slope, and the number of slopes within a hundredth."""
     rows: list[Compared] = []
     tasks, seed = 0, first
     while tasks < count:
@@ -188,7 +188,7 @@ def check(count: int, first: int) -> None:
 
 
 def ways(name: str) -> dict[str, Callable[[], dict[str, Any]]]:
-    """What one arm's motions take, by the way to plan: a function that makes a row of each."""
+    """Return a function for each way to plan that makes a row of one arm's motion."""
     robot = with_small_bodies(mo.load_robot(name))
     via_q, (profiles, load) = poses(robot, 0), ARMS[name]
 
@@ -212,7 +212,7 @@ def ways(name: str) -> dict[str, Callable[[], dict[str, Any]]]:
         limits = mo.execution.robust_limits(robot, **(box if "payload" in box else BOX))
         try:
             motion = planned(**box)
-        except mo.InputError:  # it cannot be held at a via point
+        except mo.InputError:  # the arm cannot hold a via point
             return {"duration": np.nan}
         certified = mo.certify(robot, motion, limits).ok
         return {"duration": motion.duration if certified else np.nan, "solved": motion.solved}
@@ -227,7 +227,7 @@ def ways(name: str) -> dict[str, Callable[[], dict[str, Any]]]:
 
 
 def report(rows: list[dict[str, Any]]) -> str:
-    """A table of durations in s and what they are longer, a column for each arm."""
+    """Return a table of durations, s, and of their increases, with a column for each arm."""
     arms = list(dict.fromkeys(row["robot"] for row in rows))
     cells = {(row["robot"], row["what"].partition(" 0 to")[0]): row for row in rows}
     lines = ["| | " + " | ".join(arms) + " |", "|---|" + len(arms) * "---|"]
@@ -253,7 +253,7 @@ def report(rows: list[dict[str, Any]]) -> str:
 
 
 def draw(rows: list[dict[str, Any]], path: Path) -> None:
-    """The tool's error over the reserve, and what the reserve costs."""
+    """Draw the tool's error and the cost over the reserve."""
     from matplotlib.figure import Figure
 
     figure = Figure((9, 4), layout="constrained")
@@ -277,7 +277,7 @@ def draw(rows: list[dict[str, Any]], path: Path) -> None:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Make the table of prices, or check slopes."""
+    """Print the table of prices, or check slopes."""
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks prices",
         description=__doc__,

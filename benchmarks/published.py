@@ -3,12 +3,12 @@
 1. Dissanayake, Goh and Phan-Thien (Robotica 9, 1991): two links of 0.4 m and 0.5 kg, 0.1 kg m^2 and
    10 N m in a level plane, from (0, -2) to (1, -1) rad. Their task has no obstacle; the disc of
    0.06 m at (0.5, 0.15) m is ours, kept clear of capsules of 0.03 m along the links. The answer is
-   compared with a transcription that shares nothing with the package.
+   compared with a transcription that shares no code with the package.
 2. Robot Arm Cycle Time Optimization of Frontier-Engineering (arXiv:2604.12290,
    github.com/EinsiaLab/Frontier-Engineering): a KUKA LBR iiwa beside a box, limits of velocity and
    acceleration, no torques. Robot and collision meshes are those of the package ``pybullet``
    (``pip install pybullet``); the motion is judged by the rules of the task: a clamped cubic spline
-   through points, 30 samples between two, contacts by PyBullet.
+   through points, 30 samples between two points, contacts by PyBullet.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ from microbot_ocp import Table
 LENGTH, MASS, INERTIA, CENTRE, TORQUE = 0.4, 0.5, 0.1, 0.2, 10.0
 ENDS = np.array([[0.0, -2.0], [1.0, -1.0]])
 DISC, RADIUS, THICK = np.array([0.5, 0.15]), 0.06, 0.03
-POINTS = 33  # along a link
+POINTS = 33  # points along a link
 START = [0.0, 0.5, 0.0, -1.5, 0.0, 1.0, 0.0]
 GOAL = [1.2, -0.3, 0.8, -0.8, 0.5, 0.8, 1.0]
 VELOCITY, ACCELERATION = np.array([1.48, 1.48, 1.74, 1.74, 2.27, 2.27, 2.27]), 3.0
 BOX_CENTER, BOX_SIZE = [0.45, -0.35, 0.65], [0.16, 0.40, 0.16]
-THEIRS = 2.4224005  # s, baseline/result_log.txt of the task
-EXACT, SAMPLES = 1e-4, 30  # of their limits, between two points
-JERK, KNOTS = 300.0, 400  # rad/s^3; of the spline, so that it follows the motion
+THEIRS = 2.4224005  # duration in baseline/result_log.txt of the task, s
+EXACT, SAMPLES = 1e-4, 30  # tolerance of the task's limits, and samples between two points
+JERK, KNOTS = 300.0, 400  # rad/s^3, and knots of the spline so that it follows the motion
 SLOWED = (1.0, 1.001, 1.002, 1.005, 1.01)
 
 
@@ -47,7 +47,7 @@ def main(arguments: list[str]) -> None:
 
 
 def two_link_arm() -> mo.Robot:
-    """Dissanayake's arm with capsules along its links."""
+    """Build Dissanayake's arm with capsules along its links."""
     link = mo.Link(MASS, [CENTRE, 0.0, 0.0], np.diag([0.0, INERTIA, INERTIA]))
     robot = mo.Robot.from_dh(
         alpha=[0.0, 0.0],
@@ -64,21 +64,21 @@ def two_link_arm() -> mo.Robot:
 
 
 def disc() -> mo.Scene:
-    """The disc as a ball in the plane of the arm."""
+    """Build the disc as a ball in the plane of the arm."""
     return mo.Scene([mo.Sphere([*DISC, 0.0], RADIUS, "disc")], self_collision=False)
 
 
 def shortest_by_opti(distance: float, guess: np.ndarray, points: int = POINTS) -> float:
-    """The duration by the trapezoidal rule, equations written out, links as rows of points, s.
+    """Return the shortest duration by the trapezoidal rule, with links as rows of points, s.
 
     Parameters
     ----------
     distance : float
-        Of every point from the disc's centre, m.
+        Distance of every point from the disc's centre, m.
     guess : array [N+1,2]
-        Joint positions to start from at even times, rad.
+        Initial joint positions at even times, rad.
     points : int
-        Along each link.
+        Number of points along each link.
     """
     opti, intervals = ca.Opti(), len(guess) - 1
     q, w, u = (opti.variable(2, intervals + 1) for _ in range(3))
@@ -171,7 +171,7 @@ def _same(limits: mo.Limits) -> dict[str, Any]:
 
 
 def _judged(path: Path, motion: mo.Motion, factor: float) -> str:
-    """What the rules of the task say of a motion, slowed down by a factor."""
+    """Return the verdict of the task's rules on a motion, slowed down by a factor."""
     import pybullet  # type: ignore[import-not-found]
     from scipy.interpolate import CubicSpline
 

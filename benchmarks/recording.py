@@ -1,9 +1,9 @@
-"""A recording of five motions of a 7R arm at 1 kHz: ours against logging step by step.
+"""Recording of five motions of a 7R arm at 1 kHz: ours against logging step by step.
 
-The peer logs what a plain script would: at every sample the pose of every link and of the tool, and
-the position, velocity and torque of every joint; 29 entities a motion. Ours has all of that from
-the same samples, and trails, torque arcs, arrows, lanes, marks, limits and a second timeline
-besides. For the record: the density that recordings have by default, 200 Hz.
+The peer logs as a plain script would: at every sample the pose of every link and of the tool, and
+the position, velocity and torque of every joint; 29 entities per motion. Ours logs all of that from
+the same samples, and also trails, torque arcs, arrows, lanes, marks, limits and a second timeline.
+A further row has the default density of recordings, 200 Hz.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from benchmarks.measure import Benchmark, timed
 from microbot_ocp.views import _scene as scene
 from microbot_ocp.views.recording import of_comparison, quaternions
 
-SECONDS = 2.0  # promised
-DURATION = 3.0  # s of each motion
+SECONDS = 2.0  # promised time of our recording, s
+DURATION = 3.0  # duration of each motion, s
 MOTIONS = 5
 
 
 @cache
 def five_motions() -> mo.Comparison:
-    """Quintics of the packaged Panda between random poses, sampled at 1 kHz."""
+    """Build quintics of the packaged Panda between random poses, sampled at 1 kHz."""
     robot = mo.load_robot("panda")
     rng = np.random.default_rng(0)
     low, high = robot.limits.bounds("q")
@@ -45,12 +45,12 @@ def five_motions() -> mo.Comparison:
 
 
 def ours(path: Path, rate: float) -> None:
-    """The whole recording."""
+    """Write our whole recording."""
     of_comparison(five_motions(), rate).save(path)
 
 
 def step_by_step(path: Path) -> None:
-    """Poses and curves alone, one call a value."""
+    """Write poses and curves only, one call per value."""
     robot = five_motions().robot
     stream = rr.RecordingStream("step by step")
     stream.save(path)
@@ -72,7 +72,7 @@ def step_by_step(path: Path) -> None:
 
 
 def run(repetitions: int = 0) -> None:
-    """Time, size, and whether the file is valid."""
+    """Print time, size, and validity of each file."""
     with tempfile.TemporaryDirectory() as folder:
         paths = {name: Path(folder, f"{name}.rrd") for name in ("peer", "full", "default")}
         ways = {

@@ -1,10 +1,10 @@
-"""Closed-loop re-plans from a moving arm: how long they take, and how many answers come too late.
+"""Closed-loop re-plans of a moving arm: their times, and the number of late answers.
 
-An arm is sent to goals at random. While it is under way the goal moves every ``period`` seconds; a
-prepared solver is asked for a motion from the state that the arm will be in a period later. An
-answer that took longer than the period, by processor time of this process, is late; that one, or
-one that is not solved or whose certificate fails, leaves the arm with the motion that it has. With
-``--out`` every drive to a goal is a line of a file: what stands there is not driven again.
+An arm is sent to random goals. While it moves, the goal changes every ``period`` seconds, and a
+prepared solver is asked for a motion from the arm's state one period later. An answer is late if it
+takes longer than the period, by processor time of this process. After a late, unsolved or
+uncertified answer the arm continues with its present motion. With ``--out`` every drive to a goal
+is a line of a file; drives found in the file are not repeated.
 
     python -m benchmarks replanning --robot microbot --period 0.05 --count 100
     python -m benchmarks replanning --robot ur5e --period 0.3 --count 1000 --out out/replans.jsonl
@@ -25,12 +25,13 @@ import numpy as np
 import microbot_ocp as mo
 from benchmarks.scenes import read
 
-TASK = ("robot", "period", "moved", "reserve", "mesh", "seed")  # what a line is of
+# A line of the file belongs to these values.
+TASK = ("robot", "period", "moved", "reserve", "mesh", "seed")
 KEPT, LATE = "in time", "late"
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """One arm, one table line."""
+    """Run one arm; print one table line."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks replanning", description=__doc__)
     parser.add_argument("--robot", default="microbot")
     parser.add_argument("--count", type=int, default=100, help="re-plans at least")
@@ -50,7 +51,7 @@ def main(arguments: list[str] | None = None) -> None:
     high = np.minimum(robot.limits.q_max, 1.5) - options.moved
     first = np.random.default_rng(options.seed).uniform(low, high, (2, low.size))
     solver = mo.TimeOptimalSolver(robot, first, mesh=options.mesh)
-    solver(via_q=solver.via_q)  # kernels are made once
+    solver(via_q=solver.via_q)  # the first call compiles the kernels
     task = {key: getattr(options, key) for key in TASK}
     rows = read(options.out)
     rows = [row for row in rows if {key: row[key] for key in TASK} == task]
@@ -67,7 +68,7 @@ def main(arguments: list[str] | None = None) -> None:
 def _driven(
     solver: mo.TimeOptimalSolver, via_q: np.ndarray, draw: np.random.Generator, options: Any
 ) -> tuple[list[float], list[str]]:
-    """Seconds of every re-plan of one drive, and what came of it."""
+    """Run one drive; return the time of every re-plan, s, and its result."""
     motion = solver(via_q=via_q, reserve=options.reserve)
     goal, at, spent, outcomes = via_q[1], 0.0, [], []
     low, high = solver.robot.limits.bounds("q")

@@ -1,4 +1,4 @@
-"""Inverse dynamics from Python: ours, compiled, against ``pinocchio.rnea``; frax beside them."""
+"""Inverse dynamics from Python: ours, compiled, against ``pinocchio.rnea``; frax for comparison."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ NOTHING = (
 
 
 def seven_joints(seed: int = 7) -> mo.Robot:
-    """A 7R arm with full inertias."""
+    """Build a 7R arm with full inertias."""
     random = np.random.default_rng(seed)
     links = []
     for _ in range(7):
@@ -45,16 +45,16 @@ def seven_joints(seed: int = 7) -> mo.Robot:
 
 
 def frax_calls(robot: mo.Robot) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """frax's inverse dynamics of one state and of a batch, compiled by JAX in double precision."""
+    """Return frax's inverse dynamics of one state and of a batch, compiled in double precision."""
     os.environ.setdefault("JAX_ENABLE_X64", "1")
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # frax recommends settings of the environment
+        warnings.simplefilter("ignore")  # frax warns about settings of the environment
         import frax
         import jax
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "arm.urdf"
         mo.save_robot(robot, path)
-        # frax wants mass properties of every link; those of base and tool do not move
+        # frax needs mass properties of every link; those of base and tool have no effect.
         text = re.sub(
             r'<link name="([^"]+)" />', rf'<link name="\1">{NOTHING}</link>', path.read_text()
         )
@@ -73,7 +73,7 @@ def frax_calls(robot: mo.Robot) -> tuple[Callable[..., Any], Callable[..., Any]]
 
 
 def compare(robot: mo.Robot, repetitions: int) -> None:
-    """One state from Python, then a batch of them."""
+    """Time one state from Python, and a batch of states."""
     count = robot.joint_count
     states = np.random.default_rng(0).uniform(-2, 2, (3, BATCH, count))
     state = [np.ascontiguousarray(rows[0]) for rows in states]
@@ -87,7 +87,7 @@ def compare(robot: mo.Robot, repetitions: int) -> None:
     np.testing.assert_allclose(frax_batch(*states), theirs, rtol=1e-9, atol=1e-8)
     q, qd, qdd = state
     names = {"rnea": pin.rnea, "model": model, "data": data, "q": q, "qd": qd, "qdd": qdd}
-    # memory bound once: the caller writes the state in place and reads tau
+    # Bound memory: the caller writes the state in place and reads tau.
     buffer, run_in_place = compiled.buffer()
     tau = np.zeros(count)
     for i, array in enumerate(state):
@@ -125,6 +125,6 @@ def compare(robot: mo.Robot, repetitions: int) -> None:
 
 
 def run(repetitions: int = 0) -> None:
-    """The Microbot and, to see how it scales, seven joints."""
+    """Time the Microbot and, for the scaling, seven joints."""
     for robot in (mo.load_robot("microbot"), seven_joints()):
         compare(robot, repetitions or 15)

@@ -1,12 +1,12 @@
-"""From a key on a slider to the answer on the page: viser against panel, in Chromium, no solver.
+"""Round trip of a key on a slider to the page: viser against panel, in Chromium, without solver.
 
-Both take the value, and send a line and a chart of six curves of 400 samples back; the time until
-the line is on the page is the median of 40 keys.
+Both servers receive the value, and return a line and a chart of six curves of 400 samples; the
+reported time until the line is on the page is the median of 40 keys.
 
     python -m benchmarks.round_trip        (needs viser, panel, playwright and chromium)
 
-Without a graphics card viser's 3-D view is drawn by the processor: a small window shows what the
-libraries take, a large one what drawing adds.
+Without a graphics card the processor draws viser's 3-D view: a small window shows the time of the
+libraries, a large one adds the time of drawing.
 """
 
 # pyright: reportMissingImports=false
@@ -74,7 +74,7 @@ def main() -> None:
     for name, serve in {"viser": with_viser, "panel": with_panel}.items():
         for width, height in ((420, 300), (1280, 720)):
             stop = serve()
-            time.sleep(3.0)  # s, until it serves
+            time.sleep(3.0)  # start of the server, s
             with sync_playwright() as playwright:
                 browser = playwright.chromium.launch(**options)
                 times = _times(browser.new_page(viewport={"width": width, "height": height}))

@@ -1,10 +1,10 @@
 """Random tasks among obstacles by seed: solved share, duration against the usual chain, wall time.
 
 ``python -m benchmarks scenes --count 200`` runs five robots among posts, over tables, into shelves
-and through gaps, in turn. ``--out FILE`` keeps a line of JSON for every task and goes on where that
-file ends. The usual chain is RRT-Connect (one seed), shortcuts, corners rounded by parabolas as far
-as they keep clear, and the best timing of that path under the same limits. No motion is faster than
-the joint that has the longest way at its largest speed, which bounds what could be saved at all.
+and through gaps, in turn. ``--out FILE`` writes a line of JSON for every task and continues with
+the tasks missing in that file. The usual chain is RRT-Connect (one seed), shortcuts, corners
+rounded by parabolas as far as they keep clear, and the best timing of that path under equal limits.
+A lower bound is the time of the joint with the longest path at its largest speed.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from microbot_ocp.scene import Surroundings
 
 ROBOTS = ("microbot", "planar_3r", "puma560", "ur5e", "panda")
 KINDS = ("post", "table", "shelf", "gap")
-POSES = 20_000  # of which start and goal are chosen
-TRIES = 60  # scenes drawn until one is in the way
-SEARCHING = 60.0  # s, after which a task counts as one without a path
+POSES = 20_000  # random poses from which start and goal are chosen
+TRIES = 60  # scenes drawn until one blocks the straight path
+SEARCHING = 60.0  # time after which a task counts as one without a path, s
 
 Region = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
 
@@ -62,7 +62,7 @@ def read(path: Path | None) -> list[dict[str, Any]]:
 
 
 def measured(number: int) -> dict[str, Any]:
-    """One task, its motion, and the same by the usual chain."""
+    """Solve one task, and by the usual chain; return the row."""
     name, kind = ROBOTS[number % len(ROBOTS)], KINDS[number // len(ROBOTS) % len(KINDS)]
     row: dict[str, Any] = {"number": number, "robot": name, "kind": kind}
     drawn = draw(name, kind, number)
@@ -76,7 +76,7 @@ def measured(number: int) -> dict[str, Any]:
     row |= {"found": bool(paths), "searches_failed": sum(len(leg.failed) for leg in legs)}
     if not paths:
         return row | {"outcome": "no path"}
-    usual = min(paths, key=lambda path: path.name)  # of the first seed that found one
+    usual = min(paths, key=lambda path: path.name)  # path of the first seed with a solution
     row |= {
         "chain": usual.motion.duration,
         "best_chain": min(path.motion.duration for path in paths),
@@ -116,7 +116,7 @@ def line(row: dict[str, Any]) -> str:
 
 
 def table(rows: list[dict[str, Any]]) -> str:
-    """Counts and medians by robot and by kind, as Markdown."""
+    """Return the table of counts and medians by robot and by kind, as Markdown."""
     found = [
         "| | tasks | path found | solved and certified | saved against the chain, median "
         "(least) | could be saved at most, median | processor time, median |",
@@ -146,7 +146,7 @@ def table(rows: list[dict[str, Any]]) -> str:
 
 
 def draw(name: str, kind: str, seed: int) -> tuple[mo.Robot, mo.Scene, np.ndarray] | None:
-    """A robot with capsules, a scene, start and goal, between which the straight way is blocked."""
+    """Draw a robot with capsules, a scene, and start and goal with a blocked straight path."""
     random = np.random.default_rng(seed)
     robot = mo.load_robot(name)
     robot = robot.with_capsules(mo.robot.link_capsules(robot))
@@ -176,7 +176,7 @@ def draw(name: str, kind: str, seed: int) -> tuple[mo.Robot, mo.Scene, np.ndarra
 
 
 def _fit(around: Surroundings, q: np.ndarray) -> bool:
-    """Whether the arm stands free, and can be held there."""
+    """Return True if the arm is free of contact and can be held at rest."""
     if not around.is_free(q):
         return False
     try:
@@ -187,7 +187,7 @@ def _fit(around: Surroundings, q: np.ndarray) -> bool:
 
 
 def _frame(robot: mo.Robot, name: str, random: np.random.Generator) -> tuple[np.ndarray, float]:
-    """Where obstacles stand: X outward, Y to the side, Z up, from the shoulder; and the reach."""
+    """Return the frame of obstacles at the shoulder, X outward and Z up, and the reach, m."""
     frame = np.eye(4)
     if name.startswith("planar"):
         frame[:3, :3] = [[1, 0, 0], [0, 0, 1], [0, -1, 0]]
@@ -206,7 +206,7 @@ def _radius(robot: mo.Robot) -> float:
 def _scene(
     kind: str, size: float, radius: float, frame: np.ndarray, random: np.random.Generator
 ) -> tuple[list[Any], tuple[Region, Region]]:
-    """Obstacles of a kind, and where the tool starts and ends, in shares of the reach."""
+    """Draw obstacles of a kind, and start and end of the tool, relative to the reach."""
 
     def at(*place: float) -> np.ndarray:
         return frame[:3, :3] @ (size * np.array(place)) + frame[:3, 3]
@@ -222,7 +222,7 @@ def _scene(
         for k in range(int(random.integers(1, 3))):
             x, y, top = random.uniform((0.4, -0.15, 0.1), (0.6, 0.15, 0.6))
             ends = at(x, y, -0.6), at(x, y, top)
-            if frame[1, 2] == 1.0:  # planar: across the plane
+            if frame[1, 2] == 1.0:  # planar arms have posts across their plane
                 ends = at(x, -0.2, top - 0.35), at(x, 0.2, top - 0.35)
             obstacles.append(mo.Capsule(*ends, 0.04 * size, f"post {k + 1}"))
         if frame[1, 2] == 1.0:
@@ -287,5 +287,5 @@ def _scene(
 
 
 def run(repetitions: int) -> None:
-    """As part of all benchmarks: the first tasks only."""
+    """Run the first tasks only, as part of all benchmarks."""
     main(["--count", str(repetitions or 10)])

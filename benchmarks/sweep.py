@@ -1,24 +1,24 @@
-"""What a sweep costs beside the work itself: rate, overhead, efficiency, memory, files.
+"""Overhead of a sweep: rate, efficiency, memory, files.
 
     python -m benchmarks sweep --cases 200 --rounds 3 --trivial 10000
 
-The same cases are done by a plain loop, by one worker and by two, in turns (A B C A B C ...). All
-three hold one prepared solver with kernels from the cache. Rates are those between the first and
-the last part file, so that the start of processes, which a long study pays once, is told apart: it
-is the time to the first file. The plain loop runs in a process of its own with one thread of linear
-algebra, as dask gives its workers.
+The same cases are solved by a plain loop, by one worker and by two, in turns (A B C A B C ...). All
+three hold one prepared solver with kernels from the cache. Rates are measured between the first and
+the last part file, so they exclude the start of processes; the time to the first file measures the
+start. The plain loop runs in its own process with one thread of linear algebra, like dask's
+workers.
 
-- overhead: how much longer one worker takes than the plain loop;
+- overhead: additional time of one worker, relative to the plain loop;
 - efficiency: rate of N workers over N times the rate of the plain loop.
 
-Other work on the machine disturbs both, so there are two figures that it hardly disturbs:
+Other work on the machine disturbs both; two figures are hardly disturbed:
 
-- processor time a case: of the processes that do cases, and of all else (client, scheduler, workers
-  of dask), against that of the loop;
+- processor time per case: of the processes that solve cases, and of all others (client, scheduler,
+  workers of dask), against that of the loop;
 - busy: the time of all cases over that of all workers, between the same two files.
 
-Then cases that cost next to nothing: memory of the client, which holds the scheduler as well, at
-1,000 of them and at the end, its processor time a chunk, bytes a case.
+A second table has trivial cases: memory of the client, which includes the scheduler, at 1,000 of
+them and at the end, its processor time per chunk, and bytes per case.
 """
 
 from __future__ import annotations
@@ -60,13 +60,13 @@ print(time.perf_counter() - wall, time.process_time() - work)
 
 @dataclass
 class Run:
-    """One pass over the cases.
+    """Figures of one pass over the cases.
 
     Attributes
     ----------
-    span, start : s from the first answer to the last, and to the first
-    work : processor time of what does the cases, s a case
-    beside : processor time of all else, s a case
+    span, start : time from the first answer to the last, and to the first, s
+    work : processor time of the processes that solve cases, s per case
+    beside : processor time of all other processes, s per case
     busy : time of all cases over that of all workers
     """
 
@@ -78,7 +78,7 @@ class Run:
 
 
 def study_of(count: int) -> Study:
-    """Free motions, best timings and scaled cubics of the Microbot, with payloads."""
+    """Build a study of free motions, best timings and scaled cubics with payloads."""
     cases = mo.sweeps.Cases.random(
         count,
         start_q=[0.0, 1.0, -0.5],
@@ -89,12 +89,12 @@ def study_of(count: int) -> Study:
 
 
 def nothing(robot: mo.Robot, via_q: np.ndarray) -> mo.Motion:
-    """A method that says no at once: what is left is the cost of the sweep."""
+    """Fail at once, so that only the cost of the sweep remains."""
     raise mo.InputError("nothing is asked")
 
 
 def trivial_study(count: int) -> Study:
-    """Cases that cost next to nothing."""
+    """Build a study of trivial cases."""
     cases = mo.sweeps.Cases.random(
         count, start_q=[0.0, 1.0, -0.5], goal_q_deg=mo.Between([-90, 30, -90], [90, 120, 90])
     )
@@ -102,18 +102,18 @@ def trivial_study(count: int) -> Study:
 
 
 def plain_loop(count: int) -> Run:
-    """All cases one after the other in a process of their own."""
+    """Solve all cases one after the other in a separate process."""
     begin = time.perf_counter()
     code = [sys.executable, "-c", LOOP.format(count=count)]
     alone = {**os.environ, **ONE_THREAD}
-    alone.pop("MALLOC_TRIM_THRESHOLD_", None)  # which an earlier sweep's dask has set
+    alone.pop("MALLOC_TRIM_THRESHOLD_", None)  # dask of an earlier sweep may have set it
     done = subprocess.run(code, capture_output=True, text=True, check=True, env=alone)
     span, work = map(float, done.stdout.split())
     return Run(span, time.perf_counter() - begin - span, work / (count - 1))
 
 
 def spent() -> tuple[float, float]:
-    """Processor time until now, s: of the processes that do cases, and of all others."""
+    """Return processor times so far, s: of the processes that solve cases, and of all others."""
     doing, beside = 0.0, time.process_time()
     for process in psutil.Process().children(recursive=True):
         with contextlib.suppress(psutil.Error):
@@ -126,7 +126,7 @@ def spent() -> tuple[float, float]:
 
 
 def swept(study: Study, workers: int) -> Run:
-    """A sweep into a new folder."""
+    """Run a sweep into a new folder."""
     moments: list[tuple[int, float, float, float]] = []
 
     def note(step: Any) -> None:
@@ -141,19 +141,19 @@ def swept(study: Study, workers: int) -> Run:
     done, at, *before = moments[0]
     last, end, *after = moments[-1]
     work, beside = (np.array(after) - before) / (last - done)
-    span = (end - at) * (results.count - 1) / (last - done)  # for as many as the loop is timed
+    span = (end - at) * (results.count - 1) / (last - done)  # scaled to the cases of the loop
     busy = each[workers:].mean() * (last - done) / (workers * (end - at))
     return Run(span, at - begin, float(work), float(beside), float(busy))
 
 
 def memory() -> float:
-    """Resident memory of this process now, MB."""
+    """Return the resident memory of this process, MB."""
     pages = int(Path("/proc/self/statm").read_text().split()[1])
     return pages * resource.getpagesize() / MB
 
 
 def print_rates(count: int, rounds: int) -> None:
-    """Plain loop, one worker, two workers in turns."""
+    """Print plain loop, one worker and two workers, run in turns."""
     study = study_of(count)
     ways: dict[str, Callable[[], Run]] = {
         "plain loop": lambda: plain_loop(count),
@@ -201,7 +201,7 @@ def print_rates(count: int, rounds: int) -> None:
 
 
 def print_memory(count: int) -> None:
-    """Cases that cost nothing: memory, and what the client itself spends."""
+    """Print memory and processor time of the client with trivial cases."""
     study = trivial_study(count)
     seen: dict[int, float] = {}
     marks = sorted({1000, count // 2, count})

@@ -1,9 +1,9 @@
-"""How many fastest motions of random tasks have exact switching times, and why the others do not.
+"""Share of fastest motions of random tasks with exact switching times, and reasons of the others.
 
 Random rest-to-rest tasks by seed, on four arms, with limits of torque alone and of torque and
 speed, without a via point and with one: ``python -m benchmarks switching_times --count 20``. A task
-counts as exact where the status of the switching times is "solved" and the certificate of the
-motion holds. Seconds are of the processor.
+counts as exact if the status of the switching times is "solved" and the certificate of the motion
+passed. Times are processor times.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ import microbot_ocp as mo
 
 ARMS = ("planar_2r", "planar_3r", "microbot", "stanford")
 FAMILIES = ("torque", "torque, speed")
-REACH = 0.6  # of the range of every joint, at most half a turn to each side
+REACH = 0.6  # part of every joint's range, which is at most half a turn to each side
 
 
 def task(name: str, family: str, via: int, seed: int) -> tuple[mo.Robot, np.ndarray]:
-    """An arm with the limits of a family, and poses that it can hold at rest."""
+    """Draw an arm with the limits of a family, and poses that it can hold at rest."""
     robot = mo.load_robot(name)
     own = robot.limits
     speed = {} if family == "torque" else {"qd_max": own.qd_max}
@@ -43,7 +43,7 @@ def task(name: str, family: str, via: int, seed: int) -> tuple[mo.Robot, np.ndar
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Print one line a task, then one a class."""
+    """Print one line per task, and one per class."""
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks switching_times", description=__doc__
     )
@@ -64,7 +64,7 @@ def main(arguments: list[str] | None = None) -> None:
             seconds.append(measure() - begin)
             found = motion.provenance
             said = found.get("switching_times", {"status": "no motion", "advice": ""})
-            on_a_mesh = found.get("on_a_mesh")  # of the motion that exact times replaced
+            on_a_mesh = found.get("on_a_mesh")  # duration of the motion on a mesh, before
             if on_a_mesh is not None and mo.certify(robot, motion).ok:
                 exact += 1
                 print(f"{name}, {family}, {via} via, {seed}: {on_a_mesh:.7f} -> ", end="")
@@ -83,7 +83,7 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def measure() -> float:
-    """Seconds of the processor, of solvers' own processes, too."""
+    """Return the processor time, including the solvers' own processes, s."""
     times = os.times()
     return times.user + times.system + times.children_user + times.children_system
 

@@ -1,18 +1,17 @@
-"""Random tasks by seed: free motions and timings of paths, and what became of each.
+"""Random tasks by seed: free motions and timings of paths, and their results.
 
 ``python -m benchmarks torture [--count 1000] [--first 0] [--step 1] [--limit 120] [--out FILE]``
 
-A seed says everything of a task: its kind, robot, limits and via points. Every task is solved with
-default settings and certified, in a process of its own, within a limit of wall time; the system
-ends the process when it has used twice as much processor time. One line of JSON a task goes to
-FILE, every failure with its seed. Seeds that FILE holds are not solved again, unless ``--again``
-asks for those that failed, so a run that was ended is continued by the same command; the table is
-that of the whole FILE, the last line of a seed counting. ``--task SEED`` solves one of them again
-and prints how it goes.
+A seed determines a task: its kind, robot, limits and via points. Every task is solved with default
+settings and certified, in its own process, within a limit of wall time; the system ends the process
+after twice as much processor time. One line of JSON per task goes to FILE. Seeds that FILE holds
+are not solved again, except failed ones with ``--again``, so the command continues an interrupted
+run; the table covers the whole FILE, with the last line of each seed. ``--task SEED`` solves one
+task again and prints its progress.
 
-A failure counts where somebody can solve the task: where the scaled cubic keeps the limits, or the
-straight path, by reachability; or, of a path, where toppra times it. Elsewhere the task may be
-impossible, and what is returned must say so.
+A failure counts if the task is known to be solvable: if the scaled cubic keeps the limits, or the
+straight path timed by reachability; or, for a path, if toppra times it. Other tasks may be
+impossible, and the result must say so.
 """
 
 from __future__ import annotations
@@ -39,15 +38,15 @@ from microbot_ocp.limits import LimitFamily, MotionSamples
 from microbot_ocp.motion import PiecewisePolynomial
 
 COUNT, LIMIT = 1000, 120
-KEPT = 5e-4  # relative excess of a limit between the points of a timing by others
-TIMING = 1e-4  # share by which the timing of a path may be slower than the best known one
+KEPT = 5e-4  # allowed relative excess between the points of a timing by others
+TIMING = 1e-4  # allowed relative excess of a path's duration over the best known one
 ARMS = ("microbot", "planar_2r", "planar_3r", "stanford", "puma560", "ur5e", "panda")
-REACH = 3.0  # rad (m): via points are at most as far from zero
+REACH = 3.0  # largest distance of via points from zero, rad (m)
 
 
 @dataclass(frozen=True, eq=False)
 class RandomTask:
-    """One task: a free motion through via points, or the timing of a path."""
+    """Task of a seed: a free motion through via points, or the timing of a path."""
 
     kind: str
     robot: mo.Robot
@@ -59,7 +58,7 @@ class RandomTask:
 
 
 def packaged(random: np.random.Generator) -> RandomTask:
-    """A packaged robot, some of its limits changed, two to five via points."""
+    """Draw a packaged robot with some limits changed, and two to five via points."""
     robot = mo.load_robot(str(random.choice(ARMS)))
     changed: dict[str, Any] = {}
     if random.random() < 0.3:
@@ -73,7 +72,7 @@ def packaged(random: np.random.Generator) -> RandomTask:
 
 
 def chain(random: np.random.Generator) -> RandomTask:
-    """One to eight joints, prismatic ones among them, of 1 g to 1 t and 1 cm to 10 m."""
+    """Draw one to eight joints, some prismatic, of 1 g to 1 t and 1 cm to 10 m."""
     robot = random_chain(random, int(random.integers(1, 9)), 10.0 ** random.uniform(-3, 3))
     strength = random.uniform(1.2, 5.0)
     robot = robot.with_limits(tau_max=strength * gravity_sizes(random, robot))
@@ -81,7 +80,7 @@ def chain(random: np.random.Generator) -> RandomTask:
 
 
 def tight(random: np.random.Generator) -> RandomTask:
-    """Torques of 0.6 times the largest against gravity: the arm has to swing."""
+    """Draw torques of 0.6 times the largest against gravity: the arm has to swing."""
     name = str(random.choice(["microbot", "planar_3r", "chain"]))
     robot = random_chain(random, int(random.integers(2, 5))) if name == "chain" else None
     robot = robot or mo.load_robot(name)
@@ -90,7 +89,7 @@ def tight(random: np.random.Generator) -> RandomTask:
 
 
 def many(random: np.random.Generator) -> RandomTask:
-    """Six to thirty via points."""
+    """Draw six to thirty via points."""
     robot = mo.load_robot(str(random.choice(["microbot", "planar_3r", "stanford"])))
     return RandomTask(
         "many via points", robot, via_points(random, robot, int(random.integers(6, 31)))
@@ -98,7 +97,7 @@ def many(random: np.random.Generator) -> RandomTask:
 
 
 def small(random: np.random.Generator) -> RandomTask:
-    """Tiny ways, tiny velocities, a locked joint: sizes that no default expects."""
+    """Draw tiny paths, tiny velocities, a locked joint: sizes that no default expects."""
     robot = mo.load_robot(str(random.choice(["microbot", "planar_3r"])))
     via = via_points(random, robot, int(random.integers(2, 5)))
     if random.random() < 0.4:
@@ -115,30 +114,30 @@ def small(random: np.random.Generator) -> RandomTask:
 
 
 def shipped(random: np.random.Generator) -> RandomTask:
-    """A chain of two to eight joints of some URDF file, two to four via points."""
+    """Draw a chain of two to eight joints of some URDF file, and two to four via points."""
     robot = shipped_chain(random)
     return RandomTask("URDF arm", robot, via_points(random, robot, int(random.integers(2, 5))))
 
 
 def timing(random: np.random.Generator) -> RandomTask:
-    """A cubic spline or straight lines through two to eight points, to be timed."""
+    """Draw a path to be timed: a cubic spline or straight lines through two to eight points."""
     return timing_of(random, mo.load_robot(str(random.choice(ARMS))))
 
 
 def shipped_timing(random: np.random.Generator) -> RandomTask:
-    """The same of a chain from a URDF file."""
+    """Draw a path to be timed of a chain from a URDF file."""
     return timing_of(random, shipped_chain(random))
 
 
 def timing_of(random: np.random.Generator, robot: mo.Robot) -> RandomTask:
-    """A cubic spline or straight lines through two to eight points, to be timed."""
+    """Draw a path of a robot: a cubic spline or straight lines through two to eight points."""
     robot = robot.with_limits(taud_max=np.inf)
     via = via_points(random, robot, int(random.integers(2, 9)), everywhere=True)
     path = mo.straight_path(via)
     if random.random() < 0.7:
         path = mo.cubic(via, np.arange(float(len(via))))
     q = path(np.linspace(path.breaks[0], path.breaks[-1], 400))
-    if ((q < robot.limits.q_min) | (q > robot.limits.q_max)).any():  # a spline that swings out
+    if ((q < robot.limits.q_min) | (q > robot.limits.q_max)).any():  # the spline overshoots
         path = mo.straight_path(via)
     return RandomTask("path timing", robot, via, path)
 
@@ -158,15 +157,15 @@ KINDS: tuple[Callable[[np.random.Generator], RandomTask], ...] = (
 
 
 def task_of(seed: int) -> RandomTask:
-    """The task of a seed."""
+    """Draw the task of a seed."""
     return KINDS[seed % len(KINDS)](np.random.default_rng([seed, 20261121]))
 
 
 def shipped_chain(random: np.random.Generator) -> mo.Robot:
-    """A chain of two to eight joints from the URDF files of three packages.
+    """Draw a chain of two to eight joints from the URDF files of three packages.
 
-    Limits are those of the file. Where it has none of the velocity, or none of the torque or one
-    that does not lift the arm, there are others; without masses one of the acceleration.
+    Limits are those of the file. Missing limits of velocity, and missing torque limits or those
+    that do not lift the arm, are replaced; without masses the acceleration is limited.
     """
     from external.urdf_packages import file_at, paths
 
@@ -200,7 +199,7 @@ def shipped_chain(random: np.random.Generator) -> mo.Robot:
 
 
 def random_chain(random: np.random.Generator, count: int, mass: float = 2.0) -> mo.Robot:
-    """Links that become lighter outward, of lengths alike."""
+    """Draw a chain of links of similar lengths whose masses decrease outward."""
     length = 10.0 ** random.uniform(-2, 1) if mass != 2.0 else 0.5
     prismatic = (random.random(count) < 0.2) & (mass != 2.0)
     links = []
@@ -220,19 +219,19 @@ def random_chain(random: np.random.Generator, count: int, mass: float = 2.0) -> 
             q_min=np.where(prismatic, -length, -6.0), q_max=np.where(prismatic, length, 6.0)
         ),
         name=f"chain of {count}",
-        convention="modified",  # said, as a random first row is what the other one would have
+        convention="modified",  # explicit, since a random first row looks like a standard table
     )
 
 
 def gravity_sizes(random: np.random.Generator, robot: mo.Robot) -> FloatArray:
-    """Largest torque [n] against gravity; of joints that carry none a third of the largest."""
+    """Return the largest torque [n] against gravity, at least a third of the largest of all."""
     q = random.uniform(*reach(robot), (500, robot.joint_count))
     found = np.abs(np.array(mo.gravity_torque(robot).map(len(q))(q.T))).max(axis=1)
     return np.maximum(found, 0.3 * found.max() + 1e-9)
 
 
 def reach(robot: mo.Robot) -> tuple[FloatArray, FloatArray]:
-    """Where via points may lie [n]."""
+    """Return the range of via points [n]."""
     low, high = robot.limits.q_min, robot.limits.q_max
     return np.clip(-REACH, low, high), np.clip(REACH, low, high)
 
@@ -240,7 +239,7 @@ def reach(robot: mo.Robot) -> tuple[FloatArray, FloatArray]:
 def via_points(
     random: np.random.Generator, robot: mo.Robot, count: int, *, everywhere: bool = False
 ) -> FloatArray:
-    """Random poses [m,n]; the arm can rest at both ends, or ``everywhere``."""
+    """Draw poses [m,n]; the arm can rest at both ends, or ``everywhere``."""
     via = random.uniform(*reach(robot), (count, robot.joint_count))
     if not robot.has_dynamics:
         return via
@@ -256,7 +255,7 @@ def via_points(
 def solve(
     task: RandomTask, progress: Callable[[Any], None] | None = None, limit: float = np.inf
 ) -> dict[str, Any]:
-    """What becomes of a task within a limit of wall time, s, as plain values."""
+    """Solve a task within a limit of wall time, s; return its result as plain values."""
     more: dict[str, Any] = {"progress": progress, "time_limit": limit}
     begin = processor_time()
     try:
@@ -282,14 +281,14 @@ def solve(
 
 
 def best_known(task: RandomTask) -> float:
-    """A duration in s that somebody else reaches; infinite where nobody does."""
+    """Return the best duration that another method reaches, s; infinite without one."""
     robot, path = task.robot, task.path
     if path is not None:
         from external.toppra_timing import graded_grid, toppra_problem
 
         ways = [lambda: reachability(robot, path)]
         rubs = any(link.viscous_friction or link.coulomb_friction for link in robot.links)
-        # toppra is told of torques without friction and of velocities: others would not be kept
+        # toppra keeps torques without friction and velocities; it would violate other limits.
         plain = robot.has_dynamics and not rubs
         if plain and not np.isfinite(np.array(robot.limits.bounds("qdd"))).any():
 
@@ -303,7 +302,7 @@ def best_known(task: RandomTask) -> float:
 
             ways.append(by_toppra)
     else:
-        # where the jerk is limited a free motion rests without acceleration, which no cubic does
+        # Under a jerk limit a free motion rests without acceleration, which no cubic does.
         shaped = mo.quintic if np.isfinite(robot.limits.qddd_max).any() else mo.cubic
         shape = shaped(task.via, np.arange(float(len(task.via))))
         ways = [
@@ -314,13 +313,13 @@ def best_known(task: RandomTask) -> float:
     for duration in ways:
         try:
             known.append(float(np.nan_to_num(duration(), nan=np.inf, posinf=np.inf)))
-        except (RuntimeError, ValueError):  # InputError, too: this way is none
+        except (RuntimeError, ValueError):  # InputError, too: the method does not apply
             continue
     return min(known)
 
 
 def reachability(robot: mo.Robot, path: PiecewisePolynomial) -> float:
-    """Duration in s by the passes on a grid, where they keep every limit."""
+    """Return the duration by the passes on a grid, s, if they keep every limit."""
     timing = mo.planning.time_path(robot, path, grid=4000)
     kept = len(timing.limits_kept_by["reachability"] + timing.limits_kept_by["speed bound"])
     every = sum(len(names) for names in timing.limits_kept_by.values())
@@ -328,7 +327,7 @@ def reachability(robot: mo.Robot, path: PiecewisePolynomial) -> float:
 
 
 def without_corners(path: PiecewisePolynomial) -> list[PiecewisePolynomial]:
-    """A path in parts: toppra would pass its corners without a stop."""
+    """Divide a path at its corners, which toppra would pass without a stop."""
     slope = path.derivative()
     ends = [
         np.polynomial.polynomial.polyval(step, table)
@@ -344,7 +343,7 @@ def without_corners(path: PiecewisePolynomial) -> list[PiecewisePolynomial]:
 
 
 def lawful(robot: mo.Robot, problem: Any) -> float:
-    """Duration in s of toppra's timing, where it keeps the limits between its points, too."""
+    """Return the duration of toppra's timing, s, if it keeps the limits between its points."""
     trajectory = problem.compute_trajectory(0.0, 0.0)
     if trajectory is None:
         return np.inf
@@ -356,9 +355,10 @@ def lawful(robot: mo.Robot, problem: Any) -> float:
 
 
 def judged(task: RandomTask, found: dict[str, Any]) -> str:
-    """In one word: "certified", "failed" or, where nobody is known to do better, "open".
+    """Return the verdict: "certified", "failed", "late" or "open".
 
-    "late" is what was certified, but not solved, when the time was over.
+    "late" is certified, but not solved within the time limit; "open" is a failed task that no
+    method is known to solve better.
     """
     done = found.get("solved") and found.get("certified")
     known = found["best_known"]
@@ -373,7 +373,7 @@ def judged(task: RandomTask, found: dict[str, Any]) -> str:
 
 
 def table(results: Sequence[dict[str, Any]]) -> str:
-    """What became of the tasks, by kind, as Markdown."""
+    """Return the table of results by kind, as Markdown."""
     lines = [
         "| kind | tasks | certified | failed, though known to be possible | open | certified, but "
         "not solved at the limit of time | hung | median time, s | longest, s |",

@@ -1,4 +1,4 @@
-"""Problems in unfortunate units, with automatic scales and without: what solvers make of it."""
+"""Problems in unfortunate units, solved with automatic scales and without."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from rich.table import Table
 from microbot_ocp.ocp import SolverSettings, solve
 from ocp.odd_units import EARTH, GODDARD, goddard_in_si, robot_arm
 
-ARM = 9.14093  # s, COPS 3.0, problem 8
+ARM = 9.14093  # optimum of COPS 3.0, problem 8, s
 CASES = {
     "rocket in m, s, kg": (goddard_in_si, lambda cost: 1 - cost / EARTH, GODDARD),
     "arm in its own units": (lambda: robot_arm(1.0, 1.0), lambda cost: cost, ARM),
@@ -18,7 +18,7 @@ CASES = {
 
 
 def run(_: int = 0) -> None:
-    """One solve each, Hermite-Simpson on 100 intervals, from the guess of the layer."""
+    """Solve each once by Hermite-Simpson on 100 intervals, from the default guess."""
     columns = ("problem", "solver", "scaling", "status", "iterations", "found", "published")
     table = Table(*columns, title="Units and scales")
     for name, (build, figure, published) in CASES.items():

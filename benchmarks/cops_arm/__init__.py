@@ -1,13 +1,13 @@
 """The COPS robot arm stated in microbot_ocp, rockit and dymos: lines, time, accuracy.
 
-Each form is a file of its own, which docs/side_by_side.md shows. All use 100 intervals of Radau
+Each form is a separate file, which docs/side_by_side.md shows. All use 100 intervals of Radau
 collocation of degree 3 and solve to 1e-8. Ours and dymos give the controls a value at each
 collocation point; rockit holds them over an interval.
 
-Every run is a process of its own, in turns. ``code`` is the time of the form's file with its
-imports done before; ``solver`` the part of it in the solver with the evaluations of the model;
-``process`` all from the start of Python to its end. dymos finds a colouring of its Jacobian, which
-may be kept for later runs: it is measured with a kept one and without.
+Every run is a separate process, in turns. ``code`` is the time of the form's file after its
+imports; ``solver`` is its part in the solver with the evaluations of the model; ``process`` is the
+time from the start of Python to its end. dymos finds a colouring of its Jacobian, which may be kept
+for later runs: it is measured with a kept one and without.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ TITLES = {"ours": "microbot_ocp", "rockit_form": "rockit", "dymos_form": "dymos"
 
 
 def code_lines(path: Path) -> int:
-    """Lines that are neither blank nor comment."""
+    """Count the lines that are neither blank nor comment."""
     lines = (line.strip() for line in path.read_text("utf-8").splitlines())
     return sum(bool(line) and not line.startswith("#") for line in lines)
 
 
 def in_fresh_process(way: str, kept: Path) -> dict[str, float]:
-    """What one run of a way found and took, s."""
+    """Run one form in a fresh process; return its result and times, s."""
     name = way.removesuffix(COLD)
     with tempfile.TemporaryDirectory() as empty:
         folder = Path(empty) if way.endswith(COLD) else kept
@@ -51,7 +51,7 @@ def in_fresh_process(way: str, kept: Path) -> dict[str, float]:
             ),
             "PYTHONWARNINGS": "ignore",
         }
-        with tempfile.TemporaryDirectory() as work:  # where dymos leaves its files
+        with tempfile.TemporaryDirectory() as work:  # dymos writes files into the working folder
             begin = time.perf_counter()
             done = subprocess.run(
                 [sys.executable, "-m", "benchmarks.cops_arm.child", name, str(folder)],
@@ -68,7 +68,7 @@ def in_fresh_process(way: str, kept: Path) -> dict[str, float]:
 
 
 def run(repetitions: int = 0) -> None:
-    """A table, medians of the runs in turns; without the forms of packages that are not there."""
+    """Print medians of the runs in turns, without the forms of packages that are not installed."""
     peers = {name: name.removesuffix("_form") for name in TITLES if name != "ours"}
     absent = [name for name, peer in peers.items() if importlib.util.find_spec(peer) is None]
     for name in absent:

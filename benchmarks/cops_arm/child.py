@@ -1,4 +1,4 @@
-"""One of the three forms in this process, which is fresh: what it found and what it took.
+"""One of the three forms in this fresh process: its result and its times.
 
 python -m benchmarks.cops_arm.child NAME FOLDER
 """
@@ -48,7 +48,7 @@ IMPORTS = {
 
 
 def keep_colouring(folder: Path) -> None:
-    """Let dymos take the colouring of its Jacobian from the folder, and leave it there."""
+    """Patch dymos to read the colouring of its Jacobian from the folder, and to keep it there."""
     from benchmarks.cops_arm.ipopt_driver import IpoptDriver
 
     made = IpoptDriver.declare_coloring

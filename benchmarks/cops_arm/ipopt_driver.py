@@ -1,9 +1,9 @@
 """IPOPT as a driver of OpenMDAO, by cyipopt.
 
-OpenMDAO's own ways to IPOPT go through pyOptSparse or modOpt, which the package index does not
-have. What users of dymos write as ``om.pyOptSparseDriver(optimizer="IPOPT")`` is done here in the
-same manner: one run of the model a point, one coloured sparse Jacobian an iteration, and the
-Hessian by limited-memory BFGS, for OpenMDAO has no second derivatives.
+OpenMDAO's own drivers of IPOPT need pyOptSparse or modOpt, which the package index does not have.
+OpenMDAO's own drivers of IPOPT need pyOptSparse or modOpt, which the package index does not have.
+This driver replaces ``om.pyOptSparseDriver(optimizer="IPOPT")``: one run of the model per point,
+one coloured sparse Jacobian per iteration, and the Hessian by limited-memory BFGS, because
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ Array = np.ndarray
 
 
 class IpoptDriver(Driver):
-    """Minimise one objective under constraints.
+    """Driver that minimises one objective under constraints by IPOPT.
 
     Attributes
     ----------
-    opt_settings : IPOPT's options
-    iterations, seconds : of IPOPT in the last run
+    opt_settings : options of IPOPT
+    iterations, seconds : iterations and time of IPOPT in the last run
     """
 
     def __init__(self, **opt_settings: Any) -> None:
@@ -46,7 +46,7 @@ class IpoptDriver(Driver):
         self.iterations, self.seconds = 0, 0.0
 
     def run(self) -> bool:
-        """Optimise; True where IPOPT did not converge."""
+        """Run the optimisation; return True if IPOPT did not converge."""
         self.result.reset()
         self.iter_count, self._total_jac = 0, None
         self._check_for_missing_objective()
@@ -103,7 +103,7 @@ class IpoptDriver(Driver):
             ).copy()
         return self._totals
 
-    # what cyipopt asks of a problem
+    # interface of cyipopt
 
     def objective(self, x: Array) -> float:
         self._evaluate(x)

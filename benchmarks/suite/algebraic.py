@@ -16,7 +16,7 @@ from microbot_ocp.ocp import Guess, OptimalControlProblem
 
 
 def complementarity() -> OptimalControlProblem:
-    """y' = 2 - sign(y) written with complementary variables and a penalty of 1000."""
+    """Minimise over y' = 2 - sign(y) by complementary variables and a penalty of 1000."""
     problem = OptimalControlProblem("dynamic MPEC")
     phase = problem.phase("only", 2.0)
     y = phase.state("y", initial=-1.0)
@@ -35,7 +35,7 @@ def _complementarity_guess() -> dict[str, Guess]:
 
 
 def kinetic_batch_reactor() -> OptimalControlProblem:
-    """A stiff batch reactor as a differential-algebraic system in three phases.
+    """Declare a stiff batch reactor as a differential-algebraic system in three phases.
 
     The acid's concentration starts from the catalyst's; a clock is a state.
     """
@@ -117,7 +117,7 @@ def _heat_guess() -> dict[str, Guess]:
 
 
 def heat() -> OptimalControlProblem:
-    """A nonlinear heat equation by ten lines; the values beyond its ends are algebraic."""
+    """Steer a nonlinear heat equation on ten lines; the values beyond its ends are algebraic."""
     count, a1, a2, a3, a4, rate = 10, 4.0, 1.0, 4.0, -1.0, -1.0
     problem = OptimalControlProblem("heat")
     phase = problem.phase("only", 0.5)
@@ -143,7 +143,7 @@ def heat() -> OptimalControlProblem:
 
 
 def pendulum_of_index_1() -> OptimalControlProblem:
-    """A pendulum in Cartesian coordinates brought to rest; its tension is algebraic."""
+    """Steer a pendulum in Cartesian coordinates to rest; its tension is algebraic."""
     problem = OptimalControlProblem("pendulum")
     phase = problem.phase("only", 3.0)
     x = phase.state("x", initial=1.0, final=0.0, lower=-5.0, upper=5.0)

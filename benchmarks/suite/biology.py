@@ -21,7 +21,7 @@ from microbot_ocp.ocp import Guess, OptimalControlProblem
 
 
 def tuberculosis() -> OptimalControlProblem:
-    """Two strains of tuberculosis treated for 5 years: fewest infected, and the effort."""
+    """Minimise infections with two strains of tuberculosis and the effort over 5 years."""
     problem = OptimalControlProblem("two-strain tuberculosis")
     phase = problem.phase("treat", 5.0)
     people = 30000.0
@@ -50,7 +50,7 @@ _CAPACITY = ((5.85 - 0.02) / 0.00873) ** 1.5
 
 
 def tumour() -> OptimalControlProblem:
-    """Tumour anti-angiogenesis: smallest volume at the end, 15 mg of inhibitor at most 75 a day."""
+    """Minimise a tumour's final volume: 15 mg of anti-angiogenic inhibitor, at most 75 a day."""
     problem = OptimalControlProblem("tumour")
     phase = problem.phase("treat", (0.1, 5.0))
     p = phase.state("p", initial=_CAPACITY / 2, lower=0.1, upper=_CAPACITY)
@@ -75,7 +75,7 @@ def _tumour_guess() -> dict[str, Guess]:
 
 
 def algae_and_bacteria() -> OptimalControlProblem:
-    """A consortium of algae and bacteria in a chemostat: most algae harvested in 20 days."""
+    """Maximise the harvest of algae that live with bacteria in a chemostat, in 20 days."""
     problem = OptimalControlProblem("algae and bacteria")
     phase = problem.phase("harvest", 20.0)
     s = phase.state("s", initial=0.1629, lower=0.0)
@@ -97,7 +97,7 @@ def algae_and_bacteria() -> OptimalControlProblem:
     return problem
 
 
-# animals of eight stages at 21 times (Rothschild, Sharov, Kearsley and Bondarenko 1997)
+# Counts of animals of eight stages at 21 times (Rothschild, Sharov, Kearsley, Bondarenko 1997).
 _STAGES = (
     (20000, 17000, 10000, 15000, 12000, 9000, 7000, 3000),
     (12445, 15411, 13040, 13338, 13484, 8426, 6615, 4022),
@@ -124,7 +124,7 @@ _STAGES = (
 
 
 def marine_population() -> OptimalControlProblem:
-    """Growth and mortality of eight stages of a marine population from counts: 15 rates."""
+    """Fit growth and mortality of eight stages of a marine population to counts: 15 rates."""
     problem = OptimalControlProblem("marine population")
     growth = problem.free_parameter("growth", 7, lower=0.0)
     mortality = problem.free_parameter("mortality", 8, lower=0.0)
@@ -138,7 +138,7 @@ def marine_population() -> OptimalControlProblem:
 
 
 def marine_population_in_phases() -> OptimalControlProblem:
-    """The same fit in a phase between any two counts, with rates that are states."""
+    """Fit the marine population in a phase between any two counts, with rates as states."""
     problem, counts, before = OptimalControlProblem("marine phases"), ca.DM(_STAGES).T, None
     for number in range(20):
         phase = problem.phase(f"from count {number}", 0.5)
@@ -173,7 +173,7 @@ def _between_counts(first: Array, last: Array, s: Array) -> Array:
 
 
 def fishing_with_two_fleets() -> OptimalControlProblem:
-    """Lotka and Volterra, prey and predators fished by a fleet each."""
+    """Steer Lotka-Volterra predators and prey, each fished by a fleet."""
     problem = OptimalControlProblem("two fleets")
     phase = problem.phase("only", 12.0)
     prey = phase.state("prey", initial=0.5)
@@ -187,7 +187,7 @@ def fishing_with_two_fleets() -> OptimalControlProblem:
 
 
 def hiv() -> OptimalControlProblem:
-    """Chemotherapy of HIV: most healthy cells with little medicine in 50 days."""
+    """Maximise healthy cells with little medicine in 50 days of chemotherapy of HIV."""
     problem = OptimalControlProblem("HIV")
     phase = problem.phase("treat", 50.0)
     healthy = phase.state("healthy", initial=982.8, lower=0.0)
@@ -208,7 +208,7 @@ def hiv() -> OptimalControlProblem:
 
 
 def two_drugs() -> OptimalControlProblem:
-    """Warfarin and phenylbutazone in the blood are brought to their levels in least time."""
+    """Steer warfarin and phenylbutazone in the blood to their levels in least time."""
     problem = OptimalControlProblem("two drugs")
     phase = problem.phase("only", (1.0, 500.0))
     x1 = phase.state("warfarin", initial=0.02, final=0.02)
@@ -227,10 +227,10 @@ CONTACT, RECOVERY, BEDS, INFECTED = 0.3, 0.1, 0.05, 1e-4
 
 
 def _epidemic_optimum() -> float:
-    """Nothing until the beds are full, then as many new ones as recover, until herd immunity."""
+    """Return the optimum: free until the beds are full, constant infections to herd immunity."""
     herd = RECOVERY / CONTACT
     low, high = herd, 1 - INFECTED
-    for _ in range(200):  # s when the infected, 1 - s + herd log(s / s0), are as many as the beds
+    for _ in range(200):  # at s the infected, 1 - s + herd log(s / s0), fill the beds
         middle = (low + high) / 2
         low, high = (
             (middle, high)
@@ -241,7 +241,7 @@ def _epidemic_optimum() -> float:
 
 
 def epidemic() -> OptimalControlProblem:
-    """The least distancing that keeps the infected within the beds."""
+    """Minimise the distancing that keeps the infected within the beds."""
     problem = OptimalControlProblem("epidemic")
     phase = problem.phase("only", 300.0)
     s = phase.state("susceptible", initial=1 - INFECTED, lower=0.0, upper=1.0)
@@ -254,7 +254,7 @@ def epidemic() -> OptimalControlProblem:
 
 
 def greenhouse() -> OptimalControlProblem:
-    """Heating of a greenhouse over two days whose sun and outside temperature are known."""
+    """Maximise the profit of heating a greenhouse over two days with known sun and temperature."""
     problem = OptimalControlProblem("greenhouse")
     phase = problem.phase("days", 48.0)
     crop = phase.state("crop", initial=0.0)
@@ -270,7 +270,7 @@ def greenhouse() -> OptimalControlProblem:
 
 
 def metabolic_pathway() -> OptimalControlProblem:
-    """Four enzymes of a chain of reactions are made one after the other to reach a steady flux."""
+    """Steer a chain of reactions to a steady flux by making its four enzymes in turn."""
     rates, flux, decay = (1.0, 2.0, 4.0, 3.0), 0.2, 0.5
     ends = (5.0, 0.65, 0.32, 0.27)
     problem = OptimalControlProblem("metabolic pathway")
@@ -299,7 +299,7 @@ def _pathway_guess() -> dict[str, Guess]:
 
 
 def immune_response() -> OptimalControlProblem:
-    """Four treatments of an infection that would be lethal without them."""
+    """Minimise an infection that is lethal untreated, by four treatments."""
     problem = OptimalControlProblem("immune response")
     phase = problem.phase("cure", 10.0)
     pathogen = phase.state("pathogen", initial=3.0, lower=0.0)
@@ -318,7 +318,7 @@ def immune_response() -> OptimalControlProblem:
 
 
 def vaccination() -> OptimalControlProblem:
-    """Vaccination against a disease with a limit of how many are vaccinated in a year."""
+    """Minimise a disease by vaccination, with a limit of vaccinations in a year."""
     problem = OptimalControlProblem("vaccination")
     phase = problem.phase("years", 20.0)
     susceptible = phase.state("susceptible", initial=1000.0, lower=0.0)

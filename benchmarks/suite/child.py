@@ -1,10 +1,10 @@
-"""One problem solved in one way in this process, which is fresh; the last line printed is JSON.
+"""One problem solved in one way in this fresh process; the last line printed is JSON.
 
 python -m benchmarks.suite.child NAME WAY [--scheme SCHEME] [--controls SHAPE]
     [--mesh INTERVALS] [--limit SECONDS]
 
-The process is ended by the system when it has used its limit of processor time: a solver that
-never returns cannot be stopped from inside.
+The system ends the process after its limit of processor time, because a solver that never returns
+cannot be stopped from inside.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from benchmarks.suite.table import BY_NAME
 from microbot_ocp import ocp
 
 WAYS = ("solve", "refined", "peer")
-AIM = 1e-6  # accuracy of the states by the way "refined"
-INTERVALS = 50  # of ocp.solve by default
+AIM = 1e-6  # accuracy of the states in the way "refined"
+INTERVALS = 50  # default of ocp.solve
 
 
 def run(
@@ -33,7 +33,7 @@ def run(
     mesh: int | None = None,
     controls: str | None = None,
 ) -> dict[str, Any]:
-    """What came of it, as plain values; an exception is a status, too."""
+    """Solve the problem; return plain values, in which an exception is a status, too."""
     problem = BY_NAME[name]
     guess = None if problem.guess is None else problem.guess()
     chosen: dict[str, Any] = {"guess": guess}
@@ -58,7 +58,7 @@ def run(
             found["intervals"] = sum(p.mesh.size - 1 for p in solution.phases)
             found["attempts"] = [a.as_dict() for a in solution.attempts]
             found["ledger"] = solution.ledger.as_dicts()
-    except Exception as error:  # whatever a user would see instead of an answer
+    except Exception as error:  # any exception that a user would see is a result, too
         text = str(error).splitlines()
         found = {"cost": None, "solved": False, "iterations": 0}
         found["status"] = f"{type(error).__name__}: {text[0] if text else ''}"
@@ -66,13 +66,13 @@ def run(
 
 
 def _spent() -> float:
-    """Processor time of this process and of the solvers that ran in copies of it, s."""
+    """Return the processor time of this process and of its solver processes, s."""
     own, copies = (resource.getrusage(k) for k in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
     return own.ru_utime + own.ru_stime + copies.ru_utime + copies.ru_stime
 
 
 def _shape_controls(problem: ocp.OptimalControlProblem, shape: str) -> None:
-    """Give every control another shape than it was declared with."""
+    """Declare every control with another shape."""
     for phase in problem.phases:
         phase.controls = [
             replace(c, shape=shape, rate=ca.MX.sym("rate", c.size) if shape == "linear" else None)

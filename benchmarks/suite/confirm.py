@@ -2,8 +2,8 @@
 
     python -m benchmarks.suite.confirm [NAME ...] [--meshes 50 200 400] [--limit 300] [--scaled]
 
-Every mesh starts from the one before it. What is printed is the cost on each, in the sense of the
-source, and how far the last is from the published figure.
+Every mesh starts from the solution on the previous one. The output is the cost on each mesh, with
+the sign of the source, and the distance of the last from the published figure.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ OPTIONS = {"max_iter": 3000, "mumps_mem_percent": 4000}
 
 
 def chain(name: str, meshes: list[int], scaled: bool) -> None:
-    """One problem in this process; a line of JSON a mesh."""
+    """Solve one problem in this process; print a line of JSON per mesh."""
     problem = BY_NAME[name]
     guess = None if problem.guess is None else problem.guess()
     for index, intervals in enumerate(meshes):
@@ -36,7 +36,7 @@ def chain(name: str, meshes: list[int], scaled: bool) -> None:
 
 
 def confirmed(name: str, meshes: list[int], limit: float, scaled: bool) -> str:
-    """The same in a child process that is stopped after a while."""
+    """Solve one problem in a child process with a time limit; return its line of the report."""
     command = [sys.executable, "-m", "benchmarks.suite.confirm", name, "--here"]
     command += ["--scaled"] if scaled else []
     command += ["--meshes", *map(str, meshes)]

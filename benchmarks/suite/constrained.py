@@ -25,17 +25,17 @@ def _there_and_back(name: str, ceiling: float) -> OptimalControlProblem:
 
 
 def breakwell() -> OptimalControlProblem:
-    """Half the least integral of u^2 there and back in 1 s, x <= 0.1: an arc on the ceiling."""
+    """Minimise half the integral of u^2 there and back in 1 s, x <= 0.1: an arc on the limit."""
     return _there_and_back("Breakwell", 0.1)
 
 
 def bryson_denham_touch() -> OptimalControlProblem:
-    """The same with x <= 0.2, which is touched at one instant."""
+    """Minimise half the integral of u^2 there and back in 1 s, x <= 0.2: touched at one instant."""
     return _there_and_back("Bryson-Denham, touched", 0.2)
 
 
 def jacobson_lele() -> OptimalControlProblem:
-    """Least integral of x1^2 + x2^2 + 0.005 u^2 with the limit x2 <= 8 (t - 1/2)^2 - 1/2."""
+    """Minimise the integral of x1^2 + x2^2 + 0.005 u^2 with x2 <= 8 (t - 1/2)^2 - 1/2."""
     problem = OptimalControlProblem("Jacobson and Lele")
     phase = problem.phase("only", 1.0)
     x1 = phase.state("x1", initial=0.0)
@@ -49,7 +49,7 @@ def jacobson_lele() -> OptimalControlProblem:
 
 
 def robbins() -> OptimalControlProblem:
-    """Integral of 3 x + u^2/2 of a triple integrator from (1, -2, 0) to rest in 10 s, x >= 0."""
+    """Minimise the integral of 3 x + u^2/2, triple integrator, (1, -2, 0) to rest, x >= 0."""
     problem = OptimalControlProblem("Robbins")
     phase = problem.phase("only", 10.0)
     x1 = phase.state("x1", initial=1.0, final=0.0, lower=0.0)
@@ -64,7 +64,7 @@ def robbins() -> OptimalControlProblem:
 
 
 def alp_rider() -> OptimalControlProblem:
-    """Stiff dynamics over a floor with four peaks for 20 s."""
+    """Steer stiff dynamics over a floor with four peaks for 20 s."""
     problem = OptimalControlProblem("Alp rider")
     phase = problem.phase("ride", 20.0)
     starts, ends = (2.0, 1.0, 2.0, 1.0), (2.0, 3.0, 1.0, -2.0)
@@ -90,7 +90,7 @@ def alp_rider() -> OptimalControlProblem:
 
 
 def two_obstacles() -> OptimalControlProblem:
-    """Speed 2.138 to (1.2, 1.6) in 1 s around two discs; every way that fits costs the same."""
+    """Move at speed 2.138 to (1.2, 1.6) in 1 s around two discs; all feasible paths cost alike."""
     problem = OptimalControlProblem("two obstacles")
     phase = problem.phase("drive", 1.0)
     x = phase.state("x", initial=0.0, final=1.2, lower=0.0, upper=2.0)
@@ -106,7 +106,7 @@ def two_obstacles() -> OptimalControlProblem:
 
 
 def van_der_pol_with_limit() -> OptimalControlProblem:
-    """The Van der Pol oscillator of CasADi's examples, x1 >= -0.25."""
+    """Steer the Van der Pol oscillator of CasADi's examples with x1 >= -0.25."""
     problem = OptimalControlProblem("Van der Pol")
     phase = problem.phase("only", 10.0)
     x1 = phase.state("x1", initial=0.0, lower=-0.25)
@@ -119,7 +119,7 @@ def van_der_pol_with_limit() -> OptimalControlProblem:
 
 
 def limited_rate() -> OptimalControlProblem:
-    """Least effort from rest to rest with a force that changes by 4 a second at most."""
+    """Minimise the effort from rest to rest with a force that changes by at most 4 per second."""
     problem = OptimalControlProblem("limited rate")
     phase = problem.phase("move", 2.0)
     x = phase.state("x", initial=0.0, final=1.0)
@@ -134,7 +134,7 @@ def limited_rate() -> OptimalControlProblem:
 
 
 def egerstedt() -> OptimalControlProblem:
-    """Three modes that are mixed, and a state that has to stay above 0.4."""
+    """Steer a system with three mixed modes and a state that has to stay above 0.4."""
     problem = OptimalControlProblem("Egerstedt")
     phase = problem.phase("only", 1.0)
     x1 = phase.state("x1", initial=0.5)
@@ -148,7 +148,7 @@ def egerstedt() -> OptimalControlProblem:
 
 
 def windowed_speed() -> OptimalControlProblem:
-    """From rest to rest with a speed limit that holds in the middle alone, by a steep gate."""
+    """Move from rest to rest with a speed limit in the middle only, modelled by a steep gate."""
     problem = OptimalControlProblem("windowed speed")
     phase = problem.phase("only", 1.0)
     x = phase.state("x", initial=0.0, final=1.0)
@@ -164,7 +164,7 @@ def windowed_speed() -> OptimalControlProblem:
 
 
 def walled_brachistochrone() -> OptimalControlProblem:
-    """The slide to x = 1 in least time above the wall y = x / 2 + 0.1, y downwards."""
+    """Minimise the time of a slide to x = 1 above the wall y = x / 2 + 0.1, y downwards."""
     problem = OptimalControlProblem("walled brachistochrone")
     phase = problem.phase("slide", (0.1, 10.0))
     x = phase.state("x", initial=0.0, final=1.0)
@@ -180,7 +180,7 @@ def walled_brachistochrone() -> OptimalControlProblem:
 
 
 def beam() -> OptimalControlProblem:
-    """A beam under a limit of 0.1, as Bocop has it."""
+    """Minimise the effort on a beam under a limit of 0.1, in Bocop's formulation."""
     problem = OptimalControlProblem("beam")
     phase = problem.phase("only", 1.0)
     x1 = phase.state("x1", initial=0.0, final=0.0, lower=0.0, upper=0.1)
@@ -196,7 +196,7 @@ ROOF = 0.25
 
 
 def touching() -> OptimalControlProblem:
-    """A limit of order three is touched once by a motion of the least jerk."""
+    """Minimise the jerk of a motion that touches a limit of order three once."""
     problem = OptimalControlProblem("touching")
     phase = problem.phase("only", 1.0)
     x = phase.state("x", initial=0.0, final=0.0, upper=ROOF)

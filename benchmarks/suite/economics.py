@@ -14,7 +14,7 @@ from microbot_ocp.ocp import OptimalControlProblem
 
 
 def wheat_trading() -> OptimalControlProblem:
-    """Buying and selling wheat at a price that swings, with fees and storage."""
+    """Maximise the profit of trading wheat at an oscillating price, with fees and storage."""
     problem = OptimalControlProblem("wheat")
     phase = problem.phase("year", 12.0)
     cash = phase.state("cash", initial=1.0, lower=0.0)
@@ -31,7 +31,7 @@ def wheat_trading() -> OptimalControlProblem:
 
 
 def advertising() -> OptimalControlProblem:
-    """Vidale and Wolfe: a market share is won by advertising and lost by itself."""
+    """Maximise profit of a market share won by advertising and lost by itself (Vidale, Wolfe)."""
     problem = OptimalControlProblem("advertising", maximize=True)
     phase = problem.phase("only", 10.0)
     x = phase.state("share", initial=0.1, lower=0.0, upper=1.0)
@@ -42,7 +42,7 @@ def advertising() -> OptimalControlProblem:
 
 
 def economic_growth() -> OptimalControlProblem:
-    """Two sectors grow to the same level in least time by what is shared between them."""
+    """Minimise the time of two sectors to one level, by the division of their output."""
     problem = OptimalControlProblem("growth")
     phase = problem.phase("only", (0.01, 100.0))
     x1 = phase.state("x1", initial=1.0)
@@ -59,7 +59,7 @@ def economic_growth() -> OptimalControlProblem:
 SHARE, DECAY, IMPATIENCE = 0.3, 0.05, 0.03
 
 
-EATEN = (IMPATIENCE + (1 - SHARE) * DECAY) / SHARE  # share of the capital that is consumed, 1/a
+EATEN = (IMPATIENCE + (1 - SHARE) * DECAY) / SHARE  # consumed share of the capital, 1/a
 
 
 def _value_of_capital(k: ca.MX | float) -> ca.MX | float:
@@ -67,7 +67,7 @@ def _value_of_capital(k: ca.MX | float) -> ca.MX | float:
 
 
 def ramsey() -> OptimalControlProblem:
-    """Growth over an infinite horizon as a finite one, s = 1 - exp(-rho t), with what is left."""
+    """Maximise utility over an infinite horizon, mapped by s = 1 - exp(-rho t), and final value."""
     problem = OptimalControlProblem("Ramsey", maximize=True)
     phase = problem.phase("growth", 0.99)
     k = phase.state("k", initial=1.0, lower=0.01)

@@ -1,4 +1,4 @@
-"""Parameters from measurements, and the measurements that tell most of them."""
+"""Parameter estimation from measurements, and design of experiments for it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def _predators_guess() -> dict[str, Guess]:
 
 
 def predators_and_prey() -> OptimalControlProblem:
-    """Four rates of Lotka and Volterra from ten measurements of both."""
+    """Fit four rates of Lotka and Volterra to ten measurements of both populations."""
     problem = OptimalControlProblem("predators and prey")
     p1, p2, p3, p4 = (problem.free_parameter(f"p{k}", lower=-1.0, upper=5.0) for k in range(1, 5))
     phase = problem.phase("only", 10.0)
@@ -52,7 +52,7 @@ TIMES = np.arange(1, 41) / 40
 
 
 def _bock_optimum() -> float:
-    """With p = pi - 120 d exp(-60), the growing mode d exp(60 (t - 1)) is free and p is pi."""
+    """Return the optimum: p = pi - 120 d exp(-60) leaves the growing mode free, so p is pi."""
     mode = np.exp(60 * (TIMES - 1))
     mode = np.concatenate([mode, 60 * mode])
     off = NOISE.ravel()
@@ -63,7 +63,7 @@ SEEN = np.column_stack([np.sin(pi * TIMES) + NOISE[0], pi * np.cos(pi * TIMES) +
 
 
 def bock() -> OptimalControlProblem:
-    """Bock's notorious fit: one parameter of dynamics with a growth of exp(60)."""
+    """Fit one parameter of dynamics that grow by exp(60), Bock's notorious problem."""
     problem = OptimalControlProblem("notorious")
     p = problem.free_parameter("p", lower=-10.0, upper=10.0)
     phase = problem.phase("only", 1.0)
@@ -83,7 +83,7 @@ RATES_SEEN = np.exp(RATES_AT)[:, None] + np.sin(37.0 * np.arange(384) ** 1.5).re
 
 
 def two_rates() -> OptimalControlProblem:
-    """A fit of two parameters of a boundary-value problem with growth and decay of exp(19 t)."""
+    """Fit two parameters of a boundary-value problem with growth and decay of exp(19 t)."""
     problem = OptimalControlProblem("two rates")
     p1 = problem.free_parameter("p1", lower=0.0, upper=30.0)
     p2 = problem.free_parameter("p2", lower=0.0, upper=30.0)
@@ -113,7 +113,7 @@ def _rates_guess() -> dict[str, Guess]:
 
 
 def nitric_oxide() -> OptimalControlProblem:
-    """Two rates of a reversible reaction from fourteen measurements."""
+    """Fit two rates of a reversible reaction to fourteen measurements."""
     minutes = [1, 2, 3, 4, 5, 6, 7, 9, 11, 14, 19, 24, 29, 39]
     seen = [1.4, 6.3, 10.5, 14.2, 17.6, 21.4, 23.0, 27.0, 30.5, 34.4, 38.8, 41.6, 43.5, 45.3]
     problem = OptimalControlProblem("nitric oxide")
@@ -128,7 +128,7 @@ def nitric_oxide() -> OptimalControlProblem:
 
 
 def experiment() -> OptimalControlProblem:
-    """A feed that tells most about two parameters of growth."""
+    """Maximise the information of a feed about two parameters of growth."""
     most, half, scale = 2.62e-4 * 4e3 / 0.64, 1.0, (1 / 250, 3e-2 / 250)
     problem = OptimalControlProblem("experiment", maximize=True)
     phase = problem.phase("batch", 250.0)

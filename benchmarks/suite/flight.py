@@ -20,7 +20,7 @@ from microbot_ocp.ocp import Guess, OptimalControlProblem
 
 
 def missile() -> OptimalControlProblem:
-    """Terminal dive of a cruise missile in the shortest time, height at least 30 m for 7.5 km."""
+    """Minimise the time of a cruise missile's terminal dive, height at least 30 m for 7.5 km."""
     problem = OptimalControlProblem("missile")
     phase = problem.phase("dive", (10.0, 100.0))
     path = phase.state("gamma", initial=0.0, final=-pi / 2, lower=-pi / 2, upper=pi / 2)
@@ -62,7 +62,7 @@ def _missile_guess() -> dict[str, Guess]:
 
 
 def hang_glider() -> OptimalControlProblem:
-    """Farthest flight of a hang glider through an updraft, losing 100 m."""
+    """Maximise the range of a hang glider through an updraft, losing 100 m."""
     problem = OptimalControlProblem("hang glider")
     phase = problem.phase("glide", (10.0, 200.0))
     x = phase.state("x", initial=0.0, lower=0.0, unit="m")
@@ -73,7 +73,7 @@ def hang_glider() -> OptimalControlProblem:
     r = (x / 100 - 2.5) ** 2
     sink = vy - 2.5 * (1 - r) * ca.exp(-r)
     speed = ca.sqrt(vx**2 + sink**2)
-    pressure = 0.5 * 1.13 * 14 * speed / 100  # times speed / mass
+    pressure = 0.5 * 1.13 * 14 * speed / 100  # divided by the speed, over the mass
     drag = 0.034 + 0.069662 * lift**2
     phase.derivative(x, vx)
     phase.derivative(y, vy)
@@ -90,7 +90,7 @@ def _hang_glider_guess() -> dict[str, Guess]:
 
 
 def shuttle_reentry() -> OptimalControlProblem:
-    """Largest cross-range of the space shuttle, in degrees of latitude, without a heat limit."""
+    """Maximise the cross-range of the space shuttle, degrees of latitude, without heat limit."""
     problem = OptimalControlProblem("shuttle re-entry")
     phase = problem.phase("descend", (100.0, 4000.0))
     h = phase.state("h", initial=260000.0, final=80000.0, lower=0.0, upper=300000.0, unit="ft")
@@ -138,7 +138,7 @@ def _shuttle_guess() -> dict[str, Guess]:
 
 
 def orbit_raising() -> OptimalControlProblem:
-    """Largest circular orbit reached in 3.32 by a low thrust of constant size."""
+    """Maximise the circular orbit reached in 3.32 by a low thrust of constant size."""
     problem = OptimalControlProblem("orbit raising")
     phase = problem.phase("spiral", 3.32)
     r = phase.state("r", initial=1.0, lower=1.0, upper=10.0)
@@ -164,7 +164,7 @@ def _orbit_raising_guess() -> dict[str, Guess]:
 
 
 def dynamic_soaring() -> OptimalControlProblem:
-    """Least wind gradient in which a glider can soar for ever, ft and slug."""
+    """Minimise the wind gradient in which a glider can soar for ever, ft and slug."""
     problem = OptimalControlProblem("dynamic soaring")
     gradient = problem.free_parameter("gradient", lower=0.0, upper=1.0, unit="1/s")
     phase = problem.phase("cycle", (10.0, 30.0))
@@ -226,14 +226,14 @@ def _soaring_guess() -> dict[str, Guess]:
 
 _EARTH, _RADIUS, _SPIN, _G0 = 3.986012e14, 6378145.0, 7.29211585e-5, 9.80665
 _LATITUDE = radians(28.5)
-_BOOSTER, _FIRST, _SECOND, _PAYLOAD = 19290.0, 104380.0, 19300.0, 4164.0  # kg
+_BOOSTER, _FIRST, _SECOND, _PAYLOAD = 19290.0, 104380.0, 19300.0, 4164.0  # masses, kg
 _BOOSTER_FUEL, _FIRST_FUEL, _SECOND_FUEL = 17010.0, 95550.0, 16820.0
 _BOOSTER_FLOW, _FIRST_FLOW, _SECOND_FLOW = 17010.0 / 75.2, 95550.0 / 261, 16820.0 / 700
 _ORBIT = (24361140.0, 0.7308, 28.5, 269.8, 130.5)  # m and degrees
 
 
 def _launch_masses() -> list[tuple[float, float]]:
-    """Mass at the start and at the end of every phase."""
+    """Return the mass at the start and at the end of every phase."""
     burn = 75.2
     first = 9 * _BOOSTER + _FIRST + _SECOND + _PAYLOAD
     ends = first - 6 * _BOOSTER_FUEL - burn * _FIRST_FLOW
@@ -246,7 +246,7 @@ def _launch_masses() -> list[tuple[float, float]]:
 
 
 def _orbit_elements(r: ca.MX, v: ca.MX) -> ca.MX:
-    """Semimajor axis, eccentricity, inclination, node and perigee, m and degrees."""
+    """Return semimajor axis, eccentricity, inclination, node and perigee, m and degrees."""
     h = ca.cross(r, v)
     node = ca.vertcat(-h[1], h[0])
     distance, size = ca.norm_2(r), ca.norm_2(node)
@@ -262,7 +262,7 @@ def _orbit_elements(r: ca.MX, v: ca.MX) -> ca.MX:
 
 
 def delta_launch() -> OptimalControlProblem:
-    """Launch of a Delta III into a transfer orbit in four phases: most mass at the end, SI."""
+    """Maximise the final mass of a Delta III in a transfer orbit, four phases, SI."""
     problem = OptimalControlProblem("Delta III")
     durations = (75.2, 75.2, 261 - 150.4, (1.0, 700.0))
     thrusts = (6 * 628500 + 1083100, 3 * 628500 + 1083100, 1083100, 110094)
@@ -286,7 +286,7 @@ def delta_launch() -> OptimalControlProblem:
         distance = ca.norm_2(r)
         wind = v - ca.vertcat(-_SPIN * r[1], _SPIN * r[0], 0)
         density = 1.225 * ca.exp(-(distance - _RADIUS) / 7200)
-        speed = ca.sqrt(ca.sumsqr(wind) + 1e-6)  # the wind is nothing at the start
+        speed = ca.sqrt(ca.sumsqr(wind) + 1e-6)  # the wind is zero at the start
         drag = -0.5 * density * 0.5 * 4 * pi * speed * wind
         phase.derivative(r, v)
         phase.derivative(v, -_EARTH / distance**3 * r + (thrusts[k] * u + drag) / m)
@@ -303,7 +303,7 @@ def delta_launch() -> OptimalControlProblem:
 
 
 def _delta_guess() -> dict[str, Guess]:
-    """The launch site, then the perigee of the orbit."""
+    """Return a guess: the launch site, later the perigee of the orbit."""
     a, e, *angles = _ORBIT
     inclination, node, perigee = map(radians, angles)
 
@@ -334,7 +334,7 @@ def _delta_guess() -> dict[str, Guess]:
 
 
 def plane_change() -> OptimalControlProblem:
-    """Orbital plane changed by 18 degrees in the atmosphere, heat rate at most 800, ft and s."""
+    """Maximise the speed after turning an orbit by 18 degrees in the atmosphere, ft and s."""
     problem = OptimalControlProblem("aero-assisted plane change")
     phase = problem.phase("skip", (800.0, 2000.0))
     limit = radians(89)
@@ -388,7 +388,7 @@ _DRAG = (0.013, 0.013, 0.013, 0.014, 0.031, 0.041, 0.039, 0.036, 0.035)
 _INDUCED = (0.54, 0.54, 0.54, 0.75, 0.79, 0.78, 0.89, 0.93, 0.93)
 _THRUST_MACH = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.2, 1.4, 1.6, 1.8)
 _THRUST_HEIGHT = (0.0, 5e3, 10e3, 15e3, 20e3, 25e3, 30e3, 40e3, 50e3, 70e3)  # ft
-_THRUST = (  # lbf, a row a Mach number
+_THRUST = (  # lbf, one row per Mach number
     (24200, 24000, 20300, 17300, 14500, 12200, 10200, 5700, 3400, 100),
     (28000, 24600, 21100, 18100, 15200, 12800, 10700, 6500, 3900, 200),
     (28300, 25200, 21900, 18700, 15900, 13400, 11200, 7300, 4400, 400),
@@ -403,7 +403,7 @@ _THRUST = (  # lbf, a row a Mach number
 
 
 def _standard_atmosphere(feet: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Density, slug/ft^3, and speed of sound, ft/s, up to 20 km."""
+    """Return density, slug/ft^3, and speed of sound, ft/s, up to 20 km."""
     metres = 0.3048 * feet
     height = metres * 6356766 / (6356766 + metres)
     temperature = np.maximum(288.15 - 0.0065 * height, 216.65)
@@ -414,7 +414,7 @@ def _standard_atmosphere(feet: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def climb() -> OptimalControlProblem:
-    """Climb of a supersonic aircraft to 65 600 ft in the shortest time, tables by cubic splines."""
+    """Minimise the time of a supersonic climb to 65 600 ft, with tables by cubic splines."""
 
     def spline(name: str, grids: list, values: np.ndarray) -> ca.Function:
         made = [np.asarray(grid, float).tolist() for grid in grids]
@@ -488,7 +488,7 @@ def _airports() -> tuple[np.ndarray, np.ndarray]:
 
 
 def geodesic() -> OptimalControlProblem:
-    """The shortest way over a spheroid from New York to London: states tied by an equation."""
+    """Minimise the path over a spheroid from New York to London: states tied by an equation."""
     problem = OptimalControlProblem("geodesic")
     phase = problem.phase("fly", (3.0, 10.0))
     ends = _airports()
@@ -524,7 +524,7 @@ def _geodesic_guess() -> dict[str, Guess]:
 
 
 def ducted_fan() -> OptimalControlProblem:
-    """A planar ducted fan sideways by 1 m: time and effort, tilt within 30 degrees."""
+    """Move a planar ducted fan sideways by 1 m: time and effort, tilt within 30 degrees."""
     problem = OptimalControlProblem("ducted fan")
     phase = problem.phase("move", (0.1, 100.0))
     x1 = phase.state("x1", initial=0.0, final=1.0)
@@ -547,7 +547,7 @@ def ducted_fan() -> OptimalControlProblem:
 
 
 def quadrotor() -> OptimalControlProblem:
-    """A quadrotor from rest to rest in least time; tilts are limited in size and rate."""
+    """Minimise the time of a quadrotor from rest to rest; tilts are limited in size and rate."""
     problem = OptimalControlProblem("quadrotor")
     phase = problem.phase("fly", (0.1, 100.0))
     starts, ends = (0.0, 0.0, 2.5), (0.01, 5.0, 2.5)
@@ -578,7 +578,7 @@ def _cruise_guess() -> dict[str, Guess]:
 
 
 def periodic_cruise() -> OptimalControlProblem:
-    """Speyer's model of cruising on and off: the cycle with the least cost a second."""
+    """Minimise the cost rate of a cycle of cruising on and off, Speyer's model."""
     problem = OptimalControlProblem("periodic cruise")
     phase = problem.phase("cycle", (2.0, 20.0))
     x, v = phase.state("x"), phase.state("v")
@@ -593,7 +593,7 @@ def periodic_cruise() -> OptimalControlProblem:
 
 
 def wind_shear() -> OptimalControlProblem:
-    """A landing is broken off in a downburst; the least height is to be as large as can be."""
+    """Maximise the least height of an aborted landing in a downburst."""
     problem = OptimalControlProblem("wind shear", maximize=True)
     least = problem.free_parameter("least height", lower=300.0, upper=1000.0, unit="ft")
     phase = problem.phase("abort", 40.0)
@@ -646,7 +646,7 @@ def _shear_guess() -> dict[str, Guess]:
 
 
 def _air(v: ca.MX, alpha: ca.MX, h: ca.MX | float = 0.0) -> tuple[ca.MX, ca.MX]:
-    """Lift and drag of the aircraft on or above the ground, N."""
+    """Return lift and drag of the aircraft on or above the ground, N."""
     part = 33 * ((h + 1.0) / 17.85) ** 1.5
     factor = part / (1 + part) / (pi * 9.45 * 0.801)
     lift = 0.5 + alpha / radians(10) * 1.5
@@ -655,7 +655,7 @@ def _air(v: ca.MX, alpha: ca.MX, h: ca.MX | float = 0.0) -> tuple[ca.MX, ca.MX]:
 
 
 def balanced_field() -> OptimalControlProblem:
-    """The shortest runway on which a take-off with a failed engine can be finished or rejected."""
+    """Minimise the runway on which a take-off with a failed engine can be finished or rejected."""
     mass, thrust, g = 174200 * 0.45359237, 27000 * 4.4482216152605, 9.80665
     stall = float(np.sqrt(2 * mass * g / 1.225 / 124.7 / 2.0))
     problem = OptimalControlProblem("balanced field")
@@ -742,7 +742,7 @@ def _intercept_optimum() -> float:
 
 
 def intercept() -> OptimalControlProblem:
-    """A target that flies straight on is hit in least time by an acceleration of 0.5."""
+    """Minimise the time to hit a target in straight flight by an acceleration of 0.5."""
     problem = OptimalControlProblem("intercept")
     phase = problem.phase("chase", (0.1, 100.0))
     place = phase.state("place", 2, initial=[0.0, 0.0])
@@ -758,7 +758,7 @@ def intercept() -> OptimalControlProblem:
 
 
 def cannonball() -> OptimalControlProblem:
-    """The size and the elevation of an iron ball that flies farthest with 400 kJ."""
+    """Maximise the range of an iron ball with 400 kJ by its size and elevation."""
     problem = OptimalControlProblem("cannonball", maximize=True)
     radius = problem.free_parameter("radius", lower=0.01, upper=0.1, unit="m")
     mass = 4 / 3 * pi * radius**3 * 7870

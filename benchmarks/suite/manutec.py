@@ -1,14 +1,14 @@
-"""The Manutec r3 in least time: is the figure that is found right, and whence the published one?
+"""Manutec r3 in least time: check of our figure, and the probable origin of the published one.
 
     python -m benchmarks.suite.manutec
 
-The equations of motion are written down here from the published figures (Otter and Tuerk, *The
-DFVLR Models 1 and 2 of the Manutec r3 Robot*, 1988), as a Lagrangian in the published frames, not
-by the package's recursion in its own. With them the nine arcs of the fastest motion, on which every
-joint has its full voltage or the limit of its speed, are integrated by SciPy's DOP853 at 1e-12.
-Their lengths are those with which the arm ends at rest at the goal, and begins to hold a speed
-where it is at its limit. Printed are that time, how far the limits are used, and the minimum times
-of coarse meshes.
+The equations of motion are derived here from the published figures (Otter and Tuerk, *The DFVLR
+Models 1 and 2 of the Manutec r3 Robot*, 1988), as a Lagrangian in the published frames, not by the
+package's recursion in its own frames. The fastest motion has nine arcs, on which every joint has
+its full voltage or its speed limit; they are integrated by SciPy's DOP853 at 1e-12. Their lengths
+are solved such that the arm ends at rest at the goal and reaches a speed limit where it holds that
+limit. The output is the minimum time, the use of the limits, and the minimum times of coarse
+meshes.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def _about_x(angle: ca.SX) -> ca.SX:
 
 
 def accelerations() -> ca.Function:
-    """``(q, qd, u) -> qdd`` by Lagrange's equations; frames with Z up, joints about Z, X and X."""
+    """Return ``(q, qd, u) -> qdd`` by Lagrange's equations; Z up, joints about Z, X and X."""
     q, qd, u = ca.SX.sym("q", 3), ca.SX.sym("qd", 3), ca.SX.sym("u", 3)
     one = _about_z(q[0])
     two = one @ _about_x(q[1])
@@ -57,24 +57,24 @@ def accelerations() -> ca.Function:
         kinetic += mass * ca.sumsqr(velocity) / 2 + omega.T @ inertia @ omega / 2
         potential += 9.81 * mass * centre[2]
     kinetic += ROTOR / 2 * sum((gear * qd[i]) ** 2 for i, gear in enumerate(GEARS))
-    kinetic += ROTOR * GEARS[2] * qd[2] * qd[1]  # rotor 3 rides on arm 2
+    kinetic += ROTOR * GEARS[2] * qd[2] * qd[1]  # link 2 carries rotor 3
     momentum = ca.gradient(kinetic, qd)
     torque = ca.DM(MANUTEC_VOLT) * u
     right = torque - ca.jacobian(momentum, q) @ qd + ca.gradient(kinetic - potential, q)
     return ca.Function("qdd", [q, qd, u], [ca.solve(ca.jacobian(momentum, qd), right)])
 
 
-# signs of the voltages on every arc; 0 where the speed is held at its limit
+# Signs of the voltages on every arc; 0 while the speed is held at its limit.
 ARCS = (
     (-1, -1, 1), (-1, 0, 1), (-1, 0, 0), (0, 0, 0), (0, 0, -1), (0, 1, -1), (1, 1, -1), (1, 1, 1),
     (1, -1, 1),
 )  # fmt: skip
-LENGTHS = (0.042, 0.064, 0.064, 0.083, 0.077, 0.026, 0.036, 0.072, 0.032)  # s, to begin with
-HELD = ((0, 1, -1.5), (1, 2, 5.2), (2, 0, 3.0))  # after which arc, which joint, at what speed
+LENGTHS = (0.042, 0.064, 0.064, 0.083, 0.077, 0.026, 0.036, 0.072, 0.032)  # initial guess, s
+HELD = ((0, 1, -1.5), (1, 2, 5.2), (2, 0, 3.0))  # last arc before, joint, and speed held
 
 
 def moved(lengths: np.ndarray, qdd: ca.Function, free: ca.Function) -> list[np.ndarray]:
-    """States and voltages [M, 9] along every arc."""
+    """Integrate all arcs; return states and voltages [M, 9] along each."""
     state, found = np.array([0.0, -1.5, 0.0, 0.0, 0.0, 0.0]), []
     for signs, length in zip(ARCS, lengths, strict=True):
         own = np.array(signs)
@@ -99,10 +99,10 @@ def moved(lengths: np.ndarray, qdd: ca.Function, free: ca.Function) -> list[np.n
 
 
 def holding(qdd: ca.Function) -> ca.Function:
-    """``(q, qd, u, held) -> u`` with which the joints that are held do not accelerate."""
+    """Return ``(q, qd, u, held) -> u``, the voltages at which held joints do not accelerate."""
     q, qd, u, held = (ca.SX.sym(name, 3) for name in ("q", "qd", "u", "held"))
     change = ca.jacobian(qdd(q, qd, u), u)
-    # a joint that is held has no acceleration, another one its voltage
+    # A held joint has zero acceleration, any other one its given voltage.
     rows = ca.diag(held) @ change + ca.diag(1 - held)
     missing = held * qdd(q, qd, (1 - held) * u)
     return ca.Function("u", [q, qd, u, held], [(1 - held) * u - ca.solve(rows, missing) * held])

@@ -21,7 +21,7 @@ from microbot_ocp.robot import forward_dynamics, load_robot
 
 
 def luus_arm() -> OptimalControlProblem:
-    """Luus' two-link arm from rest to rest in the shortest time, torques within [-1, 1]."""
+    """Minimise the time of Luus' two-link arm from rest to rest, torques within [-1, 1]."""
     problem = OptimalControlProblem("two-link arm of Luus")
     phase = problem.phase("move", (1.0, 10.0))
     x1 = phase.state("x1", initial=0.0, final=0.0, lower=-2.0, upper=2.0)
@@ -43,7 +43,7 @@ def luus_arm() -> OptimalControlProblem:
 
 
 def dissanayake_arm() -> OptimalControlProblem:
-    """Two links of 0.4 m and 0.5 kg from (0, -2) to (1, -1) rad in the shortest time, 10 Nm."""
+    """Minimise the time of two links, 0.4 m, 0.5 kg, from (0, -2) to (1, -1) rad, 10 Nm."""
     problem = OptimalControlProblem("two-link arm of Dissanayake")
     phase = problem.phase("move", (0.1, 50.0))
     q1 = phase.state("q1", initial=0.0, final=1.0, unit="rad")
@@ -91,17 +91,17 @@ def _crane(name: str, effort: float) -> OptimalControlProblem:
 
 
 def container_crane() -> OptimalControlProblem:
-    """A container moved by a crane in 9 s with the least swing."""
+    """Minimise the swing of a container moved by a crane in 9 s."""
     return _crane("container crane", 0.0)
 
 
 def container_crane_with_effort() -> OptimalControlProblem:
-    """The same with a small cost on the controls."""
+    """Minimise the swing of a container moved by a crane, with a small cost on the controls."""
     return _crane("container crane with effort", 0.01)
 
 
 def tracking_robot() -> OptimalControlProblem:
-    """A robot tracks a corner in two phases of 1 s each."""
+    """Track a corner by a robot in two phases of 1 s each."""
     problem = OptimalControlProblem("two-phase robot")
     phases = []
     for k, (start, end) in enumerate((((0.0, 0.0, 0.5, 0.0), None), (None, (0.5, 0.5, 0.0, 0.5)))):
@@ -132,7 +132,7 @@ def tracking_robot() -> OptimalControlProblem:
 
 
 def free_flying_robot() -> OptimalControlProblem:
-    """Sakawa's free-flying robot in 12 s with the least fuel, four thrusters."""
+    """Minimise the fuel of Sakawa's free-flying robot with four thrusters in 12 s."""
     problem = OptimalControlProblem("free-flying robot")
     phase = problem.phase("fly", 12.0)
     x = phase.state("x", initial=-10.0, final=0.0)
@@ -156,7 +156,7 @@ def free_flying_robot() -> OptimalControlProblem:
 
 
 def reorientation() -> OptimalControlProblem:
-    """An asymmetric body turned by 150 degrees in the shortest time; q4 is algebraic."""
+    """Minimise the time to turn an asymmetric body by 150 degrees; q4 is algebraic."""
     problem = OptimalControlProblem("reorientation")
     phase = problem.phase("turn", (25.0, 35.0))
     half = 75 * pi / 180
@@ -188,7 +188,7 @@ def _reorientation_guess() -> dict[str, Guess]:
     return {"turn": Guess(35.0, values)}
 
 
-MANUTEC_VOLT = np.array([-126.0, 252.0, 72.0])  # N m per V
+MANUTEC_VOLT = np.array([-126.0, 252.0, 72.0])  # torque per voltage, N m/V
 
 
 def _manutec(name: str, duration: float | tuple[float, float]) -> tuple[Any, Phase, Any]:
@@ -211,21 +211,21 @@ def _manutec(name: str, duration: float | tuple[float, float]) -> tuple[Any, Pha
 
 
 def manutec_time() -> OptimalControlProblem:
-    """The Manutec r3 from rest at (0, -1.5, 0) to rest at (1, -1.95, 1) rad in the least time."""
+    """Minimise the time of the Manutec r3, (0, -1.5, 0) to (1, -1.95, 1) rad, rest to rest."""
     problem, phase, _ = _manutec("Manutec r3, time", (0.1, 5.0))
     phase.end_cost(phase.duration)
     return problem
 
 
 def manutec_effort() -> OptimalControlProblem:
-    """The same in 0.53 s with the least integral of the voltages' squares."""
+    """Minimise the integral of squared voltages of the Manutec r3's motion in 0.53 s."""
     problem, phase, u = _manutec("Manutec r3, effort", 0.53)
     phase.running_cost(ca.sumsqr(u))
     return problem
 
 
 def turbo_generator() -> OptimalControlProblem:
-    """A generator is held near a state that is no equilibrium."""
+    """Steer a generator near a state that is no equilibrium."""
     problem = OptimalControlProblem("turbo generator")
     phase = problem.phase("only", 20.0)
     s1, s2, s3, s4 = 0.60295, 0.0, 1.87243, 0.79778
@@ -242,7 +242,7 @@ def turbo_generator() -> OptimalControlProblem:
 
 
 def coulomb_friction() -> OptimalControlProblem:
-    """Two masses on springs with dry friction, moved in least time."""
+    """Minimise the time to move two masses on springs with dry friction."""
     problem = OptimalControlProblem("dry friction")
     phase = problem.phase("only", (1.8, 4.0))
     q1 = phase.state("q1", initial=0.0, final=1.0)
@@ -260,7 +260,7 @@ def coulomb_friction() -> OptimalControlProblem:
 
 
 def struck_oscillator() -> OptimalControlProblem:
-    """An oscillator that is struck between 0.5 s and 0.6 s: three phases."""
+    """Steer an oscillator that is struck between 0.5 s and 0.6 s: three phases."""
     problem = OptimalControlProblem("struck oscillator")
     phases: list[Phase] = []
     for name, duration, force in (("calm", 0.5, 0.0), ("struck", 0.1, 100.0), ("after", 1.4, 0.0)):
@@ -279,7 +279,7 @@ def struck_oscillator() -> OptimalControlProblem:
 
 
 def cushioned_oscillation() -> OptimalControlProblem:
-    """An oscillating mass is brought to rest by a limited force in least time."""
+    """Minimise the time to stop an oscillating mass by a limited force."""
     problem = OptimalControlProblem("cushioned oscillation")
     phase = problem.phase("only", (0.1, 100.0))
     x = phase.state("x", initial=2.0, final=0.0)
@@ -292,7 +292,7 @@ def cushioned_oscillation() -> OptimalControlProblem:
 
 
 def bouncing_ball() -> OptimalControlProblem:
-    """A ball that loses speed at every bounce is brought back to its height by the least thrust."""
+    """Minimise the thrust that returns a ball, slowed at every bounce, to its height."""
     problem = OptimalControlProblem("bouncing ball")
     before = None
     for k in range(3):
@@ -316,7 +316,7 @@ def bouncing_ball() -> OptimalControlProblem:
 
 
 def hanging_load() -> OptimalControlProblem:
-    """A cart moves a hanging load from rest to rest; the force of the rope is algebraic."""
+    """Minimise the effort of a cart that moves a load; the force of the rope is algebraic."""
     problem = OptimalControlProblem("hanging load")
     phase = problem.phase("move", 2.5)
     x = phase.state("x", initial=0.0, final=2.0)
@@ -340,7 +340,7 @@ def hanging_load() -> OptimalControlProblem:
 
 
 def sideways() -> OptimalControlProblem:
-    """A car that turns on a radius of 1 at least is parked 1 sideways, forwards and backwards."""
+    """Minimise the path of a car parked 1 sideways, turning radius at least 1, both directions."""
     problem = OptimalControlProblem("sideways")
     phase = problem.phase("park", (0.1, 20.0))
     x = phase.state("x", initial=0.0, final=0.0)
@@ -356,7 +356,7 @@ def sideways() -> OptimalControlProblem:
 
 
 def weak_swing_up() -> OptimalControlProblem:
-    """A pendulum is swung up in least time by a torque of 0.3 of its weight."""
+    """Minimise the time to swing a pendulum up by a torque of 0.3 of its weight."""
     problem = OptimalControlProblem("weak swing-up")
     phase = problem.phase("swing", (0.1, 50.0))
     q = phase.state("q", initial=0.0, final=pi)
@@ -369,7 +369,7 @@ def weak_swing_up() -> OptimalControlProblem:
 
 
 def lift() -> OptimalControlProblem:
-    """A lift goes 10 m in least time within limits of speed, acceleration and jerk."""
+    """Minimise the time of a lift over 10 m within limits of speed, acceleration and jerk."""
     problem = OptimalControlProblem("lift")
     phase = problem.phase("ride", (0.1, 100.0))
     x = phase.state("x", initial=0.0, final=10.0, unit="m")
@@ -384,7 +384,7 @@ def lift() -> OptimalControlProblem:
 
 
 def eight_masses() -> OptimalControlProblem:
-    """Eight masses on hardening springs are calmed by a force on the last."""
+    """Steer eight masses on hardening springs to rest by a force on the last."""
     problem = OptimalControlProblem("eight masses")
     phase = problem.phase("calm", 12.0)
     x = phase.state("x", 8, initial=np.linspace(0.25, 2.0, 8))

@@ -1,13 +1,13 @@
-"""Problems of the suite in the words of other packages: rockit, YAPSS, MAPTOR.
+"""Problems of the suite in other packages: rockit, YAPSS, MAPTOR.
 
     PYTHON -m benchmarks.suite.others [--only NAME ...] [--tools rockit yapss maptor]
         [--limit SECONDS]
 
-PYTHON is that of an environment with ``rockit-meco``, ``yapss`` and ``maptor`` besides what the
-package needs. All get the declaration itself, as a CasADi function, the guess that ``ocp.solve``
-starts from, and their own defaults: rockit collocation on 50 intervals, YAPSS its own mesh, MAPTOR
-the refinement of its mesh from ten intervals of degree four. Problems of one phase without
-algebraic variables, free parameters and values at other places can be written so.
+PYTHON is the interpreter of an environment with ``rockit-meco``, ``yapss`` and ``maptor`` besides
+the dependencies of this package. Each receives the declaration as a CasADi function, the starting
+guess of ``ocp.solve``, and its own defaults: rockit collocation on 50 intervals, YAPSS its own
+mesh, MAPTOR the refinement of its mesh from ten intervals of degree four. Only problems of one
+phase without algebraic variables, free parameters and values at other places can be converted.
 """
 
 from __future__ import annotations
@@ -46,18 +46,18 @@ NAMES = (
     "orbit_raising",
 )
 INTERVALS = 50
-SAMPLES = 11  # of the guess
+SAMPLES = 11  # samples of the guess
 QUIET = {"ipopt.print_level": 0, "ipopt.sb": "yes", "print_time": False}
 
 
 @dataclass(frozen=True)
 class _Plain:
-    """A problem of one phase as functions and arrays.
+    """Problem of one phase as functions and arrays.
 
     Attributes
     ----------
-    along : (x, u, t, T) -> slopes, constraints, running cost
-    at_end : (x, T) -> constraints, cost
+    along : function (x, u, t, T) -> slopes, constraints, running cost
+    at_end : function (x, T) -> constraints, cost
     """
 
     along: ca.Function
@@ -75,7 +75,7 @@ class _Plain:
 
 
 def plain(problem: OptimalControlProblem, guess: dict[str, Guess] | None) -> _Plain:
-    """The problem as functions; NotImplementedError where there is more to it."""
+    """Convert the problem into functions; raise NotImplementedError if that is not possible."""
     phase = problem.phases[0]
     more = (phase.algebraics, phase.free_parameters, phase.measurements, phase.point_constraints)
     if len(problem.phases) > 1 or any(more) or phase.point_costs:
@@ -160,7 +160,7 @@ def by_rockit(p: _Plain) -> tuple[float, bool]:
         ocp.set_initial(variable, ca.DM(table[0]) + ca.DM(table[-1] - table[0]) * share)
     ocp.solver("ipopt", QUIET)
     ocp.method(rockit.DirectCollocation(N=INTERVALS))
-    solution = ocp.solve()  # it raises where IPOPT does not succeed
+    solution = ocp.solve()  # it raises if IPOPT does not succeed
     return float(solution.value(ocp.objective)), True
 
 
@@ -285,14 +285,14 @@ SOLVERS = {"rockit": by_rockit, "yapss": by_yapss, "maptor": by_maptor}
 
 
 def run(name: str, tool: str) -> dict[str, Any]:
-    """What one package makes of one problem."""
+    """Solve one problem by one package; return its result."""
     own = BY_NAME[name]
     guess = None if own.guess is None else dict(own.guess())
     begin = time.process_time()
     try:
         cost, solved = SOLVERS[tool](plain(own.build(), guess))
         error, said = own.error(cost), ""
-    except Exception as problem:  # whatever a user would see in place of an answer
+    except Exception as problem:  # any exception that a user would see is a result, too
         error, solved = None, False
         said = f"{type(problem).__name__}: {(str(problem).strip().splitlines() or [''])[-1]}"
     spent = time.process_time() - begin
@@ -304,7 +304,7 @@ def _sent(name: str, tool: str, pipe: Any) -> None:
 
 
 def within(name: str, tool: str, limit: float) -> dict[str, Any]:
-    """The same in a process that is ended after a time, s."""
+    """Solve one problem by one package in a process with a time limit, s."""
     here, there = multiprocessing.Pipe()
     child = multiprocessing.Process(target=_sent, args=(name, tool, there))
     child.start()

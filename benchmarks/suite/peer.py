@@ -1,8 +1,8 @@
-"""The same declaration as plain CasADi: Opti, Radau collocation, IPOPT with its defaults.
+"""Plain CasADi from the same declaration: Opti, Radau collocation, IPOPT with its defaults.
 
-Nothing of the package takes part but the declaration and the guess. States are continuous
-polynomials, controls and algebraic variables have a value at every collocation point, whatever the
-shape declared; bounds and path constraints hold there. Nothing is scaled.
+Only the declaration and the guess come from the package. States are continuous polynomials,
+controls and algebraic variables have a value at every collocation point, whatever their declared
+shape; bounds and path constraints hold there. Nothing is scaled.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class PeerResult:
-    """What IPOPT left; ``guesses`` starts a solve on another mesh."""
+    """Result of IPOPT; ``guesses`` starts a solve on another mesh."""
 
     cost: float
     solved: bool
@@ -44,12 +44,12 @@ def solve_by_opti(
 ) -> PeerResult:
     """Transcribe on an even mesh, or on fractions ``mesh`` [N+1] of every phase, and solve.
 
-    Where ``scaled`` is set, variables and dynamics are divided by the size of the guess.
+    With ``scaled``, variables and dynamics are divided by the size of the guess.
 
     Raises
     ------
     NotImplementedError
-        For rates of linear controls.
+        The problem has rates of linear controls.
     """
     begin = time.perf_counter()
     guesses = {**default_guess(problem), **(guess or {})}
@@ -90,7 +90,7 @@ def solve_by_opti(
 
 
 class _Part:
-    """The variables and constraints of one phase."""
+    """Variables and constraints of one phase."""
 
     def __init__(
         self,
@@ -122,7 +122,7 @@ class _Part:
             self.duration = opti.variable()
             opti.subject_to(opti.bounded(low, self.duration, high))
             opti.set_initial(self.duration, guess.duration or low)
-        for own in phase.free_parameters:  # the same in all phases that have it
+        for own in phase.free_parameters:  # phases that share a parameter share its variable
             if own.name not in free:
                 free[own.name] = opti.variable(own.size)
                 self._limit(free[own.name], own.lower, own.upper)
@@ -138,7 +138,7 @@ class _Part:
         self._start(guess)
 
     def _scale(self, guess: Guess) -> Array:
-        """Powers of ten near the largest guess of every variable; returns those of the states."""
+        """Set scales to powers of ten near the largest guess; return those of the states."""
         phase, found = self.phase, []
         kinds = ((phase.states, self.x), (phase.controls, self.u), (phase.algebraics, self.z))
         for declared, table in kinds:
@@ -159,7 +159,7 @@ class _Part:
         return self.opti.variable(size, columns) if size else ca.MX(0, columns)
 
     def _limit(self, expression: ca.MX, low: Array, high: Array) -> None:
-        """Bounds of the rows of a matrix, where there are any."""
+        """Add the bounds of the rows of a matrix, if there are any."""
         for row in range(expression.shape[0]):
             one = expression[row, :]
             if low[row] == high[row]:
@@ -205,7 +205,7 @@ class _Part:
         function = ca.Function(name, [*table, t, duration, *data], made, {"allow_free": False})
         try:
             return function.expand()
-        except RuntimeError:  # tables have no scalar form
+        except RuntimeError:  # lookup tables have no scalar form
             return function
 
     def _collocate(self, points: Array, steps: Array) -> ca.MX:
@@ -257,7 +257,7 @@ class _Part:
         return cost + duration * (q @ each)
 
     def _points(self, duration: ca.MX) -> ca.MX:
-        """Costs at given times; their constraints are added."""
+        """Add the constraints at given times; return the costs there."""
         phase, total = self.phase, ca.MX(1, 1)
         for item in (*phase.point_constraints, *phase.point_costs):
             data = [m for m in phase.measurements if ca.depends_on(item.expression, m.symbol)]
@@ -286,7 +286,7 @@ class _Part:
                 self.opti.set_initial(table, np.hstack(rows).T)
 
     def guess(self) -> Guess:
-        """The last iterate, to start from on another mesh."""
+        """Return the last iterate as a guess for another mesh."""
         value = self.opti.debug.value
         values = {}
         for declared, table, places in (

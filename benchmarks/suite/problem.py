@@ -1,4 +1,4 @@
-"""A problem of the suite as data."""
+"""Problem of the suite as data."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from microbot_ocp.ocp import Guess, OptimalControlProblem
 
 Array = np.ndarray
 
-# sources, and how figures were confirmed
+# Sources, and confirmations of their figures.
 PROPT, ICLOCS, PSOPT_EXAMPLE = "PROPT", "ICLOCS2", "PSOPT"
 LUUS_PROPT = "Luus, Iterative Dynamic Programming; PROPT"
 OPTI, SOURCELESS = "Opti on 300 intervals", "no figure"
@@ -19,27 +19,28 @@ OPTI, SOURCELESS = "Opti on 300 intervals", "no figure"
 
 @dataclass(frozen=True)
 class SuiteProblem:
-    """A problem and what its source says of the optimum.
+    """Problem of the suite with the optimum of its source.
 
     Attributes
     ----------
     build : callable
-        Makes the problem; its name is the name, its docstring the statement.
+        Function that declares the problem; its docstring is the statement.
     kind : str
-        What is hard about it, by the word under which the page groups it.
+        Difficulty of the problem, by which the page groups it.
     source : str
+        Publication of the figure.
     published : float
-        The figure of the source, or the closed form.
+        Figure of the source, or the closed form.
     tolerance : float
-        Relative; what the digits of the figure and the mesh it was computed on allow.
+        Relative tolerance, from the digits of the figure and the mesh behind it.
     confirmed : str
-        How the figure was confirmed without the package.
+        Method that confirmed the figure without the package.
     reference : float, optional
-        The optimum where the figure is coarser than 1e-5 or off: closed form, or recomputed.
+        Optimum by closed form or recomputation, if the figure is coarser than 1e-5 or wrong.
     sign : float
-        -1 where the source maximises.
+        -1 if the source maximises, else 1.
     guess : callable, optional
-        The guess of the source, by phase; without one the package's own is used.
+        Guess of the source, by phase; without it the package's own guess is used.
     """
 
     build: Callable[[], OptimalControlProblem]
@@ -58,19 +59,19 @@ class SuiteProblem:
 
     @property
     def optimum(self) -> float:
-        """What errors are relative to."""
+        """Return the optimum that errors are relative to."""
         return self.published if self.reference is None else self.reference
 
     def error(self, cost: float) -> float:
-        """Relative difference of a cost, as it is minimised, to the optimum."""
+        """Return the relative difference of a minimised cost to the optimum."""
         return abs(self.sign * cost - self.optimum) / abs(self.optimum)
 
 
 def line(start: float, end: float) -> Callable[[Array], Array]:
-    """A guess that goes evenly from one value to another."""
+    """Return a linear guess from one value to another."""
     return lambda s: (start + (end - start) * s)[:, None]
 
 
 def along(function: Callable[[Array], Array]) -> Callable[[Array], Array]:
-    """A guess of one component from a function of the fraction of the phase."""
+    """Return a guess of one component as a function of the fraction of the phase."""
     return lambda s: function(s)[:, None]

@@ -16,7 +16,7 @@ from microbot_ocp.ocp import Guess, OptimalControlProblem
 
 
 def batch_reactor() -> OptimalControlProblem:
-    """A -> B -> C: most of B after 1 h by the temperature within [298, 398] K."""
+    """Maximise B of A -> B -> C after 1 h by the temperature within [298, 398] K."""
     problem = OptimalControlProblem("batch reactor")
     phase = problem.phase("batch", 1.0)
     a = phase.state("a", initial=1.0)
@@ -35,7 +35,7 @@ def _batch_reactor_guess() -> dict[str, Guess]:
 
 
 def stirred_tank() -> OptimalControlProblem:
-    """Luus' first-order exothermic reaction brought to rest; a worse local optimum at 0.2444."""
+    """Steer Luus' first-order exothermic reaction to rest; a worse local optimum is 0.2444."""
     problem = OptimalControlProblem("stirred tank")
     phase = problem.phase("settle", 0.78)
     x1 = phase.state("x1", initial=0.09)
@@ -49,7 +49,7 @@ def stirred_tank() -> OptimalControlProblem:
 
 
 def four_reactions() -> OptimalControlProblem:
-    """Four simultaneous reactions in a stirred tank, four controls: most profit in 0.2."""
+    """Maximise the profit of four simultaneous reactions in a stirred tank, four controls, 0.2."""
     problem = OptimalControlProblem("four reactions")
     phase = problem.phase("run", 0.2)
     starts = (0.1883, 0.2507, 0.0467, 0.0899, 0.1804, 0.1394, 0.1046)
@@ -75,7 +75,7 @@ def four_reactions() -> OptimalControlProblem:
 
 
 def ethanol() -> OptimalControlProblem:
-    """Fed-batch fermentation: most ethanol in 63 h, feed within [0, 12] l/h, at most 200 l."""
+    """Maximise ethanol of a fed-batch fermentation in 63 h, feed at most 12 l/h, at most 200 l."""
     problem = OptimalControlProblem("ethanol")
     phase = problem.phase("ferment", 63.0)
     cells = phase.state("cells", initial=1.0, lower=0.0, unit="g/l")
@@ -93,7 +93,7 @@ def ethanol() -> OptimalControlProblem:
     return problem
 
 
-# measured fractions of gas oil and gasoline, COPS 3.0
+# Measured fractions of gas oil and gasoline, COPS 3.0.
 _TIMES = (
     0.0, 0.025, 0.05, 0.075, 0.1, 0.125, 0.15, 0.175, 0.2, 0.225, 0.25,
     0.3, 0.35, 0.4, 0.45, 0.5, 0.55, 0.65, 0.75, 0.85, 0.95,
@@ -109,7 +109,7 @@ _GASOLINE = (
 
 
 def cracking() -> OptimalControlProblem:
-    """Catalytic cracking of gas oil: three rates from 21 measurements."""
+    """Fit three rates of catalytic cracking of gas oil to 21 measurements."""
     problem = OptimalControlProblem("catalytic cracking")
     a, b, c = (problem.free_parameter(f"rate {i}", lower=0.0, upper=20.0) for i in (1, 2, 3))
     phase = problem.phase("all", _TIMES[-1])
@@ -133,7 +133,7 @@ _ISOMERS = (
 
 
 def isomerisation() -> OptimalControlProblem:
-    """Isomerisation of alpha-pinene: five rates, six orders apart from 1, from 8 measurements."""
+    """Fit five rates of alpha-pinene isomerisation, six orders apart from 1, to 8 measurements."""
     problem = OptimalControlProblem("alpha-pinene")
     k = problem.free_parameter("k", 5, lower=0.0, upper=0.01, unit="1/min")
     phase = problem.phase("all", float(_MINUTES[-1]))
@@ -153,7 +153,7 @@ def isomerisation() -> OptimalControlProblem:
 
 
 def isomerisation_in_phases() -> OptimalControlProblem:
-    """The same fit in a phase between any two measurements, with rates that are states."""
+    """Fit the isomerisation in a phase between any two measurements, with rates as states."""
     problem, before = OptimalControlProblem("alpha-pinene phases"), None
     times = (0.0, *map(float, _MINUTES))
     for number, data in enumerate(np.transpose(_ISOMERS)):
@@ -196,7 +196,7 @@ _HYDROCARBONS = (
 
 
 def methanol() -> OptimalControlProblem:
-    """Methanol to hydrocarbons: five rates from 17 measurements, one of them none."""
+    """Fit five rates of methanol to hydrocarbons, one of them zero, to 17 measurements."""
     problem = OptimalControlProblem("methanol")
     a, b, c, d, e = (problem.free_parameter(f"rate {i}", lower=0.0) for i in range(1, 6))
     phase = problem.phase("all", _SAMPLES[-1])
@@ -214,7 +214,7 @@ def methanol() -> OptimalControlProblem:
 
 
 def parallel_reactions() -> OptimalControlProblem:
-    """Two reactions side by side in a plug-flow reactor: most of B at its end."""
+    """Maximise B at the end of a plug-flow reactor with two parallel reactions."""
     problem = OptimalControlProblem("parallel reactions")
     phase = problem.phase("along", 1.0)
     a = phase.state("a", initial=1.0)
@@ -226,7 +226,7 @@ def parallel_reactions() -> OptimalControlProblem:
     return problem
 
 
-RATES = np.array(  # of the ten reactions, by powers of the share of one catalyst
+RATES = np.array(  # ten reactions, by powers of the fraction of one catalyst
     [
         [0.2918487e-2, -0.8045787e-2, 0.6749947e-2, -0.1416647e-2],
         [0.9509977e1, -0.3500994e2, 0.4283329e2, -0.1733333e2],
@@ -243,7 +243,7 @@ RATES = np.array(  # of the ten reactions, by powers of the share of one catalys
 
 
 def bifunctional_catalyst() -> OptimalControlProblem:
-    """Methylcyclopentane to benzene: the blend of two catalysts along a bed, hundreds of optima."""
+    """Maximise benzene from methylcyclopentane by a blend of two catalysts: hundreds of optima."""
     problem = OptimalControlProblem("bifunctional catalyst", maximize=True)
     phase = problem.phase("bed", 2000.0)
     x = [phase.state(f"x{k}", initial=float(k == 1)) for k in range(1, 8)]
@@ -265,7 +265,7 @@ FINE = "fine mesh"
 
 
 def double_tank() -> OptimalControlProblem:
-    """The lower of two tanks is to follow a level; inflow from 1 to 2."""
+    """Track a level in the lower one of two tanks, inflow from 1 to 2."""
     problem = OptimalControlProblem("double tank")
     phase = problem.phase("only", 10.0)
     upper = phase.state("upper", initial=2.0, lower=1e-6)
@@ -278,7 +278,7 @@ def double_tank() -> OptimalControlProblem:
 
 
 def oil_shale() -> OptimalControlProblem:
-    """Temperature and time of a pyrolysis for most bitumen."""
+    """Maximise bitumen by temperature and time of a pyrolysis."""
     problem = OptimalControlProblem("oil shale", maximize=True)
     phase = problem.phase("only", (9.1, 12.0))
     kerogen = phase.state("kerogen", initial=1.0, lower=0.0, upper=1.0)
@@ -294,7 +294,7 @@ def oil_shale() -> OptimalControlProblem:
 
 
 def two_stage_reactor() -> OptimalControlProblem:
-    """Two stirred tanks are brought to their steady state in least time."""
+    """Minimise the time of two stirred tanks to their steady state."""
     problem = OptimalControlProblem("two-stage reactor")
     phase = problem.phase("only", (0.1, 100.0))
     starts = (0.1962, -0.0372, 0.0946, 0.0)
@@ -316,7 +316,7 @@ def two_stage_reactor() -> OptimalControlProblem:
 
 
 def penicillin() -> OptimalControlProblem:
-    """The feed of a fermentation of 126 h for most penicillin."""
+    """Maximise penicillin by the feed of a fermentation of 126 h."""
     problem = OptimalControlProblem("penicillin", maximize=True)
     phase = problem.phase("only", 126.0)
     biomass = phase.state("biomass", initial=1.5, lower=0.0, upper=40.0)
@@ -339,7 +339,7 @@ def penicillin() -> OptimalControlProblem:
 
 
 def gas_absorber() -> OptimalControlProblem:
-    """Six plates of an absorber are brought to their steady state."""
+    """Steer six plates of an absorber to their steady state."""
     problem = OptimalControlProblem("gas absorber")
     phase = problem.phase("only", 15.0)
     start = [-0.0342, -0.0619, -0.0837, -0.1004, -0.1131, -0.1224]
@@ -354,7 +354,7 @@ def gas_absorber() -> OptimalControlProblem:
 
 
 def food_sterilization() -> OptimalControlProblem:
-    """A can is heated until enough germs are dead, and cooled, with the least loss of quality."""
+    """Minimise the loss of quality of a can that is heated until germs are dead, and cooled."""
     problem = OptimalControlProblem("sterilization")
     phase = problem.phase("heat", 1500.0)
     core = phase.state("core", initial=20.0)
@@ -371,7 +371,7 @@ def food_sterilization() -> OptimalControlProblem:
 
 
 def plug_flow() -> OptimalControlProblem:
-    """Most product of a tubular reactor whose temperature is limited."""
+    """Maximise the product of a tubular reactor whose temperature is limited."""
     problem = OptimalControlProblem("plug flow", maximize=True)
     phase = problem.phase("flow", 5.0)
     product = phase.state("product", initial=0.0, lower=0.0, upper=10.0)
@@ -387,7 +387,7 @@ def plug_flow() -> OptimalControlProblem:
 
 
 def crystalliser() -> OptimalControlProblem:
-    """Seeds of potassium sulphate grow by cooling, with the least volume of new crystals."""
+    """Minimise the volume of new crystals while seeds of potassium sulphate grow by cooling."""
     problem = OptimalControlProblem("crystalliser")
     phase = problem.phase("batch", 1800.0)
     new = [phase.state(f"new {k}", initial=0.0) for k in range(4)]
@@ -419,7 +419,7 @@ def crystalliser() -> OptimalControlProblem:
 
 
 def hicks_ray() -> OptimalControlProblem:
-    """A stirred tank is brought to a steady state that is unstable."""
+    """Steer a stirred tank to an unstable steady state."""
     problem = OptimalControlProblem("Hicks and Ray")
     phase = problem.phase("change", 120.0)
     c = phase.state("c", initial=0.98, final=0.2632, lower=0.0, upper=1.0)

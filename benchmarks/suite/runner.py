@@ -1,12 +1,12 @@
-"""Every problem in child processes, and the table of what came of it.
+"""Every problem in child processes, and the table of the results.
 
     python -m benchmarks suite [--only NAME ...] [--ways solve refined peer] [--scheme SCHEME]
         [--controls SHAPE] [--mesh INTERVALS] [--limit SECONDS] [--jobs N] [--json FILE]
         [--read FILE] [--markdown]
 
-Errors are relative to the optimum that the table of problems knows. An answer counts as met when
-it is within 0.1 %, whatever its status; as a wrong success when it is reported as solved and is
-not; what uses its limit of processor time is ended and counts as a timeout.
+Errors are relative to the optimum in the table of problems. An answer counts as met if it is within
+0.1 %, whatever its status; as a wrong success if it is reported as solved and is not met. A child
+that uses up its limit of processor time is ended and counts as a timeout.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ from benchmarks.suite.child import WAYS
 from benchmarks.suite.problem import SuiteProblem
 from benchmarks.suite.table import BY_NAME, PROBLEMS
 
-MET = 1e-3  # relative
-PATIENCE = 10  # wall time that a child may take, in limits of processor time
+MET = 1e-3  # relative error of an answer that counts as met
+PATIENCE = 10  # wall time that a child may take, as a multiple of its processor time limit
 TIMEOUT = "TIMEOUT"
 Result = Mapping[str, Any]
 
 
 def run_child(name: str, way: str, options: argparse.Namespace) -> Result:
-    """One problem in one way; an end without an answer is a status."""
+    """Solve one problem in one way; a missing answer is a status."""
     command = [sys.executable, "-m", "benchmarks.suite.child", name, way]
     command += ["--limit", str(options.limit)]
     if way != "peer" and options.scheme:
@@ -70,7 +70,7 @@ def _nothing(status: str, seconds: float) -> Result:
 
 
 def error(problem: SuiteProblem, result: Result) -> float | None:
-    """Relative error; None where there is no number."""
+    """Return the relative error; None without a number."""
     cost = result["cost"]
     return None if cost is None or cost != cost else problem.error(cost)
 
@@ -81,7 +81,7 @@ def met(problem: SuiteProblem, result: Result) -> bool:
 
 
 def verdict(problem: SuiteProblem, result: Result) -> str:
-    """One cell: error, status where it is not solved, a mark where a success is wrong."""
+    """Return one cell: error, status if not solved, and a mark of a wrong success."""
     off = error(problem, result)
     number = "" if off is None else f"{off:.1e}"
     if result["solved"]:
@@ -90,7 +90,7 @@ def verdict(problem: SuiteProblem, result: Result) -> str:
 
 
 def cells(problem: SuiteProblem, way: str, result: Result) -> list[str]:
-    """The cells of one way: value, verdict, gap relative to the cost, iterations, time."""
+    """Return the cells of one way: value, verdict, gap relative to the cost, iterations, time."""
     cost = result["cost"]
     value = "" if cost is None else f"{problem.sign * cost:.7g}"
     seconds = f"{result['seconds']:.1f} s"
@@ -112,7 +112,7 @@ WIDTHS = {"solve": [13, 28, 6, 6, 8], "refined": [13, 28, 6, 6, 8], "peer": [28,
 def as_lines(
     rows: Iterable[tuple[SuiteProblem, Mapping[str, Result]]], ways: Iterable[str]
 ) -> Iterator[str]:
-    """The table in plain text, a line at a time."""
+    """Yield the table in plain text, line by line."""
     ways = tuple(ways)
     yield _aligned(["problem", "optimum"], [c for w in ways for c in HEADS[w]], ways)
     for problem, results in rows:
@@ -127,7 +127,7 @@ def _aligned(first: list[str], rest: list[str], ways: tuple[str, ...]) -> str:
 
 
 def as_markdown(table: Mapping[str, Mapping[str, Result]], ways: Iterable[str]) -> str:
-    """The same for a page, with the kind of every problem."""
+    """Return the table as Markdown, with the kind of every problem."""
     ways = tuple(ways)
     heads = ["problem", "kind", "optimum", *(c for w in ways for c in HEADS[w])]
     lines = [heads, ["---"] * len(heads)]
@@ -139,7 +139,7 @@ def as_markdown(table: Mapping[str, Mapping[str, Result]], ways: Iterable[str]) 
 
 
 def counts(table: Mapping[str, Mapping[str, Result]], way: str) -> str:
-    """The last line for one way."""
+    """Return the last line of one way."""
     found = [(BY_NAME[name], results[way]) for name, results in table.items()]
     good = sum(met(p, r) for p, r in found)
     sure = sum(met(p, r) and r["solved"] for p, r in found)
@@ -190,7 +190,7 @@ def _solved(
     options: argparse.Namespace,
     table: dict[str, Mapping[str, Result]],
 ) -> Iterator[tuple[SuiteProblem, Mapping[str, Result]]]:
-    """Problems in turn, as soon as their children are done; the table is filled on the way."""
+    """Yield problems in their order as their children finish, and fill the table."""
     with ThreadPoolExecutor(options.jobs) as pool:
         waiting = [
             (p, {w: pool.submit(run_child, p.name, w, options) for w in options.ways})

@@ -21,7 +21,7 @@ from microbot_ocp.ocp import Guess, OptimalControlProblem, Phase
 def _integrators(
     name: str, duration: float, start: tuple[float, ...]
 ) -> tuple[OptimalControlProblem, Phase, list[ca.MX]]:
-    """A chain of integrators with its control within [-1, 1]."""
+    """Declare a chain of integrators with its control within [-1, 1]."""
     problem = OptimalControlProblem(name)
     phase = problem.phase("only", duration)
     x = [phase.state(f"x{i + 1}", initial=value) for i, value in enumerate(start)]
@@ -32,28 +32,28 @@ def _integrators(
 
 
 def luus_singular_1() -> OptimalControlProblem:
-    """Half the least integral of x^2 with x' = u from 1 in 2 s."""
+    """Minimise half the integral of x^2 with x' = u from 1 in 2 s."""
     problem, phase, x = _integrators("Luus, singular control 1", 2.0, (1.0,))
     phase.running_cost(0.5 * x[0] ** 2)
     return problem
 
 
 def luus_singular_3() -> OptimalControlProblem:
-    """Least integral of x1^2 + x2^2 of a double integrator from (0, 1) in 5 s."""
+    """Minimise the integral of x1^2 + x2^2 of a double integrator from (0, 1) in 5 s."""
     problem, phase, x = _integrators("Luus, singular control 3", 5.0, (0.0, 1.0))
     phase.running_cost(x[0] ** 2 + x[1] ** 2)
     return problem
 
 
 def luus_singular_4() -> OptimalControlProblem:
-    """Least integral of x1^2 of a triple integrator from (1, 0, 0) in 5 s."""
+    """Minimise the integral of x1^2 of a triple integrator from (1, 0, 0) in 5 s."""
     problem, phase, x = _integrators("Luus, singular control 4", 5.0, (1.0, 0.0, 0.0))
     phase.running_cost(x[0] ** 2)
     return problem
 
 
 def luus_singular_5() -> OptimalControlProblem:
-    """Luus' third-order singular problem on [0, 1], u within [0, 10]."""
+    """Minimise Luus' third-order singular problem on [0, 1], u within [0, 10]."""
     problem = OptimalControlProblem("Luus, singular control 5")
     phase = problem.phase("only", 1.0)
     x1 = phase.state("x1", initial=0.0)
@@ -69,7 +69,7 @@ def luus_singular_5() -> OptimalControlProblem:
 
 
 def bressan() -> OptimalControlProblem:
-    """Most of the integral of x2 - x1^2 with x1' = u, x2' = -x1 from rest in 10 s."""
+    """Maximise the integral of x2 - x1^2 with x1' = u, x2' = -x1 from rest in 10 s."""
     problem = OptimalControlProblem("Bressan")
     phase = problem.phase("only", 10.0)
     x1 = phase.state("x1", initial=0.0)
@@ -84,7 +84,7 @@ def bressan() -> OptimalControlProblem:
 
 
 def slow_transfer() -> OptimalControlProblem:
-    """Half of time and integral of v^2 from rest at 2 to rest at 5, |u| <= 1, time free."""
+    """Minimise half of time and integral of v^2 from rest at 2 to rest at 5, |u| <= 1."""
     problem = OptimalControlProblem("singular transfer")
     phase = problem.phase("move", (2.0, 8.0))
     x = phase.state("x", initial=2.0, final=5.0, lower=-10.0, upper=10.0)
@@ -97,7 +97,7 @@ def slow_transfer() -> OptimalControlProblem:
 
 
 def fuller() -> OptimalControlProblem:
-    """Fuller's problem: least integral of x^2 from (0, 1) to rest at 0 in 3.5 s, |u| <= 1."""
+    """Minimise the integral of x^2 from (0, 1) to rest at 0 in 3.5 s, |u| <= 1 (Fuller)."""
     problem = OptimalControlProblem("Fuller")
     phase = problem.phase("only", 3.5)
     x = phase.state("x", initial=0.0, final=0.0)
@@ -110,7 +110,7 @@ def fuller() -> OptimalControlProblem:
 
 
 def goddard_in_feet() -> OptimalControlProblem:
-    """Highest ascent of Goddard's rocket in feet, pounds of force and slugs."""
+    """Maximise the height of Goddard's rocket in feet, pounds of force and slugs."""
     problem = OptimalControlProblem("Goddard rocket in feet")
     phase = problem.phase("ascent", (20.0, 100.0))
     h = phase.state("h", initial=0.0, lower=0.0, upper=30000.0, unit="ft")
@@ -131,7 +131,7 @@ def _goddard_guess() -> dict[str, Guess]:
 
 
 def fishing() -> OptimalControlProblem:
-    """Lotka-Volterra fishing, relaxed: both populations near 1 for 12 years."""
+    """Steer fished Lotka-Volterra populations near 1 for 12 years, relaxed."""
     problem = OptimalControlProblem("fishing")
     phase = problem.phase("years", 12.0)
     prey = phase.state("prey", initial=0.5, lower=0.0, upper=2.0)
@@ -144,7 +144,7 @@ def fishing() -> OptimalControlProblem:
 
 
 def _f8_slopes(a, c, b, w):
-    """Slopes of angle of attack, pitch and pitch rate c at the elevator's w."""
+    """Return the slopes of angle of attack, pitch and pitch rate c at the elevator's w."""
     attack = -0.877 * a + c - 0.088 * a * c + 0.47 * a**2 - 0.019 * b**2 - a**2 * c + 3.846 * a**3
     attack += -0.215 * w + 0.28 * a**2 * w + 0.47 * a * w**2 + 0.63 * w**3
     rate = -4.208 * a - 0.396 * c - 0.47 * a**2 - 3.564 * a**3
@@ -153,7 +153,7 @@ def _f8_slopes(a, c, b, w):
 
 
 def f8_aircraft() -> OptimalControlProblem:
-    """F-8 aircraft brought to level flight in the shortest time, elevator within 0.05236 rad."""
+    """Minimise the time of an F-8 aircraft to level flight, elevator within 0.05236 rad."""
     problem = OptimalControlProblem("F-8 aircraft")
     phase = problem.phase("recover", (1.0, 8.0))
     attack = phase.state("attack", initial=0.4655, final=0.0, lower=-2.0, upper=2.0)
@@ -168,7 +168,7 @@ def f8_aircraft() -> OptimalControlProblem:
 
 
 def _f8_guess() -> dict[str, Guess]:
-    """Full deflection, switched near where the source does, and what the aircraft then does."""
+    """Return a guess by simulation: full deflection, switched near the times of the source."""
     duration, steps = 3.781, 400
     times = np.linspace(0.0, duration, steps + 1)
     up = (times < 1.135) | ((times >= 1.482) & (times < 3.089))
@@ -188,7 +188,7 @@ def _f8_guess() -> dict[str, Guess]:
 
 
 def bridge_crane() -> OptimalControlProblem:
-    """A bridge crane and its load 15 m from rest to rest in the shortest time, |u| <= 1."""
+    """Minimise the time of a bridge crane and its load over 15 m from rest to rest, |u| <= 1."""
     problem = OptimalControlProblem("bridge crane")
     phase = problem.phase("move", (0.1, 100.0))
     x = phase.state("x", initial=0.0, final=15.0)
@@ -210,7 +210,7 @@ def _bridge_crane_guess() -> dict[str, Guess]:
 
 
 def dielectrophoresis() -> OptimalControlProblem:
-    """A particle moved from 1 to 2 by a field within [-1, 1] in the shortest time."""
+    """Minimise the time to move a particle from 1 to 2 by a field within [-1, 1]."""
     problem = OptimalControlProblem("dielectrophoretic particle")
     phase = problem.phase("move", (1.0, 100.0))
     x = phase.state("x", initial=1.0, final=2.0)
@@ -227,7 +227,7 @@ def _dielectrophoresis_guess() -> dict[str, Guess]:
 
 
 def two_masses_and_a_spring() -> OptimalControlProblem:
-    """Two unit masses, a unit spring between them, pushed at one: rest to rest in least time."""
+    """Minimise the time of two unit masses with a unit spring, pushed at one, rest to rest."""
     problem = OptimalControlProblem("two masses and a spring")
     phase = problem.phase("move", (0.1, 20.0))
     x1, x2 = (phase.state(name, initial=0.0, final=1.0) for name in ("x1", "x2"))
@@ -242,7 +242,7 @@ def two_masses_and_a_spring() -> OptimalControlProblem:
 
 
 def jackson() -> OptimalControlProblem:
-    """Jackson's catalyst blend: most of the product after 4, blend within [0, 1]."""
+    """Maximise the product of Jackson's catalyst blend after 4, blend within [0, 1]."""
     problem = OptimalControlProblem("Jackson")
     phase = problem.phase("reactor", 4.0)
     a = phase.state("a", initial=1.0, lower=0.0, upper=1.1)
@@ -269,12 +269,12 @@ def _catalyst(name: str, length: float) -> OptimalControlProblem:
 
 
 def catalyst_mixing() -> OptimalControlProblem:
-    """Catalyst mixing in a reactor of length 1: most of the product."""
+    """Maximise the product of catalyst mixing in a reactor of length 1."""
     return _catalyst("catalyst mixing", 1.0)
 
 
 def catalyst_mixing_long() -> OptimalControlProblem:
-    """Catalyst mixing in a reactor of length 12."""
+    """Maximise the product of catalyst mixing in a reactor of length 12."""
     return _catalyst("catalyst mixing, long", 12.0)
 
 
@@ -285,7 +285,7 @@ CTDIRECT = "CTDirect.jl test problems (control-toolbox), "
 
 
 def rayleigh_in_least_time() -> OptimalControlProblem:
-    """Rayleigh's equation from (-5, -5) to rest, |u| <= 4."""
+    """Minimise the time of Rayleigh's equation from (-5, -5) to rest, |u| <= 4."""
     problem = OptimalControlProblem("Rayleigh in least time")
     phase = problem.phase("only", (0.1, 100.0))
     x1 = phase.state("x1", initial=-5.0, final=0.0)
@@ -298,7 +298,7 @@ def rayleigh_in_least_time() -> OptimalControlProblem:
 
 
 def double_oscillator() -> OptimalControlProblem:
-    """Two masses on springs shaken by a sine; the damping is the control."""
+    """Minimise motion and control of two masses on springs shaken by a sine; u is the damping."""
     problem = OptimalControlProblem("double oscillator")
     phase = problem.phase("period", 2 * pi)
     x1, x2 = phase.state("x1", initial=0.0), phase.state("x2", initial=0.0)
@@ -313,7 +313,7 @@ def double_oscillator() -> OptimalControlProblem:
 
 
 def four_integrators() -> OptimalControlProblem:
-    """A chain of four integrators is brought to rest in least time."""
+    """Minimise the time of a chain of four integrators to rest."""
     problem = OptimalControlProblem("four integrators")
     phase = problem.phase("only", (0.1, 100.0))
     chain = [
@@ -328,7 +328,7 @@ def four_integrators() -> OptimalControlProblem:
 
 
 def nishida() -> OptimalControlProblem:
-    """Two damped oscillators are calmed by one bounded control."""
+    """Minimise the final state of two damped oscillators by one bounded control."""
     problem = OptimalControlProblem("Nishida")
     phase = problem.phase("only", 4.2)
     x = phase.state("x", 4, initial=10.0)
@@ -345,7 +345,7 @@ def nishida() -> OptimalControlProblem:
 
 
 def third_order() -> OptimalControlProblem:
-    """A third-order system with drag and friction is brought to rest in least time."""
+    """Minimise the time of a third-order system with drag and friction to rest."""
     problem = OptimalControlProblem("third order")
     phase = problem.phase("move", (0.1, 100.0))
     x1 = phase.state("x1", initial=0.0, final=2.0)
@@ -360,7 +360,7 @@ def third_order() -> OptimalControlProblem:
 
 
 def marchal() -> OptimalControlProblem:
-    """Chattering into a singular arc at rest and out of it again."""
+    """Minimise half the integral of x^2: chattering into a singular arc at rest, and out of it."""
     problem = OptimalControlProblem("Marchal")
     phase = problem.phase("only", 8.0)
     x = phase.state("x", initial=2.0, final=2.0)
@@ -373,7 +373,7 @@ def marchal() -> OptimalControlProblem:
 
 
 def van_der_pol_in_least_time() -> OptimalControlProblem:
-    """The Van der Pol oscillator from (-0.4, 0.6) to (0.6, 0.4) in least time, |u| <= 1."""
+    """Minimise the time of the Van der Pol oscillator, (-0.4, 0.6) to (0.6, 0.4), |u| <= 1."""
     problem = OptimalControlProblem("Van der Pol in least time")
     phase = problem.phase("only", (0.1, 10.0))
     x1 = phase.state("x1", initial=-0.4, final=0.6)

@@ -40,7 +40,7 @@ def _two_burns_guess() -> dict[str, Guess]:
 
 
 def _equinoctial_slopes(orbit: list[ca.MX], push: ca.MX | None) -> list[ca.MX]:
-    """Rates of modified equinoctial elements with J2 to J4; the push in velocity axes."""
+    """Return slopes of modified equinoctial elements with J2 to J4; the push in velocity axes."""
     p, f, g, h, k, longitude = orbit
     mu, earth = 1.407645794e16, 20925662.73
     c, s = ca.cos(longitude), ca.sin(longitude)
@@ -94,7 +94,7 @@ def _equinoctial_slopes(orbit: list[ca.MX], push: ca.MX | None) -> list[ca.MX]:
 
 
 def two_burns() -> OptimalControlProblem:
-    """From low to geostationary orbit: coast, burn, coast, burn; most mass is left."""
+    """Maximise the mass from low to geostationary orbit: coast, burn, coast, burn."""
     problem = OptimalControlProblem("two burns")
     starts = (21837080.052835, 0.0, 0.0, -0.25396764647494, 0.0, pi)
     ends = (19323 * 6076.1154855643 + 20925662.73, 0.0, 0.0, 0.0, 0.0)
@@ -142,7 +142,7 @@ def two_burns() -> OptimalControlProblem:
 
 
 def planar_lander() -> OptimalControlProblem:
-    """A lander with two thrusters from rest to rest 5 m to the side and up, in least time."""
+    """Minimise the time of a lander with two thrusters, 5 m to the side and up, rest to rest."""
     problem = OptimalControlProblem("planar lander")
     phase = problem.phase("fly", (0.1, 100.0))
     x = phase.state("x", initial=0.0, final=5.0)
@@ -164,7 +164,7 @@ def planar_lander() -> OptimalControlProblem:
 
 
 def to_mars() -> OptimalControlProblem:
-    """Least time from the orbit of the Earth to that of Mars with a small constant thrust."""
+    """Minimise the time from Earth's orbit to that of Mars with a small constant thrust."""
     problem = OptimalControlProblem("to Mars")
     phase = problem.phase("only", (0.5, 10.0))
     r = phase.state("r", initial=1.0, final=1.5237, lower=0.9, upper=1.6)
@@ -182,14 +182,14 @@ def to_mars() -> OptimalControlProblem:
 SPIRAL_START = (21837080.052835, 0.0, 0.0, -0.25396764647494, 0.0, pi, 1.0)
 
 
-MU, FEET = 1.407645794e16, 20925662.73  # of the Earth, in feet and seconds
+MU, FEET = 1.407645794e16, 20925662.73  # gravity and radius of the Earth, in feet and seconds
 
 
 ZONAL = {2: 1082.639e-6, 3: -2.565e-6, 4: -1.608e-6}
 
 
 def _legendre(x: ca.MX, n: int) -> tuple[ca.MX, ca.MX]:
-    """Polynomial and derivative."""
+    """Return a Legendre polynomial and its derivative."""
     return {
         2: (0.5 * (3 * x**2 - 1), 3 * x),
         3: (0.5 * (5 * x**3 - 3 * x), 0.5 * (15 * x**2 - 3)),
@@ -198,7 +198,7 @@ def _legendre(x: ca.MX, n: int) -> tuple[ca.MX, ca.MX]:
 
 
 def _equinoctial(y: ca.MX, thrust: ca.MX, share: ca.MX) -> ca.MX:
-    """Derivatives of p, f, g, h, k, L, w of a spacecraft; thrust: radial, along, normal."""
+    """Return slopes of p, f, g, h, k, L, w of a spacecraft; thrust: radial, along, normal."""
     p, f, g, h, k, angle, weight = (y[i] for i in range(7))
     sin, cos = ca.sin(angle), ca.cos(angle)
     q = 1 + f * cos + g * sin
@@ -252,7 +252,7 @@ def _equinoctial(y: ca.MX, thrust: ca.MX, share: ca.MX) -> ca.MX:
 
 
 def _spiral_guess() -> dict[str, Guess]:
-    """A simulation with the thrust along the velocity."""
+    """Return a guess by simulation with the thrust along the velocity."""
     y = ca.MX.sym("y", 7)
     p, f, g, angle = y[0], y[1], y[2], y[5]
     q = 1 + f * ca.cos(angle) + g * ca.sin(angle)
@@ -274,7 +274,7 @@ def _spiral_guess() -> dict[str, Guess]:
 
 
 def low_thrust() -> OptimalControlProblem:
-    """A spiral of eight revolutions with a thrust of 4.4e-3 lb a pound, for most final weight."""
+    """Maximise the final weight after a spiral of eight revolutions, thrust 4.4e-3 lb per lb."""
     problem = OptimalControlProblem("low thrust", maximize=True)
     share = problem.free_parameter("share", lower=-50.0, upper=0.0)
     phase = problem.phase("spiral", (50000.0, 100000.0))
@@ -302,7 +302,7 @@ ORBIT_RATE = 1.1475e-3  # rad/s
 
 
 def _orbit_rate(q):
-    """Rate of the orbital frame in the body's, for an attitude."""
+    """Return the rate of the orbital frame in the body's, for an attitude."""
     return [
         -ORBIT_RATE * 2 * (q[1] * q[2] + q[0] * q[3]),
         -ORBIT_RATE * (1 - 2 * (q[1] ** 2 + q[3] ** 2)),
@@ -335,7 +335,7 @@ INERTIA = np.array(
 
 
 def zero_propellant() -> OptimalControlProblem:
-    """The space station is turned by its gyroscopes alone, by commands to its controller."""
+    """Turn the space station by its gyroscopes alone, by commands to its controller."""
     problem = OptimalControlProblem("zero propellant")
     most = (3 * 3600.0) ** 2
     gamma = problem.free_parameter("gamma", lower=0.0, upper=most)
@@ -390,7 +390,7 @@ def _turn_guess() -> dict[str, Guess]:
 
 
 def orbit_raise() -> OptimalControlProblem:
-    """Burn, coast, burn: from the radius 1 to 3 with the least change of speed."""
+    """Minimise the change of speed from the radius 1 to 3: burn, coast, burn."""
     problem = OptimalControlProblem("orbit raise")
     burn1 = problem.phase("burn 1", (0.5, 10.0))
     coast = problem.phase("coast", (0.5, 50.0))
@@ -468,7 +468,7 @@ def _ascent_guess() -> dict[str, Guess]:
 
 
 def single_stage() -> OptimalControlProblem:
-    """One stage to an orbit of 185 km in least time, from rest, in N, kg and m."""
+    """Minimise the time of one stage from rest to an orbit of 185 km, in N, kg and m."""
     problem = OptimalControlProblem("single stage")
     phase = problem.phase("ascent", (10.0, 500.0))
     phase_x = phase.state("x", initial=0.0, unit="m")
@@ -488,7 +488,7 @@ def single_stage() -> OptimalControlProblem:
 
 
 def largest_orbit() -> OptimalControlProblem:
-    """The largest circular orbit that a rocket with constant thrust reaches in a given time."""
+    """Maximise the circular orbit that a rocket with constant thrust reaches in a given time."""
     problem = OptimalControlProblem("largest orbit", maximize=True)
     phase = problem.phase("burn", 1.0)
     r = phase.state("r", initial=1.0)
@@ -505,7 +505,7 @@ def largest_orbit() -> OptimalControlProblem:
 
 
 def spaceship() -> OptimalControlProblem:
-    """From one triangular point of two bodies to the other, time and effort weighed."""
+    """Minimise time and effort from one triangular point of two bodies to the other."""
     mu = 0.01
     problem = OptimalControlProblem("spaceship")
     phase = problem.phase("fly", (0.01, 5.0))
@@ -541,7 +541,7 @@ def _shuttle_guess() -> dict[str, Guess]:
 
 
 def heated_shuttle() -> OptimalControlProblem:
-    """Largest cross-range of the space shuttle, in degrees, with heating of 70 BTU/ft^2/s."""
+    """Maximise the cross-range of the space shuttle, degrees, with heating of 70 BTU/ft^2/s."""
     problem = OptimalControlProblem("heated shuttle")
     phase = problem.phase("descend", (100.0, 4000.0))
     h = phase.state("h", initial=260000.0, final=80000.0, lower=0.0, upper=300000.0, unit="ft")
@@ -575,7 +575,7 @@ def heated_shuttle() -> OptimalControlProblem:
 
 
 def limited_rocket() -> OptimalControlProblem:
-    """Goddard's rocket in units of its own with a limit of speed: bang, singular, limit, off."""
+    """Maximise the height of Goddard's rocket with a speed limit: bang, singular, limit, off."""
     problem = OptimalControlProblem("Goddard", maximize=True)
     phase = problem.phase("ascent", (0.01, 10.0))
     r = phase.state("r", initial=1.0, lower=1.0)
@@ -591,7 +591,7 @@ def limited_rocket() -> OptimalControlProblem:
 
 
 def satellite() -> OptimalControlProblem:
-    """A tumbling satellite is turned and stopped with the least effort."""
+    """Minimise the effort to turn and stop a tumbling satellite."""
     problem = OptimalControlProblem("satellite")
     phase = problem.phase("turn", 100.0)
     starts, ends = (0.0, 0.0, 0.0, 1.0), (0.70106, 0.0923, 0.56098, None)
@@ -614,7 +614,7 @@ def satellite() -> OptimalControlProblem:
 
 
 def geostationary_transfer() -> OptimalControlProblem:
-    """From an eccentric orbit to the geostationary one in least time, in km and h."""
+    """Minimise the time from an eccentric to the geostationary orbit, in km and h."""
     mu, acceleration, radius = 5.1658620912e12, 60.0 * 3.6**2 * 1e3 / 1500.0, 42165.0
     problem = OptimalControlProblem("geostationary transfer")
     phase = problem.phase("transfer", (1.0, 50.0))
@@ -638,7 +638,7 @@ def geostationary_transfer() -> OptimalControlProblem:
 
 
 def apollo() -> OptimalControlProblem:
-    """Reentry of an Apollo capsule with the least heating, in 1e5 feet."""
+    """Minimise the heating of an Apollo capsule's reentry, in 1e5 feet."""
     radius, scale, surface, area, gravity = 209.0, 4.26, 2.704e-3, 53200.0, 3.2172e-4
     problem = OptimalControlProblem("Apollo")
     phase = problem.phase("reentry", (10.0, 1000.0))
@@ -660,7 +660,7 @@ def apollo() -> OptimalControlProblem:
 
 
 def mars_landing() -> OptimalControlProblem:
-    """Powered descent on Mars with the least fuel; engines cannot be turned down below 30 %."""
+    """Minimise the fuel of a powered descent on Mars; engines give at least 30 %."""
     cant, gravity = radians(27), 3.7114
     most = 6 * 3100.0 * cos(cant)
     problem = OptimalControlProblem("Mars landing")
@@ -689,7 +689,7 @@ ORBIT, PUSH = 0.00113, 0.005  # mean motion, 1/s, and acceleration along every a
 
 
 def rendezvous() -> OptimalControlProblem:
-    """Six thrusters bring a spacecraft to another one in half an hour with the least fuel."""
+    """Minimise the fuel of six thrusters for a rendezvous of spacecraft in half an hour."""
     problem = OptimalControlProblem("rendezvous")
     phase = problem.phase("approach", 1800.0)
     place = phase.state("place", 3, initial=[-500.0, 800.0, 100.0], final=[0, 0, 0], unit="m")

@@ -19,7 +19,7 @@ from microbot_ocp.ocp import Guess, OptimalControlProblem, Phase
 
 
 def oscillator_in_least_time() -> OptimalControlProblem:
-    """A harmonic oscillator brought to rest from 9 in the shortest time, |u| <= 1: six arcs."""
+    """Minimise the time of a harmonic oscillator from 9 to rest, |u| <= 1: six arcs."""
     problem = OptimalControlProblem("harmonic oscillator")
     phase = problem.phase("calm", (1.0, 100.0))
     x = phase.state("x", initial=9.0, final=0.0)
@@ -32,8 +32,8 @@ def oscillator_in_least_time() -> OptimalControlProblem:
 
 
 def _oscillator_time() -> float:
-    """Backwards from rest: part of a turn about 1, four half turns about -1 and 1 in turn, and the
-    rest of a turn about -1, on circles of the phase plane; the first part is found by bisection."""
+    """Return the time, computed backwards from rest on circles of the phase plane: part of a turn
+    about 1, four half turns about -1 and 1, part of a turn about -1; bisection gives the first."""
 
     def before(first: float) -> complex:
         z = 1 - exp(1j * first)
@@ -50,7 +50,7 @@ def _oscillator_time() -> float:
 
 
 def least_fuel() -> OptimalControlProblem:
-    """1 m from rest to rest in 3 s with the least integral of |u|, |u| <= 1."""
+    """Minimise the integral of |u| from rest to rest over 1 m in 3 s, |u| <= 1."""
     problem = OptimalControlProblem("least fuel")
     phase = problem.phase("move", 3.0)
     x = phase.state("x", initial=0.0, final=1.0, unit="m")
@@ -64,7 +64,7 @@ def least_fuel() -> OptimalControlProblem:
 
 
 def two_sided_effort() -> OptimalControlProblem:
-    """x' = -x - a + b from -1 to 0 in 1 s with the least integral of (a + b)^2, a and b >= 0."""
+    """Minimise the integral of (a + b)^2, x' = -x - a + b from -1 to 0 in 1 s, a and b >= 0."""
     problem = OptimalControlProblem("two-sided effort")
     phase = problem.phase("rise", 1.0)
     x = phase.state("x", initial=-1.0, final=0.0)
@@ -76,7 +76,7 @@ def two_sided_effort() -> OptimalControlProblem:
 
 
 def neuenhofen_kerrigan() -> OptimalControlProblem:
-    """Least integral of y^2 + u cos t, y' = y^2/2 + u, on [0, pi/2]."""
+    """Minimise the integral of y^2 + u cos t, y' = y^2/2 + u, on [0, pi/2]."""
     problem = OptimalControlProblem("Neuenhofen and Kerrigan")
     phase = problem.phase("only", pi / 2)
     y = phase.state("y", initial=0.0)
@@ -95,7 +95,7 @@ def _neuenhofen_kerrigan_optimum() -> float:
 
 
 def farthest_flight() -> OptimalControlProblem:
-    """Farthest in 2 s from rest, thrust direction (u1, u2) of unit length, half of gravity."""
+    """Maximise the distance in 2 s from rest, unit thrust direction (u1, u2), half of gravity."""
     problem = OptimalControlProblem("maximum range")
     phase = problem.phase("fly", 2.0)
     x = phase.state("x", initial=0.0, lower=-10.0, upper=10.0)
@@ -116,7 +116,7 @@ def _farthest_flight_guess() -> dict[str, Guess]:
 
 
 def isoperimetric() -> OptimalControlProblem:
-    """Least integral of x with x' = -sin x + u from 1 to 0, the integral of u^2 being 10."""
+    """Minimise the integral of x, x' = -sin x + u from 1 to 0, the integral of u^2 being 10."""
     problem = OptimalControlProblem("isoperimetric")
     phase = problem.phase("only", 1.0)
     x = phase.state("x", initial=1.0, final=0.0, lower=-10.0, upper=10.0)
@@ -128,7 +128,7 @@ def isoperimetric() -> OptimalControlProblem:
 
 
 def interior_point() -> OptimalControlProblem:
-    """Least integral of x^2 + u^2 from 1 to 0.75 in 1 s by way of 0.9 at 0.75 s."""
+    """Minimise the integral of x^2 + u^2 from 1 to 0.75 in 1 s through 0.9 at 0.75 s."""
     problem = OptimalControlProblem("interior point")
     phase = problem.phase("all", 1.0)
     x = phase.state("x", initial=1.0, final=0.75, lower=-1.0, upper=1.0)
@@ -147,7 +147,7 @@ def _interior_point_optimum() -> float:
 
 
 def van_der_pol_free_end() -> OptimalControlProblem:
-    """Half the least integral of x1^2 + x2^2 + u^2 of the van der Pol oscillator in 2 s."""
+    """Minimise half the integral of x1^2 + x2^2 + u^2 of the van der Pol oscillator in 2 s."""
     problem = OptimalControlProblem("van der Pol, free end")
     phase = problem.phase("calm", 2.0)
     x = phase.state("x", initial=1.0)
@@ -172,19 +172,19 @@ def _rayleigh(name: str, duration: float) -> tuple[OptimalControlProblem, Phase,
 
 
 def rayleigh() -> OptimalControlProblem:
-    """Least integral of u^2 + x^2 of the Rayleigh equation (a tunnel diode) in 2.5 s."""
+    """Minimise the integral of u^2 + x^2 of the Rayleigh equation (a tunnel diode) in 2.5 s."""
     return _rayleigh("Rayleigh", 2.5)[0]
 
 
 def rayleigh_mixed() -> OptimalControlProblem:
-    """The same in 4.5 s with the mixed constraint u + x/6 <= 0."""
+    """Minimise the integral of u^2 + x^2 of Rayleigh's equation in 4.5 s with u + x/6 <= 0."""
     problem, phase, x, u = _rayleigh("Rayleigh, mixed constraint", 4.5)
     phase.constraint("mixed", u + x / 6, upper=0.0)
     return problem
 
 
 def dubins_car() -> OptimalControlProblem:
-    """Shortest way of a car of unit speed and turning radius from (0, 0), heading along x, to
+    """Minimise the path of a car of unit speed and turning radius from (0, 0), heading along x, to
     (4, 4), heading along y."""
     problem = OptimalControlProblem("Dubins car")
     phase = problem.phase("drive", (1.0, 20.0))
@@ -200,12 +200,12 @@ def dubins_car() -> OptimalControlProblem:
 
 
 def _dubins_length() -> float:
-    """Left, straight, left: between circles about (0, 1) and (3, 4), the turns add to pi/2."""
+    """Return the length of left, straight, left: circles about (0, 1) and (3, 4), 90 deg in all."""
     return pi / 2 + sqrt(3**2 + 3**2)
 
 
 def zermelo_constant_current() -> OptimalControlProblem:
-    """Shortest crossing to (10, 5) at speed 2 in the current (0.5, -1)."""
+    """Minimise the time of a crossing to (10, 5) at speed 2 in the current (0.5, -1)."""
     problem = OptimalControlProblem("Zermelo, constant current")
     phase = problem.phase("sail", (1.0, 50.0))
     x = phase.state("x", initial=0.0, final=10.0)
@@ -218,14 +218,14 @@ def zermelo_constant_current() -> OptimalControlProblem:
 
 
 def _crossing_time() -> float:
-    """The distance left after drifting for T is 2 T: a quadratic equation."""
+    """Solve the quadratic equation: the distance left after drifting for T is 2 T."""
     a, b, c = 0.5**2 + 1 - 4, -2 * (10 * 0.5 - 5), 10**2 + 5**2
     return (-b - sqrt(b**2 - 4 * a * c)) / (2 * a)
 
 
 def lunar_ascent() -> OptimalControlProblem:
-    """Shortest ascent from the moon's surface to 185.2 km at 1627 m/s, flat moon, constant
-    acceleration of 3 lunar gravities."""
+    """Minimise the time of an ascent from the moon's surface to 185.2 km at 1627 m/s, flat moon,
+    constant acceleration of 3 lunar gravities."""
     gravity, height, speed = 1.61544, 185200.0, 1627.0
     problem = OptimalControlProblem("lunar ascent")
     phase = problem.phase("climb", (10.0, 1000.0))
@@ -243,7 +243,7 @@ def lunar_ascent() -> OptimalControlProblem:
 
 
 def _lunar_ascent_time() -> float:
-    """tan(angle) = a - b t; the three end conditions by Newton's method and quadrature."""
+    """Solve tan(angle) = a - b t for three end conditions by Newton's method and quadrature."""
     from scipy.optimize import fsolve
 
     gravity, height, speed = 1.61544, 185200.0, 1627.0
@@ -268,12 +268,12 @@ def _lunar_ascent_time() -> float:
 
 
 def hypersensitive() -> OptimalControlProblem:
-    """Half the least integral of x^2 + u^2, x' = -x^3 + u, from 1.5 to 1 in 50 s."""
+    """Minimise half the integral of x^2 + u^2, x' = -x^3 + u, from 1.5 to 1 in 50 s."""
     return _hypersensitive(50.0, 1.5, 1.0)
 
 
 def hypersensitive_long() -> OptimalControlProblem:
-    """The same from 1 to 1.5 in 10 000 s."""
+    """Minimise half the integral of x^2 + u^2, x' = -x^3 + u, from 1 to 1.5 in 10 000 s."""
     return _hypersensitive(10000.0, 1.0, 1.5)
 
 
@@ -288,10 +288,10 @@ def _hypersensitive(duration: float, start: float, end: float) -> OptimalControl
 
 
 def _hypersensitive_optimum(start: float, end: float) -> float:
-    """To rest at zero and from there: the values of the two Hamilton-Jacobi equations.
+    """Return the optimum: to rest at zero and from there, by two Hamilton-Jacobi equations.
 
-    x^2/2 - x^3 p - p^2/2 = 0 of the costate p leaves p = -x^3 +- x sqrt(1 + x^4); the time between
-    is long enough that nothing of it is seen.
+    x^2/2 - x^3 p - p^2/2 = 0 gives the costate p = -x^3 +- x sqrt(1 + x^4); the time in between is
+    so long that it does not contribute.
     """
     node, weight = np.polynomial.legendre.leggauss(60)
 
@@ -303,7 +303,7 @@ def _hypersensitive_optimum(start: float, end: float) -> float:
 
 
 def moon_landing() -> OptimalControlProblem:
-    """Soft landing with the least integral of thrust, lunar units, thrust within [0, 1.227]."""
+    """Minimise the integral of thrust of a soft landing, lunar units, thrust within [0, 1.227]."""
     problem = OptimalControlProblem("moon landing")
     phase = problem.phase("descend", (0.1, 10.0))
     h = phase.state("h", initial=1.0, final=0.0, lower=-20.0, upper=20.0)
@@ -318,7 +318,7 @@ def moon_landing() -> OptimalControlProblem:
 
 
 def _moon_landing_optimum() -> float:
-    """Free fall, then full thrust: closed forms of the rocket equation, two unknown durations."""
+    """Solve for free fall, then full thrust: the rocket equation with two unknown durations."""
     from scipy.optimize import fsolve
 
     thrust, exhaust = 1.227, 2.349
@@ -326,7 +326,7 @@ def _moon_landing_optimum() -> float:
     def left(durations: np.ndarray) -> list[float]:
         fall, burn = durations
         h, v = 1 - 0.783 * fall - fall**2 / 2, -0.783 - fall
-        rest = 1 - thrust / exhaust * burn  # of the mass
+        rest = 1 - thrust / exhaust * burn  # remaining mass
         logarithm = float(np.log(rest))
         flown = exhaust * (exhaust / thrust) * (rest * logarithm - rest + 1)
         return [v - burn - exhaust * logarithm, h + v * burn - burn**2 / 2 + flown]
@@ -343,7 +343,7 @@ FINE = "fine mesh"
 
 
 def target_line() -> OptimalControlProblem:
-    """Least energy to a line of end states."""
+    """Minimise the energy to a line of end states."""
     problem = OptimalControlProblem("target line")
     phase = problem.phase("move", 1.0)
     x1 = phase.state("x1", initial=0.0, lower=-5.0, upper=5.0)
@@ -357,7 +357,7 @@ def target_line() -> OptimalControlProblem:
 
 
 def delays() -> OptimalControlProblem:
-    """x' = x(t - 1) u(t - 2), six stretches of time side by side, tied at their ends."""
+    """Steer x' = x(t - 1) u(t - 2), as six intervals in parallel, tied at their ends."""
     problem = OptimalControlProblem("delays")
     phase = problem.phase("only", 1.0)
     x = [phase.state(f"x{k}", initial=1.0 if k == 1 else None) for k in range(1, 7)]
@@ -374,7 +374,7 @@ def delays() -> OptimalControlProblem:
 
 
 def integrator_chain() -> OptimalControlProblem:
-    """Nagurka's linear problem with ten states."""
+    """Minimise the quadratic cost of Nagurka's linear problem with ten states."""
     problem = OptimalControlProblem("Nagurka")
     count = 10
     phase = problem.phase("only", 1.0)
@@ -389,7 +389,7 @@ def integrator_chain() -> OptimalControlProblem:
 
 
 def hull() -> OptimalControlProblem:
-    """x' = u with costs of the effort and of the end."""
+    """Minimise the costs of effort and end of x' = u."""
     problem = OptimalControlProblem("Hull")
     phase = problem.phase("only", 10.0)
     x = phase.state("x", initial=1.5)
@@ -401,7 +401,7 @@ def hull() -> OptimalControlProblem:
 
 
 def newton() -> OptimalControlProblem:
-    """Newton's body of least resistance, as high as wide: a flat front and a curve."""
+    """Minimise the resistance of Newton's body, as high as wide: a flat front and a curve."""
     problem = OptimalControlProblem("Newton")
     phase = problem.phase("only", 1.0)
     height = phase.state("height", initial=1.0, final=0.0, lower=0.0, upper=1.0)
@@ -412,7 +412,7 @@ def newton() -> OptimalControlProblem:
 
 
 def brachistochrone_of_given_length() -> OptimalControlProblem:
-    """The fastest wire of 11 m between two points."""
+    """Minimise the time of descent on a wire of 11 m between two points."""
     problem = OptimalControlProblem("wire of given length")
     phase = problem.phase("slide", (0.5, 10.0))
     x = phase.state("x", initial=0.0, final=10.0)
@@ -428,7 +428,7 @@ def brachistochrone_of_given_length() -> OptimalControlProblem:
 
 
 def steps() -> OptimalControlProblem:
-    """Down from 1 to 0, along it, and up again: three phases of a second each."""
+    """Steer down from 1 to 0, along it, and up again: three phases of a second each."""
     problem = OptimalControlProblem("steps")
     phases = []
     for k in range(3):
@@ -450,7 +450,7 @@ def steps() -> OptimalControlProblem:
 
 
 def grusin() -> OptimalControlProblem:
-    """A shortest way in a plane where moving north costs the more the nearer to the axis."""
+    """Minimise a path in a plane where moving north costs more near the axis."""
     problem = OptimalControlProblem("Grusin")
     phase = problem.phase("way", 1.0)
     x = phase.state("x", initial=0.0, final=-0.01)
@@ -463,7 +463,7 @@ def grusin() -> OptimalControlProblem:
 
 
 def _grusin_optimum() -> float:
-    """Of the geodesics x = a sin(b t), y' = b x^2, the one that arrives with b below 2 pi."""
+    """Return the length of the geodesic x = a sin(b t), y' = b x^2 that arrives, b below 2 pi."""
 
     def off(b: float) -> float:
         return (0.01 / np.sin(b)) ** 2 * (b / 2 - np.sin(2 * b) / 4) - 1
@@ -480,7 +480,7 @@ def _grusin_optimum() -> float:
 
 
 def hanging_chain() -> OptimalControlProblem:
-    """The least potential energy of a chain of length 4 between heights of 1 and 3."""
+    """Minimise the potential energy of a chain of length 4 between heights of 1 and 3."""
     problem = OptimalControlProblem("hanging chain")
     phase = problem.phase("chain", 1.0)
     y = phase.state("y", initial=1.0, final=3.0)
@@ -493,7 +493,7 @@ def hanging_chain() -> OptimalControlProblem:
 
 
 def _chain_optimum() -> float:
-    """The catenary y = c cosh((x - m) / c) + d."""
+    """Return the energy of the catenary y = c cosh((x - m) / c) + d."""
     c = root_scalar(lambda c: 2 * c * np.sinh(0.5 / c) - np.sqrt(12.0), bracket=(0.05, 1.0)).root
     m = 0.5 - c * np.arctanh(2.0 / 4.0)
     d = 1 - c * np.cosh(-m / c)
@@ -504,7 +504,7 @@ def _chain_optimum() -> float:
 
 
 def zermelo_in_shear() -> OptimalControlProblem:
-    """A boat in a current that grows with the distance from the bank, home in least time."""
+    """Minimise the time home of a boat in a current that grows with the distance from the bank."""
     problem = OptimalControlProblem("Zermelo")
     phase = problem.phase("cross", (0.1, 100.0))
     x = phase.state("x", initial=3.66, final=0.0)
@@ -525,7 +525,7 @@ def _target(t: ca.MX | float) -> ca.MX | float:
 
 
 def departure() -> OptimalControlProblem:
-    """When to leave for a moving target, which is met 2 s later with the least effort."""
+    """Minimise the effort to meet a moving target 2 s after a free departure."""
     problem = OptimalControlProblem("departure")
     phase = problem.phase("meet", 2.0, start=(0.0, 20.0))
     x, v = phase.state("x", initial=0.0), phase.state("v", initial=0.0)
@@ -540,7 +540,7 @@ def departure() -> OptimalControlProblem:
 
 
 def _departure_optimum() -> float:
-    """Of all departures, the least of the closed form."""
+    """Return the least value of the closed form over all departures."""
 
     def effort(t: float) -> float:
         d, v, duration = float(_target(t + 2)), float(_target_speed(t + 2)), 2.0

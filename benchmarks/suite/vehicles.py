@@ -19,7 +19,7 @@ from microbot_ocp.ocp import Guess, OptimalControlProblem
 
 
 def race_car() -> OptimalControlProblem:
-    """One lap of a car whose speed is limited along the track."""
+    """Minimise the time of one lap of a car whose speed is limited along the track."""
     problem = OptimalControlProblem("race car")
     phase = problem.phase("lap", (0.1, 100.0))
     place = phase.state("place", initial=0.0, final=1.0)
@@ -33,7 +33,7 @@ def race_car() -> OptimalControlProblem:
 
 
 def underwater_vehicle() -> OptimalControlProblem:
-    """Least effort of a submarine around a bump of the current."""
+    """Minimise the effort of a submarine around a bump of the current."""
     problem = OptimalControlProblem("underwater vehicle")
     phase = problem.phase("dive", 1.0)
     starts = (0.0, 0.0, 0.2, pi / 2, 0.1, -pi / 4, 1.0, 0.0, 0.5, 0.1)
@@ -59,7 +59,7 @@ def underwater_vehicle() -> OptimalControlProblem:
 
 
 def electric_vehicle() -> OptimalControlProblem:
-    """Least electric energy over a road with a slope that is a cubic."""
+    """Minimise the electric energy over a road with a slope that is a cubic."""
     problem = OptimalControlProblem("electric vehicle")
     phase = problem.phase("drive", 1.0)
     x = phase.state("x", initial=0.0, final=10.0)
@@ -72,7 +72,7 @@ def electric_vehicle() -> OptimalControlProblem:
 
 
 def mountain_car() -> OptimalControlProblem:
-    """A weak car swings out of a valley in least time; its speed is free."""
+    """Minimise the time of a weak car that swings out of a valley; its final speed is free."""
     problem = OptimalControlProblem("mountain car")
     phase = problem.phase("only", (0.05, 10000.0))
     x = phase.state("x", initial=-0.5, final=0.5)
@@ -86,7 +86,7 @@ def mountain_car() -> OptimalControlProblem:
 
 @lru_cache
 def _sled_optimum() -> float:
-    """Push, then brake: both in closed form, meeting in place and speed."""
+    """Return the time of a push and a brake, closed forms that meet in place and speed."""
     push, brake, c, m = 2000.0, 4000.0, 2.0, 800.0
     low, high = 0.0, sqrt(push / c) * (1 - 1e-15)
     for _ in range(200):
@@ -99,7 +99,7 @@ def _sled_optimum() -> float:
 
 
 def drag_sled() -> OptimalControlProblem:
-    """A sled with quadratic drag goes 100 m from rest to rest in least time, in SI."""
+    """Minimise the time of a sled with quadratic drag over 100 m from rest to rest, SI."""
     problem = OptimalControlProblem("sled")
     phase = problem.phase("run", (1.0, 1000.0))
     x = phase.state("x", initial=0.0, final=100.0, unit="m")
@@ -112,7 +112,7 @@ def drag_sled() -> OptimalControlProblem:
 
 
 def battery() -> OptimalControlProblem:
-    """A battery is charged in least time within limits of current, voltage and polarisation."""
+    """Minimise the time to charge a battery within limits of current, voltage, polarisation."""
     problem = OptimalControlProblem("battery")
     phase = problem.phase("charge", (1.0, 1e5))
     charge = phase.state("charge", initial=0.0, final=1.0, lower=0.0, upper=1.0)
@@ -127,7 +127,7 @@ def battery() -> OptimalControlProblem:
 
 
 def hovering_car() -> OptimalControlProblem:
-    """The first example of ACADO: from rest to rest by a thrust whose square burns the mass."""
+    """Minimise the time from rest to rest by a thrust whose square burns the mass (ACADO)."""
     problem = OptimalControlProblem("rocket of ACADO")
     phase = problem.phase("move", (5.0, 15.0))
     s = phase.state("s", initial=0.0, final=10.0)
@@ -141,11 +141,12 @@ def hovering_car() -> OptimalControlProblem:
     return problem
 
 
-FORCE, RESISTANCE, BREATH, STORE = 12.2, 0.892, 41.61, 2409.0  # of a runner, in SI units for 1 kg
+# Data of a runner, in SI units for 1 kg.
+FORCE, RESISTANCE, BREATH, STORE = 12.2, 0.892, 41.61, 2409.0
 
 
 def middle_distance() -> OptimalControlProblem:
-    """1500 m in least time by a runner whose store of energy is limited."""
+    """Minimise the time of 1500 m of a runner whose store of energy is limited."""
     problem = OptimalControlProblem("1500 m")
     phase = problem.phase("run", (50.0, 1000.0))
     x = phase.state("x", initial=0.0, final=1500.0, unit="m")
@@ -160,7 +161,7 @@ def middle_distance() -> OptimalControlProblem:
 
 
 def lap() -> OptimalControlProblem:
-    """A lap of a track of 300 m in least time, by the way along it, within a circle of friction."""
+    """Minimise the time of a lap of 300 m, by distance along it, within a friction circle."""
     problem = OptimalControlProblem("lap")
     phase = problem.phase("track", 300.0)
     s = phase.time
