@@ -35,8 +35,8 @@ from typing import Any
 
 import numpy as np
 
+import course_report
 import microbot_ocp as mo
-import report
 from benchmarks import arms, cell, scenes, switching_times, torture
 from benchmarks.suite import child
 from benchmarks.suite.table import PROBLEMS
@@ -114,9 +114,10 @@ def of_scene(number: str) -> Row:
 
 def of_demo(method: str) -> Row:
     """Run a method of the demo's comparison; return its record."""
-    robot, times = mo.load_robot("microbot"), {"via_t": report.VIA_T, "via_qd": report.VIA_QD}
-    comparison = mo.compare(robot, report.VIA_Q, **times, methods=[method], mesh=200)
-    return of_motion(robot, comparison[method].motion, via_q=report.VIA_Q)
+    robot = mo.load_robot("microbot")
+    times = {"via_t": course_report.VIA_T, "via_qd": course_report.VIA_QD}
+    comparison = mo.compare(robot, course_report.VIA_Q, **times, methods=[method], mesh=200)
+    return of_motion(robot, comparison[method].motion, via_q=course_report.VIA_Q)
 
 
 def of_cell(name: str) -> Row:

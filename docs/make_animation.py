@@ -14,8 +14,8 @@ from pathlib import Path
 DOCS = Path(__file__).resolve().parent
 sys.path.insert(0, str(DOCS.parent / "problems"))
 
+import course_report  # noqa: E402
 import microbot_ocp as mo  # noqa: E402
-import report  # noqa: E402
 
 MOST = 3_000_000  # bytes
 
@@ -24,10 +24,10 @@ def main() -> int:
     robot = mo.load_robot("microbot")
     comparison = mo.compare(
         robot,
-        report.VIA_Q,
+        course_report.VIA_Q,
         ["cubic", "lspb", "time_optimal"],
-        via_t=report.VIA_T,
-        via_qd=report.VIA_QD,
+        via_t=course_report.VIA_T,
+        via_qd=course_report.VIA_QD,
         mesh=200,
     )
     large = 0

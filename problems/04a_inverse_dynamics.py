@@ -12,8 +12,8 @@ import argparse
 
 import numpy as np
 
+import course_report
 import microbot_ocp as mo
-import report
 import script
 
 
@@ -25,9 +25,12 @@ def main(arguments: argparse.Namespace) -> None:
     robot = mo.load_robot(arguments.robot)
     motions = {
         name: mo.simulation.motion_from_formula(
-            robot.with_gravity(gravity), report.motion, report.DURATION, label=f"gravity {name}"
+            robot.with_gravity(gravity),
+            course_report.motion,
+            course_report.DURATION,
+            label=f"gravity {name}",
         )
-        for name, gravity in report.GRAVITY.items()
+        for name, gravity in course_report.GRAVITY.items()
     }
     form = mo.robot.closed_form(robot)
     first = next(iter(motions.values()))
@@ -39,6 +42,7 @@ def main(arguments: argparse.Namespace) -> None:
     title = "Part 4a: torques (report, figure 4)"
     torques = mo.plots.curves(robot, curves, ("tau",), base=True, title=title)
     written = mo.plots.save({"motion": given, "torques": torques}, arguments.out)
+    written.append(first.to_rerun(robot, arguments.out / "motion.rrd"))
 
     print(f"M(q) qdd + C(q, qd) qd + G(q) = tau of {robot.name}, kg m^2 and N m:")
     print("\n".join(f"  {line}" for line in form.lines()))

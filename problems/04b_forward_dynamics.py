@@ -13,8 +13,8 @@ import argparse
 import casadi as ca
 import numpy as np
 
+import course_report
 import microbot_ocp as mo
-import report
 import script
 
 TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
@@ -22,12 +22,14 @@ TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
 
 def main(arguments: argparse.Namespace) -> None:
     robot = mo.load_robot(arguments.robot)
-    motion = mo.simulation.motion_from_formula(robot, report.motion, report.DURATION, label="given")
-    grid = report.grid()
+    motion = mo.simulation.motion_from_formula(
+        robot, course_report.motion, course_report.DURATION, label="given"
+    )
+    grid = course_report.grid()
     wanted = motion.sample(grid)
 
     def torque(t: ca.SX) -> ca.SX:
-        q = ca.vertcat(*report.motion(t))
+        q = ca.vertcat(*course_report.motion(t))
         qd = ca.jacobian(q, t)
         return mo.inverse_dynamics(robot)(q, qd, ca.jacobian(qd, t))
 
@@ -44,21 +46,23 @@ def main(arguments: argparse.Namespace) -> None:
         print(f"  {name:12s}{row}" + ("" if best.solved else f" {best.status}"))
 
     def euler(step: float) -> mo.plots.Curve:
-        values = {"q": report.euler(robot, motion, step)}
-        return mo.plots.Curve(f"Euler, step {step:g} s", report.grid(step), values)
+        values = {"q": course_report.euler(robot, motion, step)}
+        return mo.plots.Curve(f"Euler, step {step:g} s", course_report.grid(step), values)
 
-    sampled = mo.simulate(robot, motion.resample(1 / report.STEP).tau, wanted.q[0], t=grid)
+    sampled = mo.simulate(robot, motion.resample(1 / course_report.STEP).tau, wanted.q[0], t=grid)
     curves = [
         mo.plots.Curve.of(motion),
         mo.plots.Curve.of(best, "Runge-Kutta, tolerance 1e-12"),
         mo.plots.Curve.of(sampled, "torques each 0.05 s, linear between"),
-        euler(report.STEP),
-        mo.plots.Curve("the report's Euler loop", grid, {"q": report.code_euler(motion)}),
+        euler(course_report.STEP),
+        mo.plots.Curve("the report's Euler loop", grid, {"q": course_report.code_euler(motion)}),
     ]
     title = "Part 4b: forward dynamics (report, figures 8 to 10)"
     shown = ("q", "qd", "qdd")
     figure = mo.plots.curves(robot, curves, shown, title=title, bounds={"q": 300.0}, base=True)
     written = mo.plots.save({"forward": figure}, arguments.out)
+    recorded = best.as_motion("integrated from torques")
+    written.append(recorded.to_rerun(robot, arguments.out / "forward.rrd"))
     print("beside them, error of q at 2 s of each joint, deg:")
     for curve in [*curves[2:], euler(0.005), euler(0.0005)]:
         error = np.degrees(curve.values["q"][-1] - wanted.q[-1])

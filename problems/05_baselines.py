@@ -14,7 +14,7 @@ import numpy as np
 
 import microbot_ocp as mo
 import script
-from report import BLEND, PEAKS, VIA_Q, VIA_QD, VIA_T
+from course_report import BLEND, PEAKS, VIA_Q, VIA_QD, VIA_T
 
 SHAPES = {
     "cubic": mo.cubic(VIA_Q, VIA_T, VIA_QD),
@@ -47,6 +47,9 @@ def main(arguments: argparse.Namespace) -> None:
     }
     figures["torques"] = mo.plots.curves(robot, curves, ("tau",), title="Part 5: torques")
     written = mo.plots.save(figures, arguments.out)
+    for name in PEAKS:
+        path = arguments.out / f"{name.lower()}.rrd"
+        written.append(motions[name].to_rerun(robot, path))
 
     print("via point at 2 s, and the jump of the acceleration there (deg/s, rad/s^2):")
     for name, shape in SHAPES.items():

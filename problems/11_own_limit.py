@@ -14,8 +14,8 @@ import casadi as ca
 
 import microbot_ocp as mo
 import script
+from course_report import VIA_Q
 from microbot_ocp.robot import MotionState
-from report import VIA_Q
 
 PERSON = [2.0, -4.0, 4.0]  # position in base, m
 

@@ -1,9 +1,9 @@
 """Motion between two compartments of a shelf: UR5e and Panda as their URDF files describe them.
 
 Links, joints, masses and limits come from the files that `airo-models` and `example-robot-data`
-ship (both in the extra `test`); capsules are fitted to their collision geometry. The script draws
-random poses with the tool in each compartment and takes the pair with the smallest joint distance
-as start and goal, which keeps the posture of the arm. Needs the extras `cell` and `urdf`.
+ship; capsules are fitted to their collision geometry. The script draws random poses with the tool
+in each compartment and takes the pair with the smallest joint distance as start and goal, which
+keeps the posture of the arm. Needs the extras `arms`, `cell` and `urdf`.
 
 example: python problems/12_shelf.py --out out/12
 """
@@ -67,7 +67,9 @@ def load(arm: str) -> mo.Robot:
     try:
         files = metadata.files(package) or []
     except metadata.PackageNotFoundError:
-        raise mo.InputError(f"the file of {arm} needs the package {package}") from None
+        raise mo.InputError(
+            f"the file of {arm} needs the package {package}: pip install -e '.[arms]'"
+        ) from None
     path = next(file for file in files if str(file).endswith(name)).locate()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", mo.robot.RobotFileWarning)

@@ -22,14 +22,17 @@ WIDGET = "application/vnd.jupyter.widget-view+json"
 SAID = {
     "01_robot_and_kinematics": (
         ("A point in reach has up to four answers", "branches", r"(?:.* solved .*\n){4}"),
+        ("Each start leads to the branch nearest to it", "program", r"(?:.*Solve_Succeeded\n){4}"),
         ("A point out of reach has no answer", "beyond", r"target is missed by 0\.2"),
     ),
     "02_dynamics": (
         ("$M_{33} = 2 \\cdot 4^2 = 32$", "form", r"M33 = 32\n"),
         ("$G_3 = 2 \\cdot 9.8 \\cdot 4\\,", "form", r"G3 = 78\.4 cos\(q2 \+ q3\)"),
+        ("each takes it as it is", "integrators", r"(?:\w+ +\de-(?:09|1\d) rad.*\n){4}"),
         ("no finite torque gives a finite acceleration", "condition", r"90 deg.*e\+[23]\d"),
     ),
     "03_baselines_and_control": (
+        ("how far each is off", "integrators", r"(?:\w+ +\de-(?:0[89]|1\d) rad, solved\n){4}"),
         ("leaves a\nquarter of the error", "errors", r"0\.71\d\d deg\n.*0\.18\d\d deg"),
     ),
     "05_your_own_robot": (("= 17.66$ N m", "gravity", r"17\.66"),),

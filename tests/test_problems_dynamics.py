@@ -1,4 +1,4 @@
-"""The scripts of parts 4 to 6: exit codes, key numbers, files."""
+"""The scripts of parts 4 to 7: exit codes, key numbers, files."""
 
 from __future__ import annotations
 
@@ -42,12 +42,18 @@ SCRIPTS = {
         "sampled at 100 Hz 0.0733 0.1870",
         "masses 20 % larger 0.6922 1.5183",
     ],
+    "07_time_optimal.py": [
+        "cubic, textbook velocities 2.512 1.211",
+        "cubic, best times and velocities 2.074 1.000",
+        "Ratio: to cubic, best times and velocities.",
+        "time-optimal, free: Passed",
+    ],
 }
 
 
 def run(script: str, *arguments: str) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, str(PROBLEMS / script), *arguments]
-    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    return subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
 
 
 @pytest.fixture(scope="module")
@@ -76,7 +82,10 @@ def test_a_script_prints_its_numbers_and_draws(script, ran):
     pictures = sorted(folder.glob("*.png"))
     assert pictures
     assert all(path.stat().st_size > 10_000 for path in pictures)
-    assert len(list(folder.glob("*.pdf"))) == len(pictures)
+    assert all(path.with_suffix(".pdf").exists() for path in pictures)
+    recordings = list(folder.glob("*.rrd"))
+    assert recordings
+    assert all(path.stat().st_size > 100_000 for path in recordings)
 
 
 @pytest.mark.pages
@@ -88,6 +97,15 @@ def test_every_integrator_gets_better_with_its_tolerance(ran):
         assert len(errors) == 5
         assert errors[3] < 1e-5  # deg, at a tolerance of 1e-10
         assert errors[3] < 0.01 * errors[0]
+
+
+@pytest.mark.pages
+def test_every_integrator_follows_the_closed_loop(ran):
+    printed = ran("06_computed_torque.py")[0].stdout
+    for name in ("cvodes", "idas", "collocation", "rk"):
+        found = re.search(rf"^ +{name} +(\d\.\de-\d\d) .*solved$", printed, re.MULTILINE)
+        assert found
+        assert float(found[1]) < 1e-6  # rad, at a tolerance of 1e-8
 
 
 @pytest.mark.pages
