@@ -302,8 +302,8 @@ def _integrated(
         end_speed = qd0[:, 0] + h[:, None] * (WEIGHTS @ qdd)
         end_place = q0[:, 0] + h[:, None] * (WEIGHTS @ qd)
         defects = np.hstack([end_place - last.q, end_speed - last.qd])
-        # Equation (3), the constant torque that explains a defect: max(|M dqd| / h, 2 |M dq| / h^2)
-        # It is applied to the part of the defect beyond the accuracy of the motion's states.
+        # Equation (3): a constant torque max(|M dqd| / h, 2 |M dq| / h^2) explains the part of the
+        # defect beyond the accuracy of the motion's states.
         beyond = np.sign(defects) * np.maximum(0.0, np.abs(defects) - RESIMULATION.known_state)
         by_place = np.abs(np.einsum("kij,kj->ki", inertia, beyond[:, :count]))
         by_speed = np.abs(np.einsum("kij,kj->ki", inertia, beyond[:, count:]))
@@ -315,7 +315,7 @@ def _integrated(
         resolved = ~_rough(inertia, qdd, allowed)
         far = (torques > RESIMULATION.wrong * (allowed + unknown)).any(axis=1)
         good &= resolved | far
-        # Breaks inside a segment are harmless only if its defect is allowed; else it is cut there.
+        # Breaks inside a segment are harmless only if its defect is allowed; otherwise it is cut.
         good &= ~(inner & (torques > allowed).any(axis=1))
         good |= wrong | (far & resolved & ~inner)
     return _Segments(begin, spans[:, 1], defects, torques, unknown, determined), good, converged

@@ -170,6 +170,7 @@ def _linear(rows: CommandRows, profile: Profile) -> PiecewisePolynomial:
 
 def spline_of(q: FloatArray, step: float) -> PiecewisePolynomial:
     """Return the uniform cubic B-spline with control points [N,n], which lags them by one step."""
+    # Repeated end commands make the spline begin and end at rest.
     control = np.concatenate([q[:1], q[:1], q, q[-1:], q[-1:]])
     first, second, third = (np.diff(control, n=order, axis=0) for order in (1, 2, 3))
     pieces = len(third)

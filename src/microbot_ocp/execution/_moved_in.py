@@ -122,6 +122,7 @@ def _moved_by_spline(
         asked = np.array(beyond) + 0.5 * out
         moved = _least(np.array(slopes), asked, moves[free].ravel())
         moves[free] = moved.reshape(free.size, -1)
+        # The displacement is added to all derivatives, so the rows stay consistent.
         shift = spline_of(moves, step)
         orders = shift, (speed := shift.derivative()), speed.derivative()
         times = np.minimum(given.t + step, shift.breaks[-1])

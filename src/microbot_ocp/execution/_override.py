@@ -170,6 +170,7 @@ def overridden(
     evenly = np.linspace(at, motion.duration, grid + 1)
     s = np.union1d(evenly, shape.breaks[shape.breaks > at])
     s = s[np.append(np.diff(s) > 1e-9 * motion.duration, True)]
+    # A motion at its limits within the tolerance must remain feasible at its own speed.
     widened = with_locked_joints_held(_widened_limits(family, motion), None)
     override = _Override(motion, widened, curve, s, current, rests, compiles(compiled))
     if later := override.along.limits.later:
@@ -345,6 +346,7 @@ def _changed_by_ramp(
     lasts = ramp.end + ((motion.duration - reached) / ramp.speed if ramp.speed else 0.0)
     even = np.linspace(0.0, lasts, RAMP.parts * motion.t.size)
     places = ramp.along(even)[0], even
+    # Jumps and breaks of the plan move to the times at which the ramp reaches them.
     before_jumps = motion.t[:-1][jump_gaps(motion.t)]
     after = [some[some > ramp.at + JUMP_GAP] for some in (before_jumps, mesh_of(motion))]
     jumps, breaks = (np.interp(each[each < places[0][-1]], *places) for each in after)

@@ -189,6 +189,7 @@ def descent(robot: Robot, width: int) -> FastCall:
     )
     again = ca.logic_and(lost, attempt + 1 < attempts)
     step = ca.DM(evenly_spread_step(count))
+    # New starts move from the wanted joints into the whole range within four attempts.
     place = 0.5 + attempt * step
     share = ca.fmin(1, (attempt + 1) / 4)
     fresh = (1 - share) * wanted + share * (low + (high - low) * (place - ca.floor(place)))
@@ -218,6 +219,7 @@ def _step(
     if rows >= count:
         matrix = slope.T @ slope + damping * ca.SX.eye(count)
         return solve_symmetric(matrix, ca.densify(slope.T @ error)), ca.SX(0)
+    # Far from the target the pull would fight the task, so it grows only as the error falls.
     share = sought / (1 + ca.dot(error, error) / STEPS.pull_error**2)
     beside = missing * share * ca.fmin(1, 1 / (ca.norm_2(missing) + 1e-300))
     matrix = slope @ slope.T + damping * ca.SX.eye(rows)

@@ -225,6 +225,7 @@ def _merge_doubles(
     begins = np.cumsum(counts) - counts
     pairs = begins[block, None] + np.array([one, other]).T[pair]
     gaps = np.abs(difference(robot, q[pairs[:, 0]], q[pairs[:, 1]])).max(axis=1)
+    # Near a doubled root the error is quadratic, so even the midpoint is within the tolerance.
     pairs = pairs[gaps < BRANCH_SEARCH.double_solution]
     if not len(pairs):
         return q, owners, met
@@ -268,6 +269,7 @@ def self_motions(robot: Robot, q: FloatArray, targets: FloatArray, rank: np.ndar
     owners = [(i, k) for i, row in enumerate(lost) for k in range(rank[row], count)]
     rows = lost[[i for i, _ in owners]]
     along = np.array([right[i, k] for i, k in owners])
+    # A step along a tangent of a doubled root returns to the root; on a continuum it stays away.
     start = q[rows] + BRANCH_SEARCH.probe_step * along * kernels.joint_scale(robot)
     ended, errors = descend(robot, start, targets[rows])
     moved = difference(robot, ended, q[rows]) / BRANCH_SEARCH.probe_step
@@ -362,6 +364,7 @@ def _slide(
         _, values, right = np.linalg.svd(kernels.scaled_jacobian(robot, q[None], target.size)[0])
         rank = int(_rank(values[None])[0])
         missing = (wanted - q) / scale
+        # Projection of the missing motion onto the null space of the Jacobian.
         along = right[rank:].T @ (right[rank:] @ missing)
         size = float(np.linalg.norm(along))
         if size < 1e-7 or length < 1e-4:
@@ -561,6 +564,7 @@ def _nearest_by_nlp(
     robot: Robot, start: FloatArray, target: FloatArray, wanted: FloatArray, rank: int
 ) -> FloatArray:
     """Solve the NLP of the joints [1,n] nearest to ``wanted``, with rank-reduced constraints."""
+    # Left singular vectors of the largest singular values combine the independent equations.
     left, _, _ = np.linalg.svd(kernels.scaled_jacobian(robot, start[None], target.size)[0])
     parameters = np.concatenate([target, wanted, left[:, :rank].T.ravel("F")])
     low, high = robot.limits.bounds("q")

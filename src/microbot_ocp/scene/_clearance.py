@@ -152,6 +152,7 @@ def clearance_along(
     """
     started = time.perf_counter()
     speeds = _speed_bounds(motion)
+    # Between samples a joint may exceed its samples by at most speed times step.
     farthest = np.abs(motion.q).max(axis=0) + (speeds * np.diff(motion.t)[:, None]).max(axis=0)
     searches = []
     for start, end, robot, scene in places:
@@ -271,6 +272,7 @@ def levers_of(robot: Robot, pairs: Sequence[Pair], farthest: FloatArray) -> Floa
     sliding = np.array([kind == "prismatic" for kind in robot.joint_types])
     rows = zip(robot.alpha, robot.a, robot.d, robot.beta, strict=True)
     offsets = [dh_transform(alpha, a, d, 0.0, beta)[:3, 3] for alpha, a, d, beta in rows]
+    # The distance between two frames is at most the offset of the row plus the travel of a slide.
     steps = np.linalg.norm(offsets, axis=1) + np.where(sliding, farthest, 0.0)
 
     @cache
@@ -280,6 +282,7 @@ def levers_of(robot: Robot, pairs: Sequence[Pair], farthest: FloatArray) -> Floa
         levers = np.zeros(robot.joint_count)
         for joint in range(frame):
             turned = steps[joint + 1 : frame].sum() + lever_in_frame
+            # A slide moves a point by its own travel, a revolute joint by angle times lever.
             levers[joint] = 1.0 if sliding[joint] else turned
         return levers
 

@@ -127,6 +127,7 @@ class ContactModel:
         of links overlap, the result is the depth of one of them.
         """
         pair, bound = self.pairs[index], self._bounds[index]
+        # Capsules contain their links, so their distance is a lower bound.
         if bound is not None:
             self._last = bound
             self._result.clear()
@@ -280,6 +281,7 @@ def contact_model(robot: Robot, scene: Scene) -> ContactModel:
 @cached_in_thread(maxsize=16)
 def _contact_model(robot: Robot, scene: Scene, shapes: tuple[Any, ...]) -> ContactModel:
     """Build the contact model; ``shapes`` is a cache key, since robots compare without shapes."""
+    # Capsules that overlap at zero may belong to hulls that do not; only touching hulls are exempt.
     apart, overlapping = (_by_hulls(pairs, shapes) for pairs in told_apart(scene, robot))
     touching: tuple[Pair, ...] = ()
     if overlapping:
@@ -339,6 +341,7 @@ def room_along(
     apart : array [k]
         Least distance of the capsules, or of the links if the capsules overlap.
     """
+    # Hulls are nearer to the truth than capsules, so they decide where capsules overlap.
     near = clearances(robot, pairs, q)
     apart = near.min(axis=0)
     most = apart - scene.clearance

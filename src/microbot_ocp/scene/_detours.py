@@ -171,6 +171,7 @@ def detour(
 def _searched(
     around: Surroundings, start: FloatArray, goal: FloatArray, seed: int, number: int
 ) -> Detour:
+    # Round -1 holds the first searches, all by RRT-Connect; later rounds use every planner once.
     rounds, turn = divmod(max(number - FIRST_SEARCHES, -1), len(PLANNERS))
     base, geometric, util = (
         needed(f"ompl.{name}", "a way around obstacles needs", "cell")
@@ -181,6 +182,7 @@ def _searched(
     util.RNG.setSeed(own_seed)
     planner_kind = getattr(geometric, PLANNERS[turn if rounds >= 0 else 0])
     begun, most = around.checks, MOST_CHECKS * 2 ** (rounds + 1)
+    # OMPL's Euclidean metric is applied to weighted joints; locked joints leave the space.
     weights = _weights(around.robot)
     low, high = _bounds(around.robot, start, goal)
     moving = np.flatnonzero(high - low > 1e-9)

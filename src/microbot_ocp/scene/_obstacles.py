@@ -31,7 +31,7 @@ from microbot_ocp.robot._transforms import transform_of
 MOST_FACES = 26  # faces of a mesh in the solver; a hull with more is enclosed by this many planes
 ROUNDED = 0.05  # rounding of a mesh's corners in the solver, relative to its smallest half width
 BISECTIONS = 8  # the secant starts from a 256th of the segment
-TINY = 1e-20
+TINY = 1e-20  # keeps square roots and quotients differentiable
 PointFunction = Callable[[ca.SX], ca.SX]
 Body = tuple[PointFunction, PointFunction | None]  # vector from the nearest point, and minus depth
 
@@ -184,6 +184,7 @@ class ConvexMesh:
 
     def __post_init__(self) -> None:
         points = checks.array("vertices of the mesh", self.vertices, (None, 3), "m")
+        # A hull needs volume: qhull fails on points in a plane.
         if len(points) < 4 or np.linalg.matrix_rank(points - points[0], tol=1e-9) < 3:
             raise InputError("vertices of the mesh must be at least 4 that do not lie in a plane")
         _put(self, "vertices", points)
@@ -232,6 +233,7 @@ def core_parameters(
         return np.append(obstacle.normal, obstacle.offset)
     if isinstance(obstacle, ConvexMesh):
         normals, offsets, corner = solver_faces(obstacle, facing)
+        # The soft maximum is up to rounding * log(faces) below the largest height.
         corner = min(corner, accuracy / np.log(len(offsets)))
         return np.concatenate([normals.ravel("F"), offsets, [corner]])
     size = obstacle.size if isinstance(obstacle, Box) else [obstacle.radius, obstacle.length]
@@ -264,6 +266,7 @@ def core_distance(
     if kind is Capsule:
         axis: Body = lambda x: _from_segment(x, numbers[:3], numbers[3:]), None
         return _segment_to_body(axis, start, end, rounding, contact)
+    # Boxes and cylinders are evaluated in their own frame, aligned with its axes.
     turn, shift = ca.reshape(numbers[-12:-3], 3, 3).T, numbers[-3:]
     first, last = (ca.mtimes(turn, end - shift) for end in (start, end))
     of_body = _of_box if kind is Box else _of_cylinder
@@ -271,6 +274,7 @@ def core_distance(
 
 
 def _of_box(size: ca.SX) -> Body:
+    # Clamping each coordinate gives the nearest point of a box.
     half = size / 2
     return (
         lambda x: ca.fmax(x - half, 0.0) + ca.fmin(x + half, 0.0),
@@ -281,6 +285,7 @@ def _of_box(size: ca.SX) -> Body:
 def _of_cylinder(size: ca.SX) -> Body:
     radius, half = size[0], size[1] / 2
 
+    # Clamping the radial and the axial coordinate gives the nearest point of a cylinder.
     def away(x: ca.SX) -> ca.SX:
         share = 1.0 - radius / _length(x[:2])
         beyond = ca.fmax(x[2] - half, 0.0) + ca.fmin(x[2] + half, 0.0)
@@ -334,7 +339,9 @@ def solver_faces(
     normals, offsets = _faces(points)
     if len(normals) > MOST_FACES:
         normals = np.array([*_directions(), *facing])
+        # The support function gives the plane that touches the mesh in each direction.
         offsets = (points @ normals.T).max(axis=0)
+    # Rounding scales with the thinnest extent, so that a thin plate keeps its shape.
     width = (offsets + (points @ -normals.T).max(axis=0)).min() / 2
     return normals, offsets, ROUNDED * float(width)
 
@@ -345,6 +352,7 @@ def _hull(points: FloatArray) -> Any:
 
 def _faces(points: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return outward normals [K,3] and offsets [K] of the faces of a convex hull."""
+    # qhull returns triangles; triangles of one face have one plane, up to rounding.
     planes = np.unique(np.round(_hull(points).equations, 9), axis=0)
     return planes[:, :3], -planes[:, 3]
 
@@ -415,6 +423,7 @@ def _segment_to_faces(numbers: ca.SX, start: ca.SX, end: ca.SX, rounding: ca.SX)
 
 def _least(slope: PointFunction) -> ca.SX:
     """Return the minimiser in [0, 1] of a convex function with this slope, differentiably."""
+    # A fixed number of halvings makes the search one expression without a loop.
     low, high = ca.SX(0.0), ca.SX(1.0)
     for _ in range(BISECTIONS):
         middle = 0.5 * (low + high)
@@ -428,6 +437,7 @@ def _least(slope: PointFunction) -> ca.SX:
 
 def _segment_to_plane(start_height: ca.SX, end_height: ca.SX, rounding: ca.SX) -> ca.SX:
     """Return the least height of a segment over a plane, from the heights of its ends."""
+    # Height along the segment plus rounding ((t - 1/2)^2 - 1/4) has its least value at this t.
     rise = end_height - start_height
     t = ca.fmin(ca.fmax(0.5 - rise / (2.0 * rounding), 0.0), 1.0)
     return start_height + t * rise + rounding * ((t - 0.5) ** 2 - 0.25)

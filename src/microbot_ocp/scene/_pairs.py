@@ -120,6 +120,7 @@ def _numbers(pair: Pair) -> FloatArray:
     core = (
         np.zeros(0) if pair.other_frame else core_parameters(pair.other, pair.accuracy, pair.facing)
     )
+    # A capsule of radius zero needs a parabola, too, so the contact distance sets a lower bound.
     rounding = ROUNDING * max(pair.capsule.radius, 0.1 * pair.radii)
     rounding = min(rounding, 4.0 * pair.accuracy)  # a quarter of the rounding is lost at contact
     return np.append(core, [rounding, pair.radii, core_radius(pair.other)])

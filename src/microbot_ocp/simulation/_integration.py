@@ -320,6 +320,7 @@ def _by_plugin(
         run = run._replace(states=np.full((grid.size, forced.states), np.nan))
     if run.status.solved or (settings.integrator == "rk" and not failed):
         return run
+    # A fixed-step run continues beyond the failure and shows where the states diverge.
     settings = settings._replace(integrator="rk")
     return run._replace(trace=(grid, states(INTEGRATION.probes)))
 

@@ -97,6 +97,7 @@ def reference_signal(
         if pieces is not None:
             return begin, end, Signal(values, None, pieces)
     edges = np.append(breaks[breaks < end * (1 - 1e-12)], end)
+    # Tolerances are relative to the size of each quantity, sampled inside the pieces.
     inside = edges[:-1, None] + np.diff(edges)[:, None] * np.arange(8) / 8.0
     scale = np.abs(values(inside.ravel())).reshape(-1, 3, count).max(axis=(0, 2))
     return begin, end, fitted(values, edges, np.repeat(fit * scale, count))
