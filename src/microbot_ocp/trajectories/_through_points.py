@@ -101,9 +101,10 @@ def cubic(
     ----------
     via_q, via_t : array_like [m,n] and [m]
         Joint positions, rad (prismatic: m), and strictly increasing times, s, of the via points.
-    Velocities at the via points, rad/s (m/s); default :func:`via_velocities`, which are zero
-        where the slope between via points changes sign and at both ends, else the mean of the
-        slopes on both sides.
+    via_qd : array_like [m,n], optional
+        Velocities at the via points, rad/s (m/s). By default the heuristic of Craig, section 7.3:
+        zero where the slope between via points changes sign and at both ends, else the mean of
+        the slopes on both sides.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Public names, each imported at its first access."""
+"""Public names, loaded on first use."""
 
 from ._flat_program import FlatTranscription as FlatTranscription, flat_form as flat_form
 from ._initial_guesses import (

@@ -1,4 +1,4 @@
-"""Public names, each imported at its first access."""
+"""Public names, loaded on first use."""
 
 from ._checks import (
     CELL_TIME_LIMIT as CELL_TIME_LIMIT,

@@ -1,4 +1,4 @@
-"""Public names, each imported at its first access."""
+"""Public names, loaded on first use."""
 
 from ._library import (
     is_robot_name as is_robot_name,

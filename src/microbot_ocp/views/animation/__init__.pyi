@@ -1,4 +1,4 @@
-"""Public names, each imported at its first access."""
+"""Public names, loaded on first use."""
 
 from ._faces import Faces as Faces, arm_bodies as arm_bodies
 from ._film import Film as Film

@@ -1,4 +1,4 @@
-"""Public names, each imported at its first access."""
+"""Public names, loaded on first use."""
 
 from ._animated_arm import AnimatedArm as AnimatedArm
 from ._builders import (
