@@ -355,7 +355,7 @@ def test_what_cannot_be_said_is_refused_by_name():
         fixed.value(z, at=1.5)
     with pytest.raises(InputError, match="needs times"):
         fixed.point_cost(z**2)
-    with pytest.raises(InputError, match="other times"):
+    with pytest.raises(InputError, match="differ in times"):
         fixed.point_cost((z - y) ** 2, at=0.25)
     with pytest.raises(InputError, match="must increase"):
         fixed.point_cost(z**2, at=[0.5, 0.5])

@@ -411,7 +411,7 @@ def test_values_that_are_not_those_of_the_stages_are_found(flight):
     (phase,) = solution.phases
     values = {**phase.values, "v": phase.values["v"] * 1.001}
     certificate = verify(problem, replace(solution, phases=(replace(phase, values=values),)))
-    assert "the values of v in phase 'fly' are not those of its stages" in certificate.verdict
+    assert "the values of v in phase 'fly'" in certificate.verdict
 
 
 def test_wrong_multipliers_are_not_stationary(flight):

@@ -1,10 +1,10 @@
 """An optimal-control problem as data: phases with states, controls, dynamics, costs and limits.
 
-Comes in: CasADi expressions of the symbols that the declarations return. Goes out: an
+Input: CasADi expressions of the symbols that the declarations return. Output: an
 :class:`OptimalControlProblem`, whose :class:`Phase` s hold names, units, bounds and expressions.
-Begin with ``_problem.py``; ``_phase.py`` has the words of a phase, ``_items.py`` what they leave,
-``_expressions.py`` what is between expressions and numbers. Nothing here knows how a problem is
-solved.
+Begin with ``_problem.py``; ``_phase.py`` has the methods that declare a phase, ``_items.py`` the
+data that they store, ``_expressions.py`` conversions between expressions and numbers. Nothing here
+depends on the solution method.
 """
 
 import lazy_loader

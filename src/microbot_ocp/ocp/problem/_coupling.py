@@ -1,7 +1,7 @@
-"""What couples phases: values at other places, free parameters, and copies of a phase.
+"""Coupling of phases: values at other places, free parameters, and copies of a phase.
 
-A value elsewhere is a symbol; the phases that use one carry it as a free parameter, and a row at
-the place where it is taken says what it is.
+A value at another place is a symbol. Every phase that uses it carries it as a free parameter, and
+a point constraint where the value is taken defines it.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from microbot_ocp.ocp.problem._relations import as_expression
 if TYPE_CHECKING:
     from microbot_ocp.ocp.problem._phase import Phase
 
-_SYMBOLIC = (*VARIABLES, *CONSTANTS)  # what is declared with a symbol
+_SYMBOLIC = (*VARIABLES, *CONSTANTS)  # lists of items that have a symbol
 
 
 def value_of(phase: Phase, expression: ca.MX, fraction: float, where: str) -> ca.MX:
@@ -51,10 +51,10 @@ def value_of(phase: Phase, expression: ca.MX, fraction: float, where: str) -> ca
 
 
 def owned(phase: Phase, expression: ca.MX | float, at: float | None = None) -> ca.MX:
-    """Return an expression with everything that comes from elsewhere among the free parameters.
+    """Return an expression whose foreign symbols are free parameters of the phase.
 
-    Values that are taken at the very place ``at`` of the phase, at which the expression is
-    evaluated, are replaced by what they stand for.
+    Point values taken at the fraction ``at``, where the expression itself is evaluated, are
+    replaced by their expressions.
     """
     expression = as_expression(expression)
     if phase.problem is None:
@@ -82,7 +82,7 @@ def owned(phase: Phase, expression: ca.MX | float, at: float | None = None) -> c
 
 
 def _take(phase: Phase, value: PointValue) -> None:
-    """Make a value at a point of the phase one of its free parameters."""
+    """Add a point value to the free parameters of the phase, and the constraint defining it."""
     if value.name in {v.name for v in phase.free_parameters}:
         return
     free = limit_of(value.name, value.symbol, unit=value.unit)
@@ -93,7 +93,7 @@ def _take(phase: Phase, value: PointValue) -> None:
 
 
 def _carry(phase: Phase, owner: Phase, symbol: ca.MX) -> None:
-    """Let a free parameter of another phase reach this one through those between them."""
+    """Add a free parameter of another phase to this phase and to all phases between them."""
     assert phase.problem is not None
     phases = phase.problem.phases
     carried = next(v for v in owner.free_parameters if ca.is_equal(v.symbol, symbol))
@@ -114,16 +114,16 @@ def _add_free(phase: Phase, parameter: Variable) -> None:
 
 
 def renamed(expression: ca.MX, phase: Phase, copy: Phase) -> ca.MX:
-    """Return an expression of the variables of a phase as one of those of a copy of it."""
+    """Return an expression of one phase in the symbols of its copy."""
     old, new = ([i.symbol for kind in _SYMBOLIC for i in getattr(p, kind)] for p in (phase, copy))
     times = [[p.time, p.duration] for p in (phase, copy)]
     return ca.graph_substitute(ca.MX(expression), [*old, *times[0]], [*new, *times[1]])
 
 
 def copied(phase: Phase, name: str, linked: Sequence[str]) -> Phase:
-    """Give the phase with symbols of its own and without conditions at the start of what is linked.
+    """Return a copy with its own symbols; linked variables lose their initial conditions.
 
-    What comes from other phases, and free parameters of the problem, stay what they are.
+    Values from other phases and free parameters of the problem are shared with the copy.
     """
     duplicate = replace(phase, name=name, **{kind: [] for kind in _SYMBOLIC})
     defined = {c.defines for c in phase.point_constraints}

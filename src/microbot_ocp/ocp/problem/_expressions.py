@@ -1,4 +1,4 @@
-"""Expressions of a phase as functions of numbers, and functions of numbers in expressions."""
+"""Functions of numbers made from expressions of a phase, and expressions made from functions."""
 
 from __future__ import annotations
 
@@ -16,17 +16,18 @@ from microbot_ocp.ocp.problem._phase import Phase
 
 
 class Expressions:
-    """What expressions of a phase may depend on, in one order.
+    """Inputs of the expressions of a phase, in a fixed order.
 
     Parameters
     ----------
     phase : Phase
-    data : measurements that they are of, too
+    data : sequence of Measurement
+        Measurements that the expressions also depend on.
 
     Attributes
     ----------
-    inputs : names and symbols: variables, rates of linear controls, data, time, duration and
-        parameters
+    inputs : list of (name, symbol)
+        Variables, rates of linear controls, data, time, duration and parameters.
     """
 
     def __init__(self, phase: Phase, data: Sequence[Measurement] = ()) -> None:
@@ -43,7 +44,7 @@ class Expressions:
         return [symbol for _, symbol in self.inputs]
 
     def function(self, expressions: Sequence[ca.MX]) -> ca.Function:
-        """Return the expressions, one below the other, as a function of the table of all inputs."""
+        """Return the expressions, stacked, as a function of the table of all inputs."""
         stacked = ca.densify(ca.vertcat(*expressions, ca.MX(0, 1)))
         run = ca.Function("declared", [ca.vertcat(*self.symbols)], [stacked])
         with suppress(RuntimeError):  # interpolants have no scalar graph
@@ -60,7 +61,7 @@ class Expressions:
     ) -> list[FloatArray]:
         """Return values [size, M] of the inputs at times t [M] since the start of the phase.
 
-        Rates and variables that have no value there are zero.
+        Rates and variables without a given value are zero.
         """
         phase, rates = self.phase, rates or {}
         none = {v.name: np.zeros((v.size, t.size)) for v in phase.variables}
@@ -70,14 +71,12 @@ class Expressions:
         return [*moving, *data, t[None], np.full((1, t.size), duration), *fixed]
 
     def table(self, *values: Any, **more: Any) -> FloatArray:
-        """Return the same, one below the other [inputs, M]."""
+        """Return the values of :meth:`tables`, stacked [inputs, M]."""
         return np.vstack(self.tables(*values, **more))
 
 
 class PythonFunction(ca.Callback):
-    """A function of CasADi with one result, by their sparsities; who derives from it says how its
-    values are found, in ``eval``.
-    """
+    """A CasADi callback with one result, declared by sparsities; subclasses define ``eval``."""
 
     def __init__(
         self, name: str, inputs: Sequence[ca.Sparsity], result: ca.Sparsity, **options: Any
@@ -96,23 +95,24 @@ class PythonFunction(ca.Callback):
         return self.result
 
 
-_KEPT: list[ca.Callback] = []  # expressions that call them do not keep them
+_KEPT: list[ca.Callback] = []  # CasADi expressions hold no reference to their callbacks
 
 
 def numeric_function(
     function: Callable[..., object], sizes: Sequence[int] = (1,), result: int = 1
 ) -> ca.Function:
-    """Return a function of numbers, such as a table or a simulation, for expressions.
+    """Return a numerical function, such as a table or a simulation, for use in expressions.
 
-    Its derivatives are central differences, those of second order differences of differences: good
-    to about 1e-6 and 1e-4, and every evaluation is a call of Python, of which an iteration needs
-    some hundreds for every interval. It must be smooth, and is evaluated a little beside where the
-    solver is. What CasADi can say (``ca.interpolant`` for tables) is better said there.
+    First derivatives are central differences, second derivatives differences of these: accurate to
+    about 1e-6 and 1e-4. Each evaluation calls Python, and an iteration needs several hundred per
+    interval. The function must be smooth, and is also evaluated slightly beside the solver's
+    iterate. Prefer a function of CasADi if there is one, such as ``ca.interpolant`` for tables.
 
     Parameters
     ----------
     function : callable
-        Gets an array [size] for every one of ``sizes``, returns a number or an array [result].
+        Function of one array [size] per entry of ``sizes`` that returns a number or an array
+        [result].
     sizes : sequence of int
     result : int
 
@@ -123,11 +123,11 @@ def numeric_function(
     Raises
     ------
     InputError
-        A size that is no whole number from 1 up; when it is evaluated, another number of results.
+        A size is not a whole number from 1 up; on evaluation, the number of results is wrong.
 
     Examples
     --------
-    The fastest way over 1 m of a slope that slows down: 2 log 2 s.
+    The fastest motion over 1 m at a speed that falls with x: 2 log 2 s.
 
     >>> from microbot_ocp.ocp import OptimalControlProblem, SolverSettings, solve
     >>> slower = numeric_function(lambda x: 1.0 - x / 2)
@@ -150,7 +150,7 @@ def numeric_function(
 class _Numeric(PythonFunction):
     def __init__(self, function: Callable[..., object], sizes: Sequence[int], result: int) -> None:
         self.function = function
-        # kernels are shared by what they look like: every function has a name of its own
+        # Kernels are cached by their printed form, so each function needs a unique name.
         name, dense = f"numeric_{len(_KEPT)}", ca.Sparsity.dense
         super().__init__(name, [dense(size) for size in sizes], dense(result), enable_fd=True)
 

@@ -1,4 +1,4 @@
-"""What a phase is declared with: variables, limits and parameters, as data."""
+"""Items of a phase as data: variables, limits and parameters."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from microbot_ocp._base.calls import from_origins
 from microbot_ocp._base.checks import FloatArray, InputError, shown
 from microbot_ocp._base.portable import Portable
 
-# lists of a phase
+# Attributes of a phase that are lists of items.
 VARIABLES = ("states", "controls", "algebraics", "free_parameters")
 LIMITS = ("constraints", "end_constraints", "point_constraints")
 CONSTANTS = ("parameters", "measurements")
@@ -38,8 +38,8 @@ class Variable(Portable):
     shape: str  # "state", "auto", "constant", "linear", "polynomial", "algebraic", "parameter"
     interior_points: bool = False
     rate: ca.MX | None = None
-    scaled: bool = True  # whether the scale was declared
-    columns: int = 1  # of the matrix whose columns are its components
+    scaled: bool = True  # True if the scale was declared
+    columns: int = 1  # columns of the matrix whose entries are the components, column by column
 
     @property
     def size(self) -> int:
@@ -57,16 +57,16 @@ class PathConstraint(Portable):
     upper: FloatArray
     scale: FloatArray
     unit: str
-    scaled: bool = True  # whether the scale was declared
-    interior_points: bool = True  # whether it holds inside the intervals, too
+    scaled: bool = True  # True if the scale was declared
+    interior_points: bool = True  # True if the limit also holds inside the intervals
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PointConstraint(PathConstraint):
-    """``lower <= expression <= upper`` at some fractions [M] of a phase.
+    """``lower <= expression <= upper`` at given fractions [M] of a phase.
 
-    What ``defines`` a free parameter, by its name, is zero: the parameter is the value of an
-    expression at that point.
+    If ``defines`` names a free parameter, the expression is zero there: the parameter then equals
+    the value of another expression at that point.
     """
 
     fractions: FloatArray
@@ -74,13 +74,13 @@ class PointConstraint(PathConstraint):
 
     @classmethod
     def of(cls, limit: PathConstraint, fractions: ArrayLike, defines: str = "") -> Self:
-        """Return a limit at some fractions of the phase."""
+        """Return a limit as a constraint at given fractions of the phase."""
         return cls(**vars(limit), fractions=np.atleast_1d(fractions), defines=defines)
 
 
 @dataclass(frozen=True, eq=False)
 class PointCost(Portable):
-    """A cost that is added at every one of some fractions [M] of a phase."""
+    """A cost that is added at each of the fractions [M] of a phase."""
 
     expression: ca.MX
     fractions: FloatArray
@@ -88,14 +88,14 @@ class PointCost(Portable):
 
 @dataclass(frozen=True, eq=False)
 class Parameter(Portable):
-    """A constant [size] of a phase; phases that differ in parameters only share kernels."""
+    """A constant [size] of a phase; phases that differ only in parameters share kernels."""
 
     name: str
     symbol: ca.MX
     value: FloatArray
 
     def with_value(self, value: ArrayLike) -> Self:
-        """Return the same with another value."""
+        """Return a copy with another value."""
         flat = np.ravel(checks.numbers(f"parameter {self.name!r}", value), order="F")
         flat = checks.array(f"parameter {self.name!r}", flat, (self.value.size,))
         return replace(self, value=flat.reshape(self.value.shape, order="F"))
@@ -103,7 +103,7 @@ class Parameter(Portable):
 
 @dataclass(frozen=True, eq=False)
 class Measurement(Parameter):
-    """Data [M, size] at some fractions [M] of a phase; the symbol stands for one of its rows."""
+    """Data [M, size] at fractions [M] of a phase; the symbol stands for the row of one fraction."""
 
     fractions: FloatArray
 
@@ -129,14 +129,14 @@ class PhaseLink:
 
 
 def moving(value: object) -> bool:
-    """Return whether a bound or condition is an expression, and not numbers."""
+    """Return True if a bound or condition contains an expression."""
     if isinstance(value, tuple):
         return any(isinstance(side, ca.MX) for side in value)
     return isinstance(value, ca.MX)
 
 
 def fill(name: str, value: ArrayLike, size: int) -> FloatArray:
-    """Return a number for every component, or an array of them; of a matrix column by column."""
+    """Return an array [size] from a number, a vector, or a matrix taken column by column."""
     given = checks.numbers(name, value)
     if given.ndim == 0:
         given = np.full(size, float(given))
@@ -144,17 +144,17 @@ def fill(name: str, value: ArrayLike, size: int) -> FloatArray:
 
 
 def duration_bounds(phase: str, value: float | tuple[float, float]) -> tuple[float, float]:
-    """Return bounds of the duration of a phase, s, from a fixed one or from (lower, upper)."""
+    """Return bounds of the duration of a phase, s, from a fixed duration or (lower, upper)."""
     low, high = value if isinstance(value, tuple | list) and len(value) == 2 else (value, value)
     try:
         low = checks.number(f"duration of phase {phase!r}", low, "s", above=0.0)
         return low, checks.number(f"upper duration of phase {phase!r}", high, "s", at_least=low)
     except InputError as refused:
-        raise InputError(f"{refused}; a free one is within a range, such as (0.1, 100.0)") from None
+        raise InputError(f"{refused}; a free duration is a range, such as (0.1, 100.0)") from None
 
 
 def ordered(name: str, lower: ArrayLike, upper: ArrayLike, size: int, unit: str) -> Range:
-    """Return lower and upper bounds that are not crossed."""
+    """Return lower and upper bounds [size]; raise InputError if a lower one is above its upper."""
     labels = (name, name) if lower is upper else (f"lower {name}", f"upper {name}")
     low, high = fill(labels[0], lower, size), fill(labels[1], upper, size)
     if np.any(low > high):
@@ -165,7 +165,7 @@ def ordered(name: str, lower: ArrayLike, upper: ArrayLike, size: int, unit: str)
 
 
 def condition(name: str, value: Bound, size: int, unit: str) -> Range | None:
-    """Return bounds at an end; None where there are none, or where they are expressions."""
+    """Return bounds at an end of the phase; None for no condition or one with expressions."""
     if value is None or moving(value):
         return None
     sides: Any = value if isinstance(value, tuple) and len(value) == 2 else (value, value)
@@ -186,7 +186,7 @@ def limit_of(
     scale: ArrayLike | None = None,
     unit: str = "",
 ) -> PathConstraint:
-    """Return a limit whose bounds are not crossed, with its scale if one was declared."""
+    """Return a limit with checked bounds and scale."""
     if not isinstance(name, str):
         raise InputError(f"name must be text, not {shown(name)}; {checks.NAME_FIRST}")
     expression = ca.vec(expression)
@@ -201,8 +201,9 @@ def limit_of(
 def variable_of(
     limit: PathConstraint, shape: str, initial: Bound = None, final: Bound = None, columns: int = 1
 ) -> Variable:
-    """Return a variable within a limit of its symbol; conditions that are expressions are left
-    out.
+    """Return a variable from the limit of its symbol and its conditions at both ends.
+
+    Conditions with expressions are left to point constraints.
     """
     name, symbol, unit = limit.name, limit.expression, limit.unit
     size, ends = symbol.shape[0], []
@@ -224,16 +225,16 @@ def variable_of(
 
 
 def converted(value: Any) -> ca.MX:
-    """Return an expression of CasADi from one, or from numbers.
+    """Return a CasADi expression from an expression or numbers.
 
     Raises
     ------
     InputError
-        It is neither, or empty.
+        The value is neither an expression nor numbers, or is empty.
     """
     try:
         expression = ca.MX(value)
-    except Exception:  # CasADi has many
+    except Exception:  # CasADi raises several unrelated types
         sentence = (
             f"expression must be a CasADi MX or numbers, not {shown(value)}; ca.vertcat makes one "
             "of several, and SX stays outside"

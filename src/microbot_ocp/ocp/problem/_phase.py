@@ -1,8 +1,8 @@
 """One phase as data: states, controls, dynamics, costs and limits.
 
-Values at other places (the start, the end, another phase) and free parameters are symbols: the
-phases that use one carry it as a free parameter, and a row at the place where it is taken says what
-it is. So whatever is coupled, every stage of the program touches its own variables alone.
+Values at other places (the start, the end, another phase) and free parameters are symbols. Every
+phase that uses one carries it as a free parameter, and a row where the value is taken defines it.
+Each stage of the program therefore depends on its own variables alone, however phases are coupled.
 """
 
 from __future__ import annotations
@@ -46,15 +46,15 @@ Size = int | tuple[int, int]
 
 @dataclass(eq=False)
 class Phase(Hinting, Portable):
-    """One phase: a stretch of time with one set of dynamics.
+    """One phase: a time span with one set of dynamics.
 
-    Made by :meth:`OptimalControlProblem.phase`. The symbols ``time`` (since the start of the
+    Created by :meth:`OptimalControlProblem.phase`. The symbols ``time`` (since the start of the
     phase, s) and ``duration`` may be used in expressions, ``duration`` also in those of other
-    phases. :attr:`start` is when the phase starts: ``start + time`` is the time since the start of
-    the first phase, or whatever was declared.
+    phases. :attr:`start` is the start time of the phase: ``start + time`` is the time since the
+    start of the first phase, unless another start was declared.
 
-    Expressions may use what the phase declares, the free parameters of the problem, and the values
-    that :meth:`initial`, :meth:`final` and :meth:`value` of any phase return.
+    Expressions may contain the variables and parameters of the phase, the free parameters of the
+    problem, and values that :meth:`initial`, :meth:`final` and :meth:`value` of any phase return.
     """
 
     name: str
@@ -88,7 +88,7 @@ class Phase(Hinting, Portable):
 
     @property
     def start(self) -> ca.MX:
-        """When the phase starts, s: as declared, or when the phase before ends."""
+        """Start time of the phase, s: as declared, or the end of the previous phase."""
         self._asked_start = True
         return self.begins
 
@@ -112,24 +112,24 @@ class Phase(Hinting, Portable):
         return [*self.states, *self.controls, *self.algebraics, *self.free_parameters]
 
     def shaped(self, shape: str) -> list[Variable]:
-        """Return controls of a shape."""
+        """Return the controls of a shape."""
         return [control for control in self.controls if control.shape == shape]
 
     @property
     def rates(self) -> dict[str, ca.MX]:
-        """Time derivatives of the linear controls, by the names of these."""
+        """Time derivatives of the linear controls, by name of the control."""
         return {c.name: c.rate for c in self.controls if c.rate is not None}
 
     @property
     def point_fractions(self) -> tuple[float, ...]:
-        """Fractions inside the phase at which something is demanded or costs: mesh points."""
+        """Fractions inside the phase with a point constraint or cost; they become mesh points."""
         items = (*self.point_constraints, *self.point_costs)
         fractions = {fraction for item in items for fraction in item.fractions.tolist()}
         return tuple(sorted(fractions - {0.0, 1.0}))
 
     @property
     def has_cost(self) -> bool:
-        """Whether a cost is declared that depends on anything."""
+        """True if a cost is declared that depends on a symbol."""
         costs = [*self.running_costs, *self.end_costs, *(c.expression for c in self.point_costs)]
         return any(ca.symvar(cost) for cost in costs)
 
@@ -152,21 +152,21 @@ class Phase(Hinting, Portable):
         ----------
         name : str
         size : int or (int, int)
-            Components, or rows and columns of a matrix; so of controls and algebraic variables.
+            Number of components, or (rows, columns) of a matrix.
         lower, upper : array_like [size] or expression
-            Bounds at the mesh points. An expression makes a path constraint.
+            Bounds at the mesh points. A bound with an expression becomes a path constraint.
         initial, final : value, (lower, upper) or None
-            At the two ends of the phase; None leaves them free. An expression, of values that
-            :meth:`initial` and :meth:`final` of other phases return and of free parameters, couples
-            phases: a jump, a drop of mass, a period.
+            Conditions at the start and the end of the phase; None leaves the state free. An
+            expression of free parameters and of values that :meth:`initial` and :meth:`final` of
+            other phases return couples phases: a jump, a drop of mass, a period.
         scale : array_like [size], optional
-            Typical size; the solver sees the state divided by it. Where none is given,
-            :func:`~microbot_ocp.ocp.solution.scaled` finds one.
+            Typical size; the solver works with the state divided by it. By default
+            :func:`~microbot_ocp.ocp.solution.scaled` determines it.
         unit : str
-            For messages.
+            Unit for messages.
         interior_points : bool
-            Whether the bounds also hold at the points inside the intervals at which path
-            constraints hold.
+            True if the bounds also hold at the points inside the intervals where path constraints
+            hold.
 
         Examples
         --------
@@ -205,10 +205,10 @@ class Phase(Hinting, Portable):
     ) -> ca.MX:
         """Declare a control.
 
-        Over each interval it is "constant", "linear" (and continuous), or "polynomial" with a
-        value at each collocation point. "auto" is linear where the control has a condition at an
-        end or its :meth:`rate` is used, else polynomial with collocation and constant with any
-        other scheme. Bounds that are expressions make path constraints.
+        Over each interval a control is "constant", "linear" (and continuous), or "polynomial" with
+        a value at each collocation point. "auto" is linear if the control has a condition at an
+        end or its :meth:`rate` is used, otherwise polynomial with collocation and constant with
+        other schemes. A bound with an expression becomes a path constraint.
         """
         if hint := remedy(shape):
             raise InputError(f"shape of control {name!r} cannot be {shape!r}{hint}")
@@ -235,7 +235,7 @@ class Phase(Hinting, Portable):
         return self._declare(self.algebraics, name, size, "algebraic", bounds, scale, unit)
 
     def algebraic_equation(self, expression: ca.MX) -> None:
-        """Demand that ``expression`` be zero, or an equation ``x == y``, at collocation points."""
+        """Require ``expression`` to be zero, or an equation ``x == y``, at collocation points."""
         expression = converted(expression)
         if expression.op() == ca.OP_EQ:
             expression = expression.dep(0) - expression.dep(1)
@@ -244,8 +244,8 @@ class Phase(Hinting, Portable):
     def parameter(self, name: str, value: ArrayLike) -> ca.MX:
         """Declare a constant of the phase, [size] or a matrix, and return its symbol.
 
-        Phases that differ in parameters only share compiled kernels. What the solver is to find is
-        a :meth:`~OptimalControlProblem.free_parameter` of the problem.
+        Phases that differ only in parameters share compiled kernels. For a constant that the
+        solver determines, use :meth:`~OptimalControlProblem.free_parameter` of the problem.
         """
         self._refuse_second(f"parameter {name!r}", name, self.parameters, self.measurements)
         table = np.asarray(value, dtype=float)
@@ -256,22 +256,22 @@ class Phase(Hinting, Portable):
         return Symbol(ca.reshape(symbol, table.shape) if is_matrix else symbol)
 
     def measurement(self, name: str, at: ArrayLike, values: ArrayLike) -> ca.MX:
-        """Declare data at given times of the phase; the symbol stands for the datum of each time.
+        """Declare data at given times of the phase; the symbol stands for the value at each time.
 
         Parameters
         ----------
         name : str
         at : array_like [M]
-            Times since the start of the phase, s, whose duration must be fixed. They become mesh
-            points.
+            Times since the start of the phase, s; the duration of the phase must be fixed. The
+            times become mesh points.
         values : array_like [M] or [M, size]
-            May be changed from solve to solve with ``parameters`` of a
-            :class:`~microbot_ocp.ocp.ParametricSolver`.
+            Data, which ``parameters`` of a :class:`~microbot_ocp.ocp.ParametricSolver` may change
+            from solve to solve.
 
         Returns
         -------
         casadi.MX [size]
-            For :meth:`point_cost` and :meth:`point_constraint`, which then hold at these times.
+            Symbol for :meth:`point_cost` and :meth:`point_constraint`, which hold at these times.
 
         Examples
         --------
@@ -338,12 +338,12 @@ class Phase(Hinting, Portable):
     ) -> ca.MX:
         """Return the time integral of an expression since the start of the phase, as a state.
 
-        Its bounds hold at the end of the phase, where it is the integral over the whole of it;
-        there it may be used in end costs and end constraints, elsewhere as ``final`` of it.
+        The bounds hold at the end of the phase, where the state is the integral over the whole
+        phase. Use the state in end costs and end constraints, its ``final`` value elsewhere.
 
         Examples
         --------
-        The farthest way in 1 s from rest to rest with an effort of 1 m^2/s^3: 1/sqrt(12) m.
+        The largest distance in 1 s from rest to rest with an effort of 1 m^2/s^3: 1/sqrt(12) m.
 
         >>> from microbot_ocp.ocp import OptimalControlProblem, solve
         >>> problem = OptimalControlProblem("least effort")
@@ -381,15 +381,16 @@ class Phase(Hinting, Portable):
     ) -> None:
         """Keep ``lower <= expression <= upper`` at the mesh points and the interior points.
 
-        Without ``interior_points`` at the mesh points alone, as bounds of states by default.
+        With ``interior_points=False`` the constraint holds at the mesh points alone, like bounds of
+        states by default.
 
-        In the place of an expression with bounds there may be a relation: ``v <= 0.5``,
-        ``x == y``, ``-1 <= (x <= 1)`` with these brackets, or some of them joined by
-        ``ca.logic_and``. So in all constraints.
+        A relation may replace expression and bounds, here and in all other constraints:
+        ``v <= 0.5``, ``x == y``, ``-1 <= (x <= 1)`` with these brackets, or several relations
+        joined by ``ca.logic_and``.
 
         Examples
         --------
-        The way of 1 m at no more than 0.5 m/s takes 2 s.
+        A distance of 1 m at no more than 0.5 m/s takes 2 s.
 
         >>> from microbot_ocp.ocp import OptimalControlProblem, solve
         >>> problem = OptimalControlProblem("speed limit")
@@ -416,14 +417,14 @@ class Phase(Hinting, Portable):
         scale: ArrayLike | None = None,
         unit: str = "",
     ) -> None:
-        """Demand ``lower <= expression <= upper`` of the state at the end of the phase.
+        """Require ``lower <= expression <= upper`` at the end of the phase.
 
-        The expression is of states, linear controls, parameters, ``duration`` and values at other
-        places. What is a bound of a state itself is said by its ``final``.
+        The expression may contain states, linear controls, parameters, ``duration`` and values at
+        other places. For a bound of a single state use its ``final`` argument.
 
         Examples
         --------
-        The cheapest periodic orbit of a forced oscillator needs no force but at resonance.
+        The cheapest periodic orbit of a forced oscillator has its natural period, and no force.
 
         >>> from microbot_ocp.ocp import OptimalControlProblem, solve
         >>> problem = OptimalControlProblem("period")
@@ -453,11 +454,12 @@ class Phase(Hinting, Portable):
         scale: ArrayLike | None = None,
         unit: str = "",
     ) -> None:
-        """Demand ``lower <= expression <= upper`` at given times of the phase.
+        """Require ``lower <= expression <= upper`` at given times of the phase.
 
-        The expression is of what has a value at a mesh point: states and linear controls. ``at`` is
-        one time or several [M], s since the start, and may be 0; by default they are those of the
-        measurement in the expression. Other times than 0 need a phase of fixed duration.
+        The expression may contain quantities with a value at a mesh point: states and linear
+        controls. ``at`` is one time or several [M], s since the start of the phase; by default the
+        times of the measurement in the expression. Times other than 0 need a phase of fixed
+        duration.
         """
         limits = declared_limits(name, expression, lower, upper, scale, unit)
         whole = ca.vertcat(*(limit.expression for limit in limits))
@@ -475,9 +477,9 @@ class Phase(Hinting, Portable):
         self.end_costs.append(self._cost("end cost", expression, at=1.0))
 
     def point_cost(self, expression: ca.MX, *, at: ArrayLike | None = None) -> None:
-        """Add ``expression`` at every one of some times of the phase to the cost.
+        """Add ``expression`` at each of several times of the phase to the cost.
 
-        The times are as in :meth:`point_constraint`; see :meth:`measurement` for an example.
+        For the times see :meth:`point_constraint`; for an example see :meth:`measurement`.
         """
         fractions = self._point_fractions("a point cost", expression, at)
         expression = self._cost("point cost", expression)
@@ -488,8 +490,8 @@ class Phase(Hinting, Portable):
     def initial(self, expression: ca.MX) -> ca.MX:
         """Return the value at the start of the phase, for expressions of this and other phases.
 
-        ``expression`` is of what has a value there: states, linear controls, ``duration``, free
-        parameters.
+        ``expression`` may contain quantities with a value there: states, linear controls,
+        ``duration`` and free parameters.
         """
         return value_of(self, expression, 0.0, "at the start of")
 
@@ -498,11 +500,11 @@ class Phase(Hinting, Portable):
         return value_of(self, expression, 1.0, "at the end of")
 
     def value(self, expression: ca.MX, at: float) -> ca.MX:
-        """Return the value at a time since the start of the phase, s, whose duration must be fixed.
+        """Return the value at a time since the start of the phase, s; the duration must be fixed.
 
         Examples
         --------
-        A pulse at the start such that x(2) = 2 x(1): at the least cost of the speed.
+        A control of least cost from x(0) = 1 such that x(2) = 2 x(1).
 
         >>> from microbot_ocp.ocp import OptimalControlProblem, solve
         >>> problem = OptimalControlProblem("half way")
@@ -521,13 +523,13 @@ class Phase(Hinting, Portable):
     # checks ---------------------------------------------------------------------------------------
 
     def _fractions(self, label: str, at: ArrayLike) -> FloatArray:
-        """Return increasing fractions [M] of the phase from times, s."""
+        """Return increasing fractions [M] of the phase from times [M], s."""
         times = checks.array(label, np.atleast_1d(checks.numbers(label, at)), (None,), "s")
         low, high = self.duration_bounds
         if low < high and np.any(times != 0):
             raise InputError(
-                f"{label}: phase {self.name!r} has a free duration, so only its start has a fixed "
-                "place in it; end it at that time, link another phase to it, and use final()"
+                f"{label}: phase {self.name!r} has a free duration, so only its start is a fixed "
+                "fraction of it; end the phase at that time, link a second phase, and use final()"
             )
         if np.any(times < 0) or np.any(times > high):
             raise InputError(
@@ -539,7 +541,7 @@ class Phase(Hinting, Portable):
         return times / high if low == high else times
 
     def _point_fractions(self, label: str, expression: ca.MX, at: ArrayLike | None) -> FloatArray:
-        """Return where something holds: as given, or where the measurements in it were made."""
+        """Return fractions of a point item: those of ``at``, or of the measurements used."""
         expression = as_expression(expression)
         used = [m for m in self.measurements if ca.depends_on(expression, m.symbol)]
         places = [m.fractions for m in used]
@@ -549,7 +551,7 @@ class Phase(Hinting, Portable):
             raise InputError(f"{label} of phase {self.name!r} needs times: at=...")
         if any(not np.array_equal(places[0], other) for other in places[1:]):
             names = [m.name for m in used]
-            raise InputError(f"{label} of phase {self.name!r}: {names} and at have other times")
+            raise InputError(f"{label} of phase {self.name!r}: {names} and at differ in times")
         return places[0]
 
     def _cost(self, kind: str, given: ca.MX, at: float | None = None) -> ca.MX:
@@ -567,10 +569,10 @@ class Phase(Hinting, Portable):
         limits: Sequence[PathConstraint],
         at: float | None = None,
     ) -> list[PathConstraint]:
-        """Return limits with everything that comes from elsewhere among the free parameters.
+        """Return limits whose foreign symbols are free parameters of the phase.
 
-        None may have the name of a path constraint, or of one that was ``given`` before: what holds
-        at the start may have that of what holds at the end.
+        Raises InputError if the name is that of a path constraint or of an item of ``given``; a
+        constraint at the start and one at the end may share a name.
         """
         for limit in limits:
             self._refuse_second(f"constraint {limit.name!r}", limit.name, self.constraints, given)
@@ -593,7 +595,7 @@ class Phase(Hinting, Portable):
         unit: str,
         ends: tuple[Bound, Bound] = (None, None),
     ) -> ca.MX:
-        """Add a variable to a list of the phase, and what of it are expressions as constraints."""
+        """Append a variable to a list; bounds and ends with expressions become constraints."""
         self._refuse_second(repr(name), name, self.variables)
         rows, columns = size if isinstance(size, tuple | list) and len(size) == 2 else (size, 1)
         for each in (rows, columns):
@@ -624,7 +626,7 @@ class Phase(Hinting, Portable):
 
 
 def _named(item: Variable | Parameter | PathConstraint) -> str:
-    """Return its name, with its size where it is a vector or a matrix."""
+    """Return the name, followed by the size of a vector or matrix."""
     size = (item.expression if isinstance(item, PathConstraint) else item.symbol).numel()
     if isinstance(item, Variable) and item.columns > 1:
         return f"{item.name} [{size // item.columns},{item.columns}]"

@@ -1,7 +1,7 @@
-"""An optimal-control problem as data: phases in a row, what ties them, and free parameters.
+"""An optimal-control problem as data: a sequence of phases, their links, and free parameters.
 
-Write the physics with the symbols that the declarations return; the transcription turns the
-declaration into a nonlinear program. Nothing here knows a robot.
+Write the physics with the symbols that the declarations return; the transcription converts the
+declaration to a nonlinear program. Nothing here depends on a robot.
 """
 
 from __future__ import annotations
@@ -42,10 +42,10 @@ from microbot_ocp.ocp.problem._relations import (
 
 
 class OptimalControlProblem(Hinting, Portable):
-    """Phases in a row, linked; minimise the sum of their costs.
+    """A sequence of linked phases; the sum of their costs is minimised.
 
-    With ``maximize`` all costs are gains, and their sum is to be as large as possible: it is the
-    ``objective`` of a solution, whose ``cost`` is that with the other sign.
+    With ``maximize`` the costs are gains and their sum is maximised: ``objective`` of a solution is
+    the sum of the gains, ``cost`` its negative.
 
     Examples
     --------
@@ -94,12 +94,12 @@ class OptimalControlProblem(Hinting, Portable):
 
         ``interior_points`` are the fractions of every interval at which path constraints hold
         besides the mesh points; by default those of the scheme. ``scale`` is a typical duration, s.
-        ``start`` is the time at which the phase starts, s: a value, (lower, upper) where it is
-        free, or an expression; by default 0, or the end of the phase before.
+        ``start`` is the start time of the phase, s: a value, (lower, upper) for a free start, or an
+        expression; by default 0 or the end of the previous phase.
 
         Examples
         --------
-        When the integral of sin(t) over 1 s is least: the middle is at 3 pi / 2.
+        The start of the interval of 1 s with the least integral of sin(t): its middle is 3 pi / 2.
 
         >>> from microbot_ocp.ocp import solve
         >>> problem = OptimalControlProblem("when")
@@ -138,29 +138,31 @@ class OptimalControlProblem(Hinting, Portable):
         parameters: Sequence[Mapping[str, ArrayLike]] = (),
         jumps: Mapping[str, ca.MX] | None = None,
     ) -> list[Phase]:
-        """Go through the last phase ``times`` times: copies of it, each linked to the one before.
+        """Repeat the last phase: add copies of it, each linked to the previous one.
 
         Parameters
         ----------
         phase : Phase
-            The last one, declared wholly.
+            The last phase, completely declared.
         times : int
+            Number of passes through the phase, the first included.
         names : sequence of str, optional
-            What is continuous from each to the next; by default all states. Conditions of these
-            hold at the start of the first and at the end of the last only.
+            Variables that are continuous from each phase to the next; by default all states.
+            Their initial conditions hold in the first phase only, final conditions in the last.
         parameters : sequence of mappings from name to value, optional
-            Parameters and measurements in the copies, from the second on, where they differ.
+            Values of parameters and measurements that differ in the copies, from the second phase
+            on.
         jumps : mapping from name to expression, optional
-            What jumps from each to the next; see :meth:`link`.
+            Values after the jumps from each phase to the next; see :meth:`link`.
 
         Returns
         -------
         list of Phase
-            The phase and its copies, with " 2", " 3" ... after their names.
+            The phase and its copies, named with " 2", " 3" ... appended.
 
         Examples
         --------
-        Three laps of 1 m, each at a speed limit of its own.
+        Three laps of 1 m, each with its own speed limit.
 
         >>> from microbot_ocp.ocp import solve
         >>> problem = OptimalControlProblem("laps")
@@ -193,12 +195,14 @@ class OptimalControlProblem(Hinting, Portable):
             raise InputError(f"repeat takes the last phase of a problem, not {phase.name!r}")
         if phase._asked_start:
             raise InputError(
-                f"phase {phase.name!r} uses its start, which is not that of its copies: declare a "
+                f"phase {phase.name!r} uses its start, which differs in its copies: declare a "
                 "state with the derivative 1"
             )
         checks.whole("times", times)
         if len(parameters) not in (0, times - 1):
-            raise InputError(f"parameters must be of {times - 1} copies, not {len(parameters)}")
+            raise InputError(
+                f"parameters must have {times - 1} entries, one per copy, not {len(parameters)}"
+            )
         jumps = jumps or {}
         states = [v.name for v in phase.states] if names is None else names
         continuous = [name for name in states if name not in jumps]
@@ -210,7 +214,7 @@ class OptimalControlProblem(Hinting, Portable):
             self.phases.append(copy)
             copy.begins = phases[-1].begins + phases[-1].duration
             phases.append(copy)
-        # before links add to what the phases declare
+        # Translate the jumps first: links add constraints to the phases.
         landings = [{k: renamed(e, phase, member) for k, e in jumps.items()} for member in phases]
         for (before, after), landing in zip(itertools.pairwise(phases), landings, strict=False):
             self.link(before, after, continuous, jumps=landing)
@@ -231,10 +235,10 @@ class OptimalControlProblem(Hinting, Portable):
         scale: ArrayLike | None = None,
         unit: str = "",
     ) -> ca.MX:
-        """Declare a constant [size] that the solver is to find, for expressions of any phase.
+        """Declare a constant [size] that the solver determines, for expressions of any phase.
 
-        A guess of it goes among the values of the first phase that uses it; the value found is in
-        ``solution.parameters``.
+        Give an initial guess among the values of the first phase that uses the constant; the
+        result is in ``solution.parameters``.
 
         Examples
         --------
@@ -268,20 +272,20 @@ class OptimalControlProblem(Hinting, Portable):
         scale: ArrayLike | None = None,
         unit: str = "",
     ) -> None:
-        """Demand ``lower <= expression <= upper`` of ends of phases, durations, free parameters.
+        """Require ``lower <= expression <= upper`` of phase ends, durations and free parameters.
 
-        The ends are what ``initial``, ``final`` and ``value`` of the phases return. A relation,
-        such as ``a.duration + b.duration == 3``, is a constraint, too.
+        ``initial``, ``final`` and ``value`` of the phases return values for the expression. A
+        relation, such as ``a.duration + b.duration == 3``, may replace expression and bounds.
         """
         last = self._last_of(expression)
         last.end_constraint(name, expression, lower, upper, scale=scale, unit=unit)
 
     def cost(self, expression: ca.MX) -> None:
-        """Add an expression of ends of phases, durations and free parameters to the cost.
+        """Add an expression of phase ends, durations and free parameters to the cost.
 
         Examples
         --------
-        Two phases of 3 s in all, with a cost of both durations.
+        Two phases of 3 s in total, with a cost of both durations.
 
         >>> from microbot_ocp.ocp import solve
         >>> problem = OptimalControlProblem("shares")
@@ -298,7 +302,7 @@ class OptimalControlProblem(Hinting, Portable):
         self._last_of(expression).end_cost(expression)
 
     def _last_of(self, expression: ca.MX) -> Phase:
-        """Return the last phase that an expression knows of, or of all."""
+        """Return the last phase that occurs in an expression; the last of all if none does."""
         if not self.phases:
             raise InputError(f"problem {self.name!r} has no phases")
         symbols = ca.symvar(converted(expression))
@@ -319,10 +323,10 @@ class OptimalControlProblem(Hinting, Portable):
     ) -> None:
         """Make states and linear controls continuous from one phase to the next.
 
-        ``names`` default to all states that both have and that do not begin with an expression;
-        whatever is not named may jump. ``jumps`` says by name where to: what a state of ``after``
-        begins with, as an expression of the variables of ``before`` at its end, such as
-        ``{"v": -0.6 * v}``.
+        ``names`` default to all states that both phases have, without those whose initial
+        condition in ``after`` is an expression; all other variables may jump. ``jumps`` gives the
+        initial value of a state of ``after`` by name, as an expression of the variables of
+        ``before`` at its end, such as ``{"v": -0.6 * v}``.
         """
         order = [phase.name for phase in self.phases]
         if order.index(after.name) != order.index(before.name) + 1:
@@ -338,7 +342,7 @@ class OptimalControlProblem(Hinting, Portable):
             )
         jumps = jumps or {}
         if names is None:
-            # what is not tied by an expression of its own
+            # A state whose start is an expression is already determined.
             tied = {*(c.name for c in after.point_constraints), *(f"start of {k}" for k in jumps)}
             states = (v.name for v in before.states if f"start of {v.name}" not in tied)
             names = [name for name in states if name in sizes_after]
@@ -363,7 +367,7 @@ class OptimalControlProblem(Hinting, Portable):
         self.links.append(PhaseLink(before.name, after.name, chosen))
 
     def check(self) -> None:
-        """Raise InputError where the declaration is not complete."""
+        """Raise InputError if the declaration is incomplete."""
         if not self.phases:
             raise InputError(f"problem {self.name!r} has no phases")
         linked = {(link.before, link.after) for link in self.links}
@@ -409,7 +413,7 @@ class OptimalControlProblem(Hinting, Portable):
 
 
 def _check_symbols(phase: Phase, used: ca.MX) -> None:
-    """Raise InputError for symbols that a phase cannot know, or not at its end."""
+    """Raise InputError for symbols that are unknown to a phase or have no value at its end."""
     symbols = [*(v.symbol for v in phase.variables), *phase.rates.values()]
     constants = [p.symbol for p in phase.parameters]
     data = [m.symbol for m in phase.measurements]
@@ -419,14 +423,14 @@ def _check_symbols(phase: Phase, used: ca.MX) -> None:
         if any(ca.is_equal(symbol, other) for other in data):
             if ca.depends_on(used, symbol):
                 raise InputError(
-                    f"phase {phase.name!r} uses measurement {symbol.name()!r} where there is none: "
+                    f"phase {phase.name!r} uses measurement {symbol.name()!r} along its time: "
                     "measurements are for point_cost() and point_constraint()"
                 )
         elif not any(ca.is_equal(symbol, other) for other in declared):
             raise InputError(
                 f"phase {phase.name!r} uses {symbol.name()!r}, which is no variable of its own; "
-                "constants are declared with parameter(), variables of other phases with link(), "
-                "or taken at their ends with initial() and final()"
+                "declare constants with parameter(), share variables of other phases with link(), "
+                "or take their values at an end with initial() and final()"
             )
     at_end = ca.vertcat(*phase.end_costs, *(c.expression for c in phase.end_constraints))
     nodes = node_variables(phase)
@@ -442,7 +446,7 @@ def _check_symbols(phase: Phase, used: ca.MX) -> None:
 
 
 def with_shapes(problem: OptimalControlProblem, shape: str) -> OptimalControlProblem:
-    """Return the problem with a shape for every control that was declared without one."""
+    """Return the problem with ``shape`` for every control that was declared without a shape."""
 
     def shaped(control: Variable) -> Variable:
         return replace(control, shape=shape) if control.shape == "auto" else control
@@ -452,14 +456,14 @@ def with_shapes(problem: OptimalControlProblem, shape: str) -> OptimalControlPro
 
 
 def with_phases(problem: OptimalControlProblem, phases: Iterable[Phase]) -> OptimalControlProblem:
-    """Return the problem with other phases; its symbols and links stay."""
+    """Return the problem with other phases, but its own symbols and links."""
     changed = copy.copy(problem)
     changed.phases = list(phases)
     return changed
 
 
 def with_items(phase: Phase, change: Callable[[Any], Any], kinds: Iterable[str]) -> Phase:
-    """Give the phase with some of its lists changed item by item; symbols and expressions stay."""
+    """Return the phase with the items of some lists changed; symbols and expressions stay."""
     changed = copy.copy(phase)
     for kind in kinds:
         setattr(changed, kind, [change(item) for item in getattr(phase, kind)])
@@ -467,7 +471,7 @@ def with_items(phase: Phase, change: Callable[[Any], Any], kinds: Iterable[str])
 
 
 def with_values(phase: Phase, values: Mapping[str, ArrayLike]) -> Phase:
-    """Return the phase with other values of the parameters and measurements that are named."""
+    """Return the phase with new values of the named parameters and measurements."""
 
     def valued(item: Parameter) -> Parameter:
         return item.with_value(values[item.name]) if item.name in values else item
@@ -478,13 +482,11 @@ def with_values(phase: Phase, values: Mapping[str, ArrayLike]) -> Phase:
 def parts_of(
     items: Sequence[Variable | PathConstraint], table: FloatArray, axis: int = -1
 ) -> dict[str, FloatArray]:
-    """Return parts of a table, side by side or along another axis, by the names of what they are
-    of.
-    """
+    """Split a table by item along an axis, and return the parts by item name; a rest is dropped."""
     parts = np.split(table, np.cumsum([item.scale.size for item in items]), axis)
     return {item.name: part for item, part in zip(items, parts[:-1], strict=True)}
 
 
 def node_variables(phase: Phase) -> list[Variable]:
-    """Return states, linear controls and free parameters: what has a value at every mesh point."""
+    """Return states, linear controls and free parameters: variables with values at mesh points."""
     return [*phase.states, *phase.shaped("linear"), *phase.free_parameters]

@@ -1,7 +1,7 @@
-"""Relations between expressions, ``v <= 0.5`` or ``0 <= (x <= 1)``, as rows with bounds.
+"""Relations between expressions, such as ``v <= 0.5`` or ``0 <= (x <= 1)``, as rows with bounds.
 
-CasADi evaluates a relation to 0 or 1. As a row of a program that is a step without a slope, so a
-relation is taken apart here, before it gets there, and refused wherever its value would be used.
+CasADi evaluates a relation to 0 or 1, a step function with zero derivative that no solver can use.
+Relations are therefore converted to bounds here, and rejected wherever their value would be used.
 """
 
 from __future__ import annotations
@@ -23,12 +23,13 @@ from microbot_ocp.ocp.problem._items import Bound, PathConstraint, converted, li
 def declared_limits(
     name: str, given: Any, lower: ArrayLike, upper: ArrayLike, scale: ArrayLike | None, unit: str
 ) -> list[PathConstraint]:
-    """Return the limits that a constraint sets: to an expression with bounds, or by a relation.
+    """Return the limits that a constraint sets, either by bounds or by a relation.
 
     Raises
     ------
     InputError
-        Neither bounds nor a relation, or both, or a relation that no row expresses.
+        The constraint has neither bounds nor a relation, or both, or a relation that cannot be
+        written as rows with bounds.
     """
     expression = converted(given)
     related = is_relation(expression)
@@ -51,7 +52,7 @@ def declared_limits(
 
 
 def sides(given: Bound) -> Iterator[tuple[str, ca.MX, float, float]]:
-    """Yield what a condition by expressions compares with, and the bounds of the difference."""
+    """Yield label, expression and bounds of the difference for each side of a condition."""
     if not moving(given):
         return
     bases: tuple[Any, ...] = given if isinstance(given, tuple) else (given,)
@@ -63,39 +64,39 @@ def sides(given: Bound) -> Iterator[tuple[str, ca.MX, float, float]]:
 
 
 def as_expression(value: Any, name: str = "expression") -> ca.MX:
-    """Return an expression of CasADi from one, or from numbers; refuse a relation.
+    """Return a CasADi expression from an expression or numbers; reject a relation.
 
     Raises
     ------
     InputError
-        It is neither, or empty, or a relation.
+        The value is neither an expression nor numbers, or is empty, or is a relation.
     """
     expression = converted(value)
     if is_relation(expression):
         raise InputError(
             f"{name} must be a value, but {expression} is a relation: relations are constraints; "
-            "where 1 or 0 is meant, write ca.if_else(condition, 1, 0)"
+            "for the value 1 or 0, write ca.if_else(condition, 1, 0)"
         )
     return expression
 
 
 def refuse_steps(label: str, expression: ca.MX) -> None:
-    """Raise InputError where a component, or a term of one, only steps where something compares."""
+    """Raise InputError if a component, or a term of one, is piecewise constant."""
     for row in ca.vertsplit(expression) if _compares(expression) else ():
-        # one branch of ca.if_else may be constant, but not both
+        # One branch of ca.if_else may be constant: a product with 0 or 1 is no term of its own.
         parts = [term for term in _terms(row) if term.op() != ca.OP_IF_ELSE_ZERO]
         for part in (row, *parts):
             symbols = ca.vertcat(*ca.symvar(part))
             if _compares(part) and ca.jacobian(part, symbols).is_zero():
                 raise InputError(
-                    f"{label} holds the value of a comparison, {shown(str(part))}: it is constant "
-                    "on either side, so no solver can act on it; a relation is a constraint of "
-                    "its own"
+                    f"{label} contains the value of a comparison, {shown(str(part))}: its "
+                    "derivative is zero, so no solver can change it; declare the relation as a "
+                    "constraint of its own"
                 )
 
 
 def refuse_indices(label: str, expression: ca.MX) -> None:
-    """Raise InputError where entries are chosen by the value of an expression, with no slope."""
+    """Raise InputError if an expression indexes entries by the value of an expression."""
     whole = _graph(expression)
     for graph in (k for k in (whole, *whole.find_functions()) if k.is_a("MXFunction")):
         for k in range(graph.n_instructions()):
@@ -104,11 +105,11 @@ def refuse_indices(label: str, expression: ca.MX) -> None:
             entry = graph.instruction_MX(k)
             places = ca.vertcat(*(ca.vec(entry.dep(j)) for j in range(1, entry.n_dep())))
             symbols = ca.symvar(places)
-            # a table that is written out looks its interval up and is continuous
+            # CasADi's linear interpolation also indexes by value (OP_LOW) but is continuous.
             if symbols and not _has(places, (ca.OP_LOW,)):
                 raise InputError(
                     f"{label} takes an entry of {shown(str(entry.dep(0)))} by the value of "
-                    f"{', '.join(s.name() for s in symbols)}, which has no slope: {TABLES}"
+                    f"{', '.join(s.name() for s in symbols)}, which has no derivative: {TABLES}"
                 )
 
 
@@ -139,7 +140,7 @@ def _limits_of(
             yield from _limits_of(name, relation.dep(k), scale, unit)
         return
     equal = relation.op() == ca.OP_EQ
-    if not equal and relation.op() not in ORDERS:  # < is <=: the solvers know closed ranges only
+    if not equal and relation.op() not in ORDERS:  # < is treated as <=: feasible sets are closed
         raise InputError(
             f"constraint {name!r} cannot be {relation}: a constraint is made of <=, >= and =="
         )
@@ -171,7 +172,7 @@ def _limits_of(
 
 
 def _chain(relation: ca.MX) -> list[ca.MX]:
-    """Return the sides of ``a <= b <= c`` in order, however it is nested."""
+    """Return the sides of ``a <= b <= c`` in order, for either bracketing."""
     if relation.op() not in ORDERS:
         return [relation]
     return [*_chain(relation.dep(0)), *_chain(relation.dep(1))]

@@ -1,9 +1,9 @@
 """Certificate of a solution: cost, dynamics, limits and optimality, evaluated independently.
 
-Comes in: the declared problem and a solution. Goes out: an :class:`OCPCertificate`. Begin with
+Input: the declared problem and a solution. Output: an :class:`OCPCertificate`. Begin with
 :func:`judge` in ``_judgement.py``; ``_recomputation.py`` evaluates the declared expressions
-again, ``_reintegration.py`` integrates the dynamics again, ``_limits.py`` looks between the mesh
-points, ``_conditions.py`` forms the conditions of Karush, Kuhn and Tucker anew.
+again, ``_reintegration.py`` integrates the dynamics again, ``_limits.py`` checks limits between
+the mesh points, ``_conditions.py`` evaluates the Karush-Kuhn-Tucker conditions.
 """
 
 import lazy_loader

@@ -1,4 +1,4 @@
-"""What a certificate says, as data."""
+"""Result types of a certificate: plain data without computation."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from microbot_ocp.ocp.solution import Gap
 
 @dataclass(frozen=True)
 class Thresholds:
-    """What still passes.
+    """Largest residuals with which a solution still passes.
 
     Attributes
     ----------
-    cost : of the cost given, relative to the sum of the sizes of its parts
-    gap : to the local optimum, likewise; half of a negative curvature, too
-    state_error : defects of the re-simulation, summed up, relative to the state's largest
-        magnitude; of the cost
-        integrated again
-    excess : of a limit between mesh points, relative to the limit
+    cost : error of the cost as given, relative to the sum of the magnitudes of its terms
+    gap : cost above the local optimum, relative to the size of the cost; half of the negative
+        curvature allowed
+    state_error : sum of the defects of the re-simulation, relative to the largest magnitude of the
+        state; also the error of the re-integrated cost, relative to its size
+    excess : excess over a limit between mesh points, relative to the limit
     feasibility : violation of a row or bound of the scaled program
-    stationarity, complementarity, sign : of the scaled program, divided by
+    stationarity, complementarity, sign : residuals of the scaled program, divided by
         ``max(100, mean of |multipliers|) / 100`` (Waechter and Biegler, 2006, equation 6)
     """
 
@@ -46,11 +46,11 @@ class CostCheck:
 
     Attributes
     ----------
-    given : what the solution says
-    recomputed : by the quadrature of the scheme
-    integrated : running costs integrated over every interval with the dynamics, from its own mesh
-        state; not a number where the integrator stopped
-    size : sum of the sizes of what the cost is added up from
+    given : cost stored in the solution
+    recomputed : cost by the quadrature of the scheme
+    integrated : cost with the running costs integrated along the dynamics, each interval from its
+        own mesh state; NaN if the integrator failed
+    size : sum of the magnitudes of the terms of the cost
     """
 
     given: float
@@ -60,12 +60,12 @@ class CostCheck:
 
     @property
     def error(self) -> float:
-        """Difference of what is given, relative."""
+        """Difference of the given to the recomputed cost, relative to its size."""
         return abs(self.given - self.recomputed) / self.size
 
     @property
     def integration_error(self) -> float:
-        """Difference of the quadrature to the integral, relative; 0 where there is none."""
+        """Relative difference of quadrature and integral; 0 if there is no integral."""
         error = abs(self.recomputed - self.integrated) / self.size
         return error if error == error else 0.0
 
@@ -74,24 +74,27 @@ class CostCheck:
 class ResimulationCheck:
     """A phase integrated again with the solution's own control, each interval from its own state.
 
-    What an interval misses is its defect. Integrated over the whole phase, an unstable system would
-    make much of small defects, so that is told and not judged.
+    The defect of an interval is the integrated state at its end minus the next mesh state. An
+    unstable system amplifies small defects over a whole phase; the amplification is reported, not
+    judged.
 
     Attributes
     ----------
     phase : str
     status : Status
-        SOLVED, or FAILED where the integrator stopped.
+        SOLVED, or FAILED if the integrator failed.
     failure : str
-        Why it stopped.
-    error : what is judged: the defects, carried along by the dynamics but not amplified (their sum
-        or ``open_loop_error``, whichever is smaller), relative to the largest magnitude of the
-        state
-    local_error : the largest defect, relative to the same
-    open_loop_error : what one integration from the first state on would miss, to first order
-    amplification : how far an error may have grown at the end of the phase, to first order: largest
-        norm of the transition matrices to the end, of the states relative to their magnitudes
-    state, component, time, value, wanted, unit : where the largest defect is, and both values
+        Message of the integrator; empty if it succeeded.
+    error : judged error, relative to the largest magnitude of the state: the smaller of the sum of
+        the defects and ``open_loop_error``
+    local_error : largest defect, relative to the largest magnitude of the state
+    open_loop_error : first-order error of one integration from the first state, relative to the
+        largest magnitude of the state
+    amplification : largest norm of a transition matrix from a mesh point to the end of the phase,
+        states relative to their magnitudes: growth of an error, to first order
+    state, component : state with the largest defect
+    time : time of that mesh point, s
+    value, wanted, unit : integrated state and mesh state there
     """
 
     phase: str
@@ -115,12 +118,13 @@ class OCPLimitUse:
 
     Attributes
     ----------
-    phase, name, component : which
-    kind : "state", "control", "algebraic", "constraint", "end constraint", "duration"
-        or "table", of which it is the argument
-    time, value, limit, unit : where it is nearest to (or farthest beyond) its limit
-    excess : by how much the limit is exceeded, in the unit; 0 where it is kept
-    relative : the excess divided by half the range, or by the limit where there is only one
+    phase, name, component : identity of the limited quantity
+    kind : "state", "control", "algebraic", "constraint", "end constraint", "duration" or "table"
+        (the argument at which a table is read)
+    time : time at which the quantity is nearest to its limit, or farthest beyond it, s
+    value, limit, unit : value and limit at that time
+    excess : amount beyond the limit, in ``unit``; 0 if the limit is kept
+    relative : excess divided by half the range, or by the limit if there is only one
     """
 
     phase: str
@@ -137,14 +141,14 @@ class OCPLimitUse:
 
 @dataclass(frozen=True)
 class Residual:
-    """One residual: its size in the scaled program, and in the unit of what it belongs to.
+    """Largest residual of one optimality condition.
 
     Attributes
     ----------
-    scaled : float
-    value : in ``unit``
+    scaled : residual in the scaled program
+    value : residual in ``unit``
     unit : str
-    where : the variable or row in words
+    where : name of the variable or row
     """
 
     scaled: float
@@ -155,17 +159,17 @@ class Residual:
 
 @dataclass(frozen=True)
 class Optimality:
-    """Conditions of Karush, Kuhn and Tucker at the solution.
+    """Karush-Kuhn-Tucker conditions at the solution.
 
     Attributes
     ----------
     stationarity : ``grad f + J' lam_g + lam_x``, which is zero at an optimum
     feasibility : violation of a row or bound
-    complementarity : multiplier times distance to its bound
-    sign : multiplier that pushes towards a bound that is not there
-    computed_bounds : whether the multipliers of the bounds are those of the solver (False), or were
-        computed from the stationarity (True), which then says nothing of bounded variables
-    gap : how much the cost may be above that of the local optimum beside it, in its unit
+    complementarity : product of multiplier and distance to the bound
+    sign : multiplier of a bound that does not exist
+    computed_bounds : False if the solver returned the multipliers of the bounds, True if they were
+        computed from the stationarity, which proves nothing for bounded variables in this case
+    gap : estimate of the cost above the nearby local optimum, in the unit of the cost
     """
 
     stationarity: Residual
@@ -182,10 +186,10 @@ class Curvature:
 
     Attributes
     ----------
-    least : least curvature of the Lagrangian along what keeps the limits that act, where it is
-        negative: twice what the cost changes by, relative to it, where variables change by their
-        scales in the mean; 0 at a minimum
-    direction : the change of the scaled variables that it belongs to; None at a minimum
+    least : least curvature of the Lagrangian along directions that keep the active limits, if
+        negative: twice the relative change of the cost where variables change by their scales in
+        the root mean square; 0 at a minimum
+    direction : direction of least curvature in the scaled variables; None at a minimum
     """
 
     least: float
@@ -193,7 +197,7 @@ class Curvature:
 
     @property
     def minimum(self) -> bool:
-        """Whether the point is a minimum of second order."""
+        """True if the point is a minimum of second order."""
         return self.direction is None
 
 
@@ -205,10 +209,11 @@ class Costates:
     ----------
     phase : str
     t : times of the mesh points [N+1], s
-    values : by the name of the state [N+1, size], just before the mesh point (after it at the
-        first): where a bound of the state acts at a mesh point, the costate jumps there
-    after : by the name of the state [N, size], just after the mesh points
-    point_t, point_values : times [M] and values [M, size] at the collocation points
+    values : costates by state name [N+1, size], just before the mesh points (just after the
+        first): the costate jumps at a mesh point where a bound of the state is active
+    after : costates by state name [N, size], just after the mesh points
+    point_t : times of the collocation points [M], s
+    point_values : costates by state name [M, size] at the collocation points
     """
 
     phase: str
@@ -229,16 +234,16 @@ class Hamiltonian:
     Attributes
     ----------
     phase : str
-    t : middles of the intervals [N], s
-    values : averages over the intervals [N], as the derivative of the discrete Lagrangian with
-        respect to the length of the interval. Where a control switches inside an interval the
-        averages differ on its two sides, by a share of its length
-    mean : over the phase
-    drift : largest difference to the mean
-    autonomous : whether the phase's expressions are free of the time, so that H should be constant
-    expected : what its mean should be, by the transversality of the duration; None where the
-        duration is fixed or at a bound, or appears in other expressions than end costs
-    duration_price : derivative of the optimal cost with respect to the duration, 0 where it is free
+    t : midpoints of the intervals [N], s
+    values : averages over the intervals [N]: derivative of the discrete Lagrangian with respect to
+        the length of the interval. If a control switches inside an interval, the averages on its
+        two sides differ in proportion to the length of the interval
+    mean : average over the phase
+    drift : largest deviation from the mean
+    autonomous : True if the expressions of the phase do not depend on time, so that H is constant
+    expected : mean required by the transversality condition of the duration; None if the duration
+        is fixed, is at a bound, or appears in expressions other than end costs
+    duration_price : derivative of the optimal cost with respect to the duration; 0 if it is free
     """
 
     phase: str
@@ -253,15 +258,15 @@ class Hamiltonian:
 
 @dataclass(frozen=True)
 class Arc:
-    """A stretch of time during which a limit acts.
+    """An interval of time during which a limit is active.
 
     Attributes
     ----------
-    phase, kind, name, component : which limit
+    phase, kind, name, component : identity of the limited quantity
     side : "lower" or "upper"
-    start, end : s since the start of the phase
-    price : what it would bring to relax the limit by one unit during the arc (cost per unit)
-    unit : str
+    start, end : times since the start of the phase, s
+    price : decrease of the cost if the limit is relaxed by one unit during the arc
+    unit : unit of the limited quantity
     """
 
     phase: str
@@ -277,22 +282,22 @@ class Arc:
 
 @dataclass(frozen=True, eq=False)
 class OCPCertificate:
-    """What was checked of a solution, and the verdict.
+    """Verdict on a solution, and the results of every check.
 
     Attributes
     ----------
     problem : name of the problem
-    ok : whether every check passed
-    verdict : the result in words
-    cost : the cost evaluated again
-    resimulations : one check a phase
-    limits : one entry for every component of every bound and path constraint
+    ok : True if every check passed
+    verdict : verdict in words
+    cost : recomputed cost
+    resimulations : one check per phase
+    limits : one entry per component of every bound and path constraint
     optimality : Optimality
-    curvature : of the second order; None where other checks failed
-    costates, hamiltonians : one entry a phase
-    arcs : which limit acts when
-    thresholds : what still passes
-    wall_time : what the certificate took, s
+    curvature : second-order condition; None if other checks failed
+    costates, hamiltonians : one entry per phase
+    arcs : intervals during which a limit is active
+    thresholds : largest residuals that pass
+    wall_time : wall time of the verification, s
     """
 
     problem: str
@@ -316,7 +321,7 @@ class OCPCertificate:
         return view_for(self, "table")(self)._repr_html_()
 
     def costate(self, phase: str) -> Costates:
-        """Return costates of a phase by its name."""
+        """Return the costates of a phase by its name."""
         return next(c for c in self.costates if c.phase == phase)
 
     def hamiltonian(self, phase: str) -> Hamiltonian:
@@ -325,10 +330,10 @@ class OCPCertificate:
 
     @property
     def worst_limit(self) -> OCPLimitUse | None:
-        """The limit that is exceeded most, relative; None where all are kept."""
+        """The limit with the largest relative excess; None if all limits are kept."""
         worst = max(self.limits, key=lambda use: use.relative, default=None)
         return worst if worst is not None and worst.excess > 0 else None
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON; what is not finite becomes None."""
+        """Return plain values for JSON; infinite values and NaN become None."""
         return plain(self)

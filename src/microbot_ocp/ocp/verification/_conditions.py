@@ -1,14 +1,15 @@
-"""Conditions of Karush, Kuhn and Tucker, of the first and second order.
+"""Karush-Kuhn-Tucker conditions of first and second order.
 
 The Lagrangian of the scaled program is ``f + lam_g' g + lam_x' x``: multipliers are positive at
-upper bounds and negative at lower ones. Its derivatives are those of the plain kernels.
+upper bounds and negative at lower ones. Its derivatives are those of the undifferentiated kernels,
+not of the program that was solved.
 
-At a minimum it curves upwards along every direction that keeps what acts: the matrix of the KKT
-conditions, with multiplier over distance for every inequality, has one negative eigenvalue a row
-and no more. Its rows are eliminated here, each weighing so much that the matrix that is left has
-none (Nocedal and Wright, *Numerical Optimization*, 2nd ed., theorems 16.3 and 17.5); factors L D L'
-tell. A guess that is symmetric leads to a point that is stationary only: a saddle, from which the
-cost falls to either side.
+Second order: at a minimum the KKT matrix, with multiplier over distance on the diagonal of every
+inequality, has exactly one negative eigenvalue per row. Eliminating the rows leaves the condensed
+matrix ``H + S_x + J' S_g J``, which must be positive definite (Nocedal and Wright, *Numerical
+Optimization*, 2nd ed., theorems 16.3 and 17.5); the inertia of its factors L D L' decides. A
+symmetric initial guess can converge to a stationary point that is a saddle, from which the cost
+decreases on both sides.
 
 Theory: docs/theory/certificates.md, equation (4).
 """
@@ -31,16 +32,17 @@ from microbot_ocp.ocp.verification._certificate import Curvature, Optimality, Re
 
 @dataclass(frozen=True, eq=False)
 class Derivatives:
-    """Derivatives of the discrete Lagrangian of one phase, stage by stage, scaled.
+    """Scaled derivatives of the discrete Lagrangian of one phase.
 
     Attributes
     ----------
     layout : PhaseLayout
-    by_stage : of the variables of the stages in turn, without the row that a stage arrives at
-    by_start, by_length : with respect to start and length of the interval, as fractions [N]
-    by_point : [N+1, node size], of costs and constraints at mesh points
-    end_cost : of the end costs alone [node size]
-    step : multipliers of the steps [N, node size]
+    by_stage : with respect to the stage variables, stage by stage, without the step multipliers
+    by_start, by_length : with respect to start and length of an interval, as fractions of the
+        phase [N]
+    by_point : costs and constraints at mesh points, with respect to the node [N+1, node size]
+    end_cost : end costs, with respect to the last node [node size]
+    step : multipliers of the step rows [N, node size]
     """
 
     layout: PhaseLayout
@@ -53,7 +55,7 @@ class Derivatives:
 
 
 def differentiate(phase: PhaseSolution, lam_g: FloatArray) -> Derivatives:
-    """Return derivatives of the discrete Lagrangian of a phase with the multipliers of all rows."""
+    """Return derivatives of the discrete Lagrangian of a phase for given row multipliers."""
     layout = phase.laid_out
     assert phase.stages is not None
     intervals, of_stages = np.arange(layout.intervals), lam_g[layout.stage_rows]
@@ -69,7 +71,7 @@ def differentiate(phase: PhaseSolution, lam_g: FloatArray) -> Derivatives:
         run = _gradient(group.kernel.value).map(group.nodes.size)
         constants, lam = layout.point_constants(group), lam_g[group.block.places].T
         by_point[group.nodes] += run(z[group.nodes].T, constants, lam)[0].full().T
-        end_cost = run(z[group.nodes].T, constants, 0 * lam)[0].full()[:, -1]  # the end comes last
+        end_cost = run(z[group.nodes].T, constants, 0 * lam)[0].full()[:, -1]  # the last is the end
     return Derivatives(
         layout=layout,
         by_stage=slope.full().T.ravel(),
@@ -82,7 +84,7 @@ def differentiate(phase: PhaseSolution, lam_g: FloatArray) -> Derivatives:
 
 
 def _gradient(function: ca.Function) -> ca.Function:
-    """Return slopes of the Lagrangian of a stage, or of points, with respect to its inputs."""
+    """Return the gradient of a kernel's Lagrangian with respect to its inputs v and c."""
     kind: Any = ca.SX if function.is_a("SXFunction") else ca.MX
     v, c = (kind.sym(name, function.size1_in(k)) for k, name in enumerate("vc"))
     *parts, cost = function(v, c)
@@ -114,12 +116,12 @@ class Point(NamedTuple):
 
     Attributes
     ----------
-    labels : of the variables, then of the rows
+    labels : labels of the variables followed by those of the rows
     bounds : Bounds
     x, g : values of the variables and rows
     gradient : ``grad f + J' lam_g``
     lam_x, lam_g : multipliers of the bounds and rows
-    computed : whether those of the bounds had to be computed from the gradient
+    computed : True if the bound multipliers were computed from the gradient
     """
 
     labels: Sequence[Label]
@@ -133,14 +135,14 @@ class Point(NamedTuple):
 
     @property
     def multipliers(self) -> FloatArray:
-        """Those of the variables, then of the rows."""
+        """Multipliers of the variables followed by those of the rows."""
         return np.concatenate([self.lam_x, self.lam_g])
 
 
 def bound_multipliers(
     bounds: Bounds, solution: Solution, gradient: FloatArray
 ) -> tuple[FloatArray, bool]:
-    """Return multipliers of the bounds, and whether they had to be computed from the gradient."""
+    """Return bound multipliers, and True if they were computed from the gradient."""
     given = solution.variable_multipliers
     if given is not None and np.size(given) == gradient.size:
         return np.asarray(given, dtype=float), False
@@ -149,7 +151,7 @@ def bound_multipliers(
 
 
 def optimality_of(point: Point, cost_scale: float) -> Optimality:
-    """Return the largest residual of every condition, in the scaled program and in its own unit."""
+    """Return the largest residual of every condition, scaled and in the unit of its quantity."""
     labels, bounds, x, g, gradient, lam_x, _, computed = point
     scale = np.array([label.scale for label in labels])
     value, lam = np.concatenate([x, g]), point.multipliers
@@ -161,7 +163,7 @@ def optimality_of(point: Point, cost_scale: float) -> Optimality:
         distance = np.where(lam > 0, high - value, value - low)
         acts = np.isfinite(distance) & (low < high)
         slack = np.where(acts, np.abs(lam) * np.maximum(distance, 0.0), 0.0)
-    # a multiplier may push towards a bound that exists only
+    # Dual feasibility: the multiplier of an infinite bound must be zero.
     wrong = np.where(np.where(lam > 0, np.isinf(high), np.isinf(low)), np.abs(lam), 0.0)
 
     def worst(sizes: FloatArray, factor: FloatArray, unit: str, divisor: float) -> Residual:
@@ -181,18 +183,18 @@ def optimality_of(point: Point, cost_scale: float) -> Optimality:
     )
 
 
-DIGITS = float(np.sqrt(np.finfo(float).eps))  # half of them: what stands for zero in the matrix
+DIGITS = float(np.sqrt(np.finfo(float).eps))  # relative size of a numerical zero in the matrix
 
 
 def curvature_of(solution: Solution, point: Point, gap: float, size: float) -> Curvature:
-    """Return the least curvature at a point, where it is negative by more than thresholds let pass.
+    """Return the least curvature at a point if it is more negative than the threshold.
 
-    ``gap`` is what a move by the scales of the variables may save, relative to the cost, ``size``
-    the sum of the sizes of the parts of the cost.
+    ``gap`` is the allowed decrease, relative to the cost, of a move by the scales of the
+    variables; ``size`` is the sum of the magnitudes of the terms of the cost.
     """
     unit = cost_size(size, solution.cost_scale) / solution.cost_scale
     least = 2 * gap * unit
-    matrix = _Matrix(solution, point, least)
+    matrix = _CondensedMatrix(solution, point, least)
     if matrix.positive(least):
         return Curvature(0.0, None)
     high = least
@@ -206,8 +208,8 @@ def curvature_of(solution: Solution, point: Point, gap: float, size: float) -> C
     return Curvature(value / unit, direction)
 
 
-class _Matrix:
-    """Second derivatives of the Lagrangian, of a scaled cost, with the weights of its rows."""
+class _CondensedMatrix:
+    """Hessian of the Lagrangian plus ``S_x + J' S_g J``, for a scaled cost."""
 
     def __init__(self, solution: Solution, point: Point, least: float) -> None:
         layouts = [phase.laid_out for phase in solution.phases]
@@ -220,32 +222,31 @@ class _Matrix:
         hessian = program.functions["hessian"](x, p, 1 / scale, lam_g)[1][free, free]
         rows = program.functions["jacobian"](x, p)[1][:, free]
         most = max(1.0, float(ca.norm_inf(hessian.nz[:]))) / DIGITS
-        bends = _stiffness(lam_x, x, bounds.variable_lower, bounds.variable_upper, most)
-        keeps = _stiffness(lam_g, point.g, bounds.row_lower, bounds.row_upper, most)
-        self.parts = hessian, bends[self.free], rows, keeps
-        self.matrix = hessian + ca.diag(ca.DM(bends[self.free]))
-        self.matrix += rows.T @ ca.diag(ca.DM(keeps)) @ rows
-        # of the shortest intervals rounding tells more than the derivatives
+        bound_weights = _stiffness(lam_x, x, bounds.variable_lower, bounds.variable_upper, most)
+        row_weights = _stiffness(lam_g, point.g, bounds.row_lower, bounds.row_upper, most)
+        self.parts = hessian, bound_weights[self.free], rows, row_weights
+        self.matrix = hessian + ca.diag(ca.DM(bound_weights[self.free]))
+        self.matrix += rows.T @ ca.diag(ca.DM(row_weights)) @ rows
+        # On very short intervals rounding exceeds the derivatives: bound the mass from below.
         self.mass = np.maximum(_mass(layouts, x.size)[self.free], DIGITS**2 * most / least)
         self.size = x.size
         self.solver = ca.Linsol("curvature", "ldl", self.matrix.sparsity())
         self.solver.sfact(self.matrix)
 
     def positive(self, shift: float) -> bool:
-        """Give whether no direction curves downwards by more, per mean square of what it moves."""
+        """Return True if ``matrix + shift * mass`` is positive definite."""
         moved = self.matrix + ca.diag(ca.DM(shift * self.mass))
         self.solver.nfact(moved)
         return self.solver.neig(moved) == 0
 
     def least(self, shift: float) -> tuple[float, FloatArray]:
-        """Return the least curvature, between ``-shift`` and half of it, and its direction.
+        """Return the least curvature, between ``-shift`` and ``-shift / 2``, and its direction.
 
-        Powers of the inverse come down to it; what they change in the digits that count for zero is
-        none of it.
+        Inverse iteration, stopped when the value changes by less than its numerical accuracy.
         """
         moved = self.matrix + ca.diag(ca.DM(shift * self.mass))
         self.solver.nfact(moved)
-        d = np.cos(np.arange(self.free.size) ** 1.5)  # uneven, and always the same
+        d = np.cos(np.arange(self.free.size) ** 1.5)  # deterministic, no symmetry
         values: list[float] = []
         while len(values) < 2 or values[-2] - values[-1] > DIGITS * abs(values[-1]):
             d = np.array(self.solver.solve(moved, ca.DM(self.mass * d))).ravel()
@@ -256,17 +257,17 @@ class _Matrix:
         return values[-1], whole
 
     def _along(self, d: FloatArray) -> float:
-        """Return the curvature along a direction, without the rounding of the sum of all parts."""
-        hessian, bends, rows, keeps = self.parts
+        """Return ``d' matrix d``, added up term by term: the assembled matrix loses digits."""
+        hessian, bound_weights, rows, row_weights = self.parts
         moved = np.array(ca.mtimes(rows, ca.DM(d))).ravel()
         curvature = float(ca.mtimes([ca.DM(d).T, hessian, ca.DM(d)]))
-        return curvature + float(np.sum(bends * d**2) + np.sum(keeps * moved**2))
+        return curvature + float(np.sum(bound_weights * d**2) + np.sum(row_weights * moved**2))
 
 
 def _stiffness(
     lam: FloatArray, value: FloatArray, low: FloatArray, high: FloatArray, most: float
 ) -> FloatArray:
-    """Give multiplier over distance: nothing of a limit that does not act, most of an equation."""
+    """Return multiplier over distance: 0 for an inactive limit, ``most`` for an equation."""
     with np.errstate(invalid="ignore", divide="ignore"):
         distance = np.maximum(np.where(lam > 0, high - value, value - low), 0.0)
         stiffness = np.where(lam == 0, 0.0, np.abs(lam) / distance)
@@ -274,7 +275,7 @@ def _stiffness(
 
 
 def _mass(layouts: Sequence[PhaseLayout], size: int) -> FloatArray:
-    """Return what share of its phase every variable stands for."""
+    """Return the fraction of its phase that every variable represents."""
     mass = np.zeros(size)
     for layout in layouts:
         steps = np.diff(layout.mesh)

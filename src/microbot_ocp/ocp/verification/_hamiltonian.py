@@ -1,29 +1,21 @@
-"""Costates and the Hamiltonian along a phase, and whether other controls make it smaller.
+"""Costates, the Hamiltonian along a phase, and a test of Pontryagin's minimum condition.
 
-Costates at the mesh points and at the points of collocation, from the multipliers.
+Costates: a row of the dynamics is ``z_k+1 - next(z_k, w_k) = 0``, so the costate at mesh point
+k + 1 is ``-lam / scale``: the derivative of the optimal cost with respect to the state there, in
+cost per unit of the state. At a collocation point it is ``-mu_j / (scale w_j)`` with the multiplier
+mu_j of the defect and the quadrature weight w_j (Garg et al., *Automatica* 46, 2010, "A unified
+framework for the numerical solution of optimal control problems using pseudospectral methods";
+Betts, *Practical Methods for Optimal Control*, 2nd ed., section 4.11).
 
-A row of the dynamics is ``z_k+1 - next(z_k, w_k) = 0``, so the costate at the mesh point k + 1 is
-``-lam / scale``: the derivative of the optimal cost with respect to the state there, in cost per
-unit of the state.
-
-At the points of collocation the costate is ``-mu_j / (scale w_j)`` with the multiplier of the
-defect mu_j and the quadrature weight w_j (Garg et al., *Automatica* 46, 2010, "A unified framework
-for the numerical solution of optimal control problems using pseudospectral methods"; Betts,
-*Practical Methods for Optimal Control*, 2nd ed., section 4.11).
-
-The Hamiltonian along a phase.
-
-It is ``H = L + costate' f``, which the optimal control makes smallest (Bryson and Ho, *Applied
+Hamiltonian: ``H = L + costate' f``, which the optimal control minimises (Bryson and Ho, *Applied
 Optimal Control*, sections 2.3 and 3.2). It is constant along a phase whose expressions do not
-contain the time, and -1 where the cost is the duration and the duration is free.
+depend on time, and -1 if the cost is the duration and the duration is free.
 
-Whether another control at the same state has a smaller Hamiltonian: Pontryagin's condition.
-
-A solver of programs looks at the neighbourhood of its point only. Where the Hamiltonian has two
-valleys in a control, a solution may stand in the higher one on some intervals, with all conditions
-of the first order met, and better ones are found by none of its steps. To first order, another
-control on a short interval changes the cost by the difference of the Hamiltonians (Bryson and Ho,
-*Applied Optimal Control*, section 2.3).
+Minimum condition: a program solver searches the neighbourhood of its iterate only. If the
+Hamiltonian has two local minima in a control, a solution may use the higher one on some intervals
+and still satisfy all first-order conditions. To first order, another control on a short interval
+changes the cost by the difference of the Hamiltonians times its length (Bryson and Ho, section
+2.3).
 
 Theory: docs/theory/certificates.md, equation (5) and "Hamiltonian".
 """
@@ -78,11 +70,11 @@ INSIDE = 1e-6  # relative distance of a duration from its bounds that makes it f
 
 
 def hamiltonian_of(phase: PhaseSolution, part: Derivatives, lam_x: FloatArray) -> Hamiltonian:
-    """Return the Hamiltonian of a phase, and what it should be."""
+    """Return the Hamiltonian of a phase and the mean that transversality requires."""
     layout = part.layout
     steps = np.diff(layout.mesh)
-    # With a longer interval the later points of it come later as well: half of the effect that a
-    # later start has is not the Hamiltonian's.
+    # The derivative with respect to the length of an interval at a fixed start also moves its
+    # points in time, on average by half as much as a later start does: dL/dh = H + h/2 dL/dt.
     values = (part.by_length - part.by_start * steps / 2) / phase.duration
     mean = float(values @ steps)
     declared = layout.phase
@@ -109,12 +101,12 @@ def hamiltonian_of(phase: PhaseSolution, part: Derivatives, lam_x: FloatArray) -
 
 @dataclass(frozen=True)
 class MinimumSettings:
-    """Which controls a Hamiltonian is compared at.
+    """Controls that are compared in the test of the minimum condition.
 
     Attributes
     ----------
-    tried : values of a control from bound to bound, and as many that it takes elsewhere
-    keeps : relative excess of a constraint above which a control is none to compare with
+    tried : number of values between the bounds of a control, and number of quantiles of its values
+    keeps : relative excess of a constraint above which a control is rejected
     """
 
     tried: int = 9
@@ -125,11 +117,10 @@ SETTINGS = MinimumSettings()
 
 
 def better_controls(solution: Solution) -> tuple[float, dict[str, dict[str, FloatArray]]]:
-    """Return what the cost would fall by, to first order, and the controls [N, points, size] by
-    phase.
+    """Return the first-order decrease of the cost by other controls, and their values by phase.
 
-    Bounded polynomial controls are looked at one by one, at the points of collocation of phases
-    that have no algebraic variables.
+    Controls are arrays [N, points, size]. Bounded polynomial controls are tested one at a time at
+    the collocation points of phases without algebraic variables.
     """
     gain, controls = 0.0, {}
     for phase in solution.phases:
@@ -154,7 +145,7 @@ def _of_phase(phase: PhaseSolution, multipliers: FloatArray) -> tuple[float, dic
     share = np.tile(scheme.points, layout.intervals)
     at = Recomputation(phase)
     sampled = at.interpolated(intervals, share)
-    for control in looked_at:  # as they stand, not as they are limited in between
+    for control in looked_at:  # the values of the program, not limited between the points
         sampled[control.name] = phase.values[control.name].reshape(-1, control.size)
     steps = np.diff(phase.mesh)[intervals]
     t = (phase.mesh[intervals] + share * steps) * phase.duration

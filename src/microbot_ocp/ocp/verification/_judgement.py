@@ -1,10 +1,11 @@
-"""What a solution has to pass to be solved: one judgement, of a certificate and of a solve alike.
+"""Judgement of a solution: one set of checks for the certificate and for the solve.
 
-The declared expressions are evaluated again, the dynamics integrated again interval by interval,
-limits looked at between the mesh points, and the conditions of the first and second order judged at
-the point itself. A solve goes on until nothing is missing here, or its status says what is.
+The declared expressions are evaluated again, the dynamics are integrated again interval by
+interval, limits are checked between the mesh points, and the optimality conditions of first and
+second order are evaluated at the solution. A solve refines until every check passes, or its status
+names the check that fails.
 
-:func:`verify` adds what else there is to be said: a certificate.
+:func:`verify` adds costates, Hamiltonians, arcs and a verdict: the certificate.
 """
 
 from __future__ import annotations
@@ -68,20 +69,20 @@ from microbot_ocp.ocp.verification._recomputation import (
 )
 from microbot_ocp.ocp.verification._reintegration import each_interval, interval_errors, resimulate
 
-# by the same checks, which are made again
+# Statuses that the same checks assign: they are decided anew here.
 JUDGED = (Status.TOO_COARSE, Status.SADDLE, Status.OUTSIDE_TABLE)
 RESIDUALS = {
     "feasibility": "not feasible: {} is violated by {}",
-    "stationarity": "not stationary: {} has a slope of {} left",
+    "stationarity": "not stationary: the gradient of the Lagrangian by {} is {}",
     "complementarity": "not complementary: {} has a multiplier away from its limit, worth {}",
     "sign": "multiplier of the wrong sign: {} with {}",
 }
-STALE = 1e-9  # relative difference between the values and the stages of a solution
+STALE = 1e-9  # relative difference of values and stages above which a solution is inconsistent
 
 
 @dataclass(frozen=True)
 class Failure:
-    """A check that did not pass: the status it stands for, and what is wrong."""
+    """A failed check: its status, and a sentence."""
 
     status: Status
     sentence: str
@@ -93,14 +94,15 @@ class Judgement:
 
     Attributes
     ----------
-    failures : what did not pass, and the status that it stands for; none of a solution
-    cost, resimulations, limits, optimality : as of a certificate
-    curvature : second-order condition; None where other checks failed already
-    errors : of every interval of a phase [N], by what it misses the next mesh state or the integral
-        of the cost, as a share of what passes if all intervals miss as much
-    excess : likewise by what it exceeds limits between its points, as a share of what passes
-    passes : the thresholds
-    phases, point, derivatives, dense : what they were made of
+    failures : failed checks; empty if the solution passes
+    cost, resimulations, limits, optimality : entries of the certificate
+    curvature : second-order condition; None if other checks failed
+    errors : error of every interval of a phase [N]: larger of the missed mesh state and the missed
+        cost, as a fraction of an equal share of the threshold
+    excess : largest excess over a limit in every interval of a phase [N], as a fraction of the
+        threshold
+    passes : Thresholds
+    phases, point, derivatives, dense : intermediate results that the checks are computed from
     """
 
     failures: tuple[Failure, ...]
@@ -119,12 +121,12 @@ class Judgement:
 
     @property
     def state_errors(self) -> list[FloatArray]:
-        """Relative errors of every interval of a phase [N]."""
+        """Relative errors of every interval of each phase [N]."""
         return [errors * (self.passes.state_error / errors.size) for errors in self.errors]
 
     @property
     def status(self) -> Status:
-        """SOLVED where all passed, else what the first failure stands for."""
+        """SOLVED if all checks passed, otherwise the status of the first failure."""
         return self.failures[0].status if self.failures else Status.SOLVED
 
 
@@ -133,7 +135,7 @@ def judge(
     solution: Solution,
     thresholds: Thresholds | None = None,
 ) -> Judgement:
-    """Check a solution against everything that is asked of one.
+    """Check a solution, and return the results of all checks.
 
     Raises
     ------
@@ -190,22 +192,22 @@ def judge(
     curvature = curvature_of(solution, point, passes.gap, cost.size)
     if not curvature.minimum:
         sentence = (
-            "a saddle, not a minimum: where variables move by their scales along one direction "
-            f"the cost curves downwards by {-curvature.least:.2g} of itself"
+            "a saddle, not a minimum: along one direction, in units of the scales of variables, "
+            f"the curvature of the Lagrangian is {curvature.least:.2g} of the cost"
         )
         failures = [Failure(Status.SADDLE, sentence)]
     return replace(checked, failures=tuple(failures), curvature=curvature)
 
 
-# the problem that was declared, not the program that was solved -----------------------------------
+# phases with the declared expressions -------------------------------------------------------------
 
 
 def as_declared(problem: OptimalControlProblem, solution: Solution) -> tuple[PhaseSolution, ...]:
     """Return the phases of a solution with the declared expressions and the data of the solve.
 
-    Limits, conditions, parameters and scales may be others than those declared, see
-    :class:`~microbot_ocp.ocp.ParametricSolver`. Kernels are built anew, without derivatives; of
-    the program that was solved only the places of its rows and variables stay.
+    Limits, conditions, parameters and scales are those of the solve, which may differ from the
+    declared ones, see :class:`~microbot_ocp.ocp.ParametricSolver`. Kernels are built anew, without
+    derivatives; only the places of rows and variables are taken from the solved program.
 
     Raises
     ------
@@ -233,10 +235,10 @@ def as_declared(problem: OptimalControlProblem, solution: Solution) -> tuple[Pha
 
 
 def _laid_out(phase: Phase, given: PhaseLayout) -> PhaseLayout:
-    """Return a layout with the places of another, and kernels of its own."""
+    """Return a layout with the places of another layout and kernels of its own."""
 
     def derive(functions: Sequence[ca.Function], _: object) -> Sequence[ca.Function]:
-        # differentiated here, not by the builder
+        # The checks differentiate the functions themselves: leave out the builder's derivatives.
         return [function for function in functions for _ in range(3)]
 
     kind = stage_kind(phase, given.kind.scheme, float(given.node_scale[-1]), derive)
@@ -246,7 +248,7 @@ def _laid_out(phase: Phase, given: PhaseLayout) -> PhaseLayout:
 
 
 def scaled_variables(phases: Sequence[PhaseSolution]) -> FloatArray:
-    """Return variables of the program, from the stages and the last mesh values of every phase."""
+    """Return the variables of the program from the stages and last mesh values of all phases."""
     layouts = [phase.laid_out for phase in phases]
     x = np.zeros(sum(layout.variable_count for layout in layouts))
     for layout, phase in zip(layouts, phases, strict=True):
@@ -258,13 +260,13 @@ def scaled_variables(phases: Sequence[PhaseSolution]) -> FloatArray:
     return x
 
 
-# what did not pass --------------------------------------------------------------------------------
+# failed checks ------------------------------------------------------------------------------------
 
 
 def _problems_of(solution: Solution, stages: Sequence[PhaseSolution]) -> list[Failure]:
-    """Return what is wrong with a solution before anything is evaluated.
+    """Return failures that need no evaluation: no convergence, inconsistent values.
 
-    ``stages`` are the phases as the stages of the program have them.
+    ``stages`` are the phases as unpacked from the stages of the program.
     """
     failures = []
     if not solution.status.solved and solution.status not in JUDGED:
@@ -274,14 +276,14 @@ def _problems_of(solution: Solution, stages: Sequence[PhaseSolution]) -> list[Fa
             size = max(1e-9, float(np.abs(again.values[name]).max()))
             if not np.abs(values - again.values[name]).max() <= STALE * size:
                 sentence = (
-                    f"the values of {name} in phase {phase.name!r} are not those of its stages"
+                    f"the values of {name} in phase {phase.name!r} differ from those of its stages"
                 )
                 failures.append(Failure(Status.FAILED, sentence))
     return failures
 
 
 def _failures_of(checked: Judgement, cost_scale: float) -> Iterator[Failure]:
-    """Yield what did not pass; nothing where all did."""
+    """Yield the failed checks, most fundamental first."""
     cost, optimality, passes = checked.cost, checked.optimality, checked.passes
     tables = [use for use in checked.limits if use.kind == "table"]
     if tables and not (use := max(tables, key=lambda use: use.relative)).relative <= passes.excess:
@@ -294,8 +296,8 @@ def _failures_of(checked: Judgement, cost_scale: float) -> Iterator[Failure]:
         sentence = f"the cost is {cost.recomputed:.8g}, not the {cost.given:.8g} given"
         yield Failure(Status.FAILED, sentence)
     elif not cost.integration_error <= passes.state_error:
-        sentence = f"the cost is {cost.integrated:.8g} when it is integrated again, not "
-        yield Failure(Status.TOO_COARSE, f"{sentence}{cost.given:.8g}")
+        sentence = f"the integrated cost is {cost.integrated:.8g}, the given one"
+        yield Failure(Status.TOO_COARSE, f"{sentence} {cost.given:.8g}")
     for check in checked.resimulations:
         start = f"re-simulation of phase {check.phase!r}"
         if not check.status.solved:
@@ -304,8 +306,8 @@ def _failures_of(checked: Judgement, cost_scale: float) -> Iterator[Failure]:
             sentence = (
                 f"{start} has {_component(check.state, check.component)} = {check.value:.6g} "
                 f"{check.unit} instead of {check.wanted:.6g} at {check.time:.4g} s, after one "
-                f"interval: an error of {check.local_error:.2g} of its size; those of all "
-                f"intervals come to {check.error:.2g}"
+                f"interval: an error of {check.local_error:.2g} relative to its size; the "
+                f"errors of all intervals amount to {check.error:.2g}"
             )
             yield Failure(Status.TOO_COARSE, sentence)
     for use in checked.limits:
@@ -336,24 +338,24 @@ def verify(
     *,
     thresholds: Thresholds | None = None,
 ) -> OCPCertificate:
-    """Check a solution independently of what made it.
+    """Check a solution independently of the solver that made it.
 
-    The declared expressions are evaluated again, with limits, conditions and parameters as they
-    were solved with; neither the program nor the derivatives that the solver had are used, but for
-    the curvature. What passes here is what :func:`~microbot_ocp.ocp.solve` calls solved.
+    The declared expressions are evaluated again, with the limits, conditions and parameters of the
+    solve; the program and its derivatives are not used, except for the curvature. A solution that
+    passes is one that :func:`~microbot_ocp.ocp.solve` calls solved.
 
     Parameters
     ----------
     problem : OptimalControlProblem or Transcription
-        What was solved.
+        The problem that was solved.
     solution : Solution
     thresholds : Thresholds, optional
 
     Returns
     -------
     OCPCertificate
-        Conditions of the first and second order make no difference between a local optimum and the
-        best one.
+        The conditions of first and second order hold at every local optimum, not only at the best
+        one.
 
     Raises
     ------
@@ -411,7 +413,7 @@ def verify(
 def _summary(
     judged: Judgement, hamiltonians: Sequence[Hamiltonian], arcs: int, has_cost: bool
 ) -> list[str]:
-    """Return what is to be said of a solution that passed."""
+    """Return the sentences of the verdict on a solution that passed."""
     optimality = judged.optimality
     worst = max((use.relative for use in judged.limits), default=0.0)
     limits_kept = "is kept" if worst <= 1e-6 else f"is kept to within {100 * worst:.2g} %"
@@ -423,9 +425,9 @@ def _summary(
         "minimum",
         f"the cost is at most {optimality.gap.total:.1e} above that of the local optimum"
         if has_cost
-        else "no cost is declared, so any answer that keeps the constraints is as good",
-        f"re-simulation by intervals stays within {error:.2g} of the states' size (errors grow up "
-        f"to {growth})",
+        else "no cost is declared, so every solution within the constraints is optimal",
+        f"re-simulation by intervals misses the states by a relative error of {error:.2g} (over "
+        f"the phase, errors grow up to {growth})",
         f"every limit {limits_kept} between mesh points",
     ]
     for along in hamiltonians:

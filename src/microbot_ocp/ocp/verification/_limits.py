@@ -1,4 +1,4 @@
-"""Limits on a dense grid, between the mesh points too; which acts when, and what it is worth."""
+"""Limits on a grid denser than the mesh: largest excess, active arcs and their prices."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from microbot_ocp.ocp.transcription import DURATION, IntArray
 from microbot_ocp.ocp.verification._certificate import Arc, OCPLimitUse
 from microbot_ocp.ocp.verification._conditions import Point
 
-POINTS = 20  # dense points to an interval
-NOT_CONTROLS = ("state", "algebraic", "parameter")  # shapes of variables that are a kind
-ALONG = ("state", "algebraic", "constraint")  # what a mesh is refined for
+POINTS = 20  # dense points per interval
+NOT_CONTROLS = ("state", "algebraic", "parameter")  # variable shapes that are also a kind
+ALONG = ("state", "algebraic", "constraint")  # kinds of limits for which a mesh is refined
 
 
 @dataclass(frozen=True, eq=False)
 class Limited:
-    """One component of a quantity with limits, along a dense grid [M]."""
+    """One component of a limited quantity on a dense grid [M]."""
 
     kind: str
     name: str
@@ -36,11 +36,11 @@ class Limited:
     high: float
     scale: float
     values: FloatArray
-    end: bool = False  # whether it has a value at the end of the phase only
+    end: bool = False  # True if the quantity is defined at the end of the phase only
 
     @property
     def size(self) -> float:
-        """What an excess is relative to: half the range, the limit, or the scale."""
+        """Reference of a relative excess: half the range, the limit, or the scale."""
         low, high = self.low, self.high
         if np.isfinite(low) and np.isfinite(high) and high > low:
             return (high - low) / 2
@@ -49,7 +49,7 @@ class Limited:
 
     @property
     def beyond(self) -> FloatArray:
-        """How far the values [M] are beyond a limit; infinite where they are no numbers."""
+        """Excess over the limits [M]; negative inside, infinite for NaN."""
         beyond = np.maximum(self.low - self.values, self.values - self.high)
         return np.nan_to_num(beyond, nan=np.inf, neginf=-np.inf)
 
@@ -68,14 +68,14 @@ def dense_phase(
     phase: PhaseSolution,
     interpolated: Callable[[IntArray, FloatArray], Mapping[str, FloatArray]] | None = None,
 ) -> DensePhase:
-    """Return a phase with all its quantities that have limits, on a dense grid.
+    """Return a phase with all its limited quantities on a dense grid.
 
     Parameters
     ----------
     phase : PhaseSolution
     interpolated : callable, optional
-        Values [M, size] of all variables in some intervals [M], at fractions [M] of them; by
-        default the interpolation of the scheme.
+        Values [M, size] of all variables in given intervals [M] at given fractions [M]; by default
+        the interpolation of the scheme.
     """
     layout = phase.laid_out
     declared, n = layout.phase, layout.intervals
@@ -116,7 +116,7 @@ def dense_phase(
 
 
 def _readers(phase: Phase, fractions: FloatArray) -> Iterator[tuple[list[ca.MX], np.ndarray]]:
-    """Yield expressions of a phase, and at which of some fractions [M] they are evaluated."""
+    """Yield the expressions of a phase and a mask of the fractions [M] at which they are used."""
     limits = [k.expression for k in phase.constraints]
     along = [*phase.derivatives.values(), *phase.running_costs, *phase.algebraic_equations]
     yield [*along, *limits], np.ones(fractions.size, bool)
@@ -128,14 +128,14 @@ def _readers(phase: Phase, fractions: FloatArray) -> Iterator[tuple[list[ca.MX],
 
 
 def _limited(kind: str, item: Any, values: FloatArray, end: bool = False) -> Iterator[Limited]:
-    """Yield the components of a variable or constraint with their values [M, size]."""
+    """Yield the components of a variable or constraint with values [M, size]."""
     limits = (side.tolist() for side in (item.lower, item.upper, item.scale))
     for i, (low, high, scale, column) in enumerate(zip(*limits, values.T, strict=True)):
         yield Limited(kind, item.name, i, item.unit, low, high, scale, column, end)
 
 
 def limit_uses(dense: DensePhase) -> list[OCPLimitUse]:
-    """Return the worst point of every component that has a limit."""
+    """Return the largest use of every component that has a limit."""
     uses = []
     for limited in dense.limited:
         low, high, beyond = limited.low, limited.high, limited.beyond
@@ -161,18 +161,18 @@ def limit_uses(dense: DensePhase) -> list[OCPLimitUse]:
 
 
 def worst_along(uses: Iterable[OCPLimitUse]) -> OCPLimitUse | None:
-    """Return the limit that a mesh is refined for and that is exceeded most; None where all are
-    kept.
+    """Return the limit of a refinable kind with the largest relative excess, None if all are kept.
+
+    The refinable kinds are states, algebraic variables and path constraints (``ALONG``).
     """
     exceeded = (use for use in uses if use.kind in ALONG and use.excess > 0)
     return max(exceeded, key=lambda use: use.relative, default=None)
 
 
 def relative_excess(dense: DensePhase) -> FloatArray:
-    """Return largest relative excess of a state, algebraic variable or path constraint on the dense
-    grid.
+    """Return the largest relative excess over states, algebraic variables and path constraints.
 
-    Array [N, K] with both ends of every interval among the K places of it; 0 where all are kept.
+    Array [N, K] over the K dense points of every interval, both ends included; 0 where kept.
     """
     worst = np.zeros(dense.t.size)
     for limited in dense.limited:
@@ -183,13 +183,14 @@ def relative_excess(dense: DensePhase) -> FloatArray:
 
 @dataclass(frozen=True)
 class ArcThresholds:
-    """When a limit counts as active.
+    """Thresholds that decide whether a limit is active.
 
     Attributes
     ----------
-    active : share of the size of a limit: nearer it is active
-    nearly_active : the same where its multiplier is large enough
-    worthless : share of the cost: a limit that is worth less over an arc does not act there
+    active : distance below which a limit is active, relative to its size
+    nearly_active : distance below which a limit is active if its multiplier is large enough,
+        relative to its size
+    worthless : price below which an arc is dropped, relative to the cost
     """
 
     active: float = 1e-4
@@ -201,7 +202,7 @@ THRESHOLDS = ArcThresholds()
 
 
 class SideRun(NamedTuple):
-    """Entries from ``begin`` until before ``after`` with one side."""
+    """Run of equal entries: indices from ``begin`` up to but excluding ``after``."""
 
     begin: int
     after: int
@@ -209,7 +210,7 @@ class SideRun(NamedTuple):
 
 
 def runs(sides: np.ndarray) -> list[SideRun]:
-    """Join neighbouring entries that have a side in common; of rows [N, K], all sides."""
+    """Return the runs of equal neighbouring entries; rows of a table [N, K] are compared whole."""
     table = sides.reshape(len(sides), -1)
     edges = np.flatnonzero(np.any(np.diff(table, axis=0) != 0, axis=1)) + 1
     pairs = itertools.pairwise([0, *edges.tolist(), len(table)])
@@ -217,7 +218,7 @@ def runs(sides: np.ndarray) -> list[SideRun]:
 
 
 def arcs_of(phases: Sequence[DensePhase], point: Point, worth: float) -> Iterator[Arc]:
-    """Yield stretches of the phases during which a limit acts and is worth something."""
+    """Yield the arcs of all phases on which a limit is active and has a price above ``worth``."""
     prices, none = _prices(phases, point), np.zeros((0, 3))
     for dense in phases:
         arcs = []
@@ -229,8 +230,9 @@ def arcs_of(phases: Sequence[DensePhase], point: Point, worth: float) -> Iterato
 
 
 def _prices(phases: Sequence[DensePhase], point: Point) -> dict[tuple[str, str, int], np.ndarray]:
-    """Return the place, interval and multiplier [M, 3] of bounds and path constraints, in cost per
-    unit.
+    """Return rows (fraction, interval, multiplier) [M, 3] of bounds and path constraints.
+
+    Multipliers are in cost per unit of the limited quantity.
     """
     entries: dict[tuple[str, str, int], list[tuple[float, int, float]]] = {}
     layouts = {dense.phase.name: dense.phase.laid_out for dense in phases}
@@ -243,9 +245,9 @@ def _prices(phases: Sequence[DensePhase], point: Point) -> dict[tuple[str, str, 
 
 
 def _acting(dense: DensePhase, limited: Limited, prices: np.ndarray) -> Iterator[Arc]:
-    """Yield stretches of a phase during which a limit acts, and what each is worth."""
+    """Yield the arcs of a phase on which one limit is active, with their prices."""
     phase, size = dense.phase, limited.size
-    # to the nearest dense point, as the multipliers stand at points of the mesh
+    # Multipliers stand at mesh points, arcs end at dense points: match them up to one dense step.
     reach = 1e-9 + float(np.diff(phase.mesh).max()) / POINTS
     for side, limit, sign in (("lower", limited.low, -1.0), ("upper", limited.high, 1.0)):
         if not np.isfinite(limit):
@@ -259,15 +261,14 @@ def _acting(dense: DensePhase, limited: Limited, prices: np.ndarray) -> Iterator
         for first, last in _joined_runs(dense, active):
             start, end = float(dense.t[first]), float(dense.t[last])
             near = prices[:, 0] >= start / phase.duration - reach
-            near &= prices[:, 0] <= end / phase.duration + reach
-            what = phase.name, limited.kind, limited.name, limited.component, side, start, end
-            yield Arc(*what, float(push[near].sum()), limited.unit)
+            limit_of = phase.name, limited.kind, limited.name, limited.component, side
+            yield Arc(*limit_of, start, end, float(push[near].sum()), limited.unit)
 
 
 def _joined_runs(dense: DensePhase, active: np.ndarray) -> list[tuple[int, int]]:
-    """Return first and last of runs of true values; those less than an interval apart are one.
+    """Return first and last index of runs of true values, joining runs less than an interval apart.
 
-    A limit that is kept at a few points of every interval leaves it a little between them.
+    A limit that is kept at a few points per interval leaves it slightly between them.
     """
     steps = np.diff(dense.phase.t)
     joined: list[tuple[int, int]] = []

@@ -1,9 +1,9 @@
-"""A solution evaluated again from the declared expressions, in their own units, on plain numbers.
+"""A solution evaluated again from the declared expressions, unscaled and numerically.
 
-Nothing of the program that was solved is used but the places of its values: no kernel, no scale, no
-derivative. The expressions are evaluated by functions made here of the declared symbols, and the
-formulas of the schemes are written down once more. What has none here, such as shooting on an
-integrator, is integrated again.
+Only the places of the values in the solved program are used: no kernel, scale or derivative.
+Functions of the declared symbols are built anew, and the formulas of the schemes are implemented a
+second time. Schemes without a formula here, such as shooting with an integrator, are integrated
+again.
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ from microbot_ocp.ocp.transcription.schemes import (
 from microbot_ocp.ocp.verification._certificate import CostCheck
 from microbot_ocp.ocp.verification._reintegration import Integrated, each_interval
 
-TINY = 1e-12  # size of a cost that is zero
-Values = Mapping[str, FloatArray]  # tables [size, M] of variables, or rates, by name
+TINY = 1e-12  # least size of a cost, so that a zero cost has a relative error
+Values = Mapping[str, FloatArray]  # tables [size, M] of variables or rates by name
 
 
 class Recomputation:
@@ -46,8 +46,8 @@ class Recomputation:
 
     Attributes
     ----------
-    rows : values of its rows, in their own units, by their places in the program; without the link
-    costs : running cost over every interval [N], the costs at points, and the end cost
+    rows : unscaled values of the rows by their places in the program, without the link rows
+    costs : running cost of every interval [N], followed by the point costs and the end cost
     """
 
     def __init__(self, phase: PhaseSolution) -> None:
@@ -63,7 +63,7 @@ class Recomputation:
         self._add_points()
 
     def interpolated(self, intervals: IntArray, share: FloatArray) -> dict[str, FloatArray]:
-        """Return all variables [M, size] in some intervals [M], at fractions [M] of them."""
+        """Return all variables [M, size] in given intervals [M] at given fractions [M]."""
         declared = self.phase.laid_out.phase
         tables = {v.name: np.zeros((share.size, v.size)) for v in declared.variables}
         for part in np.unique(share).tolist():
@@ -74,7 +74,7 @@ class Recomputation:
         return tables
 
     def _node(self, k: Sequence[int] | np.ndarray) -> tuple[dict[str, FloatArray], FloatArray]:
-        """Return values [size, M] at some mesh points, and the durations [M] that stand there."""
+        """Return values [size, M] at the mesh points k, and the duration variables [M] there."""
         layout, stages = self.phase.laid_out, self.phase.stages
         assert stages is not None
         nodes = node_variables(layout.phase)
@@ -88,11 +88,11 @@ class Recomputation:
         self.rows |= dict(zip(places.ravel().tolist(), values.ravel().tolist(), strict=True))
 
     def _add_points(self) -> None:
-        """Add costs and constraints at given times, one declaration and time after the other."""
+        """Add costs and constraints at given times, in the order of declaration and of time."""
         layout = self.phase.laid_out
         declared = layout.phase
         items = (*declared.point_constraints, *declared.point_costs)
-        for item, group in zip(items, layout.points, strict=False):  # the end comes last
+        for item, group in zip(items, layout.points, strict=False):  # the last group is the end
             data = [m for m in declared.measurements if ca.depends_on(item.expression, m.symbol)]
             expressions = Expressions(declared, data)
             function = expressions.function([item.expression])
@@ -113,7 +113,7 @@ class Recomputation:
         layout, expressions = self.phase.laid_out, self.expressions
         declared = layout.phase
         last, duration = self._node([-1])
-        # what has no value there does not appear in these expressions
+        # End expressions contain node variables only, so no other variable needs a value here.
         table = expressions.table(last, duration, duration)
         cost = float(expressions.function([sum(declared.end_costs, ca.MX(0))])(table))
         self.costs = np.append(self.costs, cost)
@@ -126,7 +126,7 @@ class Recomputation:
 
 
 def scaled_rows(problem: OptimalControlProblem, phases: Sequence[Recomputation]) -> FloatArray:
-    """Return values of all rows of the program, divided by their scales."""
+    """Return the values of all rows of the program, divided by their scales."""
     layouts = [recomputed.phase.laid_out for recomputed in phases]
     scale = np.array([label.scale for label in labels_of(layouts, "rows")])
     values = np.zeros(scale.size)
@@ -135,7 +135,7 @@ def scaled_rows(problem: OptimalControlProblem, phases: Sequence[Recomputation])
     pairs = zip(problem.links, layouts, phases[:-1], phases[1:], strict=False)
     for link, layout, before, after in pairs:
         for place, entry in zip(layout.link.places[0].tolist(), layout.link.entries, strict=True):
-            # the rest may jump
+            # A link does not constrain its other states: their rows stay zero.
             carried = entry.name in link.names or entry.name in before.phase.parameters
             if entry.source is not None and carried:
                 end, start = before.phase.values[entry.name][-1], after.phase.values[entry.name][0]
@@ -144,9 +144,9 @@ def scaled_rows(problem: OptimalControlProblem, phases: Sequence[Recomputation])
 
 
 def missed_conditions(phases: Sequence[Recomputation], tolerance: float) -> list[str]:
-    """Give start and end conditions that are not met, by the mesh values and as they are declared.
+    """Return sentences on start and end conditions that the mesh values miss.
 
-    The tolerance is a share of the scale of a variable.
+    Conditions are those declared; the tolerance is a fraction of the scale of a variable.
     """
     missed = []
     ends = ("initial", 0, "start"), ("final", -1, "end")
@@ -159,7 +159,7 @@ def missed_conditions(phases: Sequence[Recomputation], tolerance: float) -> list
                 missed += [
                     f"{place} of {variable.name}{f'[{i}]' if variable.size > 1 else ''} in phase "
                     f"{phase.name!r} is {value[i]:.6g} {variable.unit}, {beyond[i]:.3g} beyond its "
-                    "condition"
+                    "declared condition"
                     for i in np.flatnonzero(~(beyond <= tolerance * variable.scale))
                 ]
     return missed
@@ -168,7 +168,7 @@ def missed_conditions(phases: Sequence[Recomputation], tolerance: float) -> list
 def check_cost(
     given: float, phases: Sequence[Recomputation], integrated: Sequence[Integrated]
 ) -> CostCheck:
-    """Return the cost of a solution evaluated again, and integrated again."""
+    """Return the check of a cost: given, recomputed and integrated."""
     parts = np.concatenate([recomputed.costs for recomputed in phases])
     integrals = sum(float(recomputed.costs.sum()) for recomputed in integrated)
     ends = sum(float(each.costs[each.phase.mesh.size - 1 :].sum()) for each in phases)
@@ -178,19 +178,17 @@ def check_cost(
 def parts_of(
     items: Sequence[Variable | PathConstraint], table: FloatArray, axis: int = -1
 ) -> dict[str, FloatArray]:
-    """Return parts of a table by what they are of, side by side or with axis 0 one below the
-    other.
-    """
+    """Split a table by item along an axis, and return the parts by item name."""
     parts = np.split(table, np.cumsum([item.scale.size for item in items])[:-1], axis)
     return {item.name: part for item, part in zip(items, parts, strict=bool(items))}
 
 
 class _Declared(Expressions):
-    """Expressions of a phase as they are declared."""
+    """Functions of the declared expressions of a phase."""
 
     @cached_property
     def dynamics(self) -> ca.Function:
-        """Slopes of all states, then the running cost."""
+        """Function that returns the derivatives of all states and the running cost."""
         phase = self.phase
         slopes = [phase.derivatives[state.name] for state in phase.states]
         return self.function([*slopes, sum(phase.running_costs, ca.MX(0))])
@@ -202,9 +200,7 @@ class _Declared(Expressions):
         return self.function([*(k.expression for k in limits), *phase.algebraic_equations])
 
     def limits(self, table: FloatArray) -> dict[tuple[str, int] | None, FloatArray]:
-        """Return path and end constraints by where they are declared; algebraic equations under
-        None.
-        """
+        """Return path and end constraints by (list, index); algebraic equations by None."""
         phase = self.phase
         names = [("constraints", i) for i in range(len(phase.constraints))]
         names += [("end_constraints", i) for i in range(len(phase.end_constraints))]
@@ -214,7 +210,7 @@ class _Declared(Expressions):
 
 
 class _Intervals:
-    """The stages of a phase in the units of the declaration, a column for each."""
+    """Unscaled stages of a phase, one column per interval."""
 
     def __init__(self, phase: PhaseSolution, expressions: _Declared) -> None:
         layout = phase.laid_out
@@ -247,23 +243,23 @@ class _Intervals:
         self.step = _FORMULAS.get(type(self.kind.scheme), _integrated)(self)
 
     def states_inside(self) -> dict[float, FloatArray]:
-        """Return states [n, M] at the fractions at which they are variables."""
+        """Return states [n, M] at the fractions of an interval where they are variables."""
         fractions = self.inside[self.states[0].name]
         return {f: np.vstack([self.inside[s.name][f] for s in self.states]) for f in fractions}
 
     def values(
         self, x: FloatArray, share: float, applied: Sequence[Variable] = ()
     ) -> dict[str, FloatArray]:
-        """Return all variables [size, M] at a fraction of the intervals, where the state is x.
+        """Return all variables [size, M] at a fraction of the intervals, for states x there.
 
-        Polynomial controls among ``applied`` are limited to their bounds.
+        The polynomials of the controls in ``applied`` are limited to their bounds.
         """
         tables = parts_of(self.states, x, 0) | self.constant | self.free
         for name, end in self.arrival.items():
             tables[name] = self.node[name] + share * (end - self.node[name])
         limited = {control.name: control for control in applied}
         for name, points in self.inside.items():
-            if name in tables:  # a state, which is x
+            if name in tables:  # a state, given by x
                 continue
             weights, bounds = _lagrange(list(points), share), limited.get(name)
             if bounds is None:
@@ -279,12 +275,12 @@ class _Intervals:
         return self.expressions.table(self.values(x, share), t, self.duration, self.rates)
 
     def slope(self, x: FloatArray, share: float) -> tuple[FloatArray, FloatArray]:
-        """Return slopes of the states [n, M] and running cost [M]."""
+        """Return derivatives of the states [n, M] and running cost [M]."""
         slopes = self.expressions.dynamics(self.table(x, share)).full()
         return slopes[:-1], slopes[-1]
 
     def rows(self, following: tuple[Values, FloatArray]) -> FloatArray:
-        """Return values of all rows [rows, M] of the stages, given the next mesh points."""
+        """Return the values of all stage rows [rows, M], given the next mesh points."""
         ahead, duration = following
         arrived = parts_of(self.states, self.step.arrived, 0) | self.arrival | self.free
         defects = {f: parts_of(self.states, value, 0) for f, value in self.step.defects.items()}
@@ -308,19 +304,19 @@ class _Intervals:
         return np.array(rows)
 
 
-# the formulas of the schemes ----------------------------------------------------------------------
+# formulas of the schemes --------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
 class _Step:
-    """The step of a scheme over some intervals.
+    """One step of a scheme over all M intervals.
 
     Attributes
     ----------
     arrived : states at the end [n, M]
     running : integral of the running cost [M]
-    state : states [n, M] at a fraction
-    defects : what is left of the dynamics [n, M], by fraction
+    state : function of a fraction of the interval that returns the states [n, M]
+    defects : residuals of the dynamics [n, M] by fraction
     """
 
     arrived: FloatArray
@@ -354,7 +350,7 @@ def _trapezoidal(intervals: _Intervals) -> _Step:
     defect = after - x - h / 2 * (f0 + f1)
 
     def parabola(s: float) -> FloatArray:
-        """Return the integral of the slope, which is a straight line."""
+        """Return the integral of the derivative, which is linear in s."""
         return x + h * (s * f0 + s**2 / 2 * (f1 - f0))
 
     return _Step(after, h / 2 * (l0 + l1), parabola, {0.5: defect})
@@ -365,7 +361,7 @@ def _hermite_simpson(intervals: _Intervals) -> _Step:
     (f0, l0), (f1, l1) = intervals.slope(x, 0.0), intervals.slope(after, 1.0)
 
     def cubic(s: float) -> FloatArray:
-        """Return Hermite's cubic through both ends, with their slopes."""
+        """Return the cubic Hermite interpolant of both ends and their derivatives."""
         rest, turn = after - x - h * f0, h * (f1 - f0)
         return x + h * f0 * s + (3 * rest - turn) * s**2 + (turn - 2 * rest) * s**3
 
@@ -393,7 +389,7 @@ def _collocation(intervals: _Intervals) -> _Step:
 
 
 def _integrated(intervals: _Intervals) -> _Step:
-    """Integrate, for a scheme without a formula here: what the dynamics really do."""
+    """Return the step of a scheme without a formula here, by accurate integration."""
 
     def reach(share: float) -> tuple[FloatArray, FloatArray]:
         integrated = each_interval(intervals.phase, until=share, cost=True)
@@ -411,9 +407,7 @@ _FORMULAS: Mapping[type, Callable[[_Intervals], _Step]] = {
 
 
 def _lagrange(points: Sequence[float], s: float, derivative: int = 0) -> FloatArray:
-    """Return Lagrange polynomials [points] at s, their derivatives, or (-1) their integrals
-    from 0.
-    """
+    """Return Lagrange polynomials at s [points], their derivatives, or (-1) integrals from 0."""
     weights = []
     for point in points:
         others = [other for other in points if other != point]

@@ -1,8 +1,8 @@
-"""The dynamics of a solution integrated again, by an adaptive integrator that no scheme uses.
+"""Integration of the dynamics of a solution by an adaptive integrator that no scheme uses.
 
-The control is the solution's own as a function of time: constant, linear, or the polynomial through
-the values at the collocation points. CVODES, or IDAS where there are algebraic variables, starts
-anew at every mesh point, so a control that jumps there costs no accuracy.
+The control is the solution's own function of time: constant, linear, or the polynomial through the
+values at the collocation points. CVODES, or IDAS if there are algebraic variables, restarts at
+every mesh point, so that a jump of the control there costs no accuracy.
 """
 
 from __future__ import annotations
@@ -28,13 +28,14 @@ from microbot_ocp.ocp.verification._certificate import ResimulationCheck
 
 @dataclass(frozen=True)
 class Reintegration:
-    """How the dynamics are integrated again.
+    """Settings of the integrator.
 
     Attributes
     ----------
-    tolerance : absolute (of the scaled states) and relative
-    most_steps : of the integrator on one interval
-    smallest_weight : share of a state's scale: below this its error counts as absolute
+    tolerance : absolute tolerance of the scaled states, and relative tolerance
+    most_steps : limit of the integrator's steps per interval
+    smallest_weight : least magnitude of a state that its error is relative to, as a fraction of its
+        scale
     """
 
     tolerance: float = 1e-11
@@ -52,10 +53,10 @@ def mesh_states(phase: PhaseSolution) -> FloatArray:
 
 
 def state_weights(phase: PhaseSolution) -> FloatArray:
-    """Return what errors of the states [n] are relative to.
+    """Return the magnitudes of the states [n] to which their errors are relative.
 
-    The largest magnitude along the phase, but no less than a hundredth of the declared scale: a
-    state that stays at zero has no relative error.
+    Largest magnitude along the phase, but at least a hundredth of the declared scale: a state that
+    stays zero has no relative error.
     """
     scale = np.concatenate([state.scale for state in phase.laid_out.phase.states])
     return np.maximum(np.abs(mesh_states(phase)).max(axis=0), REINTEGRATION.smallest_weight * scale)
@@ -63,13 +64,13 @@ def state_weights(phase: PhaseSolution) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Integrated:
-    """A phase integrated again.
+    """Result of the integration of a phase.
 
     Attributes
     ----------
-    states : at the ends of the intervals [N, n]; not numbers where the integrator failed
-    costs : integrals of the running cost over the intervals [N], 0 where they were not asked for
-    failure : why the integrator stopped; empty where it got through
+    states : states at the ends of the intervals [N, n]; NaN if the integrator failed
+    costs : integrals of the running cost over the intervals [N]; 0 if not requested
+    failure : message of the integrator; empty if it succeeded
     """
 
     states: FloatArray
@@ -78,17 +79,17 @@ class Integrated:
 
 
 def each_interval(phase: PhaseSolution, *, until: float = 1.0, cost: bool = False) -> Integrated:
-    """Integrate every interval from its own mesh state, up to a fraction of it.
+    """Integrate every interval from its own mesh state up to the fraction ``until`` of its length.
 
-    All intervals are one call of one mapped integrator. The running cost is integrated where
-    ``cost`` asks for it.
+    One call of a mapped integrator covers all intervals. The running cost is integrated if ``cost``
+    is True.
     """
     start, layout, failure = mesh_states(phase)[:-1], phase.laid_out, ""
     data = _interval_data(phase, until)
-    # Adams' method needs no Jacobian and takes longer steps; stiff dynamics are left to the next
+    # Adams' method needs no Jacobian and takes longer steps; BDF follows for stiff dynamics.
     for method in ("idas",) if layout.phase.algebraics else ("adams", "bdf"):
         try:
-            with quiet():  # of a failure CasADi prints all inputs; the message is enough
+            with quiet():  # CasADi prints all inputs of a failed call; its message suffices
                 run = _integrator(layout, method, cost).map(layout.intervals)
                 states, summed = run(start.T, data.T)
         except RuntimeError as problem:
@@ -102,8 +103,9 @@ def each_interval(phase: PhaseSolution, *, until: float = 1.0, cost: bool = Fals
 def interval_errors(
     phase: PhaseSolution, arrived: Integrated, costs: FloatArray, size: float
 ) -> FloatArray:
-    """Return relative errors of every interval [N]: of its states, and of its running costs by
-    a size.
+    """Return the relative error of every interval [N]: largest of its states and its cost.
+
+    State errors are relative to :func:`state_weights`, the running cost to ``size``.
     """
     missed = np.abs(arrived.states - mesh_states(phase)[1:]) / state_weights(phase)
     error = np.maximum(missed.max(axis=1), np.abs(arrived.costs - costs[: len(missed)]) / size)
@@ -111,9 +113,9 @@ def interval_errors(
 
 
 def transitions(phase: PhaseSolution) -> FloatArray:
-    """Return transition matrices [N,n,n] of the intervals, in states divided by their weights.
+    """Return transition matrices [N,n,n] of the intervals, for states divided by their weights.
 
-    Of the dynamics linearised in the middle of each interval.
+    The dynamics are linearised at the midpoint of each interval.
     """
     layout, weights = phase.laid_out, state_weights(phase)
     states = mesh_states(phase)
@@ -134,7 +136,7 @@ def _of_shape(phase: Phase, shape: str) -> list[Variable]:
 
 
 def points_of(kind: StageKind, variable: Variable) -> list[float]:
-    """Return fractions of an interval at which a variable has values."""
+    """Return the fractions of an interval at which a variable has values."""
     return [k.fraction for k in kind.inner if k.source.name == variable.name]
 
 
@@ -144,7 +146,7 @@ def point_values(phase: PhaseSolution, variable: Variable) -> FloatArray:
 
 
 def _interval_data(phase: PhaseSolution, until: float = 1.0) -> FloatArray:
-    """Return what the integrator needs to know of every interval [N, ...], in its order."""
+    """Return the integrator's data of every interval [N, ...], in the order of its parameters."""
     layout = phase.laid_out
     declared, n = layout.phase, layout.intervals
     linear = [phase.values[v.name] for v in _of_shape(declared, "linear")]
@@ -152,7 +154,7 @@ def _interval_data(phase: PhaseSolution, until: float = 1.0) -> FloatArray:
         within_bounds(point_values(phase, v), points_of(layout.kind, v), v.lower, v.upper)
         for v in _of_shape(declared, "polynomial")
     ]
-    algebraic = [point_values(phase, v)[:, 0] for v in declared.algebraics]  # first guess
+    algebraic = [point_values(phase, v)[:, 0] for v in declared.algebraics]  # initial guess
     columns = [
         phase.t[:-1, None],
         np.diff(phase.t)[:, None],
@@ -170,11 +172,11 @@ def _interval_data(phase: PhaseSolution, until: float = 1.0) -> FloatArray:
 
 
 class _Equation(NamedTuple):
-    """The dynamics on an interval, in the share of it that has gone by.
+    """The dynamics on an interval, as a function of the fraction of it that has passed.
 
-    ``dae`` are CasADi's, of states divided by their scales, so that one absolute tolerance suits
-    all; its parameters are the data of the interval, of which ``guesses`` are for the algebraic
-    variables.
+    ``dae`` is CasADi's dictionary of a DAE in states divided by their scales, so that one absolute
+    tolerance fits all. Its parameters are the data of the interval; ``guesses`` are the part of
+    the data with initial guesses of the algebraic variables.
     """
 
     dae: dict[str, Any]
@@ -192,7 +194,7 @@ def _equation(layout: PhaseLayout, cost: bool) -> _Equation:
     sizes += [v.size * len(places) for v, places in zip(polynomial, points, strict=True)]
     sizes += [v.size for v in (*phase.free_parameters, *phase.algebraics)]
     data = ca.MX.sym("data", sum(sizes))
-    parts = iter(ca.vertsplit(data, np.cumsum([0, *sizes]).tolist()))  # in their order
+    parts = iter(ca.vertsplit(data, np.cumsum([0, *sizes]).tolist()))  # in the order of ``sizes``
     start, length, duration, until = (next(parts) for _ in range(4))
     share = ca.MX.sym("s")
     s = share * until
@@ -230,15 +232,13 @@ def _equation(layout: PhaseLayout, cost: bool) -> _Equation:
 
 
 def _integrator(layout: PhaseLayout, method: str, cost: bool) -> ca.Function:
-    """Return ``(x at the start, data of the interval) -> x at the end, integral of the running
-    cost``.
-    """
+    """Return the function ``(x at the start, data) -> (x at the end, running cost integral)``."""
     dae, guesses, scale = _equation(layout, cost)
     options: dict[str, Any] = {
         "abstol": REINTEGRATION.tolerance,
         "reltol": REINTEGRATION.tolerance,
         "max_num_steps": REINTEGRATION.most_steps,
-        "quad_err_con": True,  # else the steps suit the states alone
+        "quad_err_con": True,  # the error of the running cost limits the step too
         "disable_internal_warnings": True,
         "show_eval_warnings": False,
     }
@@ -253,9 +253,7 @@ def _integrator(layout: PhaseLayout, method: str, cost: bool) -> ca.Function:
 
 
 def _linearised(layout: PhaseLayout) -> ca.Function:
-    """Return ``(x half-way, data of the interval) -> slopes [n,n]`` of what the integrator
-    integrates.
-    """
+    """Return the function ``(x at the midpoint, data) -> derivatives [n,n]`` of the dynamics."""
     dae, guesses, scale = _equation(layout, cost=False)
     slopes, first = ca.jacobian(dae["ode"], dae["x"]), ca.MX.sym("x0", scale.shape[0])
     replaced, values = [dae["t"], dae["x"]], [ca.MX(0.5), first / scale]
@@ -269,7 +267,7 @@ def _linearised(layout: PhaseLayout) -> ca.Function:
 
 
 def resimulate(phase: PhaseSolution, intervals: Integrated) -> ResimulationCheck:
-    """Judge the intervals of a phase, which are integrated already."""
+    """Return the check of a phase from its integrated intervals."""
     states = phase.laid_out.phase.states
     wanted, weights = mesh_states(phase)[1:], state_weights(phase)
     defects = np.nan_to_num((intervals.states - wanted) / weights, nan=np.inf)
