@@ -1,7 +1,7 @@
 """Optimal-control problems on any CasADi dynamics: declare, solve, verify, explain.
 
-Comes in: a declared problem. Goes out: a solution, its certificate, or an explanation why there is
-none. Begin with :class:`OptimalControlProblem` and :func:`solve`.
+Input: a declared problem. Output: a solution, its certificate, or an explanation why there is no
+solution. Begin with :class:`OptimalControlProblem` and :func:`solve`.
 
 ====================================  ==============================================================
 declare                               :class:`OptimalControlProblem`, whose :class:`Phase` s hold
@@ -11,17 +11,20 @@ transcribe                            :class:`Transcription` with one of the :da
                                       :class:`Collocation`, :class:`Trapezoidal`,
                                       :class:`HermiteSimpson`
 solve                                 :func:`solve` with :class:`SolverSettings` from a
-                                      :class:`Guess` a phase or from an earlier :class:`Solution`;
-                                      :class:`Iteration` is what a progress function gets
-solve to an accuracy                  the same with ``accuracy``, a number or an :class:`Accuracy`
-solve for switching times             :func:`solve_switching_times`: one phase of free length an arc
+                                      :class:`Guess` per phase or from an earlier
+                                      :class:`Solution`; progress functions receive an
+                                      :class:`Iteration`
+solve to an accuracy                  :func:`solve` with ``accuracy``, a number or an
+                                      :class:`Accuracy`
+solve for switching times             :func:`solve_switching_times`: one phase of free length per
+                                      arc
 solve again with other data           :class:`ParametricSolver`: limits, conditions, parameters
 the result                            :class:`Solution` with its :class:`Status`, every
                                       :class:`Attempt`, and one :class:`PhaseSolution` per phase
-verify it                             :func:`verify` makes an :class:`OCPCertificate`
-no solution                           :func:`explain` names the limits that conflict
-keep it                               :func:`save_solution`, :func:`load_solution`; :func:`repeat`
-                                      solves again as it was solved
+verify a solution                     :func:`verify` returns an :class:`OCPCertificate`
+find a contradiction                  :func:`explain` names the limits that conflict
+save and repeat a solution            :func:`save_solution`, :func:`load_solution`; :func:`repeat`
+                                      solves again with the stored settings
 ====================================  ==============================================================
 """
 

@@ -364,7 +364,7 @@ def test_what_cannot_be_said_is_refused_by_name():
         problem.check()
     problem, phase, x, fixed, z, y = refusals()
     fixed.running_cost((z - y) ** 2)
-    with pytest.raises(InputError, match=r"measurement 'stay\.y' where there is none"):
+    with pytest.raises(InputError, match=r"uses measurement 'stay\.y'"):
         problem.check()
     problem, phase, *_ = refusals()
     z = problem.free_parameter("z")

@@ -236,7 +236,7 @@ def test_limits_in_odd_units_are_explained():
     phase.derivative(x, u)
     phase.end_cost(phase.duration)
     text = str(explain(problem, 5))
-    assert "end of x in phase 'one' (value 2e+06 um) would have to give 1e+06 um" in text
+    assert "end of x in phase 'one' (value 2e+06 um) would have to be relaxed by 1e+06 um" in text
 
 
 def test_a_scaling_that_there_is_not():

@@ -162,7 +162,7 @@ def test_what_does_not_work_is_said():
     assert solve_switching_times(problem, failed).status is Status.ITERATION_LIMIT
     late = solve_switching_times(problem, rounds=1, accuracy=1e-30)
     assert late.status is Status.ROUND_LIMIT
-    assert "1.0e-30 is wanted" in late.advice
+    assert "1.0e-30" in late.advice
     with pytest.raises(InputError, match="not those of the problem"):
         solve_switching_times(another(), solve(problem, 10))
     scaled = along(np.inf)
@@ -176,7 +176,7 @@ def test_what_does_not_work_is_said():
     phase.derivative(x, u)
     phase.running_cost(x**2)
     phase.point_constraint("halfway", x, 0.0, 0.6, at=1.0)
-    with pytest.raises(InputError, match="demanded at points within it"):
+    with pytest.raises(InputError, match="holds at points inside it"):
         solve_switching_times(halfway, solve(halfway, 20))
 
 

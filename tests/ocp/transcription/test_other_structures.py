@@ -59,7 +59,7 @@ def test_what_the_source_does_not_have_is_said():
     assert after.start is not None
     assert after.start.missing == ("push of phase 'a'", "push of phase 'b'")
     assert (
-        "Not in the solution that it started from: push of phase 'a', push of phase 'b'."
+        "The solution given as start has no values for: push of phase 'a', push of phase 'b'."
         in after.advice.splitlines()
     )
 

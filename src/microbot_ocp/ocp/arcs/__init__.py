@@ -1,7 +1,7 @@
-"""Where controls switch and limits begin or cease to act.
+"""Detection of the times at which controls switch and limits become active or inactive.
 
-Comes in: a solution on a mesh. Goes out: :class:`Switch` es, arcs, or a mesh with points at the
-switches. ``_detector.py`` reads them from a solution, ``_mesh_points.py`` moves the points.
+Input: a solution on a mesh. Output: :class:`Switch` es, arcs, or a mesh with points at the
+switches. ``_detector.py`` detects switches and arcs, ``_mesh_points.py`` moves mesh points.
 """
 
 import lazy_loader

@@ -1,11 +1,11 @@
-"""Which controls and limits are active when, read from a solution on a mesh: switches and arcs.
+"""Detection of active controls and limits in a solution on a mesh: switches and arcs.
 
-Every component of a control or limit is looked at by itself (:class:`Activity`): in an interval it
-is at its upper side, at its lower one or at neither. Two controls may switch within an interval of
-one another, so that the intervals in which all sides are decided say little of short arcs; each by
-itself is decided. Where it passes from one side to the other within a few intervals, its mean over
-them says when (:func:`find_switches`). Where a limit ceases to be active another takes over. The
-arcs are what lies between these events (:func:`plan_of`).
+Every component of a control or limit is treated separately (:class:`Activity`): in each interval it
+is at its upper side, at its lower side or at neither. Two controls may switch within one interval
+of each other, so that no interval of a short arc has all sides decided; each component by itself
+does. If a component passes from one side to the other within a few intervals, its mean over them
+determines the switching time (:func:`find_switches`). Where one limit becomes inactive, another
+becomes active. The arcs are the time spans between these events (:func:`plan_of`).
 """
 
 from __future__ import annotations
@@ -23,24 +23,25 @@ from microbot_ocp.ocp.solution import PhaseSolution
 from microbot_ocp.ocp.transcription.schemes import Collocation
 from microbot_ocp.ocp.verification import point_values, runs
 
-Sample = Callable[[FloatArray], dict[str, FloatArray]]  # of the times since the start of a phase
-Signature = tuple[int, ...]  # sides of all control components, then of all limits
+Sample = Callable[[FloatArray], dict[str, FloatArray]]  # argument: times since the phase start, s
+Signature = tuple[int, ...]  # sides of all control components followed by those of all limits
 
 
 @dataclass(frozen=True)
 class DetectorSettings:
-    """When a control or limit counts as active, and what happens within a few intervals.
+    """Thresholds of the detection.
 
     Attributes
     ----------
-    at_bound : of a control's range: nearer to a bound it is at it
-    at_end_of_ramp : the same of a continuous control, whose ramp ends where it is worth so little
-        that a barrier keeps it farther away
-    at_state_limit : of a state's range along the phase: nearer to a limit at both ends of an
-        interval, it is active there
-    at_mixed_limit : of its range: nearer to a limit that depends on controls it is active
-    smeared : intervals over which a mesh may smear what happens at once
-    negligible : of an interval: what is shorter is none
+    at_bound : distance to a bound below which a control is at it, relative to its range
+    at_end_of_ramp : distance to a bound below which a continuous control is at it, relative to its
+        range; larger, because near the end of a ramp the barrier outweighs the small gain
+    at_state_limit : distance to a limit below which a state at both ends of an interval makes the
+        limit active, relative to the state's range along the phase
+    at_mixed_limit : distance to a limit that depends on controls, below which the limit is active,
+        relative to its range
+    smeared : number of intervals over which a mesh may smear one event
+    negligible : length below which an arc is dropped, in intervals
     """
 
     at_bound: float = 1e-3
@@ -60,14 +61,14 @@ class Switch:
 
     Attributes
     ----------
-    control, component : which
-    place : where it would be if the control were exactly at its bounds on both sides, as a fraction
-        of the phase: the time integral of the control over the ramp is kept
-    begin, end : fractions between which the control is at neither bound
-    rising : from the lower bound to the upper one
-    continuous : whether the control cannot jump, but has a ramp
-    offset : how far the mesh is from holding the switch, as a fraction of the phase: half of a
-        ramp, or the distance to the nearest mesh point
+    control, component : identity of the control component
+    place : fraction of the phase at which the control would switch if it were exactly at its bounds
+        on both sides and had the time integral that it has over the ramp
+    begin, end : fractions of the phase between which the control is at neither bound
+    rising : True for a switch from the lower to the upper bound
+    continuous : True if the control cannot jump, but has a ramp
+    offset : distance between mesh and switch as a fraction of the phase: half of a ramp, or the
+        distance to the nearest mesh point
     """
 
     control: str
@@ -82,7 +83,7 @@ class Switch:
 
 @dataclass(frozen=True, eq=False)
 class ActiveLimit:
-    """A component of a limit of the states, or of a ``mixed`` one that depends on controls, too."""
+    """Component of a limit that depends on states only, or on controls too (``mixed``)."""
 
     constraint: PathConstraint
     component: int
@@ -90,47 +91,48 @@ class ActiveLimit:
 
     @property
     def bounds(self) -> tuple[float, float]:
-        """The limit, lower and upper."""
+        """Lower and upper limit."""
         i = self.component
         return float(self.constraint.lower[i]), float(self.constraint.upper[i])
 
     @property
     def range(self) -> float:
-        """Between both sides, or its scale where there is only one."""
+        """Difference of upper and lower limit, or the scale of a one-sided limit."""
         low, high = self.bounds
         scale = float(self.constraint.scale[self.component])
         return high - low if np.isfinite(high - low) else scale
 
     def met(self, side: int) -> PathConstraint:
-        """Return the limit as an equation."""
+        """Return the limit on one side as an equation."""
         limit, i = self.constraint, self.component
         value = (limit.lower if side < 0 else limit.upper)[i : i + 1]
         name, scale = f"{limit.name}[{i}] met", limit.scale[i : i + 1]
         return PathConstraint(name, limit.expression[i], value, value, scale, limit.unit)
 
     def along(self, values: Mapping[str, FloatArray], states: Sequence[Variable]) -> FloatArray:
-        """Evaluate a limit of the states by tables of these."""
+        """Return values of a limit of the states at tabulated states."""
         run = ca.Function("value", [s.symbol for s in states], [self.constraint.expression])
         return np.array(run(*(values[s.name].T for s in states)))[self.component]
 
     def sides(self, values: FloatArray, near: float) -> np.ndarray:
-        """Return the sides to which values come so near, at every one."""
+        """Return the side that each value is within ``near`` of: 1, -1, or 0 for neither."""
         low, high = self.bounds
         return (values >= high - near).astype(int) - (values <= low + near).astype(int)
 
 
 @dataclass(frozen=True, eq=False)
 class Activity:
-    """A component of a control or limit, and at which of its sides it is along a mesh.
+    """Component of a control or limit, and the intervals of a mesh in which it is active.
 
     Attributes
     ----------
-    name, component : which
-    sides : of the intervals [N], all along which it is at its upper side, 1, or lower side, -1
-    means : in the intervals [N], scaled to -1 at the lower and 1 at the upper side; None where a
-        side is missing, and of limits of states, which a control makes act
-    limit : None for a control
-    touched : of limits of states: whether they are met at an end of the interval [N] at least
+    name, component : identity of the component
+    sides : side at which the component stays throughout each interval [N]: upper 1, lower -1,
+        neither 0
+    means : interval means [N], scaled to -1 at the lower and 1 at the upper side; None for a
+        one-sided limit and for limits of the states
+    limit : limit of the component; None for a control
+    touched : mask of the intervals [N] with at least one end at a limit of the states
     """
 
     name: str
@@ -142,13 +144,13 @@ class Activity:
 
     @property
     def of_states(self) -> bool:
-        """Whether it is a limit of the states alone."""
+        """True if the limit depends on states only."""
         return self.limit is not None and not self.limit.mixed
 
 
 @dataclass(frozen=True, eq=False)
 class PlannedArc:
-    """An arc as it is guessed: fractions of its phase, what is active, intervals of its mesh."""
+    """A planned arc: fractions of its phase, active components, and number of mesh intervals."""
 
     begin: float
     end: float
@@ -158,13 +160,15 @@ class PlannedArc:
 
 @dataclass(frozen=True, eq=False)
 class ArcPlan:
-    """The arcs of one phase as they are guessed, and what the guess is made of.
+    """The planned arcs of one phase, with the data of their initial guess.
 
     Attributes
     ----------
-    declared, duration, sample : the phase, and the values that guesses are made of
-    arcs : in turn
-    columns : what the signatures of the arcs say: all control components that may jump, then limits
+    declared : declared phase
+    duration : duration of the phase, s
+    sample : values of the variables at times since the start of the phase
+    arcs : arcs in the order of time
+    columns : components that signatures refer to: control components that may jump, then limits
     """
 
     declared: Phase
@@ -179,18 +183,18 @@ class ArcPlan:
 
     @property
     def controls(self) -> int:
-        """Number of columns that are control components."""
+        """Number of control components among the columns."""
         return sum(column.limit is None for column in self.columns)
 
     def is_undetermined(self, arc: PlannedArc) -> bool:
-        """Tell whether fewer limits are active than there are controls."""
+        """Return True if fewer limits are active on an arc than there are control components."""
         return sum(map(abs, arc.signature)) < self.controls
 
 
 def joined(samples: Sequence[Sample], lengths: Sequence[float] | FloatArray) -> Sample:
-    """Sample one arc after the other, at times since the start of the first.
+    """Return one sampling function for consecutive arcs, with times since the start of the first.
 
-    At a junction they are those of the arc that begins there.
+    At a junction it returns the values of the arc that begins there.
     """
     ends = np.cumsum(lengths)
 
@@ -208,7 +212,7 @@ def joined(samples: Sequence[Sample], lengths: Sequence[float] | FloatArray) -> 
 
 
 def jumping(phase: Phase) -> list[Variable]:
-    """List controls that may jump at a mesh point."""
+    """Return the controls that may jump at a mesh point."""
     return [c for c in phase.controls if c.shape != "linear"]
 
 
@@ -216,7 +220,7 @@ def jumping(phase: Phase) -> list[Variable]:
 
 
 def control_activities(phase: PhaseSolution, controls: Sequence[Variable]) -> list[Activity]:
-    """Read sides and means of every component of some controls."""
+    """Return the activities of all components of the given controls."""
     activities: list[Activity] = []
     for control in controls:
         least, largest, mean = _interval_values(phase, control)
@@ -252,7 +256,7 @@ def _scaled(mean: FloatArray, low: float, high: float) -> FloatArray | None:
 
 
 def _state_limits(phase: PhaseSolution, declared: Phase) -> list[Activity]:
-    """Read limits of the states alone, active in an interval where both ends meet them."""
+    """Return activities of limits of the states, active in an interval with both ends at them."""
     others = Expressions(declared).symbols[len(declared.states) :]  # the states come first
     constraints = [
         PathConstraint(s.name, s.symbol, s.lower, s.upper, s.scale, s.unit) for s in declared.states
@@ -278,7 +282,7 @@ def _depends(constraint: PathConstraint, symbols: Sequence[ca.MX]) -> bool:
 
 
 def mixed_limits(phase: PhaseSolution, declared: Phase) -> list[Activity]:
-    """Read limits that depend on controls that may jump, active where all points meet them."""
+    """Return activities of limits that depend on jumping controls, active at all points."""
     variables = [*declared.states, *declared.controls]
     others = [c.rate for c in declared.controls if c.rate is not None]
     others += [v.symbol for v in declared.variables if v not in variables]
@@ -291,7 +295,7 @@ def mixed_limits(phase: PhaseSolution, declared: Phase) -> list[Activity]:
     if not isinstance(scheme, Collocation):
         scheme = Collocation("gauss", 3)
     points = np.array(scheme.points)
-    # just before the end of an interval its own polynomial counts
+    # Sampling exactly at a mesh point would return the values of the next interval.
     t = (phase.mesh[:-1, None] + (1 - 1e-9) * points * steps[:, None]).ravel() * phase.duration
     expressions = Expressions(declared)
     sampled = {name: table.T for name, table in phase.sample(t).items()}
@@ -317,7 +321,7 @@ def mixed_limits(phase: PhaseSolution, declared: Phase) -> list[Activity]:
 
 
 def find_switches(phase: PhaseSolution) -> tuple[Switch, ...]:
-    """Find jumps of controls between their bounds."""
+    """Return the jumps of controls between their bounds."""
     switches = []
     for control in phase.laid_out.phase.controls:
         for activity in control_activities(phase, [control]):
@@ -344,9 +348,10 @@ def _switches_of(activity: Activity, mesh: FloatArray, continuous: bool) -> list
 
 
 def _crossing(before: int, means: FloatArray, steps: FloatArray) -> float:
-    """Return how far into a ramp a control would jump to the other side, with the same integral.
+    """Return the time after the start of a ramp at which a jump has the integral of the ramp.
 
-    At A up to a, and at B from b on, ``A (tau - a) + B (b - tau) = integral of u from a to b``.
+    With u = A before and u = B after tau, ``A (tau - a) + B (b - tau) = int_a^b u dt``;
+    for scaled means A = -B = ``before``, so ``tau - a = (b - a + before * integral) / 2``.
     """
     length = float(steps.sum())
     return float(np.clip((length + before * float(means @ steps)) / 2, 0.0, length))
@@ -356,19 +361,19 @@ def _crossing(before: int, means: FloatArray, steps: FloatArray) -> float:
 
 
 def plan_of(phase: PhaseSolution) -> ArcPlan:
-    """Read the arcs of a phase, be they ever so short."""
+    """Return the arcs of a phase, including very short ones."""
     declared = phase.laid_out.phase
     columns = control_activities(phase, jumping(declared))
     columns += _state_limits(phase, declared)
     columns += mixed_limits(phase, declared)
     arcs = _arcs_between_events(columns, phase.mesh) if columns else []
-    arcs = arcs or [PlannedArc(0.0, 1.0, (), phase.mesh.size - 1)]  # nothing may jump
+    arcs = arcs or [PlannedArc(0.0, 1.0, (), phase.mesh.size - 1)]  # no control may jump
     arcs = merged([replace(arc, signature=_effective(arc.signature, columns)) for arc in arcs])
     return ArcPlan(declared, phase.duration, phase.sample, tuple(arcs), tuple(columns))
 
 
 def _effective(signature: Signature, columns: Sequence[Activity]) -> Signature:
-    """Drop limits of states that are met where no control is left to keep them."""
+    """Return a signature without state limits on arcs where no control is free to follow them."""
     pairs = list(zip(signature, columns, strict=True))
     controls = [side for side, column in pairs if column.limit is None]
     if not controls or not all(controls):
@@ -377,7 +382,7 @@ def _effective(signature: Signature, columns: Sequence[Activity]) -> Signature:
 
 
 def merged(arcs: Sequence[PlannedArc]) -> list[PlannedArc]:
-    """Make one arc of neighbours that have everything in common."""
+    """Return arcs with equal signatures of neighbours merged."""
     joined: list[PlannedArc] = []
     for arc in arcs:
         if joined and joined[-1].signature == arc.signature:
@@ -390,7 +395,7 @@ def merged(arcs: Sequence[PlannedArc]) -> list[PlannedArc]:
 
 @dataclass
 class _Event:
-    """A side that begins at a place in intervals; which it was before says the event before."""
+    """A component begins to be at a side; ``place`` counts intervals."""
 
     place: float
     column: int
@@ -398,6 +403,7 @@ class _Event:
 
 
 def _arcs_between_events(columns: Sequence[Activity], mesh: FloatArray) -> list[PlannedArc]:
+    # An event is the start of a side of one component; arcs lie between the events of all.
     events = [event for column in range(len(columns)) for event in _events(column, columns)]
     _take_over(events, columns)
     arcs: list[PlannedArc] = []
@@ -418,7 +424,7 @@ def _arcs_between_events(columns: Sequence[Activity], mesh: FloatArray) -> list[
 
 
 def _events(column: int, columns: Sequence[Activity]) -> list[_Event]:
-    """Find where one component changes its side."""
+    """Return the changes of side of one component."""
     activity = columns[column]
     stretches = runs(activity.sides)
     events = [_Event(0.0, column, stretches[0].side)]
@@ -435,7 +441,7 @@ def _events(column: int, columns: Sequence[Activity]) -> list[_Event]:
 
 
 def _is_followed(columns: Sequence[Activity], begin: int, after: int) -> bool:
-    """Tell whether controls may follow a limit of the states that is met in some intervals."""
+    """Return True if controls may follow a limit of the states that is met in given intervals."""
     return any(
         column.touched is not None
         and bool(column.touched[begin:after].any())
@@ -445,7 +451,7 @@ def _is_followed(columns: Sequence[Activity], begin: int, after: int) -> bool:
 
 
 def _sides_within(before: int, following: int, means: FloatArray) -> list[tuple[float, int]]:
-    """Choose sides that begin in a few intervals, so that the integral over them stays."""
+    """Return the sides of a component within a few undecided intervals, keeping its integral."""
     length = float(means.size)
     if before and following and before != following:
         return [(_crossing(before, means, np.ones(means.size)), following)]
@@ -453,17 +459,17 @@ def _sides_within(before: int, following: int, means: FloatArray) -> list[tuple[
     other = float(np.clip((length - side * means.sum()) / 2, 0.0, length))
     if other < DETECTOR.negligible:
         return [(0.0, side)]
-    if not before:  # at the start
+    if not before:  # the phase starts here
         return [(0.0, -side), (other, side)]
-    if not following:  # at the end
+    if not following:  # the phase ends here
         return [(length - other, -side)]
     return [((length - other) / 2, -side), ((length + other) / 2, side)]
 
 
 def _take_over(events: Sequence[_Event], columns: Sequence[Activity]) -> None:
-    """Let what ends and what begins in its place do so at once.
+    """Move an end of activity and a nearby begin of another one to their common midpoint.
 
-    Not so two limits of states: only a control at its bound leads from one to the other.
+    Two limits of states are never paired: a control at its bound lies between them.
     """
     pairs = [(last, e) for last, e in itertools.pairwise(events) if last.column == e.column]
     ends = [e for last, e in pairs if last.side and not e.side]

@@ -1,4 +1,4 @@
-"""Mesh points where controls switch."""
+"""Placement of mesh points at switches."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from microbot_ocp.ocp.arcs._detector import Switch
 
 @dataclass(frozen=True)
 class MeshPointSettings:
-    """Mesh points at junctions and switches.
+    """Distances of additional mesh points beside junctions and switches.
 
     Attributes
     ----------
-    bracket : of the interval next to a switch: how near to it points are added
-    ramp : of a ramp's length, that is left to each side of the switch
+    bracket : distance of the added points from a junction, as a fraction of the adjacent interval
+    ramp : distance of the mesh points beside a switch, as a fraction of the length of its ramp
     """
 
     bracket: float = 0.1
@@ -32,7 +32,10 @@ MESH_POINTS = MeshPointSettings()
 def hold(
     mesh: FloatArray, places: ArrayLike, accuracy: float, taken: Sequence[float] = ()
 ) -> FloatArray:
-    """Move the nearest mesh point that is not taken to every place, or add a point there."""
+    """Move the nearest free mesh point to every place, or add a point there.
+
+    Mesh points within ``accuracy`` of a place in ``taken`` are not moved.
+    """
     points, held = mesh.copy(), list(taken)
     for place in np.unique(np.clip(places, 0.0, 1.0)).tolist():
         if min(place, 1.0 - place) > accuracy:
@@ -42,10 +45,10 @@ def hold(
 
 
 def move_to_switches(mesh: FloatArray, switches: Sequence[Switch], accuracy: float) -> FloatArray:
-    """Put mesh points where the controls switch.
+    """Move or add mesh points so that controls switch at mesh points.
 
-    A ramp of a continuous control becomes shorter: points go to both sides of the switch, and what
-    was inside the ramp is dropped.
+    The ramp of a continuous control is shortened: points are set on both sides of the switch, and
+    points inside the ramp are dropped.
     """
     points = mesh.copy()
     for ramp in (s for s in switches if s.continuous and s.offset > accuracy):
@@ -61,17 +64,17 @@ def move_to_switches(mesh: FloatArray, switches: Sequence[Switch], accuracy: flo
 def _with_point(
     points: FloatArray, place: float, held: Sequence[float], accuracy: float
 ) -> FloatArray:
-    """Put a point at a place: the nearest one, unless it is an end or holds another place.
+    """Set a point at a place: move the nearest one, unless it is an end or holds another place.
 
-    Where that is news, points on both sides keep the intervals at the place short: a rest of the
-    other arc, be it ever so small, takes the multipliers of one of them.
+    A newly set point gets neighbours that keep its intervals short. Otherwise the rest of the other
+    arc inside a long interval would take over the multipliers of that arc.
     """
     nearest = int(np.abs(points - place).argmin())
     point = float(points[nearest])
-    news = abs(point - place) > accuracy
+    is_new = abs(point - place) > accuracy
     if 0.0 < point < 1.0 and all(abs(point - other) > accuracy for other in held):
         points = np.delete(points, nearest)
     before, after = points[points < place].max(), points[points > place].min()
     reach = MESH_POINTS.bracket * min(place - before, after - place)
-    sides = [place - reach, place + reach] if news and reach > accuracy else []
+    sides = [place - reach, place + reach] if is_new and reach > accuracy else []
     return np.sort(np.concatenate([points, [place], sides]))

@@ -1,7 +1,7 @@
-"""Why a solve did not converge, in the names and units of the declaration.
+"""Reasons why a solve did not converge, in the names and units of the declaration.
 
-Comes in: a program and a point, or a problem. Goes out: an error about values that are not finite,
-the advice of a failed solve, or an :class:`Explanation` of limits that conflict. Begin with
+Input: a program and a point, or a problem. Output: an error about values that are not finite, the
+advice of a failed solve, or an :class:`Explanation` of limits that conflict. Begin with
 :func:`explain` in ``_explain.py``; ``_advice.py`` and ``_finiteness.py`` are called by every solve.
 """
 

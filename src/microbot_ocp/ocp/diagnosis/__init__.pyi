@@ -11,7 +11,7 @@ from ._explain import (
     explain as explain,
 )
 from ._finiteness import (
-    BESIDE as BESIDE,
+    START_OFFSET as START_OFFSET,
     NotFinite as NotFinite,
     finite_start as finite_start,
     singular as singular,

@@ -1,4 +1,4 @@
-"""What to do about a solve that did not converge, in the names and units of the problem."""
+"""Advice on a solve that did not converge, in the names and units of the problem."""
 
 from __future__ import annotations
 
@@ -14,24 +14,27 @@ from microbot_ocp.ocp.diagnosis._finiteness import not_finite
 from microbot_ocp.ocp.solution import Attempt, StartingPoint
 from microbot_ocp.ocp.transcription import DURATION, Label, Program
 
-VIOLATED = 1e-6  # scaled; less is no reason to fail
-POOR = 1e3  # a variable this many times its scale, or a row that changes so much, is badly scaled
-FAR = 0.1  # scaled violation of the dynamics by a guess, above which it is mentioned
+VIOLATED = 1e-6  # scaled violation above which a row is reported
+POOR = 1e3  # value of a variable, or slope of a row, in units of scales, that counts as bad scaling
+GUESS_DEFECT = 0.1  # scaled violation of the dynamics by a guess above which it is reported
 DYNAMICS = ("step", "defect", "equation")
-NO_COST = "No cost is declared: this is one of all answers that keep the constraints."
+NO_COST = "No cost is declared: every solution within the constraints is optimal."
 
 
 def advice(
     program: Program, begin: StartingPoint, x: FloatArray, attempts: Sequence[Attempt]
 ) -> tuple[Advice, ...]:
-    """Return what went wrong and what would help.
+    """Return the status of a solve, followed by its problems and remedies.
 
     Parameters
     ----------
     program : Program
-    begin : where the solve started
-    x : scaled variables at its end
-    attempts : the solvers that were tried; the last one left x
+    begin : StartingPoint
+        Point at which the solve started.
+    x : numpy.ndarray
+        Scaled variables at its end.
+    attempts : sequence of Attempt
+        Attempts of the solvers; the last one ended at x.
     """
     status, start = attempts[-1].status, begin.x
     if status is Status.SOLVED and not any(k.phase.has_cost for k in program.layouts):
@@ -43,9 +46,9 @@ def advice(
         worst = int(np.argmax(np.abs(x)))
         label = program.variable_labels[worst]
         sentence = (
-            f"The cost seems to be unbounded: it fell to {attempts[-1].cost:.2g}, and the "
-            f"{label.description} of phase {label.phase!r} went to {_amount(label, x[worst])}; "
-            "limit what grows."
+            f"The cost seems to be unbounded: it fell to {attempts[-1].cost:.2g}, while the "
+            f"{label.description} of phase {label.phase!r} reached {_amount(label, x[worst])}; "
+            "bound the variables that grow."
         )
         return *rows, Advice("unbounded", sentence)
     broken = [attempt for attempt in attempts if attempt.broke_down]
@@ -54,12 +57,12 @@ def advice(
         rows.append(Advice("gap", f"The cost is {attempts[-1].message}."))
     rows += [Advice("program", sentence) for sentence in _overdetermined(program)]
     if not np.isfinite(x).all():
-        rows.append(remark("The last iterate is not finite: what follows is about the start."))
+        rows.append(remark("The last iterate is not finite: the advice below is about the start."))
         x = start
     complaint = not_finite(program, x, "the last iterate")
     if complaint is not None:
         sentence = (
-            f"{complaint[0].upper()}{complaint[1:]}; keep away from there by a bound or a better "
+            f"{complaint[0].upper()}{complaint[1:]}; exclude such values by a bound or a better "
             "guess."
         )
         rows.append(remark(sentence))
@@ -68,7 +71,7 @@ def advice(
     rows += _guess(program, start)
     if begin.missing:
         names = ", ".join(begin.missing)
-        rows.append(Advice("program", f"Not in the solution that it started from: {names}."))
+        rows.append(Advice("program", f"The solution given as start has no values for: {names}."))
     rows += [Advice("program", sentence) for sentence in _badly_scaled(program, x)]
     if complaint is None and attempts[-1].infeasibility > VIOLATED:
         sentence = "Call explain(problem, mesh, solution): it tells whether the limits conflict."
@@ -77,14 +80,14 @@ def advice(
 
 
 def falls_for_ever(cost: float, scale: float) -> bool:
-    """Return whether a cost is so far below zero that its scale is lost in half of its digits."""
+    """Return True if a cost is so negative that half of the digits of its scale are lost."""
     return bool(cost < -scale / np.sqrt(np.finfo(float).eps))
 
 
 def _most_violated(program: Program, x: FloatArray) -> Iterator[Advice]:
     excess = program.violations(x, program.row_values(x))
     labels = [*program.row_labels, *program.variable_labels]
-    # a phase whose time is too short bends its duration from stage to stage: that is no cause
+    # A phase that is too short violates its duration steps, but these are not the cause.
     causes = np.array([not (k.kind == "step" and k.name == DURATION) for k in labels])
     worst = int(np.argmax(np.where(causes, excess, 0.0)))
     if excess[worst] > VIOLATED:
@@ -105,12 +108,12 @@ def _guess(program: Program, start: FloatArray) -> Iterator[Advice]:
     excess = program.violations(start, program.row_values(start))[: len(rows)]
     defects = np.where([label.kind in DYNAMICS for label in rows], excess, 0.0)
     worst = int(np.argmax(defects))
-    if defects[worst] > FAR:
+    if defects[worst] > GUESS_DEFECT:
         label = rows[worst]
         sentence = (
-            f"The guess was no trajectory: it misses the {_placed(program, label, start)}, by "
-            f'{_amount(label, defects[worst])}; start from guess="rollout", a simulation, or solve '
-            "on a coarser mesh first."
+            f"The guess is no trajectory: it violates the {_placed(program, label, start)}, by "
+            f'{_amount(label, defects[worst])}; start from guess="rollout", a simulation, or a '
+            "solution on a coarser mesh."
         )
         yield Advice("program", sentence)
 
@@ -137,13 +140,16 @@ def _badly_scaled(program: Program, x: FloatArray) -> Iterator[str]:
     for value, label in steep.values():
         yield (
             f"The {label.description} of phase {label.phase!r} changes by {value:.2g} times its "
-            f"scale of {label.scale:g} when one variable changes by its own: declare a larger "
+            f"scale of {label.scale:g} when one variable changes by its scale: declare a larger "
             "scale."
         )
 
 
 def _overdetermined(program: Program) -> Iterator[str]:
-    """Yield mesh points with more equations than variables, which fatrop refuses."""
+    """Yield a sentence on the first mesh point with more equations than variables.
+
+    The solver fatrop rejects such programs.
+    """
     counts: dict[tuple[str, int], list[Label]] = {}
     equal = program.row_lower == program.row_upper
     for label, demanded in zip(program.row_labels, equal, strict=True):

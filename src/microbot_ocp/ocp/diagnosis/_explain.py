@@ -1,9 +1,9 @@
-"""Why a problem has no solution: which limits contradict each other, and by how much.
+"""Contradictory limits of a problem without solution, and the amounts by which they conflict.
 
-The dynamics are kept; every limit (bound, path constraint, end condition, duration) may give, by
-one amount over the whole phase, and the sum of these amounts, scaled, is made as small as possible.
-That names one way out. Each limit that conflicts with it, by its multipliers, is then asked what it
-would have to give if it gave alone.
+An elastic program keeps the dynamics and relaxes every limit (bound, path constraint, end
+condition, duration) by one slack over the whole phase; the sum of the scaled slacks is minimised.
+Its optimum is the cheapest relaxation. Each limit that conflicts with it, according to the
+multipliers, is then relaxed alone.
 
 Theory: docs/theory/certificates.md, equation (6).
 """
@@ -26,19 +26,19 @@ from microbot_ocp.ocp.solution import Solution, unpack
 from microbot_ocp.ocp.starts import default_guess, rollouts, scaled, starting_point
 from microbot_ocp.ocp.transcription import EQUATIONS, Guess, Label, Meshes, Program, Transcription
 
-GIVES = 1e-4  # scaled amount below which a limit holds
-CONFLICTS = 1e-3  # multiplier, of a sum of scaled amounts, above which a limit conflicts
-LONGER = 10.0  # times a duration of the guess: the most where only limits give
-ALONE = 12  # how many limits are tried alone
-OTHERS = 3  # simulations from which the way out is looked for, too
-# Where one way out is as cheap as another: rather an end than a start.
+RELAXED = 1e-4  # scaled slack above which a limit counts as relaxed
+CONFLICTS = 1e-3  # sum of scaled multipliers of a limit above which it is in conflict
+LONGEST_RATIO = 10.0  # largest duration relative to the guess if only limits are relaxed
+MOST_ALONE = 12  # number of limits that are relaxed alone
+SIMULATED_STARTS = 3  # simulations that serve as further starts of the elastic solve
+# Among equally cheap relaxations the weights prefer limits, then ends, durations and starts.
 _WEIGHTS = {"final": 0.01, "duration": 0.02, "initial": 0.03}
 _PLACES = {"initial": "start of ", "final": "end of "}
 
 
 @dataclass(frozen=True)
 class Relaxation:
-    """A limit and what it would have to give.
+    """A limit and the amount by which it would have to be relaxed.
 
     Attributes
     ----------
@@ -46,17 +46,16 @@ class Relaxation:
     kind : str
         "limit", "initial", "final" or "duration".
     side : str
-        "lower" or "upper"; "" for a value that is demanded.
+        "lower" or "upper"; "" for a fixed value.
     limit : float
-        As declared.
+        Declared limit.
     amount : float
-        By how much it would have to give, in ``unit``; None where nothing that it could give alone
-        would help.
+        Amount of the relaxation, in ``unit``; None if relaxing this limit alone does not help.
     unit : str
     time : float
-        Since the start of the phase, s, where it is exceeded most (or presses most).
+        Time since the start of the phase, s, of the largest excess (or the largest multiplier).
     component : int
-        Of what has several.
+        Index into a limit with several components.
     """
 
     phase: str
@@ -71,32 +70,32 @@ class Relaxation:
 
     @property
     def subject(self) -> str:
-        """The limit and its place."""
-        what = {"lower": "lower limit", "upper": "upper limit"}.get(self.side, "value")
+        """Name, place and value of the limit."""
+        kind = {"lower": "lower limit", "upper": "upper limit"}.get(self.side, "value")
         unit = f" {self.unit}" if self.unit else ""
         at = _PLACES.get(self.kind, "")
-        return f"{at}{self.name} in phase {self.phase!r} ({what} {self.limit:.6g}{unit})"
+        return f"{at}{self.name} in phase {self.phase!r} ({kind} {self.limit:.6g}{unit})"
 
     def __str__(self) -> str:
         if self.amount is None:
             return self.subject
         unit = f" {self.unit}" if self.unit else ""
         where = f" at t = {self.time:.4g} s" if self.kind == "limit" else ""
-        return f"{self.subject} would have to give {self.amount:.4g}{unit}{where}"
+        return f"{self.subject} would have to be relaxed by {self.amount:.4g}{unit}{where}"
 
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
-    """What an elastic solve found.
+    """Result of the elastic solves.
 
     Attributes
     ----------
-    feasible : whether all limits can be kept together
-    conclusive : whether the elastic solve converged
-    gives : the cheapest way out: what would have to give, together
-    alternatives : other ways out, each by one limit alone (both its sides, all its components)
-    conflicts : limits that conflict with it and would not help alone
-    phases : values by phase of the trajectory on the cheapest way out
+    feasible : True if all limits can be kept together
+    conclusive : True if the elastic solve converged
+    gives : the cheapest relaxation: limits that are relaxed together
+    alternatives : other relaxations, each of one limit alone with all its sides and components
+    conflicts : limits in conflict that do not help if relaxed alone
+    phases : values by phase of the trajectory of the cheapest relaxation
     """
 
     feasible: bool
@@ -118,14 +117,14 @@ class Explanation:
                 "better guess (the one found here, for example) or give the solver more iterations."
             )
         lines = [
-            "No trajectory was found that keeps these limits together. The least that would help:"
+            "No trajectory within all limits was found. The cheapest relaxation that allows one:"
         ]
         lines += [f"  {item}" for item in self.gives]
         if self.alternatives:
-            lines.append("Or, instead, one of these alone:")
+            lines.append("Alternatively, one of these alone:")
             lines += ["  " + ", and ".join(map(str, items)) for items in self.alternatives]
         if self.conflicts:
-            lines.append("Also in the way, but no help alone:")
+            lines.append("Also in conflict, but relaxing one of these alone does not help:")
             lines += [f"  {item.subject}" for item in self.conflicts]
         return "\n".join(lines)
 
@@ -138,60 +137,60 @@ def explain(
     limits_only: bool = False,
     max_iterations: int = 500,
 ) -> Explanation:
-    """Find out which limits of a problem contradict each other.
+    """Find the limits of a problem that contradict each other.
 
     Parameters
     ----------
     problem : OptimalControlProblem or Transcription
     mesh : int or array of fractions [N+1], or one a phase
-        A coarse one does.
+        A coarse mesh suffices.
     guess : guesses or Solution, optional
-        Where the search starts: the solution of the solve that failed, for example. By default
-        the usual guess, and simulations with constant controls.
+        Starting point of the search, for example the solution of the failed solve. By default the
+        default guess, followed by simulations with constant controls.
     limits_only : bool
-        Whether conditions at ends and bounds of durations hold, which are at most ten times those
-        of the guess, and only the cheapest way out is looked for.
+        True keeps end conditions and duration bounds; durations are at most ten times those of
+        the guess, and only the cheapest relaxation is computed.
     max_iterations : int
-        Of each elastic solve.
+        Iteration limit of each elastic solve.
     """
     if not isinstance(problem, Transcription):
         problem = Transcription(scaled(problem, guess))
     program = problem.program(mesh)
     x = finite_start(program, starting_point(program, problem.problem, guess).x)
     checks.number("max_iterations", max_iterations, at_least=0, at_most=checks.MOST_ITERATIONS)
-    elastic = _Elastic(program, max_iterations)
-    if limits_only:  # that cost nothing, and they would run away
+    elastic = _ElasticProgram(program, max_iterations)
+    if limits_only:  # long durations cost nothing here and would grow without limit
         durations = np.concatenate([layout.nodes[:, -1] for layout in program.layouts])
-        elastic.highest[durations] = LONGER * x[durations]
+        elastic.highest[durations] = LONGEST_RATIO * x[durations]
     others = _simulated(program, problem.problem) if guess is None else ()
     return elastic.explain(chain([x], others), limits_only)
 
 
 def _simulated(program: Program, problem: OptimalControlProblem) -> Iterator[FloatArray]:
-    for guess in rollouts(problem, default_guess(problem))[:OTHERS]:
+    for guess in rollouts(problem, default_guess(problem))[:SIMULATED_STARTS]:
         x = starting_point(program, problem, guess).x
         if np.isfinite(program.row_values(x)).all():
             yield x
 
 
 @dataclass(frozen=True, eq=False)
-class _Item:
-    """One side of one component of one limit: where it acts."""
+class _LimitSide:
+    """One side of one component of a limit, with all its rows."""
 
     label: Label
     kind: str
     side: int  # -1 lower, 1 upper
     equal: bool
     value: float  # scaled
-    rows: np.ndarray  # of the elastic program
-    most: float  # that it may give, scaled
+    rows: np.ndarray  # rows of the elastic program
+    most: float  # largest scaled slack
 
 
-class _Elastic:
-    """The program with one slack for every limit, at the end of its variables.
+class _ElasticProgram:
+    """The program with one slack per side of a limit, appended to its variables.
 
-    Every side of a limit has rows of its own: were the two in one row, their slacks would cancel
-    over the phase. A demanded value that stands in one row only keeps it, and gives either way.
+    Both sides of a limit have their own rows: in a common row the two slacks would cancel over the
+    phase. A fixed value in a single row keeps that row, with one slack per direction.
     """
 
     def __init__(self, program: Program, max_iterations: int) -> None:
@@ -214,7 +213,7 @@ class _Elastic:
             if label.kind in EQUATIONS:
                 continue
             kind = label.kind if label.kind in ("initial", "final", "duration") else "limit"
-            # a control that ends as the next node is bounded there: the same limit twice
+            # The end of a control and the node there may bound one quantity twice: group them.
             key = (label.phase, kind, label.kind == "end", label.name, label.component)
             groups.setdefault(key, []).append(row)
         for (_, kind, *_), members in groups.items():
@@ -226,10 +225,10 @@ class _Elastic:
                 value = float(limits[acting[0]])
                 most = 0.99 * value if kind == "duration" and side < 0 else np.inf
                 equal = bool(np.all(self.lower[acting] == self.upper[acting]))
-                yield _Item(self.labels[acting[0]], kind, side, equal, value, acting, most)
+                yield _LimitSide(self.labels[acting[0]], kind, side, equal, value, acting, most)
 
     def _arrange(self) -> None:
-        """Note rows of the elastic program: which they are in the program, and their limits."""
+        """Set up the rows of the elastic program: their source rows, limits and slack places."""
         strict = [i for i, label in enumerate(self.labels) if label.kind in EQUATIONS]
         source = list(strict)
         lower, upper = (list(limits[strict]) for limits in (self.lower, self.upper))
@@ -251,6 +250,7 @@ class _Elastic:
         self.row_limits = np.array(lower), np.array(upper)
 
     def _solver(self, max_iterations: int) -> ca.Function:
+        # Rows: limits <= g(x) - side * s <= limits, with slacks s >= 0 appended to x, equation (6).
         program, slacks = self.program, len(self.items)
         functions, height = program.functions, self.source.size
         rows = np.concatenate(self.places)
@@ -291,7 +291,7 @@ class _Elastic:
         return ca.nlpsol("elastic", "ipopt", {"x": v, "p": p, "f": cost, "g": limits}, options)
 
     def solve(self, x: FloatArray, allowed: np.ndarray) -> tuple[bool, FloatArray, FloatArray]:
-        """Return whether it converged, variables with slacks, multipliers of the rows."""
+        """Return convergence, variables with slacks, and multipliers of the rows."""
         slacks = len(self.items)
         most = np.where(allowed, [item.most for item in self.items], 0.0)
         result = self.solver(
@@ -309,12 +309,12 @@ class _Elastic:
     def cheapest(
         self, starts: Iterable[FloatArray], allowed: np.ndarray
     ) -> tuple[bool, FloatArray, FloatArray]:
-        """Do as :meth:`solve`, from the start that leads to the cheapest way out."""
+        """Return the cheapest result of :meth:`solve` over the starts; a feasible one ends it."""
         ends = []
         for x in starts:
             ends.append(self.solve(x, allowed))
             good, values, _ = ends[-1]
-            if good and not np.any(values[self.count :] > GIVES):
+            if good and not np.any(values[self.count :] > RELAXED):
                 break
         return min(ends, key=lambda one: (not one[0], one[1][self.count :].sum()))
 
@@ -324,23 +324,23 @@ class _Elastic:
         good, values, multipliers = self.cheapest(starts, may)
         best, amounts = values[: self.count], values[self.count :]
         phases = unpack(self.program.layouts, best) if np.isfinite(best).all() else ()
-        giving = np.flatnonzero(amounts > GIVES)
+        giving = np.flatnonzero(amounts > RELAXED)
         if not good or not giving.size:
             return Explanation(good and not giving.size, good, (), (), (), phases)
         gives = tuple(self._relaxation(i, amounts[i], best, multipliers) for i in giving.tolist())
         pressing = [
-            float(np.maximum(item.side * multipliers[place], 0.0).sum())  # positive at upper limits
+            float(np.maximum(item.side * multipliers[place], 0.0).sum())  # upper: positive
             for item, place in zip(self.items, self.places, strict=True)
         ]
         order = [int(i) for i in np.argsort(pressing)[::-1] if pressing[i] > CONFLICTS]
         giving_groups = self._groups(giving.tolist())
         alternatives, conflicts = [], []
-        for group in self._groups(order)[: 0 if limits_only else ALONE]:
+        for group in self._groups(order)[: 0 if limits_only else MOST_ALONE]:
             if [group] == giving_groups:
-                continue  # the way out that is known
+                continue  # this is the cheapest relaxation itself
             helps, trial, _ = self.solve(best, np.isin(np.arange(slacks), group))
             x, relaxations = trial[: self.count], trial[self.count :]
-            those = [i for i in group if relaxations[i] > GIVES]
+            those = [i for i in group if relaxations[i] > RELAXED]
             alone = [self._relaxation(i, relaxations[i], x, multipliers) for i in those]
             if helps and alone:
                 alternatives.append(tuple(alone))
@@ -350,10 +350,10 @@ class _Elastic:
         return Explanation(False, True, gives, tuple(alternatives), tuple(conflicts), phases)
 
     def _groups(self, order: Sequence[int]) -> list[list[int]]:
-        """Return both sides and all components of a limit together, in the given order."""
+        """Return index groups: both sides and all components of each limit, in the given order."""
         names = [(item.label.phase, item.kind, item.label.name) for item in self.items]
-        asked = dict.fromkeys(names[i] for i in order)
-        return [[i for i, name in enumerate(names) if name == one] for one in asked]
+        ordered = dict.fromkeys(names[i] for i in order)
+        return [[i for i, name in enumerate(names) if name == one] for one in ordered]
 
     def _relaxation(
         self, index: int, amount: float | None, x: FloatArray, multipliers: FloatArray

@@ -1,4 +1,4 @@
-"""Where the expressions of a problem are not finite: which, where, and by which variable."""
+"""Detection of expressions without finite value or slope: which one, where, and its cause."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from microbot_ocp.ocp.problem import Expressions, Phase
 from microbot_ocp.ocp.solution import PhaseSolution, unpack
 from microbot_ocp.ocp.transcription import Program
 
-PUSH = 1e-2  # how far solvers move a guess off its bounds, as a share of their size or distance
-BESIDE = 1e-2  # of the scales: how far a start is moved from kinks and symmetry
+PUSH = 1e-2  # distance by which solvers move a guess off its bounds, relative to bound or range
+START_OFFSET = 1e-2  # displacement of a start off kinks and symmetry, in units of the scales
 GOLDEN = (np.sqrt(5) - 1) / 2
 
 
 @dataclass(frozen=True, eq=False)
 class _Term:
-    """An expression of a phase with the name that its user knows it by."""
+    """An expression of a phase and its name in messages."""
 
     label: str
     expression: ca.MX
     at_end: bool = False
 
 
-_TERMS = {  # lists of a phase with what their items are called
+_TERMS = {  # lists of a phase and the names of their items in messages
     "constraints": "constraint {!r}",
     "algebraic_equations": "an algebraic equation",
     "running_costs": "a running cost",
@@ -39,22 +39,21 @@ _TERMS = {  # lists of a phase with what their items are called
 
 
 class NotFinite(InputError):
-    """A start at which something has no finite value or slope."""
+    """Start at which an expression has no finite value or slope."""
 
 
 def finite_start(program: Program, x: FloatArray, *, uneven: bool = False) -> FloatArray:
-    """Return the start, moved a little where it is at a kink, such as the norm of controls that are
-    zero.
+    """Return the start, displaced slightly if it is at a kink, such as the norm of zero controls.
 
-    It is looked at where a solver will: a little inside its bounds. With ``uneven`` it is moved
-    wherever it is: from a start that is symmetric a solver does not leave what is symmetric, for
-    all slopes lie in it, and ends at a saddle or among equations that depend on each other.
+    The start is evaluated slightly inside its bounds, where a solver starts. With ``uneven`` it is
+    always displaced: at a symmetric start all slopes are symmetric, so that a solver stays among
+    symmetric points and ends at a saddle or among linearly dependent equations.
 
     Raises
     ------
     NotFinite
-        The user's expressions are not finite there, or their slopes neither there nor beside it.
-        Names the expression, the place and the variable that it comes from.
+        Expressions are not finite there, or their slopes neither there nor at the displaced start.
+        The message names the expression, its place and the variable that causes it.
     """
     inside = _inside(program, x)
     complaint = not_finite(program, inside, "the guess")
@@ -62,8 +61,8 @@ def finite_start(program: Program, x: FloatArray, *, uneven: bool = False) -> Fl
         return x
     if complaint is None or _has_values(program, inside):
         free = (program.variable_lower < program.variable_upper) & ~_held(program, inside)
-        shares = 0.5 + GOLDEN * np.arange(x.size) % 1.0  # differences of variables are no longer 0
-        beside = _inside(program, x + BESIDE * np.where(free, shares, 0.0))
+        shares = 0.5 + GOLDEN * np.arange(x.size) % 1.0  # all different: no difference stays zero
+        beside = _inside(program, x + START_OFFSET * np.where(free, shares, 0.0))
         if not_finite(program, beside, "the guess") is None:
             return beside
     if complaint is None:
@@ -72,7 +71,7 @@ def finite_start(program: Program, x: FloatArray, *, uneven: bool = False) -> Fl
 
 
 def _held(program: Program, x: FloatArray) -> np.ndarray:
-    """Return variables that a condition at an end leaves no choice."""
+    """Return a mask of the variables that an end condition determines."""
     equal = program.row_lower == program.row_upper
     ends = np.array([label.kind in ("initial", "final") for label in program.row_labels], bool)
     _, jacobian = program.functions["jacobian"](x, program.parameters)
@@ -83,20 +82,22 @@ def _held(program: Program, x: FloatArray) -> np.ndarray:
 
 
 def _has_values(program: Program, x: FloatArray) -> bool:
-    """Return whether the cost and all rows are finite, whatever their slopes."""
+    """Return True if the cost and all rows are finite, without regard to slopes."""
     f, _ = program.functions["gradient"](x, program.parameters)
     g, _ = program.functions["jacobian"](x, program.parameters)
     return bool(np.isfinite(f.nonzeros()).all() and np.isfinite(g.nonzeros()).all())
 
 
 def not_finite(program: Program, x: FloatArray, where: str) -> str | None:
-    """Return the first expression that has no finite value or slope at x; None where all have one.
+    """Return a sentence on the first expression that is not finite at x; None if there is none.
+
+    Both values and slopes are checked.
 
     Parameters
     ----------
     program : Program
     x : scaled variables
-    where : what x is, for the message
+    where : name of the point x in the message
     """
     parts = program.cost(x), *program.slopes(x)
     if all(np.isfinite(value).all() for value in parts):
@@ -116,10 +117,9 @@ def not_finite(program: Program, x: FloatArray, where: str) -> str | None:
 
 
 def singular(phase: PhaseSolution) -> str:
-    """Return where the dynamics have no finite value or slope along a phase; empty where they
-    have.
+    """Return a sentence on dynamics with infinite value or slope along a phase; empty if none.
 
-    A state that is zero but for rounding counts as zero.
+    A state within rounding of zero counts as zero.
     """
     rounding = np.sqrt(np.finfo(float).eps)
     values = {
@@ -166,11 +166,11 @@ def _complaint(values: PhaseSolution, term: _Term, slopes: bool, where: str) -> 
         result = np.array(function(*point))
         if np.isfinite(result).all():
             continue
-        what = "slope" if slopes else "value"
+        kind = "slope" if slopes else "value"
         place = "at its end" if term.at_end else f"in interval {intervals[column] + 1}"
         bad = result[~np.isfinite(result)][0]
         return (
-            f"the {what} of {term.label} of phase {values.name!r} is {bad:g} at {where} {place} "
+            f"the {kind} of {term.label} of phase {values.name!r} is {bad:g} at {where} {place} "
             f"(t = {times[column]:.4g} s): {_cause(function, symbols, point)}"
         )
     return None
@@ -179,7 +179,7 @@ def _complaint(values: PhaseSolution, term: _Term, slopes: bool, where: str) -> 
 def _points(
     values: PhaseSolution, *, at_end: bool
 ) -> tuple[list[tuple[str, ca.MX]], list[FloatArray], FloatArray, np.ndarray]:
-    """Return symbols of a phase, their values [size, M], times and intervals of some points."""
+    """Return symbols of a phase, values [size, M], times and intervals of its sample points."""
     phase, h = values.laid_out.phase, np.diff(values.mesh)
     fractions = np.array([1.0]) if at_end else np.array([0.0, 0.25, 0.5, 0.75, 1.0])
     intervals = np.arange(h.size)[-1:] if at_end else np.arange(h.size)
@@ -199,11 +199,12 @@ def _points(
 
 
 def _interpolated(values: PhaseSolution, k: np.ndarray, share: FloatArray) -> dict[str, FloatArray]:
-    """Return values at fractions of intervals; states at mesh points as they are guessed."""
+    """Return values at fractions of intervals, with states at mesh points as guessed."""
     layout = values.laid_out
     assert values.stages is not None
     tables = layout.interpolated(values.stages, k, share)
-    # inside an interval the state follows from the dynamics, which may be what is wrong
+    # States inside an interval follow from the dynamics, which may be the invalid expressions:
+    # use straight lines in that case.
     states = layout.phase.states
     bad = ~np.isfinite(np.hstack([tables[v.name] for v in states])).all(axis=1)
     bad |= (share == 0.0) | (share == 1.0)
@@ -233,10 +234,10 @@ _OPERATIONS: dict[int, Callable[[float, float], str]] = {
 def _cause(
     function: ca.Function, symbols: Sequence[tuple[str, ca.MX]], point: Sequence[FloatArray]
 ) -> str:
-    """Return the first operation that leaves the finite numbers, and the variables behind it."""
+    """Return the first operation with finite operands and infinite result, and its variables."""
     try:
         scalar = function.expand()
-    except RuntimeError:  # calls that have no scalar graph
+    except RuntimeError:  # an interpolant or callback has no scalar graph
         used = [
             _entry(name, values, i)
             for k, ((name, _), values) in enumerate(zip(symbols, point, strict=True))
@@ -272,7 +273,7 @@ def _cause(
 
 def _apply(operation: int, a: float, b: float) -> float:
     x, y = ca.SX.sym("x"), ca.SX.sym("y")
-    result = ca.SX.binary(operation, x, y)  # of unary operations too, without their second input
+    result = ca.SX.binary(operation, x, y)  # unary operations ignore the second operand
     return float(ca.Function("one", [x, y], [result])(a, b))
 
 

@@ -1,7 +1,7 @@
-"""Kinks at which a solution stands: sizes of controls that are zero, as where no fuel is burnt.
+"""Kinks at a solution: norms or absolute values of controls that are zero, as where no fuel burns.
 
-No solver converges where a slope jumps, and none proves its answer where the slope of a constraint
-that holds with equality is zero: its multiplier has no bound there.
+A solver does not converge where a slope jumps. Nor can optimality be proved where the gradient of
+an active constraint vanishes: its multiplier is unbounded.
 """
 
 from __future__ import annotations
@@ -16,19 +16,20 @@ from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.problem import Expressions
 from microbot_ocp.ocp.solution import PhaseSolution, Solution
 
-ZERO = 1e-2  # share of the largest size along the phase
-LEAST = 0.05  # share of a phase at a kink that is worth a word
-SHARES = np.array([0.25, 0.75])  # places in every interval, as fractions
+ZERO = 1e-2  # size that counts as zero, relative to the largest one along the phase
+LEAST = 0.05  # fraction of a phase at a kink above which it is reported
+SHARES = np.array([0.25, 0.75])  # sample points in every interval, as fractions
 REMEDY = (
     "make the size a control s >= 0 with the cost of s and sumsqr(u) + e**2 <= (s + e)**2, e a "
-    "thousandth of its largest (the cost is less than e a second too small), or of one control "
-    "u = p - m with p, m >= 0 and the cost of p + m"
+    "thousandth of its largest value (the cost is then too small by at most e a second), or for a "
+    "scalar control write u = p - m with p, m >= 0 and the cost of p + m"
 )
 
 
 def kinks(solution: Solution) -> str:
-    """Return where a solution stands at a kink for a part of a phase, and a form without one; empty
-    where it stands at none, or the solver converged all the same.
+    """Return a sentence on a kink that a solution stays at, and a formulation without kink.
+
+    Empty if there is none or the solver converged.
     """
     if solution.attempts[-1].status.solved:
         return ""
@@ -43,17 +44,17 @@ def kinks(solution: Solution) -> str:
             zero = sizes <= ZERO * sizes.max(initial=0.0)
             if zero.mean() >= LEAST and not zero.all():
                 return (
-                    f"{label} of phase {phase.name!r} has a kink at which the answer stands, as at "
+                    f"{label} of phase {phase.name!r} has a kink at the solution, as at "
                     f"{t[zero][0]:.3g} s: {REMEDY}."
                 )
     return ""
 
 
 def unheld(solution: Solution) -> str:
-    """Return the control that is free in every interval and limited by a constraint alone, where a
-    gap is left, and forms that leave none; empty where there is no such control.
+    """Return a sentence on an unbounded control that only a constraint limits, if a gap is left.
 
-    On singular arcs such controls swing between collocation points at no cost.
+    The sentence proposes other formulations. Along singular arcs such controls oscillate between
+    collocation points at no cost. Empty if there is no such control.
     """
     if solution.status is not Status.GAP_LEFT:
         return ""
@@ -64,8 +65,8 @@ def unheld(solution: Solution) -> str:
             for limit in declared.constraints if free else ():
                 if ca.depends_on(limit.expression, control.symbol):
                     return (
-                        f"Nothing but constraint {limit.name!r} limits control {control.name!r} of "
-                        f"phase {phase.name!r}: declare it with shape='linear', or make the "
+                        f"Only constraint {limit.name!r} limits control {control.name!r} of phase "
+                        f"{phase.name!r}: declare the control with shape='linear', or make the "
                         "limited quantity the control, such as torques in place of accelerations."
                     )
     return ""
@@ -74,8 +75,9 @@ def unheld(solution: Solution) -> str:
 def _sizes(
     phase: PhaseSolution, values: dict[str, FloatArray], t: FloatArray
 ) -> Iterator[tuple[str, FloatArray]]:
-    """Yield sizes [M] that are zero at kinks, with whose they are: roots and absolute values, and
-    slopes of constraints that act.
+    """Yield labels and sizes [M] that vanish at kinks.
+
+    Sizes are roots, absolute values, and norms of the gradients of active constraints.
     """
     declared = phase.laid_out.phase
     expressions = Expressions(declared)
@@ -109,7 +111,7 @@ def _roots(function: ca.Function) -> Iterator[ca.Function]:
             work[outputs[0]] = given[inputs[1]]
         elif operation == ca.OP_CONST:
             work[outputs[0]] = ca.SX(function.instruction_constant(k))
-        elif operation == ca.OP_CALL:  # a table has no scalar graph
+        elif operation == ca.OP_CALL:  # an interpolant has no scalar graph
             return
         elif operation != ca.OP_OUTPUT:
             value = ca.SX.binary(operation, work[inputs[0]], work[inputs[-1]])

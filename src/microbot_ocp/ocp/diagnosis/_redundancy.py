@@ -1,8 +1,8 @@
-"""Equations at mesh points that follow from others, or contradict them, found by their rank.
+"""Equations at mesh points that follow from or contradict others, detected by their rank.
 
-A condition that is declared twice (an end, and a link to a start with the same value) makes the
-equations dependent. Solvers bear some of that; where there are as many equations as unknowns they
-refuse the program.
+A condition that is declared twice (an end, and a link to a start with that value) makes the
+equations linearly dependent. Solvers tolerate some dependence; with as many equations as unknowns
+they reject the program.
 """
 
 from __future__ import annotations
@@ -15,20 +15,20 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.ocp.transcription import IntArray, Program
 
-RANK = 1e-9  # of a row: what is left of it by others is rounding
+RANK = 1e-9  # rest of a row after projection that counts as rounding, relative to the row
 
 
 def independent(program: Program, x: FloatArray, tolerance: float) -> tuple[Program, list[str]]:
-    """Return the program without conditions at ends, links and points that say nothing new, whose
-    rows have no bounds in it, and a sentence on each.
+    """Return the program with redundant conditions removed, and a sentence on each of them.
 
-    A row follows from others where its slopes are a sum of theirs and its value, too, at x and
-    beside it.
+    Conditions at ends, links and points are examined; a redundant row loses its bounds. A row is
+    redundant if its gradient is a linear combination of those of other rows, at x and at a second
+    point, and its value is the same combination.
 
     Raises
     ------
     InputError
-        Where the value is not: the row contradicts them.
+        The value is another one: the row contradicts the others.
     """
     rows = _equations(program)
     fixed = program.variable_lower == program.variable_upper
@@ -50,9 +50,9 @@ def independent(program: Program, x: FloatArray, tolerance: float) -> tuple[Prog
             for j in (0, 1)
         )
         if not (slopes <= RANK * size and np.isfinite(missed)):
-            continue  # by chance, at x
+            continue  # a coincidence at x
         others = " and ".join(_named(program, rows[j]) for j in np.flatnonzero(weight))
-        others = others or "what is fixed"
+        others = others or "fixed variables"
         if missed > tolerance * size:
             raise InputError(f"{_named(program, rows[k])} contradicts {others}")
         redundant.append(f"{_named(program, rows[k])} follows from {others}")
@@ -63,7 +63,7 @@ def independent(program: Program, x: FloatArray, tolerance: float) -> tuple[Prog
 
 
 def _equations(program: Program) -> IntArray:
-    """Return rows that are equations at mesh points: links first, which solvers need."""
+    """Return the rows that are equations at mesh points, links first: solvers need these."""
     blocks = [layout.link for layout in program.layouts]
     for layout in program.layouts:
         blocks += [layout.initial, *(group.block for group in layout.points), layout.final]
@@ -77,7 +77,7 @@ def _named(program: Program, row: int) -> str:
 
 
 def _values(program: Program, x: FloatArray, rows: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Return what equations miss [m], and their slopes [m, n] by variables that are not fixed."""
+    """Return residuals of equations [m], and gradients [m, n] by variables that are not fixed."""
     g, jacobian = program.functions["jacobian"](x, program.parameters)
     slopes = np.array(jacobian[rows.tolist(), :])
     for first, others in _constant(program):
@@ -88,8 +88,9 @@ def _values(program: Program, x: FloatArray, rows: IntArray) -> tuple[FloatArray
 
 
 def _constant(program: Program) -> Iterator[tuple[int, IntArray]]:
-    """Yield where durations and free parameters stand at the first mesh point and at the others:
-    along a phase they are the same.
+    """Yield the first index and the other indices of each duration and free parameter.
+
+    These variables are constant along a phase.
     """
     for layout in program.layouts:
         for k, entry in enumerate(layout.kind.node):
@@ -98,7 +99,7 @@ def _constant(program: Program) -> Iterator[tuple[int, IntArray]]:
 
 
 def _dependent(slopes: FloatArray) -> dict[int, FloatArray]:
-    """Return rows [m, n] that are sums of those before them, with the weights [m] of these."""
+    """Return rows [m, n] that are linear combinations of earlier rows, with their weights [m]."""
     basis, kept, weights = np.zeros((0, slopes.shape[1])), [], {}
     for k, row in enumerate(slopes):
         rest = row - basis.T @ (basis @ row)

@@ -1,8 +1,7 @@
-"""Errors of a solution on its mesh, where to divide it, and the loop of every refinement.
+"""Errors of a solution on its mesh, division of intervals, and the loop of every refinement.
 
-Comes in: a solution. Goes out: relative errors of its states, how far limits are exceeded between
-mesh points, finer meshes. Begin with :func:`state_errors` and :func:`divide`;
-:func:`refined` is the loop.
+Input: a solution. Output: relative errors of its states, excess over limits between mesh points,
+finer meshes. Begin with :func:`state_errors` and :func:`divide`; :func:`refined` is the loop.
 """
 
 import lazy_loader

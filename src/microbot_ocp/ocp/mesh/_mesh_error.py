@@ -1,14 +1,13 @@
-"""State error of every interval by re-integration, and the pieces it has to be divided into.
+"""State errors of the intervals by re-integration, their division, and the refinement loop.
 
-The error of an interval is the difference between the next mesh state and what an adaptive
-integrator arrives at from the interval's own mesh state with the solution's own control. A scheme
-of order p makes local errors of order p + 1 in the step, which says into how many pieces an
-interval has to be divided (Betts, *Practical Methods for Optimal Control*, 2nd ed., section 4.7;
-the error there is a quadrature of the residual over the interval).
+The error of an interval is the difference between the next mesh state and the result of an adaptive
+integrator from the interval's own mesh state with the solution's own control. A scheme of order p
+has local errors of order p + 1 in the step, which determines the number of pieces of an interval
+(Betts, *Practical Methods for Optimal Control*, 2nd ed., section 4.7; there the error is a
+quadrature of the residual over the interval).
 
-The loop of every refinement is here, too: solve, measure, split, solve again. What is solved, what
-is measured, where it is split, which answer is accepted and when it ends are functions; what has
-come of it so far is data.
+The loop of every refinement is defined here: solve, measure, split, solve again. Its steps are
+functions and its progress is data, so that it serves any kind of solution.
 
 Theory: docs/theory/transcription.md, equation (5).
 """
@@ -29,12 +28,12 @@ from microbot_ocp.ocp.verification import Recomputation, each_interval, interval
 
 @dataclass(frozen=True)
 class Division:
-    """Into how many pieces an interval is divided.
+    """Division of intervals.
 
     Attributes
     ----------
-    most_pieces : at once: an error may be estimated badly
-    safety : share of the accuracy that the divided intervals aim at
+    most_pieces : largest number of pieces of an interval in one round: estimates may be poor
+    safety : target error of the divided intervals, relative to the accuracy
     """
 
     most_pieces: int = 6
@@ -45,12 +44,12 @@ DIVISION = Division()
 
 
 def state_errors(solution: Solution) -> list[FloatArray]:
-    """Return relative state error of every interval: one array [N] a phase.
+    """Return the relative state error of every interval: one array [N] per phase.
 
     ``max_i |x_i(t_k+1) - reached_i| / weight_i``, where reached is the integral of the dynamics
     from the mesh state at t_k and the weight is the largest magnitude of the state along the phase,
-    or a hundredth of its scale if that is more. The running cost counts as one state more, whose
-    weight is the size of the cost. Infinite where the integrator fails.
+    or a hundredth of its scale if that is larger. The running cost counts as an additional state
+    with the size of the cost as weight. Infinite if the integrator fails.
     """
     errors = []
     size = cost_size(solution.cost, solution.cost_scale)
@@ -62,16 +61,16 @@ def state_errors(solution: Solution) -> list[FloatArray]:
 
 
 def divide_phase(phase: PhaseSolution, errors: FloatArray, accuracy: float) -> FloatArray:
-    """Divide the mesh of a phase by errors of its intervals, of the order of its scheme."""
+    """Divide the mesh of a phase for given interval errors and the order of its scheme."""
     return divide(phase.mesh, errors, accuracy, phase.laid_out.kind.scheme.order)
 
 
 def divide(mesh: FloatArray, errors: FloatArray, accuracy: float, order: int) -> FloatArray:
-    """Divide the intervals above the accuracy into the number of pieces that the order predicts.
+    """Divide the intervals above the accuracy into as many pieces as the order predicts.
 
-    A local error e that goes with the power ``order + 1`` of the step comes below the goal with
-    ``(e / goal)^(1 / (order + 1))`` pieces. The goal is half the accuracy: once a mesh is changed,
-    its neighbours that were just good enough may not be any more.
+    A local error e proportional to the power ``order + 1`` of the step falls below the target with
+    ``(e / target)^(1 / (order + 1))`` pieces, equation (5). The target is half the accuracy: a
+    changed mesh also changes the errors of neighbours that just met the accuracy.
     """
     if errors.max() <= accuracy:
         return mesh.copy()
@@ -87,13 +86,13 @@ def divide(mesh: FloatArray, errors: FloatArray, accuracy: float, order: int) ->
 # refinement -------------------------------------------------------------------------------------
 
 S = TypeVar("S")  # answer
-M = TypeVar("M")  # what is measured of it
-P = TypeVar("P")  # what is proposed to be solved next
+M = TypeVar("M")  # measure of an answer
+P = TypeVar("P")  # proposal for the next solve
 
 
 @dataclass(frozen=True, eq=False)
 class Round(Generic[S, M]):
-    """An accepted answer, and what was measured of it."""
+    """An accepted answer and its measure."""
 
     solution: S
     measure: M
@@ -101,13 +100,13 @@ class Round(Generic[S, M]):
 
 @dataclass(frozen=True, eq=False)
 class Refinement(Generic[S, M]):
-    """A refinement so far.
+    """State of a refinement.
 
     Attributes
     ----------
-    rounds : what was accepted, in order
-    refused : what was solved last, if it was not accepted
-    ended : why no more is solved; None before that
+    rounds : accepted answers in order
+    refused : last answer, if it was not accepted
+    ended : reason of the end; None before the end
     """
 
     rounds: tuple[Round[S, M], ...]
@@ -121,7 +120,7 @@ class Refinement(Generic[S, M]):
 
     @property
     def measure(self) -> M:
-        """What was measured of it."""
+        """Measure of the last accepted answer."""
         return self.rounds[-1].measure
 
 
@@ -133,16 +132,16 @@ def refined(
     accept: Callable[[S, S], bool],
     stop: Callable[[tuple[Round[S, M], ...], P], Status | None],
 ) -> Iterator[Refinement[S, M]]:
-    """Refine an answer round by round; yields how far it is after each, and at last why it ended.
+    """Refine an answer round by round; yield the state after each round, and last the final state.
 
     Parameters
     ----------
-    first : the answer that it begins with
-    solve : a new answer from the last one, by what ``split`` proposed
-    measure : of an answer, seen from the rounds before it
-    split : what is solved next, seen from all rounds: usually meshes
-    accept : whether a new answer takes the place of the last one; else this was all
-    stop : why what is proposed is not solved any more; None where it is
+    first : initial answer
+    solve : function of the last answer and a proposal that returns a new answer
+    measure : function of the earlier rounds and an answer that returns its measure
+    split : function of all rounds that returns the proposal of the next solve, usually meshes
+    accept : function that returns True if a new answer replaces the last one; if not, this ends
+    stop : function that returns a reason not to solve a proposal, or None
     """
     state = Refinement[S, M]((Round(first, measure((), first)),))
     while True:

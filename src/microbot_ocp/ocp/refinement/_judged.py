@@ -27,7 +27,7 @@ import numpy as np
 from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.status import Status
-from microbot_ocp.ocp.diagnosis import BESIDE, falls_for_ever
+from microbot_ocp.ocp.diagnosis import START_OFFSET, falls_for_ever
 from microbot_ocp.ocp.mesh import Refinement, Round, refined
 from microbot_ocp.ocp.refinement._accuracy import (
     PASSING,
@@ -395,7 +395,7 @@ def _beside(solution: Solution, judgement: Judgement) -> Beside:
     direction, x = judgement.curvature.direction, solution.variables
     assert direction is not None
     assert x is not None
-    step = BESIDE / np.abs(direction).max() * direction
+    step = START_OFFSET / np.abs(direction).max() * direction
     from_there = replace(solution, variable_multipliers=None)
     return Beside(*(replace(from_there, variables=at) for at in (x + step, x - step)))
 

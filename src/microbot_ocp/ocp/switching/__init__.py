@@ -1,9 +1,9 @@
-"""Switching times as unknowns: a solution with one phase an arc.
+"""Switching times as unknowns: a solution with one phase per arc.
 
-Comes in: a problem and a solution that shows its arcs. Goes out: :class:`SwitchingTimes`. Begin
-with :func:`solve_switching_times`; ``_cutter.py`` makes a phase of every arc, ``_revision.py``
-plans other arcs where a solution asks for them, ``_singular.py`` determines singular arcs by their
-own conditions.
+Input: a problem and a solution that shows its arcs. Output: :class:`SwitchingTimes`. Begin with
+:func:`solve_switching_times`; ``_cutter.py`` converts every arc to a phase, ``_revision.py``
+changes the arcs where a solution requires it, ``_singular.py`` solves singular arcs by their
+optimality conditions.
 """
 
 from microbot_ocp._base import border

@@ -1,4 +1,4 @@
-"""A solution in arcs: when controls switch and limits begin or cease to be active."""
+"""A solution in arcs: times at which controls switch and limits become active or inactive."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ SINGULAR = "singular, by its own conditions"
 COLUMNS = (
     Column("phase", left=True),
     Column("time", "s", ".12g"),
-    Column("what", left=True),
+    Column("name", left=True),
     Column("before", left=True),
     Column("after", left=True),
 )
@@ -31,13 +31,13 @@ COLUMNS = (
 
 @dataclass(frozen=True)
 class Junction:
-    """Where one arc ends and another begins, and one thing that changes there.
+    """A change of one control or limit between two arcs.
 
     Attributes
     ----------
     phase : str
-    time : s since the start of the phase
-    name, component : the control or limit that changes
+    time : time since the start of the phase, s
+    name, component : identity of the control or limit
     before, after : "lower limit", "upper limit", "free", or "singular, by its own conditions"
     """
 
@@ -52,7 +52,7 @@ class Junction:
 def junctions_of(
     plan: ArcPlan, lengths: Sequence[float] | FloatArray, *, singular: bool = False
 ) -> Iterator[Junction]:
-    """Yield what changes from arc to arc; free controls are called singular if asked for."""
+    """Yield the changes between arcs; with ``singular``, free controls are called singular."""
     ends = np.cumsum(lengths)[:-1].tolist()
     for end, pair in zip(ends, itertools.pairwise(plan.signatures), strict=True):
         for column, *sides in zip(plan.columns, *pair, strict=True):
@@ -71,12 +71,12 @@ class SwitchingTimes:
     ----------
     status : Status
     advice : str
-    junctions : in the order of time
-    solution : of the problem with one phase an arc; its gap is that of the times
-    pieces : names of its phases by the phase that they are arcs of
+    junctions : junctions in the order of time
+    solution : solution of the problem with one phase per arc, with the gap of the switching times
+    pieces : names of the arcs of every phase
     state_error : largest relative error of the dynamics in any interval
-    singular : where singular arcs follow from their own conditions, these; then times, cost and
-        samples are theirs, and ``solution`` is what they were read from
+    singular : solution of the optimality conditions of singular arcs; if present, times, cost and
+        samples are taken from it, and ``solution`` is its initial guess
     """
 
     status: Status
@@ -89,17 +89,17 @@ class SwitchingTimes:
 
     @property
     def solved(self) -> bool:
-        """Whether the arcs are those of a local optimum, and followed to the accuracy."""
+        """True if the arcs are locally optimal and the dynamics accurate."""
         return self.status.solved
 
     @property
     def cost(self) -> float:
-        """Cost of the whole."""
+        """Cost of all phases together."""
         return self.solution.cost if self.singular is None else self.singular.cost
 
     @property
     def gap(self) -> Gap:
-        """How much the cost may be above that of the local optimum; unknown of singular arcs."""
+        """Estimate of the cost above the local optimum; unknown for singular arcs."""
         return self.solution.gap if self.singular is None else UNKNOWN
 
     def duration(self, phase: str) -> float:
@@ -111,7 +111,7 @@ class SwitchingTimes:
     def sample(self, phase: str, t: ArrayLike) -> dict[str, FloatArray]:
         """Sample every variable [M, size] of a phase at times t [M] since its start.
 
-        At a junction it is the arc that begins there.
+        A time at a junction belongs to the arc that begins there.
         """
         times = checks.array("t", np.atleast_1d(np.asarray(t, dtype=float)), (None,), "s")
         if self.singular is not None:
@@ -120,7 +120,7 @@ class SwitchingTimes:
         return joined([p.sample for p in pieces], [p.duration for p in pieces])(times)
 
     def table(self) -> Table:
-        """Show one row a junction."""
+        """Return a table with one row per junction."""
         rows = [
             (j.phase, j.time, f"{j.name}[{j.component}]", j.before, j.after) for j in self.junctions
         ]

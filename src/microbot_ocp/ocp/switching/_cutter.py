@@ -1,14 +1,13 @@
-"""A problem with every arc of its phases a phase of its own, of free length.
+"""A problem with one phase of free length per arc.
 
-On an arc every control component is at one bound or free, and every limit is active or not. Between
-mesh points nothing says where an arc begins. With one phase an arc, of free duration and with its
-controls held at their bounds, the problem has its junctions among its unknowns. A limit that is
-active on an arc is met at both of its ends. Source: J. T. Betts, *Practical Methods for Optimal
-Control and Estimation*, 2nd ed., chapter 4.
+On an arc every control component is at a bound or free, and every limit is active or inactive. With
+one phase per arc, of free duration and with controls held at their bounds, the junctions become
+unknowns of the problem. A limit that is active on an arc holds with equality at both of its ends.
+Source: J. T. Betts, *Practical Methods for Optimal Control and Estimation*, 2nd ed., chapter 4.
 
-What is active on an arc determines it: a limit that depends on controls
-is an equation, a limit of the states acts through its first time derivative with a control, and is
-met with the lower ones where the arc begins (A. E. Bryson and Y.-C. Ho, *Applied Optimal Control*,
+Active limits determine the controls: a limit that depends on controls becomes an equation. For a
+limit of the states, its lowest time derivative that contains a control becomes the equation, and
+all lower ones hold where the arc begins (A. E. Bryson and Y.-C. Ho, *Applied Optimal Control*,
 section 3.11). Continuous controls are left free.
 """
 
@@ -42,12 +41,12 @@ Key = tuple[str, int]  # name and component of a limit
 
 @dataclass(frozen=True, eq=False)
 class ArcConditions:
-    """What active limits demand of an arc.
+    """Equations by which active limits determine an arc.
 
     Attributes
     ----------
-    along : equations at all its points
-    entry : equations where it begins, for the end of the arc before it, by what they keep
+    along : equations at all points of the arc
+    entry : equations where the arc begins, imposed at the end of the previous arc, by limit
     """
 
     along: tuple[PathConstraint, ...] = ()
@@ -55,17 +54,17 @@ class ArcConditions:
 
     @property
     def replaced(self) -> frozenset[Key]:
-        """Names and components of the limits that these keep."""
+        """Names and components of the limits that the equations replace."""
         return frozenset(self.entry)
 
     def entered(self, before: ArcConditions) -> list[PathConstraint]:
-        """List equations where the arc begins, but for what is met as it was active before."""
+        """Return entry equations of limits that were not active on the arc before."""
         return [c for key, entry in self.entry.items() if key not in before.replaced for c in entry]
 
 
 @dataclass(frozen=True, eq=False)
 class CutProblem:
-    """A problem in arcs, with the phases of every phase, their guesses and meshes."""
+    """A problem in arcs: the arcs of every phase, their initial guesses and meshes."""
 
     problem: OptimalControlProblem
     groups: tuple[tuple[Phase, ...], ...]
@@ -74,7 +73,7 @@ class CutProblem:
 
 
 def is_cuttable(declared: Phase) -> bool:
-    """Tell whether nothing along a phase depends on its duration, or is demanded within it."""
+    """Return True if no expression along a phase depends on its duration or on inner points."""
     points = [*declared.point_constraints, *declared.point_costs]
     if any(len(k.fractions) > 1 for k in points) or declared.point_fractions:
         return False
@@ -85,7 +84,7 @@ def is_cuttable(declared: Phase) -> bool:
 
 
 def cut(problem: OptimalControlProblem, plans: Sequence[ArcPlan]) -> CutProblem:
-    """Make a phase of every arc; the clock goes on from one to the next."""
+    """Return the problem with one phase per arc and a clock that runs through all arcs."""
     whole = OptimalControlProblem(f"{problem.name} in arcs")
     arcs = [(plan, arc) for plan in plans for arc in plan.arcs]
     held = [_conditions_on(*pair, start=k == 0) for k, pair in enumerate(arcs)]
@@ -93,7 +92,7 @@ def cut(problem: OptimalControlProblem, plans: Sequence[ArcPlan]) -> CutProblem:
     groups: list[tuple[Phase, ...]] = []
     guesses: dict[str, Guess] = {}
     for plan in plans:
-        cutter = _Cutter(plan, conditions[len(whole.phases) :])
+        cutter = _ArcPhases(plan, conditions[len(whole.phases) :])
         pieces = [cutter.piece(index) for index in range(len(plan.arcs))]
         groups.append(tuple(phase for phase, _ in pieces))
         guesses |= {phase.name: guess for phase, guess in pieces}
@@ -114,8 +113,8 @@ def _links(
             yield PhaseLink(pieces[-1].name, groups[index + 1][0].name, problem.links[index].names)
 
 
-class _Cutter:
-    """The arcs of one phase as phases, with the conditions of these and of both neighbours."""
+class _ArcPhases:
+    """Builder of the arcs of one phase from their conditions and those of their neighbours."""
 
     def __init__(self, plan: ArcPlan, conditions: Sequence[ArcConditions]) -> None:
         self.plan, self.declared = plan, plan.declared
@@ -123,15 +122,15 @@ class _Cutter:
         self.clock = _clock(plan.declared, plan.duration)
 
     def timed(self, expression: ca.MX) -> ca.MX:
-        """Put the clock in the place of the time of the phase."""
+        """Return an expression with the clock in place of the phase time."""
         return ca.substitute(expression, self.declared.time, self.clock.symbol)
 
     def final(self, expression: ca.MX) -> ca.MX:
-        """Put the clock in the place of the duration, too, which it shows at the end."""
+        """Return an expression at the end, with the clock in place of time and duration."""
         return ca.substitute(self.timed(expression), self.declared.duration, self.clock.symbol)
 
     def piece(self, index: int) -> tuple[Phase, Guess]:
-        """Make the phase of an arc, and its guess."""
+        """Return the phase and the initial guess of an arc."""
         declared, timed, final = self.declared, self.timed, self.final
         arc, (before, here, after) = self.plan.arcs[index], self.conditions[index : index + 3]
         first, last = index == 0, index + 1 == len(self.plan.arcs)
@@ -140,6 +139,7 @@ class _Cutter:
         if not (first and last):
             shortest, longest = CUTTER.shortest, CUTTER.longest
             piece.duration_bounds = (shortest * self.plan.duration, longest * self.plan.duration)
+        # Next to an arc on which an equation replaces a bound, the bound is met at the junction.
         beside = before.replaced | after.replaced
         low, high = declared.duration_bounds
         clock = replace(
@@ -147,6 +147,7 @@ class _Cutter:
             initial=(np.zeros(1), np.zeros(1)) if first else None,
             final=(np.array([low]), np.array([high])) if last else None,
         )
+        # The clock replaces the phase time; its final value carries the bounds of the duration.
         states = [_inside(s, first, last) for s in declared.states]
         piece.states = [*(_freed(s, here.replaced, beside) for s in states), clock]
         piece.derivatives = {name: timed(e) for name, e in declared.derivatives.items()}
@@ -168,11 +169,11 @@ class _Cutter:
             setattr(piece, kind, _mapped(final, chosen))
         if first:
             piece.point_constraints += map(_at_start, _mapped(timed, here.entered(before)))
-        piece.interior_points = None  # the points of the scheme, where controls have values
+        piece.interior_points = None  # default: the scheme's points, at which controls have values
         return piece, self._guess(arc)
 
     def _controls(self, arc: PlannedArc, first: bool, last: bool) -> list[Variable]:
-        """Hold controls that may jump where they are at a bound; else they are polynomial."""
+        """Return controls held at their bounds where active, else polynomial; linear ones stay."""
         controls, offset = [], 0
         for control in self.declared.controls:
             if control.shape == "linear":
@@ -188,7 +189,7 @@ class _Cutter:
         return controls
 
     def _met(self, index: int) -> list[PathConstraint]:
-        """Meet limits of states that change after an arc, if no equations keep them."""
+        """Return state limits that change after an arc as equations, if none replaces them yet."""
         keeping = self.conditions[index + 1].replaced | self.conditions[index + 2].replaced
         pair = self.plan.arcs[index].signature, self.plan.arcs[index + 1].signature
         return [
@@ -214,7 +215,7 @@ class _Cutter:
 
 
 def _mapped(change: Callable[[ca.MX], ca.MX], items: Sequence[Any]) -> list[Any]:
-    """Change the expressions of constraints or costs."""
+    """Return constraints or costs with changed expressions."""
     return [replace(item, expression=change(item.expression)) for item in items]
 
 
@@ -223,10 +224,10 @@ def _at_start(constraint: PathConstraint) -> PointConstraint:
 
 
 def _freed(limited: Any, keeping: frozenset[Key], beside: frozenset[Key]) -> Any:
-    """Free a state or path constraint of the bounds that equations keep on an arc.
+    """Return a state or path constraint without the bounds that equations on an arc replace.
 
-    Beside such an arc they are met at one end, and a little looser: a bound and an equation of the
-    same value would have no multipliers of their own.
+    Next to such an arc the bound holds with equality at the junction. It is loosened slightly:
+    a bound and an equation with one value would have undetermined multipliers.
     """
     low, high = limited.lower.copy(), limited.upper.copy()
     for i in (i for name, i in beside if name == limited.name):
@@ -239,7 +240,7 @@ def _freed(limited: Any, keeping: frozenset[Key], beside: frozenset[Key]) -> Any
 
 
 def _conditions_on(plan: ArcPlan, arc: PlannedArc, *, start: bool) -> ArcConditions:
-    """Collect equations of the limits active on an arc, as many as it has free controls."""
+    """Return equations of the limits active on an arc, at most one per free control."""
     sides = dict(zip(plan.columns, arc.signature, strict=True))
     free = plan.controls - sum(side != 0 for column, side in sides.items() if column.limit is None)
     along: list[PathConstraint] = []
@@ -248,7 +249,8 @@ def _conditions_on(plan: ArcPlan, arc: PlannedArc, *, start: bool) -> ArcConditi
         if column.limit is None or not side or free <= 0:
             continue
         chain = _derivatives(plan.declared, column, side)
-        if not chain or (start and len(chain) > 1):  # what is given there may not be at the limit
+        # A given initial state need not satisfy the lower derivatives of a limit.
+        if not chain or (start and len(chain) > 1):
             continue
         along.append(chain[-1])
         entry[column.name, column.component] = chain[:-1]
@@ -257,9 +259,10 @@ def _conditions_on(plan: ArcPlan, arc: PlannedArc, *, start: bool) -> ArcConditi
 
 
 def _derivatives(declared: Phase, activity: Activity, side: int) -> list[PathConstraint]:
-    """Derive a limit that is met in time, up to where a control that may jump appears.
+    """Return an active limit and its time derivatives up to the first that contains a control.
 
-    Nothing where that is of a higher order than is differentiated.
+    Empty if that derivative is of a higher order than ``CUTTER.highest_order``. With the states x
+    and their derivatives f, ``d/dt g = (dg/dx) f`` as long as g contains no control.
     """
     assert activity.limit is not None
     met = activity.limit.met(side)
@@ -287,6 +290,6 @@ def _clock(phase: Phase, duration: float) -> Variable:
 
 
 def _inside(variable: Variable, first: bool, last: bool) -> Variable:
-    """Keep the end conditions of a state or continuous control at the ends of the phase only."""
+    """Return a variable with its end conditions at the ends of the whole phase only."""
     initial, final = variable.initial if first else None, variable.final if last else None
     return replace(variable, initial=initial, final=final)

@@ -1,8 +1,8 @@
-"""Other arcs, where a solution in arcs asks for them.
+"""Revision of the arcs of a solution.
 
-An arc that shrank to nothing is left out. Where the multiplier of what is held has the wrong sign a
-switch is missing: there the control leaves its limit, and where a limit of the states is met this
-takes its place. A free control that lies at a limit all along some intervals is held there.
+An arc that shrank to zero length is removed. If the multiplier of a held control has the wrong
+sign, a switch is missing: the control leaves its limit there, and a state limit that is reached
+becomes active instead. A free control that stays at a limit over whole intervals is held there.
 """
 
 from __future__ import annotations
@@ -34,18 +34,18 @@ from microbot_ocp.ocp.verification import runs
 
 @dataclass(frozen=True, eq=False)
 class ArcSolution:
-    """A solution with one phase an arc, and the plans that it was made by."""
+    """A solution with one phase per arc, and the plans of its arcs."""
 
     plans: tuple[ArcPlan, ...]
     groups: tuple[tuple[Phase, ...], ...]
     solution: Solution
 
     def pieces(self, index: int) -> list[PhaseSolution]:
-        """Return the arcs of a phase."""
+        """Return the solved arcs of a phase."""
         return [self.solution[piece.name] for piece in self.groups[index]]
 
     def as_solved(self) -> list[ArcPlan]:
-        """Return the plans with the arcs where the solution has them."""
+        """Return the plans with the lengths and values of the solution."""
         plans = []
         for index, plan in enumerate(self.plans):
             pieces = self.pieces(index)
@@ -56,7 +56,7 @@ class ArcSolution:
         return plans
 
     def revised(self) -> list[ArcPlan]:
-        """Plan the arcs that the solution asks for; first without those that are none."""
+        """Return the revised plans; vanished arcs are removed first, before signs are judged."""
         pairs = [(plan, piece) for k, plan in enumerate(self.plans) for piece in self.pieces(k)]
         wrong = {} if any(_is_gone(*pair) for pair in pairs) else wrong_signs(self)
         plans = []
@@ -72,14 +72,14 @@ class ArcSolution:
                     beside = signatures[k : k + 3]
                     arcs += _freed_where_wrong(plan, arc, piece, wrong.get(piece.name, ()), beside)
             arcs = merged(arcs)
-            # what was left out leaves no hole, and what is new takes its time from its neighbours
+            # Removed arcs leave a gap and new arcs need time: rescale all lengths to the phase.
             lengths = [max(arc.end - arc.begin, CUTTER.shortest) for arc in arcs]
             plans.append(replace(solved, arcs=_laid_out(arcs, lengths)))
         return plans
 
 
 def _laid_out(arcs: Sequence[PlannedArc], lengths: Sequence[float]) -> tuple[PlannedArc, ...]:
-    """Put arcs one after the other, in proportion to their lengths."""
+    """Return arcs laid out consecutively, in proportion to their lengths."""
     ends = np.cumsum([0.0, *lengths])
     pairs = itertools.pairwise((ends / ends[-1]).tolist())
     return tuple(replace(arc, begin=a, end=b) for arc, (a, b) in zip(arcs, pairs, strict=True))
@@ -90,9 +90,9 @@ def _is_gone(plan: ArcPlan, piece: PhaseSolution) -> bool:
 
 
 def _held_at_limits(plan: ArcPlan, arc: PlannedArc, piece: PhaseSolution) -> list[PlannedArc]:
-    """Divide a free arc where what nothing held is at a limit all along some intervals."""
+    """Divide a free arc at the intervals over which a free control or limit stays at a bound."""
     phase = copy.copy(piece.laid_out.phase)
-    for kind, strict in (("controls", True), ("constraints", False)):  # with the declared limits
+    for kind, strict in (("controls", True), ("constraints", False)):  # restore declared limits
         pairs = zip(getattr(phase, kind), getattr(plan.declared, kind), strict=strict)
         setattr(phase, kind, [replace(k, lower=d.lower, upper=d.upper) for k, d in pairs])
     activities = [*control_activities(piece, jumping(phase)), *mixed_limits(piece, phase)]
@@ -109,7 +109,7 @@ def _held_at_limits(plan: ArcPlan, arc: PlannedArc, piece: PhaseSolution) -> lis
 
 @dataclass(frozen=True)
 class WrongSign:
-    """Where on an arc, as fractions of it, the multiplier of a column has the wrong sign."""
+    """Fractions of an arc between which the multiplier of a column has the wrong sign."""
 
     column: int
     begin: float
@@ -123,7 +123,7 @@ def _freed_where_wrong(
     wrong: Sequence[WrongSign],
     beside: Sequence[tuple[int, ...]],
 ) -> list[PlannedArc]:
-    """Divide an arc where what is held leaves its limit."""
+    """Divide an arc where held controls leave their limits."""
     places = sorted({0.0, 1.0, *(w.begin for w in wrong), *(w.end for w in wrong)})
     arcs = []
     for a, b in itertools.pairwise(places):
@@ -131,6 +131,7 @@ def _freed_where_wrong(
         for column in (w.column for w in wrong if w.begin <= a and b <= w.end):
             signature[column] = 0
             for other, side in _met_on(plan, piece, a, b):
+                # A part with the signature of its neighbour would merge with it: no switch remains.
                 instead = (*signature[:other], side, *signature[other + 1 :])
                 if not signature[other] and instead not in beside:
                     signature = list(instead)
@@ -142,13 +143,13 @@ def _freed_where_wrong(
 def _part(
     arc: PlannedArc, places: Sequence[float], signature: Sequence[int], intervals: int
 ) -> PlannedArc:
-    """Return an arc between two fractions of another."""
+    """Return the part of an arc between two fractions of it."""
     begin, end = (arc.begin + place * (arc.end - arc.begin) for place in places)
     return PlannedArc(begin, end, tuple(signature), max(intervals, SWITCHING.least_intervals))
 
 
 def _met_on(plan: ArcPlan, piece: PhaseSolution, begin: float, end: float) -> list[tuple[int, int]]:
-    """List columns and sides of limits of the states that are met on a part of an arc."""
+    """Return (column, side) of the state limits that are reached on a part of an arc."""
     first = max(int(np.searchsorted(piece.mesh, begin, side="right")) - 1, 0)
     last = int(np.searchsorted(piece.mesh, end - 1e-9))
     met = []
@@ -163,7 +164,11 @@ def _met_on(plan: ArcPlan, piece: PhaseSolution, begin: float, end: float) -> li
 
 
 def wrong_signs(solved: ArcSolution) -> dict[str, list[WrongSign]]:
-    """Find, by the name of an arc, where multipliers of what is held have the wrong sign."""
+    """Return the spans with multipliers of the wrong sign, by arc.
+
+    The multiplier of an active upper limit is positive, of a lower limit negative (Bryson and Ho,
+    *Applied Optimal Control*, sections 3.8 and 3.9).
+    """
     multipliers = _multipliers(solved.solution)
     wrong: dict[str, list[WrongSign]] = {}
     for index, plan in enumerate(solved.plans):
@@ -188,7 +193,7 @@ def wrong_signs(solved: ArcSolution) -> dict[str, list[WrongSign]]:
 
 
 def _multipliers(solution: Solution) -> dict[tuple[str, str, str, int], list[float]]:
-    """Gather multipliers by phase, kind, name and component."""
+    """Return lists of multipliers by phase, kind, name and component."""
     layouts = [phase.laid_out for phase in solution.phases]
     labels = [*labels_of(layouts, "variables"), *labels_of(layouts, "rows")]
     values = [*np.asarray(solution.variable_multipliers), *np.asarray(solution.row_multipliers)]
@@ -200,7 +205,7 @@ def _multipliers(solution: Solution) -> dict[tuple[str, str, str, int], list[flo
 
 
 def _density(piece: PhaseSolution, multipliers: Sequence[float]) -> tuple[FloatArray, FloatArray]:
-    """Return fractions of an arc, and a multiplier there by its weight in time."""
+    """Return fractions of an arc, and a multiplier there divided by its quadrature weight, 1/s."""
     count = piece.mesh.size - 1
     table = np.array(multipliers[: len(multipliers) // count * count]).reshape(count, -1)
     scheme = Collocation("radau", table.shape[1])
@@ -211,7 +216,7 @@ def _density(piece: PhaseSolution, multipliers: Sequence[float]) -> tuple[FloatA
 
 
 def _negative(at: FloatArray, values: FloatArray, least: float) -> list[tuple[float, float]]:
-    """Find spans of negative values that come below ``-least`` somewhere."""
+    """Return the spans of negative values with a value below ``-least``."""
 
     def edge(k: int) -> float:
         if k in (0, values.size):
@@ -227,7 +232,7 @@ def _negative(at: FloatArray, values: FloatArray, least: float) -> list[tuple[fl
 
 
 def with_finer_meshes(solved: ArcSolution, intervals: Mapping[str, int]) -> list[ArcPlan]:
-    """Plan the same arcs where the solution has them, with more intervals."""
+    """Return the plans of the solved arcs with more mesh intervals."""
     plans = []
     for plan, pieces in zip(solved.as_solved(), solved.groups, strict=True):
         pairs = zip(plan.arcs, pieces, strict=True)

@@ -1,4 +1,4 @@
-"""How arcs are solved for, and when they count as solved."""
+"""Settings of the solves in arcs and thresholds of their acceptance."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from microbot_ocp.ocp.transcription.schemes import Collocation
 
 @dataclass(frozen=True)
 class CutterSettings:
-    """Phases that are made of arcs.
+    """Phases that are divided into arcs.
 
     Attributes
     ----------
-    most_arcs : of a phase: a solution that chatters is not cut into pieces
-    shortest : of the phase, that an arc may shrink to
-    looser : of its range: a bound is by so much wider beside an arc on which an equation keeps it
-    highest_order : of a limit of the states, whose derivative determines a control
-    longest : times the duration of the whole phase that an arc may take
+    most_arcs : largest number of arcs in a phase; a chattering solution is not divided
+    shortest : least length of an arc, as a fraction of the phase
+    looser : widening of a bound next to an arc on which an equation holds it, relative to its range
+    highest_order : highest time derivative of a state limit that is searched for a control
+    longest : largest length of an arc, as a multiple of the duration of the phase
     """
 
     most_arcs: int = 12
@@ -28,26 +28,26 @@ class CutterSettings:
 
     @property
     def gone(self) -> float:
-        """Of the phase: an arc that is no longer has shrunk to nothing."""
+        """Length, as a fraction of the phase, below which an arc counts as vanished."""
         return 2 * self.shortest
 
 
 @dataclass(frozen=True)
 class SwitchingTimeSettings:
-    """The solves for switching times.
+    """Solves for switching times.
 
     Attributes
     ----------
-    degree : of Radau collocation
-    coarser : intervals of the mesh that an arc is read from, for one of its own
-    least_intervals, most_intervals : of an arc at first: the order is high
-    finest : intervals of an arc that is divided to keep a limit between its points
-    costlier : ratio by which arcs may cost more than the solution that they are read from
-    wrong_sign : of its largest: a multiplier of the wrong sign that is larger says that a switch is
-        missing
-    met : of its range: nearer to its limit a state is at it
-    negligible, exceeded : of a limit: by more than the first it is exceeded between mesh points
-        only where an arc gets no more intervals, by more than the second nowhere
+    degree : degree of Radau collocation
+    coarser : intervals of the detected arc per interval of the first mesh of the arc
+    least_intervals, most_intervals : range of intervals of an arc on its first mesh
+    finest : intervals of an arc above which excess between mesh points no longer refines it
+    costlier : cost above that of the detected solution that is accepted, relative to that cost
+    wrong_sign : magnitude above which a multiplier of the wrong sign indicates a missing switch,
+        relative to its largest magnitude
+    met : distance to a limit below which a state is at it, relative to its range
+    negligible : relative excess between mesh points above which an arc is refined
+    exceeded : relative excess between mesh points above which a solution is rejected
     """
 
     degree: int = 5
@@ -64,18 +64,18 @@ class SwitchingTimeSettings:
 
 @dataclass(frozen=True)
 class SingularSettings:
-    """Singular arcs by their own conditions.
+    """Singular arcs solved by optimality conditions.
 
     Attributes
     ----------
-    least_intervals : of an arc at first
-    rounds : of solves on finer meshes
-    checked : times an arc at which signs and limits are looked at
-    shortest : of the phase, that an arc may come to
-    vanishing : of its largest value, that a switching function is where it must vanish
-    violation : of their range or largest value: by which limits and signs may be missed
-    at_end : of its range: a condition that is an inequality is met at the end
-    agrees : of the cost, that it may differ by from that of the solution that is near
+    least_intervals : least number of intervals of an arc on its first mesh
+    rounds : number of solves, each on a finer mesh
+    checked : number of times per arc at which signs and limits are checked
+    shortest : least length of an arc, as a fraction of the phase
+    vanishing : magnitude of a switching function that counts as zero, relative to its largest one
+    violation : accepted violation of limits and signs, relative to the range or largest value
+    at_end : distance to a bound below which an end condition is active, relative to its range
+    agrees : accepted difference to the cost of the nearby solution, relative to that cost
     """
 
     least_intervals: int = 4

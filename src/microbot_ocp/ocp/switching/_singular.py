@@ -1,15 +1,15 @@
-"""Singular arcs by the first-order conditions: a boundary value problem in states and costates.
+"""Singular arcs by first-order conditions: a boundary value problem in states and costates.
 
-Where the Hamiltonian ``H = L + lambda' f`` is affine in the controls, a control at a bound has the
-sign of its switching function ``H_u`` against it, and one that is singular keeps ``H_u = 0``. Along
-a singular arc of first order the second time derivative ``A + B u`` of ``H_u`` contains the
-control, so ``u = -A / B``, and ``H_u`` and its first derivative vanish along the arc if they do at
-its end. States and costates then follow the canonical equations, and the lengths of the arcs are
-those at which the switching functions vanish where they must. The cost is flat in these lengths,
-the conditions are not: where a solve for the least cost has half of the digits, this has all.
+If the Hamiltonian ``H = L + lambda' f`` is affine in the controls, the switching function ``H_u``
+is at most 0 where the control is at its upper bound, at least 0 at its lower bound, and 0 along a
+singular arc. On a singular arc of first order the second time derivative ``A + B u`` of ``H_u``
+contains the control, so ``u = -A / B``; ``H_u`` and its first derivative then vanish along the
+whole arc if they vanish at its end. States and costates satisfy the canonical equations, and the
+lengths of the arcs are unknowns that the zeros of the switching functions determine. The cost is
+flat in these lengths, so minimising it yields half of the digits; the conditions yield all of them.
 
-Source: A. E. Bryson and Y.-C. Ho, *Applied Optimal Control*, chapter 8. Kelley's condition, or the
-generalised one of Legendre and Clebsch, is ``B <= 0``: H. J. Kelley, R. E. Kopp and H. G. Moyer,
+Source: A. E. Bryson and Y.-C. Ho, *Applied Optimal Control*, chapter 8. Kelley's condition (the
+generalised Legendre-Clebsch condition) is ``B <= 0``: H. J. Kelley, R. E. Kopp and H. G. Moyer,
 *Singular extremals*, in G. Leitmann, *Topics in Optimization* (1967).
 """
 
@@ -42,23 +42,23 @@ COST, CLOCK, COSTATE = "cost so far", "elapsed time", "costate of "
 
 @dataclass(frozen=True, eq=False)
 class SingularArcs:
-    """A solution whose singular arcs are determined by the conditions of first order.
+    """A solution whose singular arcs satisfy the first-order conditions.
 
     Attributes
     ----------
     solution : Solution
-        Of the boundary value problem, one phase an arc: its states are those of the problem, and
-        their costates.
+        Solution of the boundary value problem with one phase per arc, in states and costates.
     cost : float
-        Of the problem.
-    lengths : of the arcs, s
+        Cost of the declared problem.
+    lengths : lengths of the arcs, s
     kelley : float
-        Largest value of the derivative of the second time derivative of the switching function
-        with respect to the singular control: below zero where Kelley's condition holds strictly.
+        Largest derivative of the second time derivative of a switching function with respect to
+        its singular control; negative where Kelley's condition holds strictly.
     switching : float
-        Largest value of a switching function where it must vanish, of its largest anywhere.
+        Largest magnitude of a switching function where it must vanish, relative to its largest
+        value anywhere.
     state_error : largest relative error of the canonical equations in any interval
-    samples : of every arc, values of all variables at times since its start
+    samples : functions that return all variables of an arc at times since its start
     """
 
     solution: Solution
@@ -70,16 +70,16 @@ class SingularArcs:
     samples: tuple[Sample, ...]
 
     def sample(self, t: FloatArray) -> dict[str, FloatArray]:
-        """Sample all variables at times since the start."""
+        """Return all variables at times [M] since the start, s."""
         return joined(self.samples, self.lengths)(t)
 
 
 class NotPossibleError(Exception):
-    """Why the conditions were not, or could not be, solved."""
+    """Reason why the conditions cannot be solved, or their solution is rejected."""
 
 
 def costate_sample(solution: Solution) -> Sample:
-    """Sample costates at times since the start, by the multipliers of the rows of the dynamics."""
+    """Return a function of time that returns costates, from the multipliers of the dynamics."""
     tables: dict[str, list[FloatArray]] = {}
     times, start = [], 0.0
     multipliers = np.asarray(solution.row_multipliers, dtype=float)
@@ -98,32 +98,32 @@ def costate_sample(solution: Solution) -> Sample:
 def solve_conditions(
     problem: OptimalControlProblem, plan: ArcPlan, solution: Solution, accuracy: float
 ) -> SingularArcs:
-    """Solve the conditions of first order from a solution in arcs that is near.
+    """Solve the first-order conditions from a nearby solution in arcs.
 
     Parameters
     ----------
     problem : OptimalControlProblem
     plan : ArcPlan
-        Of its phase, with the arcs where the solution has them.
+        Arcs of the single phase, with the lengths of the solution.
     solution : Solution
     accuracy : float
-        Relative error of the canonical equations that is accepted in any interval.
+        Relative error of the canonical equations that is accepted in each interval.
 
     Raises
     ------
     NotPossibleError
-        The problem is none of those that this is for, or the answer is not accepted.
+        The problem is not of the kind treated here, or the result is rejected.
     """
     phase, controls = plan.declared, sum(c.size for c in plan.declared.controls)
     limited = any(any(arc.signature[controls:]) for arc in plan.arcs)
     at_points = phase.point_constraints or phase.point_costs
-    reasons = {  # of which the conditions would have to know more
+    reasons = {  # the conditions below do not cover these cases
         "the problem has several phases": len(problem.phases) > 1,
         "the problem has free parameters": phase.free_parameters,
         "the problem has algebraic equations": phase.algebraics,
         "a control is continuous": any(c.shape == "linear" for c in phase.controls),
-        "something is demanded or costs at points of the phase": at_points,
-        "limits of states or path constraints act on an arc": limited,
+        "a constraint or cost holds at points of the phase": at_points,
+        "limits of states or path constraints are active on an arc": limited,
     }
     for reason, holds in reasons.items():
         if holds:
@@ -131,12 +131,12 @@ def solve_conditions(
     return _FirstOrderConditions(plan, solution).solved(accuracy)
 
 
-class _Law(NamedTuple):
-    """What holds along an arc.
+class _ArcLaw(NamedTuple):
+    """Control law and derivatives of the switching function on an arc.
 
-    ``free`` is the control that is singular, if any. The ``terms`` are functions of states,
-    costates, controls and time: the first time derivative of its switching function, and of the
-    second one, ``A + B u``, A and B. The ``controls`` [m] are one of states, costates and time.
+    ``free`` is the index of the singular control, if any. ``terms`` are functions of states,
+    costates, controls and time: the first time derivative of its switching function, and A and B of
+    the second one, ``A + B u``. ``controls`` [m] is a function of states, costates and time.
     """
 
     free: int | None
@@ -145,7 +145,7 @@ class _Law(NamedTuple):
 
 
 class _FirstOrderConditions:
-    """The canonical equations of a phase, and what holds where its arcs meet."""
+    """The canonical equations of a phase, with conditions at the junctions of its arcs."""
 
     def __init__(self, plan: ArcPlan, solution: Solution) -> None:
         self.plan, phase = plan, plan.declared
@@ -162,6 +162,7 @@ class _FirstOrderConditions:
         running = sum(phase.running_costs, ca.MX(0.0))
         f, running = self.declared([slopes, running], x, u, time)
         hamiltonian = running + ca.dot(costate, f)
+        # The Hessian of H in u must vanish: otherwise a free control is regular, not singular.
         if not ca.is_linear(hamiltonian, u):
             raise NotPossibleError("the Hamiltonian is not affine in the controls")
         self.f, self.slope = f, -ca.gradient(hamiltonian, x)
@@ -170,7 +171,7 @@ class _FirstOrderConditions:
         self.along = ca.Function("along", self.arguments, along)
         self.laws = [self._law(arc) for arc in plan.arcs]
         self.near = [self._nearby(arc) for arc in plan.arcs]
-        # of what switching functions are compared with, [m]
+        # Switching functions are compared with their largest magnitudes [m] on the given solution.
         self.sizes = _largest(_values(self.along, *values)[-1] for values in self.near)
         for law, values in zip(self.laws, self.near, strict=True):
             if law.free is not None:
@@ -184,17 +185,17 @@ class _FirstOrderConditions:
     def declared(
         self, expressions: Sequence[ca.MX], x: ca.MX, u: ca.MX, time: ca.MX
     ) -> list[ca.MX]:
-        """Write declared expressions with other symbols."""
+        """Return declared expressions in the symbols of the canonical equations."""
         phase = self.plan.declared
         symbols = [v.symbol for v in (*phase.states, *phase.controls)]
         symbols += [phase.time, phase.duration, *(p.symbol for p in phase.parameters)]
         run = ca.Function("declared", symbols, list(expressions))
         values = [x[part] for part in self.state_parts.values()]
         values += [u[part] for part in self.control_parts.values()]
-        # a duration is looked at where it is over
+        # Only end expressions contain the duration, which equals the time there.
         return run.call([*values, time, time, *(p.value for p in phase.parameters)], True, False)
 
-    def _law(self, arc: PlannedArc) -> _Law:
+    def _law(self, arc: PlannedArc) -> _ArcLaw:
         x, costate, u, time = self.arguments
         sides = np.array(arc.signature[: self.lower.size])
         held = np.where(sides > 0, self.upper, self.lower)
@@ -202,12 +203,13 @@ class _FirstOrderConditions:
         inputs = [x, costate, time]
         if not free:
             none = ca.Function("none", self.arguments, [ca.MX(0.0)] * 3)
-            return _Law(None, none, ca.Function("controls", inputs, [ca.MX(held)]))
+            return _ArcLaw(None, none, ca.Function("controls", inputs, [ca.MX(held)]))
         if len(free) > 1:
             raise NotPossibleError("more than one control is singular at a time")
         singular = free[0]
         held[singular] = 0.0
-        # what multiplies the control in the first derivative cancels, but not in the expression
+        # H_u has no explicit u, and its first derivative cancels u analytically for one control,
+        # but not in the expression graph: substitute the control to remove it.
         rest = ca.DM(held)
 
         def rate(e: ca.MX) -> ca.MX:
@@ -221,10 +223,10 @@ class _FirstOrderConditions:
         controls = ca.MX(held)
         controls[singular] = -terms[1] / terms[2]
         run = ca.Function("terms", self.arguments, terms)
-        return _Law(singular, run, ca.Function("controls", inputs, [controls]))
+        return _ArcLaw(singular, run, ca.Function("controls", inputs, [controls]))
 
     def _nearby(self, arc: PlannedArc) -> list[FloatArray]:
-        """Sample states, costates, controls and times along an arc of the solution that is near."""
+        """Return states, costates, controls and times along an arc of the given solution."""
         t = self.plan.duration * np.linspace(arc.begin, arc.end, SINGULAR.checked)
         values, costates = self.plan.sample(t), self.costates(t)
         x = np.hstack([values[name] for name in self.state_parts]).T
@@ -263,7 +265,7 @@ class _FirstOrderConditions:
         return conditions
 
     def _moving(self, phase: Phase, first: bool, last: bool) -> tuple[ca.MX, ca.MX]:
-        """Declare states and costates."""
+        """Declare states and costates, with their conditions at start and end."""
         x, costates = [], []
         for s in self.plan.declared.states:
             scale = s.scale if s.scaled else None
@@ -271,7 +273,7 @@ class _FirstOrderConditions:
             costates.append(phase.state(COSTATE + s.name, s.size))
             if first:
                 fixed, values = self._at_end(s, s.initial, 0.0)
-                for i in range(s.size):  # what is free at the start has no price there
+                for i in range(s.size):  # the costate of a free initial state is zero
                     here = x[-1][i] - values[i] if fixed[i] else costates[-1][i]
                     phase.point_constraint(f"start of {s.name}[{i}]", here, 0.0, 0.0, at=0.0)
             if last:
@@ -281,7 +283,7 @@ class _FirstOrderConditions:
         return ca.vertcat(*x), ca.vertcat(*costates)
 
     def _at_end(self, state: Variable, given: Any, time: float) -> tuple[np.ndarray, FloatArray]:
-        """Tell which components are fixed at an end, and their values."""
+        """Return a mask of the components that are fixed at an end, and their values."""
         if given is None:
             return np.zeros(state.size, dtype=bool), np.zeros(state.size)
         value = self.plan.sample(np.array([time]))[state.name][0]
@@ -289,10 +291,10 @@ class _FirstOrderConditions:
         return _met(value, low, high, state.scale)
 
     def _switch(self, phase: Phase, index: int, values: list[ca.MX], switching: ca.MX) -> None:
-        """Declare what vanishes where an arc ends, as squares.
+        """Add squares of the switching functions that must vanish where an arc ends to the cost.
 
-        Where a singular arc begins or ends the motion, one of these follows from what holds there:
-        as equations they would be one too many.
+        If the motion begins or ends with a singular arc, one of these conditions follows from the
+        end conditions: as equations, they would be one too many.
         """
         reach, law = self.plan.duration, self.laws[index]
         if law.free is not None:
@@ -300,7 +302,7 @@ class _FirstOrderConditions:
             phase.end_cost((switching[law.free] / size) ** 2)
             first = law.terms.call(values, True, False)[0]
             phase.end_cost((first * reach / size) ** 2)
-        both = self.plan.signatures[index : index + 2]  # of the last arc there is but its own
+        both = self.plan.signatures[index : index + 2]  # the last arc has no successor: no pairs
         for i, sides in enumerate(itertools.islice(zip(*both, strict=True), self.lower.size)):
             if min(sides) * max(sides) < 0:
                 phase.end_cost((switching[i] / float(self.sizes[i])) ** 2)
@@ -308,7 +310,12 @@ class _FirstOrderConditions:
     def _end(
         self, phase: Phase, x: ca.MX, costate: ca.MX, clock: ca.MX, hamiltonian: ca.MX
     ) -> None:
-        """Declare transversality: costates and Hamiltonian by the prices of end conditions."""
+        """Declare the transversality conditions at the end.
+
+        With multipliers nu of the active end conditions psi and end cost phi, costates are
+        ``lambda = d/dx (phi + nu' psi)`` for free end states and, for a free duration,
+        ``H + d/dt (phi + nu' psi) = 0`` (Bryson and Ho, sections 2.7 and 2.8).
+        """
         near, declared = self.plan, self.plan.declared
         there, time = ca.MX.sym("there", self.size), ca.MX.sym("time")
         none = ca.MX.zeros(self.lower.size)
@@ -371,10 +378,10 @@ class _FirstOrderConditions:
         start: dict[str, Guess] = guesses
         for _ in range(SINGULAR.rounds):
             if deadline.over():
-                raise NotPossibleError("there is no time left for them")
+                raise NotPossibleError("the time limit is reached")
             solution = solve_on(transcription, meshes, start, SETTINGS)
             if solution.status not in (Status.SOLVED, Status.GAP_LEFT):
-                raise NotPossibleError(f"their solve ended so: {solution.status}")
+                raise NotPossibleError(f"their solve failed: {solution.status}")
             errors = state_errors(solution)
             error = max(float(e.max()) for e in errors)
             if error <= accuracy:
@@ -400,6 +407,7 @@ class _FirstOrderConditions:
         sides = [np.array(signature[: self.lower.size]) for signature in near.signatures]
         vanishing, kelley = 0.0, -np.inf
         for index, (law, along) in enumerate(zip(self.laws, switching, strict=True)):
+            # Pontryagin: side 1 requires H_u <= 0, side -1 requires H_u >= 0.
             against = (sides[index][:, None] * along).max(axis=1) / largest
             if against.max() > SINGULAR.violation:
                 raise NotPossibleError(
@@ -425,18 +433,20 @@ class _FirstOrderConditions:
         cost = float(last.values[COST][-1, 0]) + worth
         other = self.solution
         if not abs(cost - other.cost) <= SINGULAR.agrees * cost_size(other.cost, other.cost_scale):
-            raise NotPossibleError(f"their cost is {cost:.10g}, not {other.cost:.10g}")
+            raise NotPossibleError(
+                f"their cost is {cost:.10g}, that of the nearby solution {other.cost:.10g}"
+            )
         samples = tuple(self._sample(*pair) for pair in pairs)
         return SingularArcs(solution, cost, lengths, kelley, float(vanishing), error, samples)
 
-    def _of(self, values: dict[str, FloatArray], law: _Law) -> list[FloatArray]:
-        """Stack states, costates, controls and times [*, M] of sampled values."""
+    def _of(self, values: dict[str, FloatArray], law: _ArcLaw) -> list[FloatArray]:
+        """Return stacked states, costates, controls and times [*, M] of sampled values."""
         x = np.hstack([values[name] for name in self.state_parts]).T
         costate = np.hstack([values[COSTATE + name] for name in self.state_parts]).T
         time = values[CLOCK].T
         return [x, costate, _values(law.controls, x, costate, time)[0], time]
 
-    def _sample(self, phase: PhaseSolution, law: _Law) -> Sample:
+    def _sample(self, phase: PhaseSolution, law: _ArcLaw) -> Sample:
         def sample(t: FloatArray) -> dict[str, FloatArray]:
             values = phase.sample(t)
             u = self._of(values, law)[2].T
@@ -445,7 +455,7 @@ class _FirstOrderConditions:
         return sample
 
     def _check_limits(self, tables: Sequence[Sequence[FloatArray]]) -> None:
-        """Demand that no limit of states, path constraint or bound of a control is exceeded."""
+        """Raise NotPossibleError if a limit of a state, control or path constraint is exceeded."""
         phase = self.plan.declared
         limits = [*phase.states, *phase.controls, *phase.constraints]
         x, _, u, time = self.arguments
@@ -464,7 +474,7 @@ class _FirstOrderConditions:
 
 
 def _largest(tables: Iterable[FloatArray]) -> FloatArray:
-    """Return the largest magnitude of every row of some tables."""
+    """Return the largest magnitude in every row over all tables."""
     return np.maximum.reduce([np.abs(table).max(axis=1) for table in tables])
 
 
@@ -473,7 +483,7 @@ def _values(run: ca.Function, *tables: FloatArray) -> list[FloatArray]:
 
 
 def _parts(variables: Sequence[Variable]) -> dict[str, slice]:
-    """Return the rows of every variable, one below the other."""
+    """Return the rows of every variable in a stacked table."""
     edges = np.cumsum([0, *(v.size for v in variables)]).tolist()
     pairs = zip(variables, itertools.pairwise(edges), strict=True)
     return {v.name: slice(*ends) for v, ends in pairs}
@@ -486,7 +496,7 @@ def _along(places: FloatArray, table: FloatArray) -> Callable[[FloatArray], Floa
 def _met(
     values: FloatArray, lower: FloatArray, upper: FloatArray, scale: FloatArray
 ) -> tuple[np.ndarray, FloatArray]:
-    """Tell which of some values are at a bound, and the bounds that they are at."""
+    """Return a mask of the values that are at a bound, and those bounds."""
     reach = upper - lower
     near = SINGULAR.at_end * np.where(np.isfinite(reach), reach, scale)
     at_lower, at_upper = values <= lower + near, values >= upper - near

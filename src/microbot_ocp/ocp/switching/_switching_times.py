@@ -1,23 +1,24 @@
 """Switching times as unknowns: the arcs of a solution, each a phase of free length.
 
-On an arc every control is at a bound, or follows from an active limit, or is free; what is held has
-no discretisation, and the dynamics are integrated by Radau collocation of order 9 until they hold
-to a wanted accuracy. A bang-bang problem becomes a handful of equations for its switching times.
-Source: C. Y. Kaya and J. L. Noakes, *Computational method for time-optimal switching control*,
-J. Optim. Theory Appl. 117 (2003) 69-92.
+On an arc every control is at a bound, follows from an active limit, or is free. Held controls need
+no discretisation, and the dynamics are integrated by Radau collocation of order 9 to the wanted
+accuracy. A bang-bang problem becomes a few equations for its switching times. Source: C. Y. Kaya
+and J. L. Noakes, *Computational method for time-optimal switching control*, J. Optim. Theory Appl.
+117 (2003) 69-92.
 
-The loop (:meth:`_SwitchingSearch.run`) goes round with these steps, one solve each round:
+The loop (:meth:`_SwitchingSearch.run`) repeats these steps, one solve per round:
 
-1. *solve* for the lengths of the arcs as they are planned. Where that fails the plan is dropped,
-   and what follows is done with the arcs that were solved for last; without any the search ends.
-2. *revise* the structure (``_revision.py``): arcs that shrank to nothing go; where a multiplier has
-   the wrong sign what is held leaves its limit; what is free and lies at a limit is held. If these
-   arcs were not tried before: back to 1.
-3. *determine* singular arcs by their own conditions (``_singular.py``), once: that ends the search.
-4. *refine* the meshes of the arcs on which the dynamics, or limits between mesh points, are not
-   accurate, if there are any: back to 1.
-5. *judge*: the cost against that of the first solution, limits, the gap, the signs of multipliers
-   (those of a minimum: Bryson and Ho, *Applied Optimal Control*, sections 3.8 and 3.9).
+1. *solve* for the lengths of the planned arcs. If that fails, the plan is dropped and the next
+   steps use the last solved arcs; without solved arcs the search ends.
+2. *revise* the structure (``_revision.py``): arcs of zero length are removed; a control whose
+   multiplier has the wrong sign leaves its limit; a free control at a limit is held. Arcs that have
+   not been tried go back to 1.
+3. *determine* singular arcs by their optimality conditions (``_singular.py``), once: a success ends
+   the search.
+4. *refine* the meshes of arcs with inaccurate dynamics or limits exceeded between mesh points, and
+   go back to 1; otherwise continue.
+5. *judge*: the cost against that of the first solution, limits, the gap, and the signs of the
+   multipliers (Bryson and Ho, *Applied Optimal Control*, sections 3.8 and 3.9).
 """
 
 from __future__ import annotations
@@ -66,37 +67,37 @@ def solve_switching_times(
     progress: StepProgress = quiet,
     transcribe: Transcribe = Transcription,
 ) -> SwitchingTimes:
-    """Solve for the times at which controls switch and limits begin or cease to act.
+    """Solve for the times at which controls switch and limits become active or inactive.
 
     Parameters
     ----------
     problem : OptimalControlProblem or Transcription
     start : Solution, optional
-        That shows the arcs; its cost is what theirs may not exceed. Default: :func:`solve` on 50
-        intervals.
+        Solution that shows the arcs, and whose cost the result may not exceed. Default:
+        :func:`solve` on 50 intervals.
     accuracy : float
-        Relative error of the dynamics that is accepted in any interval.
+        Relative error of the dynamics that is accepted in each interval.
     settings : SolverSettings, optional
         Default: IPOPT to a tolerance of 1e-10 and a gap of 1e-7 of the cost.
     rounds : int
-        Most solves of one set of arcs.
+        Largest number of solves.
     time_limit : float
-        Wall time after which it is stopped, s.
+        Wall time limit, s.
     progress : callable
-        Called with a line of text for every solve.
+        Function called with a line of text after every solve.
     transcribe : callable
-        Makes a transcription of the problem with one phase an arc; its keyword is ``scheme``.
+        Function that transcribes the problem with one phase per arc; its keyword is ``scheme``.
 
     Returns
     -------
     SwitchingTimes
-        Also where that failed: look at ``status``.
+        Also returned after a failure: see ``status``.
 
     Raises
     ------
     InputError
-        The start is none of the problem, or the problem cannot be cut: it has expressions of the
-        duration of a phase along that phase, or demands at points within it.
+        ``start`` belongs to another problem, or the problem cannot be divided: an expression along
+        a phase depends on its duration, or a constraint or cost holds at points inside it.
 
     Examples
     --------
@@ -118,14 +119,15 @@ def solve_switching_times(
         first = solve(problem, 50) if start is None else start
         names = [phase.name for phase in first.phases]
         if names != [phase.name for phase in declared.phases]:
-            raise InputError(f"start has the phases {names}, which are not those of the problem")
-        if first.status not in (Status.SOLVED, Status.TOO_COARSE):  # which shows the arcs, too
+            raise InputError(f"start has the phases {names}, not those of the problem")
+        # A mesh that is too coarse for the accuracy still shows the arcs.
+        if first.status not in (Status.SOLVED, Status.TOO_COARSE):
             return SwitchingTimes(first.status, first.advice, (), first)
         for phase in declared.phases:
             if not is_cuttable(phase):
                 raise InputError(
-                    f"phase {phase.name!r} cannot be cut into arcs: what holds along it depends on "
-                    "its duration, or is demanded at points within it"
+                    f"phase {phase.name!r} cannot be cut into arcs: an expression along it depends "
+                    "on its duration, or a constraint or cost holds at points inside it"
                 )
         plans, how = [_planned(phase) for phase in first.phases], settings or SETTINGS
         search = _SwitchingSearch(declared, first, accuracy, how, progress, transcribe, plans)
@@ -133,7 +135,7 @@ def solve_switching_times(
 
 
 def _planned(phase: PhaseSolution) -> ArcPlan:
-    """Plan the arcs that a solution shows, with meshes that suit a scheme of high order."""
+    """Return the arcs of a solution, with meshes that suit a scheme of high order."""
     plan = plan_of(phase)
     least, most = SWITCHING.least_intervals, SWITCHING.most_intervals
     arcs = [
@@ -144,7 +146,7 @@ def _planned(phase: PhaseSolution) -> ArcPlan:
 
 
 class _Verdict(NamedTuple):
-    """What the search ends with."""
+    """Final status of the search."""
 
     status: Status
     advice: str = ""
@@ -152,7 +154,7 @@ class _Verdict(NamedTuple):
 
 @dataclass(eq=False)
 class _SwitchingSearch:
-    """Solves with one phase an arc, and what changes between them."""
+    """State of the search: plans of the arcs, tried structures, and the last transcription."""
 
     problem: OptimalControlProblem
     first: Solution
@@ -162,11 +164,11 @@ class _SwitchingSearch:
     transcribe: Transcribe
     plans: Sequence[ArcPlan]
     tried: set[tuple[tuple[Signature, ...], ...]] = field(default_factory=set)
-    transcribed: tuple[Any, Transcription] | None = None  # for which signatures
-    not_singular: NotPossibleError | None = None  # why conditions do not determine singular arcs
+    transcribed: tuple[Any, Transcription] | None = None  # signatures and their transcription
+    not_singular: NotPossibleError | None = None  # reason why singular arcs are not determined
 
     def run(self, rounds: int) -> SwitchingTimes:
-        """Go round the steps of the header."""
+        """Run the loop of the module docstring."""
         solved: ArcSolution | None = None
         measured, error = solved, np.inf
         until = deadline.until()
@@ -181,6 +183,7 @@ class _SwitchingSearch:
                 return self._answer(measured, error, _not_solved(attempt))
             self.plans = solved.plans
             revised = solved.revised() if done < rounds // 2 else solved.plans
+            # Half of the rounds may change the structure; the rest is kept for refinement.
             if _signatures(revised) not in self.tried:
                 self.plans = revised
                 continue
@@ -197,7 +200,7 @@ class _SwitchingSearch:
         return self._answer(measured, error, _Verdict(Status.ROUND_LIMIT))
 
     def _stopped(self, until: float) -> _Verdict | None:
-        most = 2 * CUTTER.most_arcs  # short ones may turn out to be none
+        most = 2 * CUTTER.most_arcs  # short arcs may still vanish
         if any(len(plan.arcs) > most for plan in self.plans):
             advice = f"More than {most} arcs in a phase are too many to solve for."
             return _Verdict(Status.NOT_POSSIBLE, advice)
@@ -216,8 +219,8 @@ class _SwitchingSearch:
         return ArcSolution(tuple(self.plans), in_arcs.groups, solution)
 
     def _determine(self, solved: ArcSolution) -> SwitchingTimes | None:
-        """Answer with singular arcs by their own conditions, where these can be solved."""
-        # dynamics with derivatives of their own have no higher ones
+        """Return the result with singular arcs by their conditions, or None if not possible."""
+        # A transcription with given derivatives lacks the higher ones needed here.
         possible = self.transcribe is Transcription and bool(_undetermined(solved.plans))
         if self.not_singular is not None or not possible:
             return None
@@ -238,7 +241,7 @@ class _SwitchingSearch:
         )
 
     def _finer(self, solved: ArcSolution, errors: Sequence[np.ndarray]) -> dict[str, int]:
-        """Count intervals of every arc: for its dynamics, and for limits between points."""
+        """Return the number of intervals of every arc, from state errors and excess of limits."""
         intervals = {}
         for piece, error in zip(solved.solution.phases, errors, strict=True):
             count = piece.mesh.size - 1
@@ -247,25 +250,26 @@ class _SwitchingSearch:
             ratio = relative_excess(dense_phase(piece)).max(initial=0.0) / SWITCHING.negligible
             if ratio > 1.0 and count < SWITCHING.finest:
                 parts = int(np.clip(np.ceil(ratio ** (1 / SWITCHING.degree)), 2, 4))
+                # The excess between points falls with the interval length to the power ``degree``.
                 intervals[piece.name] = max(intervals[piece.name], parts * count)
         return intervals
 
     def _judged(self, solved: ArcSolution) -> _Verdict:
-        """Judge whether the arcs are those of a local optimum, and why not."""
+        """Return the verdict: locally optimal, or the reason why not."""
         solution, first = solved.solution, self.first
         if solution.cost > first.cost + SWITCHING.costlier * abs(first.cost):
             return _Verdict(
                 Status.NOT_ACCEPTED,
                 f"The arcs cost {solution.cost:.8g}, more than the {first.cost:.8g} of the "
-                "solution that they were read from: give one of a finer mesh.",
+                "solution that shows them: give a start on a finer mesh.",
             )
         worst = worst_along(use for p in solution.phases for use in limit_uses(dense_phase(p)))
         if worst is not None and worst.relative > SWITCHING.exceeded:
             return _Verdict(
                 Status.LIMITS_EXCEEDED,
                 f"Between mesh points {worst.kind} {worst.name} of {worst.phase!r} is "
-                f"{100 * worst.relative:.2g} % beyond its limit: there are more arcs than the "
-                "solution that was given shows.",
+                f"{100 * worst.relative:.2g} % beyond its limit: the optimum has more arcs than "
+                "the given start shows.",
             )
         wanted = self.settings.gap * cost_size(solution.cost, solution.cost_scale)
         if not solution.gap.total <= wanted:
@@ -277,8 +281,8 @@ class _SwitchingSearch:
         if wrong:
             return _Verdict(
                 Status.NO_PROGRESS,
-                f"In {', '.join(wrong)} the multiplier of a control that is held at its limit has "
-                "the wrong sign: a switch is missing. A solution on a finer mesh may show it.",
+                f"In {', '.join(wrong)} the multiplier of a control at its limit has the wrong "
+                "sign: a switch is missing. A start on a finer mesh may show it.",
             )
         return _Verdict(Status.SOLVED)
 
@@ -287,19 +291,19 @@ class _SwitchingSearch:
     ) -> SwitchingTimes:
         status, advice = verdict.status, verdict.advice or verdict.status.sentence
         if status is Status.ROUND_LIMIT:
-            advice += f" The dynamics hold to {error:.1e}, {self.accuracy:.1e} is wanted."
+            advice += f" The dynamics hold to {error:.1e} instead of {self.accuracy:.1e}."
         if status is not Status.INTERRUPTED:
             free = _undetermined(self.plans)
             if free:
                 shares = [f"{100 * share:.2g} % of {name!r}" for name, share in free.items()]
                 where = ", ".join(shares)
                 advice += (
-                    f" Along {where} fewer limits act than there are controls: a control is "
-                    "singular there, or other solutions are as good, and it has no switching times "
-                    "of its own."
+                    f" Along {where} fewer limits are active than there are controls: a control is "
+                    "singular there, or several solutions are equally good, and its switching "
+                    "times are not determined."
                 )
             if self.not_singular is not None:
-                advice += f" Its own conditions do not determine it: {self.not_singular}."
+                advice += f" Its optimality conditions were not solved: {self.not_singular}."
         if solved is None:
             return SwitchingTimes(status, advice, (), self.first)
         junctions, pieces = [], {}
@@ -318,14 +322,14 @@ def _not_solved(attempt: ArcSolution) -> _Verdict:
     status = attempt.solution.status
     return _Verdict(
         status,
-        f"The {len(attempt.solution.phases)} arcs that the solution shows cannot follow one "
-        "another, or were not made to: one is missing or wrong, and a start on a finer mesh may "
-        f"show which. Of their solve: {status.sentence}",
+        f"The {len(attempt.solution.phases)} arcs that the start shows do not lead to a solution: "
+        "an arc is missing or wrong, and a start on a finer mesh may "
+        f"show which. The last solve: {status.sentence}",
     )
 
 
 def _undetermined(plans: Sequence[ArcPlan]) -> dict[str, float]:
-    """Return the share of every phase in which fewer limits act than there are controls."""
+    """Return the fraction of every phase with fewer active limits than controls."""
     shares = (
         sum(arc.end - arc.begin for arc in plan.arcs if plan.is_undetermined(arc)) for plan in plans
     )
