@@ -1,7 +1,7 @@
-"""What a solve returns.
+"""Result of a solve.
 
-Comes in: the variables of a program. Goes out: a :class:`Solution` with values by phase and name.
-Begin with ``_solution.py``; ``_gap.py`` says by how much the cost may be lower, ``_progress.py``
+Input: the variables of a program. Output: a :class:`Solution` with values by phase and name. Begin
+with ``_solution.py``; ``_gap.py`` estimates the cost above the local optimum, ``_progress.py``
 reports iterations.
 """
 

@@ -1,9 +1,8 @@
-"""How far the cost of an answer may be above that of the local optimum beside it.
+"""Estimate of the cost of a solution above that of the nearby local optimum.
 
-A barrier method stops before its inequalities act: every one that it keeps away from costs its
-multiplier times the distance that is left. Of a convex program the sum of all is the gap to the
-dual cost, and no other point costs less by more; of any program it is so near the optimum, to first
-order.
+A barrier method stops before its inequalities are active: each of them costs its multiplier times
+its remaining distance. For a convex program the sum of these products is the duality gap, so no
+point is cheaper by more; for other programs it is that gap to first order near the optimum.
 """
 
 from __future__ import annotations
@@ -18,13 +17,13 @@ from microbot_ocp.ocp.transcription import Bounds
 
 @dataclass(frozen=True)
 class Gap:
-    """What an answer may cost more than the local optimum, in the unit of the cost.
+    """Estimate of the cost above the local optimum, in the unit of the cost.
 
     Attributes
     ----------
-    slack : multipliers times the distances to their limits, what a barrier leaves
-    residuals : the rest: slopes that are not zero, times the scales of their variables, and
-        multipliers times violations
+    slack : sum of multipliers times distances to their limits, left by a barrier
+    residuals : sum of the other terms: gradients of the Lagrangian times the scales of their
+        variables, and multipliers times violations
     """
 
     slack: float
@@ -32,21 +31,21 @@ class Gap:
 
     @property
     def total(self) -> float:
-        """Both, the "at most" of what is printed."""
+        """Sum of both parts, printed as the "at most" of a cost."""
         return self.slack + self.residuals
 
     def __str__(self) -> str:
-        """Return what follows the cost where it is printed; nothing where the gap is not known."""
+        """Return the text printed behind the cost; empty if the gap is unknown."""
         finite = np.isfinite(self.total)
         return f" (at most {self.total:.1e} above the local optimum)" if finite else ""
 
 
-FLAT = 1e-3  # of the scale of the cost: a cost below it is compared with this
+FLAT = 1e-3  # least size of a cost, relative to its scale
 UNKNOWN = Gap(float("nan"), float("nan"))
 
 
 def cost_size(cost: float, scale: float) -> float:
-    """Return what a gap is relative to: the cost, or a share of its scale where it is less."""
+    """Return the size that a gap is relative to: the cost, or a fraction of its scale if larger."""
     return max(abs(cost), FLAT * scale)
 
 
@@ -59,11 +58,11 @@ def gap_of(
     ----------
     bounds : Bounds
     x, rows : values of the variables and rows
-    slope : of the Lagrangian with all multipliers
-    multipliers : of the variables, then of the rows: positive at upper bounds
+    slope : gradient of the Lagrangian with all multipliers
+    multipliers : multipliers of the variables followed by the rows, positive at upper bounds
     """
     low, high, distance = _distances(bounds, x, rows, multipliers)
-    # a multiplier of a limit that is not there is a slope that is not zero
+    # A multiplier of an infinite limit is a residual: mark it by a negative distance.
     distance = np.where(np.isfinite(distance), distance, -1.0)
     acts = (low < high) & (distance > 0)
     products = np.where(multipliers == 0, 0.0, np.abs(multipliers * distance))
@@ -74,11 +73,11 @@ def gap_of(
 def complementarity(
     bounds: Bounds, x: FloatArray, rows: FloatArray, multipliers: FloatArray
 ) -> float:
-    """Return the mean product of a multiplier and the distance to its limit, kept or not.
+    """Return the mean product of a multiplier and the distance to its limit, violated or not.
 
-    It is the barrier parameter on whose path a point is: where limits were moved by much it is
-    large (Nocedal and Wright, Numerical Optimization, 2nd ed., section 19.3, adaptive strategies).
-    Arguments as of :func:`gap_of`; in the unit of the cost.
+    This is the barrier parameter of the central path near the point; it is large if limits were
+    moved far (Nocedal and Wright, Numerical Optimization, 2nd ed., section 19.3, adaptive
+    strategies). Arguments as in :func:`gap_of`; unit of the cost.
     """
     low, high, distance = _distances(bounds, x, rows, multipliers)
     counted = (low < high) & np.isfinite(distance)
@@ -89,7 +88,7 @@ def complementarity(
 def _distances(
     bounds: Bounds, x: FloatArray, rows: FloatArray, multipliers: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return limits, and how far the values are from those that multipliers point at."""
+    """Return lower limits, upper limits, and distances to the limits with a multiplier."""
     low = np.concatenate([bounds.variable_lower, bounds.row_lower])
     high = np.concatenate([bounds.variable_upper, bounds.row_upper])
     value = np.concatenate([x, rows])

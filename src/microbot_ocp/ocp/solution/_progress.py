@@ -1,9 +1,9 @@
-"""Live progress of a solve, and what Ctrl-C does to it.
+"""Live progress of a solve, and its interruption by Ctrl-C.
 
-IPOPT and the SQP method call back at every iteration. fatrop has no such call: there the gradient
-of the cost, which it asks for once an iteration, reports. It cannot be stopped either: it runs to
-its end, and the iterate at which it was asked to stop is returned. Without a progress function
-there are no callbacks, but for the last iterate of a solver that may have to be ended.
+IPOPT and the SQP method call back at every iteration. fatrop has no callback: there the gradient of
+the cost, evaluated once per iteration, reports. fatrop cannot be stopped either: it runs to its
+end, and the iterate at the time of the request is returned. Without a progress function there are
+no callbacks, except to keep the last iterate of a solver that may have to be killed.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from microbot_ocp.ocp.transcription import Program
 
 @dataclass(frozen=True, eq=False)
 class Iteration:
-    """State of a solve.
+    """State of a solve at an iteration.
 
     Attributes
     ----------
     solver : name of the solver
-    number : iterations so far
-    cost : float
+    number : number of iterations so far
+    cost : cost of the iterate
     infeasibility : largest violation of a bound or constraint, scaled
     """
 
@@ -51,14 +51,14 @@ class Iteration:
 
     @property
     def phases(self) -> tuple[PhaseSolution, ...]:
-        """Values by phase and name, as of a solution."""
+        """Values by phase and name, like those of a solution."""
         return unpack(self.program.layouts, self.x)
 
 
 Options = dict[str, Any]
 Functions = dict[str, ca.Function]
 Progress = Callable[[Iteration], object]
-# of what takes several solves: their iterations, and a line of text at every step between them
+# Progress of several solves: their iterations, and a line of text for every step between them.
 StepProgress = Callable[[Iteration | str], object]
 
 
@@ -68,14 +68,14 @@ def quiet(_: Iteration | str) -> None:
 
 @dataclass(eq=False)
 class Watch:
-    """Keeps the last iterate of a solve and passes it on.
+    """Recorder of the last iterate, which also calls the progress function.
 
     Attributes
     ----------
     x : last iterate
     count : iterations so far
-    stopped : whether the progress function asked to stop
-    failure : what else it raised, to be raised again outside the solver
+    stopped : True if the progress function or Ctrl-C requested a stop
+    failure : other exception of the progress function, to be raised outside the solver
     """
 
     program: Program
@@ -85,11 +85,11 @@ class Watch:
     count: int = -1
     stopped: bool = False
     failure: BaseException | None = None
-    asked: Callable[[], bool] = bool  # whether Ctrl-C was pressed
-    callback: ca.Callback | None = None  # which CasADi does not keep
+    asked: Callable[[], bool] = bool  # returns True after Ctrl-C
+    callback: ca.Callback | None = None  # kept alive here: CasADi holds no reference
 
     def hooked(self, options: Options, functions: Functions) -> tuple[Options, Functions]:
-        """Return options and functions of a solver that let it report."""
+        """Return solver options and functions with the callbacks added."""
         if self.solver == "fatrop":
             self.callback = _GradientCall(self, functions["nlp_grad_f"])
             return options, {**functions, "nlp_grad_f": self.callback}
@@ -97,7 +97,7 @@ class Watch:
         return {**options, "iteration_callback": self.callback}, functions
 
     def report(self, x: FloatArray, cost: float | None = None) -> bool:
-        """Take in an iterate; False where the solve should stop."""
+        """Record an iterate; return False if the solve should stop."""
         self.stopped = self.stopped or self.asked()
         if self.stopped or (self.x is not None and np.array_equal(x, self.x)):
             return not self.stopped
@@ -108,26 +108,26 @@ class Watch:
         try:
             with aloud():
                 self.progress(Iteration(self.solver, self.count, cost, worst, self.program, x))
-        except BaseException as problem:  # raised again by the caller: solvers would swallow it
+        except BaseException as problem:  # raised by the caller: solvers would suppress it
             self.stopped = True
             if not _interrupts(problem):
                 self.failure = problem
         return not self.stopped
 
     def told(self, x: Any, cost: Any = None) -> bool:
-        """Take in an iterate of a solver with the scaled cost; no interrupt goes through it."""
+        """Record an iterate and scaled cost from a solver, keeping interrupts inside."""
         try:
             whole = None if cost is None else float(cost) * self.program.cost_scale
             return self.report(np.array(x).ravel(), whole)
         except BaseException as problem:
             if not _interrupts(problem):
                 raise
-            self.stopped = True  # by a signal: CasADi would print a traceback
+            self.stopped = True  # raised by a signal: CasADi would print a traceback
             return False
 
 
 class LastIterate(Watch):
-    """Keeps the last iterate of a solve in memory that a copy of this process shares."""
+    """Recorder of the last iterate in memory that is shared with a forked process."""
 
     def __init__(self, program: Program, solver: str) -> None:
         super().__init__(program, solver, quiet)
@@ -135,13 +135,13 @@ class LastIterate(Watch):
         self.count_and_x = np.frombuffer(memory)
 
     def report(self, x: FloatArray, cost: float | None = None) -> bool:
-        """Take in an iterate."""
+        """Record an iterate; return True."""
         self.count_and_x[1:] = x
         self.count_and_x[0] += 1.0
         return True
 
     def look(self) -> int:
-        """Take over what the copy has written, and return the iterations so far."""
+        """Copy the iterate that the forked process wrote; return the iterations so far."""
         count = int(self.count_and_x[0])
         if count:
             self.x, self.count = self.count_and_x[1:].copy(), count - 1
@@ -149,7 +149,7 @@ class LastIterate(Watch):
 
 
 class _IterationCall(PythonFunction):
-    """What IPOPT and the SQP method call at every iteration; 1 stops them."""
+    """Callback of IPOPT and the SQP method at every iteration; its value 1 stops them."""
 
     def __init__(self, watch: Watch) -> None:
         self.watch, program = watch, watch.program
@@ -163,7 +163,7 @@ class _IterationCall(PythonFunction):
 
 
 class _GradientCall(PythonFunction):
-    """The gradient of the cost of a program, which tells its watch where it was asked for."""
+    """Gradient of the cost that reports each point of evaluation."""
 
     def __init__(self, watch: Watch, gradient: ca.Function) -> None:
         self.watch, self.inner = watch, gradient
@@ -171,14 +171,12 @@ class _GradientCall(PythonFunction):
         super().__init__("nlp_grad_f", inputs, gradient.sparsity_out(0))
 
     def eval(self, arguments: Any) -> list[ca.DM]:
-        self.watch.told(arguments[0])  # fatrop cannot be stopped from here: it gets its gradient
+        self.watch.told(arguments[0])  # the result is ignored: fatrop cannot be stopped here
         return self.inner.call(arguments)
 
 
 def _interrupts(problem: BaseException | None) -> bool:
-    """Return whether it is a KeyboardInterrupt, or what CasADi's conversion to arrays makes of
-    one.
-    """
+    """Return True for a KeyboardInterrupt, also wrapped by CasADi's conversion to arrays."""
     while problem is not None and not isinstance(problem, KeyboardInterrupt):
         problem = problem.__cause__ or problem.__context__
     return problem is not None

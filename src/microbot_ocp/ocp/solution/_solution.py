@@ -1,4 +1,4 @@
-"""What a solve returns: status, values by name and phase, how it went."""
+"""Result of a solve: status, values by phase and name, attempts and history."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Rivals:
-    """When the least of several optima is taken for the least of all.
+    """Evidence that the best of several local optima is the global one.
 
     Attributes
     ----------
-    agreed : starts that have to lead to it
-    rare : share of the starts: where fewer led to it there may be others as rare
+    agreed : number of starts that have to lead to the best optimum
+    rare : fraction of the starts below which an optimum is rare: others may have been missed
     """
 
     agreed: int = 2
@@ -49,13 +49,13 @@ class Rivals:
 
 
 RIVALS = Rivals()
-INSIDE = ("polynomial", "algebraic")  # shapes with values at the points of a scheme
+INSIDE = ("polynomial", "algebraic")  # variable shapes with values at the points of a scheme
 UNCOMPARED = "compared with nothing"
 
 
 @dataclass(frozen=True)
 class Attempt:
-    """One solver's try at one program."""
+    """One run of a solver on a program."""
 
     solver: str
     status: Status
@@ -66,8 +66,8 @@ class Attempt:
     wall_time: float
     create_time: float
     function_time: float
-    broke_down: bool = False  # with an error of its own, which is the message
-    way: str = ""  # of those in which a problem is tried; nothing for the first
+    broke_down: bool = False  # True if the solver raised an error, which is the message
+    way: str = ""  # name of the strategy; empty for the first solve
 
     def as_dict(self) -> dict[str, object]:
         """Return plain values for JSON."""
@@ -87,9 +87,9 @@ class PhaseSolution(Hinting, Portable):
         controls), [N, size] (constant controls) or [N, points, size] (polynomial controls and
         algebraic variables), in the units of the declaration. A matrix stands here column by
         column, and as [..., rows, columns] in ``phase[name]``
-    layout : where the values stand in the program
-    stages : its scaled stages, in turn
-    parameters : its free parameters [size] by name; ``values`` has them at every mesh point
+    layout : places of the values in the program
+    stages : scaled stages of the phase, consecutively
+    parameters : free parameters [size] by name; ``values`` has them at every mesh point
     """
 
     name: str
@@ -122,7 +122,7 @@ class PhaseSolution(Hinting, Portable):
 
     @property
     def laid_out(self) -> PhaseLayout:
-        """Where it stands in its program; an InputError where no solve made it."""
+        """Layout of the phase in its program; an InputError if no solve made the values."""
         if self.layout is None or self.stages is None:
             raise InputError(
                 f"phase {self.name!r} was not made by a solve: it has mesh values only"
@@ -130,15 +130,14 @@ class PhaseSolution(Hinting, Portable):
         return self.layout
 
     def sample(self, t: ArrayLike) -> dict[str, FloatArray]:
-        """Return every state, control and algebraic variable [M, size] at times t [M] since the
-        start.
+        """Return every state, control and algebraic variable [M, size] at times t [M], s.
 
-        Between the mesh points it is the scheme's own interpolation.
-
+        Times count from the start of the phase. Between mesh points the scheme's own interpolation
+        is used.
         Raises
         ------
         InputError
-            A time outside the phase or not finite.
+            A time is outside the phase or not finite.
         """
         layout = self.laid_out
         assert self.stages is not None
@@ -157,21 +156,21 @@ class PhaseSolution(Hinting, Portable):
 
 @dataclass(frozen=True, eq=False)
 class StartingPoint:
-    """Scaled variables to start from, with multipliers where an earlier solve knows them."""
+    """Scaled variables at the start of a solve, with multipliers if an earlier solve has them."""
 
     x: FloatArray
     row_multipliers: FloatArray | None = None
     variable_multipliers: FloatArray | None = None
-    missing: tuple[str, ...] = ()  # names of what the earlier solution did not have
+    missing: tuple[str, ...] = ()  # names of variables that the earlier solution lacks
 
     @property
     def warm(self) -> bool:
-        """Whether there are multipliers."""
+        """True if there are multipliers."""
         return self.row_multipliers is not None and self.variable_multipliers is not None
 
     @property
     def multipliers(self) -> tuple[FloatArray, FloatArray]:
-        """Those of the rows and of the variables, where there are some."""
+        """Multipliers of the rows and of the variables."""
         assert self.row_multipliers is not None
         assert self.variable_multipliers is not None
         return self.row_multipliers, self.variable_multipliers
@@ -185,25 +184,26 @@ class Solution(Hinting, Portable):
     ----------
     status : Status
     cost : float
-    phases : one PhaseSolution a phase
-    attempts : every solver tried, in order
+    phases : one PhaseSolution per phase
+    attempts : runs of solvers, in order
     row_multipliers : multipliers of the rows of the scaled program, positive at upper bounds
-    variable_multipliers : multipliers of the bounds of its variables, likewise
+    variable_multipliers : multipliers of the bounds of its variables, positive at upper bounds
     build_time : wall time of the transcription, s
-    variables : the scaled variables
-    settings : how it was solved, as plain values
-    cost_scale : what the solver divided the cost by; cost and multipliers are whole
-    gap : how much the cost may be above that of the local optimum beside it, in its unit
-    rows : what the status means; of a solve that did not converge also what would help
-    start : where it started from
-    maximize : whether its cost is a gain with the other sign, see ``objective``
-    rivals : where other starts led to local optima of nearly the same cost, how much each of these
-        and this one is above the least on a coarse mesh, relative to the cost, in order
-    agreed : how many starts led to the least cost that was found, its own among them
-    compared : how many other starts led to an answer that it was compared with; where it is 0
-        nothing is known of other optima, which ``advice`` and the printed solution say
-    history : the meshes that led to it, with their errors; printed as a table
-    ledger : the strategies that led to it, and whether they decided; printed as a table
+    variables : scaled variables
+    settings : settings of the solve as plain values
+    cost_scale : divisor of the cost inside the solver; ``cost`` and multipliers are not divided
+    gap : estimate of the cost above the nearby local optimum, in the unit of the cost
+    rows : meaning of the status, with remedies if the solve did not converge
+    start : starting point of the solve
+    maximize : True if the cost is a negative gain, see ``objective``
+    rivals : excess of every local optimum of nearly the least cost, this solution included, over
+        the least one, on a coarse mesh and relative to the cost, in increasing order; empty if only
+        one was found
+    agreed : number of starts that led to the least cost found, this one included
+    compared : number of other starts whose results it was compared with; with 0, other optima are
+        unknown, as ``advice`` and the printed solution state
+    history : meshes of the refinement with their errors; printed as a table
+    ledger : strategies of the search and their effect; printed as a table
     """
 
     status: Status
@@ -249,68 +249,66 @@ class Solution(Hinting, Portable):
 
     @property
     def solved(self) -> bool:
-        """Whether the solve ended well."""
+        """True if the status is a success."""
         return self.status.solved
 
     @property
     def outcome(self) -> Outcome:
-        """How it ended: status, advice and ledger."""
+        """Status, advice and ledger."""
         return Outcome(self.status, self.rows, self.ledger)
 
     @property
     def advice(self) -> str:
-        """What the status means and what would help, one sentence a line."""
+        """Meaning of the status and remedies, one sentence per line."""
         return self.outcome.text
 
     def ended(self, status: Status, *remarks: str) -> Solution:
-        """Return the same with another status, and remarks on it."""
+        """Return a copy with another status, and remarks on it."""
         rows = Outcome.of(status).and_(*map(remark, remarks)).advice
         return replace(self, status=status, rows=rows)
 
     def remarked(self, *remarks: str) -> Solution:
-        """Return the same with further remarks; empty ones are none."""
+        """Return a copy with further remarks; empty texts are skipped."""
         return replace(self, rows=self.outcome.and_(*map(remark, filter(None, remarks))).advice)
 
     @property
     def objective(self) -> float:
-        """The cost, or of a problem that maximises the gain."""
+        """Cost, or gain of a problem that maximises."""
         return -self.cost if self.maximize else self.cost
 
     @property
     def unsettled(self) -> bool:
-        """Whether it is one of several local optima, the least of which few starts led to."""
+        """True for one of several local optima whose least one was found from few starts."""
         return bool(self.rivals) and self.agreed < max(RIVALS.agreed, RIVALS.rare * self.compared)
 
     def with_rivals_of(self, other: Solution) -> Solution:
-        """Return the same with what is known of the optima beside another solution, and remarked
-        on it.
-        """
+        """Return a copy with the rivals and remarks of another solution."""
         remarks = [r for r in other.rows if r.kind == "remark" and r not in self.rows]
         known = {"rivals": other.rivals, "agreed": other.agreed, "compared": other.compared}
         return replace(self, **known, rows=(*self.rows, *remarks))
 
     @property
     def several(self) -> str:
-        """What is to be said where it is one of several local optima; nothing where it is not."""
+        """Remark on several local optima; empty if there is only one."""
         if not self.rivals:
             return ""
         return (
             f"One of several local optima: other starts ended in {len(self.rivals) - 1} more, the "
             f"second best {self.rivals[1]:.1g} of the cost above the best on a coarse mesh; the "
-            "least that was found is kept, and there may be others."
+            "best one found is kept, and there may be others."
         )
 
     def sensitivities(self) -> dict[str, dict[str, FloatArray]]:
-        """Give slopes of the objective: what one more of each parameter changes, by phase and name.
+        """Return derivatives of the objective by parameters and measurements, by phase and name.
 
-        They follow from the multipliers, without another solve, and hold as long as the same limits
-        stay active. Of measurements, too. Whatever number is of interest may be a parameter:
+        They follow from the multipliers without another solve, and are valid while the active set
+        does not change. Any number may be declared as a parameter:
         ``initial=phase.parameter("x0", 1.0)``, ``upper=phase.parameter("limit", 2.0)``.
 
         Raises
         ------
         InputError
-            It did not converge, or was not made by a solve.
+            The solution did not converge, or was not made by a solve.
 
         Examples
         --------
@@ -330,7 +328,7 @@ class Solution(Hinting, Portable):
         """
         layouts = [phase.layout for phase in self.phases if phase.layout is not None]
         if not self.solved or self.variables is None or len(layouts) < len(self.phases):
-            raise InputError("sensitivities are of a solution that a solve led to and that is one")
+            raise InputError("sensitivities need a converged solution of a solve")
         nlp = assemble(layouts, parametric=True).nlp
         multipliers = ca.MX.sym("multipliers", self.row_multipliers.size)
         lagrangian = nlp["f"] + ca.dot(multipliers, nlp["g"])
@@ -348,25 +346,24 @@ class Solution(Hinting, Portable):
         return result
 
     def shifted(self, seconds: float) -> Solution:
-        """Return the solution as seen some seconds later, to start the next solve of a receding
-        horizon.
+        """Return the solution as seen some seconds later, to start the next receding-horizon solve.
 
-        Of one phase of fixed duration: as the ``guess`` of a :class:`ParametricSolver` or of
-        :func:`~microbot_ocp.ocp.solve` it gives values and multipliers at the times of the new
-        horizon, and behind its own end what it ended with. Its times begin at ``-seconds``.
+        For problems with one phase of fixed duration. As ``guess`` of a :class:`ParametricSolver`
+        or of :func:`~microbot_ocp.ocp.solve` it supplies values and multipliers at the times of the
+        new horizon, and its final values beyond its end. Its times begin at ``-seconds``.
         """
         seconds = checks.number("seconds", seconds, "s", at_least=0.0, at_most=self.duration)
         phase = self.phases[0]
         layout = phase.layout
         if len(self.phases) > 1 or layout is None or np.ptp(layout.phase.duration_bounds) > 0.0:
-            raise InputError("shifted is for one phase of fixed duration, as a solve led to it")
+            raise InputError("shifted needs the solution of one phase of fixed duration")
         mesh = phase.mesh - seconds / phase.duration
         later = replace(phase, mesh=mesh, layout=replace(layout, mesh=mesh))
         return replace(self, phases=(later,))
 
     @property
     def parameters(self) -> dict[str, FloatArray]:
-        """Free parameters by name [size], and values at points of phases that something needed."""
+        """Free parameters by name [size], and point values that expressions of phases use."""
         return {k: v for phase in self.phases for k, v in phase.parameters.items()}
 
     @property
@@ -375,12 +372,12 @@ class Solution(Hinting, Portable):
         return float(sum(phase.duration for phase in self.phases))
 
 
-Given = Guesses | Solution | str | None  # what a solve may start from
+Given = Guesses | Solution | str | None  # starting points that a solve accepts
 
 
 @dataclass(frozen=True, eq=False)
 class Journal:
-    """What a solve tried, and a row of the ledger for every strategy that was run."""
+    """Attempts of a solve, and a ledger row for every strategy."""
 
     attempts: list[Attempt] = field(default_factory=list)
     rows: list[LedgerRow] = field(default_factory=list)
@@ -393,7 +390,7 @@ class Journal:
         attempts: Sequence[Attempt],
         seconds: float,
     ) -> None:
-        """Enter what was tried by a strategy and what it led to, if to anything."""
+        """Add the attempts of a strategy, and the solution that it led to, if any."""
         last = before if after is None else after
         old, new = (None if each is None else each.cost for each in (before, last))
         iterations = sum(max(attempt.iterations, 0) for attempt in attempts)
@@ -402,16 +399,16 @@ class Journal:
         self.rows.append(LedgerRow(strategy, 1, decided, old, new, iterations, seconds))
 
     def discard(self, part: slice) -> None:
-        """Note that some rows did not lead to the answer."""
+        """Mark rows whose strategy did not lead to the result."""
         self.rows[part] = Ledger(self.rows[part]).discarded()
 
     def closed(self, solution: Solution) -> Solution:
-        """Return the answer with all that was tried for it."""
+        """Return the result with all attempts and the ledger."""
         return replace(solution, attempts=tuple(self.attempts), ledger=Ledger.of(self.rows))
 
 
 def unpack(layouts: Sequence[Any], x: FloatArray) -> tuple[PhaseSolution, ...]:
-    """Return values by name from the scaled variables."""
+    """Return phase values by name from the scaled variables."""
     return tuple(
         layout.unpacked(x) if hasattr(layout, "unpacked") else _phase_values(layout, x)
         for layout in layouts
@@ -441,7 +438,7 @@ def pack(program: Program, guesses: Guesses) -> FloatArray:
     Raises
     ------
     InputError
-        A phase or a state without a guess, wrong shape, anything not finite.
+        A phase or a state has no guess, a guess has a wrong shape, or a value is not finite.
     """
     x = np.zeros(program.variable_lower.size)
     for layout in program.layouts:
@@ -473,8 +470,9 @@ def pack(program: Program, guesses: Guesses) -> FloatArray:
 def _guess_table(
     layout: PhaseLayout, guess: Guess, variable: Variable, at: FloatArray, which: int | None = None
 ) -> FloatArray:
-    """Return the guess of a variable at fractions of the phase, at a point of the scheme where it
-    has some.
+    """Return the guess of a variable at fractions of the phase.
+
+    ``which`` selects the point of the scheme if the guess has values at several.
     """
     label = f"guess of {variable.name!r} in phase {layout.phase.name!r}"
     if variable.name not in guess.values:
@@ -483,7 +481,7 @@ def _guess_table(
         return np.zeros((at.size, variable.size))
     table = guess_table(guess.values[variable.name], variable.size, at)
     if table.ndim == 3 and which is not None and which < table.shape[1]:
-        table = table[:, which]  # of the values of an earlier solution
+        table = table[:, which]  # values of an earlier solution at the points of a scheme
     if table.shape == (layout.mesh.size, variable.size) and not np.array_equal(at, layout.mesh):
         table = np.column_stack([np.interp(at, layout.mesh, column) for column in table.T])
     if table.shape != (at.size, variable.size):

@@ -1,9 +1,9 @@
-"""What a solve starts from: guesses, rollouts, measurements, scales.
+"""Starting points of a solve: guesses, rollouts, measurements and scales.
 
-Comes in: a problem, guesses or an earlier solution. Goes out: a starting point and scales that were
-not declared. Begin with ``_initial_guess.py``; ``_rollout.py`` simulates, ``_measured_guess.py``
-follows measurements, ``_scaling.py`` finds scales, ``_problem_data.py`` holds limits and parameters
-as plain values.
+Input: a problem, guesses or an earlier solution. Output: a starting point, and scales that were not
+declared. Begin with ``_initial_guess.py``; ``_rollout.py`` simulates, ``_measured_guess.py`` fits
+measurements, ``_scaling.py`` determines scales, ``_problem_data.py`` converts limits and parameters
+to plain values.
 """
 
 import lazy_loader

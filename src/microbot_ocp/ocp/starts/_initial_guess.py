@@ -1,8 +1,8 @@
 """Starting points of a solver: default guesses and guesses from earlier solutions.
 
-An earlier solution may have another mesh or other phases. Where only the mesh differs its
-multipliers go along: those of the dynamics are values of the costate and are interpolated as they
-are, those of path constraints and bounds stand for an interval and are interpolated per length.
+An earlier solution may have another mesh or other phases. If only the mesh differs, its multipliers
+are transferred: those of the dynamics are costates and are interpolated directly; those of path
+constraints and bounds are proportional to interval length and are interpolated per length.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from microbot_ocp.ocp.transcription.schemes import Collocation
 
 
 def starting_point(program: Program, problem: OptimalControlProblem, guess: Given) -> StartingPoint:
-    """Return starting point from guesses, from an earlier solution, or from nothing."""
+    """Return a starting point from guesses, from an earlier solution, or from the default guess."""
     if not isinstance(guess, Solution):
         return StartingPoint(pack(program, completed(problem, guess)))
     old = [phase.layout for phase in guess.phases if phase.layout is not None]
@@ -44,14 +44,14 @@ def starting_point(program: Program, problem: OptimalControlProblem, guess: Give
 
 
 def _alike(a: PhaseLayout, b: PhaseLayout) -> bool:
-    """Return whether two layouts differ in their meshes and degrees only."""
+    """Return True if two layouts differ only in meshes and degrees."""
     if type(a) is not type(b):
         return False
     return type(a.kind.scheme) is type(b.kind.scheme) and _content(a) == _content(b)
 
 
 def _content(layout: PhaseLayout) -> set[tuple[str, str, int, float]]:
-    """Return kind, name, component and scale of everything that a phase holds."""
+    """Return kind, name, component and scale of every row and variable of a phase."""
     return {
         (entry.kind, entry.name, entry.component, entry.scale)
         for block in (*layout.rows, *layout.variables)
@@ -70,7 +70,7 @@ def _same_mesh(a: PhaseLayout, b: PhaseLayout) -> bool:
 def completed(
     problem: OptimalControlProblem, guess: Mapping[str, Guess] | str | None
 ) -> dict[str, Guess]:
-    """Return a guess for every phase: what is not given is the default.
+    """Return a guess for every phase, with the default guess for missing values.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def completed(
     Raises
     ------
     InputError
-        A phase that the problem does not have, or another word.
+        The guess names a phase that the problem does not have, or is an unknown word.
     """
     if guess == "rollout":
         return rollouts(problem, default_guess(problem))[0]
@@ -90,7 +90,7 @@ def completed(
     ordinary, given = default_guess(problem), guess or {}
     free = {v.name for phase in problem.phases for v in phase.free_parameters}
     shared = {k: v for g in given.values() for k, v in g.values.items() if k in free}
-    for phase in problem.phases:  # a free parameter is the same in all phases that have it
+    for phase in problem.phases:  # a free parameter has one value in all its phases
         usual = {v.name: shared[v.name] for v in phase.free_parameters if v.name in shared}
         ordinary[phase.name] = ordinary[phase.name].with_values(usual)
     for name, value in given.items():
@@ -105,8 +105,9 @@ def completed(
 def default_guess(problem: OptimalControlProblem) -> dict[str, Guess]:
     """Return straight lines between the end conditions.
 
-    What has a condition at one end keeps that value; what has none is in the middle of its bounds,
-    or zero. What measurements see goes through them, and free parameters suit it.
+    A variable with a condition at one end keeps that value; a variable without any is in the middle
+    of its bounds, or zero. Measured states pass through the measurements, and free parameters are
+    fitted to them.
     """
     guesses = {}
     links = {link.after: link.names for link in problem.links}
@@ -128,7 +129,7 @@ def default_guess(problem: OptimalControlProblem) -> dict[str, Guess]:
 
 
 def _at_end(variable: Variable, which: str, otherwise: FloatArray) -> FloatArray:
-    """Return the middle of the condition at one end, or what else is within it and the bounds."""
+    """Return the middle of the condition at one end, or ``otherwise`` clipped to the limits."""
     low, high = variable.lower, variable.upper
     condition = getattr(variable, which)
     if condition is None:
@@ -151,9 +152,9 @@ def _line(start: FloatArray, end: FloatArray, s: FloatArray) -> FloatArray:
 def guess_from(problem: OptimalControlProblem, solution: Solution) -> dict[str, Guess]:
     """Return guesses for the phases of a problem from a solution of it or of a similar one.
 
-    Phases of the same names take over each other's values. Where the names differ, the whole
-    solution is cut into as many pieces of equal duration as the problem has phases. What the
-    solution does not have starts from the default guess.
+    Phases of equal names take over the values. If the names differ, the solution is divided into as
+    many pieces of equal duration as the problem has phases. Variables that the solution does not
+    have start from the default guess.
     """
     ordinary = default_guess(problem)
     guesses = {}
@@ -169,7 +170,7 @@ def guess_from(problem: OptimalControlProblem, solution: Solution) -> dict[str, 
 
 
 def missing_from(problem: OptimalControlProblem, solution: Solution) -> Iterator[str]:
-    """Yield what of a problem starts from the default guess, as a solution does not have it."""
+    """Yield the variables that start from the default guess because a solution lacks them."""
     for phase, pieces, _ in _taken_over(problem, solution):
         for variable in phase.variables:
             if not all(_has(piece, variable) for piece in pieces):
@@ -179,9 +180,7 @@ def missing_from(problem: OptimalControlProblem, solution: Solution) -> Iterator
 def _taken_over(
     problem: OptimalControlProblem, solution: Solution
 ) -> Iterator[tuple[Phase, Sequence[PhaseSolution], tuple[float, float]]]:
-    """Yield every phase with the phases of a solution that it starts from, and its share of
-    them.
-    """
+    """Yield every phase with the solution's phases that it starts from, and its share of them."""
     solved, count = {phase.name: phase for phase in solution.phases}, len(problem.phases)
     matched = all(phase.name in solved for phase in problem.phases)
     for k, phase in enumerate(problem.phases):
@@ -217,7 +216,7 @@ def _values(piece: PhaseSolution, name: str, t: FloatArray) -> FloatArray:
     if table.ndim == 2 and table.shape[0] == piece.mesh.size:
         return np.column_stack([np.interp(share, piece.mesh, column) for column in table.T])
     k = np.searchsorted(piece.mesh, share, side="right") - 1
-    flat = table if table.ndim == 2 else table.mean(axis=1)  # of the points of every interval
+    flat = table if table.ndim == 2 else table.mean(axis=1)  # mean over the points of an interval
     return flat[np.clip(k, 0, flat.shape[0] - 1)]
 
 
@@ -227,7 +226,7 @@ def _values(piece: PhaseSolution, name: str, t: FloatArray) -> FloatArray:
 def _moved_multipliers(
     program: Program, old: Sequence[PhaseLayout], rows: FloatArray, variables: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return multipliers for a program from those of the same problem on another mesh."""
+    """Return multipliers for a program from those of its problem on another mesh."""
     new_rows = np.zeros(program.row_lower.size)
     new_variables = np.zeros(program.variable_lower.size)
     for before, after in zip(old, program.layouts, strict=True):
@@ -242,8 +241,8 @@ def _moved_multipliers(
     return new_rows, new_variables
 
 
-# Multipliers of one kind [3, M]: where they stand, as increasing fractions of the phase, their
-# indices in the program, and what they weigh against their density along the phase.
+# Multipliers of one kind [3, M]: places as increasing fractions of the phase, indices in the
+# program, and weights: the multiplier divided by its weight is a density along the phase.
 Series = Mapping[tuple[object, ...], FloatArray]
 
 
@@ -263,20 +262,18 @@ def _of_nodes(layout: PhaseLayout) -> Series:
 
 
 def _series(layout: PhaseLayout, block: Block, first: int) -> Series:
-    """Return everything from an entry on that has the same name and stands at the same kind of
-    point.
-    """
+    """Return series of the entries from ``first`` on, by kind, name, component and point type."""
     gathered: dict[tuple[object, ...], list[FloatArray]] = {}
     start, h, scheme = layout.mesh[:-1], np.diff(layout.mesh), layout.kind.scheme
     shares: dict[float, float] = {}
     if isinstance(scheme, Collocation):
         shares = dict(zip(scheme.points, scheme.weights.tolist(), strict=True))
     for entry, places in zip(block.entries[first:], block.places.T[first:], strict=True):
-        # at points of collocation all belongs together
+        # All collocation points of a row form one series along the phase.
         point = np.inf if entry.fraction in shares else entry.fraction
         share = 1.0 if entry.kind == "step" else shares.get(entry.fraction, 1.0)
         weight = np.full(h.size, share)
-        if entry.kind not in ("step", "defect"):  # those are values of the costate
+        if entry.kind not in ("step", "defect"):  # multipliers of the dynamics are costates
             weight = weight * h
         part = np.vstack([start + entry.fraction * h, places, weight])
         gathered.setdefault((entry.kind, entry.name, entry.component, point), []).append(part)

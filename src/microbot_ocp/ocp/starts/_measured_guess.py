@@ -1,10 +1,10 @@
-"""Guesses from data: states where the measurements put them, free parameters that suit both.
+"""Initial guesses from data: states at the measurements, and free parameters fitted to them.
 
-A step of Newton's method on the cost of every measurement gives the states that it sees; between
-the measurements they go straight. Free parameters are those with which the dynamics, integrated
-along these states, come nearest to their differences, by one step of Gauss and Newton: most
-dynamics are linear in them, and no trajectory is simulated, so poor parameters do no harm. Source:
-Varah, *SIAM J. Sci. Stat. Comput.* 3 (1982), 28-46.
+A Newton step on the cost of every measurement yields the states that it depends on; between
+measurements they are interpolated linearly. One Gauss-Newton step then fits the free parameters:
+the dynamics, integrated along these states, should match their differences. Most dynamics are
+linear in the parameters, and no trajectory is simulated, so poor initial parameters do no harm.
+Source: Varah, *SIAM J. Sci. Stat. Comput.* 3 (1982), 28-46.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from microbot_ocp.ocp.transcription import Guess, Guesses, GuessValue, sampled
 
 Points = Mapping[int, tuple[FloatArray, FloatArray]]  # fractions [M] and values [M] by component
 
-NODES = 5  # of the quadrature between two measurements
+NODES = 5  # quadrature points between two measurements
 
 
 def with_measurements(problem: OptimalControlProblem, guesses: Guesses) -> dict[str, Guess]:
-    """Put states, and free parameters of all phases, where measurements tell them."""
+    """Return guesses with states and free parameters from the measurements."""
     completed = dict(guesses)
     measured = {p.name: _points(p, guesses[p.name]) for p in problem.phases if p.measurements}
     phases = [phase for phase in problem.phases if phase.name in measured]
@@ -42,7 +42,7 @@ def with_measurements(problem: OptimalControlProblem, guesses: Guesses) -> dict[
 
 
 def _states(phase: Phase, guess: Guess, points: Points) -> dict[str, GuessValue]:
-    """Return guesses of the states that are seen."""
+    """Return guesses of the measured states."""
     states, offset = {}, 0
     for state in phase.states:
         measured = {i: points[offset + i] for i in range(state.size) if offset + i in points}
@@ -53,7 +53,7 @@ def _states(phase: Phase, guess: Guess, points: Points) -> dict[str, GuessValue]
 
 
 def _along(guess: Guess, state: Variable, points: Points, s: FloatArray) -> FloatArray:
-    """Interpolate a state [M, size] at fractions [M], straight between what is known of it."""
+    """Interpolate a state [M, size] at fractions [M], linearly between its known values."""
     table = sampled(guess.values.get(state.name), state, s)
     for i, (fractions, values) in points.items():
         table[:, i] = np.interp(s, fractions, values)
@@ -61,7 +61,7 @@ def _along(guess: Guess, state: Variable, points: Points, s: FloatArray) -> Floa
 
 
 def _points(phase: Phase, guess: Guess) -> Points:
-    """Find where components of the states are known: at the start, and at measurements."""
+    """Return the known values of state components: at a fixed start and at measurements."""
     x = ca.vertcat(*(s.symbol for s in phase.states))
     duration, offset = float(guess.duration or 1.0), 0
     places: list[np.ndarray] = [np.zeros((3, 0))]  # component, fraction, value
@@ -87,6 +87,7 @@ def _points(phase: Phase, guess: Guess) -> Points:
             if not (np.isfinite(hessian).all() and np.isfinite(gradient).all()):
                 continue
             seen = np.flatnonzero(np.abs(hessian).sum(axis=1) > 0)
+            # Newton step x - H^+ grad; components with a zero row of H were not measured.
             value = states[:, k] - np.linalg.pinv(hessian, hermitian=True) @ gradient[:, 0]
             places.append(np.vstack([seen, np.full(seen.size, fraction), value[seen]]))
     component, fraction, value = np.hstack(places)
@@ -101,7 +102,7 @@ def _points(phase: Phase, guess: Guess) -> Points:
 def _fitted(
     phases: list[Phase], guesses: Guesses, measured: Mapping[str, Points], unknown: list[Variable]
 ) -> dict[str, FloatArray]:
-    """Free parameters with which the dynamics suit the states that are seen."""
+    """Return free parameters for which the dynamics match the measured states best."""
     lower, upper = (np.concatenate([getattr(v, k) for v in unknown]) for k in ("lower", "upper"))
     holders = [next(p for p in phases if v in p.free_parameters) for v in unknown]
     pairs = zip(holders, unknown, strict=True)
@@ -124,7 +125,7 @@ def _fitted(
 
 
 def _misfits(phase: Phase, guess: Guess, points: Points, free: Mapping[str, ca.MX]) -> list[ca.MX]:
-    """Give differences of what is seen, less the integrals of its slopes, relative to its size."""
+    """Return differences of measured states minus integrals of their derivatives, relative."""
     nodes, weights = np.polynomial.legendre.leggauss(NODES)
     duration = float(guess.duration or 1.0)
     slopes = ca.vertcat(*(phase.derivatives[s.name] for s in phase.states))

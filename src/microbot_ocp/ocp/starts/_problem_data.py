@@ -1,6 +1,6 @@
-"""The data of a phase, limits, conditions, scales and parameters: as plain values, and changed.
+"""Data of a phase (limits, conditions, scales, parameters) as plain values, and changes of them.
 
-A solve may have been made with other data than those declared; expressions stay.
+A solve may use other data than those declared; the expressions are those of the declaration.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ SIDES, ENDS = ("lower", "upper", "scale"), ("initial", "final")
 
 
 def problem_data(layout: PhaseLayout) -> dict[str, Any]:
-    """Return plain values for JSON."""
+    """Return the data of a phase as plain values for JSON."""
     phase = layout.phase
     return {
         "duration": list(phase.duration_bounds),
@@ -46,12 +46,12 @@ def problem_data(layout: PhaseLayout) -> dict[str, Any]:
 
 
 def with_problem_data(phase: Phase, data: Mapping[str, Any]) -> Phase:
-    """Return a phase with the same expressions and the data of another solve of it.
+    """Return a phase with its expressions and the data of another solve of it.
 
     Raises
     ------
     InputError
-        The data are of a phase with other variables, constraints or parameters.
+        The data belong to a phase with other variables, constraints or parameters.
     """
     changed = copy.copy(phase)
     for kind in (*VARIABLES, *LIMITS):
@@ -105,7 +105,7 @@ def _changed(item: Any, given: Mapping[str, Any]) -> Any:
             new[which] = None if pair is None else tuple(np.array(side, float) for side in pair)
     ranges = (new["lower"], new["upper"]), *(new.get(which) for which in ENDS)
     for low, high in filter(None, ranges):
-        if low.shape != high.shape or not (low <= high).all():  # false of what is no number, too
+        if low.shape != high.shape or not (low <= high).all():  # also rejects NaN
             raise InputError(f"{item.name!r} of the solution has impossible limits")
     if not (np.isfinite(new["scale"]) & (new["scale"] > 0)).all():
         raise InputError(f"{item.name!r} of the solution has a scale that is not above 0")
@@ -116,7 +116,7 @@ def _changed(item: Any, given: Mapping[str, Any]) -> Any:
 
 
 def with_changes(phase: Phase, changes: Mapping[str, Any]) -> Phase:
-    """Return a copy of a phase with the same expressions and other limits and parameters."""
+    """Return a copy of a phase with its expressions, and other limits and parameters."""
     conditioned = {which: partial(_conditioned, phase.name, which) for which in ENDS}
     kinds: dict[str, tuple[str, Sequence[Sequence[str]], Callable[..., Any]]] = {
         "parameters": ("parameter", [CONSTANTS], Parameter.with_value),
@@ -124,39 +124,37 @@ def with_changes(phase: Phase, changes: Mapping[str, Any]) -> Phase:
         **{which: (which, [VARIABLES], new) for which, new in conditioned.items()},
     }
     changed = copy.copy(phase)
-    for kind, (what, groups, new) in kinds.items():
+    for kind, (label, groups, new) in kinds.items():
         if not isinstance(given := changes.get(kind, {}), Mapping):
             raise InputError(
                 f"{kind} of phase {phase.name!r} must be a mapping from name to value, not "
                 f"{checks.shown(given)}"
             )
         for name, value in given.items():
-            changed = _renewed(changed, what, groups, name, partial(new, value=value))
+            changed = _renewed(changed, label, groups, name, partial(new, value=value))
     if "durations" in changes:
         if phase.point_fractions:
             raise InputError(
-                f"phase {phase.name!r} has costs or constraints at given times: its duration is "
-                "as declared"
+                f"phase {phase.name!r} has costs or constraints at given times: its duration "
+                "cannot be changed"
             )
         changed.duration_bounds = duration_bounds(phase.name, changes["durations"])
     return changed
 
 
 def _renewed(
-    phase: Phase, what: str, groups: Sequence[Sequence[str]], name: str, new: Callable[[Any], Any]
+    phase: Phase, label: str, groups: Sequence[Sequence[str]], name: str, new: Callable[[Any], Any]
 ) -> Phase:
-    """Return the phase with what bears a name changed, in those lists of the first group that
-    have it.
-    """
+    """Return the phase with the named item changed, in the first group of lists that has it."""
     there: set[str] = set()
     for group in groups:
         names = {item.name for kind in group for item in getattr(phase, kind)}
-        if what in ENDS:
+        if label in ENDS:
             names &= {variable.name for variable in node_variables(phase)}
         there |= names
         if name in names:
             return with_items(phase, lambda item: new(item) if item.name == name else item, group)
-    raise InputError(f"phase {phase.name!r} has no {what} {name!r}; it has {sorted(there)}")
+    raise InputError(f"phase {phase.name!r} has no {label} {name!r}; it has {sorted(there)}")
 
 
 def _bounded(old: Any, value: Any) -> Any:
@@ -173,7 +171,7 @@ def _conditioned(phase: str, which: str, old: Variable, value: Any) -> Variable:
             f"{old.name!r} of phase {phase!r} was declared without {which}: the program has "
             f"no row for it; declare a range that always holds"
         )
-    if value is None:  # free, as in the declaration
+    if value is None:  # free: infinite bounds keep the row of the program
         value = np.full((2, old.size), [[-np.inf], [np.inf]])
         return replace(old, **{which: (value[0], value[1])})
     pair = value if isinstance(value, tuple) and len(value) == 2 else (value, value)
@@ -188,7 +186,7 @@ def _conditioned(phase: str, which: str, old: Variable, value: Any) -> Variable:
 
 
 def _pair(name: str, pair: Any, declared: Range, unit: str) -> Range:
-    """Return bounds from a pair in which None leaves one of them as it was declared."""
+    """Return bounds from a pair; None in the pair keeps a declared bound."""
     if not isinstance(pair, tuple) or len(pair) != 2:
         raise InputError(f"bounds of {name!r} must be a pair (lower, upper), not {pair!r}")
     low, high = (old if new is None else new for new, old in zip(pair, declared, strict=True))

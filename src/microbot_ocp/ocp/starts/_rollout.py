@@ -17,17 +17,17 @@ from microbot_ocp.ocp.transcription import Guess, Guesses, GuessValue, sampled
 
 @dataclass(frozen=True)
 class RolloutSettings:
-    """Which controls are simulated, and how.
+    """Controls of the simulations, and settings of the integrator.
 
     Attributes
     ----------
-    levels : of the range of all controls that are tried, as shares of it
-    steps : the same in both halves of every phase
-    factors : components of which every combination of two values is tried
-    middle : the point at which controls change: as many are integrated at once
-    tolerance : of the integrator, relative
-    small : the same, absolute
-    explodes : times the size of the usual guess: what grows so is no start, nor gives scales
+    levels : constant values of all controls that are simulated, as fractions of their ranges
+    steps : values of all controls in both halves of every phase, as fractions of their ranges
+    factors : number of components for which all combinations of two values are simulated
+    middle : index of the grid point at which controls change; both halves have as many steps
+    tolerance : relative tolerance of the integrator
+    small : absolute tolerance of the integrator
+    explodes : size of a state relative to the usual guess above which a simulation is rejected
     """
 
     levels: tuple[float, ...] = (0.5, 0.2, 0.1, 0.8, 0.0, 1.0)
@@ -41,44 +41,42 @@ class RolloutSettings:
 
 SETTINGS = RolloutSettings()
 
-FACTORS = 10.0 ** np.arange(-6.0, 9.5, 0.5)  # times the usual durations
-POINTS = 2 * SETTINGS.middle + 1  # of every phase
+FACTORS = 10.0 ** np.arange(-6.0, 9.5, 0.5)  # simulated durations relative to the usual ones
+POINTS = 2 * SETTINGS.middle + 1  # grid points of every phase
 GRID = np.linspace(0.0, 1.0, POINTS)
 Ranges = Mapping[str, Mapping[str, Range]]
-Shares = tuple[float, float] | np.ndarray  # of all ranges in both halves; who of all is far
-Scored = tuple[dict[str, Guess], float]  # guesses, and how far they are from bounds and conditions
+Shares = tuple[float, float] | np.ndarray  # fractions in both halves, or mask of extreme components
+Scored = tuple[dict[str, Guess], float]  # guesses, and their distance to bounds and conditions
 
 
 def rollouts(problem: OptimalControlProblem, ordinary: Guesses) -> list[dict[str, Guess]]:
     """Return guesses whose states follow the dynamics under constant controls.
 
-    Controls without bounds are zero; the others are at one share of their ranges. The first guess
-    is the one in which states stay nearest to their bounds and come nearest to the conditions at
-    their ends. A state keeps its bounds in the guess. What leaves the finite numbers or
-    grows out of all proportion is left out; where everything does the guess is ``ordinary``.
+    Controls without bounds are zero; the others are at one fraction of their ranges. In the first
+    guess, states violate their bounds and end conditions least. States are clipped to their bounds
+    in the guess. Simulations that diverge are omitted; if all do, the result is ``ordinary``.
 
     Parameters
     ----------
     problem : OptimalControlProblem
     ordinary : mapping from phase name to Guess
-        Where states start that have no condition, how long phases take, and what algebraic
-        variables are.
+        Initial states without a condition, durations, and algebraic variables.
     """
     return Rollouts(problem, ordinary).nearest_first() or [dict(ordinary)]
 
 
 class Rollouts:
-    """Simulations of a problem; its integrators are made once.
+    """Simulations of a problem; the integrators are built once.
 
     Parameters
     ----------
     problem : OptimalControlProblem
     ordinary : mapping from phase name to Guess
-        Where states start that have no condition, and what algebraic variables are.
+        Initial states without a condition, and algebraic variables.
     ranges : mapping from phase to mapping from name to (lower, upper), each [size], optional
-        Of controls: what stands for bounds that are infinite. By default such controls are zero.
-        Where no control has a range, of free parameters and of states that begin anywhere, too:
-        by default these are as in ``ordinary``.
+        Ranges of controls with infinite bounds; by default such controls are zero. If no control
+        has a range, also ranges of free parameters and free initial states; by default these are
+        as in ``ordinary``.
     """
 
     def __init__(
@@ -105,19 +103,20 @@ class Rollouts:
         steps: bool = False,
         cost: Callable[[dict[str, Guess]], float] | None = None,
     ) -> list[dict[str, Guess]]:
-        """Return guesses as of :func:`rollouts`; none where everything grows out of proportion.
+        """Return guesses as in :func:`rollouts`, nearest first; empty if all simulations diverge.
 
-        With ``steps`` controls that change once, in the middle of every phase, are tried as well.
-        Of those that are as near the cheapest comes first where ``cost`` tells it.
+        With ``steps``, controls that change once, in the middle of every phase, are simulated as
+        well. Among equally near guesses, the cheapest by ``cost`` comes first.
         """
         return _ordered(self._nearest(durations or {}, steps=steps), cost)
 
     def corners(
         self, cost: Callable[[dict[str, Guess]], float] | None = None
     ) -> list[dict[str, Guess]]:
-        """Return the same where some components are in the middle of their ranges and the others
-        at the end on the other side of zero: all combinations of the first few, the others at
-        random. None where there is but one component.
+        """Return guesses with some components at an extreme of their ranges, the others centred.
+
+        The extreme is the end on the other side of zero. All combinations of the first few
+        components are simulated, with random choices of the others. Empty for one component.
         """
         full, draw = min(self.components, SETTINGS.factors), np.random.default_rng(0)
         numbers = range(1, 2**full) if self.components > 1 else ()
@@ -126,9 +125,9 @@ class Rollouts:
         return _ordered(self._finite({}, all_sides), cost)
 
     def of_any_duration(self) -> list[dict[str, Guess]]:
-        """Return the nearest of durations from the lowest to the highest, three times as long each.
+        """Return the nearest guess for each of many durations, growing by factors of sqrt(10).
 
-        Where durations are fixed all of :meth:`nearest_first`.
+        For fixed durations, return all guesses of :meth:`nearest_first`.
         """
         phases = self.problem.phases
         usual = {p.name: float(self.ordinary[p.name].duration or 1.0) for p in phases}
@@ -142,7 +141,7 @@ class Rollouts:
         return [guess for guess, _ in sorted(pairs, key=lambda pair: pair[1])]
 
     def _nearest(self, durations: Mapping[str, float], *, steps: bool) -> list[Scored]:
-        """Return guesses with how far they are, the nearest first."""
+        """Return guesses with their distances, nearest first."""
         pairs = [*((share, share) for share in SETTINGS.levels), *(SETTINGS.steps if steps else ())]
         return self._finite(durations, pairs if self.components else pairs[:1])
 
@@ -151,9 +150,7 @@ class Rollouts:
         return sorted((pair for pair in tried if np.isfinite(pair[1])), key=lambda pair: pair[1])
 
     def _simulated(self, durations: Mapping[str, float], shares: Shares) -> Scored:
-        """Return guesses, and how far they are from bounds and conditions, relative to their
-        sizes.
-        """
+        """Return guesses and their distance to bounds and conditions, relative to state sizes."""
         each = iter(shares)
 
         def held(low: FloatArray, high: FloatArray) -> Range:
@@ -204,7 +201,7 @@ class Rollouts:
 def _ordered(
     pairs: Sequence[Scored], cost: Callable[[dict[str, Guess]], float] | None
 ) -> list[dict[str, Guess]]:
-    """Return guesses of those that are as near by their costs, if these are told."""
+    """Return guesses in order, equally near ones sorted by cost if it is given."""
     order = list(range(len(pairs)))
     if cost is not None:
         costs = [cost(guess) for guess, _ in pairs]
@@ -213,7 +210,7 @@ def _ordered(
 
 
 def _wide(ranges: Ranges) -> int:
-    """Return how many components have two finite ends of their range that differ."""
+    """Return the number of components with finite, different ends of their ranges."""
     pairs = [pair for of_phase in ranges.values() for pair in of_phase.values()]
     return sum(int(_is_wide(low, high).sum()) for low, high in pairs)
 
@@ -223,7 +220,7 @@ def _is_wide(low: FloatArray, high: FloatArray) -> np.ndarray:
 
 
 def within(variable: Variable, ranges: Mapping[str, Range]) -> Range:
-    """Give bounds of a variable; where they are infinite what it ranges over, within the others."""
+    """Return the bounds of a variable, with the ends of its range in place of infinite ones."""
     low, high = ranges.get(variable.name, (variable.lower, variable.upper))
     return (
         np.where(np.isfinite(variable.lower), variable.lower, low),
@@ -251,7 +248,7 @@ def _along(table: FloatArray, s: FloatArray) -> FloatArray:
 
 
 class _Integrators:
-    """The dynamics of a phase in time from 0 to 1, with controls that are constant."""
+    """Integrators of the dynamics of a phase over a fraction of its time, at constant controls."""
 
     def __init__(self, phase: Phase, guess: Guess) -> None:
         self.phase = phase
@@ -283,7 +280,7 @@ class _Integrators:
         duration: float,
         free: Sequence[FloatArray],
     ) -> FloatArray:
-        """Return states [POINTS, n]; no numbers from where the integrator stops."""
+        """Return states [POINTS, n]; NaN after a failure of the integrator."""
         x, z = np.concatenate([start[s.name] for s in self.phase.states]), self.z
         table = np.full((POINTS, x.size), np.nan)
         table[0] = x
@@ -293,7 +290,7 @@ class _Integrators:
             if not np.isfinite(table[first]).all():
                 break
             try:
-                with quiet():  # of a failure SUNDIALS prints a line
+                with quiet():  # SUNDIALS prints a line for each failure
                     result = self.half(x0=table[first], z0=z, p=given)
             except RuntimeError:
                 break

@@ -1,14 +1,13 @@
-"""Automatic scales: a typical size for everything that was declared without one.
+"""Automatic scales: typical sizes of variables, constraints and costs declared without a scale.
 
-Solvers compare everything with one. The size of a state or control is read from its guess and end
-conditions or its bounds; where these say nothing it follows from the dynamics: of a state from the
-size of its derivative, but no more than simulations with constant controls reach, of what drives a
-state from what would move that state by its size during the phase. A constraint is divided by what
-it changes when the variables change by their sizes, the cost likewise. Dynamics are scaled with
-their states.
+Solvers assume sizes near one. The size of a state or control is taken from its guess and end
+conditions or from its bounds. Otherwise it follows from the dynamics: the size of a state from its
+derivative, limited by the values in simulations with constant controls; the size of a control from
+the value that moves a state by its size during the phase. A constraint or cost is divided by its
+change when the variables change by their sizes. Dynamics are scaled with their states.
 
-Scales are powers of ten, and what is within a factor of ten of one stays as it is, so that a
-problem in good units is solved as it was written.
+Scales are powers of ten, and a size within a factor of ten of one is not scaled, so that a problem
+in suitable units is solved as written.
 """
 
 from __future__ import annotations
@@ -42,20 +41,20 @@ from microbot_ocp.ocp.transcription import Guess, Guesses, Program, sampled
 
 @dataclass(frozen=True)
 class ScalingSettings:
-    """How the sizes of variables and costs are found.
+    """Settings of the search for sizes.
 
     Attributes
     ----------
-    points : along a guess, at which expressions are looked at
-    rounds : of sizes that follow from other sizes
-    loose : bounds that are so many times wider than the guess say nothing of a control's size
-    tiny : share of its bounds, or of one, below which a guess says nothing of a size
-    least : share of what moves a state during the phase, or of one where nothing is known to, below
-        which rates say nothing of its size
-    peak : share of the largest rate that counts where most rates are smaller, as around a pulse
-    band : sizes within this factor of one are left alone
-    cost : change of the cost that is aimed at
-    cost_band : changes of the cost within this factor of one are left alone
+    points : number of points along a guess at which expressions are evaluated
+    rounds : largest number of rounds in which sizes follow from other sizes
+    loose : ratio of bounds to guess above which bounds do not indicate the size of a control
+    tiny : size of a guess below which it counts as zero, relative to its bounds, or to one
+    least : size of a rate below which it counts as zero, relative to the motion of a state during
+        the phase, or to one
+    peak : fraction of the largest rate that counts if most rates are smaller, as around a pulse
+    band : factor around one within which sizes are not scaled
+    cost : change of the scaled cost that is aimed at
+    cost_band : factor around one within which changes of the cost are not scaled
     """
 
     points: int = 40
@@ -73,18 +72,18 @@ SETTINGS = ScalingSettings()
 
 
 def scaled(problem: OptimalControlProblem, guess: Given = None) -> OptimalControlProblem:
-    """Return the problem with a scale for everything that was declared without.
+    """Return the problem with a scale for every item that was declared without one.
 
     Parameters
     ----------
     problem : OptimalControlProblem
     guess : guesses or Solution, optional
-        Where the solve will start: a guess of the right size is worth most.
+        Starting point of the solve: a guess of the right size is the best information.
 
     Returns
     -------
     OptimalControlProblem
-        With the same symbols and expressions; scales that were declared stay.
+        Problem with its symbols and expressions; declared scales are kept.
 
     Examples
     --------
@@ -99,43 +98,45 @@ def scaled(problem: OptimalControlProblem, guess: Given = None) -> OptimalContro
     """
     problem.check()
     given: Guesses = {}
-    told: Mapping[str, Mapping[str, FloatArray]] = {}
+    least_sizes: Mapping[str, Mapping[str, FloatArray]] = {}
     if isinstance(guess, Solution):
-        given, told = guess_from(problem, guess), _least_told(guess)
+        given, least_sizes = guess_from(problem, guess), _least_sizes(guess)
     elif guess is not None:
         given = completed(problem, guess) if isinstance(guess, str) else guess
     ordinary = default_guess(problem)
-    looks = [
-        _Look(phase, given.get(phase.name), ordinary[phase.name], told.get(phase.name, {}))
+    estimates = [
+        _SizeEstimate(
+            phase, given.get(phase.name), ordinary[phase.name], least_sizes.get(phase.name, {})
+        )
         for phase in problem.phases
     ]
-    if any(np.isnan(look.sizes[s.name]).any() for look in looks for s in look.phase.states):
+    if any(np.isnan(k.sizes[s.name]).any() for k in estimates for s in k.phase.states):
         for simulated in rollouts(problem, {k: given.get(k, g) for k, g in ordinary.items()}):
-            for look in looks:
-                look.see(simulated[look.phase.name])
-    for look in looks:
-        look.find_sizes()
+            for estimate in estimates:
+                estimate.add_simulation(simulated[estimate.phase.name])
+    for estimate in estimates:
+        estimate.find_sizes()
     together: dict[tuple[str, int, str], FloatArray] = {}
-    for look in looks:  # phases with the same physics share kernels only if their scales agree
-        for v in look.unscaled:
-            key, size = (v.name, v.size, v.unit), look.sizes[v.name]
+    for estimate in estimates:  # phases with equal physics share kernels only for equal scales
+        for v in estimate.unscaled:
+            key, size = (v.name, v.size, v.unit), estimate.sizes[v.name]
             together[key] = np.fmax(together.get(key, size), size)
     phases = []
-    for look in looks:
-        scale_of = {v.name: _rounded(together[v.name, v.size, v.unit]) for v in look.unscaled}
-        scales = {v.name: scale_of.get(v.name, np.asarray(v.scale)) for v in look.variables}
-        phases.append(look.scaled(scales))
+    for estimate in estimates:
+        scale_of = {v.name: _rounded(together[v.name, v.size, v.unit]) for v in estimate.unscaled}
+        scales = {v.name: scale_of.get(v.name, np.asarray(v.scale)) for v in estimate.variables}
+        phases.append(estimate.scaled(scales))
     return with_phases(problem, phases)
 
 
 def driving_ranges(
     problem: OptimalControlProblem, solution: Solution
 ) -> dict[str, dict[str, Range]]:
-    """Return ranges of controls, free parameters and free starts about a solution, by phase.
+    """Return ranges of controls, free parameters and free initial states around a solution.
 
-    Whatever values it has, each ranges so far to both sides that a state goes from the largest
-    value that the solution has to the opposite of it during the phase. States have the sizes that
-    they reach, those that stay zero their scales.
+    By phase. The range extends the values of the solution on both sides so far that a state can
+    move from its largest value to the opposite value during the phase. Sizes of states are their
+    largest values, or the scale of a state that stays zero.
     """
     ranges: dict[str, dict[str, Range]] = {}
     given, ordinary = guess_from(problem, solution), default_guess(problem)
@@ -143,21 +144,21 @@ def driving_ranges(
     shared = {v.name for v in problem.free_parameters}
     common: dict[str, Range] = {}
     for phase in problem.phases:
-        look = _Look(phase, given[phase.name], ordinary[phase.name], {})
+        estimate = _SizeEstimate(phase, given[phase.name], ordinary[phase.name], {})
         for v in phase.variables:
-            reached = np.abs(look.tables[v.name]).max(axis=0)
-            look.sizes[v.name] = np.where(reached > SETTINGS.least * v.scale, reached, v.scale)
-        drives, tables, states = look.drives(), look.tables, phase.states
+            reached = np.abs(estimate.tables[v.name]).max(axis=0)
+            estimate.sizes[v.name] = np.where(reached > SETTINGS.least * v.scale, reached, v.scale)
+        drives, tables, states = estimate.drives(), estimate.tables, phase.states
         parameters = [v for v in phase.free_parameters if v.name in shared]
         widths = {v.name: 2 * drives[v.name] for v in (*phase.controls, *parameters)}
         for s in states:
             if s.initial is None and (phase.name, s.name) not in linked:
-                widths[s.name], tables[s.name] = 2 * look.sizes[s.name], tables[s.name][:1]
+                widths[s.name], tables[s.name] = 2 * estimate.sizes[s.name], tables[s.name][:1]
         found = {
             name: (tables[name].min(axis=0) - width, tables[name].max(axis=0) + width)
             for name, width in widths.items()
         }
-        for name in shared & found.keys():  # a parameter ranges over the same in all phases
+        for name in shared & found.keys():  # a parameter has one range in all phases
             low, high = common.get(name, found[name])
             found[name] = common[name] = np.fmin(low, found[name][0]), np.fmax(high, found[name][1])
         ranges[phase.name] = found
@@ -167,11 +168,10 @@ def driving_ranges(
 
 
 def cost_scale(program: Program, x: FloatArray) -> float:
-    """Return what to divide the cost by, so that it changes by ten when all scaled variables do by
-    one.
+    """Return a divisor of the cost: it then changes by ten if all scaled variables change by one.
 
-    A barrier of the size of the tolerance at every limit is then still small, compared with the
-    cost. Looked at at the start and a little beside it, where a quadratic cost has a slope.
+    A barrier parameter of the size of the tolerance at every limit is then small compared with the
+    cost. The gradient is evaluated at the start and beside it, where a quadratic cost has a slope.
     """
     beside = np.clip(x + 0.5, program.variable_lower, program.variable_upper)
     sizes = []
@@ -183,28 +183,28 @@ def cost_scale(program: Program, x: FloatArray) -> float:
 
 
 def _rounded(size: FloatArray, band: float = SETTINGS.band) -> FloatArray:
-    """Return powers of ten; one where a size is near it, or unknown."""
+    """Return powers of ten; one for a size within ``band`` of one, or an unknown size."""
     positive = np.isfinite(size) & (size > 0)
     size = np.where(positive, size, 1.0)
     near = (size >= 1 / band) & (size <= band)
     return np.where(near, 1.0, 10.0 ** np.round(np.log10(size)))
 
 
-class _Look:
-    """What is known of the sizes in one phase; unknown ones are not numbers."""
+class _SizeEstimate:
+    """Sizes of the variables of one phase as far as they are known; NaN for unknown ones."""
 
     def __init__(
         self,
         phase: Phase,
         given: Guess | None,
         ordinary: Guess,
-        told: Mapping[str, FloatArray],
+        least_sizes: Mapping[str, FloatArray],
     ) -> None:
         self.phase = phase
         self.variables = phase.variables
         self.unscaled = [v for v in self.variables if not v.scaled]
         guessed = np.nan if given is None or given.duration is None else float(given.duration)
-        # a wrong duration is refused where the guess is used
+        # An invalid duration is rejected where the guess is used.
         if not (np.isfinite(guessed) and guessed > 0):
             guessed = float(ordinary.duration or 1.0)
         self.duration = guessed
@@ -214,17 +214,20 @@ class _Look:
             v.name: sampled(values.get(v.name, ordinary.values.get(v.name, 0.0)), v, self.share)
             for v in self.variables
         }
-        guessed_names = {*values, *(v.name for v in phase.free_parameters)}  # also by measurements
+        # Free parameters always count as guessed: measurements may have determined them.
+        guessed_names = {*values, *(v.name for v in phase.free_parameters)}
         tables = {v.name: self.tables[v.name] for v in self.variables if v.name in guessed_names}
         self.sizes = {
-            v.name: v.scale if v.scaled else _size(v, tables.get(v.name), told.get(v.name, 0.0))
+            v.name: v.scale
+            if v.scaled
+            else _size(v, tables.get(v.name), least_sizes.get(v.name, 0.0))
             for v in self.variables
         }
         self.rates = [c for c in phase.controls if c.name in phase.rates]
-        self.reached: dict[str, FloatArray] = {}  # by states, in simulations
+        self.reached: dict[str, FloatArray] = {}  # largest values of states in simulations
 
-    def see(self, simulated: Guess) -> None:
-        """Remember how large states become in a simulation."""
+    def add_simulation(self, simulated: Guess) -> None:
+        """Record the largest values of the states in a simulation."""
         for state in self.phase.states:
             table = sampled(simulated.values[state.name], state, self.share)
             old = self.reached.get(state.name, np.zeros(state.size))
@@ -238,7 +241,7 @@ class _Look:
         return None if size == 1.0 else size
 
     def find_sizes(self) -> None:
-        """Derive sizes that are not known from those that are."""
+        """Determine unknown sizes from known ones."""
         self._follow_dynamics()
         for limit in self.phase.point_constraints:
             if limit.defines and np.isnan(self.sizes[limit.defines]).any():
@@ -248,6 +251,8 @@ class _Look:
                 self.sizes[limit.defines] = np.where(size > 0, size, _typical(np.abs(values)))
 
     def _follow_dynamics(self) -> None:
+        # forward_i = T |f_i| for states; backward_j = size_i / (T |df_i/dx_j|), least over i.
+        # Each round fills unknown sizes, forward before backward, until none changes.
         slope = self._slopes()
         reached = [self.reached.get(s.name, np.zeros(s.size)) for s in self.phase.states]
         most = np.concatenate(reached)
@@ -276,8 +281,9 @@ class _Look:
             self.sizes = parts_of(self.variables, np.where(unknown, new, sizes))
 
     def _backward(self, sizes: FloatArray, slopes: FloatArray) -> FloatArray:
-        """Return the change of each variable that would move a state by its size during the phase;
-        infinite where none does.
+        """Return the change of each variable that moves a state by its size during the phase.
+
+        Infinite for a variable that no state depends on.
         """
         with np.errstate(all="ignore"):
             drive = sizes[: slopes.shape[1], None] / (self.duration * _typical(np.abs(slopes)))
@@ -286,7 +292,7 @@ class _Look:
         return drive.min(axis=0)
 
     def drives(self) -> dict[str, FloatArray]:
-        """Return the same by name, of the sizes that are known; zero where none does."""
+        """Return :meth:`_backward` of the known sizes by name, with zero in place of infinity."""
         drives = self._backward(self._stacked(), self._evaluated(self._slopes())[1])
         drives[np.isinf(drives)] = 0.0
         return parts_of(self.variables, drives)
@@ -295,7 +301,7 @@ class _Look:
         return ca.vertcat(*(self.phase.derivatives[s.name] for s in self.phase.states))
 
     def scaled(self, scales: Mapping[str, FloatArray]) -> Phase:
-        """Give the phase with these scales of its variables, and those of constraints for them."""
+        """Return the phase with these scales of its variables, and matching constraint scales."""
         self.sizes = dict(scales)
         changed = with_items(self.phase, lambda v: replace(v, scale=scales[v.name]), VARIABLES)
         changed = with_items(changed, lambda c: replace(c, scale=self._limit_scale(c)), LIMITS)
@@ -303,7 +309,7 @@ class _Look:
         return changed
 
     def _limit_scale(self, limit: PathConstraint) -> FloatArray:
-        """Return how far a constraint changes when the variables change by their scales."""
+        """Return the change of a constraint when the variables change by their scales."""
         if isinstance(limit, PointConstraint) and limit.defines:
             return self.sizes[limit.defines]
         if limit.scaled:
@@ -318,8 +324,9 @@ class _Look:
         return np.concatenate([self.sizes[v.name] for v in self.variables])
 
     def _evaluated(self, expression: ca.MX, rates: bool = False) -> tuple[FloatArray, FloatArray]:
-        """Return an expression [M, rows] and its slopes [M, rows, columns] at the guess and
-        around it.
+        """Return an expression [M, rows] and its derivatives [M, rows, columns].
+
+        The M points are the guess and random points within the sizes around it.
         """
         random, phase = np.random.default_rng(0), self.phase
         values, speeds, count = {}, {}, SETTINGS.points
@@ -341,12 +348,12 @@ class _Look:
         function = ca.Function("look", expressions.symbols, outputs).map(count)
         rows, columns = slopes.shape
         results, table = (np.array(out) for out in function(*points))
-        # every point is a block of columns
+        # The mapped function returns one block of columns per point.
         return results.T, table.reshape(rows, count, columns).transpose(1, 0, 2)
 
 
-def _least_told(solution: Solution) -> dict[str, dict[str, FloatArray]]:
-    """Return the values of variables by phase, below which a solution does not tell them from 0."""
+def _least_sizes(solution: Solution) -> dict[str, dict[str, FloatArray]]:
+    """Return the values by phase and variable below which a solution is numerically zero."""
     return {
         phase.name: {v.name: SETTINGS.least * v.scale for v in phase.layout.phase.variables}
         for phase in solution.phases
@@ -355,24 +362,25 @@ def _least_told(solution: Solution) -> dict[str, dict[str, FloatArray]]:
 
 
 def _size(
-    variable: Variable, guess: FloatArray | None, told: FloatArray | float = 0.0
+    variable: Variable, guess: FloatArray | None, least_size: FloatArray | float = 0.0
 ) -> FloatArray:
-    """Return size of a variable by what was declared and guessed, if that is more than what the
-    guess tells from 0; NaN where neither gives one.
+    """Return the size of a variable from its declaration and its guess; NaN if neither gives one.
+
+    Values of the guess below ``least_size`` count as zero.
     """
     sizes = [np.zeros(variable.size)]
     bounded = np.isfinite(variable.lower) & np.isfinite(variable.upper)
     bounds = np.where(bounded, np.fmax(np.abs(variable.lower), np.abs(variable.upper)), np.nan)
     if guess is not None:
         size = np.abs(guess).max(axis=0)
-        # what a computation left instead of zero is no size
-        least = np.fmax(SETTINGS.tiny * np.where(bounded, bounds, 1.0), told)
+        # A value within rounding of zero, left by a computation, is no size.
+        least = np.fmax(SETTINGS.tiny * np.where(bounded, bounds, 1.0), least_size)
         sizes.append(np.where(size > least, size, 0.0))
     for condition in (variable.initial, variable.final):
         if condition is not None:
             sizes += [np.where(np.isfinite(side), np.abs(side), 0.0) for side in condition]
     typical = np.max(sizes, axis=0)
-    if variable.shape not in ("state", "parameter"):  # controls go to their bounds
+    if variable.shape not in ("state", "parameter"):  # controls often reach their bounds
         near = bounded & ((typical == 0) | (bounds <= SETTINGS.loose * typical))
         typical = np.where(near, bounds, typical)
     typical = np.where(typical > 0, typical, bounds)
@@ -380,8 +388,9 @@ def _size(
 
 
 def _typical(table: FloatArray, percentage: int = 75) -> FloatArray:
-    """Return upper quartile over the points of what is finite: half of them may stand on a
-    bound at 0.
+    """Return the upper quartile over the points, infinite values omitted.
+
+    A median would be zero if half of the points are at a bound of 0.
     """
     finite = np.isfinite(table)
     filled = np.where(finite, table, np.where(finite.any(axis=0), np.nan, 0.0))
