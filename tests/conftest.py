@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
+import sys
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -24,6 +25,9 @@ settings.load_profile("repeatable")
 def pytest_configure(config: pytest.Config) -> None:
     if "MICROBOT_OCP_CACHE" not in os.environ and hasattr(config, "cache"):
         os.environ["MICROBOT_OCP_CACHE"] = str(config.cache.mkdir("compiled"))
+    # Python would compile this package again in every process that a test starts.
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+    sys.dont_write_bytecode = False
 
 
 def pytest_collection_finish() -> None:

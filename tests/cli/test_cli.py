@@ -679,7 +679,6 @@ def program(tmp_path):
         "PATH": os.environ["PATH"],
         "HOME": str(home),
         "PYTHONPATH": os.pathsep.join(sys.path),
-        "PYTHONDONTWRITEBYTECODE": "1",
         "MICROBOT_OCP_CACHE": str(cache),
     }
 
@@ -802,11 +801,16 @@ def test_a_signal_ends_a_solve_within_a_second(tmp_path, number, expected):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("words", "unloaded"), [("--help", {"rich", "casadi"}), ("robots", {"casadi"})]
+    ("words", "unloaded"),
+    [
+        ("--help", {"rich", "casadi"}),
+        ("robots", {"casadi"}),
+        ("fk planar_2r --q 0,1", {"microbot_ocp.planning", "microbot_ocp.ocp"}),
+    ],
 )
 def test_what_is_not_needed_is_not_loaded(words, unloaded):
     code = (
-        f"import sys\nfrom microbot_ocp.cli import main\nmain(['{words}'])\n"
+        f"import sys\nfrom microbot_ocp.cli import main\nmain({words.split()!r})\n"
         f"heavy = {unloaded | {'matplotlib', 'rerun', 'trimesh', 'xacro'}!r}\n"
         "sys.exit(bool(heavy & set(sys.modules)))"
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 from functools import lru_cache
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -14,10 +14,11 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.fast_calls import buffered_call
 from microbot_ocp.limits import JOINT_QUANTITIES, LimitFamily
 from microbot_ocp.motion import Motion
-from microbot_ocp.planning import reach_of
 from microbot_ocp.robot import JointLimits, Robot, forward_kinematics, frame_origins
-from microbot_ocp.tasks import Comparison, Entry
 from microbot_ocp.views._style import STYLE
+
+if TYPE_CHECKING:
+    from microbot_ocp.tasks import Comparison, Entry
 
 QUANTITIES = ("q", "qd", "tau")
 POSITIONS = ("q", "error")  # drawn in degrees for revolute joints
@@ -57,6 +58,8 @@ def _poses(robot: Robot) -> ca.Function:
 
 def reach(robot: Robot) -> float:
     """Return the length of the stretched chain, m, which is the unit of all drawn sizes."""
+    from microbot_ocp.planning import reach_of  # a planner, which few views need
+
     return reach_of(robot)
 
 

@@ -5,19 +5,22 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.table import NOTHING, Table
-from microbot_ocp.certificate import Certificate
 from microbot_ocp.inverse_kinematics import IKSolution
 from microbot_ocp.limits import JOINT_QUANTITIES, LimitFamily, not_judged
 from microbot_ocp.robot import Robot, drive_advice, joint_scale
-from microbot_ocp.tasks import Front
 from microbot_ocp.views import _scene as scene
 from microbot_ocp.views._scene import range_text
+
+if TYPE_CHECKING:  # tables of robots and poses need no planner
+    from microbot_ocp.certificate import Certificate
+    from microbot_ocp.tasks import Front
 
 
 def number(value: float, digits: int = 4) -> str:
