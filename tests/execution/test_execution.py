@@ -476,7 +476,7 @@ def pick_and_place():
         mo.Stop(q=[1.0, 0.8, 0.3], payload=0.0, name="release"),
         mo.Stop(q=[0.0, 0.3, 0.2], name="back"),
     ]
-    return robot, stops, mo.time_optimal(robot, stops, mesh=20)
+    return robot, stops, mo.time_optimal(robot, stops, mesh=12, starts=1)
 
 
 @pytest.mark.slow
@@ -533,12 +533,18 @@ def line():
     robot = mo.load_robot("microbot")
     stops = [mo.Stop(q=[0.3, 0.6, 0.5]), mo.Stop(q=[0.9, 0.9, 0.3])]
     task = {"via_q": stops, "segments": [mo.Line(tolerance=2e-3)]}
-    return robot, task, mo.time_optimal(robot, stops, segments=task["segments"], mesh=20)
+    return robot, task, mo.time_optimal(robot, stops, segments=task["segments"], mesh=20, starts=1)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "profile", ["hold@100", "ros2_jtc_linear@50", "ros2_jtc_cubic@50", "ros2_jtc_quintic@50"]
+    "profile",
+    [
+        "hold@100",
+        pytest.param("ros2_jtc_linear@50", marks=pytest.mark.thorough),
+        "ros2_jtc_cubic@50",
+        pytest.param("ros2_jtc_quintic@50", marks=pytest.mark.thorough),
+    ],
 )
 def test_a_tool_line_that_the_plan_uses_up_is_kept(line, profile):
     """What the controller rounds off left the tube by up to a quarter, and was refused."""
@@ -576,10 +582,15 @@ def moving_onto_a_line():
     ("profile", "most"),  # s that rows take longer
     [
         ("ur_servoj", 0.02),
-        ("hold@250", 0.05),
-        ("ros2_jtc_linear@200", 0.08),
         ("ros2_jtc_cubic@100", 0.2),
-        ("ros2_jtc_quintic@100", 0.2),
+        *(
+            pytest.param(*case, marks=pytest.mark.thorough)
+            for case in (
+                ("hold@250", 0.05),
+                ("ros2_jtc_linear@200", 0.08),
+                ("ros2_jtc_quintic@100", 0.2),
+            )
+        ),
     ],
 )
 def test_a_line_that_is_reached_at_speed_is_kept_from_its_first_point_on(

@@ -89,9 +89,14 @@ def test_what_is_no_override_is_refused(rail, arguments, told):
     ("slower", "limits"),
     [
         pytest.param(1.3, {"taud_max": 30.0}, id="torque rate"),
-        pytest.param(1.3, {"qddd_max": 15.0}, id="jerk"),
-        pytest.param(1.0, {"also": [mo.limits.power(upper=6.0)]}, id="power"),
-        pytest.param(1.0, {"also": [mo.limits.tool_acceleration(2.0)]}, id="tool acceleration"),
+        *(
+            pytest.param(slower, limits, id=name, marks=pytest.mark.thorough)
+            for name, slower, limits in (
+                ("jerk", 1.3, {"qddd_max": 15.0}),
+                ("power", 1.0, {"also": [mo.limits.power(upper=6.0)]}),
+                ("tool acceleration", 1.0, {"also": [mo.limits.tool_acceleration(2.0)]}),
+            )
+        ),
         pytest.param(1.0, {"also": [mo.limits.tool_speed(1.2)]}, id="tool speed"),
     ],
 )

@@ -160,7 +160,13 @@ def test_what_is_no_reserve(microbot, call, message):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("mass", "bound"), [(0.05, 0.01), (0.2, 0.02), (0.2, 0.04)])
+@pytest.mark.parametrize(
+    ("mass", "bound"),
+    [
+        (0.05, 0.01),
+        *(pytest.param(0.2, bound, marks=pytest.mark.thorough) for bound in (0.02, 0.04)),
+    ],
+)
 def test_the_bound_holds_until_the_arm_has_settled(mass, bound):
     """A grip follows the end of a motion; the tool was 45 mm off after it with a bound of 40."""
     link = mo.Link(1.0, np.array([0.5, 0.0, 0.0]), 0.1 * np.eye(3))

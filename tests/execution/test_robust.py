@@ -21,7 +21,9 @@ def extremes(robot, samples):
     return values["largest_torque"].value, values["least_torque"].value
 
 
-@pytest.mark.parametrize("name", ["microbot", "ur5e", "stanford"])
+@pytest.mark.parametrize(
+    "name", ["microbot", pytest.param("ur5e", marks=pytest.mark.thorough), "stanford"]
+)
 def test_no_arm_of_the_box_needs_more_and_a_corner_needs_as_much(name):
     robot = mo.load_robot(name).with_limits(tau_max=100.0)
     draw = np.random.default_rng(1)

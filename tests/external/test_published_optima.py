@@ -50,10 +50,17 @@ def test_the_optimum_is_met(problem: PublishedProblem, scheme: str, solver: str)
     assert problem.error(solution) <= problem.tolerance
 
 
+LONGER = ("cart_pole_arcs", "goddard_phases")
+
+
 @pytest.mark.parametrize("scheme", [pytest.param("shooting", marks=pytest.mark.thorough), "gauss"])
 @pytest.mark.parametrize(
     "problem",
-    [p for p in PROBLEMS if p.mesh < 200 and p.name != "particle_steering"],
+    [
+        pytest.param(p, marks=pytest.mark.thorough) if p.name in LONGER else p
+        for p in PROBLEMS
+        if p.mesh < 200 and p.name != "particle_steering"
+    ],
     ids=lambda p: p.name,
 )
 def test_other_schemes_meet_it_too(problem, scheme):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from itertools import pairwise
+from itertools import islice, pairwise
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ pin = pytest.importorskip("pinocchio")
 
 STEP = 1e-3  # s, of the classical Runge-Kutta method
 SEGMENT = 50  # steps
-EVERY = 5  # one of so many segments is simulated
+EVERY = 10  # one of so many segments is simulated
 Acceleration = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
 
@@ -86,11 +86,16 @@ def largest_miss(acceleration: Acceleration, motion: Motion) -> float:
 
 
 def usual(robot: mo.Robot) -> Iterator[tuple[str, Motion]]:
-    yield from shapes(robot, 0.8)
+    yield from islice(shapes(robot, 0.8), 2)
     yield from planned(robot)
 
 
-@pytest.fixture(scope="module", params=[usual, pytest.param(others, marks=pytest.mark.thorough)])
+def further(robot: mo.Robot) -> Iterator[tuple[str, Motion]]:
+    yield from islice(shapes(robot, 0.8), 2, None)
+    yield from others(robot)
+
+
+@pytest.fixture(scope="module", params=[usual, pytest.param(further, marks=pytest.mark.thorough)])
 def kinds(request) -> tuple[mo.Robot, dict[str, Motion]]:
     robot = plain(mo.load_robot("microbot"))
     return robot, dict(request.param(robot))

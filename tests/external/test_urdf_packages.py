@@ -1,6 +1,6 @@
 """Every URDF file of three packages is read, its chains as pinocchio has them.
 
-Up to two chains of a file, or five, evenly spread; ``urdf_packages.py`` compares every one.
+A chain of a file, or five, evenly spread; ``urdf_packages.py`` compares every one.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ if not FILES:
 
 
 @pytest.mark.filterwarnings("ignore::microbot_ocp.robot.RobotFileWarning")
-@pytest.mark.parametrize("most", [2, pytest.param(5, marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("most", [1, pytest.param(5, marks=pytest.mark.thorough)])
 @pytest.mark.parametrize("file", [f for f in FILES if f.joint_count], ids=lambda f: f.label)
 def test_a_chain_is_the_one_of_pinocchio(file: File, most: int) -> None:
     done = list(chains(file, most))

@@ -222,7 +222,13 @@ FURTHER = {
 }
 
 
-LONG = ("tool acceleration", "tool jerk", "zone", "jerk")  # jerks are those of other tests, too
+LONG = (
+    "tool acceleration",
+    "tool jerk",
+    "total power",
+    "zone",
+    "jerk",
+)  # jerks are those of other tests, too
 
 
 @pytest.fixture(scope="module")

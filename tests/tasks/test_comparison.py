@@ -26,7 +26,7 @@ def steps():
 @pytest.fixture(scope="module")
 def comparison(microbot, steps):
     return mo.compare(
-        microbot, VIA_Q, via_t=VIA_T, via_qd=VIA_QD, mesh=50, starts=2, progress=steps.append
+        microbot, VIA_Q, via_t=VIA_T, via_qd=VIA_QD, mesh=20, starts=1, progress=steps.append
     )
 
 
@@ -137,6 +137,7 @@ def test_progress_counts_the_work_of_every_method(steps, comparison):
 # files --------------------------------------------------------------------------------------------
 
 
+@pytest.mark.thorough
 def test_save_writes_these_files_and_no_others(tmp_path):
     """Of short motions, whose film has few pictures."""
     methods = ["cubic", "lspb"]

@@ -64,7 +64,7 @@ def test_a_free_parameter_is_found_by_every_scheme_and_solver(scheme, solver):
     assert solution.parameters["rate"] == pytest.approx([2.0], abs=accuracy)
 
 
-@pytest.mark.parametrize("scheme", ["shooting", "radau"])
+@pytest.mark.parametrize("scheme", [pytest.param("shooting", marks=pytest.mark.thorough), "radau"])
 def test_what_is_coupled_is_verified_from_the_declaration(scheme):
     problem = chain()
     solution = solve(problem, 10, scheme=scheme)

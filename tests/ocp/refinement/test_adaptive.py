@@ -26,10 +26,16 @@ from ocp.textbook import (
     through_half_way,
 )
 
-pytestmark = pytest.mark.slow
+pytestmark, thorough = pytest.mark.slow, pytest.mark.thorough
 
 FINE = SolverSettings("ipopt", tolerance=1e-10)
-by_every_scheme = pytest.mark.parametrize("scheme", SCHEMES)
+by_every_scheme = pytest.mark.parametrize(
+    "scheme",
+    [
+        scheme if scheme in ("radau", "trapezoidal") else pytest.param(scheme, marks=thorough)
+        for scheme in SCHEMES
+    ],
+)
 
 
 @by_every_scheme
@@ -195,7 +201,11 @@ def refined_by_radau(made):
 
 
 @pytest.mark.parametrize(
-    "made", [lambda: bryson_denham(TOP, "polynomial"), under_a_path_constraint]
+    "made",
+    [
+        lambda: bryson_denham(TOP, "polynomial"),
+        pytest.param(under_a_path_constraint, marks=thorough),
+    ],
 )
 def test_a_limit_exceeded_between_mesh_points_is_refined(made):
     loose = solved_to(made(), scheme="radau", limits=1.0, cost=np.inf)
@@ -313,6 +323,7 @@ def test_a_finer_mesh_that_costs_more_says_why():
     assert refined.advice.count("The cost rises from") == sum(rises)
 
 
+@thorough
 def test_constant_controls_are_as_accurate_as_the_free_ones_that_they_replace():
     """Halving 50 intervals gains 2e-6 of the cost only, of the 5e-5 that they cost too much."""
     mixing = OptimalControlProblem("Egerstedt, relaxed (mintOC)")

@@ -409,7 +409,7 @@ def test_a_solver_that_is_ended_leaves_its_last_iterate(monkeypatch):
     monkeypatch.setattr(
         _run, "SETTINGS", _run.RunSettings(large=0)
     )  # every solve in a process of its own
-    whole = solve(double_integrator(), 10, settings=SolverSettings("ipopt"), time_limit=0.5)
+    whole = solve(double_integrator(), 10, settings=SolverSettings("ipopt"), time_limit=0.2)
     assert whole.status is Status.TIME_LIMIT
     assert whole.attempts[0].iterations > 3
     assert whole.cost == pytest.approx(2.0, rel=1e-4)

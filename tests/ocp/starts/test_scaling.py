@@ -26,7 +26,7 @@ def scales(problem: OptimalControlProblem) -> dict[str, float]:
     return {v.name: float(v.scale[0]) for v in (*phase.states, *phase.controls, *phase.algebraics)}
 
 
-@pytest.mark.parametrize("solver", ["ipopt", "fatrop"])
+@pytest.mark.parametrize("solver", ["ipopt", pytest.param("fatrop", marks=pytest.mark.thorough)])
 def test_a_rocket_in_si_units_needs_no_scales(solver):
     found = {
         how: solve(
@@ -259,7 +259,14 @@ def gust(width: float, at: float) -> OptimalControlProblem:
     return problem
 
 
-@pytest.mark.parametrize(("width", "at"), [(0.3, 4.1), (0.1, 4.1), (0.05, 4.3), (0.02, 2.222)])
+@pytest.mark.parametrize(
+    ("width", "at"),
+    [
+        (0.3, 4.1),
+        (0.02, 2.222),
+        *(pytest.param(*case, marks=pytest.mark.thorough) for case in ((0.1, 4.1), (0.05, 4.3))),
+    ],
+)
 def test_the_tail_of_a_pulse_is_no_size(width, at):
     """The least effort is linear in time: it undoes the impulse and its moment."""
     assert min(scales(scaled(gust(width, at))).values()) >= 1e-4
@@ -286,7 +293,7 @@ def test_components_that_stay_zero_keep_a_scale():
     assert min(variable.scale.min() for variable in again.variables) >= 1e-9
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_fit_in_phases_with_rates_as_states_stays_near_its_data():
     """The barrier of a usual start outweighs what rates change, which ran away to a poor fit."""
     problem = OptimalControlProblem("a chain of reactions")

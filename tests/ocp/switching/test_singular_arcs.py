@@ -114,7 +114,10 @@ def test_a_motion_that_is_to_end_where_the_singular_arc_is():
     ("name", "cost", "wanted"),
     [
         ("bressan", -500 / 9, [10 / 3]),
-        ("goddard_in_feet", -18550.8718638, [13.75127, 21.98736]),
+        pytest.param(
+            *("goddard_in_feet", -18550.8718638, [13.75127, 21.98736]),
+            marks=pytest.mark.thorough,
+        ),
     ],
 )
 def test_digits_that_a_solve_for_the_least_cost_does_not_have(name, cost, wanted):

@@ -30,7 +30,9 @@ def switching(name, mesh=50):
     return solve_switching_times(problem, solve(problem, mesh, scheme="radau"))
 
 
-@pytest.mark.parametrize("name", PUBLISHED)
+@pytest.mark.parametrize(
+    "name", [pytest.param("luus_arm", marks=pytest.mark.thorough), "dissanayake_arm"]
+)
 def test_two_link_arms_to_ten_digits(name):
     cost, times = PUBLISHED[name]
     found = switching(name)

@@ -75,9 +75,9 @@ AROUND = (2 * np.sqrt(21.0) + 4 * (np.pi / 2 - np.arccos(0.4))) ** 2
     ("problem", "cost"),
     [
         (brockett, 2 * np.pi),
-        (vibrating_string, 0.75 * np.pi**2),
+        pytest.param(vibrating_string, 0.75 * np.pi**2, marks=pytest.mark.thorough),
         (elastica, 25.694048),  # of an integration of the pendulum's equation
-        (around_a_disc, AROUND),
+        pytest.param(around_a_disc, AROUND, marks=pytest.mark.thorough),
     ],
 )
 def test_a_symmetric_guess_is_left(problem, cost):
@@ -132,9 +132,11 @@ def test_a_body_is_turned_as_fast_as_is_known():
 @pytest.mark.parametrize(
     "name",
     [
-        "hang_glider",
         "rayleigh_mixed",
-        *(pytest.param(n, marks=pytest.mark.thorough) for n in ("orbit_raising", "battery")),
+        *(
+            pytest.param(n, marks=pytest.mark.thorough)
+            for n in ("hang_glider", "orbit_raising", "battery")
+        ),
     ],
 )
 def test_what_is_solved_passes_its_certificate(name):

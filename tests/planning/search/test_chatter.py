@@ -48,7 +48,7 @@ def test_without_a_limit_of_the_torque_or_masses_nothing_is_told(microbot):
 def test_a_planned_motion_that_chatters_says_so_and_slack_calms_it():
     robot = mo.load_robot("microbot")
     via = [[-1.96, 1.88, -0.64], [-2.05, 0.6, -0.23], [-0.36, 1.76, -1.81]]
-    fastest, calmer = (mo.time_optimal(robot, via, slack=slack) for slack in (0.0, 1e-3))
+    fastest, calmer = (mo.time_optimal(robot, via, slack=slack, starts=1) for slack in (0.0, 1e-3))
     assert "chatter" in {row.kind for row in fastest.outcome.advice}
     prepared = mo.TimeOptimalSolver(robot, via, starts=1)(via_q=via)
     assert "chatter" in {row.kind for row in prepared.outcome.advice}

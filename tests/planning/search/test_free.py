@@ -160,10 +160,10 @@ def test_the_acceleration_is_continuous_and_so_is_the_torque(report):
     "changes",
     [
         {"seed": 7, "starts": 4},
-        {"starts": 1},
+        pytest.param({"starts": 1}, marks=pytest.mark.thorough),
         pytest.param({"solver": "ipopt", "starts": 2}, marks=pytest.mark.thorough),
         pytest.param({"solver": "fatrop", "starts": 2}, marks=pytest.mark.thorough),
-        {"compiled": False, "starts": 2},
+        pytest.param({"compiled": False, "starts": 2}, marks=pytest.mark.thorough),
         pytest.param({"mesh": 100, "starts": 2}, marks=pytest.mark.thorough),
     ],
 )
@@ -291,7 +291,7 @@ def test_progress_is_told_in_lines_and_iterations(microbot):
 )
 def test_acceleration_and_torque_rate_limits_hold(limits, met, allowed):
     robot = arm(**limits)
-    motion = time_optimal(robot, ARM_VIA, mesh=50, starts=1)
+    motion = time_optimal(robot, ARM_VIA, mesh=20, starts=1)
     assert motion.solved
     excess = dense_excess(robot, motion)
     assert set(excess) == {name.removesuffix("_max") for name in limits}
@@ -315,8 +315,8 @@ def test_position_limits_hold():
 @pytest.mark.parametrize(
     ("friction", "allowed"),
     [
-        ({"viscous_friction": 3.0}, 1e-3),
-        ({"coulomb_friction": 3.0}, 5e-3),
+        pytest.param({"viscous_friction": 3.0}, 1e-3, marks=pytest.mark.thorough),
+        pytest.param({"coulomb_friction": 3.0}, 5e-3, marks=pytest.mark.thorough),
         ({"viscous_friction": 2.0, "coulomb_friction": 2.0}, 5e-3),
     ],
 )

@@ -68,7 +68,13 @@ def with_units(path, units):
 @pytest.mark.parametrize("offset", [0.0, -1e7])
 @pytest.mark.parametrize(
     "path",
-    [REPORT_CUBIC, mo.quintic(VIA_Q, VIA_T), straight_path(VIA_Q)],
+    [
+        REPORT_CUBIC,
+        *(
+            pytest.param(path, marks=pytest.mark.thorough)
+            for path in (mo.quintic(VIA_Q, VIA_T), straight_path(VIA_Q))
+        ),
+    ],
     ids=["cubic", "quintic", "straight"],
 )
 def test_neither_the_unit_nor_the_offset_of_the_parameter_decides(path, offset):
@@ -97,8 +103,8 @@ def test_each_piece_may_have_a_unit_of_its_own(path, units):
 
 @pytest.mark.slow
 def test_the_unit_does_not_decide_under_torque_rates_either():
-    robot = mo.load_robot("microbot").with_limits(taud_max=4000.0)
-    path = mo.quintic(VIA_Q, VIA_T)
+    robot = arm(tau_max=[60.0, 25.0], taud_max=[400.0, 150.0])
+    path = mo.quintic(ARM_VIA, [0.0, 1.0, 2.0])
     expected = time_optimal_path(robot, path).duration
     motion = time_optimal_path(robot, with_units(path, [1e6, 1e6]))
     assert motion.duration == pytest.approx(expected, rel=1e-7)
@@ -371,7 +377,10 @@ def test_power_on_a_rail_takes_the_closed_form():
 
 @pytest.mark.parametrize(
     "limits",
-    [pytest.param({}, marks=pytest.mark.thorough), {"taud_max": 1500.0}, {"qddd_max": 60.0}],
+    [
+        {"taud_max": 1500.0},
+        *(pytest.param(limits, marks=pytest.mark.thorough) for limits in ({}, {"qddd_max": 60.0})),
+    ],
 )
 def test_power_is_kept_with_and_without_rates(microbot, limits):
     """With rates, from a start that knew nothing of them, the guess was no number."""
