@@ -79,11 +79,11 @@ def carry(defects: FloatArray, transitions: FloatArray) -> Carried:
 def growth_said(amplification: float) -> str:
     """Return the factor by which errors grow as text; large ones by their exponent.
 
-    >>> growth_said(37.88), growth_said(1.1e77), growth_said(np.inf)
-    ('38-fold', '10^77-fold', 'more than 10^308-fold')
+    >>> growth_said(37.88), growth_said(358.1), growth_said(1.1e77), growth_said(np.inf)
+    ('38-fold', '360-fold', '10^77-fold', 'more than 10^308-fold')
     """
     if not amplification >= LARGE:
-        return f"{amplification:.2g}-fold"
+        return f"{float(f'{amplification:.2g}'):.7g}-fold"
     if amplification == np.inf:
         return f"more than 10^{sys.float_info.max_10_exp}-fold"
     return f"10^{np.log10(amplification):.0f}-fold"

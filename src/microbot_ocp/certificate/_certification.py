@@ -156,8 +156,7 @@ def certify(
     simulated : bool
         True to re-simulate the motion; False judges limits, via points and clearance only.
     time_limit : float
-        Wall time of the re-simulation, s; a certificate that exceeds it fails.
-        Wall time, s, after which no further segments are simulated: the certificate is refused.
+        Wall time, s, after which no further segments are simulated and the certificate fails.
 
     Returns
     -------

@@ -49,7 +49,6 @@ class Profile:
         True if the first and the last row must be at rest.
     sources : mapping
         Source of each figure, and the figures that are left out because no source states them.
-        Where each figure is from, and which are left out as nobody states them.
     """
 
     name: str
