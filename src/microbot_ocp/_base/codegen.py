@@ -45,8 +45,8 @@ NATIVE = "-march=native"
 
 
 # The compile time of a derivative, one long block, grows faster than its length. The Panda's
-# second derivative of a stage has 11,000 operations; it compiles in 1.6 s with -O1 and in 0.4 s
-# with -O0, runs 3 times slower with the latter, and still 5 times faster than CasADi's virtual
+# second derivative of a stage has 11,000 operations; it compiles in 1.6 s under -O1 and in 0.4 s
+# under -O0, which runs 3 times slower than -O1 and still 5 times faster than CasADi's virtual
 # machine. Torque rates (30,000 operations) take 7 s and 1 s. Only -O2 fuses multiplications and
 # additions: -O1 and -O0 give equal bits.
 SIZES = ((4_000, "-O2"), (30_000, "-O1"), (float("inf"), "-O0"))

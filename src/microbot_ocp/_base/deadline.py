@@ -1,7 +1,7 @@
 """A time limit for everything that is called inside of a context: solvers, compilers, loops.
 
 The limit is a wall time, an amount of work, or both. Work is processor time of this thread and of
-the child processes that it waits for, so a busy machine does not change the result.
+the child processes that it waits for, so it is independent of the load of the machine.
 """
 
 from __future__ import annotations

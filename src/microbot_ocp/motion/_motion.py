@@ -166,7 +166,7 @@ class Motion(HintingOfArms):
 
     @property
     def advice(self) -> str:
-        """Remarks on the ending of the search, one sentence a line."""
+        """Remarks on the ending of the search, one sentence per line."""
         return self.outcome.text
 
     @property
@@ -619,8 +619,8 @@ def pieces_of(motion: Motion, i: np.ndarray | None = None) -> FloatArray:
     h = motion.t[first + 1] - motion.t[first]
     start, end = (State(motion.q[k], motion.qd[k], motion.qdd[k]) for k in (first, first + 1))
     c = quintic_between(start, end, h)
-    # In short intervals rounding dominates the difference of positions, so the polynomial follows
-    # from velocities and accelerations; in still shorter ones from accelerations alone.
+    # In short intervals rounding dominates the difference of positions: velocities and
+    # accelerations determine the polynomial, in still shorter ones accelerations alone.
     least = SAMPLING.noise * np.abs(motion.qdd).max(initial=0.0)
     short = ROUNDING * np.abs(start.q).max(axis=1, initial=0.0) > h**2 * least
     if short.any():

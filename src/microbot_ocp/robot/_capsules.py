@@ -135,7 +135,6 @@ def link_capsules(robot: Robot, radius: ArrayLike | None = None) -> dict[int, tu
     ------
     InputError
         A radius is not positive, or a prismatic joint has no position limits.
-        A radius that is not positive, a prismatic joint without limits of its position.
 
     Examples
     --------

@@ -37,7 +37,7 @@ Language = Literal["latex", "python", "c", "matlab"]
 class Term(NamedTuple):
     """Product of waves and powers that a coefficient multiplies.
 
-    ``powers`` has one integer a joint: the exponent of a displacement, or the factor of an angle
+    ``powers`` has one integer per joint: the exponent of a displacement, or the factor of an angle
     in its wave. ``waves`` has "cos", "sin" or "" for each run of parallel joints.
     """
 
