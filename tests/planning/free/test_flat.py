@@ -1,6 +1,7 @@
 """The flat program: its derivatives, its optimum, and the band solver behind IPOPT."""
 
 import ctypes
+import shutil
 from dataclasses import replace
 
 import casadi as ca
@@ -226,11 +227,11 @@ def banded_matrix(rng, unknowns=30, rows=50, width=4, border=2):
     return matrix, rows
 
 
-def factored(matrix, rows):
-    """Return what the band solver makes of a matrix: negative eigenvalues, and a function that
-    solves.
+def factored(matrix, rows, library=None, left=0):
+    """Return the number of negative eigenvalues of a matrix by the band solver, a function that
+    solves, and its integers, whose memory has what is ``left`` there at first.
     """
-    library, size = ctypes.CDLL(str(_ldl.library(_ldl.BAND))), len(matrix)
+    library, size = library or ctypes.CDLL(str(_ldl.library(_ldl.BAND))), len(matrix)
     row, column = np.nonzero(np.tril(matrix))
     slack = size - rows + np.arange(rows)  # Delta stands in the structure where it is zero
     missing = slack[matrix[slack, slack] == 0.0]
@@ -247,7 +248,7 @@ def factored(matrix, rows):
         at(icntl), real, at(info), real,
     )  # fmt: skip
     assert info[0] == 0
-    a, iw = np.zeros(info[4]), np.zeros(info[5], dtype=np.intc)
+    a, iw = np.zeros(info[4]), np.array(np.broadcast_to(left, info[5]), dtype=np.intc)
     a[: row.size] = matrix[row, column]
     library.ma27bd_(
         by(n), by(count), at(irn), at(icn), at(a), None, at(iw), None, at(keep), by(one), by(one),
@@ -262,7 +263,7 @@ def factored(matrix, rows):
         )  # fmt: skip
         return x
 
-    return info[14], solve
+    return info[14], solve, iw
 
 
 @needs_a_compiler
@@ -272,9 +273,25 @@ def test_the_band_solver_solves_and_tells_the_inertia(seed):
     matrix, rows = banded_matrix(
         rng, width=int(rng.integers(2, 12)), border=int(rng.integers(1, 4))
     )
-    negative, solve = factored(matrix, rows)
+    negative, solve, _ = factored(matrix, rows)
     assert negative == rows == (np.linalg.eigvalsh(matrix) < 0).sum()
     right = rng.normal(size=len(matrix))
+    np.testing.assert_allclose(matrix @ solve(right), right, atol=1e-8)
+
+
+@needs_a_compiler
+def test_the_band_solver_trusts_nothing_that_another_one_left_in_its_memory(tmp_path):
+    """IPOPT unloads the library with a solver; malloc gives the next one the same memory."""
+    matrix, rows = banded_matrix(np.random.default_rng(0))
+    libraries = []
+    for name in "ab":
+        path = shutil.copy(_ldl.library(_ldl.BAND), tmp_path / f"{name}.so")
+        libraries.append(ctypes.CDLL(path))
+    *_, left = factored(matrix, rows, libraries[0])
+    left[left.size // 2 :] = 0
+    negative, solve, _ = factored(matrix, rows, libraries[1], left)
+    assert negative == rows
+    right = np.random.default_rng(1).normal(size=len(matrix))
     np.testing.assert_allclose(matrix @ solve(right), right, atol=1e-8)
 
 

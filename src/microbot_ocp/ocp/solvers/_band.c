@@ -12,10 +12,10 @@
  * Unknowns that meet few others, such as coefficients of a spline, make a band in the order in
  * which they are given; those that meet many, such as durations, are its border.
  *
- * Memory is IPOPT's own. `ikeep` has the place of every unknown, in the border negative, and a
- * number that is another one in each analysis. Integers `iw`: that number and the sizes, then where
- * each entry goes and the lists of the rows, made by the first factorisation. Numbers `a`: entries
- * as given, then what Layout has offsets of.
+ * Memory is IPOPT's own. `ikeep` has the place of every unknown, in the border negative, and
+ * whether `iw` is filled; IPOPT hands `iw` over as malloc gave it, with whatever an earlier solver
+ * left there. Integers `iw`: the sizes, then where each entry goes and the lists of the rows, made
+ * by the first factorisation. Numbers `a`: entries as given, then what Layout has offsets of.
  */
 #include <math.h>
 #include <stdint.h>
@@ -31,7 +31,7 @@
 #define WIDEST 1024    /* of a column of the band */
 #define OFTEN 3        /* times as many entries as the middle unknown has one of the border */
 #define SPARSE 3       /* a row is kept as a list where it has one entry in so many */
-#define HEAD 8
+#define HEAD 7
 
 typedef double Numbers __attribute__((vector_size(8 * WIDE)));
 typedef double Unaligned __attribute__((vector_size(8 * WIDE), aligned(8)));
@@ -185,7 +185,6 @@ void ma27ad_(const int *size, const int *entries, const int *irn, const int *icn
              const int *liw, int *ikeep, int *iw1, int *nsteps, int *iflag, int *icntl,
              double *cntl, int *info, double *ops)
 {
-    static int analyses;
     Layout o = {.rows = count_rows(*size, *entries, irn, icn)};
     (void)iw, (void)liw, (void)iw1, (void)iflag, (void)icntl, (void)cntl;
     memset(info, 0, 20 * sizeof *info);
@@ -195,7 +194,7 @@ void ma27ad_(const int *size, const int *entries, const int *irn, const int *icn
     if (!analyse(&o, *size, *entries, irn, icn, ikeep, NULL) || o.width > WIDEST) return;
     const int64_t integers = HEAD + n + (int64_t)*entries + 3 * m + 1 + o.entries;
     if (o.numbers > INT32_MAX / 2 || integers > INT32_MAX / 2) return;
-    ikeep[n] = __atomic_add_fetch(&analyses, 1, __ATOMIC_RELAXED);
+    ikeep[n] = 0; /* nothing is in `iw` yet */
     info[0] = 0, info[4] = (int)o.numbers, info[5] = (int)integers;
 }
 
@@ -314,17 +313,18 @@ void ma27bd_(const int *size, const int *entries, const int *irn, const int *icn
     memset(info, 0, 20 * sizeof *info);
     *maxfrt = 1;
     Layout o = {.rows = count_rows(*size, count, irn, icn)};
-    const int n = *size - 2 * o.rows, m = o.rows, sizes[] = {n, m, ikeep[n]};
-    if (memcmp(iw, sizes, sizeof sizes) != 0) {
+    const int n = *size - 2 * o.rows, m = o.rows;
+    if (!ikeep[n]) {
         if (!analyse(&o, *size, count, irn, icn, ikeep, iw)) {
             info[0] = MEMORY_LACKS;
             return;
         }
-        memcpy(iw, sizes, sizeof sizes);
         memcpy(o.place, ikeep, n * sizeof *ikeep);
-        iw[3] = o.border, iw[4] = o.band, iw[5] = o.width, iw[6] = o.entries, iw[7] = count;
+        const int sizes[HEAD] = {n, m, o.border, o.band, o.width, o.entries, count};
+        memcpy(iw, sizes, sizeof sizes);
+        ikeep[n] = 1;
     }
-    o.unknowns = n, o.border = iw[3], o.band = iw[4], o.width = iw[5], o.entries = iw[6];
+    o.unknowns = n, o.border = iw[2], o.band = iw[3], o.width = iw[4], o.entries = iw[5];
     lay_out(&o, count, iw);
     memset(a + count, 0, (o.x - count) * sizeof *a);
     for (int k = 0; k < count; k++) a[o.to[k]] += a[k];
@@ -458,9 +458,9 @@ void ma27cd_(const int *size, double *a, const int *la, int *iw, const int *liw,
 {
     const int length = *size, *place;
     (void)la, (void)liw, (void)w, (void)maxfrt, (void)iw1, (void)nsteps, (void)icntl, (void)cntl;
-    Layout o = {.unknowns = iw[0], .rows = iw[1], .border = iw[3], .band = iw[4], .width = iw[5]};
-    o.entries = iw[6];
-    lay_out(&o, iw[7], iw);
+    Layout o = {.unknowns = iw[0], .rows = iw[1], .border = iw[2], .band = iw[3], .width = iw[4]};
+    o.entries = iw[5];
+    lay_out(&o, iw[6], iw);
     place = o.place;
     double *right = a + o.right, *left = a + o.left, *kept = a + o.kept, wanted = 0.0, last;
     memcpy(right, rhs, length * sizeof *right);
