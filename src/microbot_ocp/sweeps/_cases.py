@@ -201,7 +201,7 @@ class CaseSource:
         self._axes: list[Axis] = []
         constants: list[FloatArray] = []
         place = 0
-        for name, given in self._every().items():
+        for name, given in self._quantities().items():
             value, axes = self._read(name, given, place)
             place += value.size
             constants.append(value)
@@ -318,7 +318,7 @@ class CaseSource:
             robots.append({name: value for name, value in every.items() if name in DYNAMICS})
         return robots
 
-    def _every(self) -> dict[str, Any]:
+    def _quantities(self) -> dict[str, Any]:
         """Return quantities as given; each quantity of a table becomes discrete values [N,w]."""
         given = dict(self.cases.quantities)
         columns = set(self.cases.columns)

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 MOST_WAIT = 2e6  # s; poll counts the time in ms as a 32-bit integer
 ATTEMPTS = 2  # number of processes that a case may crash before it is given up
-Done: TypeAlias = "tuple[Row, dict[str, bytes]]"
+CaseResult: TypeAlias = "tuple[Row, dict[str, bytes]]"
 _processes = threading.local()  # one child process per thread of a worker
 
 
@@ -64,7 +64,7 @@ class CaseProcess:
         """True if the process is running."""
         return self._process.poll() is None
 
-    def ask(self, question: Any, time_limit: float = MOST_WAIT) -> Any:
+    def ask(self, request: Any, time_limit: float = MOST_WAIT) -> Any:
         """Return the answer to a plan, or to the index and the numbers of a case.
 
         Raises
@@ -74,7 +74,7 @@ class CaseProcess:
         """
         problem: Exception = Died()
         with contextlib.suppress(OSError, EOFError):
-            self._pipe.send(question)
+            self._pipe.send(request)
             problem = OutOfTime()
             if self._pipe.poll(min(time_limit, MOST_WAIT)):
                 problem = Died()
@@ -94,7 +94,7 @@ class CaseProcess:
 
 def do_cases(
     digest: str, plan: bytes, time_limit: float, first: int, rows: FloatArray
-) -> tuple[list[Done], list[str]]:
+) -> tuple[list[CaseResult], list[str]]:
     """Solve cases one after the other; a worker of dask runs this function.
 
     Returns
@@ -103,11 +103,13 @@ def do_cases(
     list of str
         Notes of the process, such as a missing compiler.
     """
-    done = [_done(digest, plan, time_limit, *case) for case in enumerate(rows, first)]
+    done = [_case_result(digest, plan, time_limit, *case) for case in enumerate(rows, first)]
     return done, _processes.one.notes
 
 
-def _done(digest: str, plan: bytes, time_limit: float, case: int, numbers: FloatArray) -> Done:
+def _case_result(
+    digest: str, plan: bytes, time_limit: float, case: int, numbers: FloatArray
+) -> CaseResult:
     """Return the row and the motions of a case; without an answer the row holds the reason."""
     status, reason = Status.KILLED_WORKER, f"its process ended {ATTEMPTS} times without an answer"
     for _ in range(ATTEMPTS):

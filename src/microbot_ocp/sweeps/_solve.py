@@ -42,13 +42,13 @@ class CaseSolver:
             with contextlib.suppress(OSError):  # one process compiles, the others load the result
                 stack.enter_context(locked(usable_folder()))
             warnings.simplefilter("always", NotCompiled)
-            for values, via in plan.ready:
+            for values, via in plan.prepared:
                 robot = robot_with(self.study.reference_robot, values)
-                self._solvers[_key(values)] = self._made(robot, via, compiled=True)
+                self._solvers[_key(values)] = self._new_solver(robot, via, compiled=True)
         notes = [str(warning.message) for warning in heard]
-        if plan.ready and compiler() is None:
+        if plan.prepared and compiler() is None:
             notes = ["no C compiler was found: CasADi's virtual machine runs, which is slower"]
-        self.compiled = bool(plan.ready) and not notes
+        self.compiled = bool(plan.prepared) and not notes
         self.notes += notes[:1]
 
     def row(self, case: int, numbers: FloatArray) -> tuple[Row, dict[str, bytes]]:
@@ -64,7 +64,7 @@ class CaseSolver:
                 status = problem.status if isinstance(problem, NoTask) else Status.NOT_POSSIBLE
                 row |= ended(self.study, status, str(problem))
             else:
-                row |= self._places(task)
+                row |= self._pose_columns(task)
                 row |= self._methods(task, values, motions)
         row["case_time"] = time.perf_counter() - begin
         row["compiled"] = self.compiled
@@ -98,24 +98,28 @@ class CaseSolver:
             motion = method(moving, task.via_q)
             if not isinstance(motion, Motion):
                 raise ValueError(f"method {name} returned {type(motion).__name__}, no motion")
-            return _judged(name, moving, task, motion)
-        quick = self._quick(name, task, moving, values)
-        if quick is not None and (_is_kept(quick) or quick.status is Status.NOT_POSSIBLE):
-            return quick
+            return _certified(name, moving, task, motion)
+        prepared = self._prepared_entry(name, task, moving, values)
+        if prepared is not None and (
+            _is_certified(prepared) or prepared.status is Status.NOT_POSSIBLE
+        ):
+            return prepared
         settings = {k: self.study.settings[k] for k in ("mesh", "starts", "seed", "grid")}
-        thorough = compare(moving, task.via_q, [name], **settings).entries[0]
-        return quick if quick is not None and not _is_kept(thorough) else thorough
+        compared = compare(moving, task.via_q, [name], **settings).entries[0]
+        return prepared if prepared is not None and not _is_certified(compared) else compared
 
-    def _quick(self, name: str, task: CaseTask, moving: Robot, values: Row) -> Entry | None:
+    def _prepared_entry(
+        self, name: str, task: CaseTask, moving: Robot, values: Row
+    ) -> Entry | None:
         """Return the entry by a prepared solver or path timing; None without either."""
         if name == BY_SOLVER and self.study.prepares:
             solver = self._solvers.get(_key(values))
             if solver is None:  # no solver was prepared for these masses, friction and gravity
                 robot = task.robot.with_limits(self.study.reference_robot.limits)
-                solver = self._made(robot, task.via_q, compiled=False)
+                solver = self._new_solver(robot, task.via_q, compiled=False)
             search = self.study.settings["starts"] > 1
             motion = solver(task.robot.limits, task.payload, via_q=task.via_q, search=search)
-            return _judged(name, moving, task, motion)
+            return _certified(name, moving, task, motion)
         if name in BY_TIMING and self.study.settings["prepared"]:
             return self._timed(name, moving, task)
         return None
@@ -127,7 +131,7 @@ class CaseSolver:
         if not timing.solved:
             reason = f"path blocked beyond s = {timing.blocked_at:.3g}"
             return Entry(name, "", status=timing.status, note=reason)
-        return _judged(name, robot, task, timing.motion())
+        return _certified(name, robot, task, timing.motion())
 
     def _columns(self, entry: Entry, robot: Robot, spent: float) -> Row:
         name = entry.name
@@ -142,7 +146,7 @@ class CaseSolver:
             row[f"{name}_limit"] = max(shares, key=shares.__getitem__)
         return row
 
-    def _places(self, task: CaseTask) -> Row:
+    def _pose_columns(self, task: CaseTask) -> Row:
         row: Row = {}
         for point, q in (("start", task.via_q[0]), ("goal", task.via_q[-1])):
             row |= {f"{point}_q_{k + 1}": float(value) for k, value in enumerate(q)}
@@ -150,17 +154,17 @@ class CaseSolver:
             row |= {f"{point}_{axis}": float(x) for axis, x in zip(AXES, place, strict=True)}
         return row
 
-    def _made(self, robot: Robot, via: FloatArray, *, compiled: bool) -> TimeOptimalSolver:
+    def _new_solver(self, robot: Robot, via: FloatArray, *, compiled: bool) -> TimeOptimalSolver:
         settings = {k: self.study.settings[k] for k in ("mesh", "starts", "seed")}
         return TimeOptimalSolver(robot, via, compiled=compiled, **settings)
 
 
-def _judged(name: str, robot: Robot, task: CaseTask, motion: Motion) -> Entry:
+def _certified(name: str, robot: Robot, task: CaseTask, motion: Motion) -> Entry:
     certificate = certify(robot, motion, via_q=task.via_q)
     return Entry(name, "", motion, certificate, motion.status, motion.advice)
 
 
-def _is_kept(entry: Entry) -> bool:
+def _is_certified(entry: Entry) -> bool:
     """Return whether an entry is solved and its certificate passed."""
     return entry.status.solved and entry.certificate is not None and entry.certificate.ok
 

@@ -204,12 +204,12 @@ class Study:
 
     def plan(self) -> Plan:
         """Return the study for the workers, with one reference case instead of all cases."""
-        ready = []
+        prepared = []
         for values in self.source.robots() if self.prepares else ():
-            via = self._holdable(robot_with(self.reference_robot, values))
+            via = self._via_points_at_rest(robot_with(self.reference_robot, values))
             if via is not None:
-                ready.append((values, via))
-        return Plan(replace(self, cases=Cases.grid(**self.source.reference())), tuple(ready))
+                prepared.append((values, via))
+        return Plan(replace(self, cases=Cases.grid(**self.source.reference())), tuple(prepared))
 
     @property
     def prepares(self) -> bool:
@@ -217,7 +217,7 @@ class Study:
         method = self.methods.get(BY_SOLVER, True)  # type: ignore[union-attr]
         return bool(self.settings["prepared"]) and method is None and self.robot.has_dynamics
 
-    def _holdable(self, robot: Robot) -> FloatArray | None:
+    def _via_points_at_rest(self, robot: Robot) -> FloatArray | None:
         """Return the via points of the first case that the robot can hold at rest, or None."""
         family = LimitFamily.of(robot)
         for row in self.source.rows(0, min(DIVISION.most_tried, self.source.count)):
@@ -235,14 +235,14 @@ class Plan:
     ----------
     study : Study
         Study of one reference case, which has every kind of limit.
-    ready : tuple of (values, via points)
+    prepared : tuple of (values, via points)
         Masses, friction and gravity of each prepared solver, with via points to build it for.
     version : str
         Versions of the software that wrote the plan.
     """
 
     study: Study
-    ready: tuple[tuple[Mapping[str, FloatArray], FloatArray], ...]
+    prepared: tuple[tuple[Mapping[str, FloatArray], FloatArray], ...]
     version: str = field(default_factory=lambda: versions())
 
 

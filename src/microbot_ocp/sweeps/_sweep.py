@@ -412,7 +412,7 @@ def opened(study: Study, folder: Path) -> Sweep:
             )
         remove_leftovers(folder / PARTS)
         for number in earlier._numbers():
-            if earlier._cases(number) and not _whole(earlier, number):
+            if earlier._cases(number) and not _is_complete(earlier, number):
                 earlier._part(number).unlink()
         return earlier
     made_folder(folder / PARTS)
@@ -440,7 +440,7 @@ def opened(study: Study, folder: Path) -> Sweep:
     return Sweep(folder, about)
 
 
-def _whole(sweep: Sweep, number: int) -> bool:
+def _is_complete(sweep: Sweep, number: int) -> bool:
     """Return whether a part file belongs to the sweep and its checksums match."""
     try:
         return sweep._belongs(number) and _rows(str(sweep._part(number))).num_rows > 0

@@ -51,9 +51,11 @@ def swap_in(staged: Path, target: Path, index: bool, motions: bool) -> list[Path
     new = [name for name in digests if motions or not name.startswith("motions/")]
     with locked(target):
         old = _read(target / INDEX)
-        same = _of_the_run(old) == _of_the_run(document)
+        same = _without_files(old) == _without_files(document)
         earlier = _listed(old)
-        listed = {n: value for n, value in digests.items() if n in new or _has(target / n, value)}
+        listed = {
+            n: value for n, value in digests.items() if n in new or _has_digest(target / n, value)
+        }
         document["files"] = {**earlier, **listed} if same else listed
         document["digest"] = digest_of_document(document, "digest")
         text = json.dumps(document, indent=2, ensure_ascii=False)
@@ -62,14 +64,14 @@ def swap_in(staged: Path, target: Path, index: bool, motions: bool) -> list[Path
         for name in new:
             _move(staged / name, target / name)
         if index or same:
-            # The index is moved last and after a sync, so that a new index never lists missing files.
+            # The index is moved last and after a sync, so that it never lists missing files.
             for folder in (target / "motions", target):
                 if folder.is_dir():
                     sync(folder)
             _move(staged / INDEX, target / INDEX)
         if index and not same:
             for name, value in earlier.items():
-                if name not in listed and _has(target / name, value):
+                if name not in listed and _has_digest(target / name, value):
                     (target / name).unlink(missing_ok=True)
         sync(target)
     return [target / name for name in (*new, *([INDEX] if index else []))]
@@ -108,7 +110,7 @@ def check_run(folder: Path, document: Mapping[str, Any]) -> None:
             raise InputError(f"{path} is from another run than {INDEX}: save the comparison again")
 
 
-def _of_the_run(document: Mapping[str, Any]) -> dict[str, Any]:
+def _without_files(document: Mapping[str, Any]) -> dict[str, Any]:
     """Return a document without its list of files and its digest."""
     return {key: value for key, value in document.items() if key not in ("files", "digest")}
 
@@ -127,7 +129,7 @@ def _listed(document: Mapping[str, Any]) -> dict[str, str]:
     return {name: str(value) for name, value in listed if _LISTED.fullmatch(name)}
 
 
-def _has(path: Path, value: str) -> bool:
+def _has_digest(path: Path, value: str) -> bool:
     with contextlib.suppress(OSError):
         return digest(path) == value
     return False

@@ -37,7 +37,7 @@ def comparison_report(comparison: Comparison, path: str | Path) -> Path:
     """Write a comparison as one HTML file, with a film of its fastest motion."""
     robot, reference = comparison.robot, comparison.reference
     times = {name: motion.duration for name, motion in comparison.motions.items()}
-    sure = [
+    certified = [
         name
         for name, certificate in comparison.certificates.items()
         if certificate.ok and comparison.motions[name].solved
@@ -45,7 +45,7 @@ def comparison_report(comparison: Comparison, path: str | Path) -> Path:
     sentences = [
         f"The arm {robot.name} goes through {len(comparison.via_q)} poses, from rest to rest."
     ]
-    if best := min(sure, key=times.__getitem__, default=None):
+    if best := min(certified, key=times.__getitem__, default=None):
         title = comparison[best].title
         sentences.append(f"The fastest certified motion takes {times[best]:.3f} s ({title}).")
         if reference in times and reference != best:
@@ -68,7 +68,7 @@ def comparison_report(comparison: Comparison, path: str | Path) -> Path:
         "Tool paths": _figure(comparison.plot_paths(), "Tool paths in space"),
         "Verification": _verdicts(verdicts),
     }
-    return _written(f"{robot.name}: the same task by every method", sentences, sections, path)
+    return _write_page(f"{robot.name}: the same task by every method", sentences, sections, path)
 
 
 def cell_report(cell: Cell, path: str | Path) -> Path:
@@ -118,7 +118,7 @@ def cell_report(cell: Cell, path: str | Path) -> Path:
         "Curves and limits": _figure(cell.plot(), "Curves over time"),
         "Verification": _verdicts([("certificate", cell.certificate.verdict)]),
     }
-    return _written(f"{robot.name}: a cell", sentences, sections, path)
+    return _write_page(f"{robot.name}: a cell", sentences, sections, path)
 
 
 def certificate_report(
@@ -134,7 +134,7 @@ def certificate_report(
         "Limits": table._repr_html_(),
         "Curves and limits": _figure(motion.plot(robot), "Curves over time"),
     }
-    return _written(f"{robot.name}: check of {motion.label}", [sentence], sections, path)
+    return _write_page(f"{robot.name}: check of {motion.label}", [sentence], sections, path)
 
 
 def _verdicts(verdicts: Sequence[tuple[str, str]]) -> str:
@@ -164,7 +164,7 @@ def _image(kind: str, data: bytes, text: str, look: str = "film") -> str:
     return f'<img class="{look}" alt="{escape(text)}" src="data:image/{kind};base64,{source}">'
 
 
-def _written(
+def _write_page(
     title: str, sentences: Iterable[str], sections: Mapping[str, str], path: str | Path
 ) -> Path:
     """Write the page: sentences and sections; a section without content is left out."""

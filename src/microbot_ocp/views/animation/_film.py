@@ -44,7 +44,7 @@ THEMES = {
         "low": "#8793a3", "high": "#f0e442",
     },
 }  # fmt: skip
-STAGE = np.array([[0.02, 0.105], [0.61, 0.86]])  # lower left, upper right corner of the 3-D view
+SPACE_CORNERS = np.array([[0.02, 0.105], [0.61, 0.86]])  # lower left and upper right in the frame
 DASHED: Any = (0, (4, 3))
 
 
@@ -178,16 +178,16 @@ class Film:
         flat, depth = self.camera.project(np.vstack([points, self.robot.base[None, :3, 3]]))
         margin = (0.11 * reach(self.robot) / depth)[:, None]
         low, high = (flat - margin).min(axis=0), (flat + margin).max(axis=0)
-        stage = STAGE.copy()
+        corners = SPACE_CORNERS.copy()
         if self.still:  # surroundings widen the view by up to 60 %, below the texts
             flat, more = self.camera.project(joined(self.still).corners)[0], high - low
             around = flat.reshape(-1, 2)
             low = np.minimum(low, np.maximum(around.min(axis=0), low - 0.6 * more))
             high = np.maximum(high, np.minimum(around.max(axis=0), high + 0.6 * more))
-            stage[1, 1] -= 0.14
+            corners[1, 1] -= 0.14
         frame = np.array(STYLE.frame)
-        scale = ((stage[1] - stage[0]) * frame / (high - low)).min()
-        first = (low + high) / 2 - stage.mean(axis=0) * frame / scale
+        scale = ((corners[1] - corners[0]) * frame / (high - low)).min()
+        first = (low + high) / 2 - corners.mean(axis=0) * frame / scale
         space.set_xlim(first[0], first[0] + frame[0] / scale)
         space.set_ylim(first[1], first[1] + frame[1] / scale)
 

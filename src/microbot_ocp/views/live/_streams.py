@@ -139,7 +139,7 @@ def local_page(source: str, data: str) -> Iterator[str]:
     The page may load from the copy and from ``data`` only. ``source`` and ``data`` are addresses
     such as "http://127.0.0.1:9090".
     """
-    server = ThreadingHTTPServer((LOOPBACK, 0), partial(_Copy, source, data))
+    server = ThreadingHTTPServer((LOOPBACK, 0), partial(_PageCopyHandler, source, data))
     server.daemon_threads = True
     threading.Thread(target=server.serve_forever, daemon=True).start()
     try:
@@ -149,7 +149,7 @@ def local_page(source: str, data: str) -> Iterator[str]:
         server.server_close()
 
 
-class _Copy(BaseHTTPRequestHandler):
+class _PageCopyHandler(BaseHTTPRequestHandler):
     """Request handler with the answers of the source and a content security policy."""
 
     def __init__(self, source: str, data: str, *arguments: Any) -> None:

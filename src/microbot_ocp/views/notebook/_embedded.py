@@ -90,7 +90,7 @@ def show(
     return viewer
 
 
-class _Assets(SimpleHTTPRequestHandler):
+class _AssetHandler(SimpleHTTPRequestHandler):
     """Request handler for the viewer's files, which a page from another port may load."""
 
     extensions_map = {".js": "text/javascript", ".wasm": "application/wasm"}  # noqa: RUF012
@@ -106,6 +106,6 @@ class _Assets(SimpleHTTPRequestHandler):
 @lru_cache(maxsize=1)
 def _local_server(folder: Path) -> str:
     """Start a server of the viewer's files on this machine and return its address."""
-    server = ThreadingHTTPServer(("127.0.0.1", 0), partial(_Assets, directory=str(folder)))
+    server = ThreadingHTTPServer(("127.0.0.1", 0), partial(_AssetHandler, directory=str(folder)))
     threading.Thread(target=server.serve_forever, daemon=True).start()
     return f"http://127.0.0.1:{server.server_address[1]}"

@@ -73,7 +73,7 @@ def styled(changes: Mapping[str, Any] | None = None) -> Any:
     return style.context(["default", {**SETTINGS, **(changes if changes is not None else {})}])
 
 
-class _Shown:
+class _FigureOutput:
     """Mixin of axes that write their figure to a file and show it in Jupyter."""
 
     def savefig(self, path: str | Path, **options: Any) -> Path:
@@ -90,7 +90,7 @@ class _Shown:
         return stream.getvalue()
 
 
-class AxesGrid(_Shown, np.ndarray):
+class AxesGrid(_FigureOutput, np.ndarray):
     """Axes of one figure as an array: ``axes[0, 1]``, ``axes.shape``, ``axes.savefig(path)``.
 
     The last line of a Jupyter cell shows the figure.
@@ -102,11 +102,11 @@ class AxesGrid(_Shown, np.ndarray):
         return figure_of(self)
 
 
-class ShownAxes(_Shown, Axes):
+class ShownAxes(_FigureOutput, Axes):
     """New axes: ``axes.savefig(path)`` writes their figure, Jupyter shows it."""
 
 
-class ShownAxes3D(_Shown, Axes3D):
+class ShownAxes3D(_FigureOutput, Axes3D):
     """Three-dimensional :class:`ShownAxes`."""
 
 
@@ -205,10 +205,10 @@ def axes_page(
 
 def _checked(axes: Any, rows: int, columns: int) -> AxesGrid:
     given = _entries(axes)
-    strange = [shown(entry) for entry in given if not isinstance(entry, Axes)]
-    if strange or given.size != rows * columns:
+    others = [shown(entry) for entry in given if not isinstance(entry, Axes)]
+    if others or given.size != rows * columns:
         wanted = f"{rows} x {columns}" if rows * columns > 1 else "one"
-        instead = strange[0] if strange else given.size
+        instead = others[0] if others else given.size
         raise InputError(f"axes must be {wanted} matplotlib axes, not {instead}")
     return given.reshape(rows, columns).view(AxesGrid)
 
@@ -320,7 +320,9 @@ def darkened(figure: Figure) -> Iterator[None]:
             if not isinstance(old, str) or old not in ("auto", "none", "face"):
                 undo.append((artist, name, old))
                 many = not isinstance(old, str) and np.ndim(old) == 2
-                getattr(artist, f"set_{name}")(_turned(old) if many else _turned([old])[0])
+                getattr(artist, f"set_{name}")(
+                    _inverted_greys(old) if many else _inverted_greys([old])[0]
+                )
         if effects := artist.get_path_effects():
             undo.append((artist, "path_effects", effects))
             artist.set_path_effects(halo("0.075"))
@@ -331,7 +333,7 @@ def darkened(figure: Figure) -> Iterator[None]:
             getattr(artist, f"set_{name}")(old)
 
 
-def _turned(colors: Any) -> np.ndarray:
+def _inverted_greys(colors: Any) -> np.ndarray:
     """Return colours [N,4] with inverted greys: white to near black, black to near white."""
     rgba = to_rgba_array([to_rgba(color) for color in colors])
     grey = np.ptp(rgba[:, :3], axis=1) < 0.03
