@@ -360,9 +360,9 @@ class Command:
     @cached_property
     def shared(self) -> list[Any]:
         """Fields of :class:`Report` that this command has as options."""
-        asked = {"out": bool(self.writes), "json": True}
-        asked |= dict.fromkeys(("rerun", "open"), self.recorded)
-        return [f for f in fields(Report) if f.init and asked.get(f.name, self.solves)]
+        enabled = {"out": bool(self.writes), "json": True}
+        enabled |= dict.fromkeys(("rerun", "open"), self.recorded)
+        return [f for f in fields(Report) if f.init and enabled.get(f.name, self.solves)]
 
     @cached_property
     def kinds(self) -> dict[str, Kind]:
@@ -403,13 +403,13 @@ class Command:
     def run(self, words: Words) -> int:
         """Run the command and report its answer; return the exit code."""
         report = Report(**{option.name: words[option.name] for option in self.shared})
-        wanted = inspect.signature(self.function).parameters
+        accepted = inspect.signature(self.function).parameters
         arguments: dict[str, Any] = {}
         for name, kind in self.kinds.items():
-            if name in wanted or name not in vars(report):
+            if name in accepted or name not in vars(report):
                 arguments[name] = kind.value(words, arguments.get("robot"))
         report.check(self.writes)
-        return report.give(partial(self._find, **arguments), long="progress" in wanted)
+        return report.give(partial(self._find, **arguments), long="progress" in accepted)
 
     def _find(self, **arguments: Any) -> Answer:
         """Call the function; rename its parameters to their options in error messages."""

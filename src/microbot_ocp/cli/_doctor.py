@@ -72,8 +72,8 @@ def _versions() -> Iterator[Finding]:
         yield Finding("version", name, bool(version), version or f"pip install {name}", needed=True)
     lines = metadata.requires("microbot_ocp") or [] if _version("microbot_ocp") else []
     for extra, use in EXTRAS.items():
-        wanted = [name for line in lines if (name := _name_in(line, extra))]
-        missing = [name for name in wanted if not _version(name)]
+        required = [name for line in lines if (name := _name_in(line, extra))]
+        missing = [name for name in required if not _version(name)]
         text = f"pip install 'microbot_ocp[{extra}]' for {use}" if missing else use
         yield Finding("extra", extra, not missing, text)
 

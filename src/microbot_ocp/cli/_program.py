@@ -86,20 +86,20 @@ class ProgramCommand(TyperCommand):
         return _docstrings(self.module)[self.function]
 
     @cached_property
-    def whole(self) -> Any:
+    def loaded(self) -> Any:
         """Loaded command with its options."""
         module = import_module(f"microbot_ocp.cli.{self.module}")
         declaration = getattr(module, self.function)
-        alone = typer.Typer(add_completion=False, **SETTINGS)
+        single = typer.Typer(add_completion=False, **SETTINGS)
         epilog = f"\b\nExample:\n  {declaration.example}"
-        alone.command(self.name, help=declaration.help, epilog=epilog)(declaration.callback)
-        return typer.main.get_command(alone)
+        single.command(self.name, help=declaration.help, epilog=epilog)(declaration.callback)
+        return typer.main.get_command(single)
 
     def make_context(
         self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any
     ) -> Any:
         """Return the context of the loaded command, which runs in place of this one."""
-        return self.whole.make_context(info_name, args, parent=parent, **extra)
+        return self.loaded.make_context(info_name, args, parent=parent, **extra)
 
 
 @cache
@@ -117,8 +117,8 @@ app = typer.Typer(
 )
 
 
-def _print_version(wanted: bool) -> None:
-    if wanted:
+def _print_version(requested: bool) -> None:
+    if requested:
         from importlib.metadata import version
 
         typer.echo(f"{PROGRAM} {version('microbot_ocp')}")

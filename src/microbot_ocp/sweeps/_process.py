@@ -122,8 +122,8 @@ def _case_result(
             break
     from microbot_ocp.sweeps._solve import ended, inputs
 
-    whole: Plan = pickle.loads(plan)
-    return inputs(whole.study, case, numbers) | ended(whole.study, status, reason), {}
+    unpacked: Plan = pickle.loads(plan)
+    return inputs(unpacked.study, case, numbers) | ended(unpacked.study, status, reason), {}
 
 
 def _process(digest: str, plan: bytes) -> CaseProcess:

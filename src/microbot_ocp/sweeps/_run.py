@@ -159,16 +159,16 @@ def run_study(
                 "workers is for processes of this machine: give it or client, not both"
             )
     results = opened(study, Path(out))
-    tell = _Reporter(results, progress)
+    reporter = _Reporter(results, progress)
     if not results.finished:
         plan = study.plan()
         with _connected(client, workers) as connected:
             try:
-                _Run(study, plan, results, connected, tell).run()
+                _Run(study, plan, results, connected, reporter).run()
             except KeyboardInterrupt:
-                tell("interrupted")
+                reporter("interrupted")
                 raise
-    tell("done")
+    reporter("done")
     return results
 
 
@@ -270,9 +270,9 @@ class _Run:
     """Run of a study: chunks in flight, answers, and new submissions after a lost worker."""
 
     def __init__(
-        self, study: Study, plan: Plan, results: Sweep, client: Any, tell: _Reporter
+        self, study: Study, plan: Plan, results: Sweep, client: Any, reporter: _Reporter
     ) -> None:
-        self.study, self.results, self.client, self.tell = study, results, client, tell
+        self.study, self.results, self.client, self.reporter = study, results, client, reporter
         self._packed = needed("cloudpickle").dumps(plan)
         self._answers: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._flying: dict[Any, _Chunk] = {}
@@ -283,7 +283,7 @@ class _Run:
         """Wait until every chunk has its file."""
         size = int(self.results.about["chunk"])
         todo = self.study.source.chunks(size, set(self.results.parts))
-        self.tell()
+        self.reporter()
         try:
             # Invariant: every chunk is in todo, in flight, or has its file.
             while self._fill(todo) or self._flying:
@@ -293,7 +293,7 @@ class _Run:
                     self._check()
                 else:
                     self._take(future)
-                self.tell()
+                self.reporter()
         finally:
             for future in self._flying:
                 with contextlib.suppress(Exception):
@@ -317,8 +317,8 @@ class _Run:
     def _send(self, chunk: _Chunk) -> None:
         self._sent += 1
         key = f"microbot_ocp-sweep-{self.study.digest[:12]}-{os.getpid()}-{self._sent}"
-        asked = self.study.digest, self._packed, self.study.time_limit, chunk.first, chunk.rows
-        future = self.client.submit(do_cases, *asked, key=key, pure=False)
+        arguments = self.study.digest, self._packed, self.study.time_limit, chunk.first, chunk.rows
+        future = self.client.submit(do_cases, *arguments, key=key, pure=False)
         self._flying[future] = chunk
         future.add_done_callback(self._answers.put)
 
@@ -326,10 +326,10 @@ class _Run:
         chunk = self._flying.pop(future)
         if future.status == "finished":
             done, notes = future.result()
-            self.tell.notes |= dict.fromkeys(notes)
+            self.reporter.notes |= dict.fromkeys(notes)
             rows = self.results._write(chunk.number, done)
-            self.tell.done += len(rows)
-            self.tell.failures += sum(row["status"] != Status.SOLVED for row in rows)
+            self.reporter.done += len(rows)
+            self.reporter.failures += sum(row["status"] != Status.SOLVED for row in rows)
             return
         if future.status != "error":
             raise self._stopped("the scheduler ended")
@@ -353,5 +353,5 @@ class _Run:
             raise self._stopped(f"there was no worker for {SCHEDULING.without_worker:g} s")
 
     def _stopped(self, why: str) -> SweepStopped:
-        progress = f"{self.tell.done:,} of {self.results.count:,} cases are kept in"
+        progress = f"{self.reporter.done:,} of {self.results.count:,} cases are kept in"
         return SweepStopped(f"{why}; {progress} {self.results.folder}: the same command continues")

@@ -38,14 +38,14 @@ class CaseSolver:
         self.notes: list[str] = []
         self._tool = forward_kinematics(plan.study.robot)
         self._solvers: dict[Any, TimeOptimalSolver] = {}
-        with contextlib.ExitStack() as stack, warnings.catch_warnings(record=True) as heard:
+        with contextlib.ExitStack() as stack, warnings.catch_warnings(record=True) as caught:
             with contextlib.suppress(OSError):  # one process compiles, the others load the result
                 stack.enter_context(locked(usable_folder()))
             warnings.simplefilter("always", NotCompiled)
             for values, via in plan.prepared:
                 robot = robot_with(self.study.reference_robot, values)
                 self._solvers[_key(values)] = self._new_solver(robot, via, compiled=True)
-        notes = [str(warning.message) for warning in heard]
+        notes = [str(warning.message) for warning in caught]
         if plan.prepared and compiler() is None:
             notes = ["no C compiler was found: CasADi's virtual machine runs, which is slower"]
         self.compiled = bool(plan.prepared) and not notes

@@ -199,8 +199,10 @@ class Study:
     def digest(self) -> str:
         """Digest of all data that determine the results."""
         keys = ("methods", "settings", "time_limit", "motions")
-        asked = {key: getattr(self, key) for key in keys}
-        return digest_of(robot=self.robot, cases=self.source.content, **asked, versions=versions())
+        settings = {key: getattr(self, key) for key in keys}
+        return digest_of(
+            robot=self.robot, cases=self.source.content, **settings, versions=versions()
+        )
 
     def plan(self) -> Plan:
         """Return the study for the workers, with one reference case instead of all cases."""

@@ -349,19 +349,21 @@ def request_cell(path: str | Path, robot: Robot, scene: Scene | None) -> CellFil
         Errors of :func:`~microbot_ocp.scene.load_request`, except those on limits: the task keeps
         the limits.
     """
-    asked = read_request(path, robot)
-    stops = tuple(Stop(q=q, name=name) for name, q in zip(("start", "goal"), asked.q, strict=True))
-    settings = TimeOptimalSettings(time_limit=asked.time_limit)
+    request = read_request(path, robot)
+    stops = tuple(
+        Stop(q=q, name=name) for name, q in zip(("start", "goal"), request.q, strict=True)
+    )
+    settings = TimeOptimalSettings(time_limit=request.time_limit)
     return CellFile(
-        Path(path).name, robot, stops, asked.robot.limits, settings=settings, scene=scene
+        Path(path).name, robot, stops, request.robot.limits, settings=settings, scene=scene
     )
 
 
 def _front(table: Mapping[str, Any]) -> tuple[str, tuple[float, ...]]:
     """Return the kind of the table [front] and its slacks or shares."""
     kind, given = read_kind(table, FRONT, "of [front]")
-    _, key, usual = FRONTS[kind]
-    values = checks.array(f"{key} of [front]", given.get(key, usual), (None,))
+    _, key, default = FRONTS[kind]
+    values = checks.array(f"{key} of [front]", given.get(key, default), (None,))
     return kind, tuple(values.tolist())
 
 
@@ -377,9 +379,11 @@ def _with_capsules(robot: Robot, rows: Sequence[Mapping[str, Any]]) -> Robot:
             given = read_table(row, CAPSULE, "of it", "{}")
             link = checks.one_of("link", given.pop("link"), names)
             capsules.setdefault(names.index(link), []).append(Capsule(**given))
-    usual = with_arm_capsules(robot).capsules
+    default = with_arm_capsules(robot).capsules
     remaining = {
-        frame: [c for f, c in usual if f == frame] for frame, _ in usual if frame not in capsules
+        frame: [c for f, c in default if f == frame]
+        for frame, _ in default
+        if frame not in capsules
     }
     return robot.with_capsules({**remaining, **capsules})
 
@@ -393,8 +397,8 @@ def _scene(table: Any, folder: Path, robot: Robot) -> Scene | None:
     return load_scene(table, folder, "[scene]")
 
 
-def _stop(robot: Robot, row: Mapping[str, Any], usual: str) -> Stop:
-    name = row.get("name", usual)
+def _stop(robot: Robot, row: Mapping[str, Any], default: str) -> Stop:
+    name = row.get("name", default)
     where = f"in stop {name!r}"
 
     def in_radians(key: str, name: str, value: Any, in_degrees: bool) -> Any:

@@ -351,7 +351,7 @@ def compare(
     entries: list[Entry] = []
     until = time.perf_counter() + min(checks.time_limit(time_limit), deadline.left())
 
-    def tell_of(index: int, event: Iteration | str, stage: str = "solve") -> None:
+    def report_step(index: int, event: Iteration | str, stage: str = "solve") -> None:
         if progress is not None:
             done = sum(work[:index]) + (work[index] - 1) * (stage == "certify")
             iteration = event if isinstance(event, Iteration) else None
@@ -359,10 +359,10 @@ def compare(
             progress(Step(done, sum(work), stage, text, iteration))
 
     for index, name in enumerate(names):
-        tell = partial(tell_of, index)
-        heard = quiet if progress is None else tell
-        task = ComparedTask(family, via, times, velocities, blend, free, path, heard)
-        tell("solving")
+        report = partial(report_step, index)
+        reporter = quiet if progress is None else report
+        task = ComparedTask(family, via, times, velocities, blend, free, path, reporter)
+        report("solving")
         seconds = max((until - time.perf_counter()) / (len(names) - index), LEAST_TIME)
         begin, motion, note = time.perf_counter(), None, ""
         try:
@@ -373,7 +373,7 @@ def compare(
         wall = time.perf_counter() - begin
         entries.append(Entry(name, METHODS[name].title, note=note, solve_time=wall))
         if motion is not None:
-            tell(f"{motion.duration:.4f} s, certifying", stage="certify")
+            report(f"{motion.duration:.4f} s, certifying", stage="certify")
             executed = _executed(family.robot, motion, profile, trackable)
             entries[-1] = _certified(entries[-1], task, motion, seconds - wall, executed)
     if progress is not None:

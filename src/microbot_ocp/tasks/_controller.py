@@ -66,9 +66,9 @@ def _runs(task: Task, smooth: bool) -> Iterator[tuple[int, int]]:
     """Yield the first and the last stop of every run from rest to rest."""
     first, last = 0, len(task.segments)
     for stop in range(1, last + 1):
-        beside = task.segments[stop - 1 : stop + 1]
-        blended = not (smooth or any(beside) or task.at_rest(stop))
-        corner = any(isinstance(segment, Corner) for segment in beside)
+        adjacent = task.segments[stop - 1 : stop + 1]
+        blended = not (smooth or any(adjacent) or task.at_rest(stop))
+        corner = any(isinstance(segment, Corner) for segment in adjacent)
         if stop == last or not (blended or corner):
             yield first, stop
             first = stop

@@ -161,12 +161,12 @@ def time_torque_front(
 
 
 def _front(
-    task: Any, progress: StepProgress | None, changes: dict[str, Any], **asked: tuple[float, ...]
+    task: Any, progress: StepProgress | None, changes: dict[str, Any], **targets: tuple[float, ...]
 ) -> Front:
     """Return the front with certified motions."""
     robot, via_q, limits, segments, cycle, scene = task
-    if not all(asked.values()):
-        raise InputError(f"{next(iter(asked))} must have at least one number")
+    if not all(targets.values()):
+        raise InputError(f"{next(iter(targets))} must have at least one number")
     try:
         stops = list(via_q)
     except TypeError:
@@ -175,7 +175,7 @@ def _front(
     stops = [stop if isinstance(stop, Stop) else Stop(q=stop) for stop in stops]
     settings = with_changes(changes.pop("settings", None) or TimeOptimalSettings(), changes)
     solutions, ended = motions_of_front(
-        robot, limits, stops, segments, cycle, scene, settings, progress or quiet, **asked
+        robot, limits, stops, segments, cycle, scene, settings, progress or quiet, **targets
     )
     points = []
     for effort, motion in solutions:

@@ -61,7 +61,7 @@ class ComparedTask:
         Blend time of LSPB as a share of each segment.
     free_settings, path_settings
         Settings of the free motion and of path timing.
-    tell : callable
+    progress : callable
         Progress function for a line of text or an iteration.
     """
 
@@ -72,7 +72,7 @@ class ComparedTask:
     blend: float | None
     free_settings: TimeOptimalSettings
     path_settings: PathTimingSettings
-    tell: StepProgress
+    progress: StepProgress
 
     @property
     def robot(self) -> Robot:
@@ -216,7 +216,7 @@ def _cubic_path(task: ComparedTask) -> Motion:
 
 def _timed(task: ComparedTask, path: PiecewisePolynomial, label: str) -> Motion:
     check_path(task.family, path)
-    return best_timing(task.family, path, task.path_settings, label, task.tell)
+    return best_timing(task.family, path, task.path_settings, label, task.progress)
 
 
 def _textbooks(name: str, blended: bool) -> dict[str, Method]:
@@ -242,7 +242,7 @@ METHODS: dict[str, Method] = {
     "time_optimal": Method(
         "time-optimal, free",
         partial(fastest_through, usual=TIME_LIMIT),
-        lambda task: (Task.through(task.family, task.via_q), task.free_settings, task.tell),
+        lambda task: (Task.through(task.family, task.via_q), task.free_settings, task.progress),
     ),
 }
 

@@ -292,8 +292,8 @@ class Studio(InteractiveTask):
                     chart.visible = False
                 self._headline.content = f"## no motion\n{self.message}"
             return
-        few = np.unique(np.linspace(0, len(motion.t) - 1, SAMPLES).astype(int))
-        t, tool = motion.t[few], tool_places(robot, motion.q[few])
+        chosen = np.unique(np.linspace(0, len(motion.t) - 1, SAMPLES).astype(int))
+        t, tool = motion.t[chosen], tool_places(robot, motion.q[chosen])
         limit, thin = np.full(t.shape, 100.0), 0.2 * STYLE.link * reach(robot)
         with self._server.atomic():
             ends = np.stack([tool[:-1], tool[1:]], axis=1)
@@ -301,7 +301,7 @@ class Studio(InteractiveTask):
             for key, chart in self._charts.items():
                 shares = [
                     100.0 * signed_share(robot.limits, key, values, joint)[0]
-                    for joint, values in enumerate(getattr(motion, key)[few].T)
+                    for joint, values in enumerate(getattr(motion, key)[chosen].T)
                 ]
                 chart.data, chart.visible = (t, limit, -limit, *shares), True
             self._headline.content = f"## {motion.duration:.3f} s\n{self.message}"

@@ -340,10 +340,12 @@ class Film:
             self.gap_text.set_text(f"{near.pair.label}: {how}")
         end = float(self.solid.times[TIME][-1])
         others = [(float(a.times[TIME][-1]), a.title) for a in self.arms[:-1] if a.title]
-        usual, title = min(others, default=(end, ""))
-        percent = f"{100 * (usual - end) / usual:.0f} % less time ({usual - end:.2f} s) than"
+        reference, title = min(others, default=(end, ""))
+        percent = (
+            f"{100 * (reference - end) / reference:.0f} % less time ({reference - end:.2f} s) than"
+        )
         saving = f"{percent}\n{title}"
-        self.saving.set_text(saving if t >= end and usual > end else "")
+        self.saving.set_text(saving if t >= end and reference > end else "")
 
 
 def _name_lines(name: str) -> list[str]:

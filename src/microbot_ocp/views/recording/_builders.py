@@ -135,17 +135,17 @@ def of_tracking(
     checks.joints("tracking", tracking.q.shape[1], robot)
     motion = tracking.as_motion(tracking.label or "actual")
     reference = tracking.reference
-    wanted = Motion(motion.t, *reference, np.zeros_like(reference.q), "desired")
+    desired = Motion(motion.t, *reference, np.zeros_like(reference.q), "desired")
     ghost_look, look = looks(robot, [_ghost("desired", "desired"), _solid("actual", "actual")])
     family = LimitFamily.of(robot, limits)
-    rate, thinned = drawn_rate(rate, [wanted, motion])
-    ghost, actual = moving_arm(wanted, ghost_look, rate), moving_arm(motion, look, rate, family)
+    rate, thinned = drawn_rate(rate, [desired, motion])
+    ghost, actual = moving_arm(desired, ghost_look, rate), moving_arm(motion, look, rate, family)
     heads, rows = peak_table(actual)
     for joint, row in enumerate(rows):
         factor, unit = (f(robot, "error", joint) for f in (display_factor, display_unit))
         row += [f"{factor * values[joint]:.3g} {unit}" for values in (tracking.rms, tracking.peak)]
-    how = "continuous" if tracking.sample_rate is None else f"{tracking.sample_rate:g} Hz"
-    title = f"{robot.name}: {motion.label}, {how}"
+    rate_text = "continuous" if tracking.sample_rate is None else f"{tracking.sample_rate:g} Hz"
+    title = f"{robot.name}: {motion.label}, {rate_text}"
     saturated = f"A torque at its limit for {100 * tracking.saturated_fraction:.3g} % of the time."
     return Recording(
         title=title,
@@ -155,7 +155,7 @@ def of_tracking(
             replace(ghost, curves={key: ghost.curves[key] for key in ("q", "qd")}),
             replace(actual, curves={**actual.curves, "error": ghost.q - actual.q}),
         ),
-        places=tool_places(robot, wanted.q[[0, -1]]),
+        places=tool_places(robot, desired.q[[0, -1]]),
         place_names=("start", "end"),
         summary=replace(
             Table.of_text([*heads, "RMS error", "peak error"], rows),
