@@ -821,8 +821,8 @@ def test_what_is_not_needed_is_not_loaded(words, unloaded):
 def test_the_list_of_commands_says_what_each_says_of_itself():
     for name in commands.COMMANDS:
         command = commands.ProgramCommand(name)
-        assert command.get_short_help_str() == command.whole.get_short_help_str()
-        assert command.whole.name == name
+        assert command.get_short_help_str() == command.loaded.get_short_help_str()
+        assert command.loaded.name == name
 
 
 def test_the_page_of_the_command_line_is_as_the_program_declares():

@@ -21,6 +21,7 @@ EXTRAS = {  # the use of each extra
     "mjcf": "MuJoCo's files",
     "descriptions": "robots by the names of robot_descriptions",
     "cell": "obstacles, orders of many stops",
+    "arms": "files of the arms of problems/12_shelf.py",
     "export": ".mat, .parquet, .mp4",
     "notebook": "Jupyter",
     "studio": "a page with sliders",
