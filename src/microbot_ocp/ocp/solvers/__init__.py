@@ -1,8 +1,8 @@
-"""Solve a program on a mesh by fatrop, IPOPT or the SQP method, in turn.
+"""Solution of a program on a mesh by fatrop, IPOPT or the SQP method, in turn.
 
-Comes in: a problem or transcription, a mesh, a guess and :class:`SolverSettings`. Goes out: a
+Input: a problem or transcription, a mesh, a guess and :class:`SolverSettings`. Output: a
 :class:`Solution`, converged or not. Begin with :func:`solve_on` in ``_chain.py``, which runs
-solvers in turn; ``_run.py`` runs one of them and judges its point, ``_plugins.py`` has their
+solvers in turn; ``_run.py`` runs one of them and judges its result, ``_plugins.py`` has their
 options, ``_parametric.py`` solves with changed data, ``_persistence.py`` saves and loads.
 """
 

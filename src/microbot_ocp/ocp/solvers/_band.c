@@ -1,36 +1,43 @@
-/* Cholesky factors of a band with a border, behind the names of MA27's subroutines, which IPOPT
- * loads from any library: for programs that have inequality rows alone. IPOPT's matrix is then
+/* Cholesky factorisation of a bordered band matrix for IPOPT, with the interface of MA27: ma27id_
+ * sets defaults, ma27ad_ analyses, ma27bd_ factorises, ma27cd_ solves. It is for programs with
+ * inequality rows only. With Sigma of the slacks s and Delta of the rows y diagonal, IPOPT's matrix
+ * is
  *
- *     | H    0     J'    | |x|   |a|    with Sigma of the slacks s and Delta of the rows y diagonal.
- *     | 0  Sigma  -I     | |s| = |b|    Slacks and rows are eliminated one by one, and what is left,
+ *     | H    0     J'    | |x|   |a|
+ *     | 0  Sigma  -I     | |s| = |b|                                                           (1)
  *     | J   -I    -Delta | |y|   |c|
  *
- *     (H + J' W J) x = a + J' W (c + b / Sigma),    W = Sigma / (1 + Sigma Delta),
+ * Elimination of slacks and rows, one by one, leaves
  *
- * is positive definite exactly where IPOPT's matrix has the inertia that it looks for (A. Forsgren,
- * P. Gill, M. Wright, Interior methods for nonlinear optimization, SIAM Review 44, 2002, section 6).
- * Unknowns that meet few others, such as coefficients of a spline, make a band in the order in
- * which they are given; those that meet many, such as durations, are its border.
+ *     (H + J' W J) x = a + J' W (c + b / Sigma),    W = Sigma / (1 + Sigma Delta),             (2)
  *
- * Memory is IPOPT's own. `ikeep` has the place of every unknown, in the border negative, and
- * whether `iw` is filled; IPOPT hands `iw` over as malloc gave it, with whatever an earlier solver
- * left there. Integers `iw`: the sizes, then where each entry goes and the lists of the rows, made
- * by the first factorisation. Numbers `a`: entries as given, then what Layout has offsets of.
+ * whose matrix is positive definite exactly if (1) has the inertia that IPOPT requires
+ * (A. Forsgren, P. Gill, M. Wright, Interior methods for nonlinear optimization, SIAM Review 44,
+ * 2002, section 6). Unknowns coupled to few others, such as coefficients of a spline, form a band
+ * in their given order; unknowns coupled to many, such as durations, form the border. With the band
+ * matrix A = L L' and the border [B C], the factor has the border X = B L^-T and the corner S with
+ * S S' = C - X X'.
+ *
+ * All memory is allocated by IPOPT. `ikeep` holds the place of every unknown, negative in the
+ * border, and a flag that is set once `iw` is filled: IPOPT passes `iw` as malloc returned it, with
+ * the remains of earlier solvers. Integers `iw`: the sizes; the destination of each entry and the
+ * lists of rows, set up by the first factorisation. Numbers `a`: entries in IPOPT's order, followed
+ * by the arrays at the offsets in Layout.
  */
 #include <math.h>
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
 
-#define ACCURATE 1e-11 /* residual relative to the right side at which a solution is refined enough */
+#define ACCURATE 1e-11 /* residual, relative to the right side, at which refinement ends */
 #define MOST_REFINED 3
-#define SMALLEST 1e-14 /* pivot that counts as positive */
+#define SMALLEST 1e-14 /* least pivot that counts as positive */
 #define MEMORY_LACKS (-7)
-#define WIDE 8         /* numbers at once */
-#define BLOCK 8        /* rows at once */
-#define WIDEST 1024    /* of a column of the band */
-#define OFTEN 3        /* times as many entries as the middle unknown has one of the border */
-#define SPARSE 3       /* a row is kept as a list where it has one entry in so many */
+#define WIDE 8         /* numbers per vector instruction */
+#define BLOCK 8        /* rows that are added in one pass */
+#define WIDEST 1024    /* largest length of a column of the band */
+#define OFTEN 3        /* entries of a border unknown, relative to the median of all unknowns */
+#define SPARSE 3       /* span per entry above which a row is stored as a list */
 #define HEAD 7
 
 typedef double Numbers __attribute__((vector_size(8 * WIDE)));
@@ -38,9 +45,9 @@ typedef double Unaligned __attribute__((vector_size(8 * WIDE), aligned(8)));
 #define AT(p) (*(Unaligned *)(p))
 
 typedef struct {
-    int unknowns, rows, border, band, width, entries; /* width: of a column; entries: of all rows */
-    int *place, *to, *start, *first, *length, *column; /* of rows; a list has negative length */
-    long side;                                 /* of a vector over the band */
+    int unknowns, rows, border, band, width, entries; /* column length of the band; row entries */
+    int *place, *to, *start, *first, *length, *column; /* the length of a list is negative */
+    long side;                                 /* padded length of a vector over the band */
     long h, f, b, l, c, s, sigma, delta, row, x, product, right, left, kept, waste, numbers;
 } Layout;
 
@@ -50,9 +57,9 @@ static void lay_out(Layout *o, int count, int *iw)
     const long corner = (long)o->border * o->border, size = o->unknowns + 2 * m;
     o->side = o->band + o->width + 2 * WIDE;
     long at = count;
-    o->h = at, at += square;   /* H, a column of the band after the other, its diagonal first */
-    o->f = at, at += square;   /* factors */
-    o->b = at, at += o->border * o->side; /* H of the border with the band, and its factors */
+    o->h = at, at += square;   /* H by columns of the band, each from its diagonal downwards */
+    o->f = at, at += square;   /* L by columns of the band */
+    o->b = at, at += o->border * o->side; /* B of the border, followed by its factor */
     o->l = at, at += o->border * o->side;
     o->c = at, at += corner;
     o->s = at, at += corner;
@@ -64,7 +71,7 @@ static void lay_out(Layout *o, int count, int *iw)
     o->right = at, at += size;
     o->left = at, at += size;
     o->kept = at, at += size;
-    o->waste = at, at += 1;    /* for entries that are always the same */
+    o->waste = at, at += 1;    /* destination of the entries -1, which the formulas contain */
     o->numbers = at;
     if (!iw) return;
     o->place = iw + HEAD, o->to = o->place + o->unknowns, o->start = o->to + count;
@@ -85,7 +92,8 @@ static void sorted(const int *irn, const int *icn, int k, int *i, int *j)
     *i = (irn[k] > icn[k] ? irn[k] : icn[k]) - 1, *j = (irn[k] > icn[k] ? icn[k] : irn[k]) - 1;
 }
 
-/* The last row has the last slack, which stands right before the rows. */
+/* Number of rows m. The order is unknowns, slacks, rows, and the last row is coupled to the last
+ * slack: that slack is the largest index below its own. */
 static int count_rows(int size, int count, const int *irn, const int *icn)
 {
     int last = -1, i, j;
@@ -96,7 +104,7 @@ static int count_rows(int size, int count, const int *irn, const int *icn)
     return size - 1 - last;
 }
 
-/* Places of the unknowns; whether the matrix has no entries but those of this kind. */
+/* Set the places of the unknowns; return 1 if the matrix has the structure (1). */
 static int order(int n, int m, int count, const int *irn, const int *icn, int *place)
 {
     int *degree = calloc(2 * (long)n, sizeof *degree), i, j, fits = degree != NULL;
@@ -117,7 +125,7 @@ static int order(int n, int m, int count, const int *irn, const int *icn, int *p
     return fits;
 }
 
-/* Sizes of what is kept; with lists in `iw` also these. Return 0 where memory lacks. */
+/* Set the sizes in `o`, and the lists in `iw` if it is given. Return 0 if memory is short. */
 static int analyse(Layout *o, int size, int count, const int *irn, const int *icn,
                    const int *place, int *iw)
 {
@@ -141,7 +149,7 @@ static int analyse(Layout *o, int size, int count, const int *irn, const int *ic
     for (int r = 0; r < m; r++) {
         const int span = held[r] ? high[r] - low[r] + 1 : 0;
         if (span > o->width) o->width = span;
-        high[r] = SPARSE * held[r] >= span ? span : -held[r]; /* the length */
+        high[r] = SPARSE * held[r] >= span ? span : -held[r]; /* from here on the length */
         o->entries += abs(high[r]) + edges[r];
     }
     o->width = (o->width + WIDE - 1) / WIDE * WIDE;
@@ -156,6 +164,7 @@ static int analyse(Layout *o, int size, int count, const int *irn, const int *ic
         edges[m - 1] = held[m - 1] = 0;
         memset(o->column, 0, o->entries * sizeof *o->column);
     }
+    /* Destination of every entry: H of band, border or corner, Sigma, Delta, or a row of J. */
     for (int k = 0; k < count && iw; k++) {
         long to = o->waste;
         sorted(irn, icn, k, &i, &j);
@@ -198,7 +207,7 @@ void ma27ad_(const int *size, const int *entries, const int *irn, const int *icn
     info[0] = 0, info[4] = (int)o.numbers, info[5] = (int)integers;
 }
 
-/* Sum of the rows r to end, which have the same columns, times their weights and each other. */
+/* Add J' W J of the rows r to end - 1, which share their columns, to the band: equation (2). */
 static void add_block(const Layout *o, double *a, int r, int end, const double *weight)
 {
     const int length = o->length[r], width = o->width;
@@ -212,7 +221,7 @@ static void add_block(const Layout *o, double *a, int r, int end, const double *
         for (int q = i; q < length; q += WIDE) {
             Numbers sum = AT(to + q - i);
             for (int k = 0; k < end - r; k++) {
-                /* behind a row stand numbers of others: they would be added beyond its columns */
+                /* A vector may reach into the next row of J: zero the numbers beyond this row. */
                 Numbers part = AT(row[k] + q);
                 if (q + WIDE > length)
                     for (int z = length - q; z < WIDE; z++) part[z] = 0.0;
@@ -223,6 +232,7 @@ static void add_block(const Layout *o, double *a, int r, int end, const double *
     }
 }
 
+/* Add the part of w J' J of one row outside the band, and the band part of a list. */
 static void add_row(const Layout *o, double *a, int r, double weight)
 {
     const double *value = a + o->row + o->start[r];
@@ -255,6 +265,7 @@ static int same_columns(const Layout *o, int r, int q)
     return o->length[r] > 0 && o->length[r] == o->length[q] && o->first[r] == o->first[q];
 }
 
+/* Right-looking Cholesky factorisation of the band; return 0 at a pivot that is not positive. */
 static int factor_band(const Layout *o, double *a)
 {
     const int width = o->width, n = o->band;
@@ -263,6 +274,7 @@ static int factor_band(const Layout *o, double *a)
         if (!(column[0] > SMALLEST)) return 0;
         const double pivot = sqrt(column[0]), inverse = 1.0 / pivot;
         int length = width < n - j ? width : n - j;
+        /* Trailing zeros stay zero: a short column updates few others. */
         while (length > 1 && column[length - 1] == 0.0) length--;
         for (int i = 0; i < length; i++) kept[i] = column[i] *= inverse;
         for (int i = length; i < length + WIDE; i++) kept[i] = 0.0;
@@ -275,6 +287,7 @@ static int factor_band(const Layout *o, double *a)
     return 1;
 }
 
+/* Solve L x = b of the band in place. */
 static void forward(const Layout *o, const double *a, double *x)
 {
     for (int j = 0; j < o->band; j++) {
@@ -284,6 +297,7 @@ static void forward(const Layout *o, const double *a, double *x)
     }
 }
 
+/* Border of the factor, B L^-T, and Cholesky factor S of the Schur complement of the band. */
 static int factor_border(const Layout *o, double *a)
 {
     const int nb = o->border;
@@ -314,6 +328,7 @@ void ma27bd_(const int *size, const int *entries, const int *irn, const int *icn
     *maxfrt = 1;
     Layout o = {.rows = count_rows(*size, count, irn, icn)};
     const int n = *size - 2 * o.rows, m = o.rows;
+    /* The lists of an analysis are set up by its first factorisation. */
     if (!ikeep[n]) {
         if (!analyse(&o, *size, count, irn, icn, ikeep, iw)) {
             info[0] = MEMORY_LACKS;
@@ -335,14 +350,16 @@ void ma27bd_(const int *size, const int *entries, const int *irn, const int *icn
         double weight[BLOCK];
         for (end = r; end < m && end < r + BLOCK && (end == r || same_columns(&o, r, end)); end++) {
             const double sigma = a[o.sigma + end];
-            weight[end - r] = sigma / (1.0 - sigma * a[o.delta + end]); /* -Delta is given */
+            weight[end - r] = sigma / (1.0 - sigma * a[o.delta + end]); /* delta holds -Delta */
             add_row(&o, a, end, weight[end - r]);
         }
         if (o.length[r] > 0) add_block(&o, a, r, end, weight);
     }
+    /* Inertia of (1): m negative eigenvalues, if the matrix of (2) is positive definite. */
     info[14] = factor_band(&o, a) && factor_border(&o, a) ? m : m + 1;
 }
 
+/* Product of row r of J with a vector over band and border. */
 static double row_times(const Layout *o, const double *a, int r, const double *x)
 {
     const double *value = a + o->row + o->start[r];
@@ -357,6 +374,7 @@ static double row_times(const Layout *o, const double *a, int r, const double *x
     return sum;
 }
 
+/* Add a multiple of row r of J to a vector over band and border. */
 static void add_times_row(const Layout *o, const double *a, int r, double factor, double *x)
 {
     const double *value = a + o->row + o->start[r];
@@ -369,7 +387,7 @@ static void add_times_row(const Layout *o, const double *a, int r, double factor
     for (int q = length; q < count; q++) x[o->side + column[q]] += value[q] * factor;
 }
 
-/* Solution in the place of the right side: of unknowns, band and border, then slacks and rows. */
+/* Replace the right side by the solution: x by equation (2), followed by y and s by (1). */
 static void solve(const Layout *o, double *a, const int *place, double *right)
 {
     const int nb = o->border, m = o->rows, n = o->unknowns;
@@ -410,7 +428,7 @@ static void solve(const Layout *o, double *a, const int *place, double *right)
     }
 }
 
-/* Right side less the matrix times a solution, into `left`; its largest entry. */
+/* Set `left` to the right side of (1) minus matrix times solution; return its largest entry. */
 static double residual(const Layout *o, double *a, const int *place, const double *right,
                        const double *solution, double *left)
 {

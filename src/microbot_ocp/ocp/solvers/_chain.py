@@ -1,16 +1,16 @@
-"""Solvers in turn until one converges, and on until its answer is as near the optimum as wanted.
+"""A chain of solvers, tried until one converges, and continued until its gap is small enough.
 
-The chain of "auto" is: from an earlier solution with multipliers IPOPT, warm; then IPOPT; then
-fatrop. The first that converges ends it. The solution lists every attempt. The SQP method is
-active-set: good for small programs and for solves from a neighbouring solution, never chosen by
-itself; it clips the eigenvalues of the Hessian, and where that fails it tries once more with a
-regularised one.
+The chain of "auto" is: IPOPT with a warm start if an earlier solution has multipliers; IPOPT;
+fatrop. The first one that converges ends the chain; the solution lists every attempt. The SQP
+method is an active-set method for small programs and for solves from a neighbouring solution, and
+must be chosen explicitly; it clips the eigenvalues of the Hessian, and repeats a failed solve with
+a regularised Hessian.
 
-Solvers stop at a barrier parameter that belongs to their tolerance, whatever that costs: on a flat
-problem with many limits much more than the tolerance. The gap tells how much, and the solve goes on
-from there with the barrier that the wanted gap asks for. IPOPT's tolerance is of rows divided by
-their slopes, too, and it moves bounds by a share of their size: what it calls solved may miss a row
-or bound of the program by a thousand times the tolerance.
+Solvers stop at a barrier parameter given by their tolerance. On a flat problem with many limits,
+this may leave a cost far above the optimum. The gap measures it, and the solve continues from
+there with the barrier parameter that the wanted gap requires. In addition, IPOPT's tolerance refers
+to rows divided by their gradients, and it relaxes bounds in proportion to their size: a solution
+that it accepts may violate a row or bound of the program by a thousand times the tolerance.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ from microbot_ocp.ocp.transcription import AnyProblem, Meshes, Program, Transcri
 from microbot_ocp.ocp.transcription.schemes import Scheme
 from microbot_ocp.ocp.verification import Thresholds
 
-UNSURE = (Status.FAILED, Status.INFEASIBLE)  # without pivots in the linear solver
+UNSURE = (Status.FAILED, Status.INFEASIBLE)  # doubtful without pivoting in the linear solver
 
 
 def solve_on(
@@ -68,10 +68,10 @@ def solve_on(
     uneven: bool = False,
     once: bool = False,
 ) -> Solution:
-    """Solve on a mesh from a guess, by the solvers of the settings in turn.
+    """Solve on a mesh from a guess, with the solvers of the settings in turn.
 
-    With ``uneven`` a guess that is no solution is moved off what is symmetric. With ``once`` a
-    solve that begins with multipliers is not repeated without where it does not converge.
+    With ``uneven``, a guess that is no solution is displaced from symmetric points. With ``once``,
+    a failed warm start is not followed by a cold start.
     """
     start = time.perf_counter()
     program = transcription.program(mesh)
@@ -99,7 +99,7 @@ def solve_on(
 def not_started(
     program: Program, settings: SolverSettings, start: StartingPoint, problem: RuntimeError
 ) -> Solution:
-    """Return what there is where a function, such as an integrator, has no answer at the start."""
+    """Return a failed solution if a function, such as an integrator, fails at the start."""
     sentence = f"A function of the problem has no answer at the guess: {first_cause(problem)}"
     failed = Attempt(settings.chain()[0], Status.FAILED, sentence, 0, np.inf, np.inf, 0.0, 0.0, 0.0)
     return Solution(
@@ -119,12 +119,12 @@ def not_started(
 
 @dataclass(frozen=True, eq=False)
 class SolveContext:
-    """How a transcription is solved.
+    """A transcription with the settings of its solves.
 
     Attributes
     ----------
-    transcription, settings : of every solve
-    progress : called at every iteration
+    transcription, settings : arguments of every solve
+    progress : function called at every iteration
     """
 
     transcription: Transcription
@@ -133,13 +133,13 @@ class SolveContext:
 
     @property
     def over(self) -> bool:
-        """Whether the time is over."""
+        """True if the time limit is reached."""
         return deadline.over()
 
     def solve(
         self, mesh: Meshes, guess: Given, *, uneven: bool = False, **settings: Any
     ) -> Solution:
-        """Return one solve, with other settings where these are given."""
+        """Return the solution on a mesh, with some settings changed."""
         changed = replace(self.settings, **settings)
         return solve_on(self.transcription, mesh, guess, changed, self.progress, uneven=uneven)
 
@@ -151,9 +151,7 @@ def transcribed(
     scheme: str | Scheme = "radau",
     guess: Given = None,
 ) -> Transcription:
-    """Return a transcription as it is, or that of a problem, with the scales that the settings
-    want.
-    """
+    """Return a transcription unchanged, or that of a problem with the scales of the settings."""
     if isinstance(problem, Transcription):
         return problem
     scaled_problem = scaled(problem, guess) if settings.scaling == "auto" else problem
@@ -161,7 +159,7 @@ def transcribed(
 
 
 def with_cost_scale(program: Program, x: FloatArray, settings: SolverSettings) -> Program:
-    """Return the program with the scale of its cost that the settings want, seen from a start."""
+    """Return the program with the cost scale of the settings, determined at a start."""
     if settings.scaling == "declared":
         return program
     return replace(program, cost_scale=cost_scale(program, x))
@@ -177,10 +175,10 @@ def run_chain(
     solvers: Solvers | None = None,
     once: bool = False,
 ) -> Solution:
-    """Try the solvers of the settings in turn until one converges; with ``once`` the first alone
-    where that begins with multipliers.
+    """Run the solvers of the settings in turn until one converges, and return the solution.
 
-    ``solvers`` keeps them for further solves of the same program.
+    With ``once``, a warm start is the only run. ``solvers`` caches solvers for further solves of
+    the program.
     """
     with deadline.within(settings.time_limit):
         runner = Runner(program, settings, progress, solvers)
@@ -210,7 +208,7 @@ def run_chain(
 def _in_turn(
     runner: Runner, start: StartingPoint, once: bool
 ) -> tuple[SolverOutcome, list[Attempt]]:
-    """Return what the first solver that converges leaves, or the one that says most."""
+    """Return the result of the first solver that converges, or else the most informative one."""
     settings = runner.settings
     turns = [(name, False) for name in settings.chain()]
     if settings.solver == "sqp":
@@ -228,7 +226,7 @@ def _in_turn(
             tried = replace(runner, settings=usual, solvers=None).run(name, given, variant=variant)
             attempts.append(tried.attempt)
         status = tried.attempt.status
-        # what one solver finds infeasible is not less so where the next one breaks down
+        # A failure does not override that an earlier solver found the program infeasible.
         if outcome is None or _rank(status) <= _rank(outcome.attempt.status):
             outcome = tried
         if deadline.over() or status in (Status.SOLVED, Status.INTERRUPTED):
@@ -238,16 +236,15 @@ def _in_turn(
 
 
 def begins_warm(settings: SolverSettings, start: StartingPoint) -> bool:
-    """Return whether IPOPT begins, from the multipliers of a start."""
+    """Return True if IPOPT starts from the multipliers of a start."""
     return start.warm and settings.initial_barrier is None and settings.solver in ("auto", "ipopt")
 
 
 def warm_barrier(settings: SolverSettings, program: Program, start: StartingPoint) -> float | None:
-    """Return the power of ten below the complementarity of a start with multipliers; None where
-    the settings say with which barrier parameter it begins, or there are no multipliers.
+    """Return the barrier parameter of a warm start: a power of ten below its complementarity.
 
-    From a smaller barrier parameter steps to limits that were moved are short, from a larger
-    one much of what is known is lost.
+    None if the settings give a barrier parameter or there are no multipliers. A smaller barrier
+    parameter shortens steps towards limits that were moved; a larger one discards information.
     """
     is_given = "mu_init" in settings.options.get("ipopt", {})
     if is_given or not begins_warm(settings, start):
@@ -260,22 +257,22 @@ def warm_barrier(settings: SolverSettings, program: Program, start: StartingPoin
 
 
 def _rank(status: Status) -> int:
-    """Return the lower, the more it says of a problem."""
+    """Return the rank of a status: the lower, the more it says about the problem."""
     order = (Status.SOLVED, Status.INTERRUPTED, Status.INFEASIBLE, Status.ITERATION_LIMIT)
     return order.index(status) if status in order else len(order)
 
 
-# going on until the gap is small ------------------------------------------------------------------
+# further solves for a small gap -------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Tightening:
-    """How far a barrier is lowered for a small gap.
+    """Barrier parameters of further solves for a small gap.
 
     Attributes
     ----------
-    ratio : of the wanted gap that the barrier may take
-    least_barrier : parameter below which no solver gets
+    ratio : fraction of the wanted gap that the barrier may take
+    least_barrier : least barrier parameter that solvers reach
     """
 
     ratio: float = 0.5
@@ -284,10 +281,10 @@ class Tightening:
 
 TIGHTENING = Tightening()
 
-# Tolerance of every further solve and its options. The second moves what the first cannot: IPOPT
-# exceeds bounds by 1e-8 of their size unless it is told not to, which takes a larger barrier.
-# Of an optimum of zero as much slope, or as much beyond a bound, as these let every variable keep
-# is more than the wanted gap in sum: the third lets each keep its share of that.
+# Tolerance and options of each further solve. IPOPT relaxes bounds by 1e-8 of their size by
+# default; the second solve reduces this, which needs a larger barrier parameter. Near an optimum of
+# zero, residuals at these tolerances may still add up to more than the wanted gap: the third solve
+# (tolerance 0) allows each variable its share of the gap.
 FURTHER: tuple[tuple[float, dict[str, float]], ...] = (
     (1e-8, {}),
     (1e-10, {"bound_relax_factor": 1e-10, "mu_init": 1e-6}),
@@ -296,7 +293,7 @@ FURTHER: tuple[tuple[float, dict[str, float]], ...] = (
 
 
 def gap_at(program: Program, outcome: SolverOutcome) -> Gap:
-    """Return the gap of what a solver left; not a number where it is none."""
+    """Return the gap at the point of a solver; NaN if the point is not finite."""
     x, lam_g, lam_x = outcome.point.x, *outcome.point.multipliers
     if not all(np.isfinite(k).all() for k in (x, lam_g, lam_x)):
         return UNKNOWN
@@ -310,11 +307,10 @@ def wanted_gap(program: Program, settings: SolverSettings, cost: float) -> float
 
 
 def tightened(runner: Runner, outcome: SolverOutcome) -> tuple[SolverOutcome, Gap, list[Attempt]]:
-    """Return an outcome as near its optimum as wanted, its gap, and the further attempts that it
-    took.
+    """Return an outcome with the wanted gap, its gap, and the further attempts.
 
-    What did not converge stays as it is. Where the gap stays larger than wanted, that is the status
-    of the last attempt. Where no gap is wanted no more is done.
+    A failed outcome is returned unchanged. If the gap stays too large, the last attempt has the
+    status GAP_LEFT. An infinite wanted gap requires no further solve.
     """
     if outcome.attempt.status is not Status.SOLVED:
         return outcome, UNKNOWN, []
@@ -347,7 +343,7 @@ def tightened(runner: Runner, outcome: SolverOutcome) -> tuple[SolverOutcome, Ga
 
 
 def _keeps_all(outcome: SolverOutcome) -> bool:
-    """Return whether rows and bounds are kept to what passes."""
+    """Return True if rows and bounds are kept to the threshold of the verification."""
     return outcome.attempt.infeasibility <= Thresholds().feasibility
 
 
@@ -383,5 +379,5 @@ def _further(
         initial_barrier=None,
         options={**settings.options, "ipopt": closer},
     )
-    # not kept for other solves: it has the barrier of this one
+    # Its solver is not cached: the barrier parameter belongs to this solve.
     return replace(runner, settings=finer, solvers=None).run("ipopt", before.point, variant=True)

@@ -1,23 +1,26 @@
-/* L D L' of the symmetric matrices that IPOPT solves, behind the names of MA27's subroutines, which
- * IPOPT loads from any library: ma27id_ (defaults), ma27ad_ (order), ma27bd_ (factors), ma27cd_
- * (solution). Numbers in D alone, in an order that is fixed before: the rows of constraints get a
- * small negative diagonal, so that each pivot is there, and the refinement of each solution
- * removes what that changes (R. J. Vanderbei, Symmetric quasidefinite matrices, SIAM Journal on
- * Optimization 5, 1995). The order is AMD's, whose address order_with is given.
+/* L D L' factorisation of symmetric quasidefinite matrices for IPOPT, with the interface of MA27:
+ * ma27id_ sets defaults, ma27ad_ orders, ma27bd_ factorises, ma27cd_ solves.
  *
- * Memory is IPOPT's own. Integers: number of entries, columns of the permuted upper triangle and
- * their rows, columns of L, permutation, three lists of work, rows of L. Numbers: entries as given,
- * the same permuted, diagonal, D, three vectors of work, L.
+ * D is diagonal and the order is fixed in advance. Constraint rows get a small negative diagonal,
+ * so that every pivot exists, and iterative refinement removes the perturbation from each solution
+ * (R. J. Vanderbei, Symmetric quasidefinite matrices, SIAM Journal on Optimization 5, 1995). The
+ * order is AMD's; order_with receives the address of the function. The elimination tree and the
+ * up-looking factorisation follow T. A. Davis, Direct Methods for Sparse Linear Systems (2006),
+ * chapter 4.
+ *
+ * All memory is allocated by IPOPT. Integers: number of entries; column starts and rows of the
+ * permuted upper triangle; column starts of L; permutation; three work arrays; rows of L. Numbers:
+ * entries in IPOPT's order; the permuted entries; diagonal; D; three work vectors; L.
  */
 #include <math.h>
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
 
-/* Diagonal of a row that has none: five arms take the same iterations with 1e-8 to 1e-6 */
+/* Diagonal of a constraint row: five arms need equally many iterations for 1e-8 to 1e-6. */
 #define SHIFT 1e-7
-#define TINY 1e-13     /* a pivot below is SHIFT in its place */
-#define ACCURATE 1e-11 /* residual relative to the right side at which a solution is refined enough */
+#define TINY 1e-13     /* magnitude of a pivot below which SHIFT replaces it */
+#define ACCURATE 1e-11 /* residual, relative to the right side, at which refinement ends */
 #define MOST_REFINED 8
 #define MEMORY_LACKS (-7)
 
@@ -32,7 +35,8 @@ void ma27id_(int *icntl, double *cntl)
     memset(cntl, 0, 5 * sizeof *cntl);
 }
 
-/* Columns of the strict upper triangle: their starts, and with `row` the rows of each. */
+/* Sort the permuted entries of the strict upper triangle by columns (counting sort): `start` and
+ * `row` receive the structure, `kept` and `diagonal` the values if `value` is given. */
 static void columns(int n, int count, const int *irn, const int *icn, const int *place, int *start,
                     int *next, int *row, const double *value, double *kept, double *diagonal)
 {
@@ -79,6 +83,8 @@ void ma27ad_(const int *size, const int *entries, const int *irn, const int *icn
     }
     for (int k = 0; k < n; k++) place[order[k]] = k;
     columns(n, count, irn, icn, place, start, seen, row, NULL, NULL, NULL);
+    /* Elimination tree: row k of L has entries on the paths from the entries of column k of the
+     * upper triangle towards the root, as far as they are not marked by k. */
     int64_t total = 0;
     for (int k = 0; k < n; k++) {
         parent[k] = -1, seen[k] = k, length[k] = 0;
@@ -127,7 +133,8 @@ void ma27bd_(const int *size, const int *entries, const int *irn, const int *icn
     iw[0] = count;
     memset(f.diagonal, 0, n * sizeof *f.diagonal);
     columns(n, count, irn, icn, place, f.start, f.filled, f.row, a, f.value, f.diagonal);
-    /* IPOPT has the constraints below the variables: no entry of theirs is left of one below */
+    /* IPOPT's matrix is [H J'; J 0]: only a constraint row has no off-diagonal entry below its
+     * diagonal. Such rows get -SHIFT, the others SHIFT. */
     for (int k = 0; k < n; k++) f.path[k] = 1;
     for (int k = 0; k < count; k++)
         if (irn[k] != icn[k]) f.path[(irn[k] < icn[k] ? irn[k] : icn[k]) - 1] = 0;
@@ -140,9 +147,12 @@ void ma27bd_(const int *size, const int *entries, const int *irn, const int *icn
         f.l_start[k + 1] = f.l_start[k] + length[k];
         f.filled[k] = 0, y[k] = 0.0, f.seen[k] = -1;
     }
+    /* Up-looking, with K = 0:k-1: L(K, K) y = A(K, k), L(k, K)' = D^-1 y,
+     * D(k) = A(k, k) - L(k, K) y. */
     for (int k = 0; k < n; k++) {
         int top = n;
         f.seen[k] = k;
+        /* path[top..n-1]: nonzeros of row k in topological order, that is, children first. */
         for (int p = f.start[k]; p < f.start[k + 1]; p++) {
             int i = f.row[p], depth = 0;
             y[i] += f.value[p];
@@ -164,10 +174,11 @@ void ma27bd_(const int *size, const int *entries, const int *irn, const int *icn
         f.d[k] = d;
     }
     memset(info, 0, 20 * sizeof *info);
-    info[14] = (int)negative;
+    info[14] = (int)negative; /* IPOPT checks the inertia, and regularises if it is wrong */
     *maxfrt = 1;
 }
 
+/* Solve L D L' x = b in place. */
 static void substitute(int n, const Factors *f, double *x)
 {
     for (int j = 0; j < n; j++)
@@ -179,6 +190,7 @@ static void substitute(int n, const Factors *f, double *x)
     }
 }
 
+/* Largest magnitude. */
 static double largest(int n, const double *x)
 {
     double most = 0.0;
@@ -197,6 +209,7 @@ void ma27cd_(const int *size, double *a, const int *la, int *iw, const int *liw,
     for (int k = 0; k < n; k++) f.x[k] = f.right[k] = rhs[f.order[k]];
     double wanted = ACCURATE * largest(n, f.right);
     substitute(n, &f, f.x);
+    /* Iterative refinement with the unshifted matrix, as long as the residual halves. */
     for (int round = 0; round < MOST_REFINED; round++) {
         memcpy(f.residual, f.right, n * sizeof *f.right);
         for (int j = 0; j < n; j++) {

@@ -1,10 +1,10 @@
-"""Linear solvers for IPOPT: two that do not look for pivots, and which others are installed.
+"""Linear solvers for IPOPT: two without pivoting, and a check which others are installed.
 
-One is L D L' in an order of AMD's: stage by stage the matrices of an optimal-control program
-are small, and MUMPS spends most of its time on more than their numbers. ``_ldl.c`` says how it
-works. AMD is that of the OSQP library which comes with CasADi; where it or a compiler is missing,
-and where IPOPT breaks down or finds a program infeasible with it, MUMPS solves. The other one, in
-``_band.c``, is for programs without equations, whose unknowns make a band.
+The first is L D L' with AMD ordering: stage by stage, the matrices of an optimal-control program
+are small, and MUMPS spends most of its time on bookkeeping. ``_ldl.c`` describes the method. AMD is
+taken from the OSQP library that comes with CasADi. MUMPS is used if AMD or a compiler is missing,
+and after IPOPT fails or finds a program infeasible with L D L'. The second solver, ``_band.c``, is
+for programs without equations and with a banded matrix.
 
 Theory: docs/theory/transcription.md, "Solvers".
 """
@@ -28,25 +28,25 @@ from microbot_ocp._base.checks import InputError, shown
 from microbot_ocp._base.child_process import Died, can_fork, in_child
 from microbot_ocp._base.codegen import ANY_ORDER, build_library, compiler, compiles
 
-Options = Mapping[str, Mapping[str, Any]]  # by solver
+Options = Mapping[str, Mapping[str, Any]]  # keys: solver names
 
-NAME = "ldl"  # as ``linear_solver`` in the options of IPOPT
-BAND = "band"  # the other one, for programs without equations
+NAME = "ldl"  # value of ``linear_solver`` in the options of IPOPT
+BAND = "band"  # value for the solver of programs without equations
 
 
 def asks_for_ldl(options: Options) -> bool:
-    """Return whether the options of all solvers ask IPOPT for this one."""
+    """Return True if the options of all solvers choose "ldl" for IPOPT."""
     return options.get("ipopt", {}).get("linear_solver") == NAME
 
 
 def without_ldl(options: Options) -> Options:
-    """Return the same options with IPOPT's usual linear solver."""
+    """Return the options with IPOPT's default linear solver."""
     usual = {k: v for k, v in options.get("ipopt", {}).items() if k != "linear_solver"}
     return {**options, "ipopt": usual}
 
 
 def as_ipopt_knows(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return options of IPOPT that may ask for this solver, with what IPOPT needs to load it."""
+    """Return options of IPOPT, with "ldl" or "band" replaced by the options that load it."""
     name = options.get("linear_solver")
     if name not in (NAME, BAND):
         return dict(options)
@@ -55,23 +55,21 @@ def as_ipopt_knows(options: Mapping[str, Any]) -> dict[str, Any]:
         return {k: v for k, v in options.items() if k != "linear_solver"}
     return {
         **options,
-        "linear_solver": "ma27",  # whose interface it has
+        "linear_solver": "ma27",  # the libraries have MA27's interface
         "hsllib": str(built),
         "ma27_la_init_factor": 1.0,
         "ma27_liw_init_factor": 1.0,
-        "ma27_pivtol": 1e-4,  # nothing to raise: IPOPT regularises more instead
+        "ma27_pivtol": 1e-4,  # equal to its maximum: IPOPT regularises instead of raising it
         "ma27_pivtolmax": 1e-4,
-        "min_refinement_steps": 0,  # its solutions are refined already
+        "min_refinement_steps": 0,  # the libraries refine their solutions
     }
 
 
-_known: dict[tuple[str, str], Path | None] = {}  # by solver and compiler
+_known: dict[tuple[str, str], Path | None] = {}  # keys: solver and compiler
 
 
 def library(name: str = NAME) -> Path | None:
-    """Return a compiled solver, "ldl" or "band"; None where there is no compiler, it fails, or AMD
-    is missing.
-    """
+    """Return the library of "ldl" or "band"; None if a compiler or AMD is missing or fails."""
     cc = compiler() if compiles() else None
     if cc is None:
         return None
@@ -79,7 +77,7 @@ def library(name: str = NAME) -> Path | None:
         try:
             built = _built(cc) if name == NAME else _built_band(cc)
         except (OSError, AttributeError, RuntimeError, subprocess.SubprocessError):
-            if deadline.over():  # it may be there the next time
+            if deadline.over():  # compilation may succeed another time
                 return None
             built = None
         _known[name, cc] = built
@@ -96,22 +94,23 @@ def _built(cc: str) -> Path:
     name = "libosqp.dylib" if sys.platform == "darwin" else "libosqp.so"
     amd = ctypes.CDLL(str(Path(ca.GlobalOptions.getCasadiPath()) / name)).amd_l_order
     built = build_library(source, NAME, cc, "-O2")
-    ctypes.CDLL(str(built)).order_with(amd)  # loaded for good: IPOPT finds it as it is
+    ctypes.CDLL(str(built)).order_with(amd)  # stays loaded: IPOPT opens this instance
     return built
 
 
-# those that are installed -----------------------------------------------------------------------
+# installed solvers --------------------------------------------------------------------------------
 
-# that IPOPT knows, whether they are installed or not
+# Linear solvers that IPOPT supports, installed or not.
 LINEAR_SOLVERS = ("mumps", "ma27", "ma57", "ma77", "ma86", "ma97", "pardiso", "spral")
 
 
 def check_linear_solver(name: Any) -> None:
-    """Refuse one that is not there, with which IPOPT would stop at once, or end the process.
+    """Check that a linear solver is installed: IPOPT would fail, or end the process.
 
     Raises
     ------
     InputError
+        The linear solver is unknown or not installed.
     """
     if name in (NAME, BAND, LINEAR_SOLVERS[0]):
         return
@@ -125,8 +124,9 @@ def check_linear_solver(name: Any) -> None:
 
 @cache
 def _works(name: str) -> bool:
-    """Return whether IPOPT solves something by this linear solver; some end the process without
-    it.
+    """Return True if IPOPT solves a small problem with a linear solver.
+
+    Some missing solvers end the process, hence the child process.
     """
 
     def tried() -> bool:

@@ -1,7 +1,7 @@
-"""Solves of one problem again and again, with other parameters, limits and end conditions.
+"""Repeated solves of one problem with other parameters, limits and end conditions.
 
-The program, its derivatives and its solvers are made once. A solve from the solution of a
-neighbouring problem starts from its multipliers, too, and takes a few iterations.
+The program, its derivatives and its solvers are built once. A solve from the solution of a
+neighbouring problem also uses its multipliers, and takes few iterations.
 """
 
 from __future__ import annotations
@@ -54,17 +54,17 @@ Changes = Mapping[str, Mapping[str, Any]]
 
 
 class ParametricSolver(Portable):
-    """A transcribed problem on a mesh whose limits and parameters may change from solve to solve.
+    """A problem transcribed on a mesh, with limits and parameters that change from solve to solve.
 
-    Solvers are kept between solves, for each thread that solves: several may at once. It can be
-    copied and pickled, for other processes; what is not plain data is made again there. The cost is
-    scaled as the default guess wants, or :meth:`scale_cost`, so no answer depends, not even in its
-    last digits, on what was solved before.
+    Solvers are kept between solves, per thread: several threads may solve at once. The object can
+    be copied, and pickled for other processes; solvers are rebuilt there. The cost scale is fixed
+    by the default guess or by :meth:`scale_cost`, so that results do not depend on earlier solves,
+    not even in the last digits.
 
     Parameters
     ----------
     transcription : Transcription or OptimalControlProblem
-    mesh : int or array of fractions [N+1], or one a phase
+    mesh : int or array of fractions [N+1], or one per phase
     settings : SolverSettings, optional
 
     Examples
@@ -93,7 +93,7 @@ class ParametricSolver(Portable):
         self.transcription = transcription = transcribed(transcription, self.settings)
         self.mesh = mesh
         self.program = assemble(transcription.layouts(mesh), parametric=True)
-        self._solvers: dict[float | None, Solvers] = {}  # by the barrier parameter of warm starts
+        self._solvers: dict[float | None, Solvers] = {}  # keys: barrier parameters of warm starts
         self._cost_scale: float | None = None
 
     def solve(
@@ -107,25 +107,25 @@ class ParametricSolver(Portable):
         guess: Guesses | Solution | None = None,
         progress: Progress | None = None,
     ) -> Solution:
-        """Solve with some of the data changed; what is not named is as declared.
+        """Solve with some of the data changed; all other data are as declared.
 
         Parameters
         ----------
         parameters : mapping from phase to mapping from name to value
         bounds : mapping from phase to mapping from name to (lower, upper)
-            Of states, controls, algebraic variables, path and end constraints; None in place of
-            one of the two leaves it as it is.
+            Bounds of states, controls, algebraic variables, path and end constraints; None for
+            one of the two keeps the declared one.
         initial, final : mapping from phase to mapping from name to value, (lower, upper) or None
-            Of what was declared with a condition there; None leaves it free.
+            Conditions of variables declared with a condition there; None leaves them free.
         durations : mapping from phase to duration or (lower, upper), s
         guess : guesses or Solution, optional
-            A solution of this solver, or of any other (see :func:`microbot_ocp.ocp.solve`).
+            Solution of this solver or of another one (see :func:`microbot_ocp.ocp.solve`).
         progress : callable, optional
 
         Raises
         ------
         InputError
-            A name that the phase does not have, a wrong shape, crossed bounds.
+            A name is unknown to the phase, a shape is wrong, or bounds are crossed.
         """
         begin = time.perf_counter()
         given = {
@@ -139,7 +139,7 @@ class ParametricSolver(Portable):
         try:
             with quiet():
                 start = self._start(program, guess)
-                if self._cost_scale is None:  # the same for all solves: solvers are made for it
+                if self._cost_scale is None:  # common to all solves: solvers are built with it
                     self.scale_cost(None)
         except RuntimeError as problem:
             return not_started(program, self.settings, self._given(program, guess), problem)
@@ -155,46 +155,47 @@ class ParametricSolver(Portable):
         )
 
     def scale_cost(self, guess: Guesses | Solution | None) -> None:
-        """Take the scale of the cost from this guess."""
+        """Fix the cost scale, evaluated at a guess."""
         start = self._start(self.program, guess)
         self._cost_scale = with_cost_scale(self.program, start.x, self.settings).cost_scale
 
     def plot(self, axes: GivenAxes | None = None) -> DrawnAxes:
-        """Return where the nonzeros of the program stand: :func:`microbot_ocp.plots.sparsity`."""
+        """Return a plot of the nonzeros of the program: :func:`microbot_ocp.plots.sparsity`."""
         return view_for(self, "plot")(self, axes)
 
     def export_c(self, path: str | Path, *, solver: str = "sqp") -> Path:
-        """Write the program with a solver as one file of C.
+        """Write the program with a solver as one C file.
 
         Parameters
         ----------
         path : str or Path
         solver : "sqp", "ipopt" or "fatrop"
-            CasADi's SQP method with its QP solver needs nothing but the C library; of the others
-            the file calls the library, which must be there (``coin-or/IpStdCInterface.h``,
+            CasADi's SQP method with its QP solver needs only the C library. With the others, the
+            file calls a library that must be installed (``coin-or/IpStdCInterface.h``,
             ``fatrop/ocp/OCPCInterface.h``). The chain of solvers, scales and checks of
-            :meth:`solve` are not in it: look at the violations of what it returns.
+            :meth:`solve` are not included: check the violations of the result.
 
         Returns
         -------
         Path
-            C with three functions, of CasADi's calling convention ``int solve(const double** arg,
-            double** res, casadi_int* iw, double* w, int mem)`` with ``solve_work`` for the sizes:
+            C file with three functions in CasADi's calling convention ``int solve(const double**
+            arg, double** res, casadi_int* iw, double* w, int mem)``, with ``solve_work`` for the
+            sizes:
 
-            - ``data() -> x0, p, lbx, ubx, lbg, ubg``: what was declared, and the default guess;
+            - ``data() -> x0, p, lbx, ubx, lbg, ubg``: declared data, and the default guess;
             - ``solve(x0, p, lbx, ubx, lbg, ubg, lam_x0, lam_g0) -> x, f, g, lam_x, lam_g, lam_p``
-              of the scaled program, of which ``f`` is the cost divided by ``cost_scale``;
-            - ``values(x)`` -> every duration, state (at the mesh points) and control, in its unit
-              and named by phase and name; components of one time stand together.
+              of the scaled program, where ``f`` is the cost divided by ``cost_scale``;
+            - ``values(x)`` -> every duration, state (at the mesh points) and control, unscaled and
+              named by phase and name; components at one time are adjacent.
 
         Raises
         ------
         InputError
-            A solver that there is not, or a program that calls compiled functions.
+            The solver is unknown, or the program calls compiled functions.
         """
         checks.one_of("solver", solver, SOLVERS)
         if self.transcription.compiled:
-            raise InputError("the program calls compiled functions, which are not exported again")
+            raise InputError("the program calls compiled functions, which cannot be exported")
         if self._cost_scale is None:
             self.scale_cost(None)
         assert self._cost_scale is not None
@@ -222,14 +223,14 @@ class ParametricSolver(Portable):
 
     def _changed(self, given: Mapping[str, Mapping[str, Any]]) -> Program:
         names = [layout.phase.name for layout in self.program.layouts]
-        for what, changes in given.items():
+        for kind, changes in given.items():
             for name in changes:
                 if name not in names:
-                    raise InputError(f"{what} has no phase {name!r}; there are {names}")
+                    raise InputError(f"{kind} has no phase {name!r}; there are {names}")
         layouts = []
         for layout in self.program.layouts:
             name = layout.phase.name
-            of_phase = {what: changes[name] for what, changes in given.items() if name in changes}
+            of_phase = {kind: changes[name] for kind, changes in given.items() if name in changes}
             layouts.append(replace(layout, phase=with_changes(layout.phase, of_phase)))
         return replace(
             self.program,
@@ -249,7 +250,7 @@ class ParametricSolver(Portable):
 
 
 def _values(program: Program) -> ca.Function:
-    """Return durations, states and controls from the scaled variables."""
+    """Return the function from scaled variables to durations, states and controls by name."""
     x, outputs = program.nlp["x"], {}
     for layout in program.layouts:
         places: dict[str, list[tuple[float, int, int, float]]] = {}

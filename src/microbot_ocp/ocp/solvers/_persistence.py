@@ -1,7 +1,7 @@
-"""Solutions in one file: a numpy archive with what is needed to repeat the run.
+"""Solutions in one file: a numpy archive with all data to repeat the solve.
 
-Holds the values of every phase, the scaled variables and multipliers, the mesh, the attempts, the
-settings of the solver and the versions of the packages.
+Contains the values of every phase, the scaled variables and multipliers, the mesh, the attempts,
+the settings of the solver and the versions of the packages.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from microbot_ocp.ocp.transcription import (
 
 SCHEMA = 1
 _SCHEMES = {type(k).__name__: type(k) for k in (*SCHEMES.values(), IntegratorShooting())}
-_OF_ROWS = ("row_multipliers", "start.rows")  # the other arrays are of the variables
+_OF_ROWS = ("row_multipliers", "start.rows")  # all other arrays belong to the variables
 
 
 def save_solution(solution: Solution, path: str | Path) -> Path:
@@ -45,7 +45,7 @@ def save_solution(solution: Solution, path: str | Path) -> Path:
     Raises
     ------
     InputError
-        Solver options that are no plain JSON values.
+        A solver option is no plain JSON value.
     """
     arrays, phases = _arrays_of(solution), []
     for index, phase in enumerate(solution.phases):
@@ -91,7 +91,7 @@ def save_solution(solution: Solution, path: str | Path) -> Path:
 
 
 def _arrays_of(solution: Solution) -> dict[str, FloatArray]:
-    """Return arrays over the whole program, those that there are."""
+    """Return the arrays over the whole program that the solution has."""
     start = solution.start or StartingPoint(np.zeros(0))
     arrays = {
         "row_multipliers": solution.row_multipliers,
@@ -111,14 +111,14 @@ def load_solution(path: str | Path, problem: AnyProblem | None = None) -> Soluti
     ----------
     path : str or Path
     problem : OptimalControlProblem or Transcription, optional
-        The same problem: the solution can then be sampled between its mesh points, verified, and
-        start another solve with its multipliers. Its limits, conditions, parameters and scales are
-        those that it was solved with, not those declared.
+        The solved problem. It is needed to sample between mesh points, to verify the solution,
+        and to start another solve with its multipliers. Limits, conditions, parameters and scales
+        are those of the solve, not those declared.
 
     Raises
     ------
     InputError
-        No such file, not a solution, written by a newer version, or of another problem.
+        The file is missing, is no solution, has a newer version, or belongs to another problem.
     """
     return _read(path, problem)[0]
 
@@ -131,26 +131,26 @@ def _read(path: str | Path, problem: AnyProblem | None = None) -> tuple[Solution
         _check_numbers(solution)
     except InputError as refusal:
         raise InputError(f"{path}: {refusal}") from None
-    except Exception as failure:  # whatever a document of another shape does to what reads it
+    except Exception as failure:  # a document of another shape causes many types of error
         raise no_archive(path, "solution", failure) from None
     return solution, metadata
 
 
 def repeat(path: str | Path, problem: AnyProblem) -> Solution:
-    """Solve again as a saved solution was solved: problem data, mesh, scheme, settings and start.
+    """Solve again with the problem data, mesh, scheme, settings and start of a saved solution.
 
-    On the same machine with the same versions (see :func:`saved_with`) the outcome is the same.
+    On one machine with unchanged versions (see :func:`saved_with`) the outcome is reproduced.
 
     Parameters
     ----------
     path : str or Path
     problem : OptimalControlProblem or Transcription
-        The same problem.
+        The solved problem.
 
     Raises
     ------
     InputError
-        As :func:`load_solution`; the file has no start of its solve, or another one's.
+        See :func:`load_solution`; or the file has no start of its solve, or that of another one.
     """
     before = load_solution(path, problem)
     layouts = [phase.layout for phase in before.phases if phase.layout is not None]
@@ -165,7 +165,7 @@ def repeat(path: str | Path, problem: AnyProblem) -> Solution:
 
 
 def saved_with(path: str | Path) -> dict[str, Any]:
-    """Return settings and versions that a solution was made with."""
+    """Return the settings and package versions of a saved solution."""
     metadata = _read(path)[1]
     return {key: metadata[key] for key in ("settings", "versions")}
 
@@ -191,7 +191,7 @@ def _restored(
     attempts = (Attempt(**{**a, "status": Status[a["status"]]}) for a in metadata["attempts"])
     status = Status[metadata["status"]]
     rivals, agreed, compared = metadata.get("rivals", ((), 0, 0))
-    x, rows, variables = (arrays.get(f"start.{what}") for what in ("x", "rows", "variables"))
+    x, rows, variables = (arrays.get(f"start.{name}") for name in ("x", "rows", "variables"))
     return Solution(
         status=status,
         cost=float(metadata["cost"]),
@@ -215,11 +215,12 @@ def _restored(
 
 
 def _check_numbers(solution: Solution) -> None:
-    """Refuse values that fit no mesh, and what is not finite in an answer that calls itself solved.
+    """Check shapes against the mesh, and that a solved solution is finite.
 
     Raises
     ------
     InputError
+        A shape does not fit the mesh, or a value of a solved solution is not finite.
     """
     if not solution.phases:
         raise InputError("it has no phases")
@@ -250,7 +251,7 @@ def _check_numbers(solution: Solution) -> None:
 def _layouts(
     metadata: dict[str, Any], meshes: list[FloatArray], problem: AnyProblem
 ) -> tuple[PhaseLayout, ...]:
-    """Lay the problem out with the data, and by the scheme, of a solve."""
+    """Return layouts of the problem with the data and the scheme of a solve."""
     given = problem.problem if isinstance(problem, Transcription) else problem
     described = metadata["phases"]
     names, declared = [d["name"] for d in described], [phase.name for phase in given.phases]
@@ -271,7 +272,7 @@ def _layouts(
 
 
 def _advice(saved: Any, status: Status) -> tuple[Advice, ...]:
-    """Return advice of a file, which was one text before there were rows."""
+    """Return the advice of a file; older files hold one text."""
     if isinstance(saved, list):
         return tuple(Advice(**row) for row in saved)
     return Outcome.of(status, str(saved or status.sentence)).advice

@@ -1,8 +1,7 @@
-"""How to solve a program, and the plugins of CasADi that do it: fatrop, IPOPT, its warm start, the
-SQP method.
+"""Settings of solvers, and CasADi's plugins for fatrop, IPOPT, its warm start, and the SQP method.
 
-All get the derivatives of the stage kernels instead of an automatic differentiation of the whole
-program, which would cost more time than the solve; fatrop gets the stages, too.
+All plugins receive the derivatives of the stage kernels: automatic differentiation of the whole
+program would cost more time than the solve. fatrop also receives the stage structure.
 """
 
 from __future__ import annotations
@@ -25,33 +24,33 @@ from microbot_ocp._base.checks import InputError
 from microbot_ocp.ocp.solution import Watch
 from microbot_ocp.ocp.solvers._ldl import as_ipopt_knows, check_linear_solver
 from microbot_ocp.ocp.transcription import Program
-from microbot_ocp.ocp.transcription._assembly import MadeOnDemand
+from microbot_ocp.ocp.transcription._assembly import LazyFunctions
 
 SOLVERS = ("fatrop", "ipopt", "sqp")
 SCALINGS = ("auto", "declared")
-CHAIN = ("ipopt", "fatrop")  # of "auto"
+CHAIN = ("ipopt", "fatrop")  # meaning of "auto"
 
 
 @dataclass(frozen=True)
 class SolverSettings:
-    """How to solve a program.
+    """Settings of a solve of a program.
 
     Attributes
     ----------
-    solver : "auto" (IPOPT, at last fatrop if it does not converge), "fatrop", "ipopt" or
-        "sqp", or several of them in turn
-    tolerance : optimality and feasibility of the scaled program
+    solver : "auto" (IPOPT, followed by fatrop if IPOPT does not converge), "fatrop", "ipopt" or
+        "sqp", or several of them in order
+    tolerance : optimality and feasibility tolerance of the scaled program
     max_iterations : limit for each solver
-    initial_barrier : start of the barrier parameter; small for a warm start
-    gap : how much the cost may be above that of the local optimum, relative to it (to a thousandth
-        of its scale where it is less): a solve that converged goes on until it is known to be
-        less; infinite to leave it at that, which ``solve`` then calls "gap left" where it is more
-        than ``verify`` lets pass
-    options : further options by solver name; "ipopt warm" are those of IPOPT from a solution with
-        multipliers alone
-    scaling : "auto" (sizes that were not declared are found, see
-        ``ocp/starts/_scaling.py``) or "declared" (one where no scale was declared)
-    time_limit : wall time after which a solve is stopped, s; of all solvers together
+    initial_barrier : initial barrier parameter; small for a warm start
+    gap : allowed cost above the local optimum, relative to the cost (or to a thousandth of its
+        scale if that is larger): a converged solve continues until its gap is smaller; infinite
+        to accept any gap, which ``solve`` calls "gap left" if it exceeds the threshold of
+        ``verify``
+    options : further options by solver name; "ipopt warm" holds options of IPOPT for starts with
+        multipliers
+    scaling : "auto" (determine undeclared scales, see ``ocp/starts/_scaling.py``) or "declared"
+        (undeclared scales are one)
+    time_limit : wall time limit of a solve, s, all solvers together
     """
 
     solver: str | tuple[str, ...] = "auto"
@@ -78,7 +77,7 @@ class SolverSettings:
             check_linear_solver(self.options["ipopt"]["linear_solver"])
 
     def chain(self) -> tuple[str, ...]:
-        """Return solvers to try in turn."""
+        """Return the solvers in the order in which they are tried."""
         if not isinstance(self.solver, str):
             if not self.solver:
                 raise InputError("solver must name at least one solver, or be 'auto'")
@@ -93,15 +92,15 @@ class SolverSettings:
 
 @dataclass(frozen=True)
 class PluginSettings:
-    """What solvers are given in the place of numbers that are none, and how they start warm.
+    """Replacements of values that are not finite, and settings of warm starts.
 
     Attributes
     ----------
-    far : value and violation that fatrop gets where they are not finite
-    largest : number that counts as finite
-    cold_barrier : barrier parameter of a start without multipliers: IPOPT's own
-    warm_barrier : of a start with them
-    warm_push : distance from the bounds of such a start, relative
+    far : value and violation that replace infinite ones for fatrop
+    largest : largest number that counts as finite
+    cold_barrier : initial barrier parameter without multipliers: IPOPT's default
+    warm_barrier : initial barrier parameter with multipliers
+    warm_push : distance of a start with multipliers from the bounds, relative
     """
 
     far: float = 1e10
@@ -113,18 +112,18 @@ class PluginSettings:
 
 SETTINGS = PluginSettings()
 
-# Barrier parameters lowered gently: with the default jumps fatrop stalls on the flat minima that
-# time-optimal problems have.
+# The barrier decreases slowly: with the default steps fatrop stalls on the flat minima of
+# time-optimal problems.
 FATROP_OPTIONS = {
     "mu_superlinear_decrease_power": 1.05,
     "mu_linear_decrease_factor": 0.5,
     "print_level": 0,
 }
-# MUMPS pairs pivots by default before it orders them, which fills the factors of linked phases:
-# 0.4 s instead of 0.06 s for three iterations (delta_launch of benchmarks/suite), or minutes. With
-# the default, eleven times the memory that a factorisation is expected to take, the system hands
-# out pages anew for each: 13 % of the time of a free motion of six joints. Where twice is too
-# little IPOPT asks for more.
+# MUMPS by default pairs pivots before it orders them, which fills the factors of linked phases:
+# three iterations of delta_launch (benchmarks/suite) take 0.4 s instead of 0.06 s, others minutes.
+# Its default memory is eleven times the estimate, and each factorisation pays for new pages: 13 %
+# more time in a free motion of six joints. IPOPT requests more if twice the estimate is too
+# little.
 IPOPT_OPTIONS = {
     "print_level": 0,
     "sb": "yes",
@@ -132,7 +131,7 @@ IPOPT_OPTIONS = {
     "mumps_permuting_scaling": 0,
     "mumps_pivot_order": 0,
     "mumps_mem_percent": 100,
-    "acceptable_iter": 0,  # an acceptable level is no optimum
+    "acceptable_iter": 0,  # a point at IPOPT's acceptable level is no optimum
 }
 WARM_PUSHES = (
     "warm_start_bound_push",
@@ -160,8 +159,9 @@ def create(
     watch: Watch | None = None,
     seconds: float = np.inf,
 ) -> ca.Function:
-    """Return a solver of a program, with its derivatives and options; IPOPT stops itself after
-    seconds of processor time, or where the wall time is over.
+    """Return a solver of a program with derivatives and options.
+
+    IPOPT stops after ``seconds`` of processor time, or at the wall time of the deadline.
     """
     _keep_to_one_thread()
     common: dict[str, Any] = {
@@ -169,7 +169,7 @@ def create(
         "calc_lam_p": False,
         "calc_lam_x": False,
         "error_on_fail": False,
-        "show_eval_warnings": False,  # the advice reports it
+        "show_eval_warnings": False,  # the advice reports failed evaluations
     }
     make = {"fatrop": _fatrop, "ipopt": _ipopt, "sqp": _sqp}[name]
     functions = _with_scaled_cost(program)
@@ -184,18 +184,18 @@ def create(
     if watch is not None:
         options, cache = watch.hooked(options, cache)
     nlp = {**program.nlp, "f": program.nlp["f"] / program.cost_scale}
-    if name == "fatrop":  # which would try steps for ever where values are not finite
+    if name == "fatrop":  # its line search would never end at values that are not finite
         nlp = {**nlp, "f": ca.fmin(nlp["f"], SETTINGS.far), "g": ca.fmin(nlp["g"], SETTINGS.far)}
     return ca.nlpsol(name, plugin, nlp, {**common, **options, "cache": cache})
 
 
 @lru_cache(maxsize=1)
 def _keep_to_one_thread() -> None:
-    """Let the OpenBLAS that IPOPT brings along work in one thread, unless the user says otherwise.
+    """Limit IPOPT's OpenBLAS to one thread, unless the user sets the number of threads.
 
-    Vectors of a few thousand entries are too short to be shared: its other threads wait in a loop,
-    which is a tenth of the processor time on two cores. Its name is known on Linux alone, where the
-    others beside it are copies that nothing uses.
+    Vectors of a few thousand entries are too short for several threads: the others wait in a loop,
+    which takes a tenth of the processor time on two cores. The name of the library is known on
+    Linux; on other systems there are only copies that nothing loads.
     """
     if "OPENBLAS_NUM_THREADS" not in os.environ:
         library = Path(ca.GlobalOptions.getCasadiPath()) / "libcasadi-tp-openblas.so.0"
@@ -206,12 +206,12 @@ def _keep_to_one_thread() -> None:
 Functions = Mapping[str, ca.Function]
 Plugin = tuple[str, dict[str, Any], dict[str, ca.Function]]
 
-# how many outputs of a function are of the cost: the first
+# Number of leading outputs of a function that belong to the cost.
 _OF_COST = {"lagrangian": 1, "gradient": 2, "gradient_only": 1, "hessian": 0, "hessian_upper": 0}
 
 
 def _with_scaled_cost(program: Program) -> Functions:
-    """Return the functions of a program as solvers get them."""
+    """Return the functions of a program with the cost divided by its scale."""
     functions, scale = program.functions, program.cost_scale
     if scale == 1.0:
         return functions
@@ -225,7 +225,7 @@ def _with_scaled_cost(program: Program) -> Functions:
         return ca.Function(function.name(), inputs, outputs)
 
     changed = {name: partial(divided, name, count) for name, count in _OF_COST.items()}
-    return MadeOnDemand({**changed, "jacobian": lambda: functions["jacobian"]})
+    return LazyFunctions({**changed, "jacobian": lambda: functions["jacobian"]})
 
 
 def _fatrop(program: Program, functions: Functions, settings: SolverSettings, _: bool) -> Plugin:
@@ -252,11 +252,11 @@ def _fatrop(program: Program, functions: Functions, settings: SolverSettings, _:
 
 
 def _finite(function: ca.Function) -> ca.Function:
-    """Return the function with zeros where it has no value."""
+    """Return the function with zeros in place of infinite values and NaN."""
     inputs, outputs = function.mx_in(), []
     for value in function.call(inputs):
         entries = value.nz[:]
-        # the smaller of a number and what is none is the number
+        # fmin and fmax of a number and NaN return the number.
         bounded = ca.fmax(ca.fmin(entries, SETTINGS.largest), -SETTINGS.largest)
         bounded = ca.if_else(ca.fabs(bounded) < SETTINGS.largest, bounded, 0)
         outputs.append(ca.MX(value.sparsity(), bounded))

@@ -1,4 +1,4 @@
-"""One solver run on a program, and how it ended: by its report, and by the point it returns."""
+"""One run of a solver on a program, judged by its report and by the point that it returns."""
 
 from __future__ import annotations
 
@@ -26,17 +26,17 @@ from microbot_ocp.ocp.transcription import Program
 
 @dataclass(frozen=True)
 class RunSettings:
-    """How a solver is kept to its time.
+    """Enforcement of time limits.
 
     Attributes
     ----------
-    large : variables: IPOPT on more may spend longer than a limit in one factorisation
-    earlier : share of its time by which a solver stops itself earlier than its process is ended
-    least_earlier : the same, s, at least
-    silence : processor time, s, without an evaluation: fatrop loops where no regularisation
-        makes its matrix definite. Iterations take far less, and it counts from what all before
-        took on
-    most : s, of a solver that is not trusted to end, where there is no limit
+    large : number of variables above which one factorisation of IPOPT may exceed the time limit
+    earlier : time by which a solver stops before its process is killed, as a fraction of the limit
+    least_earlier : least such time, s
+    silence : processor time without an evaluation after which fatrop is killed, s: it loops if no
+        regularisation makes its matrix definite. Iterations take far less; the counter includes
+        the previous work of the process
+    most : limit of a solver that may not end by itself if no limit is set, s
     """
 
     large: int = 2000
@@ -51,26 +51,25 @@ SETTINGS = RunSettings()
 
 @dataclass(frozen=True, eq=False)
 class SolverOutcome:
-    """What one solver left."""
+    """Result of one run of a solver."""
 
     attempt: Attempt
     point: StartingPoint
 
 
-# by name, variant, scale of the cost and thread
+# Keys: name, variant, scale of the cost and thread.
 Solvers = dict[tuple[str, bool, float, int], ca.Function]
 
 
 @dataclass(frozen=True, eq=False)
 class _Answer:
-    """What a call of a solver gave, as plain values; ``x`` and multipliers are missing where it
-    gave nothing."""
+    """Return values of a solver call as plain values; ``values`` is empty if it failed."""
 
     values: Mapping[str, FloatArray] = field(default_factory=dict)
     stats: Mapping[str, Any] = field(default_factory=dict)
     broken: str = ""
     out_of_time: bool = False
-    interrupted: bool = False  # by Ctrl-C
+    interrupted: bool = False  # True after Ctrl-C
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +81,7 @@ class Runner:
     program : Program
     settings : SolverSettings
     progress : callable, optional
-    solvers : of earlier solves of the program, and of this one for further ones
+    solvers : cache of solvers of the program, shared with other solves
     """
 
     program: Program
@@ -91,14 +90,14 @@ class Runner:
     solvers: Solvers | None = None
 
     def run(self, name: str, start: StartingPoint, *, variant: bool = False) -> SolverOutcome:
-        """Run one solver from a start."""
+        """Run one solver from a start, and return its checked result."""
         begin = time.perf_counter()
         forks = not self._trusted(name, start.x.size) and can_fork()
         watch = None if self.progress is None else Watch(self.program, name, self.progress)
         left = self.settings.time_limit
         if self.solvers is None:
             left = deadline.left()
-            if forks:  # it answers before its process is ended, and what it had is known then
+            if forks:  # stop before the process is killed, so that the result is returned
                 left -= max(SETTINGS.earlier * left, SETTINGS.least_earlier)
                 watch = watch or LastIterate(self.program, name)
         solver = (
@@ -115,7 +114,7 @@ class Runner:
             answer = answered(call, name, watch)
         refused = answer.broken and self.settings.options.get(name)
         if refused and "option" in answer.broken.lower():
-            raise InputError(f"options of {name} were refused: {answer.broken}")
+            raise InputError(f"options of {name} were rejected: {answer.broken}")
         done = time.perf_counter()
         if watch is not None and watch.failure is not None:
             raise watch.failure
@@ -124,8 +123,8 @@ class Runner:
         return self._accepted(outcome) if answer.values else outcome
 
     def _trusted(self, name: str, size: int) -> bool:
-        """Return whether a solver ends by itself in time, or has all the time there is."""
-        # one that is kept was made with the limit of the settings in place of that of this call
+        """Return True if a solver needs no separate process to keep its time limit."""
+        # A cached solver was built with the time limit of the settings, not with that of this call.
         reused = self.solvers is not None and self.progress is None
         endless = reused and not np.isfinite(self.settings.time_limit)
         banded = self.settings.options.get("ipopt", {}).get("linear_solver") == BAND
@@ -135,9 +134,9 @@ class Runner:
     def _solver(
         self, name: str, variant: bool, watch: Watch | None, seconds: float
     ) -> ca.Function | _Answer:
-        """Return a solver, the one that is kept where there is one; or why it could not be made.
+        """Return a solver, cached if possible; an answer if it could not be built.
 
-        One that is watched is not kept.
+        A solver with a watch is not cached.
         """
         key = (name, variant, self.program.cost_scale, get_ident())
         solvers = self.solvers if self.solvers is not None and watch is None else {}
@@ -152,7 +151,7 @@ class Runner:
     def _outcome(
         self, name: str, start: StartingPoint, answer: _Answer, watch: Watch | None, times: Any
     ) -> SolverOutcome:
-        """Return what a call left, measured again."""
+        """Return the result of a call, with cost and violation evaluated independently."""
         program, stats, result = self.program, answer.stats, answer.values
         stopped = answer.interrupted or (watch is not None and watch.stopped)
         if stopped:
@@ -165,7 +164,7 @@ class Runner:
         if answer.out_of_time:
             status, message = Status.TIME_LIMIT, "did not return and was ended"
         count = stats.get("iter_count", -1) if not answer.broken else -1
-        if count < 0:  # a solver that broke down has not counted
+        if count < 0:  # a failed solver reports no iterations
             count = max(0 if watch is None else watch.count, 0)
         attempt = Attempt(
             solver=name,
@@ -178,7 +177,7 @@ class Runner:
             function_time=sum(v for k, v in stats.items() if k.startswith("t_wall_nlp_")),
             broke_down=bool(answer.broken),
         )
-        # the solvers hand over the multipliers of their own bounds, though CasADi computes none
+        # Solvers return the multipliers of bounds directly; CasADi's own computation is off.
         rows, variables = (
             result[key] * program.cost_scale if result else np.zeros(size)
             for key, size in (("lam_g", program.row_lower.size), ("lam_x", x.size))
@@ -186,7 +185,7 @@ class Runner:
         return SolverOutcome(attempt, StartingPoint(x, rows, variables))
 
     def _accepted(self, outcome: SolverOutcome) -> SolverOutcome:
-        """Give the outcome, as solved where a solver stopped at what is an optimum all the same."""
+        """Return the outcome, with status solved if a stopped solver is at an optimum."""
         attempt, point = outcome.attempt, outcome.point
         stopped = attempt.status in (Status.ITERATION_LIMIT, Status.FAILED)
         if not stopped or attempt.solver == "sqp":
@@ -200,7 +199,7 @@ class Runner:
 
 
 def arguments_of(program: Program, start: StartingPoint) -> dict[str, Any]:
-    """Return what a solver is called with."""
+    """Return the arguments of a solver call."""
     arguments: dict[str, Any] = {
         "x0": start.x,
         "p": program.parameters,
@@ -221,16 +220,16 @@ def _called(solver: ca.Function, arguments: Mapping[str, Any]) -> _Answer:
     values = {key: np.array(result[key]).ravel() for key in ("x", "lam_g", "lam_x")}
     try:
         stats = solver.stats()
-    except RuntimeError:  # the SQP method's, where its quadratic program had no answer
+    except RuntimeError:  # raised by the SQP method after a failed quadratic program
         stats = {}
     plain = {k: v for k, v in stats.items() if isinstance(v, bool | int | float | str)}
     return _Answer(values, plain)
 
 
 def _answered(call: Callable[[], _Answer], name: str, watch: Watch | None) -> _Answer:
-    """Return what a solver answers, and whether Ctrl-C was pressed."""
-    # IPOPT and the SQP method look for the exception at every evaluation and stop; fatrop does not,
-    # and would only lose its result
+    """Return the answer of a solver call, and whether Ctrl-C was pressed."""
+    # IPOPT and the SQP method check for an exception at every evaluation and stop. fatrop does not
+    # check, so an exception would only discard its result.
     with interrupts.noted(is_raised=name != "fatrop") as interrupted:
         if watch is not None:
             watch.asked = interrupted
@@ -240,7 +239,7 @@ def _answered(call: Callable[[], _Answer], name: str, watch: Watch | None) -> _A
             asked = interrupted() or (watch is not None and watch.stopped)
             if isinstance(problem, KeyboardInterrupt) and not asked:
                 raise
-            # what stops the SQP method takes its result along
+            # An exception discards the result of the SQP method.
             return _Answer(broken="" if asked else first_cause(problem), interrupted=interrupted())
 
 
@@ -248,19 +247,19 @@ def _answered_by_child(call: Callable[[], _Answer], name: str, watch: Watch | No
     seen = watch if isinstance(watch, LastIterate) else None
 
     def work(send: Send) -> _Answer:
-        if watch is not None and seen is None:  # what it means is seen on the other side
+        if watch is not None and seen is None:  # send iterates to the parent, which reports them
             watch.report = lambda x, cost=None: send((x, cost)) is None
         try:
             return call()
         except (KeyboardInterrupt, RuntimeError) as problem:
             return _Answer(broken=first_cause(problem))
 
-    def receive(what: tuple[FloatArray, float]) -> bool:
+    def receive(iterate: tuple[FloatArray, float]) -> bool:
         assert watch is not None
-        return watch.report(*what)
+        return watch.report(*iterate)
 
     until = min(deadline.until(), time.perf_counter() + SETTINGS.most)
-    # fatrop may loop without an evaluation
+    # fatrop may loop forever between evaluations.
     silence = SETTINGS.silence if name == "fatrop" and watch is not None else np.inf
     look = None if seen is None else seen.look
     try:
@@ -271,16 +270,16 @@ def _answered_by_child(call: Callable[[], _Answer], name: str, watch: Watch | No
     except Died:
         return _Answer(broken="the process of the solver ended")
     except KeyboardInterrupt:
-        # of the progress function, of its error, or of the keyboard
+        # Raised by the progress function, by its error handling, or by the keyboard.
         return _Answer(interrupted=watch is None or watch.failure is None)
     finally:
         if seen is not None:
             seen.look()
 
 
-# how it ended ------------------------------------------------------------------------------------
+# status of a run ----------------------------------------------------------------------------------
 
-FEASIBLE = 1e-4  # largest violation, scaled, at which a solver's success is believed
+FEASIBLE = 1e-4  # largest scaled violation at which a reported success is accepted
 
 
 def status_of(
@@ -293,12 +292,12 @@ def status_of(
     if "Time" in message:  # Maximum_WallTime_Exceeded, Maximum_CpuTime_Exceeded
         return Status.TIME_LIMIT
     if "Acceptable" in message and not (options.get("acceptable_iter") and settings.gap == np.inf):
-        return Status.FAILED  # nobody asked for it
-    if stats.get("success"):  # fatrop reports it even of points that are not finite
+        return Status.FAILED  # the options do not request this level
+    if stats.get("success"):  # fatrop reports success even at points that are not finite
         return Status.SOLVED if infeasibility <= FEASIBLE else Status.FAILED
     if stats.get("unified_return_status") == "SOLVER_RET_LIMITED" or "Maximum" in message:
         return Status.ITERATION_LIMIT
-    if name == "fatrop" and stats.get("iter_count", -1) >= limit:  # it reports no reason
+    if name == "fatrop" and stats.get("iter_count", -1) >= limit:  # it gives no reason
         return Status.ITERATION_LIMIT
     if "Infeasible" in message or "Restoration" in message:
         return Status.INFEASIBLE
@@ -308,46 +307,42 @@ def status_of(
 
 
 def first_cause(problem: BaseException) -> str:
-    """Return the innermost line of an error of CasADi, without the places in its source."""
+    """Return the innermost line of a CasADi error, without source locations."""
     lines = [line.strip() for line in str(problem).splitlines() if line.strip()]
     rest = [line for line in lines if not line.startswith("Error in ")] or lines or [repr(problem)]
     return re.sub(r"^\S+\.\w+:\d+: | (at: /|\[\.\.\./).*$", "", rest[-1])
 
 
 def checked(program: Program, x: FloatArray) -> tuple[float, float]:
-    """Return the cost and largest violation of a bound or row at x, independent of what the solver
-    reports.
-    """
+    """Return the cost and the largest violation of a bound or row at x, evaluated independently."""
     try:
         with quiet():
             cost = program.cost(x)
             worst = float(program.violations(x, program.row_values(x)).max())
-    except RuntimeError:  # an integrator has no answer there
+    except RuntimeError:  # an integrator fails at x
         return np.inf, np.inf
     return cost, worst if np.isfinite(cost) else np.inf
 
 
-# an optimum all the same --------------------------------------------------------------------------
+# optimality of a stopped run ----------------------------------------------------------------------
 
-# fatrop leaves the multipliers of equations as they are once its steps have become zero, and goes
-# on to its limit of iterations, or gives up: of a linear-quadratic problem without inequalities it
-# has the solution after one iteration and never knows. Its multipliers of the equations are
-# therefore found anew, by least squares, before the conditions of Karush, Kuhn and Tucker are
-# judged.
+# Once its steps are zero, fatrop no longer updates the multipliers of equations, and continues to
+# the iteration limit or fails: for a linear-quadratic problem without inequalities it has the
+# solution after one iteration without detecting it. The multipliers of equations are therefore
+# computed by least squares before the Karush-Kuhn-Tucker conditions are checked.
 
-REGULAR = 1e-14  # against equations that say the same twice
+REGULAR = 1e-14  # regularisation for linearly dependent equations
 
 
 def accepted(
     program: Program, point: StartingPoint, tolerance: float
 ) -> tuple[StartingPoint, float] | None:
-    """Return the point with multipliers that prove it an optimum within the tolerance, and the
-    largest error of its conditions; None where none do.
+    """Return the point with multipliers that prove optimality, and the largest error; or None.
 
-    Multipliers of inequalities stay as the solver left them, without those that are smaller than
-    the distance to their limit, which a barrier leaves: they must have the right sign and vanish
-    away from their limits. Errors are of the scaled program, the cost divided by its scale,
-    and judged as IPOPT does (Waechter and Biegler, 2006, equation 5).
+    Multipliers of inequalities are those of the solver, except that values smaller than the
+    distance to their limit, left by a barrier, are set to zero; they must have the right sign and
+    vanish away from their limits. Errors refer to the scaled program with the cost divided by its
+    scale, and are judged as in IPOPT (Waechter and Biegler, 2006, equation 5).
     """
     x, multipliers = point.x, point.multipliers
     g, jacobian = program.functions["jacobian"](x, program.parameters)
@@ -365,11 +360,12 @@ def accepted(
     given = given + np.array(ca.mtimes(jacobian.T, ca.DM(lam[: rows.size]))).ravel()
     given = given + lam[rows.size :]
     slopes = ca.vertcat(jacobian, ca.DM.eye(x.size))[decided.tolist(), :]
+    # Stationarity: lam of the equations minimises |given + slopes' lam|.
     try:
         lam[decided], left = _least_squares(slopes, given)
-    except RuntimeError:  # the matrix has no factors
+    except RuntimeError:  # the matrix is singular
         return None
-    # a multiplier times the distance to its limit, or one of a limit that is none
+    # Complementarity error: multiplier times distance; an infinite limit needs a zero multiplier.
     distance = np.where(lam > 0, high - value, value - low)
     weight = np.where(np.isfinite(distance), np.maximum(distance, 0.0), 1.0)
     acts = (lam != 0) & (low < high)
@@ -382,8 +378,9 @@ def accepted(
 
 
 def _least_squares(slopes: ca.DM, given: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return multipliers of equations and fixed variables that leave least of a slope, and the
-    rest.
+    """Return multipliers that minimise ``|given + slopes' lam|``, and the residual.
+
+    Solves the augmented system ``[I, A'; A, -eps I]`` with A = slopes.
     """
     count = slopes.shape[0]
     matrix = ca.blockcat([[ca.DM.eye(given.size), slopes.T], [slopes, -REGULAR * ca.DM.eye(count)]])

@@ -1,9 +1,9 @@
-"""From a problem and a mesh to a nonlinear program in stages.
+"""Transcription of a problem on a mesh to a nonlinear program in stages.
 
-Comes in: a problem, a scheme, a mesh. Goes out: a ``Program`` with functions and bounds.
-Begin with ``_transcription.py``; ``_kernels.py`` builds one interval by the formulas of
-``schemes/``, ``_table.py`` says what every row and variable is, ``_layout.py`` where it stands, and
-``_assembly.py`` puts the intervals together.
+Input: a problem, a scheme, a mesh. Output: a ``Program`` with functions and bounds. Begin with
+``_transcription.py``; ``_kernels.py`` builds one interval by the formulas of ``schemes/``,
+``_table.py`` describes every row and variable, ``_layout.py`` gives their places in the program,
+and ``_assembly.py`` combines the intervals.
 """
 
 import lazy_loader

@@ -1,4 +1,4 @@
-"""The nonlinear program in stages: kernels mapped over the mesh, nonzeros put in their places.
+"""The nonlinear program in stages: kernels mapped over the mesh, nonzeros placed in matrices.
 
 Theory: docs/theory/transcription.md, equation (3).
 """
@@ -21,12 +21,12 @@ from microbot_ocp.ocp.transcription._kernels import Kernel, joined
 from microbot_ocp.ocp.transcription._layout import Bounds, PhaseLayout, bounds_of, labels_of
 from microbot_ocp.ocp.transcription._table import IntArray, Label
 
-# Variables of a stage and stages from which two threads evaluate them: to start one takes 30 us
+# Least stage variables and stages for evaluation by two threads: starting one takes 30 us.
 LARGE_STAGE, MANY_STAGES = 24, 40
 
 
-class MadeOnDemand(dict[str, ca.Function]):
-    """Functions by name, each made when it is first asked for."""
+class LazyFunctions(dict[str, ca.Function]):
+    """Functions by name, each built on first access."""
 
     def __init__(self, makers: Mapping[str, Callable[[], ca.Function]]) -> None:
         super().__init__()
@@ -43,12 +43,12 @@ class Program(Portable, Bounds):
 
     Attributes
     ----------
-    layouts : where each phase stands
-    nlp : ``x``, ``f`` and ``g`` as expressions, and ``p`` where phase parameters may change
+    layouts : layouts of the phases
+    nlp : ``x``, ``f`` and ``g`` as expressions, and ``p`` for variable phase parameters
     functions : derivatives: ``jacobian(x, p) -> g, J``, ``gradient(x, p) -> f, grad``,
         ``hessian(x, p, lam_f, lam_g) -> H`` and its upper triangle ``hessian_upper``
-    parameters : values of p as declared; empty where the parameters are constants of the program
-    cost_scale : what solvers divide the cost by; it is whole in ``nlp`` and ``functions``
+    parameters : declared values of p; empty if the parameters are constants of the program
+    cost_scale : divisor of the cost inside solvers; ``nlp`` and ``functions`` are not divided
     """
 
     layouts: tuple[Any, ...]
@@ -67,22 +67,22 @@ class Program(Portable, Bounds):
 
     @cached_property
     def row_labels(self) -> list[Label]:
-        """What every row is."""
+        """Labels of the rows."""
         return labels_of(self.layouts, "rows")
 
     @cached_property
     def variable_labels(self) -> list[Label]:
-        """What every variable is."""
+        """Labels of the variables."""
         return labels_of(self.layouts, "variables")
 
     @property
     def stage_sizes(self) -> tuple[IntArray, ...]:
-        """Components of z, of w, and rows besides the steps, stage by stage."""
+        """Components of z, components of w, and rows without the step rows, for every stage."""
         sizes = zip(*(layout.stage_sizes for layout in self.layouts), strict=True)
         return tuple(np.concatenate(parts) for parts in sizes)
 
     def time_of(self, label: Label, x: FloatArray) -> float:
-        """Return when a row or variable stands at x, s since the start of its phase."""
+        """Return the time of a row or variable at x, s since the start of its phase."""
         layout = next(k for k in self.layouts if k.phase.name == label.phase)
         return layout.place_of(label) * float(x[layout.nodes[0, -1]] * layout.node_scale[-1])
 
@@ -95,15 +95,13 @@ class Program(Portable, Bounds):
         return float(self.functions["gradient"](x, self.parameters)[0])
 
     def slopes(self, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the gradient of the cost, values of all rows and nonzeros of their Jacobian at
-        x.
-        """
+        """Return gradient of the cost, values of all rows, and nonzeros of their Jacobian at x."""
         rows, jacobian = self.functions["jacobian"](x, self.parameters)
         slope = self.functions["gradient"](x, self.parameters)[1]
         return np.array(slope).ravel(), np.array(rows).ravel(), np.array(jacobian.nonzeros())
 
     def stationarity(self, x: FloatArray, multipliers: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the gradient of the cost and the rows with their multipliers, and the rows."""
+        """Return the gradient of the Lagrangian for given row multipliers, and the rows."""
         rows, jacobian = self.functions["jacobian"](x, self.parameters)
         slope = self.functions["gradient"](x, self.parameters)[1]
         along = slope + ca.mtimes(jacobian.T, ca.DM(multipliers))
@@ -111,7 +109,7 @@ class Program(Portable, Bounds):
 
 
 class _Entries:
-    """Entries of a sparse matrix, gathered block by block."""
+    """Builder of a sparse matrix from blocks of entries; repeated places are added up."""
 
     def __init__(self) -> None:
         self.rows: list[np.ndarray] = []
@@ -121,7 +119,7 @@ class _Entries:
     def add(self, rows: ArrayLike, columns: ArrayLike, values: ca.MX | FloatArray) -> None:
         self.rows.append(np.asarray(rows, dtype=int).ravel())
         self.columns.append(np.zeros_like(self.rows[-1]) + np.ravel(columns))
-        # the nonzeros of a single row come as a row
+        # CasADi returns the nonzeros of a single row as a row: vec makes a column of them.
         self.values.append(ca.vec(values) if isinstance(values, ca.MX) else ca.MX(ca.DM(values)))
 
     def matrix(self, height: int, width: int, *, upper: bool = False) -> ca.MX:
@@ -133,7 +131,7 @@ class _Entries:
         slots = np.cumsum(fresh) - 1  # nonzero of every entry
         nonzeros = values[order[fresh].tolist()]
         for turn in range(1, int(np.bincount(slots).max(initial=0))):
-            # points inside a phase add to what their stages have there
+            # Point kernels inside a phase add to entries of the stages there.
             again = np.flatnonzero(np.arange(slots.size) - np.flatnonzero(fresh)[slots] == turn)
             nonzeros[slots[again].tolist()] += values[order[again].tolist()]
         rows, columns = rows[fresh], columns[fresh]
@@ -146,9 +144,9 @@ class _Entries:
 
 
 def assemble(layouts: Sequence[PhaseLayout], *, parametric: bool = False) -> Program:
-    """Put the stages of all phases together.
+    """Return the program of all phases.
 
-    With ``parametric`` the phase parameters are arguments p of the program, else constants in it.
+    With ``parametric``, phase parameters are arguments p of the program, otherwise constants.
     """
     bounds = bounds_of(layouts)
     width, height = bounds.variable_lower.size, bounds.row_lower.size
@@ -167,16 +165,16 @@ def assemble(layouts: Sequence[PhaseLayout], *, parametric: bool = False) -> Pro
             for vector in (rows, rows_again):
                 vector.add(places, 0, ca.DM(factors) * x[columns.tolist()])
             jacobian.add(places, columns, factors)
-        free = layout.transition.places  # the cost does not depend on them
+        free = layout.transition.places  # the cost does not depend on transition variables
         gradient.add(free, 0, np.zeros(free.size))
         for piece in _pieces(layout, x, constants):
             cost = cost + piece.values(rows)
             cost_again = cost_again + piece.first_order(rows_again, gradient, jacobian)
             piece.second_order(lam_f, lam_g, hessian)
-    # without a cost it is a sparse zero, which solvers refuse
+    # A sum without terms would be a sparse zero, which solvers reject.
     cost, cost_again = ca.densify(cost), ca.densify(cost_again)
     curvature = [x, p, lam_f, lam_g]
-    slope_of_p = ca.MX.zeros(parameters.size)  # solvers take it only if they are asked for it
+    slope_of_p = ca.MX.zeros(parameters.size)  # solvers require this output but never use it
     g_again, slope = rows_again.vector(height), gradient.vector(width)
     jacobian_matrix = jacobian.matrix(height, width)
     stationarity = lam_f * slope + jacobian_matrix.T @ lam_g
@@ -197,7 +195,7 @@ def assemble(layouts: Sequence[PhaseLayout], *, parametric: bool = False) -> Pro
     return Program(
         layouts=tuple(layouts),
         nlp={"x": x, "f": cost, "g": rows.vector(height), **({"p": p} if parametric else {})},
-        functions=MadeOnDemand(functions),
+        functions=LazyFunctions(functions),
         **vars(bounds),
         parameters=parameters,
     )
@@ -210,15 +208,15 @@ def _assembled_again(
 
 
 @dataclass(frozen=True, eq=False)
-class _Piece:
-    """Stages, or mesh points, of one kind.
+class _KernelCalls:
+    """All calls of one kernel: the stages of a phase, or a group of mesh points.
 
     Attributes
     ----------
     kernel : Kernel
-    variables : indices of what they are of [M, K]
-    rows : indices of their rows [M, R]
-    arrivals : indices of the next z, of which the first rows are [M, nz]; of points [M, 0]
+    variables : indices of the variables of every call [M, K]
+    rows : indices of the rows of every call [M, R]
+    arrivals : indices of the next z, which the first rows determine [M, nz]; [M, 0] for points
     v, arrived : variables [K, M] and next z [nz, M]
     constants : second argument of the kernels [..., M]
     """
@@ -237,11 +235,11 @@ class _Piece:
         threads = self.v.size1() >= LARGE_STAGE and count >= MANY_STAGES and spare_processor()
         mapped = function.map(count, "thread", 2) if threads else function.map(count)
         outputs = mapped.call([self.v, self.constants, *more])
-        # a single call is written out, and loses nonzeros that are zero for good
+        # A map over one call is inlined and drops structural zeros: restore the sparsity.
         return [ca.project(each, mapped.sparsity_out(k)) for k, each in enumerate(outputs)]
 
     def values(self, rows: _Entries) -> ca.MX:
-        """Return cost; rows are added to those of the program."""
+        """Add the rows to those of the program, and return the cost."""
         *parts, cost = self.called(self.kernel.value)
         if self.arrivals.size:
             parts[0] = self.arrived - parts[0]
@@ -249,18 +247,21 @@ class _Piece:
         return ca.sum2(self.cost(cost)[0])
 
     def cost(self, *arguments: ca.MX) -> Sequence[ca.MX]:
-        """Return cost, and its gradient where asked for, of all stages or points: those known from
-        their kernels, or apart from these, so that nobody who wants no more calls them.
+        """Return the cost of every call, and its gradient if requested.
+
+        A separate cost kernel is used if there is one, so that solvers that need the cost alone do
+        not evaluate the dynamics. Otherwise ``arguments``, the outputs of another kernel, are it.
         """
         if self.kernel.cost is None:
             return arguments
         return self.kernel.cost.map(self.rows.shape[0]).call([self.v, self.constants])
 
     def first_order(self, rows: _Entries, gradient: _Entries, jacobian: _Entries) -> ca.MX:
-        """Return cost; rows, its gradient and the Jacobian are added to those of the program."""
+        """Add rows, gradient and Jacobian to those of the program, and return the cost."""
         both, block, cost, slope = self.called(self.kernel.jacobian)
         at, column = np.array(self.kernel.jacobian.sparsity_out(1).get_triplet(), dtype=int)
         entries, steps = block.nz[:], self.arrivals.shape[1]
+        # Step rows are z_next - next(z, w), equation (3): the sign of the kernel's block changes.
         if steps:
             entries *= ca.DM(np.tile(np.where(at < steps, -1.0, 1.0), self.rows.shape[0]))
             jacobian.add(self.rows[:, :steps], self.arrivals, np.ones(self.arrivals.size))
@@ -272,7 +273,7 @@ class _Piece:
         return ca.sum2(cost)
 
     def second_order(self, lam_f: ca.MX, lam_g: ca.MX, hessian: _Entries) -> None:
-        """Add the Hessian to that of the program."""
+        """Add the Hessian of the Lagrangian to that of the program."""
         lam = _gathered(lam_g, self.rows)
         weights = lam, ca.repmat(lam_f, 1, self.rows.shape[0])
         (block,) = self.called(self.kernel.hessian, *weights)
@@ -281,9 +282,7 @@ class _Piece:
 
 
 def _conditions(layout: PhaseLayout) -> Iterator[tuple[np.ndarray, np.ndarray, FloatArray]]:
-    """Yield linear rows of a phase: where they stand, of which variables they are, and their
-    factors.
-    """
+    """Yield the linear rows of a phase: places, columns and factors."""
     for block, node in ((layout.initial, 0), (layout.final, -1)):
         columns = layout.nodes[node, layout.node_columns(block)]
         yield block.places[0], columns, np.ones(columns.size)
@@ -291,21 +290,23 @@ def _conditions(layout: PhaseLayout) -> Iterator[tuple[np.ndarray, np.ndarray, F
     yield layout.link.places[0], layout.sources, -layout.factors
 
 
-def _pieces(layout: PhaseLayout, x: ca.MX, constants: ca.MX) -> Iterator[_Piece]:
-    """Yield points of a phase, then its stages, as expressions of all variables."""
+def _pieces(layout: PhaseLayout, x: ca.MX, constants: ca.MX) -> Iterator[_KernelCalls]:
+    """Yield the point kernels of a phase followed by its stages, called on all variables."""
     for group in layout.points:
         fractions = ca.MX(ca.DM(layout.mesh[group.nodes]).T)
         data = _gathered(constants, layout.point_places(group).T)
         places = layout.nodes[group.nodes]
         at = places, group.block.places, places[:, :0]
-        yield _Piece(group.kernel, *at, _gathered(x, places), ca.MX(), ca.vertcat(fractions, data))
+        yield _KernelCalls(
+            group.kernel, *at, _gathered(x, places), ca.MX(), ca.vertcat(fractions, data)
+        )
     grid = ca.MX(ca.DM(np.vstack([layout.mesh[:-1], np.diff(layout.mesh)])))
     fixed = ca.repmat(constants[: layout.parameters.size], 1, layout.intervals)
     at = layout.stage_variables, layout.stage_rows, layout.nodes[1:]
     v, arrived = _gathered(x, at[0]), _gathered(x, at[2])
-    yield _Piece(layout.kind.kernels.stage, *at, v, arrived, ca.vertcat(grid, fixed))
+    yield _KernelCalls(layout.kind.kernels.stage, *at, v, arrived, ca.vertcat(grid, fixed))
 
 
 def _gathered(x: ca.MX, places: np.ndarray) -> ca.MX:
-    """Return entries of x: a column for every row of places [M, ...]."""
+    """Return entries of x: one column for every row of places [M, ...]."""
     return ca.reshape(x[places.ravel().tolist()], places.shape[1], places.shape[0])

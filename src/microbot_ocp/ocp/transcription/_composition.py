@@ -1,14 +1,18 @@
 """A stage as light formulas around calls of heavy functions, differentiated by the chain rule.
 
-A heavy function, such as the torques of an arm, stands in a stage at several points of its
-interval. Written out and differentiated by all variables of the stage it makes the derivatives as
-many times as large. Here it is differentiated once, by its own arguments; what it is called with,
-and what is made of its results, is light, and matrix products join them.
+A stage evaluates a heavy function, such as the torques of an arm, at several points of its
+interval. Inlined and differentiated by all variables of the stage, its derivatives would be many
+times larger. Here it is differentiated once, by its own arguments; the formulas around it are
+light, and matrix products combine both.
 
-Somebody who knows a function may give its derivatives: ``first_derivatives`` with its inputs ->
-values [w], Jacobian [w, a], and ``second_derivatives`` with its inputs and weights [w] -> gradient
-[a], Hessian [a, a] of the weighted sum of its values, by all its inputs, stacked; and, where that
-is faster than the function itself, one for its values alone.
+With calls ``w = f(A(v, c))`` and outer formulas ``g(v, c, w)``, and ``T = f'(A) A_v``:
+Jacobian ``g_v + g_w T``; Hessian of a weighted sum, with ``p`` the gradient of the weighted f,
+``(g + p' A)_vv + g_vw T + T' g_wv + T' g_ww T + A_v' f_AA A_v``.
+
+Derivatives of a heavy function may be supplied: ``first_derivatives`` maps its inputs to values [w]
+and Jacobian [w, a], ``second_derivatives`` maps its inputs and weights [w] to gradient [a] and
+Hessian [a, a] of the weighted sum of its values, with respect to all inputs, stacked. A third
+function for the values alone may follow if it is faster than the function itself.
 """
 
 from __future__ import annotations
@@ -21,12 +25,12 @@ from typing import Any
 import casadi as ca
 
 Functions = Sequence[ca.Function]
-HEAVY = 400  # operations from which a function is differentiated by itself
+HEAVY = 400  # number of operations above which a function is differentiated separately
 
 
 @dataclass(frozen=True, eq=False)
 class Calls:
-    """Calls of one heavy function: ``arguments`` is ``(v, c) -> A [a, K]``, a column a call."""
+    """Calls of one heavy function; ``arguments`` is ``(v, c) -> A [a, K]``, one column per call."""
 
     function: ca.Function
     arguments: ca.Function
@@ -37,14 +41,15 @@ class Calls:
 
     @property
     def results(self) -> int:
-        """Results of all calls."""
+        """Number of results of all calls."""
         return sum(self.function.size1_out(k) for k in range(self.function.n_out())) * self.count
 
 
 @dataclass(frozen=True, eq=False)
 class Composition:
-    """A stage ``(v, c) -> next, rows, cost``; ``outer`` has the results w of all calls, too:
-    ``(v, c, w) -> next, rows, cost``.
+    """A stage ``(v, c) -> next, rows, cost`` divided into heavy calls and outer formulas.
+
+    ``outer`` takes the results w of all calls as well: ``(v, c, w) -> next, rows, cost``.
     """
 
     calls: tuple[Calls, ...]
@@ -52,7 +57,7 @@ class Composition:
 
 
 def divided(stage: ca.Function) -> Composition | None:
-    """Return the stage around the heavy functions that it calls, or None where there are none."""
+    """Return the stage divided at its heavy calls, or None if it has none."""
     v, c = stage.mx_in()
     results = ca.cse(list(stage.call([v, c], True, False)))
     heavy = _heavy_calls(results)
@@ -70,13 +75,13 @@ def divided(stage: ca.Function) -> Composition | None:
                 symbols += outputs_of_call
                 replaced += outputs
                 symbol_of += [outputs_of_call[output.which_output()] for output in outputs]
-            if _heavy_calls(columns):  # one inside of another
+            if _heavy_calls(columns):  # nested heavy calls are not supported
                 return None
             arguments = ca.Function("stage_arguments", [v, c], [ca.horzcat(*columns)]).expand()
             calls.append(Calls(function, arguments))
         outer = ca.graph_substitute(results, replaced, symbol_of)
         outer = ca.Function("stage_outer", [v, c, ca.vertcat(*symbols)], outer).expand()
-    except RuntimeError:  # something without a scalar graph
+    except RuntimeError:  # an interpolant or callback has no scalar graph
         return None
     return Composition(tuple(calls), outer)
 
@@ -85,7 +90,7 @@ HeavyCalls = list[tuple[ca.Function, list[tuple[ca.MX, list[ca.MX]]]]]
 
 
 def _heavy_calls(expressions: Sequence[ca.MX]) -> HeavyCalls:
-    """Return heavy functions that expressions call: every call with those outputs that are used."""
+    """Return the heavy functions in expressions, with each call and its used outputs."""
     calls: dict[int, dict[int, tuple[ca.MX, list[ca.MX]]]] = {}
     functions: dict[int, ca.Function] = {}
     seen: set[int] = set()
@@ -112,15 +117,15 @@ Derivatives = Callable[[ca.Function], tuple[ca.Function, ...] | None]
 
 
 def automatic(function: ca.Function) -> None:
-    """Give no derivatives: they are found by automatic differentiation."""
+    """Return None: derivatives are found by automatic differentiation."""
 
 
 def composed_derivatives(
     stage: Composition, derivatives: Derivatives = automatic
 ) -> tuple[ca.Function | None, ca.Function, ca.Function]:
-    """Return the stage, Jacobian and Hessian of a stage, as those of one that is not divided.
+    """Return value, Jacobian and Hessian functions of a stage, with the inputs of undivided ones.
 
-    The stage itself is None where it is no faster than the undivided one.
+    The value function is None if it is no faster than that of the undivided stage.
     """
     derived: list[tuple[ca.Function, ...]] = [
         derivatives(calls.function) or _derivatives_of(calls.function) for calls in stage.calls
@@ -135,7 +140,7 @@ def composed_derivatives(
 
 
 def _composed_stage(stage: Composition, values: Functions) -> ca.Function:
-    """Return ``(v, c) -> next, rows, cost``."""
+    """Return the function ``(v, c) -> next, rows, cost``."""
     v, c = stage.outer.mx_in()[:2]
     results = []
     for calls, function in zip(stage.calls, values, strict=True):
@@ -146,7 +151,7 @@ def _composed_stage(stage: Composition, values: Functions) -> ca.Function:
 
 
 def _composed_jacobian(stage: Composition, first: Functions) -> ca.Function:
-    """Return ``(v, c) -> [next; rows], their Jacobian, cost, its gradient``, all by v."""
+    """Return the function ``(v, c) -> [next; rows], Jacobian, cost, gradient``, all by v."""
     v, c = stage.outer.mx_in()[:2]
     w, through = _results(stage, first, v, c)
     sv, sc, sw = stage.outer.sx_in()
@@ -160,14 +165,15 @@ def _composed_jacobian(stage: Composition, first: Functions) -> ca.Function:
 
 
 def _composed_hessian(stage: Composition, first: Functions, second: Functions) -> ca.Function:
-    """Return ``(v, c, lam, sigma) -> H``: of sigma times the cost plus lam times [-next; rows],
-    by v.
+    """Return the function ``(v, c, lam, sigma) -> H``.
+
+    H is the Hessian by v of ``sigma cost + lam' [-next; rows]``.
     """
     v, c = stage.outer.mx_in()[:2]
     lam = ca.MX.sym("lam", stage.outer.size1_out(0) + stage.outer.size1_out(1))
     sigma = ca.MX.sym("sigma")
     weights, light = _light_hessian(stage)
-    mixed = any(light.nnz_out(k) for k in (1, 2))  # results that are not only weighed and added
+    mixed = any(light.nnz_out(k) for k in (1, 2))  # g is not linear in w: T is needed
     w, through = (
         _results(stage, first, v, c) if mixed else (ca.MX(stage.outer.size1_in(2), 1), None)
     )
@@ -194,7 +200,7 @@ def _edges(sizes: Sequence[int]) -> list[int]:
 
 
 def _results(stage: Composition, first: Functions, v: ca.MX, c: ca.MX) -> tuple[ca.MX, ca.MX]:
-    """Return results w of all calls, and their derivatives by v."""
+    """Return results w of all calls, and their derivatives T by v."""
     results, through = [], []
     for calls, function in zip(stage.calls, first, strict=True):
         arguments, slopes = _slopes(calls)(v, c)
@@ -206,9 +212,7 @@ def _results(stage: Composition, first: Functions, v: ca.MX, c: ca.MX) -> tuple[
 
 
 def _slopes(calls: Calls) -> ca.Function:
-    """Return ``(v, c) -> A [a, K]``, and its derivatives by v, those of every column below the
-    last.
-    """
+    """Return the function ``(v, c) -> A [a, K], A_v``, with the rows of A_v call by call."""
     v, c = calls.arguments.sx_in()
     arguments = calls.arguments(v, c)
     slopes = ca.jacobian(ca.vec(arguments), v)
@@ -216,8 +220,10 @@ def _slopes(calls: Calls) -> ca.Function:
 
 
 def _light_hessian(stage: Composition) -> tuple[ca.Function, ca.Function]:
-    """Return ``(v, c, w, lam, sigma) -> weights of w``, and with the gradients of all calls besides
-    second derivatives by v, by v and w, by w.
+    """Return the functions of weights and of light second derivatives.
+
+    ``(v, c, w, lam, sigma) -> g_w``, and with the gradients p of all calls as additional input the
+    second derivatives by v, by v and w, and by w.
     """
     v, c, w = stage.outer.sx_in()
     following, rows, cost = stage.outer(v, c, w)
@@ -236,7 +242,7 @@ def _light_hessian(stage: Composition) -> tuple[ca.Function, ca.Function]:
 
 
 def _at_every_call(function: ca.Function, arguments: ca.MX, *more: ca.MX) -> list[ca.MX]:
-    """Return outputs side by side for every column of the arguments."""
+    """Return outputs for every column of the arguments, side by side."""
     count = function.n_in() - len(more)
     edges = _edges([function.size1_in(k) for k in range(count)])
     parts = [arguments[a:b, :] for a, b in itertools.pairwise(edges)]

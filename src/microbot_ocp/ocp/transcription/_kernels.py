@@ -1,7 +1,7 @@
 """Kernels of one interval: its step, rows and cost as functions, with their derivatives.
 
-Every mesh point carries z = (states, linear controls, free parameters, duration); an interval adds
-w = (constant controls, linear controls at its end, what its scheme needs inside). All of it is
+Every mesh point has variables z = (states, linear controls, free parameters, duration); an interval
+adds w = (constant controls, linear controls at its end, inner variables of its scheme). All are
 scaled.
 """
 
@@ -45,22 +45,22 @@ from microbot_ocp.ocp.transcription.schemes import (
 
 @dataclass(frozen=True, eq=False)
 class Kernel:
-    """A stage, or what is demanded or costs at some mesh points, in scaled variables.
+    """A stage, or a constraint or cost at mesh points, in scaled variables.
 
-    Solvers ask for the cost and its gradient apart from the rows, at every point that they try.
-    Where no heavy function is in it, as in that of a shortest duration, ``cost(v, c) -> cost,
-    gradient`` spares them the dynamics: a quarter of the time of a Panda's functions.
+    Solvers evaluate the cost and its gradient separately from the rows, at every trial point. If
+    the cost contains no heavy function, such as a shortest duration, ``cost(v, c) -> cost,
+    gradient`` avoids the evaluation of the dynamics.
 
     Attributes
     ----------
-    value : of a stage ``(v, c) -> next, constraints, cost`` with v = (z, w) and c = (fraction at
-        the start, length of the interval as a fraction, parameters); of points ``(z, c) ->
+    value : for a stage ``(v, c) -> next, constraints, cost`` with v = (z, w) and c = (fraction at
+        the start, length of the interval as a fraction, parameters); for points ``(z, c) ->
         constraints, cost`` with c = (fraction, parameters, data)
-    jacobian, hessian : its derivatives
-    cost : the cost alone with its gradient, where that is light
-    rows : what the constraints are, in their order
-    fractions : of points, at which fractions [M] of the phase
-    data : names of the measurements of which c has the data
+    jacobian, hessian : derivatives of ``value``
+    cost : cost alone with its gradient, if it is light
+    rows : descriptions of the constraints, in order
+    fractions : fractions [M] of the phase at which points lie
+    data : names of the measurements whose data are in c
     """
 
     value: ca.Function
@@ -74,9 +74,9 @@ class Kernel:
 
 @dataclass(frozen=True, eq=False)
 class Kernels:
-    """Stage and points of a phase; the last of the points is its end.
+    """Kernels of a phase: its stage and its points; the last point is the end.
 
-    ``dense(v, c, fraction) -> x, u`` is in the units of the declaration.
+    ``dense(v, c, fraction) -> x, u`` returns unscaled values.
     """
 
     stage: Kernel
@@ -85,15 +85,17 @@ class Kernels:
 
 
 def stage_variables(phase: Phase, scheme: Scheme) -> list[StageVariable]:
-    """Return what w holds: constant controls, linear controls at the end, what the scheme needs."""
+    """Return the variables w: constant controls, linear controls at the end, inner variables."""
     constant = [StageVariable(v, 0.5) for v in phase.shaped("constant")]
     linear = [StageVariable(v, 1.0) for v in phase.shaped("linear")]
     return [*constant, *linear, *scheme.variables(phase)]
 
 
 def interpolated_variables(phase: Phase) -> list[Variable]:
-    """Return what has values all along an interval: states, constant and linear controls, free
-    parameters, polynomial controls, algebraic variables."""
+    """Return the variables with values all along an interval, in the order of ``dense``.
+
+    States, constant and linear controls, free parameters, polynomial controls, algebraic variables.
+    """
     controls = [*phase.shaped("constant"), *phase.shaped("linear")]
     return [*phase.states, *controls, *phase.free_parameters, *pointwise(phase)]
 
@@ -106,10 +108,10 @@ def with_derivatives(
     compositions: Sequence[Composition | None] = (None,),
     derivatives: Derivatives = automatic,
 ) -> Sequence[ca.Function]:
-    """Return the stage function, then those of points, each with its Jacobian and Hessian.
+    """Return value, Jacobian and Hessian of the stage function, followed by those of the points.
 
-    Points are divided only where that leaves no derivative to be written out: those of 426
-    distances at the end of a phase took 5 s of processor time.
+    Points are divided only if all their derivatives are supplied: expanding the 426 distances at
+    the end of a phase took 5 s of processor time.
     """
     derived: list[ca.Function] = []
     for function, composition in itertools.zip_longest(functions, compositions):
@@ -129,7 +131,7 @@ def with_derivatives(
 def build_kernels(
     phase: Phase, duration_scale: float, scheme: Scheme, derive: Derive = with_derivatives
 ) -> Kernels:
-    """Return kernels of a phase, expanded to scalar graphs where its expressions allow it."""
+    """Return kernels of a phase, expanded to scalar graphs if its expressions allow it."""
     physics = _Physics(phase, duration_scale)
     inner, node_scale = stage_variables(phase, scheme), physics.node_scale
     scale = np.concatenate([node_scale, *(k.source.scale for k in inner)])
@@ -158,8 +160,9 @@ def build_kernels(
 
 
 def light_cost(function: ca.Function) -> ca.Function | None:
-    """Return the cost of a stage or of points, their last output, with its gradient by the
-    variables; None where it is heavy.
+    """Return the cost of a stage or of points, their last output, with its gradient.
+
+    None if the cost contains a heavy function.
     """
     given: Any = function.mx_in()
     cost = _expanded(ca.Function("cost", given, function.call(given, True, False)[-1:]))
@@ -171,7 +174,7 @@ def light_cost(function: ca.Function) -> ca.Function | None:
 
 
 class _Rows:
-    """Scaled rows, and what each of them is."""
+    """Scaled rows and their descriptions."""
 
     def __init__(self, phase: Phase) -> None:
         self.phase = phase
@@ -179,13 +182,13 @@ class _Rows:
         self.entries: list[TableEntry] = []
 
     def add(self, kind: str, items: Sequence[Item], value: ca.MX, fraction: float = 0.0) -> None:
-        """Add the value of variables or constraints, one below the other."""
+        """Add values of variables or constraints, stacked, divided by their scales."""
         self.values.append(value / np.concatenate([item.scale for item in items]))
         for item in items:
             self.entries += entries_of(self.phase, kind, item, fraction)
 
     def add_equations(self, residual: ca.MX, fraction: float) -> None:
-        """Add what the algebraic equations leave."""
+        """Add the residual of the algebraic equations."""
         self.values.append(residual)
         size = residual.shape[0]
         self.entries += [
@@ -197,7 +200,7 @@ class _Rows:
 
 
 class _Physics:
-    """Dynamics with running cost, path and end constraints, algebraic equations and end cost."""
+    """Functions of a phase: dynamics with running cost, limits, algebraic equations, end cost."""
 
     def __init__(self, phase: Phase, duration_scale: float) -> None:
         self.phase = phase
@@ -213,7 +216,7 @@ class _Physics:
         running = sum(phase.running_costs, ca.MX(0))
         self.dynamics = ca.Function("dynamics", arguments, [slope, running])
         limits = [k.expression for k in phase.constraints]
-        inline = {"always_inline": True}  # heavy calls in it are seen in the stage
+        inline = {"always_inline": True}  # exposes heavy calls to ``divided``
         self.limits = ca.Function("limits", arguments, limits, inline)
         equations = ca.vertcat(*phase.algebraic_equations, ca.MX(0, 1))
         self.equations = ca.Function("equations", arguments, [equations])
@@ -228,7 +231,7 @@ class _Physics:
 def _interval(
     physics: _Physics, unscaled: ca.MX, c: ca.MX, inner: Sequence[StageVariable]
 ) -> tuple[Interval, list[ca.MX]]:
-    """Return symbols of the interval, and the values that its scheme asked for."""
+    """Return the symbols of an interval, and the inner variables of its scheme."""
     phase, sizes = physics.phase, [k.source.size for k in inner]
     node = (phase.states, phase.shaped("linear"), phase.free_parameters)
     head = [*(sum(v.size for v in variables) for variables in node), 1]
@@ -256,11 +259,11 @@ def _interval(
 def _path_rows(
     physics: _Physics, scheme: Scheme, interval: Interval, step: IntervalStep, rows: _Rows
 ) -> None:
-    """Add bounds of states, algebraic equations and path constraints where they hold."""
+    """Add bounds of states, algebraic equations and path constraints at the points of a stage."""
     phase = physics.phase
     inner = scheme.points if phase.interior_points is None else phase.interior_points
     inner = tuple(p for p in inner if p < 1.0)
-    # where a state is a variable with bounds it needs no row
+    # A state that is an inner variable has bounds of its own: no row is needed.
     held = {(k.source.name, k.fraction) for k in scheme.variables(phase)}
     points = {0.0, *inner, 1.0, *(scheme.points if pointwise(phase) else ())}
     for point in sorted(points):
@@ -284,25 +287,25 @@ def _path_rows(
 def _holds(
     phase: Phase, limit: PathConstraint, point: float, inner: Sequence[float], scheme: Scheme
 ) -> bool:
-    """Return whether a path constraint is kept at a point of the interval."""
+    """Return True if a path constraint has a row at a point of the interval."""
     expression = limit.expression
     if _depends(expression, [v.symbol for v in pointwise(phase)]):
-        return point in scheme.points  # it has no value elsewhere
+        return point in scheme.points  # its variables have no value elsewhere
     moving = [phase.time, *(v.symbol for v in (*phase.states, *phase.shaped("linear")))]
     if not _depends(expression, moving):
-        return point == 0.0  # the same all over the interval: a second row would be dependent
+        return point == 0.0  # constant over the interval: a second row would be dependent
     if point == 1.0:
-        # a continuous expression is the next stage's business there
+        # A continuous expression at the end has its row in the next stage.
         return _jumps(phase, expression)
     return point == 0.0 or (limit.interior_points and point in inner)
 
 
-# what is to be a kernel: its function and rows, and of points also fractions and data
+# Function and rows of a kernel; for points also fractions and measurement names.
 _Part = tuple[ca.Function, _Rows, tuple[float, ...], tuple[str, ...]]
 
 
 def _end(physics: _Physics) -> _Part:
-    """Return the cost, end constraints and continuous path constraints at the end."""
+    """Return cost, end constraints and continuous path constraints at the end of the phase."""
     phase = physics.phase
     z, c, at_end = _node(physics)
     no_rate = ca.MX.zeros(sum(v.size for v in phase.shaped("linear")))
@@ -310,7 +313,7 @@ def _end(physics: _Physics) -> _Part:
     values = physics.limits.call([x, u, no_rate, *rest])
     rows = _Rows(phase)
     for limit, value in zip(phase.constraints, values, strict=True):
-        local = [v.symbol for v in pointwise(phase)]  # has no value at a mesh point
+        local = [v.symbol for v in pointwise(phase)]  # undefined at mesh points
         if not _depends(limit.expression, local) and not _jumps(phase, limit.expression):
             rows.add("constraint", [limit], value)
     ends = physics.end_limits.call(at_end)
@@ -321,7 +324,7 @@ def _end(physics: _Physics) -> _Part:
 
 
 def _points(physics: _Physics) -> Iterator[_Part]:
-    """Yield what is demanded or costs at given times, one a declaration."""
+    """Yield the constraints and costs at given times, one per declaration."""
     phase = physics.phase
     for k, item in enumerate((*phase.point_constraints, *phase.point_costs)):
         data = [m for m in phase.measurements if ca.depends_on(item.expression, m.symbol)]
@@ -339,7 +342,7 @@ def _points(physics: _Physics) -> Iterator[_Part]:
 
 
 def _node(physics: _Physics, data: int = 0) -> tuple[ca.MX, ca.MX, list[ca.MX]]:
-    """Return scaled z and constants of a mesh point, and the arguments of functions of points."""
+    """Return scaled z and constants of a mesh point, and the arguments of point functions."""
     phase = physics.phase
     z = ca.MX.sym("z", physics.node_scale.size)
     size = physics.constants.shape[0]
@@ -361,22 +364,22 @@ def _depends(expression: ca.MX, symbols: Sequence[ca.MX]) -> bool:
 
 
 def _jumps(phase: Phase, expression: ca.MX) -> bool:
-    """Return whether an expression may differ on the two sides of a mesh point."""
+    """Return True if an expression may differ between both sides of a mesh point."""
     constant = (k.symbol for k in phase.shaped("constant"))
     return _depends(expression, [*constant, *phase.rates.values()])
 
 
 def _as_stage(point: ca.Function) -> ca.Function:
-    """Return a point with an empty next mesh point before its rows."""
+    """Return a point function in the form of a stage, with an empty next mesh point."""
     given: Any = point.mx_in()
     return ca.Function(point.name(), given, [ca.MX(0, 1), *point.call(given, True, False)])
 
 
 def _expanded(function: ca.Function) -> ca.Function:
-    """Return the function as one scalar graph, where its calls have such a graph."""
+    """Return the function as one scalar graph, if its calls have scalar graphs."""
     try:
         return function.expand()
-    except RuntimeError:  # interpolants and compiled functions have none: stay with MX
+    except RuntimeError:  # interpolants and compiled functions have no scalar graph
         return function
 
 
@@ -389,13 +392,13 @@ def _without_repeats(function: ca.Function) -> ca.Function:
 
 
 def _derivatives(function: ca.Function) -> tuple[ca.Function, ca.Function, ca.Function]:
-    """Return a function of a stage or of points with its Jacobian and Hessian."""
+    """Return the function of a stage or of points, its Jacobian and its Hessian."""
     symbols: Any = function.sx_in() if function.is_a("SXFunction") else function.mx_in()
     v, c = symbols
     *parts, cost = function(v, c)
     both, name = ca.vertcat(*parts), function.name()
     lam, sigma = type(v).sym("lam", both.shape[0]), type(v).sym("sigma")
-    # a step is the next mesh point less what the stage arrives at
+    # Step rows are z_next - next(z, w), equation (3), so the first output counts negative.
     signed = ca.vertcat(-parts[0], *parts[1:]) if len(parts) > 1 else both
     hessian = ca.hessian(sigma * cost + ca.dot(lam, signed), v)[0]
     outputs = [both, ca.jacobian(both, v), cost, ca.densify(ca.gradient(cost, v))]

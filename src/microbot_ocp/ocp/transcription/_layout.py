@@ -1,10 +1,10 @@
-"""Where everything of a phase stands in its program.
+"""Places of the variables and rows of a phase in its program.
 
 For each phase the variables are (z_0, w_0, z_1, w_1, ..., z_N, transition) and the rows
 ``[z_1 - next(z_0, w_0), constraints_0, start conditions, z_2 - next(z_1, w_1), constraints_1, ...,
-link to the next phase, end constraints, end conditions]``: the block order that fatrop wants, and a
-banded matrix for everyone else. What is demanded at a mesh point stands with its stage. The stages
-of a phase are alike, and evaluated at once.
+link to the next phase, end constraints, end conditions]``: the block order that fatrop requires,
+and a banded matrix for other solvers. Constraints at a mesh point are rows of its stage. All stages
+of a phase have one kind, and are evaluated by one mapped call.
 """
 
 from __future__ import annotations
@@ -43,16 +43,16 @@ from microbot_ocp.ocp.transcription.schemes import Scheme, StageVariable, within
 
 @dataclass(frozen=True, eq=False)
 class StageKind:
-    """What the stages of one scheme hold.
+    """Description of the stages of a phase with one scheme.
 
     Attributes
     ----------
     scheme : Scheme
-    inner : what w holds
+    inner : inner variables w
     variables : entries of (z, w)
-    rows : entries of the rows, the step to the next z first
+    rows : entries of the rows, beginning with the step to the next z
     kernels : Kernels
-    node_size : components of z
+    node_size : number of components of z
     """
 
     scheme: Scheme
@@ -74,7 +74,7 @@ class StageKind:
 
 
 def stage_kind(phase: Phase, scheme: Scheme, duration_scale: float, derive: Derive) -> StageKind:
-    """Return stages of a phase by one scheme, with what their kernels hold."""
+    """Return the kind of the stages of a phase with a scheme, and its kernels."""
     inner = tuple(stage_variables(phase, scheme))
     kernels = build_kernels(phase, duration_scale, scheme, derive)
     node = [e for v in node_variables(phase) for e in entries_of(phase, _kind(v), v)]
@@ -94,12 +94,12 @@ def _kind(variable: Variable) -> str:
 
 @dataclass(frozen=True, eq=False)
 class PointGroup:
-    """Mesh points at which the same is demanded or costs.
+    """Mesh points with one constraint or cost in common.
 
     Attributes
     ----------
     kernel : Kernel
-    block : its rows, with the indices of the mesh points as intervals
+    block : rows of the constraint, with the indices of the mesh points as intervals
     """
 
     kernel: Kernel
@@ -107,30 +107,30 @@ class PointGroup:
 
     @property
     def nodes(self) -> IntArray:
-        """Which mesh points [M]."""
+        """Indices of the mesh points [M]."""
         return self.block.intervals
 
 
 @dataclass(frozen=True, eq=False)
 class PhaseLayout(Portable):
-    """Where one phase stands in the program, and its kernels.
+    """Places of one phase in the program, and its kernels.
 
     Attributes
     ----------
     phase : Phase
     mesh : fractions [N+1] from 0 to 1
-    kind : of its stages
+    kind : kind of its stages
     stage_variables : indices [N, components of (z, w)] in the program
-    stage_rows : indices [N, ...] in the program: the step first
+    stage_rows : indices [N, ...] in the program, step rows first
     nodes : indices [N+1, node size] of every z in the program
     transition : extra variables at the last mesh point, for the link to the next phase
-    initial, final : rows of conditions at the ends
-    points : what is demanded or costs at given mesh points; the last is the end of the phase
-    link : rows ``x[targets] - factors * x[sources] = 0`` that tie the next phase to the end of this
-        one; none at the last phase
-    targets : the first z of the next phase
-    sources : in the last z or, of what may jump, among the transition variables
-    factors : ratios of the scales
+    initial, final : rows of the conditions at both ends
+    points : constraints and costs at given mesh points; the last one is the end of the phase
+    link : rows ``x[targets] - factors * x[sources] = 0`` that link the end of the phase to the
+        next phase; empty for the last phase
+    targets : indices of the first z of the next phase
+    sources : indices in the last z, or of transition variables for components that may jump
+    factors : ratios of the scales of sources and targets
     """
 
     phase: Phase
@@ -155,7 +155,7 @@ class PhaseLayout(Portable):
 
     @property
     def node_size(self) -> int:
-        """Components of z."""
+        """Number of components of z."""
         return self.kind.node_size
 
     @property
@@ -165,7 +165,7 @@ class PhaseLayout(Portable):
 
     @property
     def stages(self) -> slice:
-        """Where the stages (z_0, w_0, ..., w_N-1) stand in the program."""
+        """Slice of the stages (z_0, w_0, ..., w_N-1) in the program."""
         return slice(int(self.nodes[0, 0]), int(self.nodes[-1, 0]))
 
     @property
@@ -199,7 +199,7 @@ class PhaseLayout(Portable):
 
     @property
     def stage_sizes(self) -> tuple[IntArray, IntArray, IntArray]:
-        """Components of z, of w, and rows besides the steps [N+1], stage by stage.
+        """Components of z, components of w, and rows without steps, of every stage [N+1].
 
         The last stage is the last mesh point with the transition to the next phase.
         """
@@ -212,12 +212,12 @@ class PhaseLayout(Portable):
         return np.full(n + 1, nz), np.append(controls, len(self.transition.entries)), rows
 
     def node_columns(self, block: Block) -> list[int]:
-        """Return components of z that the rows of a block, such as the start conditions, are of."""
+        """Return the indices of the components of z that the rows of a block constrain."""
         node = [(entry.source, entry.component) for entry in self.kind.node]
         return [node.index((entry.source, entry.component)) for entry in block.entries]
 
     def place_of(self, label: Label) -> float:
-        """Return where a row or variable of the phase stands, as a fraction of the phase."""
+        """Return the place of a row or variable as a fraction of the phase."""
         if label.interval == self.intervals:
             return 1.0
         start, end = self.mesh[label.interval : label.interval + 2]
@@ -234,7 +234,7 @@ class PhaseLayout(Portable):
         return joined([self.parameters, *(m.value.ravel() for m in self.phase.measurements)])
 
     def point_places(self, group: PointGroup) -> IntArray:
-        """Return what of ``data`` the kernel of some points gets besides the fraction [..., M]."""
+        """Return indices into ``data`` [..., M] of the constants of a point kernel."""
         offset = self.parameters.size
         places = [np.tile(np.arange(offset)[:, None], (1, group.nodes.size))]
         for measurement in self.phase.measurements:
@@ -245,39 +245,39 @@ class PhaseLayout(Portable):
         return np.vstack(places)
 
     def point_constants(self, group: PointGroup) -> FloatArray:
-        """Return the second argument of the kernel of some points [..., M]."""
+        """Return the second argument of a point kernel [..., M]."""
         return np.vstack([self.mesh[group.nodes], self.data[self.point_places(group)]])
 
     def constants(self, intervals: IntArray) -> FloatArray:
-        """Return the second argument of the kernels, for some intervals [..., M]."""
+        """Return the second argument of the stage kernel, for given intervals [..., M]."""
         fixed = np.tile(self.parameters[:, None], (1, intervals.size))
         return np.vstack([self.mesh[intervals], np.diff(self.mesh)[intervals], fixed])
 
     def table(self, stages: FloatArray) -> FloatArray:
-        """Return scaled (z, w) of every stage [N, ...] from those of all stages, in turn."""
+        """Return scaled (z, w) of every stage [N, ...] from their consecutive values."""
         return stages[self.stage_variables - self.stages.start]
 
     def interpolated(
         self, stages: FloatArray, intervals: IntArray, share: FloatArray
     ) -> dict[str, FloatArray]:
-        """Return states, controls and algebraic variables [M, size], in their declared units.
+        """Return unscaled states, controls and algebraic variables [M, size] by name.
 
-        In some intervals [M], at fractions [M] of them, by the interpolation of the scheme;
-        polynomial controls are kept within their bounds: :func:`within_bounds`.
+        Values are interpolated by the scheme in given intervals [M] at fractions [M]; polynomial
+        controls are kept within their bounds by :func:`within_bounds`.
         """
         v = _within_bounds(self.phase, self.kind, self.table(stages)[intervals]).T
         try:
             with quiet():
                 dense = self.kind.kernels.dense(v, self.constants(intervals), share[None])
             table = np.vstack([part.full() for part in dense])
-        except RuntimeError:  # an integrator has no answer there
+        except RuntimeError:  # an integrator inside the scheme failed
             height = sum(k.size for k in interpolated_variables(self.phase))
             table = np.full((height, intervals.size), np.nan)
         return parts_of(interpolated_variables(self.phase), table.T)
 
 
 def _within_bounds(phase: Phase, kind: StageKind, table: FloatArray) -> FloatArray:
-    """Return scaled (z, w) [M, ...] whose polynomial controls keep their bounds all along."""
+    """Return scaled (z, w) [M, ...] with polynomial controls limited to their bounds."""
     limited = table.copy()
     for variable in phase.shaped("polynomial"):
         source = "controls", phase.controls.index(variable)
@@ -297,23 +297,23 @@ def lay_out(
     linked: Sequence[str],
     begin: IntArray,
 ) -> PhaseLayout:
-    """Lay a phase out on a mesh.
+    """Return the layout of a phase on a mesh.
 
     Parameters
     ----------
     phase : Phase
     mesh : fractions [N+1]
-    kind : of its stages
+    kind : kind of its stages
     following : entries of the z of the next phase
-    linked : names of what is continuous to the next phase
-    begin : variable and row of the program with which the phase begins [2]
+    linked : names of the variables that are continuous to the next phase
+    begin : index of the first variable and of the first row of the phase [2]
     """
     node, intervals = kind.node, mesh.size - 1
     initial, final = (conditions_of(phase, which, node) for which in ("initial", "final"))
     corners = begin[0] + len(kind.variables) * np.arange(intervals + 1)
     kernels = kind.kernels.points
     where = [np.searchsorted(mesh, kernel.fractions) for kernel in kernels]
-    # rows that stand before those of points: of every stage, and of the link
+    # Numbers of rows before those of points: the stage rows, and at the last mesh point the link.
     row_counts = np.append(np.full(intervals, len(kind.rows)), len(following))
     row_counts[0] += len(initial)  # the start conditions follow the rows of the first stage
     heights = row_counts.copy()
@@ -359,14 +359,14 @@ def lay_out(
 
 
 def fill_transitions(layouts: Sequence[PhaseLayout], x: FloatArray) -> None:
-    """Give the transition variables in x the values that the next phases start with."""
+    """Set the transition variables in x to the initial values of the next phases."""
     for layout in layouts:
         free = layout.sources > layout.nodes[-1, -1]
         x[layout.sources[free]] = x[layout.targets[free]]
 
 
 def fill_values(layouts: Sequence[PhaseLayout], x: FloatArray) -> None:
-    """Give the free parameters in x that stand for values of expressions these values."""
+    """Set free parameters in x that are values of expressions to these values."""
     for layout in layouts:
         for group in layout.points:
             names = [entry.name for entry in group.block.entries if entry.kind == "value"]
@@ -392,18 +392,18 @@ class Bounds:
 
     @cached_property
     def lower(self) -> FloatArray:
-        """Lower bounds of the rows, then of the variables."""
+        """Lower bounds of the rows followed by those of the variables."""
         return np.concatenate([self.row_lower, self.variable_lower])
 
     @cached_property
     def upper(self) -> FloatArray:
-        """Upper bounds of the rows, then of the variables."""
+        """Upper bounds of the rows followed by those of the variables."""
         return np.concatenate([self.row_upper, self.variable_upper])
 
     def violations(self, x: FloatArray, rows: FloatArray) -> FloatArray:
-        """Return how far the rows, then the variables, are beyond their bounds, scaled.
+        """Return the scaled excess of the rows followed by the variables over their bounds.
 
-        Infinite where a value is not finite.
+        Infinite for a value that is not finite.
         """
         values = np.concatenate([rows, x])
         excess = np.maximum(np.maximum(self.lower - values, values - self.upper), 0.0)
@@ -411,7 +411,7 @@ class Bounds:
 
 
 def bounds_of(layouts: Sequence[PhaseLayout]) -> Bounds:
-    """Return bounds as the phases declare them."""
+    """Return the declared bounds of all variables and rows."""
     variables = np.zeros((2, sum(layout.variable_count for layout in layouts)))
     rows = np.zeros((2, sum(layout.row_count for layout in layouts)))
     for layout in layouts:
@@ -420,7 +420,7 @@ def bounds_of(layouts: Sequence[PhaseLayout]) -> Bounds:
                 for side, limits in zip(table, limits_of(layout.phase, block.entries), strict=True):
                     side[block.places] = limits
         low, high = layout.phase.duration_bounds
-        # at the other nodes it would say the same again
+        # Parameters and fixed durations are equal at all nodes: bound them at the first one only.
         node = layout.kind.node
         repeated = [entry.kind == "parameter" for entry in node[:-1]] + [low == high]
         again = layout.nodes[1:, np.flatnonzero(repeated)]
@@ -428,11 +428,11 @@ def bounds_of(layouts: Sequence[PhaseLayout]) -> Bounds:
     return Bounds(*variables, *rows)
 
 
-def labels_of(layouts: Sequence[PhaseLayout], what: str) -> list[Label]:
-    """Return what the "rows" or "variables" of a program are."""
+def labels_of(layouts: Sequence[PhaseLayout], kind: str) -> list[Label]:
+    """Return the labels of the "rows" or "variables" of a program."""
     labels: dict[int, Label] = {}
     for layout in layouts:
-        for block in getattr(layout, what):
+        for block in getattr(layout, kind):
             for interval, places in zip(block.intervals.tolist(), block.places, strict=True):
                 for entry, place in zip(block.entries, places.tolist(), strict=True):
                     labels[place] = Label(**vars(entry), phase=layout.phase.name, interval=interval)

@@ -1,7 +1,7 @@
-"""What every row and every variable of a program is: one table, which everything else reads.
+"""Description of every row and variable of a program: one table for all its users.
 
-The kernels write down what each of their rows says as they build it, the layout says where it
-stands in the program; bounds, labels, initial guesses, advice and verification follow from both.
+Kernels describe their rows while building them, and the layout adds their places in the program.
+Bounds, labels, initial guesses, advice and verification use both.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ IntArray = np.ndarray
 Item = Variable | PathConstraint
 DURATION = "duration"
 EQUATIONS = ("step", "defect", "equation", "link", "value")
-"""Kinds of rows that are zero; the others have declared limits."""
+"""Kinds of rows that are zero; other rows have declared limits."""
 
-_FREE = ("arrival", "transition")  # variables that are bounded where they arrive
+_FREE = ("arrival", "transition")  # variables whose bounds apply at the next stage or phase
 _LISTS = (*VARIABLES, *LIMITS)
 _DESCRIPTIONS = {
     "step": "step of {}",
@@ -47,30 +47,30 @@ _DESCRIPTIONS = {
 
 @dataclass(frozen=True)
 class TableEntry:
-    """What one row or variable of a stage is.
+    """Description of one row or variable of a stage.
 
     Attributes
     ----------
     kind : str
-        Of a row: "step" (a mesh point is what the scheme arrives at), "defect" (the dynamics inside
-        an interval), "bound" (of a state between mesh points), "equation" (algebraic), "constraint"
-        (along the phase), "initial", "link", "end" (constraint at the end), "point" (constraint at
-        given times), "value" (what a free parameter stands for) or "final".
-        Of a variable: "state", "control", "parameter" (a free one), "arrival" (a linear control at
-        the end of its interval), "algebraic", "duration" or "transition" (what the last mesh point
-        holds of the start of the next phase).
+        Kind of a row: "step" (next mesh point equals the result of the scheme), "defect" (dynamics
+        inside an interval), "bound" (bound of a state between mesh points), "equation" (algebraic),
+        "constraint" (along the phase), "initial", "link", "end" (constraint at the end), "point"
+        (constraint at given times), "value" (definition of a free parameter) or "final".
+        Kind of a variable: "state", "control", "parameter" (free parameter), "arrival" (linear
+        control at the end of its interval), "algebraic", "duration" or "transition" (variable at
+        the last mesh point that equals an initial value of the next phase).
     source : tuple of str and int, or None
-        List of the phase in which it is declared, and its position there; None for the duration and
-        the algebraic equations.
+        List of the phase with the declaration, and position in it; None for the duration and the
+        algebraic equations.
     name : str
-        As declared; "duration" for the duration of the phase.
+        Declared name; "duration" for the duration of the phase.
     component, size : int
-        Which of how many components.
+        Index of the component, and number of components.
     fraction : float
         Place in the interval, 0 to 1.
     unit : str
     scale : float
-        Value in the declared unit = value in the program times this.
+        Ratio of the value in ``unit`` to the value in the program.
     """
 
     kind: str
@@ -84,18 +84,18 @@ class TableEntry:
 
     @property
     def component_name(self) -> str:
-        """The name, with its index where there is more than one component."""
+        """Name, with an index if there are several components."""
         return f"{self.name}[{self.component}]" if self.size > 1 else self.name
 
     @property
     def description(self) -> str:
-        """What it is, without its place."""
+        """Kind and name, without the place."""
         return _DESCRIPTIONS[self.kind].format(self.component_name)
 
 
 @dataclass(frozen=True)
 class Label(TableEntry):
-    """What one row or variable of a program is, and of which phase and interval.
+    """Description of one row or variable of a program, with phase and interval.
 
     Attributes
     ----------
@@ -113,15 +113,15 @@ class Label(TableEntry):
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """Rows, or variables, that are the same in some intervals.
+    """Rows or variables with the same entries in several intervals.
 
     Attributes
     ----------
-    entries : what they are [K]
-    intervals : in which intervals [M]
-    places : where they stand in the program [M, K]
-    factors : numbers [M] that a value in the program is times this of the entry's own scale;
-        one where there are none
+    entries : descriptions [K]
+    intervals : indices of the intervals [M]
+    places : indices in the program [M, K]
+    factors : additional scales [M]: value in the program = factor * value / entry scale; None
+        stands for one
     """
 
     entries: tuple[TableEntry, ...]
@@ -131,7 +131,7 @@ class Block:
 
 
 def entries_of(phase: Phase, kind: str, item: Item, fraction: float = 0.0) -> list[TableEntry]:
-    """Return an entry for every component of a variable or constraint of a phase."""
+    """Return one entry per component of a variable or constraint of a phase."""
     source = next(
         (name, items.index(item)) for name in _LISTS if item in (items := getattr(phase, name))
     )
@@ -143,14 +143,14 @@ def entries_of(phase: Phase, kind: str, item: Item, fraction: float = 0.0) -> li
 
 
 def conditions_of(phase: Phase, which: str, node: Sequence[TableEntry]) -> tuple[TableEntry, ...]:
-    """Give entries of what has a condition at the start ("initial") or end ("final") of a phase."""
+    """Return entries of the conditions at the start ("initial") or end ("final") of a phase."""
     has = [e for e in node if getattr(_item(phase, e), which, None) is not None]
     conditions = (replace(entry, kind=which) for entry in has)
     return tuple(entry for entry in conditions if np.isfinite(_pair(phase, entry)).any())
 
 
 def limits_of(phase: Phase, entries: Sequence[TableEntry]) -> tuple[FloatArray, FloatArray]:
-    """Give lower and upper limits of entries as a phase declares them, divided by their scales."""
+    """Return declared lower and upper limits of entries, divided by their scales."""
     pairs = np.array([_pair(phase, entry) for entry in entries]).reshape(-1, 2)
     low, high = pairs.T / np.array([entry.scale for entry in entries])
     return low, high

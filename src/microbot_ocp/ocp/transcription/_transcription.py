@@ -1,6 +1,6 @@
-"""A problem laid out on meshes: direct transcription in stages.
+"""Direct transcription of a problem on meshes, in stages.
 
-The kernels of an interval are built once and serve every mesh.
+The kernels of an interval are built once and used for every mesh.
 """
 
 from __future__ import annotations
@@ -35,36 +35,35 @@ from microbot_ocp.ocp.transcription.schemes import SCHEMES, Collocation, Scheme
 MOST_INTERVALS = 100_000
 
 MeshLike = int | ArrayLike
-Meshes = Sequence[MeshLike] | MeshLike  # one a phase, or one for all
+Meshes = Sequence[MeshLike] | MeshLike  # one per phase, or one for all phases
 MakeKernels = Callable[[], Sequence[ca.Function]]
 GuessValue = ArrayLike | Callable[[FloatArray], ArrayLike]
 
 
 @dataclass(frozen=True, eq=False)
 class Guess:
-    """Starting point of one phase: its duration, s, and values by name.
+    """Initial guess of one phase: its duration, s, and values by name.
 
     Values are constants [size], arrays [N+1, size] over the mesh points, or functions of the
-    fractions [N+1] of the phase returning such arrays; for a scalar [N+1] does, too. What is left
-    out starts from :func:`~microbot_ocp.ocp.solution.default_guess`.
+    fractions [N+1] of the phase that return such arrays; a scalar may be an array [N+1]. Missing
+    values start from :func:`~microbot_ocp.ocp.solution.default_guess`.
     """
 
     duration: float | None = None
     values: Mapping[str, GuessValue] = field(default_factory=dict)
 
     def with_values(self, values: Mapping[str, GuessValue]) -> Guess:
-        """Return the same with other or further values."""
+        """Return a copy with other or additional values."""
         return Guess(self.duration, {**self.values, **values})
 
 
-Guesses = Mapping[str, Guess]  # by the names of the phases
+Guesses = Mapping[str, Guess]  # keys: phase names
 
 
 def guess_table(value: GuessValue, size: int, fractions: FloatArray) -> FloatArray:
-    """Return a guess at fractions [M] of its phase: [M, size], or as it is where its shape is
-    another.
+    """Return a guess [M, size] at fractions [M] of its phase, or a table of another shape as it is.
 
-    Constants stand for all fractions, and a row of a scalar for a column.
+    Constants hold at all fractions; a row of values of a scalar becomes a column.
     """
     table = np.asarray(value(fractions) if callable(value) else value, dtype=float)
     if table.ndim <= 1 and table.size in (1, size):
@@ -73,10 +72,10 @@ def guess_table(value: GuessValue, size: int, fractions: FloatArray) -> FloatArr
 
 
 def sampled(value: GuessValue | None, variable: Variable, fractions: FloatArray) -> FloatArray:
-    """Return a guess of a variable at fractions [M] of its phase [M, size], whatever its mesh.
+    """Return a guess of a variable at fractions [M] of its phase [M, size], for any mesh.
 
-    None is as near zero as the bounds allow. What has a wrong shape is zero: it is refused where
-    the guess is used.
+    None means the values nearest to zero within the bounds. A wrong shape results in zero: it is
+    rejected where the guess is used.
     """
     nearest = np.clip(0.0, variable.lower, variable.upper)
     table = guess_table(nearest if value is None else value, variable.size, fractions)
@@ -90,7 +89,7 @@ def sampled(value: GuessValue | None, variable: Variable, fractions: FloatArray)
 
 
 def mesh_of(mesh: MeshLike) -> FloatArray:
-    """Return increasing fractions [N+1] from 0 to 1 from such, or from a number of intervals."""
+    """Return increasing fractions [N+1] from 0 to 1, from fractions or a number of intervals."""
     if isinstance(mesh, (int, np.integer)):
         if mesh < 2:
             raise InputError(f"mesh must have at least 2 intervals, not {mesh}")
@@ -105,16 +104,16 @@ def mesh_of(mesh: MeshLike) -> FloatArray:
 
 
 def _is_fractions(meshes: Any) -> bool:
-    """Return whether a list is one mesh for all phases, and not a number of intervals for each."""
+    """Return True if a list is one mesh of fractions, not one number of intervals per phase."""
     flat = all(isinstance(entry, (float, int, np.number)) for entry in meshes)
     return flat and len(meshes) > 2 and any(isinstance(k, (float, np.floating)) for k in meshes)
 
 
 def with_points(mesh: FloatArray, fractions: Sequence[float]) -> FloatArray:
-    """Return the mesh with some fractions among its points.
+    """Return the mesh with given fractions among its points.
 
-    The nearest point of its own moves there, where it is nearer than half of the shorter interval
-    beside it; otherwise there is one more.
+    The nearest mesh point moves there if its distance is less than half of the shorter interval
+    beside it; otherwise a point is added.
     """
     points = mesh.tolist()
     wanted = [f for f in fractions if f not in points]
@@ -138,15 +137,15 @@ class Transcription(Portable):
     ----------
     problem : OptimalControlProblem
     scheme : str or Scheme
-        "shooting", "radau", "gauss", "trapezoidal", "hermite_simpson", or one with settings.
+        "shooting", "radau", "gauss", "trapezoidal", "hermite_simpson", or a Scheme with settings.
     duration_scale : float
         Typical duration of the phases that declare none, s.
     prepare : callable, optional
-        Gets a text that the kernels of a phase follow from and a function that makes them, and
-        returns equal ones that are faster (compiled code).
+        Function of a text that identifies the kernels of a phase and of a function that builds
+        them; it returns equal, faster kernels (compiled code).
     derivatives : callable, optional
-        Gives for a function that expressions of the problem call its first and second derivatives,
-        or None; see ``_composition.py``.
+        Function that returns first and second derivatives of a function that expressions call, or
+        None; see ``_composition.py``.
     """
 
     def __init__(
@@ -176,17 +175,17 @@ class Transcription(Portable):
         self.kernels = [kind.kernels for kind in self._kinds]
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_last": None}  # assembled again where it is wanted
+        return {**self.__dict__, "_last": None}  # rebuilt when needed
 
     @property
     def compiled(self) -> bool:
-        """Whether its kernels are compiled, or otherwise not what the problem says."""
+        """True if ``prepare`` replaced the kernels, so that they need not match the problem."""
         return self._prepare is not None
 
     def with_parameters(
         self, values: Mapping[str, Mapping[str, float | FloatArray]]
     ) -> Transcription:
-        """Return the same kernels with other values of phase parameters, by phase and name."""
+        """Return a transcription with its kernels and other parameters, by phase and name."""
         changed = copy.copy(self)
         phases = (with_values(p, values.get(p.name, {})) for p in self.problem.phases)
         changed.problem, changed._last = with_phases(self.problem, phases), None
@@ -195,7 +194,7 @@ class Transcription(Portable):
     def _derive(
         self, functions: Sequence[ca.Function], compositions: Sequence[Composition | None]
     ) -> Sequence[ca.Function]:
-        # phases with the same physics share everything that is expensive
+        # Phases with equal physics share all expensive kernels.
         key = "".join(function.serialize() for function in functions)
         if key not in self._known:
             make = partial(with_derivatives, functions, compositions, self._derivatives)
@@ -203,17 +202,18 @@ class Transcription(Portable):
         return self._known[key]
 
     def program(self, meshes: Meshes) -> Program:
-        """Return the program on a mesh for each phase; that of the last meshes is kept, since many
-        solves begin on the same ones.
+        """Return the program on a mesh for each phase.
+
+        The last program is kept, since many solves begin on the same meshes.
         """
         given = tuple(points.tobytes() for points in self._points(meshes))
-        last = self._last  # of this thread
+        last = self._last  # read once: another thread may replace it
         if last is None or last[0] != given:
             self._last = last = given, assemble(self.layouts(meshes))
         return last[1]
 
     def _points(self, meshes: Meshes) -> list[FloatArray]:
-        """Return the mesh points of every phase as fractions."""
+        """Return the mesh points of every phase as fractions, with the point fractions added."""
         phases = self.problem.phases
         several = isinstance(meshes, Sized) and getattr(meshes, "ndim", 1) > 0
         several = several and not _is_fractions(meshes)
@@ -226,11 +226,11 @@ class Transcription(Portable):
         ]
 
     def layouts(self, meshes: Meshes) -> tuple[PhaseLayout, ...]:
-        """Lay the problem out on a mesh for each phase."""
+        """Return the layouts of all phases on their meshes."""
         phases, given = self.problem.phases, self._points(meshes)
         links = {link.before: link.names for link in self.problem.links}
         layouts: list[PhaseLayout] = []
-        begin = np.zeros(2, dtype=int)  # of the next phase: its first variable and row
+        begin = np.zeros(2, dtype=int)  # first variable and row of the next phase
         for index, (phase, mesh) in enumerate(zip(phases, given, strict=True)):
             after = slice(index + 1, index + 2)
             following = [entry for other in self._kinds[after] for entry in other.node]
@@ -245,7 +245,7 @@ AnyProblem = OptimalControlProblem | Transcription
 
 
 def _carried(before: Phase, after: Sequence[Phase]) -> list[str]:
-    """Return names of the free parameters that a phase shares with those after it."""
+    """Return names of the free parameters that a phase shares with later phases."""
     others = [other.symbol for phase in after for other in phase.free_parameters]
     free = before.free_parameters
     return [p.name for p in free if any(ca.is_equal(p.symbol, other) for other in others)]

@@ -1,7 +1,7 @@
-"""Ways to step over an interval; a problem changes its scheme by one argument.
+"""Discretisation schemes of an interval; one argument of a transcription chooses the scheme.
 
-Comes in: the symbols of one interval. Goes out: the step over it. Begin with ``_base.py``, which
-says what a scheme is; ``_schemes.py`` has their names.
+Input: the symbols of one interval. Output: the step over it. Begin with ``_base.py``, which defines
+the protocol of a scheme; ``_schemes.py`` lists the schemes by name.
 """
 
 import lazy_loader

@@ -1,4 +1,4 @@
-"""What a scheme gets and gives: the symbols of one interval, and the step over it."""
+"""Protocol of a scheme: symbols of one interval as input, and the step over it as output."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Fraction = float | ca.MX
 
 @dataclass(frozen=True, eq=False)
 class StageVariable:
-    """A value that a scheme needs inside an interval: of which variable, and at which fraction."""
+    """A variable and a fraction of the interval at which a scheme needs its value."""
 
     source: Variable
     fraction: float
@@ -24,7 +24,7 @@ class StageVariable:
 
 @dataclass(frozen=True, eq=False)
 class Interval:
-    """Symbols of one interval, in the units of the declaration.
+    """Unscaled symbols of one interval.
 
     Attributes
     ----------
@@ -50,7 +50,7 @@ class Interval:
     dynamics: ca.Function
 
     def f(self, x: ca.MX, u: ca.MX, fraction: Fraction) -> tuple[ca.MX, ca.MX]:
-        """Return the slope of the state and running cost at a fraction of the interval."""
+        """Return derivative of the state and running cost at a fraction of the interval."""
         time = self.start + fraction * self.length
         slope, cost = self.dynamics(x, u, self.rate, time, self.duration, self.constants)
         return slope, cost
@@ -68,9 +68,9 @@ class IntervalStep:
     ----------
     arrived : state at the end
     running : integral of the running cost
-    defects : fractions of the interval, each with what is zero where the state follows the
-        dynamics there, in units of the state [n]
-    at : state and control at a fraction of the interval
+    defects : pairs of a fraction of the interval and the residual of the dynamics there [n], in the
+        units of the state
+    at : function of a fraction of the interval that returns state and control there
     """
 
     arrived: ca.MX
@@ -89,22 +89,20 @@ class Scheme(Protocol):
 
     @property
     def order(self) -> int:
-        """Power of the step in the error of the state at the mesh points, for smooth problems."""
+        """Power of the step in the state error at mesh points, for smooth problems."""
         ...
 
     def variables(self, phase: Phase) -> tuple[StageVariable, ...]:
-        """Return values needed inside every interval."""
+        """Return the inner variables of an interval."""
         ...
 
     def step(self, phase: Phase, interval: Interval, values: Sequence[ca.MX]) -> IntervalStep:
-        """Step over the interval, given the values of :meth:`variables`."""
+        """Return the step over the interval, given the values of :meth:`variables`."""
         ...
 
 
 def lagrange(points: Sequence[float], s: Any) -> list[Any]:
-    """Return values at s, numbers or an expression, of the Lagrange polynomials through some
-    points.
-    """
+    """Return the Lagrange polynomials through some points at s, a number or an expression."""
     weights = []
     for point in points:
         weight: Any = 1.0
@@ -116,12 +114,12 @@ def lagrange(points: Sequence[float], s: Any) -> list[Any]:
 
 
 def pointwise(phase: Phase) -> list[Variable]:
-    """Return variables that have values at the points of a scheme only."""
+    """Return the variables that have values only at the points of a scheme."""
     return [*phase.shaped("polynomial"), *phase.algebraics]
 
 
 def refuse_pointwise(phase: Phase, scheme: str) -> None:
-    """Raise InputError where a phase needs points inside the interval that a scheme has not."""
+    """Raise InputError if a phase has variables at inner points, which a scheme lacks."""
     for variable in pointwise(phase):
         kind = "polynomial control" if variable.shape == "polynomial" else "algebraic variable"
         raise InputError(

@@ -1,12 +1,12 @@
-"""Direct collocation: at Radau or Gauss-Legendre points, of any degree, and at mesh points.
+"""Direct collocation at Radau or Gauss-Legendre points of any degree, and at mesh points.
 
-The state is a polynomial of the degree d over each interval, through the start and the d points; it
-fulfils the dynamics at the points. Source: Biegler, *Nonlinear Programming*, chapter 10. Order of
-the state at the mesh points: 2d - 1 (Radau), 2d (Gauss-Legendre).
+The state is a polynomial of degree d over each interval, through the start and the d points, and
+satisfies the dynamics at the points, equation (4). Source: Biegler, *Nonlinear Programming*,
+chapter 10. Order of the state at the mesh points: 2d - 1 (Radau), 2d (Gauss-Legendre).
 
-Trapezoidal and Hermite-Simpson collocation have the next state as a value of the interval. Source:
-Betts, *Practical Methods for Optimal Control*, 2nd ed., section 4.5 (compressed forms); orders two
-and four.
+Trapezoidal and Hermite-Simpson collocation have the next state as an inner variable. Source: Betts,
+*Practical Methods for Optimal Control*, 2nd ed., section 4.5 (compressed forms); orders two and
+four.
 
 Theory: docs/theory/transcription.md, equation (4).
 """
@@ -33,7 +33,7 @@ from microbot_ocp.ocp.transcription.schemes._base import (
     refuse_pointwise,
 )
 
-DENSE = 41  # places of an interval at which a polynomial control is held against its bounds
+DENSE = 41  # points per interval at which polynomial controls are compared with their bounds
 
 
 @dataclass(frozen=True)
@@ -56,12 +56,12 @@ class Collocation:
 
     @property
     def points(self) -> tuple[float, ...]:
-        """The collocation points."""
+        """Collocation points as fractions of an interval."""
         return tuple(_coefficients(self.kind, self.degree)[0])
 
     @property
     def weights(self) -> FloatArray:
-        """Weights [degree] of the quadrature at the points, on an interval of length 1."""
+        """Quadrature weights [degree] of the points on an interval of length 1."""
         return _coefficients(self.kind, self.degree)[3]
 
     @property
@@ -75,7 +75,7 @@ class Collocation:
         return tuple(StageVariable(v, point) for point in self.points for v in inside)
 
     def step(self, phase: Phase, interval: Interval, values: Sequence[ca.MX]) -> IntervalStep:
-        """Return the polynomial over the interval with one defect a point."""
+        """Return the step of the polynomial over the interval, with one defect per point."""
         points, slope_matrix, end_weights, cost_weights = _coefficients(self.kind, self.degree)
         states, local = len(phase.states), len(pointwise(phase))
         per_point = states + local
@@ -103,17 +103,16 @@ class Collocation:
 def within_bounds(
     values: FloatArray, points: Sequence[float], lower: FloatArray, upper: FloatArray
 ) -> FloatArray:
-    """Return values of polynomial controls at the points so that between them no bound is exceeded,
-    too.
+    """Return values of polynomial controls that keep their bounds between the points too.
 
-    A polynomial through points that keep their bounds may leave them in between, and does where the
-    control jumps. There it is drawn towards its mean over the interval, as little as the bounds
-    need: the mean stays, and with it what the control moves (the limiter of Zhang and Shu, *Journal
-    of Computational Physics* 229, 2010). Elsewhere nothing changes.
+    A polynomial through points within the bounds may leave them in between, and does so where the
+    control jumps. There the values are scaled towards their mean over the interval, just enough to
+    keep the bounds: the mean, and with it the motion of the states, is unchanged (the limiter of
+    Zhang and Shu, *Journal of Computational Physics* 229, 2010). Other values are not changed.
 
     Parameters
     ----------
-    values : array [M, points, size] in M intervals
+    values : values at the points [M, points, size] in M intervals
     points : fractions of an interval [points]
     lower, upper : bounds [size]
     """
@@ -135,23 +134,22 @@ def within_bounds(
 
 @lru_cache(maxsize=32)
 def _dense_basis(points: tuple[float, ...]) -> FloatArray:
-    """Return Lagrange polynomials [G, points] at evenly spaced places of an interval."""
+    """Return Lagrange polynomials [G, points] on an even grid of an interval."""
     return np.column_stack(lagrange(points, np.linspace(0.0, 1.0, DENSE)))
 
 
 @lru_cache(maxsize=32)
 def _coefficients(kind: str, degree: int) -> tuple[list[float], FloatArray, FloatArray, FloatArray]:
-    """Return points, derivative matrix [d+1,d], weights of the end [d+1] and of the quadrature
-    [d].
-    """
+    """Return points, derivative matrix [d+1,d], end weights [d+1] and quadrature weights [d]."""
     points = [float(p) for p in ca.collocation_points(degree, kind)]
     slope, end, _ = ca.collocation_coeff(points)
     return points, np.array(slope), np.array(end).ravel(), _quadrature(points)
 
 
 def _quadrature(points: Sequence[float]) -> FloatArray:
-    """Return integrals [d] of the Lagrange polynomials; CasADi's are wrong for a single Radau
-    point.
+    """Return integrals [d] of the Lagrange polynomials.
+
+    CasADi's quadrature is wrong for a single Radau point.
     """
     nodes, weights = np.polynomial.legendre.leggauss(len(points))
     bases = lagrange(points, (nodes + 1) / 2)
@@ -159,7 +157,7 @@ def _quadrature(points: Sequence[float]) -> FloatArray:
 
 
 def _interpolate(points: Sequence[float], values: Sequence[ca.MX], s: Fraction) -> ca.MX:
-    """Return Lagrange interpolation at s."""
+    """Return the Lagrange interpolation at s."""
     if isinstance(s, float):
         for point, value in zip(points, values, strict=True):
             if abs(point - s) < 1e-12:
@@ -168,7 +166,7 @@ def _interpolate(points: Sequence[float], values: Sequence[ca.MX], s: Fraction) 
     return sum((weight * value for weight, value in pairs), ca.MX(0))
 
 
-# the next state as a value of the interval --------------------------------------------------------
+# the next state as an inner variable --------------------------------------------------------------
 
 
 def _next_state(phase: Phase, scheme: str) -> tuple[StageVariable, ...]:
@@ -178,7 +176,7 @@ def _next_state(phase: Phase, scheme: str) -> tuple[StageVariable, ...]:
 
 @dataclass(frozen=True)
 class Trapezoidal:
-    """The slope runs linearly over the interval."""
+    """Trapezoidal collocation: the derivative is linear over the interval."""
 
     points: tuple[float, ...] = ()
     order: int = 2
@@ -188,7 +186,7 @@ class Trapezoidal:
         return _next_state(phase, "trapezoidal")
 
     def step(self, phase: Phase, interval: Interval, values: Sequence[ca.MX]) -> IntervalStep:
-        """Return one defect, from the slopes at both ends."""
+        """Return the step with one defect, from the derivatives at both ends."""
         h, after = interval.length, ca.vertcat(*values)
         f0, l0 = interval.f(interval.x, interval.control(0.0), 0.0)
         f1, l1 = interval.f(after, interval.control(1.0), 1.0)
@@ -203,7 +201,7 @@ class Trapezoidal:
 
 @dataclass(frozen=True)
 class HermiteSimpson:
-    """The state is a cubic over the interval that fulfils the dynamics in the middle, too."""
+    """Hermite-Simpson collocation: a cubic state that satisfies the dynamics at the midpoint."""
 
     points: tuple[float, ...] = (0.5,)
     order: int = 4
@@ -213,7 +211,7 @@ class HermiteSimpson:
         return _next_state(phase, "hermite_simpson")
 
     def step(self, phase: Phase, interval: Interval, values: Sequence[ca.MX]) -> IntervalStep:
-        """Return one defect, by Simpson's rule with the Hermite cubic's middle."""
+        """Return the step with one defect, by Simpson's rule with the midpoint of the cubic."""
         h, x, after = interval.length, interval.x, ca.vertcat(*values)
         f0, l0 = interval.f(x, interval.control(0.0), 0.0)
         f1, l1 = interval.f(after, interval.control(1.0), 1.0)
@@ -222,7 +220,7 @@ class HermiteSimpson:
         defect = after - x - h / 6 * (f0 + 4 * fm + f1)
 
         def at(s: Fraction) -> tuple[ca.MX, ca.MX]:
-            # cubic with the given ends and end slopes
+            # Cubic Hermite interpolant of both ends and their derivatives.
             state = (
                 (1 + 2 * s) * (1 - s) ** 2 * x
                 + s * (1 - s) ** 2 * h * f0

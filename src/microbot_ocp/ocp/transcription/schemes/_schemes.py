@@ -1,4 +1,4 @@
-"""Schemes by the names that choose them."""
+"""Names of the schemes."""
 
 from microbot_ocp.ocp.transcription.schemes._base import Scheme
 from microbot_ocp.ocp.transcription.schemes._collocation import (

@@ -1,4 +1,4 @@
-"""Multiple shooting: Runge-Kutta steps written out, or one of CasADi's integrators."""
+"""Multiple shooting by explicit Runge-Kutta steps, or by one of CasADi's integrators."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Shooting:
 
     Attributes
     ----------
-    steps : Runge-Kutta steps over each interval
+    steps : number of Runge-Kutta steps over each interval
     """
 
     steps: int = 1
@@ -36,12 +36,12 @@ class Shooting:
     order: int = 4
 
     def variables(self, phase: Phase) -> tuple[StageVariable, ...]:
-        """Return none: the state inside follows from the start."""
+        """Return an empty tuple: the states inside follow from the start."""
         refuse_pointwise(phase, "shooting")
         return ()
 
     def step(self, phase: Phase, interval: Interval, values: Sequence[ca.MX]) -> IntervalStep:
-        """Return Runge-Kutta from the start of the interval."""
+        """Return the Runge-Kutta step from the start of the interval."""
 
         def after(fraction: Fraction) -> tuple[ca.MX, ca.MX]:
             x, cost, share = interval.x, ca.MX(0), fraction / self.steps
@@ -54,7 +54,7 @@ class Shooting:
 
 
 def _shot(interval: Interval, after: Callable[[Fraction], tuple[ca.MX, ca.MX]]) -> IntervalStep:
-    """Return the step of which one knows state and running cost after any part of it."""
+    """Return the step given by a function of state and running cost after any fraction of it."""
     arrived, running = after(1.0)
     return IntervalStep(arrived, running, (), lambda s: (after(s)[0], interval.control(s)))
 
@@ -77,14 +77,15 @@ INTEGRATORS = (*_ADAPTIVE, "collocation", "rk")
 
 @dataclass(frozen=True)
 class IntegratorShooting:
-    """Multiple shooting on a CasADi integrator: "cvodes", "idas", "collocation" or "rk".
+    """Multiple shooting by a CasADi integrator: "cvodes", "idas", "collocation" or "rk".
 
-    Adaptive integrators differentiate slowly; for stiff dynamics that a fixed step cannot follow.
+    Intended for stiff dynamics, for which fixed steps are unstable; derivatives of adaptive
+    integrators are slow.
 
     Raises
     ------
     InputError
-        An integrator that there is not, or options that it does not take.
+        The integrator is unknown, or rejects an option.
     """
 
     integrator: str = "cvodes"
@@ -101,23 +102,23 @@ class IntegratorShooting:
         except (RuntimeError, NotImplementedError) as refused:
             lines = [re.sub(r"^\S*\.cpp:\d+: ", "", k) for k in str(refused).splitlines()]
             reason = next((k for k in lines if re.match("Unknown|Illegal", k)), lines[-1])
-            sentence = f"options of integrator {self.integrator!r} were refused: {reason}"
+            sentence = f"options of integrator {self.integrator!r} were rejected: {reason}"
             raise InputError(sentence) from None
 
     @property
     def _options(self) -> dict[str, Any]:
-        # without control of its error the running cost is integrated by steps for the states alone
+        # The steps control the error of the running cost only with quad_err_con.
         tolerant = {"abstol": 1e-10, "reltol": 1e-10, "quad_err_con": True}
         tolerant |= {"disable_internal_warnings": True, "show_eval_warnings": False}
         return {**(tolerant if self.integrator in _ADAPTIVE else {}), **self.options}
 
     def variables(self, phase: Phase) -> tuple[StageVariable, ...]:
-        """Return none: the state inside follows from the start."""
+        """Return an empty tuple: the states inside follow from the start."""
         refuse_pointwise(phase, "shooting on an integrator")
         return ()
 
     def step(self, phase: Phase, interval: Interval, values: Sequence[ca.MX]) -> IntervalStep:
-        """Return the integrator runs over the fraction s of the interval, from 0 to 1."""
+        """Return the step of the integrator over the fraction of the interval from 0 to 1."""
         names = ("begin", "end", "constant", "start", "length", "duration", "constants")
         inputs = [getattr(interval, name) for name in names]
         symbols = [ca.MX.sym(name, k.shape[0]) for name, k in zip(names, inputs, strict=True)]
