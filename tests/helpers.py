@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from functools import lru_cache
+from itertools import product
+from typing import Any
 
 import casadi as ca
 import numpy as np
+import pytest
 
 import microbot_ocp as mo
 from microbot_ocp.robot import dh_transform
@@ -21,6 +25,16 @@ RANDOM_CHAINS = {
     "rrrrrr": (6, "rrrrrr"),
     "rrrprrr": (7, "rrrprrr"),
 }
+
+
+def crossed(*axes: Iterable[Any]) -> list[Any]:
+    """All combinations, thorough beyond the fewest in which each value of each axis stands."""
+    values = [list(axis) for axis in axes]
+    few = {tuple(v[k % len(v)] for v in values) for k in range(max(map(len, values)))}
+    return [
+        case if case in few else pytest.param(*case, marks=pytest.mark.thorough)
+        for case in product(*values)
+    ]
 
 
 def random_link(rng: np.random.Generator, armature: bool = True) -> mo.Link:

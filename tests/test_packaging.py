@@ -36,6 +36,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> zipfile.ZipFile:
     return zipfile.ZipFile(made)
 
 
+@pytest.mark.thorough
 def test_wheel_carries_every_source_and_data_file(wheel: zipfile.ZipFile) -> None:
     wanted = {
         path.relative_to(PACKAGE.parent).as_posix()

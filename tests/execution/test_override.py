@@ -41,7 +41,7 @@ def test_an_arm_under_gravity_keeps_its_torques_at_every_speed(microbot):
     via_q = np.radians([[0, 0, 0], [-90, 90, 90]])
     shape = mo.shortest_duration(microbot, mo.cubic(via_q, [0.0, 3.0])).polynomial
     motion = mo.Motion.from_polynomial(microbot, shape, label="cubic")
-    for at, speed in ((0.0, 0.3), (0.5 * motion.duration, 0.0), (0.3 * motion.duration, 0.7)):
+    for at, speed in ((0.5 * motion.duration, 0.0), (0.3 * motion.duration, 0.7)):
         other = mo.execution.overridden(microbot, motion, at, speed)
         assert other.solved
         certificate = mo.certify(microbot, other)

@@ -72,7 +72,7 @@ def test_the_fastest_motion_by_its_arcs() -> None:
     assert found.sum() == pytest.approx(BY_NAME["manutec_time"].published, rel=2e-5)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_both_are_met() -> None:
     # 50 intervals leave the fastest motion 0.6 % beyond a velocity between mesh points, and say so
     endings = {manutec_effort: ocp.Status.SOLVED, manutec_time: ocp.Status.TOO_COARSE}

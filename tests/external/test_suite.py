@@ -104,6 +104,7 @@ def test_a_child_that_does_not_end_is_a_timeout():
     assert found["cost"] is None
 
 
+@pytest.mark.thorough
 def test_an_error_is_a_status():
     found = runner.run_child("interior_point", "solve", options(scheme="magic"))
     assert found["status"].startswith("InputError: scheme must be one of")

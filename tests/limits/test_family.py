@@ -261,7 +261,7 @@ def test_free_motions_keep_it_and_certificates_judge_it(kind, plain):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "kind",
-    [pytest.param(kind, marks=pytest.mark.thorough if "jerk" in kind else ()) for kind in FURTHER],
+    [pytest.param(kind, marks=pytest.mark.thorough if kind in LONG else ()) for kind in FURTHER],
 )
 def test_paths_are_timed_under_it(kind):
     robot = MICROBOT.with_limits(**FURTHER[kind])

@@ -7,8 +7,15 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from microbot_ocp.ocp import Accuracy, Solution, solve
+from microbot_ocp.ocp import Accuracy, Solution, SolverSettings, solve
 from microbot_ocp.ocp.problem import OptimalControlProblem, Phase
+
+
+def solve_once(
+    problem: Any, mesh: Any = None, guess: Any = None, settings: Any = None, **options: Any
+) -> Solution:
+    """Solve by IPOPT from one start: the other ways of ``solve`` are the matter of other tests."""
+    return solve(problem, mesh, guess, settings or SolverSettings("ipopt"), **options)
 
 
 def solved_to(

@@ -268,6 +268,7 @@ def test_pairs_that_are_missed_are_put_in_and_it_is_solved_again(
     check_solved_again(around)
 
 
+@pytest.mark.thorough
 def test_more_may_be_asked_of_a_pair_than_the_path_has(around, monkeypatch) -> None:
     """Capsules overlap on the path, and where links touch on what was found from it by less."""
     given: list[Any] = []

@@ -111,7 +111,7 @@ def test_what_is_no_file_is_said(folder: Path, kind: str) -> None:
         results.read(["case"])
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_long_time_limit_is_none(tmp_path: Path) -> None:
     pytest.importorskip("distributed")
     cases = mo.sweeps.Cases.grid(start_q=[0, 0], goal_q=[1, 0.5])

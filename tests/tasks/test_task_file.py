@@ -40,7 +40,7 @@ def parse(text):
         return read_task(file)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_example_of_the_document():
     assert (ROOT / "problems" / "report.toml").read_text("utf-8") == example()
     task = parse(example())

@@ -136,7 +136,7 @@ def test_the_report_motions_are_as_short_as_the_limits_allow(name):
 
 
 @pytest.mark.slow
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=6, deadline=None)
 @given(st.integers(0, 10_000), st.sampled_from(["none", "viscous", "coulomb"]))
 def test_any_shape_keeps_and_meets_its_limits(seed, friction):
     random = np.random.default_rng(seed)

@@ -95,6 +95,7 @@ def test_a_film_tells_which_frame_it_draws(robot, motion, tmp_path):
     assert [step.done for step in steps] == list(range(steps[-1].total))
 
 
+@pytest.mark.thorough
 def test_large_meshes_are_drawn_more_coarsely(tmp_path) -> None:
     trimesh = pytest.importorskip("trimesh")
     trimesh.creation.icosphere(subdivisions=5, radius=0.2).export(tmp_path / "ball.stl")

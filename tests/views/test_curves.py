@@ -79,7 +79,7 @@ def test_all_joints_have_a_column_each(robot, drawn):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("quantities", [("q",), ("q", "qd", "qdd"), ("error", "tau")])
+@pytest.mark.parametrize("quantities", [("q",), ("error", "tau")])
 def test_nothing_is_outside_the_page(robot, drawn, quantities):
     assert_all_on_the_page(curves(robot, drawn, quantities, title="a title").figure)
     assert_all_on_the_page(curves(robot, drawn, quantities, joints=[0]).figure)

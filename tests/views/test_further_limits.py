@@ -95,7 +95,7 @@ def test_other_layouts_and_axes_of_the_caller(robot, motion):
     assert_all_on_the_page(grid.figure)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_tracking_and_a_comparison_draw_it_too(robot, motion, comparison):
     run = mo.track(robot, motion, mo.ComputedTorque(100.0))
     panel = run.plot(robot, quantities=["tool_speed"])[0, 0]

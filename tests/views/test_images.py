@@ -92,6 +92,7 @@ def test_one_joint_with_its_via_points(comparison: Comparison) -> Figure:
     ).figure
 
 
+@pytest.mark.thorough
 @pictured
 def test_seven_joints() -> Figure:
     robot = mo.load_robot("panda")

@@ -6,12 +6,13 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from helpers import crossed
 from microbot_ocp import InputError
 from microbot_ocp.ocp.problem import OptimalControlProblem, Phase
-from microbot_ocp.ocp.search import solve
 from microbot_ocp.ocp.solvers import SolverSettings
 from microbot_ocp.ocp.transcription import Guess, Transcription
 from microbot_ocp.ocp.transcription.schemes import SCHEMES
+from ocp.textbook import solve_once as solve
 
 
 def point(duration=(0.1, 10.0), shape="constant"):
@@ -29,8 +30,7 @@ def point(duration=(0.1, 10.0), shape="constant"):
 GUESS = {"go": Guess(2.0, {"x": 2.0, "y": 0.5, "u": -0.5})}
 
 
-@pytest.mark.parametrize("scheme", SCHEMES)
-@pytest.mark.parametrize("solver", ["fatrop", "ipopt"])
+@pytest.mark.parametrize(("scheme", "solver"), crossed(SCHEMES, ["fatrop", "ipopt"]))
 def test_an_expression_of_the_end_is_kept(scheme, solver):
     """The shortest way to the unit circle is straight at its centre."""
     problem, phase, x, y, u = point(1.0)
@@ -133,8 +133,7 @@ def test_a_crossed_condition_of_the_end_is_refused():
         phase.end_constraint("ring", x, 2.0, 1.0)
 
 
-@pytest.mark.parametrize("scheme", SCHEMES)
-@pytest.mark.parametrize("solver", ["fatrop", "ipopt"])
+@pytest.mark.parametrize(("scheme", "solver"), crossed(SCHEMES, ["fatrop", "ipopt"]))
 def test_an_equation_of_a_constant_control_is_said_once_an_interval(scheme, solver):
     """Repeated at the points between, it would leave the solver more equations than variables."""
     problem, phase, x, y, u = point(1.0)

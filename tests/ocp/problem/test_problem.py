@@ -8,12 +8,11 @@ import pytest
 
 from microbot_ocp import InputError
 from microbot_ocp.ocp.problem import OptimalControlProblem
-from microbot_ocp.ocp.search import solve
 from microbot_ocp.ocp.solvers import ParametricSolver, SolverSettings
 from microbot_ocp.ocp.starts import completed, default_guess
 from microbot_ocp.ocp.transcription import Guess, Transcription
 from microbot_ocp.ocp.verification import verify
-from ocp.textbook import double_integrator, spline, through_half_way
+from ocp.textbook import double_integrator, solve_once as solve, spline, through_half_way
 
 
 def empty_phase(duration=1.0, **options):

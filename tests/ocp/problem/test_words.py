@@ -6,6 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from helpers import crossed
 from microbot_ocp import InputError
 from microbot_ocp.ocp import (
     OptimalControlProblem,
@@ -15,9 +16,9 @@ from microbot_ocp.ocp import (
     numeric_function,
     repeat,
     save_solution,
-    solve,
     verify,
 )
+from ocp.textbook import solve_once as solve
 
 TIMES = np.array([0.25, 0.5, 1.0])
 
@@ -55,8 +56,13 @@ def chain() -> OptimalControlProblem:
     return problem
 
 
-@pytest.mark.parametrize("scheme", ["shooting", "trapezoidal", "hermite_simpson", "radau", "gauss"])
-@pytest.mark.parametrize("solver", ["fatrop", "ipopt", "sqp"])
+@pytest.mark.parametrize(
+    ("scheme", "solver"),
+    crossed(
+        ["shooting", "trapezoidal", "hermite_simpson", "radau", "gauss"],
+        ["fatrop", "ipopt", "sqp"],
+    ),
+)
 def test_a_free_parameter_is_found_by_every_scheme_and_solver(scheme, solver):
     solution = solve(decay(), 20, scheme=scheme, settings=SolverSettings(solver=solver))
     assert solution.solved

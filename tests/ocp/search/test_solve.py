@@ -6,6 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from helpers import crossed
 from microbot_ocp._base import deadline
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.search import solve
@@ -110,8 +111,7 @@ def test_what_is_not_linked_may_jump(solver):
     assert solution["second"]["v"][0, 0] == pytest.approx(np.sqrt(2.0), abs=1e-4)
 
 
-@by_both
-@pytest.mark.parametrize("mesh", [2, 3, 8])
+@pytest.mark.parametrize(("mesh", "solver"), crossed([2, 3, 8], SOLVERS))
 @pytest.mark.parametrize(("times", "middle"), [((1.0, 0.5), 0.3), ((0.4, 2.0), 0.7)])
 def test_least_effort_through_a_point_is_the_clamped_spline(solver, mesh, times, middle):
     solution = solved(spline(times, middle), mesh, solver)
@@ -200,12 +200,12 @@ def test_a_limit_counts_work_and_what_the_wall_time_ends_says_so():
     """A progress that sleeps takes wall time alone: ten times the limit are enough, not more."""
 
     def idle(_):
-        time.sleep(0.03)
+        time.sleep(0.01)
 
     begun = time.perf_counter()
     solution = solve(double_integrator(), time_limit=3.0, progress=idle)
     assert solution.status.solved
-    assert time.perf_counter() - begun > 1.0
+    assert time.perf_counter() - begun > 0.4
     ended = solve(double_integrator(), time_limit=0.05, progress=idle)
     assert not ended.compared or not ended.status.solved
     with deadline.within(np.inf, 1.0):

@@ -218,6 +218,7 @@ def oil_shale():
     return problem
 
 
+@pytest.mark.thorough
 def test_controls_in_the_higher_of_two_valleys_are_seen_and_left():
     alone = solve(oil_shale(), 100, settings=SolverSettings("ipopt"))
     assert alone.status is Status.TOO_COARSE

@@ -135,7 +135,9 @@ def pull(mass=1.0, strength=1.0):
     return problem
 
 
-@pytest.mark.parametrize("solver", ["auto", "ipopt", "fatrop"])
+@pytest.mark.parametrize(
+    "solver", ["auto", "ipopt", pytest.param("fatrop", marks=pytest.mark.thorough)]
+)
 def test_a_run_is_repeated_from_its_file(solver, tmp_path):
     guess = {"move": Guess(400.0, {"x": lambda s: 5e4 * s[:, None], "v": 100.0, "u": 0.1})}
     settings = SolverSettings(solver, tolerance=1e-8)

@@ -6,6 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from helpers import crossed
 from microbot_ocp import InputError
 from microbot_ocp.ocp import (
     Guess,
@@ -46,8 +47,8 @@ def test_a_rocket_in_si_units_needs_no_scales(solver):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("solver", ["ipopt", "fatrop"])
 @pytest.mark.parametrize(("m", "s"), [(1e3, 1e3), (1e-3, 1e6)])
+@pytest.mark.parametrize("solver", ["ipopt", pytest.param("fatrop", marks=pytest.mark.thorough)])
 def test_an_arm_in_odd_units_takes_the_time_that_it_takes_in_good_ones(solver, m, s):
     def time(length_unit, time_unit, how, **more):
         settings = SolverSettings(solver=solver, scaling=how, tolerance=1e-8, **more)
@@ -186,8 +187,7 @@ def spring(size: float) -> OptimalControlProblem:
     return problem
 
 
-@pytest.mark.parametrize("solver", ["ipopt", "fatrop", "sqp"])
-@pytest.mark.parametrize("size", [1e-9, 1e9])
+@pytest.mark.parametrize(("solver", "size"), crossed(["ipopt", "fatrop", "sqp"], [1e-9, 1e9]))
 def test_cost_and_multipliers_are_those_of_the_cost_as_it_was_declared(solver, size):
     settings = SolverSettings(solver=solver, tolerance=1e-9)
     plain, odd = (solve(spring(k), 10, settings=settings) for k in (1.0, size))

@@ -84,6 +84,7 @@ def test_between_two_that_are_held_with_a_free_duration():
     assert found.duration("move") == pytest.approx(4.0, abs=1e-9)
 
 
+@pytest.mark.thorough
 def test_time_and_parameters_in_the_dynamics_and_an_end_constraint():
     """x follows exp(-t / 2) as soon as it reaches it, and comes to another place at the end."""
     problem = OptimalControlProblem("follow")
@@ -103,6 +104,7 @@ def test_time_and_parameters_in_the_dynamics_and_an_end_constraint():
     assert times(found) == pytest.approx([begin, end], abs=1e-9)
 
 
+@pytest.mark.thorough
 def test_a_motion_that_is_to_end_where_the_singular_arc_is():
     found = solved(integrator(end=0.0)[0])
     assert found.solved

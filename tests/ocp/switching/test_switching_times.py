@@ -108,6 +108,7 @@ def test_a_limit_that_depends_on_a_control_is_an_equation_on_its_arc():
     assert [(j.name, j.after) for j in found.junctions] == [("force", "lower limit")]
 
 
+@pytest.mark.thorough
 def test_a_limit_of_a_state_goes_on_where_others_begin_and_end():
     """One mass 5 m in the least time, 4.5 s; another as far as it comes by then, 4 m."""
     problem = OptimalControlProblem("two masses")

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from helpers import crossed
 from microbot_ocp import InputError
 from microbot_ocp.ocp import (
     IntegratorShooting,
@@ -34,8 +35,7 @@ STOPPED = {
 }
 
 
-@pytest.mark.parametrize("name", STOPPED)
-@pytest.mark.parametrize("solver", ["auto", "ipopt", "fatrop"])
+@pytest.mark.parametrize(("name", "solver"), crossed(STOPPED, ["auto", "ipopt", "fatrop"]))
 def test_an_integrator_without_an_answer_is_a_status(name, solver, capfd):
     scheme = IntegratorShooting(name, STOPPED[name])
     settings = SolverSettings(solver)
@@ -49,7 +49,7 @@ def test_an_integrator_without_an_answer_is_a_status(name, solver, capfd):
     assert capfd.readouterr() == ("", "")
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_one_that_fails_on_the_way_only_is_stepped_around(capfd):
     problem = OptimalControlProblem("escape")
     phase = problem.phase("a", 2.0)

@@ -6,13 +6,12 @@ import pytest
 
 from microbot_ocp import InputError
 from microbot_ocp.ocp.problem import OptimalControlProblem
-from microbot_ocp.ocp.search import solve
 from microbot_ocp.ocp.solution import pack, unpack
 from microbot_ocp.ocp.solvers import SolverSettings, load_solution, save_solution
 from microbot_ocp.ocp.transcription import Transcription, assemble, mesh_of
 from microbot_ocp.ocp.transcription.schemes import Collocation
 from microbot_ocp.ocp.verification import each_interval, mesh_states, verify
-from ocp.textbook import everything, regulator
+from ocp.textbook import everything, regulator, solve_once as solve
 from ocp.transcription.test_transcription import guesses
 
 GAUSS = Collocation("legendre", 8)

@@ -8,7 +8,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from microbot_ocp.ocp import OptimalControlProblem, Solution, SolverSettings, solve
+from microbot_ocp.ocp import OptimalControlProblem, Solution, SolverSettings
+from ocp.textbook import solve_once as solve
 
 SPLIT = 0.4  # of the distance
 

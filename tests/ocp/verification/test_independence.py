@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from microbot_ocp.ocp import OptimalControlProblem, SolverSettings, Transcription, solve, verify
+from microbot_ocp.ocp import OptimalControlProblem, SolverSettings, Transcription, verify
 from microbot_ocp.ocp.solution import unpack
 from microbot_ocp.ocp.transcription import (
     SCHEMES,
@@ -18,7 +18,7 @@ from microbot_ocp.ocp.transcription import (
 )
 from microbot_ocp.ocp.transcription.schemes import _shooting
 from microbot_ocp.ocp.verification import Recomputation, scaled_rows
-from ocp.textbook import everything
+from ocp.textbook import everything, solve_once as solve
 
 SETTINGS = SolverSettings("ipopt", tolerance=1e-9)
 
@@ -64,7 +64,13 @@ def test_rows_and_cost_of_the_declared_expressions_are_those_of_the_program(sche
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize(
+    "scheme",
+    [
+        s if s in ("radau", "shooting") else pytest.param(s, marks=pytest.mark.thorough)
+        for s in SCHEMES
+    ],
+)
 def test_what_is_right_passes(scheme):
     problem = cart()
     certificate = verify(problem, solve(problem, 50, scheme=scheme, settings=SETTINGS))

@@ -429,7 +429,7 @@ def test_who_says_nothing_of_time_has_two_minutes_and_infinite_is_no_limit():
     assert mo.planning.PathTimingSettings().time_limit == 120.0
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_of_coarse_answers_the_one_that_is_fastest_within_its_limits_is_refined():
     """A coarse answer that exceeds limits by more took 3.787 s, one that led to 4.027 s 4.151."""
     tau_max = ([-21.9, -83.2, -125.4], [78.1, 312.5, 38.2])
