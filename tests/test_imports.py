@@ -28,6 +28,7 @@ ORDER = (
     "robot",
     "motion",
     "scene",
+    "acceleration",
     "inverse_kinematics",
     "trajectories",
     "simulation",

@@ -1,6 +1,7 @@
 """Public names of the package, each imported at its first access."""
 
 from . import (
+    acceleration as acceleration,
     execution as execution,
     inverse_kinematics as inverse_kinematics,
     limits as limits,
@@ -38,6 +39,10 @@ from ._base.table import (
 )
 from ._base.writing import (
     NotWritten as NotWritten,
+)
+from .acceleration import (
+    AccelerationLimits as AccelerationLimits,
+    acceleration_limits as acceleration_limits,
 )
 from .certificate import (
     Certificate as Certificate,

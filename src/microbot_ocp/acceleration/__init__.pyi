@@ -1,0 +1,7 @@
+"""Public names; loaded when they are first asked for."""
+
+from ._limits import (
+    AccelerationLimits as AccelerationLimits,
+    BreakingState as BreakingState,
+    acceleration_limits as acceleration_limits,
+)

@@ -1,0 +1,250 @@
+"""The torque of a joint as terms in the acceleration and speed, and bounds of how they curve.
+
+``tau_i = g_i(q) + sum_j M_ij(q) qdd_j + sum_jk C_ijk(q) qd_j qd_k + friction``: every term is a sum
+of plane waves ``A cos(nu . q + phase)`` with whole nu, at most 2 for each revolute joint, and of
+powers of prismatic ones. A wave differs from its tangent at c by at most ``A (nu . (q - c))^2 / 2``
+(a power x^m with |x| <= 1 likewise, with m for nu), so the sum of ``A nu nu'`` over the waves of a
+term bounds its curvature everywhere. The amplitudes come from a discrete Fourier transform, which
+is exact for such sums; the terms and their slopes at c from the robot's own CasADi functions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.fast_calls import table_call
+from microbot_ocp.robot import Robot, forward_kinematics, gravity_torque, mass_matrix
+
+# A term is right to some 1e-13 of the amplitude of its waves; bounds are widened by this share
+ROUNDING = 1e-9
+MOST_WAVES = 100_000  # of a mass matrix: 5^7, of eight joints
+_POWERS = np.array([[0.0, 1.0, 0.0], [-0.5, 0.0, 0.5], [0.5, -1.0, 0.5]])  # from values at -1, 0, 1
+_SLOPE = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 2.0], [0.0, 0.0, 0.0]])  # of 1, x, x^2
+
+
+@dataclass(frozen=True, eq=False)
+class Terms:
+    """Functions of the joint positions, with a bound of how far each is from its tangent.
+
+    Attributes
+    ----------
+    call : function of q [B,n] to the values and slopes [B, (1 + n) F]
+    curvature : array [F,n,n]
+        A term differs from its tangent by at most ``w' curvature w / 2`` at distances up to w.
+    amplitude : array [F]
+        Never exceeded by a term.
+    second : function of q [B,n] and weights [B,S]
+        To second derivatives [B,n n] of the weighted sum of the first S terms; None if S is 0.
+    fourth : array [S,P,P]
+        Bounds of fourth derivatives of these, by pairs of joints.
+    """
+
+    call: Callable[[FloatArray], Any]
+    curvature: FloatArray
+    amplitude: FloatArray
+    second: Callable[[FloatArray, FloatArray], Any] | None = None
+    fourth: FloatArray | None = None
+
+    def at(self, q: FloatArray) -> FloatArray:
+        """Return values [B,0,F] and slopes [B,1:,F] of the terms at positions [B,n]."""
+        count = len(self.curvature)
+        return np.asarray(self.call(q)).reshape(len(q), 1 + q.shape[1], count)
+
+    def rest(self, half: FloatArray) -> FloatArray:
+        """Return a bound [B,F] of the distance from the tangents, at distances up to half [B,n]."""
+        count = half.shape[1]
+        squares = (half[:, :, None] * half[:, None, :]).reshape(-1, count * count)
+        return 0.5 * squares @ self.curvature.reshape(-1, count * count).T
+
+    def bends(self, q: FloatArray, weights: FloatArray) -> FloatArray:
+        """Return second derivatives [B,n,n] of the sum of the first terms times weights [B,S]."""
+        assert self.second is not None
+        return np.asarray(self.second(q, weights)).reshape(len(q), q.shape[1], q.shape[1])
+
+    def rest_of_bends(self, half: FloatArray) -> FloatArray:
+        """Return a bound [B,S] of the distance of the first terms from their Taylor polynomials of
+        the second degree.
+
+        A wave's is at most ``A |nu . x|^3 / 6``, whose sum is at most the root of those of second
+        and fourth powers (Cauchy and Schwarz); in these the signs of nu cancel.
+        """
+        assert self.fourth is not None
+        first, second = pairs(half.shape[1])
+        products = half[:, first] * half[:, second] * np.where(first == second, 1.0, 2.0)
+        powers = np.einsum("bp,spq,bq->bs", products, self.fourth, products, optimize=True)
+        return np.sqrt(2.0 * self.rest(half)[:, : len(self.fourth)] * powers) / 6.0
+
+
+def pairs(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the indices of the pairs j <= k of joints."""
+    return np.triu_indices(count)
+
+
+@lru_cache(maxsize=32)
+def torque_terms(robot: Robot, low: tuple[float, ...], high: tuple[float, ...]) -> list[Terms]:
+    """Return the terms of every joint's torque: gravity, M_ij [n], C_ijk of the pairs j <= k.
+
+    ``low`` and ``high`` are the ends of the joints' positions, rad (m): prismatic ones stay between
+    them.
+    """
+    count, chain, to_chain = robot.joint_count, robot.chain, robot.transmission
+    first, second = pairs(count)
+    waves = _Waves(robot, np.array(low), np.array(high))
+    # of all joints of the chain, then of those that move on their own
+    of_chain = waves.of(mass_matrix(chain), 2)
+    square = of_chain.reshape(*of_chain.shape[:-1], chain.joint_count, -1)
+    inertia = np.einsum("...kl,ki,lj->...ij", square, to_chain, to_chain)
+    gravity = waves.of(gravity_torque(chain), 1) @ to_chain
+    q = ca.SX.sym("q", count)
+    matrix, torque = mass_matrix(robot)(q), gravity_torque(robot)(q)
+    rates = [ca.jacobian(matrix[:, joint], q) for joint in range(count)]
+    result = []
+    for i in range(count):
+        amplitudes, terms = list[np.ndarray]([gravity[..., i]]), [torque[i]]
+        for j in range(count):
+            amplitudes.append(inertia[..., i, j])
+            terms.append(matrix[i, j])
+        for j, k in zip(first.tolist(), second.tolist(), strict=True):
+            changes = (inertia[..., i, j], k), (inertia[..., i, k], j), (-inertia[..., j, k], i)
+            amplitudes.append(np.sum([0.5 * waves.slope(*change) for change in changes], axis=0))
+            terms.append(0.5 * (rates[j][i, k] + rates[k][i, j] - rates[k][j, i]))
+        curvature, amplitude = _columns([waves.bounds(numbers) for numbers in amplitudes])
+        fourth = np.array([waves.fourth(numbers) for numbers in amplitudes[: 1 + count]])
+        weights = ca.SX.sym("weights", 1 + count)
+        hessian, _ = ca.hessian(ca.dot(weights, ca.vertcat(*terms[: 1 + count])), q)
+        bends = ca.Function("bends", [q, weights], [ca.densify(ca.vec(hessian))])
+        call = _with_slopes(terms, q)
+        result.append(Terms(call, curvature, amplitude, table_call(bends), fourth))
+    return result
+
+
+def tool_terms(robot: Robot, frame: FloatArray, low: FloatArray, high: FloatArray) -> Terms:
+    """Return the tool's position in a frame [4,4], given in the base frame, as terms."""
+
+    def place(arm: Robot, q: ca.SX) -> ca.SX:
+        origin = forward_kinematics(arm)(q)[:3, 3]
+        return ca.DM(frame[:3, :3]).T @ (origin - ca.DM(frame[:3, 3]))
+
+    waves = _Waves(robot, low, high)
+    q, chain_q = ca.SX.sym("q", robot.joint_count), ca.SX.sym("q", robot.link_count)
+    numbers = waves.of(ca.Function("place", [chain_q], [place(robot.chain, chain_q)]), 1)
+    curvature, amplitude = _columns([waves.bounds(numbers[..., k]) for k in range(3)])
+    return Terms(_with_slopes(ca.vertsplit(place(robot, q)), q), curvature, amplitude)
+
+
+def _columns(rows: list[tuple[Any, Any]]) -> tuple[FloatArray, FloatArray]:
+    first, second = zip(*rows, strict=True)
+    return np.array(first), np.array(second)
+
+
+def _with_slopes(terms: Sequence[Any], q: ca.SX) -> Callable[[FloatArray], Any]:
+    values = ca.vertcat(*terms)
+    outputs = ca.densify(ca.horzcat(values, ca.jacobian(values, q)))
+    return table_call(ca.Function("terms", [q], [ca.vec(outputs)]))
+
+
+class _Waves:
+    """Sums of plane waves in revolute and powers of prismatic joints of a chain."""
+
+    def __init__(self, robot: Robot, low: FloatArray, high: FloatArray) -> None:
+        matrix, chain = robot.transmission, robot.chain
+        center = robot.chain_positions((low + high) / 2)
+        self._revolute = np.array(chain.joint_types) == "revolute"
+        half = np.abs(matrix) @ ((high - low) / 2)
+        self._half = np.where(self._revolute, 1.0, np.maximum(half, 1e-9))
+        self._center, self._matrix = np.where(self._revolute, 0.0, center), matrix
+        self._robot, self._factors = robot, dict[tuple[int, ...], FloatArray]()
+
+    def of(self, function: ca.Function, degree: int) -> np.ndarray:
+        """Return amplitudes [..., F] of a function of the positions of all joints of the chain."""
+        sizes = np.where(self._revolute, 2 * degree + 1, 3)
+        if degree == 2:
+            sizes[0] = 1  # nothing of the arm's inertia depends on its first joint
+        if sizes.prod() > MOST_WAVES:
+            raise InputError(
+                f"robot {self._robot.name!r} has {sizes.size} joints in its chain: bounds of their "
+                "torques are worked out for eight at most"
+            )
+        axes = [
+            2 * np.pi * np.arange(size) / size if revolute or size == 1 else middle + half * _ENDS
+            for size, revolute, middle, half in zip(
+                sizes, self._revolute, self._center, self._half, strict=True
+            )
+        ]
+        points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, sizes.size)
+        entries = ca.densify(ca.vec(function(q := ca.SX.sym("q", sizes.size))))
+        values = table_call(ca.Function("entries", [q], [entries]))(points)
+        numbers = np.asarray(values).reshape(*sizes, -1).astype(complex)
+        for joint, size in enumerate(sizes):
+            if self._revolute[joint]:
+                numbers = np.fft.fft(numbers, axis=joint) / size
+            elif size > 1:
+                numbers = _along(_POWERS, numbers, joint)
+        return numbers
+
+    def slope(self, numbers: np.ndarray, joint: int) -> np.ndarray:
+        """Return amplitudes of the slope in a joint that moves on its own."""
+        total = np.zeros_like(numbers)
+        for row in np.flatnonzero(self._matrix[:, joint]).tolist():
+            if numbers.shape[row] == 1:
+                continue
+            if self._revolute[row]:
+                shape = [1] * numbers.ndim
+                shape[row] = -1
+                change = 1j * self._frequencies(numbers.shape[row], row).reshape(shape) * numbers
+            else:
+                change = _along(_SLOPE / self._half[row], numbers, row)
+            total += self._matrix[row, joint] * change
+        return total
+
+    def bounds(self, numbers: np.ndarray) -> tuple[FloatArray, float]:
+        """Return bounds of the curvature [n,n] and the size of a sum of waves [...]."""
+        factors, amplitudes = self._slope_factors(numbers.shape), np.abs(numbers).ravel()
+        mixed = np.abs((factors * amplitudes[:, None]).T @ factors)
+        amplitude = float(amplitudes.sum())
+        dust = ROUNDING * amplitude
+        curvature = np.where(mixed > 1e-12 * amplitude, mixed * (1 + ROUNDING) + dust, 0.0)
+        return curvature, amplitude
+
+    def fourth(self, numbers: np.ndarray) -> FloatArray:
+        """Return bounds [P,P] of the fourth derivatives of a sum of waves [...]."""
+        factors, amplitudes = self._slope_factors(numbers.shape), np.abs(numbers).ravel()
+        first, second = pairs(factors.shape[1])
+        products = factors[:, first] * factors[:, second]
+        bounds = np.abs((products * amplitudes[:, None]).T @ products)
+        return bounds * (1 + ROUNDING)
+
+    def _slope_factors(self, shape: tuple[int, ...]) -> FloatArray:
+        """Return factors [K,n] between every wave's amplitude and that of its slopes.
+
+        Of waves they have signs, so that products of two joints cancel. Of powers these are not
+        known, and all are taken as positive then.
+        """
+        if shape not in self._factors:
+            axes = [self._frequencies(size, row) for row, size in enumerate(shape)]
+            each = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
+            signed = self._revolute.all()
+            factors = each @ self._matrix if signed else np.abs(each) @ np.abs(self._matrix)
+            self._factors[shape] = factors
+        return self._factors[shape]
+
+    def _frequencies(self, size: int, row: int) -> np.ndarray:
+        if size == 1:
+            return np.zeros(1)
+        if self._revolute[row]:
+            return np.fft.fftfreq(size) * size
+        return np.arange(size) / self._half[row]
+
+
+_ENDS = np.array([-1.0, 0.0, 1.0])
+
+
+def _along(matrix: FloatArray, numbers: np.ndarray, axis: int) -> np.ndarray:
+    return np.moveaxis(np.tensordot(matrix, numbers, axes=(1, axis)), 0, axis)
