@@ -370,7 +370,7 @@ def test_the_least_of_several_optima_beside_which_others_may_be_is_no_solution(
     refined = solve(double_integrator(), accuracy=1e-6)
     assert refined.status is Status.LOCAL_OPTIMUM
     assert refined.cost == pytest.approx(2.0, rel=1e-6)
-    assert "There may well be a cheaper one".lower() in refined.advice.lower()
+    assert "a lower cost may" in refined.advice
 
 
 def test_scales_of_states_behind_fast_ones_are_those_of_a_simulation():

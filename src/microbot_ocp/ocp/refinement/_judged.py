@@ -137,6 +137,12 @@ class Seen:
         """Whether it does not pass for want of a finer mesh."""
         return any(k.status is Status.TOO_COARSE for k in self.judgement.failures)
 
+    @property
+    def worst(self) -> float:
+        """Return the largest error of an interval, relative to the threshold of a pass."""
+        parts = (*self.judgement.errors, *self.judgement.excess)
+        return max(float(each.max()) for each in parts)
+
 
 class Beside(NamedTuple):
     """Starts on both sides of a saddle."""
@@ -158,16 +164,18 @@ def judged(
     finer: bool,
     goal: Accuracy = PASSING,
     freer_cost: float = np.inf,
+    patient: bool = True,
 ) -> tuple[Solution, bool]:
     """Return the solution with the status that its judgement gives it, and whether that is final.
 
     With ``finer`` on meshes so fine that it passes and meets the goal. It is final where no other
     strategy would do better. An error of the cost is also its distance to ``freer_cost``, of a
-    solution with more freedom.
+    solution with more freedom. Without ``patient`` it ends on the first mesh whose errors fall
+    so slowly that even the most intervals would not pass.
     """
     if solution.status not in CONVERGED:
         return _alone(solution), solution.status is Status.INTERRUPTED
-    return _Work(context, journal, finer, goal, freer_cost).run(solution)
+    return _Work(context, journal, finer, goal, freer_cost, patient).run(solution)
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,6 +187,7 @@ class _Work:
     finer: bool
     goal: Accuracy
     freer_cost: float
+    patient: bool
 
     @property
     def _alone(self) -> bool:
@@ -216,7 +225,7 @@ class _Work:
 
     def _solve(self, meshes: Sequence[FloatArray], start: Solution) -> Solution:
         solver = self.context.settings.solver if self._alone else "ipopt"
-        return self.context.solve(meshes, start, solver=solver)
+        return self.context.solve(meshes, start, solver=solver, aimed=True)
 
     def _below(self, saddle: Solution, starts: Beside) -> Solution:
         """Return the cheaper of what solves lead to on both sides of a saddle.
@@ -285,11 +294,28 @@ class _Work:
             return deadline.status()
         if len(rounds) > goal.rounds:
             return Status.ROUND_LIMIT
+        if not self.patient and self._hopeless(rounds):
+            return Status.NO_PROGRESS
         if isinstance(proposal, Beside):
             return None
         phases = rounds[-1].solution.phases
         same = all(np.array_equal(mesh, p.mesh) for mesh, p in zip(proposal, phases, strict=True))
         return Status.SIZE_LIMIT if same or _intervals(proposal) > goal.most_intervals else None
+
+    def _hopeless(self, rounds: Rounds) -> bool:
+        """Return whether even the most intervals would not pass.
+
+        The errors are extrapolated with the order at which they fell since a mesh with fewer
+        intervals by a factor.
+        """
+        last = rounds[-1].measure
+        count, error = sum(last.step.intervals), last.worst
+        for before in (each.measure for each in reversed(rounds)):
+            growth = count / sum(before.step.intervals)
+            if last.coarse and growth >= COST.finer:
+                order = np.log(max(before.worst / error, 1.0)) / np.log(growth)
+                return order * np.log(self.goal.most_intervals / count) < np.log(error)
+        return False
 
     def _at_saddle(self, seen: Seen) -> bool:
         return seen.judgement.status is Status.SADDLE and not self._alone

@@ -29,6 +29,7 @@ from microbot_ocp.ocp.refinement import (
     IMPROVEMENT,
     PASSING,
     Accuracy,
+    History,
     improvable,
     judged,
     named,
@@ -335,14 +336,23 @@ class SolveTask:
         return Start(context, self.mesh, self.guess, uneven)
 
     def judged(
-        self, solution: Solution, context: SolveContext, freer_cost: float = np.inf
+        self,
+        solution: Solution,
+        context: SolveContext,
+        freer_cost: float = np.inf,
+        *,
+        patient: bool = True,
     ) -> tuple[Solution, bool]:
         """Return the solution on its way to one that passes, and whether that is final."""
-        how = replace(context, settings=self.short)
-        if self.accuracy is None:
-            return judged(solution, how, self.journal, finer=self.given is None)
-        goal = self.accuracy
-        return judged(solution, how, self.journal, finer=True, goal=goal, freer_cost=freer_cost)
+        return judged(
+            solution,
+            replace(context, settings=self.short),
+            self.journal,
+            finer=self.given is None or self.accuracy is not None,
+            goal=self.accuracy or PASSING,
+            freer_cost=np.inf if self.accuracy is None else freer_cost,
+            patient=patient,
+        )
 
 
 # from a first answer to a final one ---------------------------------------------------------------
@@ -364,11 +374,19 @@ def _finished(task: SolveTask, way: str, solution: Solution, start: Start) -> tu
         if tried:  # another valley, of other sizes
             solution, start = _in_own_scales(task, solution, start)
     first = f"The first try failed; this was found {way}." if way else ""
+    remarks = [k for k in (first, solution.several) if k]
     if solution.status.solved:
-        solution = solution.remarked(first, solution.several)
-    solution, final = task.judged(solution, start.context)
+        solution = solution.remarked(*remarks)
+    swings = solution.status in CONVERGED and _swings(task.problem, solution)
+    solution, final = task.judged(solution, start.context, patient=not swings)
     if solution.status in UNSETTLED and _swings(task.problem, solution):
-        return _with_constant_controls(task, solution)
+        constant, final = _with_constant_controls(task, solution)
+        if constant is not solution:
+            return constant, final
+        if swings and solution.status is Status.NO_PROGRESS:
+            again, final = task.judged(solution.ended(Status.SOLVED, *remarks), start.context)
+            history = (*solution.history[:-1], *again.history)
+            return replace(again, history=History(history)), final
     return solution, final
 
 

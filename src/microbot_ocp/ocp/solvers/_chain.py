@@ -67,11 +67,13 @@ def solve_on(
     *,
     uneven: bool = False,
     once: bool = False,
+    aimed: bool = False,
 ) -> Solution:
     """Solve on a mesh from a guess, with the solvers of the settings in turn.
 
     With ``uneven``, a guess that is no solution is displaced from symmetric points. With ``once``,
-    a failed warm start is not followed by a cold start.
+    a failed warm start is not followed by a cold start. With ``aimed``, a warm start ends at the
+    barrier parameter of the wanted gap.
     """
     start = time.perf_counter()
     program = transcription.program(mesh)
@@ -85,6 +87,7 @@ def solve_on(
             if not own:
                 program = with_cost_scale(program, begin.x, settings)
                 program, redundant = independent(program, begin.x, settings.tolerance)
+                settings = _aimed(settings, program, begin) if aimed else settings
     except RuntimeError as problem:
         return not_started(program, settings, begin, problem)
     spent = time.perf_counter() - start
@@ -137,11 +140,17 @@ class SolveContext:
         return deadline.over()
 
     def solve(
-        self, mesh: Meshes, guess: Given, *, uneven: bool = False, **settings: Any
+        self,
+        mesh: Meshes,
+        guess: Given,
+        *,
+        uneven: bool = False,
+        aimed: bool = False,
+        **settings: Any,
     ) -> Solution:
         """Return the solution on a mesh, with some settings changed."""
-        changed = replace(self.settings, **settings)
-        return solve_on(self.transcription, mesh, guess, changed, self.progress, uneven=uneven)
+        changed, how = replace(self.settings, **settings), {"uneven": uneven, "aimed": aimed}
+        return solve_on(self.transcription, mesh, guess, changed, self.progress, **how)
 
 
 def transcribed(
@@ -156,6 +165,23 @@ def transcribed(
         return problem
     scaled_problem = scaled(problem, guess) if settings.scaling == "auto" else problem
     return Transcription(scaled_problem, scheme=scheme)
+
+
+def _aimed(settings: SolverSettings, program: Program, start: StartingPoint) -> SolverSettings:
+    """Return settings with which a solve from multipliers ends at the barrier of the wanted gap.
+
+    CasADi returns one multiplier for the two bounds of a variable, so a solve that is restarted to
+    lower its barrier takes several times the iterations of one that continues.
+    """
+    if not (begins_warm(settings, start) and np.isfinite(settings.gap)):
+        return settings
+    wanted = wanted_gap(program, settings, program.cost(start.x))
+    warm = {
+        "compl_inf_tol": _complementarity(program, wanted),
+        **WARM_START,
+        **settings.options.get("ipopt warm", {}),
+    }
+    return replace(settings, options={**settings.options, "ipopt warm": warm})
 
 
 def with_cost_scale(program: Program, x: FloatArray, settings: SolverSettings) -> Program:
@@ -272,14 +298,22 @@ class Tightening:
     Attributes
     ----------
     ratio : fraction of the wanted gap that the barrier may take
+    barrier : barrier parameter of a warm start
+    usual : complementarity tolerance of IPOPT by default
     least_barrier : least barrier parameter that solvers reach
     """
 
     ratio: float = 0.5
+    barrier: float = 1e-6
+    usual: float = 1e-4
     least_barrier: float = 1e-15
 
 
 TIGHTENING = Tightening()
+
+# Barrier and distance from the bounds agree: steps are short where products of multipliers and
+# slacks differ from the barrier.
+WARM_START = dict.fromkeys(("mu_init", *WARM_PUSHES), TIGHTENING.barrier)
 
 # Tolerance and options of each further solve. IPOPT relaxes bounds by 1e-8 of their size by
 # default; the second solve reduces this, which needs a larger barrier parameter. Near an optimum of
@@ -287,7 +321,7 @@ TIGHTENING = Tightening()
 # (tolerance 0) allows each variable its share of the gap.
 FURTHER: tuple[tuple[float, dict[str, float]], ...] = (
     (1e-8, {}),
-    (1e-10, {"bound_relax_factor": 1e-10, "mu_init": 1e-6}),
+    (1e-10, {"bound_relax_factor": 1e-10}),
     (0.0, {}),
 )
 
@@ -342,6 +376,14 @@ def tightened(runner: Runner, outcome: SolverOutcome) -> tuple[SolverOutcome, Ga
     return best, gap, attempts
 
 
+def _complementarity(program: Program, gap: float) -> float:
+    """Return the product of multiplier and slack at which all limits together leave a gap."""
+    ranges = program.lower < program.upper
+    count = sum(int(np.sum(np.isfinite(k) & ranges)) for k in (program.lower, program.upper))
+    each = TIGHTENING.ratio * gap / program.cost_scale / max(count, 1)
+    return float(np.clip(each, TIGHTENING.least_barrier, TIGHTENING.usual))
+
+
 def _keeps_all(outcome: SolverOutcome) -> bool:
     """Return True if rows and bounds are kept to the threshold of the verification."""
     return outcome.attempt.infeasibility <= Thresholds().feasibility
@@ -356,18 +398,12 @@ def _further(
     options: Mapping[str, Any],
 ) -> SolverOutcome:
     program, settings = runner.program, runner.settings
-    ranges = program.lower < program.upper
-    count = sum(int(np.sum(np.isfinite(k) & ranges)) for k in (program.lower, program.upper))
-    barrier = max(
-        TIGHTENING.ratio * slack / program.cost_scale / max(count, 1), TIGHTENING.least_barrier
-    )
     share = wanted / program.cost_scale / before.point.x.size
     relaxed = {} if tolerance else {"bound_relax_factor": share}
     closer: dict[str, Any] = {
-        "compl_inf_tol": barrier,
+        "compl_inf_tol": _complementarity(program, min(wanted, slack)),
         "constr_viol_tol": settings.tolerance,
-        "mu_init": barrier,
-        **dict.fromkeys(WARM_PUSHES, 1e-16),
+        **WARM_START,
         **options,
         **relaxed,
         **settings.options.get("ipopt", {}),
@@ -377,7 +413,7 @@ def _further(
         solver="ipopt",
         tolerance=min(settings.tolerance, tolerance or share),
         initial_barrier=None,
-        options={**settings.options, "ipopt": closer},
+        options={**settings.options, "ipopt": closer, "ipopt warm": {}},
     )
     # Its solver is not cached: the barrier parameter belongs to this solve.
     return replace(runner, settings=finer, solvers=None).run("ipopt", before.point, variant=True)
