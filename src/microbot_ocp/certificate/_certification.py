@@ -280,7 +280,7 @@ def certificate_of(
         again = resimulate(robot, motion, tolerances.torque, start)
         stored = _stored_torque(robot, motion, tolerances.torque, start)
         strays = _between_samples(motion, partial(torque_along, robot), "torque", start)
-        passed += [_agrees(again, tolerances), *vias, stored, strays]
+        passed += [_check_resimulation(again, tolerances), *vias, stored, strays]
         state = motion.sample(t)
         condition, at = _condition(robot, t, state)
         figures = {
@@ -483,7 +483,7 @@ def _check_vias(motion: Motion, via: FloatArray, t: FloatArray, tolerance: float
     return checks
 
 
-def _agrees(again: Resimulation, tolerances: Tolerances) -> Check:
+def _check_resimulation(again: Resimulation, tolerances: Tolerances) -> Check:
     """Check that the torques reproduce the motion."""
     solved = again.resimulation_status.solved
     near = again.defect <= tolerances.torque and again.position_defect <= tolerances.position

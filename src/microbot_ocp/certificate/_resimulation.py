@@ -218,7 +218,7 @@ def resimulate(robot: Robot, motion: Motion, tolerance: float, first: float = 0.
             done.append(segments.where(~(good | small)))
     every = _Segments(*(np.concatenate(column) for column in zip(*done, strict=True)))
     every = every.where(np.argsort(every.start))
-    judged = _judged(drive, every, size, tolerance, stuck, first)
+    judged = _figures_of(drive, every, size, tolerance, stuck, first)
     if not left:
         return judged
     over = deadline.over()
@@ -345,7 +345,7 @@ def _stiff_modes(
     return stiff, np.linalg.inv(matrices)
 
 
-def _judged(
+def _figures_of(
     drive: _Drive, every: _Segments, size: FloatArray, tolerance: float, stuck: int, first: float
 ) -> Resimulation:
     robot, motion, count = drive.robot, drive.motion, drive.robot.joint_count

@@ -26,7 +26,7 @@ from microbot_ocp.scene._obstacles import (
     has_many_faces,
 )
 from microbot_ocp.scene._pairs import ACCURACY
-from microbot_ocp.scene._scene import Pair, Scene, clearances, told_apart, with_arm_capsules
+from microbot_ocp.scene._scene import Pair, Scene, clearances, separated_pairs, with_arm_capsules
 
 
 class Nearest(NamedTuple):
@@ -282,7 +282,7 @@ def contact_model(robot: Robot, scene: Scene) -> ContactModel:
 def _contact_model(robot: Robot, scene: Scene, shapes: tuple[Any, ...]) -> ContactModel:
     """Build the contact model; ``shapes`` is a cache key, since robots compare without shapes."""
     # Capsules that overlap at zero may belong to hulls that do not; only touching hulls are exempt.
-    apart, overlapping = (_by_hulls(pairs, shapes) for pairs in told_apart(scene, robot))
+    apart, overlapping = (_by_hulls(pairs, shapes) for pairs in separated_pairs(scene, robot))
     touching: tuple[Pair, ...] = ()
     if overlapping:
         zero = ContactModel(robot, overlapping).distances(np.zeros((1, robot.joint_count)))[0]
@@ -318,7 +318,7 @@ def _of_hulls(pair: Pair) -> bool:
 def guiding_pairs(robot: Robot, scene: Scene) -> tuple[Pair, ...]:
     """Return the pairs of capsules whose links may not touch, also those that overlap at zero."""
     arm = with_arm_capsules(robot)
-    apart, overlapping = told_apart(scene, arm)
+    apart, overlapping = separated_pairs(scene, arm)
     left_out = contact_model(arm, scene).unwatched if overlapping else ()
     return (*apart, *(pair for pair in overlapping if pair.label not in left_out))
 

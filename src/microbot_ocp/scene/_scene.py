@@ -110,7 +110,7 @@ class Scene:
         InputError
             A name in ``ignore`` belongs neither to the scene nor to the robot.
         """
-        return told_apart(self, with_arm_capsules(robot))[0]
+        return separated_pairs(self, with_arm_capsules(robot))[0]
 
     def limit(
         self,
@@ -193,7 +193,7 @@ def _with_default_capsules(robot: Robot, shapes: tuple[Any, ...]) -> Robot:
 
 
 @lru_cache(maxsize=64)
-def told_apart(scene: Scene, robot: Robot) -> tuple[tuple[Pair, ...], tuple[Pair, ...]]:
+def separated_pairs(scene: Scene, robot: Robot) -> tuple[tuple[Pair, ...], tuple[Pair, ...]]:
     """Return the pairs that may not touch: those apart at zero, and those that overlap there."""
     links = {capsule.name for _, capsule in robot.capsules}
     names = links | set(scene.names)
@@ -227,14 +227,14 @@ def _own_pairs(robot: Robot) -> tuple[list[Pair], list[Pair]]:
     if not pairs:
         return [], []
     zero = clearances(robot, pairs, np.zeros((1, robot.joint_count)))[0]
-    touching = {_fitted(pair) for pair, apart in zip(pairs, zero, strict=True) if apart <= 0.0}
+    touching = {_contact_key(pair) for pair, apart in zip(pairs, zero, strict=True) if apart <= 0.0}
     return (
-        [pair for pair in pairs if _fitted(pair) not in touching],
-        [pair for pair in pairs if _fitted(pair) in touching],
+        [pair for pair in pairs if _contact_key(pair) not in touching],
+        [pair for pair in pairs if _contact_key(pair) in touching],
     )
 
 
-def _fitted(pair: Pair) -> Any:
+def _contact_key(pair: Pair) -> Any:
     """Return the key that pairs of one decision share: the links if fitted, else the pair."""
     other = pair.other
     fits = pair.capsule.excess > 0.0 and isinstance(other, Capsule) and other.excess > 0.0

@@ -271,7 +271,7 @@ def integrate(
     if not message:
         return IntegrationRun(Status.SOLVED, states)
     if message is OVER:
-        return missing(Status.TIME_LIMIT, OVER)._replace(states=states)
+        return run_without_states(Status.TIME_LIMIT, OVER)._replace(states=states)
     # A fixed-step run continues beyond the failure, so it shows where the failure is.
     settings = settings._replace(integrator="rk")
     return _by_plugin(forced, start, grid, settings, _failed(message, states))
@@ -307,10 +307,10 @@ def _by_plugin(
         return np.vstack([start, np.vstack(rows)[wanted]])
 
     def work(send: Send) -> IntegrationRun:
-        return settled(lambda steps: states(steps, send), settings, max(stops.size, 32))
+        return with_halved_steps(lambda steps: states(steps, send), settings, max(stops.size, 32))
 
     arrived: list[FloatArray] = []
-    run = failed or in_time(work, missing, arrived.append)
+    run = failed or within_deadline(work, run_without_states, arrived.append)
     if run.status is Status.TIME_LIMIT:
         rows = np.full((stops.size, forced.states), np.nan)
         if by_error and arrived:
@@ -328,7 +328,7 @@ def _by_plugin(
 T = TypeVar("T")
 
 
-def in_time(
+def within_deadline(
     work: Callable[[Send], T],
     otherwise: Callable[[Status, str], T],
     receive: Callable[[FloatArray], object] = lambda _: None,
@@ -353,12 +353,12 @@ def in_time(
         return otherwise(Status.INTEGRATION_FAILED, "the process of the integrator ended")
 
 
-def missing(status: Status, message: str) -> IntegrationRun:
+def run_without_states(status: Status, message: str) -> IntegrationRun:
     """Return a run without states."""
     return IntegrationRun(status, np.zeros((0, 0)), message=message)
 
 
-def settled(
+def with_halved_steps(
     states: Callable[[int], FloatArray], settings: IntegratorSettings, steps: int
 ) -> IntegrationRun:
     """Return the result of an integrator; a fixed step is halved until two results agree."""

@@ -35,11 +35,11 @@ from microbot_ocp.simulation._integration import (
     IntegrationRun,
     IntegratorSettings,
     Signal,
-    in_time,
     integrate,
-    missing,
     plugin,
-    settled,
+    run_without_states,
+    with_halved_steps,
+    within_deadline,
 )
 from microbot_ocp.simulation._result import (
     ARMATURE,
@@ -410,9 +410,11 @@ class SampledLoop(NamedTuple):
         steps = max(inner, int(np.ceil(samples.within[-1] / SAMPLE_STEP)))
 
         def work(_: Send) -> tuple[IntegrationRun, list[FloatArray]]:
-            return settled(states, each, steps), held
+            return with_halved_steps(states, each, steps), held
 
-        run, held = in_time(work, lambda status, advice: (missing(status, advice), []))
+        run, held = within_deadline(
+            work, lambda status, advice: (run_without_states(status, advice), [])
+        )
         grid = np.append(samples.t[0], (samples.t[:, None] + samples.within).ravel())
         tau = np.full((grid.size, count), np.nan)
         if held:
