@@ -37,6 +37,14 @@ def crossed(*axes: Iterable[Any]) -> list[Any]:
     ]
 
 
+def sampled(cases: Iterable[Any], every: int) -> list[Any]:
+    """All cases, thorough but for the first of every so many."""
+    return [
+        pytest.param(case, marks=pytest.mark.thorough if k % every else ())
+        for k, case in enumerate(cases)
+    ]
+
+
 def random_link(rng: np.random.Generator, armature: bool = True) -> mo.Link:
     """A link whose inertia comes from a second moment of mass, so that a body could have it."""
     spread = rng.normal(size=(3, 3))

@@ -336,6 +336,7 @@ def test_a_singular_pose_is_reported(robot):
     assert certificate.undetermined_direction is None
 
 
+@pytest.mark.thorough
 def test_links_without_mass_at_the_tip_are_counted():
     robot = mo.load_robot("puma560")
     none = mo.Link(0.0, [0.0, 0.0, 0.0])

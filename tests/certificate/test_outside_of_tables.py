@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 import microbot_ocp as mo
+from helpers import sampled
 
 VIA = np.radians([[0.0, 0.0, 0.0], [-8.0, 45.0, 30.0], [-90.0, 90.0, 90.0]])
 SPEEDS = ca.interpolant("derating", "linear", [[-0.2, 0.0, 0.2, 0.6]], [3.0, 3.0, 2.5, 2.0])
@@ -14,7 +15,7 @@ LIMITS = {
 }
 
 
-@pytest.mark.parametrize("kind", LIMITS)
+@pytest.mark.parametrize("kind", sampled(LIMITS, 2))
 def test_a_motion_that_leaves_a_table_is_not_certified(kind):
     robot = mo.load_robot("microbot").with_limits(also=[LIMITS[kind]])
     motion = mo.time_optimal_path(robot, mo.straight_path(VIA))

@@ -292,6 +292,7 @@ def test_a_coarse_motion_does_not_pass_through_thin_things_between_its_mesh_poin
     assert motion.duration < 0.9 * timed
 
 
+@pytest.mark.thorough
 def test_a_path_gets_its_best_timing_where_its_bound_is_faster(around) -> None:
     surroundings = Surroundings(ARM.with_limits(taud_max=200.0), POST)
     legs = legs_between(surroundings, ENDS, mo.planning.TimeOptimalSettings(), quiet)
@@ -538,7 +539,7 @@ def test_the_fastest_is_returned_where_less_time_is_allowed() -> None:
 def test_a_part_keeps_clear_from_the_stop_on_at_which_it_is_picked(around: mo.Motion) -> None:
     part = mo.Payload(0.1, shape={"start": [0, 0, 0], "end": [0.25, 0, 0], "radius": 0.08})
     stops = [mo.Stop(q=ENDS[0], payload=part), mo.Stop(q=ENDS[1])]
-    motion = mo.time_optimal(ARM, stops, scene=POST, mesh=20, starts=1, compiled=False)
+    motion = mo.time_optimal(ARM, stops, scene=POST, mesh=12, starts=1, compiled=False)
     certificate = mo.certify(ARM, motion, via_q=stops, scene=POST)
     assert certificate.ok
     assert motion.provenance["starts"][0]["start"] == "branches 1-1, around 1"

@@ -62,7 +62,7 @@ def test_one_case(study: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert sorted(path.name for path in Path("one").iterdir()) == ["cubic.npz"]
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_without_a_compiler_the_row_is_the_same_and_says_so(
     study: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

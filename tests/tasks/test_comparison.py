@@ -332,7 +332,7 @@ def test_durations_are_compared_with_the_fastest_baseline(comparison, microbot):
     assert comparison.reference == min(durations, key=durations.get) == "cubic"
     assert durations["cubic"] == pytest.approx(2.0737, rel=2e-4)
     other = mo.compare(microbot, np.radians([[0, 0, 0], [20, 60, -30], [-60, 30, 80]]),
-                       ["lspb_textbook", "cubic", "lspb"])  # fmt: skip
+                       ["cubic", "lspb"])  # fmt: skip
     assert other.reference == "lspb"
     assert other.table().notes[0].endswith("Ratio: to LSPB, best times and velocities.")
 

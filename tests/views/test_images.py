@@ -70,6 +70,7 @@ def test_limit_use_of_a_slider_at_its_limits() -> Figure:
     return mo.plots.limit_use(robot, motion).figure
 
 
+@pytest.mark.thorough
 @pictured
 def test_motion_that_was_not_solved(comparison: Comparison) -> Figure:
     motion = motion_of(comparison, "cubic")

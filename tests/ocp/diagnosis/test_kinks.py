@@ -41,6 +41,7 @@ def test_the_kink_and_a_form_without_are_named(form):
     assert "sumsqr(u) + e**2 <= (s + e)**2" in solution.advice
 
 
+@pytest.mark.thorough
 def test_the_form_that_is_named_is_solved_and_not_sent_round_in_a_circle():
     problem = OptimalControlProblem("least fuel")
     phase = problem.phase("a", 4.0)

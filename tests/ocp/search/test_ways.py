@@ -118,7 +118,7 @@ def test_the_default_mesh_is_fine_enough_for_layers():
 # other ways ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_another_duration_is_tried_where_the_first_fails():
     """Bang-bang control of an oscillator that needs longer than the first guess, Luus."""
     problem = OptimalControlProblem("oscillator")

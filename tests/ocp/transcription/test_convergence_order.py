@@ -85,18 +85,18 @@ def slope(meshes: tuple[int, ...], values: FloatArray) -> float:
 
 COARSE, FINE, FINER = (6, 8, 12, 16, 24), (8, 16, 32, 64), (32, 64, 128, 256)
 # scheme, its order by theory, meshes on which it is neither rough nor at rounding
-SCHEMES: tuple[tuple[Scheme, int, tuple[int, ...]], ...] = (
+SCHEMES = (
     (Trapezoidal(), 2, FINE),
     (HermiteSimpson(), 4, FINE),
     (Shooting(), 4, FINER),
-    (Shooting(steps=2), 4, FINER),
+    pytest.param(Shooting(steps=2), 4, FINER, marks=pytest.mark.thorough),
     (IntegratorShooting("rk", {"number_of_finite_elements": 2}), 4, FINE[1:]),
     (Collocation("radau", 1), 1, FINE),
     (Collocation("radau", 2), 3, FINE),
-    (Collocation("radau", 3), 5, COARSE),
+    pytest.param(Collocation("radau", 3), 5, COARSE, marks=pytest.mark.thorough),
     (Collocation("legendre", 1), 2, FINE),
     (Collocation("legendre", 2), 4, FINE),
-    (Collocation("legendre", 3), 6, COARSE),
+    pytest.param(Collocation("legendre", 3), 6, COARSE, marks=pytest.mark.thorough),
 )
 
 
@@ -164,9 +164,11 @@ def regulator(shape: str) -> OptimalControlProblem:
         (Shooting(), "constant", 2, FINE),
         (Shooting(), "linear", 4, FINE),
         (HermiteSimpson(), "linear", 4, FINE),
-        (Collocation("radau", 3), "linear", 4, FINE),
+        pytest.param(Collocation("radau", 3), "linear", 4, FINE, marks=pytest.mark.thorough),
         (Collocation("radau", 2), "polynomial", 3, FINE),
-        (Collocation("radau", 3), "polynomial", 5, (3, 4, 6, 8)),
+        pytest.param(
+            *(Collocation("radau", 3), "polynomial", 5, (3, 4, 6, 8)), marks=pytest.mark.thorough
+        ),
         (Collocation("legendre", 2), "polynomial", 4, FINE),
     ],
     ids=name,

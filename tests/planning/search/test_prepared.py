@@ -27,7 +27,7 @@ def test_equals_a_cold_solve_of_the_robot_with_these_limits_and_this_payload(
     limits = mo.Limits(own.q_min, own.q_max, qd_max=1.1 * own.qd_max, tau_max=share * own.tau_max)
     again = prepared(limits, payload)
     holding = microbot.with_payload(payload).with_limits(limits)
-    cold = mo.time_optimal(holding, VIA_Q, mesh=60, starts=1)
+    cold = mo.time_optimal(holding, VIA_Q, mesh=20, starts=1)
     assert again.solved
     assert again.duration == pytest.approx(cold.duration, rel=2e-3)
     certificate = mo.certify(holding, again, via_q=VIA_Q)
