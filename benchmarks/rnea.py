@@ -104,6 +104,13 @@ def compare(robot: mo.Robot, repetitions: int) -> None:
             "fast_call(f)": timed("f(q, qd, qdd)", CALLS, f=fast, **names),
             "f.buffer(), state written in place": timed("run()", CALLS, run=run_in_place),
             "f, a CasADi call": timed("f(q, qd, qdd)", CALLS // 50, f=compiled, **names),
+            "inverse_dynamics(robot)(q, qd, qdd)": timed(
+                "make(robot)(q, qd, qdd)",
+                CALLS // 50,
+                make=mo.inverse_dynamics,
+                robot=robot,
+                **names,
+            ),
             "frax.Robot.rnea, jitted": timed("f(q, qd, qdd)", CALLS // 50, f=frax_one, **names),
         },
         {"fast_call(f)": GOAL},

@@ -17,7 +17,7 @@ from course_report import VIA_Q, VIA_QD, VIA_T
 
 def main(arguments: argparse.Namespace) -> None:
     robot = mo.load_robot(arguments.robot)
-    comparison = mo.compare(robot, VIA_Q, via_t=VIA_T, via_qd=VIA_QD, mesh=arguments.mesh)
+    comparison = mo.compare(robot, VIA_Q, via_t=VIA_T, via_qd=VIA_QD)
     print(comparison.table())
     fastest = comparison["time_optimal"]
     print(f"\n{fastest.title}: {fastest.certificate.verdict}")
@@ -27,6 +27,4 @@ def main(arguments: argparse.Namespace) -> None:
 
 
 if __name__ == "__main__":
-    options = script.parser(__doc__, "out/07")
-    options.add_argument("--mesh", type=int, default=100, help="intervals a phase")
-    script.run(main, options)
+    script.run(main, script.parser(__doc__, "out/07"))
