@@ -99,7 +99,8 @@ def test_limits_are_dashed_and_far_ones_left_out(recording):
     assert rows[2::3] == [[]] * STYLE.dashes
     with pytest.raises(ValueError, match="not enough values"):
         static(recording, "/plots/q/waist/limit_upper", "SeriesLines:names")
-    assert "q of waist: limits ±360 deg" in static(recording, "/summary", "TextDocument:text")[0]
+    (text,) = static(recording, "/summary", "TextDocument:text")
+    assert "position of waist: limits ±360 deg" in text
 
 
 def test_words_and_marks(recording):

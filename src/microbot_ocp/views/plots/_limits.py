@@ -191,7 +191,7 @@ def saturation(
     names = [*robot.joint_names, *titles.values()]
     lanes = len(motions) * len(names)
     size = (STYLE.width, STYLE.lane * (lanes + len(motions)) + 1.6)
-    page = axes_page(axes, 1, 1, size=size, title=f"{robot.name}: which limit is used up when")
+    page = axes_page(axes, 1, 1, size=size, title=f"{robot.name}: quantities at their limits")
     panel: Axes = page.axes[0, 0]
     ticks, kinds = [], set()
     longest = max((motion.duration for motion in motions.values()), default=1.0)
