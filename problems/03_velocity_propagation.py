@@ -14,11 +14,14 @@ import numpy as np
 
 import microbot_ocp as mo
 import script
+from report_tables import PRINTED_ANGULAR, PRINTED_LINEAR
 from symbolic import symbolic_row, symbolic_velocities
 
 THETA, RATE = "-18.43,-29.18,-111.38", "35,20,45"
-PRINTED_OMEGA = [[0, 0, 0.6109], [-0.2978, 0.5333, 0.3491], *[[-0.3881, -0.4718, 1.1345]] * 2]
-PRINTED_V = [[0, 0, 0], [0, 0, 0], [-0.9751, -0.3818, 1.6], [-0.9751, 4.1561, 0.2870]]
+PRINTED_OMEGA, PRINTED_V = (
+    np.array([row.split() for row in text.split("; ")], float)
+    for text in (PRINTED_ANGULAR, PRINTED_LINEAR)
+)
 
 
 def row(values: np.ndarray) -> str:
