@@ -1,8 +1,8 @@
-"""Meshes chosen until a solution passes, or has a wanted accuracy.
+"""Mesh refinement until a solution passes the judgement, or has a wanted accuracy.
 
-Comes in: a converged solution and its transcription. Goes out: the solution that passes, with the
-history of its meshes. Begin with :func:`judged`; ``_accuracy.py`` has what an accuracy asks for and
-the next mesh, ``_refiner.py`` solves from mesh to mesh for motions.
+Input: a converged solution and its transcription. Output: the solution that passes, with the
+history of its meshes. Begin with :func:`judged`; ``_accuracy.py`` defines accuracies and the next
+mesh, ``_refiner.py`` refines motions from mesh to mesh.
 """
 
 import lazy_loader

@@ -1,4 +1,4 @@
-"""What is asked of a solution, and the meshes of a solve with what each came to."""
+"""Accuracy requirements of a solution, and the history of the meshes of a solve."""
 
 from __future__ import annotations
 
@@ -35,23 +35,23 @@ COLUMNS = (
 
 @dataclass(frozen=True, eq=False)
 class RefinementStep:
-    """One mesh of a solve.
+    """Results of a solve on one mesh.
 
     Attributes
     ----------
-    meshes : of every phase, fractions [N+1]
-    variables : of the program
-    state_error : largest relative state error of any interval; infinite where it was not accepted
+    meshes : mesh of every phase, fractions [N+1]
+    variables : number of variables of the program
+    state_error : largest relative state error of any interval; infinite if it was not accepted
     switch_offset : largest distance of a switch from the mesh, as a fraction of its phase
     limit_excess : largest excess of a state, algebraic variable or path constraint between mesh
-        points, relative to half the range of its limits, or to the limit where there is only one;
-        infinite where it was not accepted
-    worst_limit : where that is; None where all limits are kept
-    cost_error : relative, seen from what the cost changed by from mesh to mesh; infinite on the
-        first
-    switches : of every phase
-    cost, duration, status, accepted, iterations : of the solve
-    wall_time : of solve and error estimate, s
+        points, relative to half the range of its limits, or to the limit if there is only one;
+        infinite if the solution was not accepted
+    worst_limit : limit with that excess; None if all limits are kept
+    cost_error : relative error estimated from the changes of the cost from mesh to mesh; infinite
+        on the first mesh
+    switches : switches of every phase
+    cost, duration, status, accepted, iterations : results of the solve
+    wall_time : wall time of solve and error estimate, s
     """
 
     meshes: tuple[FloatArray, ...]
@@ -93,18 +93,16 @@ class RefinementStep:
 
 
 class History(tuple[RefinementStep, ...]):
-    """Meshes of a solve one after the other; printed as a table."""
+    """Meshes of a solve in order; printed as a table."""
 
     __slots__ = ()
 
     def table(self) -> Table:
-        """Return one row a mesh."""
+        """Return a table with one row per mesh."""
         return Table(COLUMNS, [(number, *_cells(step)) for number, step in enumerate(self)])
 
     def rises(self, least: float) -> Iterator[str]:
-        """Yield why a finer mesh costs more than a coarser one by a share; nothing where none
-        does.
-        """
+        """Yield a sentence for each mesh with a cost that is higher by the fraction ``least``."""
         for (one, coarse), (other, fine) in pairwise(enumerate(self)):
             if fine.accepted and fine.cost - coarse.cost > least * abs(coarse.cost):
                 yield (
@@ -136,7 +134,7 @@ def _cells(step: RefinementStep) -> tuple[Any, ...]:
 
 
 def step_of(solution: Solution, judgement: Judgement | None, wall_time: float) -> RefinementStep:
-    """Return what a mesh led to, as its judgement says; without one it was not accepted."""
+    """Return the results on a mesh from its judgement; None marks a solution not accepted."""
     layouts = [phase.laid_out for phase in solution.phases]
     switches = tuple(find_switches(phase) for phase in solution.phases)
     errors, excess, worst = [np.inf], [np.inf], None
@@ -163,25 +161,24 @@ def step_of(solution: Solution, judgement: Judgement | None, wall_time: float) -
 
 @dataclass(frozen=True)
 class Accuracy:
-    """How accurate a solution is to be, and how much may be tried for it.
+    """Accuracy of a solution, and limits of the effort for it.
 
-    It is asked for besides what :func:`~microbot_ocp.ocp.verify` lets pass; what is infinite is
-    not.
+    The requirements add to the thresholds of :func:`~microbot_ocp.ocp.verify`; an infinite value
+    adds none.
 
     Attributes
     ----------
     states : relative state error of any interval; see :func:`~microbot_ocp.ocp.mesh.state_errors`
-    cost : relative error of the cost: what it would still change by on finer meshes, seen from what
-        it changed by from mesh to mesh
-    switches : distance of a switch from the mesh, as a fraction of its phase: mesh points move
-        there
+    cost : relative error of the cost, estimated from its changes from mesh to mesh
+    switches : distance of a switch from the mesh, as a fraction of its phase; mesh points move to
+        the switches
     limits : excess of a state, an algebraic variable or a path constraint between the mesh points,
-        relative to half the range of its limits, or to the limit where there is only one. Bounds
-        of the controls are left to :func:`~microbot_ocp.ocp.verify`: only polynomials leave them,
-        and most of all where they jump. A path constraint of a polynomial control may stay
-        exceeded at such a jump, on however short an interval, which ``advice`` then says.
-    rounds : most finer meshes
-    most_intervals : of all phases together
+        relative to half the range of its limits, or to the limit if there is only one. Bounds of
+        controls are left to :func:`~microbot_ocp.ocp.verify`: only polynomials exceed them, mostly
+        at jumps. A path constraint of a polynomial control may stay exceeded at a jump for any
+        interval length; ``advice`` reports this.
+    rounds : largest number of finer meshes
+    most_intervals : largest number of intervals of all phases together
     """
 
     states: float = 1e-6
@@ -198,17 +195,17 @@ class Accuracy:
                 checks.number(f"accuracy of {name}", value, above=0.0)
 
     def met(self, step: RefinementStep) -> bool:
-        """Return whether a mesh is good enough."""
+        """Return True if a mesh meets the accuracy."""
         return not any(self.missing(step))
 
     def missing(self, step: RefinementStep) -> Iterator[str]:
-        """Yield what a mesh misses, in words."""
+        """Yield the requirements that a mesh does not meet, in words."""
         use = step.worst_limit
         for name, value, wanted, unit in (
             ("state error", step.state_error, self.states, ""),
             ("offset of a switch", step.switch_offset, self.switches, " of a phase"),
-            ("excess of a limit", step.limit_excess, self.limits, f" of it{_where(use)}"),
-            ("error of the cost", step.cost_error, self.cost, " of it"),
+            ("excess of a limit", step.limit_excess, self.limits, f" relative to it{_where(use)}"),
+            ("error of the cost", step.cost_error, self.cost, " relative to it"),
         ):
             if value > wanted:
                 amount = f"{value:.1e}" if value < np.inf else "unknown"
@@ -217,13 +214,13 @@ class Accuracy:
     def finer(
         self, solution: Solution, judgement: Judgement, step: RefinementStep, *, whole: bool
     ) -> list[FloatArray]:
-        """Return meshes that come nearer: intervals divided as their errors ask for, and points
-        where controls switch; with ``whole`` every interval in two, if that will do.
+        """Return finer meshes: intervals divided by their errors, and points moved to switches.
 
-        Where limits are exceeded in between they are divided further: where a control jumps a state
-        leaves its limit by the step times the jump, whatever the order of the scheme.
+        With ``whole``, every interval is halved if that suffices. Intervals that exceed limits
+        between their points are divided as for a scheme of order zero: at a jump of the control, a
+        state exceeds its limit by step times jump for any order of the scheme.
         """
-        with np.errstate(invalid="ignore"):  # infinite, where it is not asked for
+        with np.errstate(invalid="ignore"):  # an infinite error by an infinite accuracy
             pairs = zip(judgement.errors, judgement.state_errors, strict=True)
             errors = [np.fmax(share, error / self.states) for share, error in pairs]
             beyond = [relative_excess(dense).max(axis=1) / self.limits for dense in judgement.dense]
@@ -252,5 +249,5 @@ def _where(use: OCPLimitUse | None) -> str:
     )
 
 
-# What is asked of every solution: that it passes, and that its cost is settled.
+# Requirements of every solution: it passes the judgement, and its cost has settled.
 PASSING = Accuracy(np.inf, 1e-4, np.inf, np.inf, rounds=14, most_intervals=1000)

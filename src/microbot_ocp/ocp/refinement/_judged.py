@@ -1,12 +1,12 @@
-"""A converged solution, taken on until it passes: one loop, whatever is asked for.
+"""Refinement of a converged solution until it passes its judgement: one loop for all requirements.
 
-What passes is told by the judgement that a certificate is made of; an accuracy may ask for more.
-Meshes are made finer until that is met and the cost does not change any more. From a saddle the
-solve goes on below it.
+A solution passes if the judgement behind its certificate finds no failure; an accuracy may require
+more. Meshes are refined until this holds and the cost has settled. From a saddle the solve
+continues on both sides of it.
 
-Steps of a solver stay in the valley that its point stands in, in every control at every point. The
-costates tell which valley is the lower one; a solve from controls that are better by Pontryagin's
-condition, which begins near its bounds so as to stay, is kept where it costs less.
+Solver steps stay near the local minimum of the Hamiltonian at the current controls, at every point.
+The costates show whether another local minimum is lower; a solve from controls that are better by
+Pontryagin's condition, started near its bounds to stay there, is kept if it is cheaper.
 
 Theory: docs/theory/transcription.md, "Refinement".
 """
@@ -43,19 +43,20 @@ from microbot_ocp.ocp.transcription import Guess
 from microbot_ocp.ocp.verification import Judgement, Thresholds, better_controls, judge
 
 CONVERGED = (Status.SOLVED, Status.GAP_LEFT)
-# no other strategy would change it
+# No other strategy would change these statuses.
 FINAL = (*CONVERGED, Status.INTERRUPTED, Status.TOO_COARSE, Status.OUTSIDE_TABLE)
 
 
 @dataclass(frozen=True)
 class CostSettings:
-    """When the cost of a solution counts as settled where no accuracy is asked for.
+    """Thresholds for a settled cost if no accuracy is given.
 
     Attributes
     ----------
-    settled : times the change that is aimed at, at which it still is where meshes end
-    finer : times the intervals of a mesh has one whose cost tells an error of the first
-    unmet : share of the cost: where no solve saves it what is more is missed, less is said
+    settled : factor on the target change below which the cost counts as settled at the last mesh
+    finer : ratio of intervals between two meshes whose costs indicate the error of the coarser one
+    unmet : relative saving that other controls promise but no solve reaches, above which the cost
+        is not settled
     """
 
     settled: float = 5.0
@@ -64,7 +65,7 @@ class CostSettings:
 
     @property
     def most_left(self) -> float:
-        """Change of the cost at which it still counts as settled."""
+        """Relative change of the cost below which it counts as settled."""
         return self.settled * PASSING.cost
 
 
@@ -73,16 +74,16 @@ COST = CostSettings()
 
 @dataclass(frozen=True)
 class Improvement:
-    """When controls with a smaller Hamiltonian are worth a solve.
+    """Thresholds and limits of solves from controls with a smaller Hamiltonian.
 
     Attributes
     ----------
-    worth : share of the cost: less than this is not looked for
-    least_gain : share of what is to be saved that has to be: where controls chatter little of
-        it is
-    solves : most solves
-    barrier : parameter at which they begin: near the bounds, so as to stay
-    iterations : of a solve
+    worth : relative saving below which no solve is tried
+    least_gain : fraction of the promised saving that a solve must reach; chattering controls reach
+        little of it
+    solves : largest number of solves
+    barrier : initial barrier parameter: small, so that the start is kept near its bounds
+    iterations : iteration limit of a solve
     """
 
     worth: float = 1e-5
@@ -97,13 +98,13 @@ IMPROVEMENT = Improvement()
 
 @dataclass(frozen=True)
 class Left:
-    """What the cost would still change by, seen from what it changed by from mesh to mesh."""
+    """Estimate of the remaining change of the cost, from its changes from mesh to mesh."""
 
     change: float = np.inf
     ratios: tuple[float, float] = (0.5, 0.0)
 
     def entered(self, change: float) -> Left:
-        """Return it with one change more."""
+        """Return the estimate with one further change."""
         ratios = self.ratios
         if 0 < self.change < np.inf:
             ratio = float(np.clip(change / self.change, 0.1, 0.9))
@@ -112,19 +113,21 @@ class Left:
 
     @property
     def estimate(self) -> float:
-        """The sum of all further changes, if they go on shrinking as they did."""
-        ratio = max(self.ratios)  # one that happens to be small proves nothing
+        """Sum of all further changes, a geometric series with the ratio of the past changes."""
+        ratio = max(self.ratios)  # a single small ratio may be a coincidence
         return self.change * ratio / (1 - ratio)
 
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """What is known of a solution on its mesh.
+    """Judgement, results and cost estimate of a solution on its mesh.
 
     Attributes
     ----------
-    judgement, step, left : of what passes, of the mesh, of the cost
-    at : when it was known, by ``time.perf_counter``
+    judgement : Judgement
+    step : RefinementStep
+    left : estimate of the remaining change of the cost
+    at : time of the judgement, ``time.perf_counter``
     """
 
     judgement: Judgement
@@ -134,7 +137,7 @@ class Seen:
 
     @property
     def coarse(self) -> bool:
-        """Whether it does not pass for want of a finer mesh."""
+        """True if the solution fails because its mesh is too coarse."""
         return any(k.status is Status.TOO_COARSE for k in self.judgement.failures)
 
     @property
@@ -166,12 +169,12 @@ def judged(
     freer_cost: float = np.inf,
     patient: bool = True,
 ) -> tuple[Solution, bool]:
-    """Return the solution with the status that its judgement gives it, and whether that is final.
+    """Return the solution with the status of its judgement, and whether that is final.
 
-    With ``finer`` on meshes so fine that it passes and meets the goal. It is final where no other
-    strategy would do better. An error of the cost is also its distance to ``freer_cost``, of a
-    solution with more freedom. Without ``patient`` it ends on the first mesh whose errors fall
-    so slowly that even the most intervals would not pass.
+    With ``finer``, meshes are refined until it passes and meets the goal. It is final if no other
+    strategy would improve it. The error of the cost includes the distance to ``freer_cost``, the
+    cost of a solution with more freedom. With ``patient=False``, refinement ends on the first mesh
+    whose errors decrease too slowly to pass with the largest number of intervals.
     """
     if solution.status not in CONVERGED:
         return _alone(solution), solution.status is Status.INTERRUPTED
@@ -180,7 +183,7 @@ def judged(
 
 @dataclass(frozen=True, eq=False)
 class _Work:
-    """How a solution is taken on: what is solved, split, measured, and when it ends."""
+    """Functions of the refinement loop: solve, split, measure, accept and end."""
 
     context: SolveContext
     journal: Journal
@@ -191,7 +194,7 @@ class _Work:
 
     @property
     def _alone(self) -> bool:
-        """Whether a solver was chosen: what others would save is not looked for."""
+        """True if a solver was chosen: better controls are not searched."""
         return self.context.settings.solver != "auto"
 
     def run(self, first: Solution) -> tuple[Solution, bool]:
@@ -211,10 +214,10 @@ class _Work:
             return last, True
         state, saved = self._improved(state)
         solution = self._recorded(state)
-        # on a mesh that was given the mesh itself may cost more
+        # On a given mesh the saving may be an error of that mesh.
         return self._judged(solution, state, saved if self.finer else 0.0)
 
-    # the parts of a round --------------------------------------------------------------------
+    # one round -------------------------------------------------------------------------------
 
     def _solved(self, best: Solution, proposal: Next) -> Solution:
         if isinstance(proposal, Beside):
@@ -228,9 +231,9 @@ class _Work:
         return self.context.solve(meshes, start, solver=solver, aimed=True)
 
     def _below(self, saddle: Solution, starts: Beside) -> Solution:
-        """Return the cheaper of what solves lead to on both sides of a saddle.
+        """Return the cheaper of the solutions from both sides of a saddle.
 
-        Where the cost falls for ever on one side that is what it is, though it did not converge.
+        An unbounded cost on one side is returned as such, although it did not converge.
         """
         answers: list[Solution] = []
         for start in starts:
@@ -259,8 +262,9 @@ class _Work:
         return Seen(judgement, replace(step, cost_error=error), left)
 
     def _left(self, rounds: Rounds, solution: Solution) -> Left:
-        """Return what the cost would still change by, by the last mesh that is coarser by a factor:
-        two that hardly differ agree wherever the optimum is.
+        """Return the estimate updated by the last mesh that is coarser by the factor ``finer``.
+
+        Two nearly equal meshes have nearly equal costs wherever the optimum is.
         """
         count = _intervals([phase.mesh for phase in solution.phases])
         for each in reversed(rounds):
@@ -320,10 +324,10 @@ class _Work:
     def _at_saddle(self, seen: Seen) -> bool:
         return seen.judgement.status is Status.SADDLE and not self._alone
 
-    # what comes of it ------------------------------------------------------------------------
+    # results ---------------------------------------------------------------------------------
 
     def _improved(self, state: Course) -> tuple[Course, float]:
-        """Find better controls, and what others would save still."""
+        """Return the refinement with better controls if found, and the saving still promised."""
         saved = improvable(state.solution)
         if self._alone or not saved > PASSING.cost:
             return state, saved
@@ -339,7 +343,7 @@ class _Work:
         return replace(state, rounds=(*state.rounds, last)), improvable(better)
 
     def _recorded(self, state: Course) -> Solution:
-        """Return the solution with its meshes; what was tried is entered in the journal."""
+        """Return the solution with its history, and record the attempts in the journal."""
         history, last = [each.measure.step for each in state.rounds], state.refused
         for old, new in pairwise(state.rounds):
             attempts, spent = new.solution.attempts, new.measure.at - old.measure.at
@@ -357,10 +361,9 @@ class _Work:
             cast("StepProgress", progress)(str(state.measure.step))
 
     def _judged(self, solution: Solution, state: Course, saved: float) -> tuple[Solution, bool]:
-        """Return the solution with a status and advice that says what is missing, and whether it is
-        final.
+        """Return the solution with status and advice, and True if it is final.
 
-        That is so, too, where only the mesh or the kind of control is missing.
+        It is also final if only the mesh or the shape of a control prevents that it passes.
         """
         goal, status = self.goal, state.measure.judgement.status
         failures = state.measure.judgement.failures
@@ -370,8 +373,8 @@ class _Work:
         solution = solution.remarked(*rises)
         if not missing and not failures and saved > COST.most_left:
             lost = (
-                f"Other controls would save {saved:.1g} of the cost, but no solve from there does: "
-                "the optimum may be approached by controls that jump to and fro ever faster."
+                f"Other controls promise to save {saved:.1g} of the cost, but no solve reaches it: "
+                "the optimum may be a limit of controls that switch ever faster."
             )
             if saved <= COST.unmet:
                 return solution.remarked(lost), True
@@ -391,13 +394,13 @@ def _endless(solution: Solution) -> bool:
 
 
 def _alone(solution: Solution) -> Solution:
-    """Return a solution of which nothing else is known, as the only one of its history."""
+    """Return a solution with a history of its own mesh only."""
     spent = sum(attempt.wall_time for attempt in solution.attempts)
     return replace(solution, history=History([step_of(solution, None, spent)]))
 
 
 def named(way: str, attempts: Sequence[Attempt]) -> list[Attempt]:
-    """Return attempts that say what they were for."""
+    """Return attempts labelled with their strategy."""
     return [replace(attempt, way=attempt.way or way) for attempt in attempts]
 
 
@@ -406,7 +409,7 @@ def _intervals(meshes: Sequence[FloatArray]) -> int:
 
 
 def _widest_halved(meshes: Sequence[FloatArray], least: int) -> list[FloatArray]:
-    """Return meshes of at least so many intervals in all: the widest of them are halved."""
+    """Return meshes of at least ``least`` intervals together, by halving the widest ones."""
     widths = np.concatenate([np.diff(mesh) for mesh in meshes])
     wide = np.zeros(widths.size, dtype=bool)
     wide[np.argsort(-widths, kind="stable")[: least - widths.size]] = True
@@ -416,7 +419,7 @@ def _widest_halved(meshes: Sequence[FloatArray], least: int) -> list[FloatArray]
 
 
 def _beside(solution: Solution, judgement: Judgement) -> Beside:
-    """Return starts on both sides of a saddle."""
+    """Return starts on both sides of a saddle, displaced along its direction."""
     assert judgement.curvature is not None
     direction, x = judgement.curvature.direction, solution.variables
     assert direction is not None
@@ -427,13 +430,13 @@ def _beside(solution: Solution, judgement: Judgement) -> Beside:
 
 
 def improvable(solution: Solution) -> float:
-    """Return what better controls would save, to first order, relative to the cost."""
+    """Return the first-order saving of better controls, relative to the cost."""
     gain, _ = better_controls(solution)
     return gain / cost_size(solution.cost, solution.cost_scale)
 
 
 def improved(solution: Solution, context: SolveContext) -> tuple[Solution, list[Attempt]]:
-    """Return the solution, or one on its mesh that costs less, and what was tried."""
+    """Return the solution or a cheaper one on its mesh, and the attempts."""
     attempts: list[Attempt] = []
     most = min(context.settings.max_iterations, IMPROVEMENT.iterations)
     how = {"solver": "ipopt", "initial_barrier": IMPROVEMENT.barrier, "max_iterations": most}

@@ -1,8 +1,9 @@
-"""Coarse to fine: warm starts on finer meshes, splits where constraints are exceeded in between.
+"""Refinement of motions from coarse to fine, with splits where constraints are exceeded.
 
-A finer mesh whose optimum is worse than the coarser one's is not accepted: success reported by a
-solver is not enough. Costs are compared only with answers that keep their limits between the mesh
-points, too: what a coarse mesh gains by exceeding them is no reason to refuse an honest answer.
+Every finer mesh starts from the coarser solution. A finer mesh with a worse optimum is not
+accepted: a solver may report success at a worse local optimum. Costs are compared only with
+solutions that keep their limits between the mesh points: a coarse mesh that exceeds them may be
+cheaper.
 """
 
 from __future__ import annotations
@@ -27,23 +28,22 @@ Excess = Callable[[Solution], Sequence[FloatArray]]
 Fitted = Callable[[Transcription, Meshes, Mapping[str, Guess] | Solution], Transcription]
 Switching = Callable[[Solution], Sequence[np.ndarray]]
 
-WORSE = 1e-3  # share of the cost that a finer mesh may cost more
+WORSE = 1e-3  # accepted increase of the cost on a finer mesh, relative
 
 
 @dataclass(frozen=True)
 class RefinerSettings:
-    """When a finer mesh is worth it, and how it is solved.
+    """Settings of refinement and of the last solves.
 
     Attributes
     ----------
-    warm_barrier : barrier parameter of warm starts; with the usual start at 0.1 IPOPT leaves the
-        good guess and comes back late or elsewhere (146 against 35 iterations on one task with
-        four via points)
-    stubborn : meshes that do not halve the least excess so far: finer ones will not, either
-    gross : excess from which an answer was found by the tolerance of its equations, not by them
-    polished : share of the wanted gap that needs no polish
-    polishing : iterations for the last digits
-    finishing : meshes after that
+    warm_barrier : barrier parameter of warm starts; IPOPT's default of 0.1 would move the iterate
+        far away from a good guess
+    stubborn : number of meshes without halving the least excess after which refinement ends
+    gross : excess above which a solution satisfies its equations only within their tolerance
+    polished : fraction of the wanted gap below which no polishing is needed
+    polishing : iteration limit of the polishing solve
+    finishing : number of refinements after polishing
     """
 
     warm_barrier: float = 1e-4
@@ -59,44 +59,45 @@ SETTINGS = RefinerSettings()
 
 @dataclass(eq=False)
 class Refiner:
-    """Solves one transcription on finer and finer meshes and keeps the history.
+    """Solver of one transcription on successively finer meshes, with a history.
 
     Parameters
     ----------
     transcription : Transcription
     guess_from : callable
-        Turns a solution into guesses for another mesh.
+        Function that converts a solution to guesses for another mesh.
     excess : callable
-        For a solution, the largest relative excess of any constraint inside every interval, or at K
-        evenly spaced places of it with both its ends: one array [N] or [N, K] a phase.
+        Function of a solution that returns the largest relative excess of any constraint in every
+        interval, or at K evenly spaced points of it with both ends: one array [N] or [N, K] per
+        phase.
     limit_tolerance : float
-        Excess that is accepted.
+        Accepted excess.
     solver : str or tuple of str
-        For fine meshes; what is not solved by it goes to IPOPT.
+        Solver for fine meshes; IPOPT repeats its failed solves.
     tolerance : float
     rounds : int
         Largest number of local refinements.
     progress : callable
-        Called with a line of text at every step, and with every iteration of the solvers.
+        Function called with a line of text at every step, and with every iteration of the solvers.
     settings : SolverSettings
-        What else the solvers are told.
+        Further settings of the solvers.
     rough : float, optional
-        Tolerance of all solves until :meth:`finished`: on a flat minimum most iterations are
-        spent on the last digits, which the next mesh changes.
+        Tolerance of all solves until :meth:`finished`: on a flat minimum most iterations improve
+        digits that the next mesh changes.
     polishing : int
-        Iterations at most for the last digits; none are looked for with zero.
+        Iteration limit of the polishing solve; 0 for none.
     foresight : float
-        Share of the accepted excess from which intervals are split along with those that exceed it:
-        the next optimum would exceed it there.
+        Fraction of the accepted excess above which intervals are split together with those that
+        exceed it: the next optimum would exceed it there.
     fitted : callable, optional
-        Gives the kernels the parameters that belong to a mesh and a start.
+        Function that sets parameters of the kernels for a mesh and a start.
     once : bool
-        A mesh is given up where the first start on it fails, which is not repeated by other means.
+        True to give up a mesh after the first failed start.
     enough : callable, optional
-        Tells of a solution that exceeds constraints whether it is refined no further all the same.
+        Function of a solution that exceeds constraints; True ends its refinement.
     """
 
-    transcription: Any  # a Transcription, or what takes its place
+    transcription: Any  # a Transcription or an object with its interface
     guess_from: GuessFrom
     excess: Excess
     limit_tolerance: float
@@ -122,14 +123,14 @@ class Refiner:
         solver: str | tuple[str, ...] | None = None,
         barrier: float | None = None,
     ) -> Solution:
-        """Return one solve, entered in the history."""
+        """Return one solve, recorded in the history."""
         tolerance = tolerance or self.rough
         settings = replace(
             self.settings,
             solver=solver or self.solver,
             tolerance=tolerance or self.tolerance,
             initial_barrier=barrier,
-            gap=self.settings.gap if tolerance is None else np.inf,  # of a first look none is asked
+            gap=self.settings.gap if tolerance is None else np.inf,  # rough solves accept any gap
         )
         kernels = self.transcription
         if self.fitted is not None:
@@ -149,22 +150,25 @@ class Refiner:
         return solution
 
     def finished(self, solution: Solution) -> Solution:
-        """Return a rough solution to the full tolerance and refined so further.
+        """Return a rough solution solved to the full tolerance, and refined once more.
 
-        As it is where that takes too long or does not keep the limits.
+        Returned unchanged if that takes too long or does not keep the limits.
         """
         if not (self.rough and self.polishing and solution.status.solved) or deadline.over():
             return solution
         wanted = self.settings.gap
-        polished = cast("float", solution.settings.get("gap", np.inf)) <= wanted  # it was solved so
+        # A solve with the wanted gap is polished already.
+        polished = cast("float", solution.settings.get("gap", np.inf)) <= wanted
         near = solution.gap.total <= SETTINGS.polished * wanted * abs(solution.cost)
         if self._is_enough(solution) or polished or near:
             return solution
         return self.polished(solution, SETTINGS.finishing)
 
     def polished(self, solution: Solution, rounds: int) -> Solution:
-        """Return a solution to the full tolerance on its own mesh, from its multipliers, refined
-        further in so many rounds; as it is where that takes too long or does not keep the limits.
+        """Return a solution at full tolerance on its mesh, followed by refinement rounds.
+
+        The solve starts from its multipliers. The solution is returned unchanged if this takes too
+        long or does not keep the limits.
         """
         most = min(self.settings.max_iterations, self.polishing)
         settings = replace(self.settings, max_iterations=most)
@@ -180,14 +184,14 @@ class Refiner:
         return finer if within else solution
 
     def finer(self, before: Solution, meshes: Sequence[MeshLike]) -> Solution:
-        """Solve on another mesh from a solution; keep the old one where the new one is worse."""
+        """Solve on another mesh from a solution; return the old one if the new one is worse."""
         if deadline.over():
             return before
         guesses = self.guess_from(before)
         warm = self.solver == "ipopt" and before.status.solved
         starts: list[tuple[Any, float | None, Mapping[str, Guess] | Solution]]
         if warm and before.variable_multipliers is not None:
-            # with multipliers: 20 against 30 iterations on the Microbot task from 20 to 100
+            # Multipliers save a third of the iterations of this start.
             starts = [("ipopt", None, before)]
         else:
             starts = [(self.solver, SETTINGS.warm_barrier, guesses)]
@@ -208,7 +212,7 @@ class Refiner:
             if honest and (dearer is None or after.cost < dearer.cost):
                 dearer = after
         if dearer is not None:
-            self.progress(f"{dearer.duration:.6f} s accepted: what is cheaper exceeds its limits")
+            self.progress(f"{dearer.duration:.6f} s accepted: the cheaper one exceeds its limits")
             return dearer
         return before if before.status.solved else after
 
@@ -216,11 +220,10 @@ class Refiner:
         return max(float(e.max()) for e in self.excess(solution))
 
     def _owed_to_excess(self, before: Solution) -> float:
-        """Return share of its cost that an answer may owe to limits that it exceeds between mesh
-        points.
+        """Return the relative cost that a solution may gain by excess between mesh points.
 
-        A motion that is slowed down by as much as it exceeds a limit of its speed keeps it; limits
-        of the second derivative cost less.
+        Slowing down by the excess of a speed limit keeps that limit; limits of second derivatives
+        cost less.
         """
         if not before.status.solved:
             return 0.0
@@ -228,7 +231,7 @@ class Refiner:
         return worst if worst > self.limit_tolerance else 0.0
 
     def _exceeds_grossly(self, before: Solution, after: Solution) -> bool:
-        """Return whether what came of a mesh exceeds limits as what was known before does not."""
+        """Return True if a new solution exceeds limits grossly, and more than the known one."""
         return self._worst(after) > max(SETTINGS.gross, self._worst(before))
 
     def _accepts(self, before: Solution, after: Solution) -> bool:
@@ -242,10 +245,10 @@ class Refiner:
     def refine(
         self, solution: Solution, switching: Switching | None = None, *, worth: float = 0.0
     ) -> Solution:
-        """Split intervals until no constraint is exceeded between mesh points by more.
+        """Split intervals until no constraint exceeds its limit between mesh points.
 
-        Those inside which a control switches are split along with them, while a mesh lowers the
-        cost by more than a share that is ``worth`` another one.
+        Intervals in which a control switches are split too, as long as a mesh lowers the cost by
+        more than ``worth``, relative.
         """
         return self._refined(
             solution,
@@ -256,10 +259,10 @@ class Refiner:
         )
 
     def sharpen(self, solution: Solution, switching: Switching, *, worth: float) -> Solution:
-        """Split the intervals inside which a control switches, while that lowers the cost.
+        """Split the intervals in which a control switches, while that lowers the cost.
 
-        What is constant over an interval is a mean of its two values there, which costs in
-        proportion to the square of the interval's length.
+        A control that is constant over the interval of a switch takes a mean value there; the
+        additional cost is proportional to the square of the interval's length.
         """
 
         def done(rounds: _Rounds, _: list[FloatArray]) -> Status | None:
@@ -284,7 +287,7 @@ class Refiner:
         accept: Callable[[Solution, Solution], bool],
         done: Callable[[_Rounds, list[FloatArray]], Status | None],
     ) -> Solution:
-        """Return the last answer of the one loop, which ends where it must or where it is done."""
+        """Return the last solution of the refinement loop, which ends by limits or by ``done``."""
 
         def ended(rounds: _Rounds, meshes: list[FloatArray]) -> Status | None:
             if deadline.over() or not rounds[-1].solution.status.solved:
@@ -316,7 +319,7 @@ class Refiner:
         return _split_all(solution, marked)
 
     def _keeps_limits(self, rounds: _Rounds, _: list[FloatArray]) -> Status | None:
-        """Give why no more is split: limits are kept, or enough, or finer meshes come no nearer."""
+        """Return a reason to stop: limits kept, ``enough``, or no progress; None to continue."""
         seen = rounds[-1].measure
         within = seen.worst <= self.limit_tolerance
         if (within and not seen.switched) or self._is_enough(rounds[-1].solution):
@@ -330,7 +333,7 @@ class Refiner:
 
 @dataclass(frozen=True, eq=False)
 class _Exceeded:
-    """By what intervals exceed limits, and inside which of them a control switches."""
+    """Excess of the intervals over limits, and intervals in which a control switches."""
 
     excess: Sequence[FloatArray]
     switches: Sequence[np.ndarray]
@@ -345,7 +348,7 @@ _Rounds = tuple[Round[Solution, _Exceeded], ...]
 
 
 def _stubborn(excess: Sequence[float]) -> int:
-    """Return meshes since the least excess was halved last."""
+    """Return the number of meshes since the least excess was last halved."""
     least, last = np.inf, 0
     for number, worst in enumerate(excess):
         if worst < 0.5 * least:
@@ -358,15 +361,15 @@ def _split_all(solution: Solution, marked: Sequence[np.ndarray]) -> list[FloatAr
 
 
 def split(mesh: FloatArray, bad: np.ndarray) -> FloatArray:
-    """Split the bad intervals, where they are bad, and halve their neighbours.
+    """Split marked intervals at their marked points, and halve their neighbours.
 
     Parameters
     ----------
     mesh : array [N+1]
     bad : array of bool [N] or [N, K]
-        Whole intervals, which are halved, or K evenly spaced places of each with both its ends:
-        the stretch that is bad is cut out and halved. A sudden change, such as that of dry friction
-        where a joint turns back, is so closed in on by much more than a half at a time.
+        Marked intervals, which are halved, or K evenly spaced points of each with both ends: the
+        marked part is cut out and halved. A sudden change, such as dry friction where a joint
+        reverses, is enclosed much faster than by halving.
     """
     table = bad.reshape(mesh.size - 1, -1)
     places = table.shape[1]

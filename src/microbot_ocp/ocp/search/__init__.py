@@ -1,8 +1,8 @@
-"""Solve a problem as it was declared, by a table of strategies.
+"""Solution of a problem as declared, by a table of strategies.
 
-Comes in: a problem or transcription, and perhaps a mesh, a guess, an accuracy. Goes out: a
-:class:`Solution`, with the ledger of what was tried. Begin with :func:`solve` in ``_solve.py``, the
-table and its loop; ``_other_starts.py`` looks for cheaper optima.
+Input: a problem or transcription, and optionally a mesh, a guess, an accuracy. Output: a
+:class:`Solution` with the ledger of its strategies. Begin with :func:`solve` in ``_solve.py``, the
+table and its loop; ``_other_starts.py`` searches for cheaper optima.
 """
 
 from microbot_ocp._base import border

@@ -1,13 +1,13 @@
-"""Whether other starts lead to a cheaper optimum than the one that was found.
+"""Search for a cheaper optimum from other starts.
 
-A solver ends in the valley that its start lies in. Simulations with controls that are constant, or
-change once, are other starts. They are compared on a coarse mesh, on which a solve takes a few
-hundredths of a second, with what the answer itself becomes there, or with its own cost where it
-becomes nothing there; the mesh is so fine that the answer costs about the same on it. Where the
-first few agree that is all. Where they end in different optima, more are tried: smooth curves at
-random, which where motion is chaotic lead to an optimum far more often.
-That ends when the cheapest was met as often as the first few. The cheapest are solved on the mesh
-of the answer, for a coarse one does not tell which is the least.
+A solver converges to a local optimum near its start. Further starts are simulations with controls
+that are constant or change once. They are compared on a coarse mesh, on which a solve takes a few
+hundredths of a second, with the solution's counterpart there, or with its own cost if it has none.
+The coarse mesh is fine enough that the solution costs about as much on it. If the first few starts
+agree, the search ends. If they lead to different optima, random smooth curves are tried as well,
+which are far more successful for chaotic motions. The search ends when the cheapest optimum was
+reached as often as required. The cheapest few are solved on the mesh of the solution, since a
+coarse mesh does not decide which one is best.
 """
 
 from __future__ import annotations
@@ -47,34 +47,33 @@ from microbot_ocp.ocp.transcription import (
 
 @dataclass(frozen=True)
 class StartComparison:
-    """How an answer is compared with what other starts lead to.
+    """Settings of the comparison of a solution with other starts.
 
     Attributes
     ----------
-    coarse : intervals a phase of meshes of comparison; the first on which the answer costs
-        about the same is used
-    fewest : of every phase of a problem of many
-    about : share of the cost that is about the same
-    meshes : intervals of others on which the guess is solved: it may end in another valley
-        there
-    worth : share of the cost: less is not looked for
-    near : share of the cost: optima as near on a coarse mesh may change places on a fine one
-    finalists : of these that are solved on the mesh of the answer
-    random : curves where there are different optima
-    waves : half waves of a random curve, at most
-    heights : standard deviations of them, in turn, times what a state ranges over
-    push : share of the way from the usual controls to random ones on such a curve
+    coarse : intervals per phase of the comparison meshes; the first one on which the solution costs
+        about as much is used
+    fewest : least intervals per phase of a problem with many phases
+    about : relative difference of cost that counts as about equal
+    meshes : intervals of further meshes on which the guess is solved, for other local optima
+    worth : relative saving below which no search is made
+    near : relative difference of cost below which optima may change order on a fine mesh
+    finalists : number of optima that are solved on the mesh of the solution
+    random : number of random curves, if there are different optima
+    waves : largest number of half waves of a random curve
+    heights : standard deviations of the curves in turn, relative to the range of a state
+    push : fraction of the way from the usual controls to random ones along such a curve
     stretch : standard deviation of the logarithm of a random duration
-    iterations : of one solve
-    enough : iterations of all solves that an answer is compared with
-    enough_different : the same where there are different optima
-    enough_alone : the same where only one start led to the least, or to any
-    agree : starts that led to the least cost: where as many did no more are tried
-    simulated : simulations that are tried before that counts: curves are near what is known
-    same : share of the cost that is no difference
-    durations : times the usual ones, where they are free
-    least_time : s, that a kept solver is given
-    each : simulations of each of these durations
+    iterations : iteration limit of one solve
+    enough : total iterations after which the comparison ends
+    enough_different : total iterations if there are different optima
+    enough_alone : total iterations if at most one start led to the least cost
+    agree : number of starts with the least cost after which the comparison ends
+    simulated : least number of simulations before it may end: random curves stay near the solution
+    same : relative difference of cost that counts as equal
+    durations : durations of simulations relative to the usual ones, if durations are free
+    least_time : least time limit of a cached solver, s
+    each : number of simulations for each of these durations
     """
 
     coarse: tuple[int, ...] = (10, 20, 40)
@@ -110,8 +109,8 @@ Pair = tuple[FloatArray, FloatArray]
 
 
 def cheapest_of_starts(context: SolveContext, most: int) -> tuple[Solution | None, list[Attempt]]:
-    """Return the cheapest answer on a coarse mesh that any of ``most`` simulations leads to."""
-    coarse = _Coarse(context)
+    """Return the cheapest solution on a coarse mesh from up to ``most`` simulations."""
+    coarse = _CoarseSolver(context)
     answers = list(_solved(coarse, islice(_starts(coarse, most), most)))
     attempts = named(WAY, [a for answer in answers for a in answer.attempts])
     solved = (answer for answer in answers if answer.solved)
@@ -121,10 +120,10 @@ def cheapest_of_starts(context: SolveContext, most: int) -> tuple[Solution | Non
 def cheaper_elsewhere(
     solution: Solution, context: SolveContext, most: int, guess: Given = None
 ) -> tuple[Solution, list[Attempt]]:
-    """Return the solution, or the cheapest on its mesh that one of ``most`` other starts leads to.
+    """Return the solution, or a cheaper one on its mesh from one of ``most`` other starts.
 
-    With what was tried, where something was found; its ``rivals`` are the other optima. ``guess``
-    is what the solution was found from.
+    The attempts are returned if a cheaper one is found; ``rivals`` of the result are the other
+    optima. ``guess`` is the guess of the solution.
     """
     size = cost_size(solution.cost, solution.cost_scale)
     coarse, comparable = _comparable(solution, context)
@@ -155,9 +154,7 @@ def cheaper_elsewhere(
 def _cheapest_finalist(
     solution: Solution, finalists: Sequence[Solution], context: SolveContext, worth: float
 ) -> tuple[Solution, list[Attempt]]:
-    """Return the cheapest of a solution and what finalists lead to on its mesh, and how it was
-    found.
-    """
+    """Return the cheapest of a solution and its finalists on its mesh, and the attempts."""
     best, attempts = solution, []
     meshes = [phase.mesh for phase in solution.phases]
     for start in finalists[: COMPARISON.finalists]:
@@ -173,7 +170,7 @@ def _cheapest_finalist(
 
 
 def _distinct(answers: list[Solution], here: Solution, worth: float) -> list[Solution]:
-    """Return solutions of other costs than ``here`` and each other, the cheapest first."""
+    """Return solutions whose costs differ from ``here`` and each other, cheapest first."""
     distinct = [here]
     for one in sorted(answers, key=lambda k: k.cost):
         if all(abs(one.cost - k.cost) > worth for k in distinct):
@@ -182,7 +179,7 @@ def _distinct(answers: list[Solution], here: Solution, worth: float) -> list[Sol
 
 
 def on_any_mesh(guess: Given, problem: OptimalControlProblem) -> Given:
-    """Give a guess whose tables over the points of a mesh are functions, as if these were even."""
+    """Return a guess with functions in place of tables over mesh points, taken as even."""
     if not isinstance(guess, Mapping):
         return guess
     sizes = {p.name: {v.name: v.size for v in p.variables} for p in problem.phases}
@@ -202,7 +199,7 @@ def _as_function(value: GuessValue, size: int) -> GuessValue:
     return lambda s: np.column_stack([np.interp(s, places, column) for column in table.T])
 
 
-def _solved(coarse: _Coarse, starts: Iterable[dict[str, Guess]]) -> Iterator[Solution]:
+def _solved(coarse: _CoarseSolver, starts: Iterable[dict[str, Guess]]) -> Iterator[Solution]:
     for start in starts:
         if coarse.context.over:
             break
@@ -211,12 +208,12 @@ def _solved(coarse: _Coarse, starts: Iterable[dict[str, Guess]]) -> Iterator[Sol
 
 
 def _answers(
-    coarse: _Coarse, most: int, here: Solution, guess: Given
+    coarse: _CoarseSolver, most: int, here: Solution, guess: Given
 ) -> Iterator[tuple[Solution, bool]]:
     """Yield answers from the guess on other meshes, simulations, and curves if many are wanted.
 
-    Each with whether it is the answer of a simulation. Kinds of starts take turns; the one that
-    leads to an optimum more often comes more often.
+    The second value is True for a simulation. Simulations and curves alternate; the kind that leads
+    to optima more often is used more often.
     """
     problem = coarse.context.transcription.problem
     simulated = _solved(coarse, islice(_starts(coarse, most, here), most))
@@ -224,7 +221,7 @@ def _answers(
         yield from ((answer, True) for answer in simulated)
         return
     guess = on_any_mesh(guess, problem)
-    # the first barrier may outweigh a cost and leave what runs to infinity where that is flat
+    # The default barrier may outweigh a flat cost and let variables diverge: use a small one first.
     for intervals, barrier in zip(COMPARISON.meshes, (IMPROVEMENT.barrier, None), strict=True):
         with contextlib.suppress(NotFinite):
             mesh = per_phase(problem, intervals)
@@ -245,9 +242,9 @@ def _answers(
 
 
 def _until_they_agree(
-    coarse: _Coarse, most: int, here: Solution, guess: Given
+    coarse: _CoarseSolver, most: int, here: Solution, guess: Given
 ) -> Iterator[Solution]:
-    """Yield answers until as many as ``AGREE`` cost what the cheapest does, or enough was tried."""
+    """Yield answers until enough of them have the least cost, or the iterations are used up."""
     size = cost_size(here.cost, here.cost_scale)
     costs, spent, simulations = [here.cost], 0, 0
     for answer, simulated in _answers(coarse, most, here, guess):
@@ -271,7 +268,7 @@ def _until_they_agree(
 def _curves(
     problem: OptimalControlProblem, here: Solution, ranges: Ranges
 ) -> Iterator[dict[str, Guess]]:
-    """Smooth random curves of the states about an answer, whose ends move where they are free."""
+    """Yield smooth random curves of the states around a solution; free ends move as well."""
     usual, draw, draw_ends = (
         default_guess(problem),
         np.random.default_rng(0),
@@ -307,9 +304,7 @@ def _curves(
 
 
 def _parameters(problem: OptimalControlProblem, ranges: Ranges) -> Iterator[dict[str, FloatArray]]:
-    """Free parameters, spread over their bounds, or ranges where there are none: Latin
-    hypercubes.
-    """
+    """Yield free parameters that are spread over their bounds or ranges by Latin hypercubes."""
     known = {name: pair for of_phase in ranges.values() for name, pair in of_phase.items()}
     pairs = {p.name: within(p, known) for p in problem.free_parameters if p.name in known}
     draw, count = np.random.default_rng(0), COMPARISON.random
@@ -327,16 +322,16 @@ def _parameters(problem: OptimalControlProblem, ranges: Ranges) -> Iterator[dict
 
 
 def _curve(ends: Pair, waves: FloatArray, bounds: Pair, s: FloatArray) -> FloatArray:
-    """Return a line with sines on it, within bounds [N, size]."""
+    """Return a straight line plus sines, clipped to bounds [N, size]."""
     (first, last), share = ends, np.asarray(s)[:, None]
     sines = np.sin(np.pi * share * np.arange(1, COMPARISON.waves + 1))
     return np.clip(first + (last - first) * share + sines @ waves, *bounds)
 
 
-def _starts(coarse: _Coarse, most: int, here: Solution | None = None) -> Iterator[dict[str, Guess]]:
-    """Return simulations, where there is an answer with the ranges of its controls and by their
-    costs.
-    """
+def _starts(
+    coarse: _CoarseSolver, most: int, here: Solution | None = None
+) -> Iterator[dict[str, Guess]]:
+    """Yield simulations; with a solution, by the ranges of its controls and by their costs."""
     problem = coarse.context.transcription.problem
     ordinary = default_guess(problem)
     ranges = None if here is None else driving_ranges(problem, here)
@@ -357,13 +352,13 @@ def _starts(coarse: _Coarse, most: int, here: Solution | None = None) -> Iterato
         yield from simulations.nearest_first(durations, steps=True)[: COMPARISON.each]
 
 
-def _comparable(solution: Solution, context: SolveContext) -> tuple[_Coarse, Solution]:
-    """Give the coarsest program on which the answer costs about the same, and its answer there."""
+def _comparable(solution: Solution, context: SolveContext) -> tuple[_CoarseSolver, Solution]:
+    """Return the coarsest solver on which the solution costs about as much, and its result."""
     size = cost_size(solution.cost, solution.cost_scale)
     fewest = min(phase.mesh.size - 1 for phase in solution.phases)
     for intervals in COMPARISON.coarse:
         intervals = per_phase(context.transcription.problem, intervals)
-        coarse = _Coarse(context, intervals)
+        coarse = _CoarseSolver(context, intervals)
         answer = coarse.solved(solution)
         about = abs(answer.cost - solution.cost) <= COMPARISON.about * size
         if (answer.status.solved and about) or 2 * intervals > fewest:
@@ -372,17 +367,17 @@ def _comparable(solution: Solution, context: SolveContext) -> tuple[_Coarse, Sol
 
 
 def per_phase(problem: OptimalControlProblem, intervals: int) -> int:
-    """Return intervals of every phase, fewer where there are more than two."""
+    """Return the intervals per phase, fewer for more than two phases."""
     return max(COMPARISON.fewest, round(2 * intervals / max(len(problem.phases), 2)))
 
 
-class _Coarse:
-    """Solves of one coarse program, by a solver that is kept."""
+class _CoarseSolver:
+    """Solver of one coarse program; the CasADi solver is cached."""
 
     def __init__(self, context: SolveContext, intervals: int = COMPARISON.coarse[0]) -> None:
         transcription = context.transcription
         if not isinstance(transcription.scheme, Collocation):
-            # a simple rule has optima of its own where intervals are as long
+            # A scheme of low order may have false optima on long intervals: use collocation.
             duration_scale = transcription.duration_scale
             transcription = Transcription(transcription.problem, duration_scale=duration_scale)
         self.program = transcription.program(intervals)
@@ -397,11 +392,11 @@ class _Coarse:
         self.context = replace(context, transcription=transcription, settings=settings)
 
     def start(self, guess: dict[str, Guess] | Solution) -> StartingPoint:
-        """Return where a solve starts from a guess."""
+        """Return the starting point of a guess."""
         return starting_point(self.program, self.context.transcription.problem, guess)
 
     def cost(self, guess: dict[str, Guess]) -> float:
-        """Return what a guess costs as it stands, or infinity."""
+        """Return the cost of a guess itself; infinite if it is not finite."""
         x = self.start(guess).x
         cost = float(self.program.functions["gradient"](x, self.program.parameters)[0])
         return cost if np.isfinite(cost) else np.inf

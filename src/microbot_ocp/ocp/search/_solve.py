@@ -1,10 +1,10 @@
-"""Solve a problem as it was declared, by other strategies where one fails, until it passes.
+"""Solution of a problem as declared, by a table of strategies, until it passes its judgement.
 
-A solve that does not converge says little about the problem: it may have begun badly or with bad
-scales. So the rows of a table are tried in turn. What a solve is good for is told by the judgement
-that a certificate is made of: meshes are made finer until it passes, from a saddle the solve goes
-down, and what is missing at last is the status. All is counted in iterations, starts and meshes;
-processor time is the limit only.
+A solve that fails says little about the problem: its start or its scales may have been bad. The
+strategies of a table are therefore tried in turn. A solution is judged by the checks behind its
+certificate: meshes are refined until it passes, a saddle is left downwards, and a requirement that
+remains unmet determines the status. Effort is limited by iterations, starts and meshes; processor
+time is only the final limit.
 
 Theory: docs/theory/transcription.md, "Solvers".
 """
@@ -56,7 +56,7 @@ from microbot_ocp.ocp.transcription.schemes import Scheme
 from microbot_ocp.ocp.verification import judge
 
 ENDED = (*CONVERGED, Status.INTERRUPTED)
-# other shapes of controls may help
+# Other shapes of controls may help in these cases.
 UNSETTLED = (Status.NO_PROGRESS, Status.NOT_ACCEPTED, Status.ROUND_LIMIT, Status.SIZE_LIMIT)
 
 GIVEN = "as given"
@@ -64,26 +64,26 @@ OWN_SCALES = "with the scales of the first answer"
 CONSTANT = "with controls that are constant over every interval"
 COARSER = "from a coarser mesh"
 OTHER_STARTS = "from other starts"
-ALONE = f"It was {UNCOMPARED}: there may be a cheaper optimum."
-BUSY = "The wall time ended it: {:.0f} s, of which it had the processor for {:.0f} s."
+NOT_COMPARED = f"It was {UNCOMPARED}: there may be a cheaper optimum."
+BUSY = "It ended at the wall time of {:.0f} s, of which it had the processor for {:.0f} s."
 NOT_ALL = "Not every strategy was tried for want of time."
 
 
 @dataclass(frozen=True)
 class Search:
-    """How a problem is tried.
+    """Settings of the search.
 
     Attributes
     ----------
-    intervals : of the mesh of a problem of one or two phases
-    fewest : of every phase of a problem of many
-    coarser : share of these intervals, from which a solve may converge sooner
-    simulations : that a problem is solved from
-    iterations : of a try: what takes more converges sooner by another strategy
-    compared : other starts that an answer is compared with, on any mesh
-    compared_there : the same on a mesh that was given
-    least_tolerance : of solvers, that an accuracy may ask for
-    wall : times the processor time that is allowed, after which it ends on a busy machine
+    intervals : intervals of the default mesh for one or two phases
+    fewest : least intervals per phase for many phases
+    coarser : fraction of these intervals on a mesh where a solve may converge sooner
+    simulations : number of simulations that serve as starts
+    iterations : iteration limit of a try: a longer solve converges sooner by another strategy
+    compared : number of other starts that a solution is compared with, on a default mesh
+    compared_there : number of other starts on a given mesh
+    least_tolerance : least solver tolerance that an accuracy requires
+    wall : wall time limit relative to the processor time limit, for a busy machine
     """
 
     intervals: int = 50
@@ -111,57 +111,58 @@ def solve(
     time_limit: float = 60.0,
     progress: Progress | StepProgress | None = None,
 ) -> Solution:
-    """Transcribe a problem and solve it until it passes, or has an accuracy.
+    """Transcribe a problem, and solve it until it passes its judgement or has an accuracy.
 
     Parameters
     ----------
     problem : OptimalControlProblem or Transcription
-        A transcription keeps its kernels from solve to solve; it is solved in one way only.
-    mesh : int or array of fractions [N+1], or one a phase
-        Default: 50 intervals, shared by the phases where there are more than two, and finer until
-        :func:`~microbot_ocp.ocp.verify` passes the answer and the cost changes by less than 1e-4 of
-        itself; what does not settle is not solved. On a mesh that is given, an answer whose states,
-        cost or limits do not pass between the mesh points has the status TOO_COARSE; with an
-        accuracy it is the first mesh.
+        A transcription keeps its kernels from solve to solve, and is solved by one strategy.
+    mesh : int or array of fractions [N+1], or one per phase
+        Default: 50 intervals, shared if there are more than two phases, and refined until
+        :func:`~microbot_ocp.ocp.verify` passes the solution and the cost changes by less than 1e-4,
+        relative; a cost that does not settle is not solved. On a given mesh, a solution whose
+        states, cost or limits fail between the mesh points has the status TOO_COARSE; with an
+        accuracy, the given mesh is the first one.
     guess : mapping from phase name to Guess, Solution or "rollout", optional
-        What is left out of it starts from :func:`~microbot_ocp.ocp.solution.default_guess`. A
-        solution may be of another mesh or of other phases; with the same phases its multipliers are
-        used as well. "rollout" simulates with a constant control. What is no solution is moved by
+        Missing values start from :func:`~microbot_ocp.ocp.solution.default_guess`. A solution may
+        have another mesh or other phases; with equal phases its multipliers are used as well.
+        "rollout" simulates with constant controls. A guess that is no solution is displaced by
         about a hundredth of the scales, so that it is not symmetric.
     settings : SolverSettings, optional
-        Where they name a solver that one is tried, from the guess as it is and by one strategy
-        only.
+        Settings of the solver. If they name a solver, it alone is used, with the undisplaced guess
+        and one strategy.
     scheme : str or Scheme
-        Of a problem that is not transcribed yet: "shooting", "radau", "gauss", "trapezoidal",
-        "hermite_simpson", or one with settings.
+        Scheme for a problem that is not transcribed: "shooting", "radau", "gauss", "trapezoidal",
+        "hermite_simpson", or a Scheme with settings.
     accuracy : float or Accuracy, optional
-        Relative state error of any interval that is accepted, or what is asked of limits, switches
-        and cost as well: see :class:`~microbot_ocp.ocp.Accuracy`. Meshes are made finer until it is
-        met; where it is not ``status`` and ``advice`` tell why and what is missing. The solver's
-        tolerance becomes a tenth of it if it is more.
+        Accepted relative state error of any interval, or requirements for limits, switches and
+        cost as well: see :class:`~microbot_ocp.ocp.Accuracy`. Meshes are refined until it is met;
+        otherwise ``status`` and ``advice`` give the reason and the unmet requirement. The solver's
+        tolerance is at most a tenth of it.
     time_limit : float
-        Processor time after which it is stopped, s, of this thread and of the processes that
-        solvers run in, so that the answer is the same on a busy machine. Strategies are limited by
-        iterations, starts and meshes; where this limit is met that is said. After ten times as much
-        wall time it is stopped in any case, which is said, too.
+        Limit of the processor time of this thread and of the solver processes, s. It makes results
+        reproducible on a busy machine. Strategies are limited by iterations, starts and
+        meshes; ``advice`` reports if this limit ends the search. The wall time is limited to ten
+        times as much, which is reported as well.
     progress : callable, optional
-        Called with an :class:`~microbot_ocp.ocp.solution.Iteration` at every iteration, and with
-        a line of text for every mesh where there is an accuracy. It may raise KeyboardInterrupt to
+        Function called with an :class:`~microbot_ocp.ocp.solution.Iteration` at every iteration,
+        and with a line of text for every mesh if there is an accuracy. It may raise
+        KeyboardInterrupt to stop the solve.
         stop the solve.
 
     Returns
     -------
     Solution
-        Also where no solver converged: look at ``status``, which is SOLVED where ``verify`` passes
-        it. Its ``attempts`` are all that was tried, but for other starts with which it was compared
-        and that led to nothing cheaper; ``history`` has its meshes, ``ledger`` the strategies that
-        led to it. After Ctrl-C it is the last accepted one, with the status INTERRUPTED.
+        Also returned if no solver converged: see ``status``, which is SOLVED if ``verify`` passes
+        the solution. ``attempts`` lists all solver runs, except those from other starts that led to
+        nothing cheaper; ``history`` lists the meshes, ``ledger`` the strategies. After Ctrl-C, the
+        last accepted solution is returned with the status INTERRUPTED.
 
     Raises
     ------
     InputError
-        The declaration, mesh or guess is not complete or not finite, or the dynamics, constraints
-        or costs are not finite at the guess; an accuracy that is no positive number.
+        The declaration, mesh or guess is incomplete or not finite; the dynamics, constraints or
+        costs are not finite at the guess; or an accuracy is not a positive number.
 
     Examples
     --------
@@ -177,7 +178,7 @@ def solve(
     >>> str(solution.status), round(solution.cost, 4)
     ('solved', 2.0)
     """
-    goal, settings = _asked(accuracy, settings or SolverSettings())
+    goal, settings = _with_accuracy(accuracy, settings or SolverSettings())
     seconds, began = checks.time_limit(time_limit), (time.perf_counter(), deadline.worked())
     how = mesh, guess, settings, scheme, cast("Progress | None", progress), goal
     with deadline.within(min(SEARCH.wall * seconds, settings.time_limit), seconds):
@@ -189,7 +190,7 @@ def solve(
 
 
 def _searched(task: SolveTask) -> Solution:
-    """Return the answer of the first strategy that is final, or the best of all."""
+    """Return the solution of the first strategy that is final, or the best one of all."""
     settings, guess = task.settings, task.guess
     journal = task.journal
     best: Solution | None = None
@@ -236,10 +237,10 @@ def _searched(task: SolveTask) -> Solution:
     return _ended(task, journal.closed(best))
 
 
-def _asked(
+def _with_accuracy(
     accuracy: float | Accuracy | None, settings: SolverSettings
 ) -> tuple[Accuracy | None, SolverSettings]:
-    """Return the accuracy that is asked for, and settings with a tolerance that it needs."""
+    """Return the wanted accuracy, and settings with the tolerance that it needs."""
     if accuracy is None:
         return None, settings
     if not isinstance(accuracy, Accuracy):
@@ -249,29 +250,29 @@ def _asked(
 
 
 def _keeps_more(solution: Solution, other: Solution, tolerance: float) -> bool:
-    """Return whether of two that did not converge this one alone is within the tolerance."""
+    """Return True if only the first of two failed solutions is feasible within the tolerance."""
     left_open = [one.attempts[-1].infeasibility for one in (solution, other)]
     return left_open[0] <= tolerance < left_open[1]
 
 
 def _ended(task: SolveTask, best: Solution) -> Solution:
-    """Return the answer, with what is to be said of the search."""
+    """Return the result with remarks on the search."""
     if best.status not in ENDED and task.over:
         best = best.remarked(NOT_ALL)
     if best.solved and best.unsettled:
         best = best.ended(Status.LOCAL_OPTIMUM, best.several)
     return best.remarked(
-        kinks(best), unheld(best), ALONE if best.solved and not best.compared else ""
+        kinks(best), unheld(best), NOT_COMPARED if best.solved and not best.compared else ""
     )
 
 
 def default_mesh(problem: OptimalControlProblem | Transcription) -> int:
-    """Return intervals of every phase: fewer where there are many."""
+    """Return the default number of intervals per phase: fewer for many phases."""
     phases = (problem.problem if isinstance(problem, Transcription) else problem).phases
     return max(SEARCH.fewest, round(2 * SEARCH.intervals / max(len(phases), 2)))
 
 
-# what is solved, and what was tried ---------------------------------------------------------------
+# task ---------------------------------------------------------------------------------------------
 
 
 class Start(NamedTuple):
@@ -280,12 +281,12 @@ class Start(NamedTuple):
     context: SolveContext
     mesh: Meshes
     guess: Given
-    uneven: bool = False  # whether the guess is moved off what is symmetric
+    uneven: bool = False  # True to displace the guess off symmetric points
 
 
 @dataclass(frozen=True, eq=False)
 class SolveTask:
-    """What is to be solved."""
+    """A problem with the arguments of its solve, and the journal of the search."""
 
     problem: OptimalControlProblem | Transcription
     given: Meshes | None
@@ -306,30 +307,30 @@ class SolveTask:
 
     @property
     def alone(self) -> bool:
-        """Whether a transcription or a solver was chosen: no other strategy is tried."""
+        """True if a transcription or a solver was chosen: one strategy is used."""
         return isinstance(self.problem, Transcription) or self.settings.solver != "auto"
 
     @property
     def compared(self) -> int:
-        """Other starts that an answer is compared with."""
+        """Number of other starts that a solution is compared with."""
         fixed = self.given is not None and self.accuracy is None
         return SEARCH.compared_there if fixed else SEARCH.compared
 
     @property
     def short(self) -> SolverSettings:
-        """Settings of a try that may be followed by another."""
+        """Settings of a try, with the iteration limit of tries."""
         most = min(SEARCH.iterations, self.settings.max_iterations)
         return replace(self.settings, max_iterations=most)
 
     @property
     def few(self) -> SolverSettings:
-        """The same by IPOPT, where no solver was chosen."""
+        """Settings of a try by IPOPT, unless a solver was chosen."""
         return self.settings if self.alone else replace(self.short, solver="ipopt")
 
     def start(
         self, scaling: str = "", settings: SolverSettings | None = None, uneven: bool = False
     ) -> Start:
-        """Start from the guess, by the few iterations of a try or by other settings."""
+        """Return a start from the guess, with the settings of a try by default."""
         scaled = replace(self.settings, scaling=scaling or self.settings.scaling)
         program = transcribed(self.problem, scaled, scheme=self.scheme, guess=self.guess)
         context = SolveContext(program, settings or self.few, self.progress)
@@ -343,7 +344,7 @@ class SolveTask:
         *,
         patient: bool = True,
     ) -> tuple[Solution, bool]:
-        """Return the solution on its way to one that passes, and whether that is final."""
+        """Return the solution refined until it passes, and whether that is final."""
         return judged(
             solution,
             replace(context, settings=self.short),
@@ -355,35 +356,35 @@ class SolveTask:
         )
 
 
-# from a first answer to a final one ---------------------------------------------------------------
+# a first solution and its improvement -------------------------------------------------------------
 
 
 def _finished(task: SolveTask, way: str, solution: Solution, start: Start) -> tuple[Solution, bool]:
-    """Return the cheapest that an answer leads to, on meshes on which it passes, and whether it is
-    final.
+    """Return the best solution that follows from a first one, and whether it is final.
 
-    It is compared with what other starts lead to.
+    The solution is compared with the results of other starts, and refined until it passes.
     """
     solution, start = _in_own_scales(task, solution, start)
-    compared = task.alone or isinstance(task.guess, Solution)  # what was compared when it was found
+    # A solution given as guess was compared when it was found.
+    compared = task.alone or isinstance(task.guess, Solution)
     if not compared and solution.status in CONVERGED:
         began, before = time.perf_counter(), solution
         solution, tried = cheaper_elsewhere(solution, start.context, task.compared, task.guess)
         spent = time.perf_counter() - began
         task.journal.enter(OTHER_STARTS, before, solution if tried else None, tried, spent)
-        if tried:  # another valley, of other sizes
+        if tried:  # another local optimum may have other sizes
             solution, start = _in_own_scales(task, solution, start)
     first = f"The first try failed; this was found {way}." if way else ""
     remarks = [k for k in (first, solution.several) if k]
     if solution.status.solved:
         solution = solution.remarked(*remarks)
-    swings = solution.status in CONVERGED and _swings(task.problem, solution)
-    solution, final = task.judged(solution, start.context, patient=not swings)
-    if solution.status in UNSETTLED and _swings(task.problem, solution):
+    chatters = solution.status in CONVERGED and _may_chatter(task.problem, solution)
+    solution, final = task.judged(solution, start.context, patient=not chatters)
+    if solution.status in UNSETTLED and _may_chatter(task.problem, solution):
         constant, final = _with_constant_controls(task, solution)
         if constant is not solution:
             return constant, final
-        if swings and solution.status is Status.NO_PROGRESS:
+        if chatters and solution.status is Status.NO_PROGRESS:
             again, final = task.judged(solution.ended(Status.SOLVED, *remarks), start.context)
             history = (*solution.history[:-1], *again.history)
             return replace(again, history=History(history)), final
@@ -391,12 +392,11 @@ def _finished(task: SolveTask, way: str, solution: Solution, start: Start) -> tu
 
 
 def _in_own_scales(task: SolveTask, solution: Solution, start: Start) -> tuple[Solution, Start]:
-    """Give the better of the solution and of one with scales of its own, where these are far from
-    the guessed.
+    """Return the better of the solution and a solve with scales taken from it, if these differ.
 
-    What is small beside its scale is not accurate, and a cost of such a scale seems to be
-    settled; what is far larger may be on its way to a slope at infinity. The cheaper one is better
-    if it passes where the other does.
+    Variables far below their scales are inaccurate, and a small cost with a large scale seems
+    settled; variables far above their scales may diverge where the cost is flat. The cheaper
+    solution is better, provided that it passes if the other one does.
     """
     settings, problem = start.context.settings, start.context.transcription.problem
     automatic = settings.scaling == "auto" and not task.alone
@@ -426,32 +426,31 @@ def _in_own_scales(task: SolveTask, solution: Solution, start: Start) -> tuple[S
 
 
 def _passes(solution: Solution, start: Start) -> bool:
-    """Return whether a solution passes, or would on a finer mesh."""
+    """Return True if a solution passes, or fails only because its mesh is too coarse."""
     failures = judge(start.context.transcription, solution).failures
     return all(failure.status is Status.TOO_COARSE for failure in failures)
 
 
-def _swings(problem: OptimalControlProblem | Transcription, solution: Solution) -> bool:
-    """Return whether controls have a value at every collocation point that nobody asked for.
+def _may_chatter(problem: OptimalControlProblem | Transcription, solution: Solution) -> bool:
+    """Return True if controls are polynomials by default, and chatter may explain the failure.
 
-    Not where others are known to be better, which is not looked for where controls are constant.
+    False if better controls are known, which are searched only for polynomial controls.
     """
     if isinstance(problem, Transcription) or improvable(solution) > COST.most_left:
         return False
-    asked = {(p.name, c.name) for p in problem.phases for c in p.controls if c.shape != "auto"}
+    chosen = {(p.name, c.name) for p in problem.phases for c in p.controls if c.shape != "auto"}
     return any(
-        control.shape == "polynomial" and (phase.name, control.name) not in asked
+        control.shape == "polynomial" and (phase.name, control.name) not in chosen
         for phase in solution.phases
         for control in phase.laid_out.phase.controls
     )
 
 
 def _with_constant_controls(task: SolveTask, before: Solution) -> tuple[Solution, bool]:
-    """Return the solution with controls that are constant over every interval, where that passes.
+    """Return the solution with piecewise constant controls if it passes, and whether it is final.
 
-    On a singular arc a control that is free at every collocation point may go to and fro
-    between them, and owe a part of its cost to what the scheme does not see; where it jumps it
-    exceeds limits between them.
+    On a singular arc a polynomial control may oscillate between collocation points, with a cost
+    that the scheme does not see; where it jumps it exceeds limits between them.
     """
     began = time.perf_counter()
     assert isinstance(task.problem, OptimalControlProblem)
@@ -468,7 +467,7 @@ def _with_constant_controls(task: SolveTask, before: Solution) -> tuple[Solution
     task.journal.enter(CONSTANT, before, solved, tried, spent)
     if solved is None:
         return before, False
-    remark = f"With other values at every point the cost does not settle: {CONSTANT}."
+    remark = f"With polynomial controls the cost does not settle: {CONSTANT}."
     return answer.remarked(remark).with_rivals_of(before), final
 
 
@@ -477,13 +476,13 @@ def _with_constant_controls(task: SolveTask, before: Solution) -> tuple[Solution
 
 @dataclass(frozen=True)
 class Strategy:
-    """A row of the table by which a problem is tried.
+    """A row of the table of strategies.
 
     Attributes
     ----------
-    name : in words that follow "found"
-    propose : starts of its solves, none where it does not apply; it adds what it tried for them
-    why : the kind of problem that needs it
+    name : text that follows "found"
+    propose : function that yields starts, none if it does not apply, and records its own attempts
+    why : kind of problem that needs the strategy
     """
 
     name: str
@@ -491,17 +490,17 @@ class Strategy:
     why: str
 
 
-def _moved(task: SolveTask, _: list[Attempt]) -> Iterator[Start]:
+def _displaced(task: SolveTask, _: list[Attempt]) -> Iterator[Start]:
     settings = task.few
     phases = getattr(task.problem, "phases", ())
     if not task.alone and settings.initial_barrier is None and not any(p.controls for p in phases):
-        # a fit begins near its data, and the usual barrier outweighs what rates still change there
+        # A fit starts near its data; the default barrier would outweigh the small cost there.
         settings = replace(settings, initial_barrier=IMPROVEMENT.barrier)
-    # where scales are wrong what is uneven is far from the guess
+    # The displaced guess is far from the given one if scales are wrong: see the next strategy.
     yield task.start(settings=settings, uneven=not task.alone)
 
 
-def _as_it_is(task: SolveTask, _: list[Attempt]) -> Iterator[Start]:
+def _undisplaced(task: SolveTask, _: list[Attempt]) -> Iterator[Start]:
     yield task.start()
 
 
@@ -544,10 +543,10 @@ def _by_fatrop(task: SolveTask, _: list[Attempt]) -> Iterator[Start]:
 
 
 STRATEGIES = (
-    Strategy("", _moved, "most problems; moved off what is symmetric"),
+    Strategy("", _displaced, "most problems; the guess is displaced off symmetric points"),
     Strategy(
         "from the guess as it is",
-        _as_it_is,
+        _undisplaced,
         "scales that are far too large: a hundredth of them is far from the guess",
     ),
     Strategy(
@@ -559,14 +558,14 @@ STRATEGIES = (
     Strategy(
         "from the simulation that ends nearest",
         _simulated,
-        "swinging up, and durations that are far from the guessed one: between straight lines and "
-        "the answer lies no trajectory",
+        "swing-up, and durations far from the guessed one: straight lines are far from any "
+        "trajectory",
     ),
     Strategy(
         "from the cheapest of several starts on a coarse mesh",
         _from_many_starts,
-        "turns of a body, to and fro, that no simulation with constant controls comes near",
+        "turns of a body back and forth, which no simulation with constant controls approximates",
     ),
-    Strategy("with more iterations", _with_more_iterations, "what is large or very nonlinear"),
-    Strategy("by fatrop", _by_fatrop, "more equations than variables, which IPOPT refuses"),
+    Strategy("with more iterations", _with_more_iterations, "large or very nonlinear problems"),
+    Strategy("by fatrop", _by_fatrop, "more equations than variables, which IPOPT rejects"),
 )
