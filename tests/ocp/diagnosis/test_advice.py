@@ -112,7 +112,7 @@ def test_a_solver_that_breaks_down_is_an_attempt_and_the_chain_goes_on():
 def test_options_that_a_solver_does_not_have_are_bad_input():
     for solver in ("ipopt", "fatrop"):
         settings = SolverSettings(solver=solver, options={solver: {"no_such_option": 1}})
-        with pytest.raises(InputError, match=f"options of {solver} were rejected: .*no_such_option"):
+        with pytest.raises(InputError, match=f"options of {solver} were .*no_such_option"):
             solve(crane(), 5, settings=settings)
 
 

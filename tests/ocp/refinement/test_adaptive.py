@@ -125,7 +125,7 @@ def test_what_is_not_reached_is_said():
 def test_a_finer_mesh_that_is_not_accepted_ends_the_refinement_and_is_shown(monkeypatch):
     from microbot_ocp.ocp.refinement import _judged
 
-    monkeypatch.setattr(_judged._Work, "_accepts", lambda self, before, after: False)
+    monkeypatch.setattr(_judged._RefinementLoop, "_accepts", lambda self, before, after: False)
     refined = solved_to(oscillator(), 1e-6, mesh=[10])
     assert refined.status is Status.NOT_ACCEPTED
     assert [step.accepted for step in refined.history] == [True, False]

@@ -227,6 +227,7 @@ def control_activities(phase: PhaseSolution, controls: Sequence[Variable]) -> li
         range_ = control.upper - control.lower
         near = DETECTOR.at_end_of_ramp if control.shape == "linear" else DETECTOR.at_bound
         near = near * np.where(np.isfinite(range_), range_, control.scale)
+        # A control is at a side only if it is there throughout the interval.
         upper = (least >= control.upper - near) & (range_ != 0.0)
         lower = (largest <= control.lower + near) & (range_ != 0.0)
         sides = upper.astype(int) - lower.astype(int)
@@ -431,6 +432,7 @@ def _events(column: int, columns: Sequence[Activity]) -> list[_Event]:
     for index, (begin, after, side) in enumerate(stretches):
         before = stretches[index - 1].side if index else 0
         following = stretches[index + 1].side if index + 1 < len(stretches) else 0
+        # A few undecided intervals beside a decided one are a smeared switch, not a free arc.
         short = after - begin <= DETECTOR.smeared and (before or following)
         if side or activity.means is None or not short or _is_followed(columns, begin, after):
             events.append(_Event(float(begin), column, side))
@@ -474,6 +476,7 @@ def _take_over(events: Sequence[_Event], columns: Sequence[Activity]) -> None:
     pairs = [(last, e) for last, e in itertools.pairwise(events) if last.column == e.column]
     ends = [e for last, e in pairs if last.side and not e.side]
     begins = [e for last, e in pairs if e.side and not last.side]
+    # Nearest pairs first; each end and each begin is used once.
     gaps = sorted(
         (abs(one.place - other.place), i, j)
         for i, one in enumerate(ends)

@@ -272,6 +272,7 @@ class _ElasticProgram:
         whole = ca.horzcat(ca.vertcat(jacobian, pick)[order, :], give)
         lam = ca.mtimes(copies, lam_g)[: g.shape[0]]
         inner = functions["hessian_upper"].call([x, p, 0.0, lam])[0]
+        # The slacks are linear in rows and cost: their part of the Hessian is zero.
         hessian = ca.diagcat(inner, ca.DM(slacks, slacks))
         cost = ca.dot(ca.DM(weights), s)
         cache = {

@@ -33,6 +33,7 @@ def independent(program: Program, x: FloatArray, tolerance: float) -> tuple[Prog
     rows = _equations(program)
     fixed = program.variable_lower == program.variable_upper
     at = np.where(fixed, program.variable_lower, x)
+    # Gradients that depend on each other at x by coincidence do not at a second point.
     beside = at + np.where(fixed, 0.0, 0.1 + 0.2 * (np.arange(x.size) % 7))
     for point in (at, beside):
         for first, others in _constant(program):
@@ -102,6 +103,7 @@ def _dependent(slopes: FloatArray) -> dict[int, FloatArray]:
     """Return rows [m, n] that are linear combinations of earlier rows, with their weights [m]."""
     basis, kept, weights = np.zeros((0, slopes.shape[1])), [], {}
     for k, row in enumerate(slopes):
+        # Gram-Schmidt: a row without rest depends on the rows before it.
         rest = row - basis.T @ (basis @ row)
         size = np.linalg.norm(rest)
         if size > RANK * max(1.0, float(np.linalg.norm(row))):

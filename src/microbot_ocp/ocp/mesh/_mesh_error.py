@@ -74,6 +74,7 @@ def divide(mesh: FloatArray, errors: FloatArray, accuracy: float, order: int) ->
     """
     if errors.max() <= accuracy:
         return mesh.copy()
+    # n pieces reduce the error of an interval by n^(order + 1).
     wanted = np.ceil((errors / (DIVISION.safety * accuracy)) ** (1.0 / (order + 1)))
     pieces = np.clip(wanted, 1, DIVISION.most_pieces).astype(int)
     parts = [

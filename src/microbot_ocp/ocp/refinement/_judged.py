@@ -97,19 +97,19 @@ IMPROVEMENT = Improvement()
 
 
 @dataclass(frozen=True)
-class Left:
+class CostExtrapolation:
     """Estimate of the remaining change of the cost, from its changes from mesh to mesh."""
 
     change: float = np.inf
     ratios: tuple[float, float] = (0.5, 0.0)
 
-    def entered(self, change: float) -> Left:
+    def updated(self, change: float) -> CostExtrapolation:
         """Return the estimate with one further change."""
         ratios = self.ratios
         if 0 < self.change < np.inf:
             ratio = float(np.clip(change / self.change, 0.1, 0.9))
             ratios = (ratio, ratios[0] if ratios[1] else 0.1)
-        return Left(change, ratios)
+        return CostExtrapolation(change, ratios)
 
     @property
     def estimate(self) -> float:
@@ -119,20 +119,20 @@ class Left:
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class MeshAssessment:
     """Judgement, results and cost estimate of a solution on its mesh.
 
     Attributes
     ----------
     judgement : Judgement
     step : RefinementStep
-    left : estimate of the remaining change of the cost
+    extrapolation : estimate of the remaining change of the cost
     at : time of the judgement, ``time.perf_counter``
     """
 
     judgement: Judgement
     step: RefinementStep
-    left: Left
+    extrapolation: CostExtrapolation
     at: float = field(default_factory=time.perf_counter)
 
     @property
@@ -147,16 +147,16 @@ class Seen:
         return max(float(each.max()) for each in parts)
 
 
-class Beside(NamedTuple):
+class SaddleStarts(NamedTuple):
     """Starts on both sides of a saddle."""
 
     above: Solution
     below: Solution
 
 
-Course = Refinement[Solution, Seen]
-Rounds = tuple[Round[Solution, Seen], ...]
-Next = Beside | Sequence[FloatArray]
+MeshRefinement = Refinement[Solution, MeshAssessment]
+Rounds = tuple[Round[Solution, MeshAssessment], ...]
+Proposal = SaddleStarts | Sequence[FloatArray]
 
 
 def judged(
@@ -177,12 +177,12 @@ def judged(
     whose errors decrease too slowly to pass with the largest number of intervals.
     """
     if solution.status not in CONVERGED:
-        return _alone(solution), solution.status is Status.INTERRUPTED
-    return _Work(context, journal, finer, goal, freer_cost, patient).run(solution)
+        return _with_own_step(solution), solution.status is Status.INTERRUPTED
+    return _RefinementLoop(context, journal, finer, goal, freer_cost, patient).run(solution)
 
 
 @dataclass(frozen=True, eq=False)
-class _Work:
+class _RefinementLoop:
     """Functions of the refinement loop: solve, split, measure, accept and end."""
 
     context: SolveContext
@@ -193,7 +193,7 @@ class _Work:
     patient: bool
 
     @property
-    def _alone(self) -> bool:
+    def _solver_is_fixed(self) -> bool:
         """True if a solver was chosen: better controls are not searched."""
         return self.context.settings.solver != "auto"
 
@@ -205,11 +205,11 @@ class _Work:
             for state in refined(first, self._solved, measure, *parts):
                 self._report(state)
         if state is None:
-            return _alone(first).ended(Status.INTERRUPTED), True
+            return _with_own_step(first).ended(Status.INTERRUPTED), True
         last = state.refused
         if state.ended is None or Status.INTERRUPTED in (state.ended, last and last.status):
             return self._recorded(state).ended(Status.INTERRUPTED), True
-        if last is not None and self._at_saddle(state.measure) and _endless(last):
+        if last is not None and self._at_saddle(state.measure) and _is_unbounded(last):
             self._recorded(state)
             return last, True
         state, saved = self._improved(state)
@@ -219,18 +219,18 @@ class _Work:
 
     # one round -------------------------------------------------------------------------------
 
-    def _solved(self, best: Solution, proposal: Next) -> Solution:
-        if isinstance(proposal, Beside):
+    def _solved(self, best: Solution, proposal: Proposal) -> Solution:
+        if isinstance(proposal, SaddleStarts):
             return self._below(best, proposal).with_rivals_of(best)
         answer = self._solve(proposal, best)
         attempts = tuple(named("on a finer mesh", answer.attempts))
         return replace(answer, attempts=attempts).with_rivals_of(best)
 
     def _solve(self, meshes: Sequence[FloatArray], start: Solution) -> Solution:
-        solver = self.context.settings.solver if self._alone else "ipopt"
+        solver = self.context.settings.solver if self._solver_is_fixed else "ipopt"
         return self.context.solve(meshes, start, solver=solver, aimed=True)
 
-    def _below(self, saddle: Solution, starts: Beside) -> Solution:
+    def _below(self, saddle: Solution, starts: SaddleStarts) -> Solution:
         """Return the cheaper of the solutions from both sides of a saddle.
 
         An unbounded cost on one side is returned as such, although it did not converge.
@@ -238,10 +238,10 @@ class _Work:
         answers: list[Solution] = []
         for start in starts:
             answers.append(self._solve([phase.mesh for phase in saddle.phases], start))
-            if _endless(answers[-1]):
+            if _is_unbounded(answers[-1]):
                 break
         lowest = answers[-1]
-        if not _endless(lowest):
+        if not _is_unbounded(lowest):
             lowest = min(answers, key=lambda answer: (answer.status not in CONVERGED, answer.cost))
             worth = Thresholds().gap * cost_size(saddle.cost, saddle.cost_scale)
             if not lowest.cost < saddle.cost - worth:
@@ -252,16 +252,19 @@ class _Work:
     def _accepts(self, _: Solution, after: Solution) -> bool:
         return after.status in CONVERGED
 
-    def _measured(self, began: float, rounds: Rounds, solution: Solution) -> Seen:
+    def _measured(self, began: float, rounds: Rounds, solution: Solution) -> MeshAssessment:
         judgement = judge(self.context.transcription, solution)
-        before, left = rounds[-1].measure if rounds else None, self._left(rounds, solution)
+        before, extrapolation = (
+            rounds[-1].measure if rounds else None,
+            self._extrapolated(rounds, solution),
+        )
         dearer = solution.cost - self.freer_cost
-        error = max(left.estimate, dearer / cost_size(solution.cost, solution.cost_scale))
+        error = max(extrapolation.estimate, dearer / cost_size(solution.cost, solution.cost_scale))
         spent = time.perf_counter() - (before.at if before else began)
         step = step_of(solution, judgement, spent)
-        return Seen(judgement, replace(step, cost_error=error), left)
+        return MeshAssessment(judgement, replace(step, cost_error=error), extrapolation)
 
-    def _left(self, rounds: Rounds, solution: Solution) -> Left:
+    def _extrapolated(self, rounds: Rounds, solution: Solution) -> CostExtrapolation:
         """Return the estimate updated by the last mesh that is coarser by the factor ``finer``.
 
         Two nearly equal meshes have nearly equal costs wherever the optimum is.
@@ -269,44 +272,44 @@ class _Work:
         count = _intervals([phase.mesh for phase in solution.phases])
         for each in reversed(rounds):
             if self._at_saddle(each.measure):
-                return Left()
+                return CostExtrapolation()
             if COST.finer * sum(each.measure.step.intervals) <= count:
                 costs = solution.cost, each.solution.cost
                 size = max(cost_size(cost, solution.cost_scale) for cost in costs)
-                return each.measure.left.entered(abs(costs[0] - costs[1]) / size)
-        return rounds[-1].measure.left if rounds else Left()
+                return each.measure.extrapolation.updated(abs(costs[0] - costs[1]) / size)
+        return rounds[-1].measure.extrapolation if rounds else CostExtrapolation()
 
-    def _split(self, rounds: Rounds) -> Next:
-        solution, seen, goal = rounds[-1].solution, rounds[-1].measure, self.goal
-        if self._at_saddle(seen):
-            return _beside(solution, seen.judgement)
-        whole = seen.step.cost_error > goal.cost
-        meshes = goal.finer(solution, seen.judgement, seen.step, whole=whole)
+    def _split(self, rounds: Rounds) -> Proposal:
+        solution, assessment, goal = rounds[-1].solution, rounds[-1].measure, self.goal
+        if self._at_saddle(assessment):
+            return _saddle_starts(solution, assessment.judgement)
+        whole = assessment.step.cost_error > goal.cost
+        meshes = goal.finer(solution, assessment.judgement, assessment.step, whole=whole)
         if whole and _intervals(meshes) > goal.most_intervals:
-            meshes = goal.finer(solution, seen.judgement, seen.step, whole=False)
-            least = ceil(COST.finer * sum(seen.step.intervals))
+            meshes = goal.finer(solution, assessment.judgement, assessment.step, whole=False)
+            least = ceil(COST.finer * sum(assessment.step.intervals))
             if _intervals(meshes) < least <= goal.most_intervals:
                 meshes = _widest_halved(meshes, least)
         return meshes
 
-    def _ended(self, rounds: Rounds, proposal: Next) -> Status | None:
-        seen, goal = rounds[-1].measure, self.goal
-        saddle = self._at_saddle(seen)
-        if not saddle and (not self.finer or (goal.met(seen.step) and not seen.coarse)):
+    def _ended(self, rounds: Rounds, proposal: Proposal) -> Status | None:
+        assessment, goal = rounds[-1].measure, self.goal
+        saddle = self._at_saddle(assessment)
+        if not saddle and (not self.finer or (goal.met(assessment.step) and not assessment.coarse)):
             return Status.SOLVED
         if self.context.over:
             return deadline.status()
         if len(rounds) > goal.rounds:
             return Status.ROUND_LIMIT
-        if not self.patient and self._hopeless(rounds):
+        if not self.patient and self._cannot_pass(rounds):
             return Status.NO_PROGRESS
-        if isinstance(proposal, Beside):
+        if isinstance(proposal, SaddleStarts):
             return None
         phases = rounds[-1].solution.phases
         same = all(np.array_equal(mesh, p.mesh) for mesh, p in zip(proposal, phases, strict=True))
         return Status.SIZE_LIMIT if same or _intervals(proposal) > goal.most_intervals else None
 
-    def _hopeless(self, rounds: Rounds) -> bool:
+    def _cannot_pass(self, rounds: Rounds) -> bool:
         """Return whether even the most intervals would not pass.
 
         The errors are extrapolated with the order at which they fell since a mesh with fewer
@@ -321,28 +324,28 @@ class _Work:
                 return order * np.log(self.goal.most_intervals / count) < np.log(error)
         return False
 
-    def _at_saddle(self, seen: Seen) -> bool:
-        return seen.judgement.status is Status.SADDLE and not self._alone
+    def _at_saddle(self, assessment: MeshAssessment) -> bool:
+        return assessment.judgement.status is Status.SADDLE and not self._solver_is_fixed
 
     # results ---------------------------------------------------------------------------------
 
-    def _improved(self, state: Course) -> tuple[Course, float]:
+    def _improved(self, state: MeshRefinement) -> tuple[MeshRefinement, float]:
         """Return the refinement with better controls if found, and the saving still promised."""
         saved = improvable(state.solution)
-        if self._alone or not saved > PASSING.cost:
+        if self._solver_is_fixed or not saved > PASSING.cost:
             return state, saved
         began, before = time.perf_counter(), state.measure
         better, tried = improved(state.solution, self.context)
         if better is state.solution:
             self.journal.attempts.extend(tried)
             return state, saved
-        seen = self._measured(began, state.rounds, better)
+        assessment = self._measured(began, state.rounds, better)
         better = replace(better, attempts=tuple(tried))
-        step = replace(seen.step, cost_error=before.step.cost_error)
-        last = Round(better, replace(seen, step=step, left=before.left))
+        step = replace(assessment.step, cost_error=before.step.cost_error)
+        last = Round(better, replace(assessment, step=step, extrapolation=before.extrapolation))
         return replace(state, rounds=(*state.rounds, last)), improvable(better)
 
-    def _recorded(self, state: Course) -> Solution:
+    def _recorded(self, state: MeshRefinement) -> Solution:
         """Return the solution with its history, and record the attempts in the journal."""
         history, last = [each.measure.step for each in state.rounds], state.refused
         for old, new in pairwise(state.rounds):
@@ -355,19 +358,21 @@ class _Work:
             self.journal.enter(last.attempts[-1].way, before, None, last.attempts, spent)
         return replace(state.solution, history=History(history))
 
-    def _report(self, state: Course) -> None:
+    def _report(self, state: MeshRefinement) -> None:
         progress = self.context.progress
         if self.goal is not PASSING and progress is not None and state.ended is None:
             cast("StepProgress", progress)(str(state.measure.step))
 
-    def _judged(self, solution: Solution, state: Course, saved: float) -> tuple[Solution, bool]:
+    def _judged(
+        self, solution: Solution, state: MeshRefinement, saved: float
+    ) -> tuple[Solution, bool]:
         """Return the solution with status and advice, and True if it is final.
 
         It is also final if only the mesh or the shape of a control prevents that it passes.
         """
         goal, status = self.goal, state.measure.judgement.status
         failures = state.measure.judgement.failures
-        settled = goal is PASSING and state.measure.left.estimate <= COST.most_left
+        settled = goal is PASSING and state.measure.extrapolation.estimate <= COST.most_left
         missing = list(goal.missing(state.measure.step)) if self.finer and not settled else []
         rises = [] if goal is PASSING else list(History(solution.history).rises(goal.cost))
         solution = solution.remarked(*rises)
@@ -389,11 +394,11 @@ class _Work:
         return solution.ended(status, f"Missing: {'; '.join(parts)}.", *rises), final
 
 
-def _endless(solution: Solution) -> bool:
+def _is_unbounded(solution: Solution) -> bool:
     return falls_for_ever(solution.cost, solution.cost_scale)
 
 
-def _alone(solution: Solution) -> Solution:
+def _with_own_step(solution: Solution) -> Solution:
     """Return a solution with a history of its own mesh only."""
     spent = sum(attempt.wall_time for attempt in solution.attempts)
     return replace(solution, history=History([step_of(solution, None, spent)]))
@@ -418,7 +423,7 @@ def _widest_halved(meshes: Sequence[FloatArray], least: int) -> list[FloatArray]
     return [np.union1d(mesh, (mesh[:-1] + mesh[1:])[part] / 2) for mesh, part in pairs]
 
 
-def _beside(solution: Solution, judgement: Judgement) -> Beside:
+def _saddle_starts(solution: Solution, judgement: Judgement) -> SaddleStarts:
     """Return starts on both sides of a saddle, displaced along its direction."""
     assert judgement.curvature is not None
     direction, x = judgement.curvature.direction, solution.variables
@@ -426,7 +431,7 @@ def _beside(solution: Solution, judgement: Judgement) -> Beside:
     assert x is not None
     step = START_OFFSET / np.abs(direction).max() * direction
     from_there = replace(solution, variable_multipliers=None)
-    return Beside(*(replace(from_there, variables=at) for at in (x + step, x - step)))
+    return SaddleStarts(*(replace(from_there, variables=at) for at in (x + step, x - step)))
 
 
 def improvable(solution: Solution) -> float:

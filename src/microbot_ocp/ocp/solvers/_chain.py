@@ -278,6 +278,7 @@ def warm_barrier(settings: SolverSettings, program: Program, start: StartingPoin
     data = arguments_of(program, start)
     multipliers = np.concatenate([data["lam_x0"], data["lam_g0"]])
     mean = complementarity(program, start.x, program.row_values(start.x), multipliers)
+    # The mean complementarity is the barrier parameter of the central path through the start.
     barrier = np.clip(mean, SETTINGS.warm_barrier, SETTINGS.cold_barrier)
     return float(10.0 ** np.floor(np.log10(barrier)))
 

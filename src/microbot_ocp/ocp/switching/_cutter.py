@@ -88,6 +88,7 @@ def cut(problem: OptimalControlProblem, plans: Sequence[ArcPlan]) -> CutProblem:
     whole = OptimalControlProblem(f"{problem.name} in arcs")
     arcs = [(plan, arc) for plan in plans for arc in plan.arcs]
     held = [_conditions_on(*pair, start=k == 0) for k, pair in enumerate(arcs)]
+    # Every arc also needs the conditions of both neighbours: pad the ends with empty ones.
     conditions = [ArcConditions(), *held, ArcConditions()]
     groups: list[tuple[Phase, ...]] = []
     guesses: dict[str, Guess] = {}
@@ -137,6 +138,7 @@ class _ArcPhases:
         piece = copy.copy(declared)
         piece.name = f"{declared.name} {index + 1}"
         if not (first and last):
+            # A positive least length keeps the program regular: an arc at that length has vanished.
             shortest, longest = CUTTER.shortest, CUTTER.longest
             piece.duration_bounds = (shortest * self.plan.duration, longest * self.plan.duration)
         # Next to an arc on which an equation replaces a bound, the bound is met at the junction.
@@ -157,12 +159,15 @@ class _ArcPhases:
         piece.algebraic_equations = [timed(e) for e in declared.algebraic_equations]
         limits = [_freed(c, here.replaced, beside) for c in declared.constraints]
         piece.constraints = _mapped(timed, [*limits, *here.along])
+        # Conditions at the end of the phase belong to its last arc. All other arcs end with the
+        # entry equations of the next arc and with the limits that change there.
         piece.end_costs = [final(e) for e in declared.end_costs] if last else []
         piece.end_constraints = (
             _mapped(final, declared.end_constraints)
             if last
             else _mapped(timed, after.entered(here)) + self._met(index)
         )
+        # Point items lie at the ends of the phase only: inner points are excluded by is_cuttable.
         ends = [place for place, here_too in ((0.0, first), (1.0, last)) if here_too]
         for kind in ("point_constraints", "point_costs"):
             chosen = [k for k in getattr(declared, kind) if k.fractions[0] in ends]
@@ -242,6 +247,7 @@ def _freed(limited: Any, keeping: frozenset[Key], beside: frozenset[Key]) -> Any
 def _conditions_on(plan: ArcPlan, arc: PlannedArc, *, start: bool) -> ArcConditions:
     """Return equations of the limits active on an arc, at most one per free control."""
     sides = dict(zip(plan.columns, arc.signature, strict=True))
+    # Each equation determines one free control; without a free control it would be redundant.
     free = plan.controls - sum(side != 0 for column, side in sides.items() if column.limit is None)
     along: list[PathConstraint] = []
     entry: dict[Key, Sequence[PathConstraint]] = {}
@@ -273,6 +279,7 @@ def _derivatives(declared: Phase, activity: Activity, side: int) -> list[PathCon
     slope = ca.vertcat(*(declared.derivatives[s.name] for s in declared.states))
     zero = np.zeros(1)
     for order in range(1, CUTTER.highest_order + 1):
+        # d/dt g(x) = (dg/dx) f(x, u) as long as g contains no control.
         value = ca.jtimes(value, x, slope)
         name = f"{met.name}, derivative {order}"
         chain.append(replace(met, name=name, expression=value, lower=zero, upper=zero))

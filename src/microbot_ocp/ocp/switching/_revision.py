@@ -58,6 +58,7 @@ class ArcSolution:
     def revised(self) -> list[ArcPlan]:
         """Return the revised plans; vanished arcs are removed first, before signs are judged."""
         pairs = [(plan, piece) for k, plan in enumerate(self.plans) for piece in self.pieces(k)]
+        # An arc at its least length distorts the multipliers of its neighbours: remove it first.
         wrong = {} if any(_is_gone(*pair) for pair in pairs) else wrong_signs(self)
         plans = []
         for index, (plan, solved) in enumerate(zip(self.plans, self.as_solved(), strict=True)):
@@ -130,6 +131,7 @@ def _freed_where_wrong(
         signature = list(arc.signature)
         for column in (w.column for w in wrong if w.begin <= a and b <= w.end):
             signature[column] = 0
+            # The freed control can follow one of the state limits that are reached here.
             for other, side in _met_on(plan, piece, a, b):
                 # A part with the signature of its neighbour would merge with it: no switch remains.
                 instead = (*signature[:other], side, *signature[other + 1 :])
@@ -174,11 +176,13 @@ def wrong_signs(solved: ArcSolution) -> dict[str, list[WrongSign]]:
     for index, plan in enumerate(solved.plans):
         pieces = solved.pieces(index)
         for place, column in enumerate(plan.columns):
+            # Limits of states act through a derivative, whose multiplier has no definite sign.
             if column.of_states:
                 continue
             key = ("control", column.name, column.component)
             if column.limit is not None:
                 key = ("constraint", f"{column.name}[{column.component}] met", 0)
+            # Densities in time are comparable between arcs and meshes, multipliers of rows are not.
             densities = [
                 (piece, arc.signature[place], *_density(piece, multipliers[piece.name, *key]))
                 for piece, arc in zip(pieces, plan.arcs, strict=True)
@@ -207,6 +211,7 @@ def _multipliers(solution: Solution) -> dict[tuple[str, str, str, int], list[flo
 def _density(piece: PhaseSolution, multipliers: Sequence[float]) -> tuple[FloatArray, FloatArray]:
     """Return fractions of an arc, and a multiplier there divided by its quadrature weight, 1/s."""
     count = piece.mesh.size - 1
+    # A control constant over the interval has one multiplier per interval, others one per point.
     table = np.array(multipliers[: len(multipliers) // count * count]).reshape(count, -1)
     scheme = Collocation("radau", table.shape[1])
     points = np.array(scheme.points) if table.shape[1] > 1 else np.array([0.5])
@@ -221,6 +226,7 @@ def _negative(at: FloatArray, values: FloatArray, least: float) -> list[tuple[fl
     def edge(k: int) -> float:
         if k in (0, values.size):
             return float(k > 0)
+        # Zero of the linear interpolation between both neighbours.
         (a, b), (x, y) = values[k - 1 : k + 1], at[k - 1 : k + 1]
         return float(x + (y - x) * a / (a - b))
 

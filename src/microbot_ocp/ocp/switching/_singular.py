@@ -165,6 +165,7 @@ class _FirstOrderConditions:
         # The Hessian of H in u must vanish: otherwise a free control is regular, not singular.
         if not ca.is_linear(hamiltonian, u):
             raise NotPossibleError("the Hamiltonian is not affine in the controls")
+        # Canonical equations: dx/dt = dH/dlambda = f, dlambda/dt = -dH/dx.
         self.f, self.slope = f, -ca.gradient(hamiltonian, x)
         self.switching = ca.gradient(hamiltonian, u)
         along = [f, self.slope, running, hamiltonian, ca.densify(self.switching)]
@@ -175,6 +176,8 @@ class _FirstOrderConditions:
         self.sizes = _largest(_values(self.along, *values)[-1] for values in self.near)
         for law, values in zip(self.laws, self.near, strict=True):
             if law.free is not None:
+                # The arc is of first order only if B does not vanish, compared with H_u over time
+                # squared.
                 size = self.sizes[law.free] / plan.duration**2
                 if not np.abs(_values(law.terms, *values)[-1]).max() > SINGULAR.vanishing * size:
                     raise NotPossibleError(
@@ -207,12 +210,15 @@ class _FirstOrderConditions:
         if len(free) > 1:
             raise NotPossibleError("more than one control is singular at a time")
         singular = free[0]
+        # A is the second derivative at a singular control of zero, B its derivative by that
+        # control.
         held[singular] = 0.0
         # H_u has no explicit u, and its first derivative cancels u analytically for one control,
         # but not in the expression graph: substitute the control to remove it.
         rest = ca.DM(held)
 
         def rate(e: ca.MX) -> ca.MX:
+            # Total time derivative along the canonical equations.
             along = ca.jtimes(e, x, self.f) + ca.jtimes(e, costate, self.slope)
             return along + ca.jtimes(e, time, ca.MX(1.0))
 
@@ -245,6 +251,7 @@ class _FirstOrderConditions:
             reach = self.plan.duration
             phase = conditions.phase(name, (SINGULAR.shortest * reach, CUTTER.longest * reach))
             x, costate = self._moving(phase, first, last)
+            # Time and cost are states: each arc continues them from the one before.
             clock = phase.state(CLOCK, initial=0.0 if first else None)
             cost = phase.state(COST, initial=0.0 if first else None)
             u = law.controls(x, costate, clock)
@@ -304,6 +311,7 @@ class _FirstOrderConditions:
             phase.end_cost((first * reach / size) ** 2)
         both = self.plan.signatures[index : index + 2]  # the last arc has no successor: no pairs
         for i, sides in enumerate(itertools.islice(zip(*both, strict=True), self.lower.size)):
+            # A jump between the bounds of a control needs H_u = 0 at the junction.
             if min(sides) * max(sides) < 0:
                 phase.end_cost((switching[i] / float(self.sizes[i])) ** 2)
 
@@ -320,6 +328,8 @@ class _FirstOrderConditions:
         there, time = ca.MX.sym("there", self.size), ca.MX.sym("time")
         none = ca.MX.zeros(self.lower.size)
         fixed_states = [self._at_end(s, s.final, near.duration)[0] for s in declared.states]
+        # Active end constraints hold with equality, with constant multipliers nu ("prices") as
+        # states.
         rows: list[ca.MX] = []
         at_end = near.sample(np.array([near.duration]))
         value = np.concatenate([at_end[s.name][0] for s in declared.states])
@@ -343,6 +353,7 @@ class _FirstOrderConditions:
         price = costate - by_state
         for i in np.flatnonzero(~np.concatenate(fixed_states)).tolist():
             phase.end_constraint(f"transversality {i}", price[i], 0.0, 0.0)
+        # A fixed duration replaces the transversality condition of time.
         low, high = declared.duration_bounds
         bounds = np.array([low]), np.array([high])
         fixed, values = _met(np.array([near.duration]), *bounds, np.array([near.duration]))
@@ -375,6 +386,8 @@ class _FirstOrderConditions:
         transcription = Transcription(scaled(problem, guesses), scheme=HIGH_ORDER)
         least = SINGULAR.least_intervals
         meshes: list[MeshLike] = [max(arc.intervals, least) for arc in self.plan.arcs]
+        # Refine until the canonical equations are accurate: the costs vanish at a solution, so only
+        # the discretisation limits the accuracy of the lengths.
         start: dict[str, Guess] = guesses
         for _ in range(SINGULAR.rounds):
             if deadline.over():
@@ -394,6 +407,7 @@ class _FirstOrderConditions:
     def _accepted(self, solution: Solution, error: float) -> SingularArcs:
         near = self.plan
         lengths = np.array([phase.duration for phase in solution.phases])
+        # An arc at its least length has vanished: the structure is another one.
         if lengths.min() <= 2 * SINGULAR.shortest * near.duration:
             raise NotPossibleError("an arc has no length")
         pairs = list(zip(solution.phases, self.laws, strict=True))
@@ -414,9 +428,11 @@ class _FirstOrderConditions:
                     "a switching function of a control at a bound has the wrong sign"
                 )
             if law.free is not None:
+                # Along a singular arc H_u vanishes, and Kelley's condition B <= 0 must hold.
                 vanishing = max(vanishing, np.abs(along[law.free]).max() / largest[law.free])
                 kelley = max(kelley, float(_values(law.terms, *tables[index])[-1].max()))
             if index + 1 < len(tables):
+                # H_u also vanishes at the end of an arc where the control jumps between its bounds.
                 switches = sides[index] * sides[index + 1] < 0
                 jumps = np.abs(along[:, -1]) / largest
                 vanishing = max(vanishing, float(jumps[switches].max(initial=0.0)))
@@ -431,6 +447,7 @@ class _FirstOrderConditions:
         states = np.concatenate([last.values[s.name][-1] for s in near.declared.states])
         worth = float(self.worth(states, last.values[CLOCK][-1, 0]))
         cost = float(last.values[COST][-1, 0]) + worth
+        # A root of the conditions far from the given cost belongs to another extremal.
         other = self.solution
         if not abs(cost - other.cost) <= SINGULAR.agrees * cost_size(other.cost, other.cost_scale):
             raise NotPossibleError(
@@ -459,6 +476,7 @@ class _FirstOrderConditions:
         phase = self.plan.declared
         limits = [*phase.states, *phase.controls, *phase.constraints]
         x, _, u, time = self.arguments
+        # The boundary value problem contains no limits, so they are checked afterwards.
         expressions = [k.expression if isinstance(k, PathConstraint) else k.symbol for k in limits]
         expressions = [ca.densify(e) for e in self.declared(expressions, x, u, time)]
         run = ca.Function("limited", self.arguments, expressions)

@@ -176,6 +176,8 @@ class _SwitchingSearch:
             stopped = self._stopped(until)
             if stopped is not None:
                 return self._answer(measured, error, stopped)
+            # A failed attempt leaves ``solved`` unchanged: refinement continues with the last
+            # solved arcs.
             attempt = self._solve()
             if attempt.solution.status in CONVERGED:
                 solved = attempt
@@ -193,6 +195,8 @@ class _SwitchingSearch:
             errors = state_errors(solved.solution)
             measured, error = solved, max(float(e.max()) for e in errors)
             finer = self._finer(solved, errors)
+            # The last round accepts limits that are still exceeded between mesh points; _judged
+            # reports them.
             unkept = any(finer[p.name] > p.mesh.size - 1 for p in solved.solution.phases)
             if error <= self.accuracy and not (unkept and done < rounds - 1):
                 return self._answer(measured, error, self._judged(solved))
@@ -211,6 +215,8 @@ class _SwitchingSearch:
         in_arcs = cut(self.problem, self.plans)
         signatures = _signatures(self.plans)
         self.tried.add(signatures)
+        # Kernels depend on the structure of the arcs alone: refinement rounds reuse the
+        # transcription.
         if self.transcribed is None or self.transcribed[0] != signatures:
             scaled_problem = scaled(in_arcs.problem, in_arcs.guesses)
             self.transcribed = signatures, self.transcribe(scaled_problem, scheme=HIGH_ORDER)
@@ -257,6 +263,7 @@ class _SwitchingSearch:
     def _judged(self, solved: ArcSolution) -> _Verdict:
         """Return the verdict: locally optimal, or the reason why not."""
         solution, first = solved.solution, self.first
+        # The detected structure allows the cost of the start: a higher cost proves it wrong.
         if solution.cost > first.cost + SWITCHING.costlier * abs(first.cost):
             return _Verdict(
                 Status.NOT_ACCEPTED,
@@ -271,6 +278,8 @@ class _SwitchingSearch:
                 f"{100 * worst.relative:.2g} % beyond its limit: the optimum has more arcs than "
                 "the given start shows.",
             )
+        # First-order conditions: a small gap, followed by the signs of the multipliers of held
+        # controls.
         wanted = self.settings.gap * cost_size(solution.cost, solution.cost_scale)
         if not solution.gap.total <= wanted:
             return _Verdict(

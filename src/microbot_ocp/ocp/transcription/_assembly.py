@@ -127,6 +127,7 @@ class _Entries:
         keep = np.flatnonzero(rows <= columns) if upper else np.arange(rows.size)
         order = keep[np.lexsort((rows[keep], columns[keep]))]
         rows, columns, values = rows[order], columns[order], ca.vertcat(*self.values)
+        # Entries are sorted by column and row (compressed columns): repeated places are adjacent.
         fresh = (np.diff(rows, prepend=-1) != 0) | (np.diff(columns, prepend=-1) != 0)
         slots = np.cumsum(fresh) - 1  # nonzero of every entry
         nonzeros = values[order[fresh].tolist()]
@@ -177,6 +178,7 @@ def assemble(layouts: Sequence[PhaseLayout], *, parametric: bool = False) -> Pro
     slope_of_p = ca.MX.zeros(parameters.size)  # solvers require this output but never use it
     g_again, slope = rows_again.vector(height), gradient.vector(width)
     jacobian_matrix = jacobian.matrix(height, width)
+    # Gradient of the Lagrangian lam_f f + lam_g' g.
     stationarity = lam_f * slope + jacobian_matrix.T @ lam_g
     of_lagrangian = [cost_again, g_again, stationarity, slope_of_p]
 

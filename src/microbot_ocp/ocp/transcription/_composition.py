@@ -158,8 +158,10 @@ def _composed_jacobian(stage: Composition, first: Functions) -> ca.Function:
     following, rows, cost = stage.outer(sv, sc, sw)
     both = ca.vertcat(following, rows)
     outputs = [both, cost, *(ca.jacobian(k, x) for x in (sv, sw) for k in (both, cost))]
+    # Derivatives of the outer formulas alone: g, phi, g_v, phi_v, g_w, phi_w.
     light = ca.Function("stage_light_jacobian", [sv, sc, sw], ca.cse(outputs))
     both, cost, by_v, slope_v, by_w, slope_w = light(v, c, w)
+    # Chain rule with T = dw/dv.
     gradient = ca.densify((slope_v + slope_w @ through).T)
     return ca.Function("stage_jacobian", [v, c], [both, by_v + by_w @ through, cost, gradient])
 
@@ -177,6 +179,7 @@ def _composed_hessian(stage: Composition, first: Functions, second: Functions) -
     w, through = (
         _results(stage, first, v, c) if mixed else (ca.MX(stage.outer.size1_in(2), 1), None)
     )
+    # Weights of the results of every call: gradient of the weighted sum by w.
     pulled = ca.vertsplit(weights(v, c, w, lam, sigma), _edges([c.results for c in stage.calls]))
     gradients, total = [], ca.MX(v.shape[0], v.shape[0])
     for calls, function, weight in zip(stage.calls, second, pulled, strict=True):
@@ -186,10 +189,13 @@ def _composed_hessian(stage: Composition, first: Functions, second: Functions) -
         gradients.append(ca.vec(gradient))
         blocks = ca.vertsplit_n(slopes, calls.count), ca.horzsplit_n(hessians, calls.count)
         for slope, hessian in zip(*blocks, strict=True):
+            # Curvature of the heavy functions: A_v' f_AA A_v, call by call.
             total = total + slope.T @ (hessian @ slope)
+    # Curvature of the outer formulas, and of the arguments A weighted with p.
     straight, by_vw, by_ww = light(v, c, w, lam, sigma, ca.vertcat(*gradients))
     total = total + straight
     if through is not None:
+        # Mixed terms g_vw T + T' g_wv, and T' g_ww T.
         half = by_vw @ through
         total = total + half + half.T + through.T @ (by_ww @ through)
     return ca.Function("stage_hessian", [v, c, lam, sigma], [total])

@@ -319,12 +319,14 @@ def lay_out(
     heights = row_counts.copy()
     for kernel, nodes in zip(kernels, where, strict=True):
         heights[nodes] += len(kernel.rows)
+    # First row of every stage.
     first = begin[1] + np.cumsum(heights) - heights
 
     def block(entries: Sequence[TableEntry], begin: int, interval: int = intervals) -> Block:
         places = np.arange(begin, begin + len(entries))[None, :]
         return Block(tuple(entries), np.array([interval]), places)
 
+    # A component that may jump starts from a transition variable of its own, a linked one from z_N.
     jumping = [e for e in following if e.source is None or e.name not in linked]
     transition = block([replace(e, kind="transition") for e in jumping], corners[-1] + len(node))
     link = block([replace(e, kind="link") for e in following], first[-1])
@@ -373,6 +375,8 @@ def fill_values(layouts: Sequence[PhaseLayout], x: FloatArray) -> None:
             if not names:
                 continue
             z = x[layout.nodes[group.nodes]].T
+            # The row of a point value is expression - parameter: its residual corrects the
+            # parameter.
             missed = group.kernel.value(z, layout.point_constants(group))[0].full()[:, 0]
             for other in layouts:
                 node = [entry.name for entry in other.kind.node]

@@ -197,6 +197,8 @@ def curvature_of(solution: Solution, point: Point, gap: float, size: float) -> C
     matrix = _CondensedMatrix(solution, point, least)
     if matrix.positive(least):
         return Curvature(0.0, None)
+    # Double the shift until K + shift M is positive definite: the least eigenvalue of K relative to
+    # M lies between -shift and -shift / 2.
     high = least
     while not matrix.positive(high):
         high *= 2
@@ -221,6 +223,7 @@ class _CondensedMatrix:
         lam_x, lam_g = point.lam_x / scale, point.lam_g / scale
         hessian = program.functions["hessian"](x, p, 1 / scale, lam_g)[1][free, free]
         rows = program.functions["jacobian"](x, p)[1][:, free]
+        # Weights beyond this bound would drown the Hessian in rounding.
         most = max(1.0, float(ca.norm_inf(hessian.nz[:]))) / DIGITS
         bound_weights = _stiffness(lam_x, x, bounds.variable_lower, bounds.variable_upper, most)
         row_weights = _stiffness(lam_g, point.g, bounds.row_lower, bounds.row_upper, most)
@@ -246,6 +249,7 @@ class _CondensedMatrix:
         """
         moved = self.matrix + ca.diag(ca.DM(shift * self.mass))
         self.solver.nfact(moved)
+        # Inverse iteration d <- (K + shift M)^-1 M d converges to the eigenvalue nearest to -shift.
         d = np.cos(np.arange(self.free.size) ** 1.5)  # deterministic, no symmetry
         values: list[float] = []
         while len(values) < 2 or values[-2] - values[-1] > DIGITS * abs(values[-1]):

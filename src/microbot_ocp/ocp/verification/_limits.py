@@ -256,6 +256,7 @@ def _acting(dense: DensePhase, limited: Limited, prices: np.ndarray) -> Iterator
         push = np.maximum(sign * prices[:, 2], 0.0)
         strength = np.zeros(phase.mesh.size)
         np.maximum.at(strength, prices[:, 1].astype(int), push * size)
+        # Complementarity: a limit is active if its slack is zero, or smaller than its multiplier.
         active = slack <= THRESHOLDS.active
         active |= (slack <= THRESHOLDS.nearly_active) & (strength[dense.interval] > slack)
         for first, last in _joined_runs(dense, active):

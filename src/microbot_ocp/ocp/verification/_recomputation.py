@@ -132,6 +132,7 @@ def scaled_rows(problem: OptimalControlProblem, phases: Sequence[Recomputation])
     values = np.zeros(scale.size)
     for recomputed in phases:
         values[list(recomputed.rows)] = list(recomputed.rows.values())
+    # Rows of links: start of the next phase minus end of this one.
     pairs = zip(problem.links, layouts, phases[:-1], phases[1:], strict=False)
     for link, layout, before, after in pairs:
         for place, entry in zip(layout.link.places[0].tolist(), layout.link.entries, strict=True):

@@ -210,6 +210,7 @@ def _equation(layout: PhaseLayout, cost: bool) -> _Equation:
     values_of += [(v.symbol, next(parts)) for v in phase.free_parameters]
     values_of += [(phase.time, start + s * length), (phase.duration, duration)]
 
+    # Scaled states y = x / scale over the fraction s: dy/ds = until * length * f(x, z, u) / scale.
     x = ca.vertcat(*(v.symbol for v in phase.states))
     z = ca.vertcat(*(v.symbol for v in phase.algebraics), ca.MX(0, 1))
     slope = ca.vertcat(*(phase.derivatives[v.name] for v in phase.states))
@@ -258,6 +259,8 @@ def _linearised(layout: PhaseLayout) -> ca.Function:
     slopes, first = ca.jacobian(dae["ode"], dae["x"]), ca.MX.sym("x0", scale.shape[0])
     replaced, values = [dae["t"], dae["x"]], [ca.MX(0.5), first / scale]
     if "z" in dae:
+        # Implicit differentiation: df/dx - df/dz (dg/dz)^-1 dg/dx for algebraic equations g(x, z) =
+        # 0.
         inner = ca.solve(ca.jacobian(dae["alg"], dae["z"]), ca.jacobian(dae["alg"], dae["x"]))
         slopes = slopes - ca.jacobian(dae["ode"], dae["z"]) @ inner
         replaced, values = [*replaced, dae["z"]], [*values, guesses]
@@ -274,6 +277,7 @@ def resimulate(phase: PhaseSolution, intervals: Integrated) -> ResimulationCheck
     k, column = np.unravel_index(int(np.abs(defects).argmax()), defects.shape)
     owners = [(state, i) for state in states for i in range(state.size)]
     state, component = owners[int(column)]
+    # The sum of the defects bounds the open-loop error of a system that does not amplify them.
     added = float(np.abs(defects).sum(axis=0).max())
     open_loop, amplification = np.inf, np.inf
     if np.isfinite(added):
