@@ -168,7 +168,7 @@ class ArcPlan:
     duration : duration of the phase, s
     sample : values of the variables at times since the start of the phase
     arcs : arcs in the order of time
-    columns : components that signatures refer to: control components that may jump, then limits
+    columns : components that signatures refer to: jumping control components followed by limits
     """
 
     declared: Phase
@@ -406,7 +406,7 @@ class _Event:
 def _arcs_between_events(columns: Sequence[Activity], mesh: FloatArray) -> list[PlannedArc]:
     # An event is the start of a side of one component; arcs lie between the events of all.
     events = [event for column in range(len(columns)) for event in _events(column, columns)]
-    _take_over(events, columns)
+    _join_events(events, columns)
     arcs: list[PlannedArc] = []
     active, begin = np.zeros(len(columns), dtype=int), 0.0
     count = mesh.size - 1
@@ -468,7 +468,7 @@ def _sides_within(before: int, following: int, means: FloatArray) -> list[tuple[
     return [((length - other) / 2, -side), ((length + other) / 2, side)]
 
 
-def _take_over(events: Sequence[_Event], columns: Sequence[Activity]) -> None:
+def _join_events(events: Sequence[_Event], columns: Sequence[Activity]) -> None:
     """Move an end of activity and a nearby begin of another one to their common midpoint.
 
     Two limits of states are never paired: a control at its bound lies between them.

@@ -70,18 +70,18 @@ def owned(phase: Phase, expression: ca.MX | float, at: float | None = None) -> c
                     if other is phase and value.fraction == at:
                         replaced = ca.substitute(expression, symbol, value.expression)
                         return owned(phase, replaced, at)
-                    _take(other, value)
-                    _carry(phase, other, symbol)
+                    _define_point_value(other, value)
+                    _share_free_parameter(phase, other, symbol)
         for free in phase.problem.free_parameters:
             if ca.is_equal(symbol, free.symbol):
                 holder = next((p for p in phase.problem.phases if free in p.free_parameters), phase)
                 if holder is phase:
                     _add_free(phase, free)
-                _carry(phase, holder, symbol)
+                _share_free_parameter(phase, holder, symbol)
     return expression
 
 
-def _take(phase: Phase, value: PointValue) -> None:
+def _define_point_value(phase: Phase, value: PointValue) -> None:
     """Add a point value to the free parameters of the phase, and the constraint defining it."""
     if value.name in {v.name for v in phase.free_parameters}:
         return
@@ -92,7 +92,7 @@ def _take(phase: Phase, value: PointValue) -> None:
     phase.point_constraints.append(PointConstraint.of(demanded, value.fraction, value.name))
 
 
-def _carry(phase: Phase, owner: Phase, symbol: ca.MX) -> None:
+def _share_free_parameter(phase: Phase, owner: Phase, symbol: ca.MX) -> None:
     """Add a free parameter of another phase to this phase and to all phases between them."""
     assert phase.problem is not None
     phases = phase.problem.phases

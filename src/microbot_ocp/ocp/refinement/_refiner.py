@@ -197,7 +197,7 @@ class Refiner:
             starts = [(self.solver, SETTINGS.warm_barrier, guesses)]
         if not self.once:
             starts.append(("ipopt", None, guesses))
-        after, dearer, owed = before, None, self._owed_to_excess(before)
+        after, dearer, gain = before, None, self._cost_of_excess(before)
         for name, barrier, start in starts:
             after = self.solve(meshes, start, solver=name, barrier=barrier)
             accepted = self.history[-1]["accepted"] = self._accepts(before, after)
@@ -208,7 +208,7 @@ class Refiner:
                 return after
             if after.status is Status.INTERRUPTED or deadline.over():
                 break
-            honest = after.status.solved and owed > 0 and not self._exceeds_grossly(before, after)
+            honest = after.status.solved and gain > 0 and not self._exceeds_grossly(before, after)
             if honest and (dearer is None or after.cost < dearer.cost):
                 dearer = after
         if dearer is not None:
@@ -219,7 +219,7 @@ class Refiner:
     def _worst(self, solution: Solution) -> float:
         return max(float(e.max()) for e in self.excess(solution))
 
-    def _owed_to_excess(self, before: Solution) -> float:
+    def _cost_of_excess(self, before: Solution) -> float:
         """Return the relative cost that a solution may gain by excess between mesh points.
 
         Slowing down by the excess of a speed limit keeps that limit; limits of second derivatives
@@ -239,7 +239,7 @@ class Refiner:
             return after.status.solved
         if self._exceeds_grossly(before, after):
             return False
-        more = WORSE + self._owed_to_excess(before)
+        more = WORSE + self._cost_of_excess(before)
         return after.cost - before.cost <= more * abs(before.cost)
 
     def refine(
@@ -273,7 +273,7 @@ class Refiner:
 
         return self._refined(
             solution,
-            lambda _, answer: _Exceeded([], switching(answer)),
+            lambda _, answer: _MeshExcess([], switching(answer)),
             lambda rounds: _split_all(rounds[-1].solution, rounds[-1].measure.switches),
             lambda before, after: after.cost < before.cost,
             done,
@@ -282,7 +282,7 @@ class Refiner:
     def _refined(
         self,
         solution: Solution,
-        measure: Callable[[_Rounds, Solution], _Exceeded],
+        measure: Callable[[_Rounds, Solution], _MeshExcess],
         split: Callable[[_Rounds], list[FloatArray]],
         accept: Callable[[Solution, Solution], bool],
         done: Callable[[_Rounds, list[FloatArray]], Status | None],
@@ -301,30 +301,32 @@ class Refiner:
 
     def _exceeded(
         self, switching: Switching | None, worth: float, rounds: _Rounds, solution: Solution
-    ) -> _Exceeded:
+    ) -> _MeshExcess:
         worst = self.history[-1]["excess"] = self._worst(solution)
         self.progress(f"largest excess of a limit between mesh points: {100 * worst:.3g} %")
         gained = rounds[-1].solution.cost - solution.cost if rounds else np.inf
         sharp = gained > worth * abs(solution.cost)
         switches = switching(solution) if switching and sharp else []
-        return _Exceeded(self.excess(solution), switches, worst)
+        return _MeshExcess(self.excess(solution), switches, worst)
 
     def _split_where_exceeded(self, rounds: _Rounds) -> list[FloatArray]:
-        solution, seen = rounds[-1].solution, rounds[-1].measure
-        marked = [e > self.foresight * self.limit_tolerance for e in seen.excess]
-        if seen.switches:
+        solution, measure = rounds[-1].solution, rounds[-1].measure
+        marked = [e > self.foresight * self.limit_tolerance for e in measure.excess]
+        if measure.switches:
             tables = [marks.reshape(marks.shape[0], -1) for marks in marked]
-            pairs = zip(tables, seen.switches, strict=True)
+            pairs = zip(tables, measure.switches, strict=True)
             marked = [marks | switch.reshape(-1, 1) for marks, switch in pairs]
         return _split_all(solution, marked)
 
     def _keeps_limits(self, rounds: _Rounds, _: list[FloatArray]) -> Status | None:
         """Return a reason to stop: limits kept, ``enough``, or no progress; None to continue."""
-        seen = rounds[-1].measure
-        within = seen.worst <= self.limit_tolerance
-        if (within and not seen.switched) or self._is_enough(rounds[-1].solution):
+        measure = rounds[-1].measure
+        within = measure.worst <= self.limit_tolerance
+        if (within and not measure.switched) or self._is_enough(rounds[-1].solution):
             return Status.SOLVED
-        stubborn = _stubborn([each.measure.worst for each in rounds]) >= SETTINGS.stubborn
+        stubborn = (
+            _meshes_without_progress([each.measure.worst for each in rounds]) >= SETTINGS.stubborn
+        )
         return Status.NO_PROGRESS if stubborn and not within else None
 
     def _is_enough(self, solution: Solution) -> bool:
@@ -332,7 +334,7 @@ class Refiner:
 
 
 @dataclass(frozen=True, eq=False)
-class _Exceeded:
+class _MeshExcess:
     """Excess of the intervals over limits, and intervals in which a control switches."""
 
     excess: Sequence[FloatArray]
@@ -344,10 +346,10 @@ class _Exceeded:
         return any(marks.any() for marks in self.switches)
 
 
-_Rounds = tuple[Round[Solution, _Exceeded], ...]
+_Rounds = tuple[Round[Solution, _MeshExcess], ...]
 
 
-def _stubborn(excess: Sequence[float]) -> int:
+def _meshes_without_progress(excess: Sequence[float]) -> int:
     """Return the number of meshes since the least excess was last halved."""
     least, last = np.inf, 0
     for number, worst in enumerate(excess):

@@ -73,7 +73,7 @@ class StartComparison:
     same : relative difference of cost that counts as equal
     durations : durations of simulations relative to the usual ones, if durations are free
     least_time : least time limit of a cached solver, s
-    each : number of simulations for each of these durations
+    each : number of simulations per entry of ``durations``
     """
 
     coarse: tuple[int, ...] = (10, 20, 40)

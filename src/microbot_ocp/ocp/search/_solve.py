@@ -77,7 +77,7 @@ class Search:
     ----------
     intervals : intervals of the default mesh for one or two phases
     fewest : least intervals per phase for many phases
-    coarser : fraction of these intervals on a mesh where a solve may converge sooner
+    coarser : fraction of the default intervals on a mesh where a solve may converge sooner
     simulations : number of simulations that serve as starts
     iterations : iteration limit of a try: a longer solve converges sooner by another strategy
     compared : number of other starts that a solution is compared with, on a default mesh

@@ -85,7 +85,7 @@ class Watch:
     count: int = -1
     stopped: bool = False
     failure: BaseException | None = None
-    asked: Callable[[], bool] = bool  # returns True after Ctrl-C
+    interrupted: Callable[[], bool] = bool  # returns True after Ctrl-C
     callback: ca.Callback | None = None  # kept alive here: CasADi holds no reference
 
     def hooked(self, options: Options, functions: Functions) -> tuple[Options, Functions]:
@@ -98,7 +98,7 @@ class Watch:
 
     def report(self, x: FloatArray, cost: float | None = None) -> bool:
         """Record an iterate; return False if the solve should stop."""
-        self.stopped = self.stopped or self.asked()
+        self.stopped = self.stopped or self.interrupted()
         if self.stopped or (self.x is not None and np.array_equal(x, self.x)):
             return not self.stopped
         self.x, self.count = x, self.count + 1
@@ -114,7 +114,7 @@ class Watch:
                 self.failure = problem
         return not self.stopped
 
-    def told(self, x: Any, cost: Any = None) -> bool:
+    def record(self, x: Any, cost: Any = None) -> bool:
         """Record an iterate and scaled cost from a solver, keeping interrupts inside."""
         try:
             whole = None if cost is None else float(cost) * self.program.cost_scale
@@ -159,7 +159,7 @@ class _IterationCall(PythonFunction):
         super().__init__("iteration", inputs, ca.Sparsity.dense(1))
 
     def eval(self, arguments: Any) -> list[float]:
-        return [0.0 if self.watch.told(*arguments[:2]) else 1.0]
+        return [0.0 if self.watch.record(*arguments[:2]) else 1.0]
 
 
 class _GradientCall(PythonFunction):
@@ -171,7 +171,7 @@ class _GradientCall(PythonFunction):
         super().__init__("nlp_grad_f", inputs, gradient.sparsity_out(0))
 
     def eval(self, arguments: Any) -> list[ca.DM]:
-        self.watch.told(arguments[0])  # the result is ignored: fatrop cannot be stopped here
+        self.watch.record(arguments[0])  # the result is ignored: fatrop cannot be stopped here
         return self.inner.call(arguments)
 
 

@@ -232,7 +232,7 @@ def _answered(call: Callable[[], _Answer], name: str, watch: Watch | None) -> _A
     # check, so an exception would only discard its result.
     with interrupts.noted(is_raised=name != "fatrop") as interrupted:
         if watch is not None:
-            watch.asked = interrupted
+            watch.interrupted = interrupted
         try:
             return replace(call(), interrupted=interrupted())
         except (KeyboardInterrupt, RuntimeError) as problem:
@@ -244,10 +244,12 @@ def _answered(call: Callable[[], _Answer], name: str, watch: Watch | None) -> _A
 
 
 def _answered_by_child(call: Callable[[], _Answer], name: str, watch: Watch | None) -> _Answer:
-    seen = watch if isinstance(watch, LastIterate) else None
+    last_iterate = watch if isinstance(watch, LastIterate) else None
 
     def work(send: Send) -> _Answer:
-        if watch is not None and seen is None:  # send iterates to the parent, which reports them
+        if (
+            watch is not None and last_iterate is None
+        ):  # send iterates to the parent, which reports them
             watch.report = lambda x, cost=None: send((x, cost)) is None
         try:
             return call()
@@ -261,7 +263,7 @@ def _answered_by_child(call: Callable[[], _Answer], name: str, watch: Watch | No
     until = min(deadline.until(), time.perf_counter() + SETTINGS.most)
     # fatrop may loop forever between evaluations.
     silence = SETTINGS.silence if name == "fatrop" and watch is not None else np.inf
-    look = None if seen is None else seen.look
+    look = None if last_iterate is None else last_iterate.look
     try:
         most = deadline.work_left()
         return in_child(work, until, receive, silence=silence, steps=look, most=most)
@@ -273,8 +275,8 @@ def _answered_by_child(call: Callable[[], _Answer], name: str, watch: Watch | No
         # Raised by the progress function, by its error handling, or by the keyboard.
         return _Answer(interrupted=watch is None or watch.failure is None)
     finally:
-        if seen is not None:
-            seen.look()
+        if last_iterate is not None:
+            last_iterate.look()
 
 
 # status of a run ----------------------------------------------------------------------------------

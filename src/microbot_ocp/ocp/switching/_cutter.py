@@ -151,13 +151,13 @@ class _ArcPhases:
         )
         # The clock replaces the phase time; its final value carries the bounds of the duration.
         states = [_inside(s, first, last) for s in declared.states]
-        piece.states = [*(_freed(s, here.replaced, beside) for s in states), clock]
+        piece.states = [*(_without_bounds(s, here.replaced, beside) for s in states), clock]
         piece.derivatives = {name: timed(e) for name, e in declared.derivatives.items()}
         piece.derivatives[clock.name] = ca.MX(1.0)
         piece.controls = self._controls(arc, first, last)
         piece.running_costs = [timed(e) for e in declared.running_costs]
         piece.algebraic_equations = [timed(e) for e in declared.algebraic_equations]
-        limits = [_freed(c, here.replaced, beside) for c in declared.constraints]
+        limits = [_without_bounds(c, here.replaced, beside) for c in declared.constraints]
         piece.constraints = _mapped(timed, [*limits, *here.along])
         # Conditions at the end of the phase belong to its last arc. All other arcs end with the
         # entry equations of the next arc and with the limits that change there.
@@ -228,7 +228,7 @@ def _at_start(constraint: PathConstraint) -> PointConstraint:
     return PointConstraint(**vars(constraint), fractions=np.zeros(1))
 
 
-def _freed(limited: Any, keeping: frozenset[Key], beside: frozenset[Key]) -> Any:
+def _without_bounds(limited: Any, keeping: frozenset[Key], beside: frozenset[Key]) -> Any:
     """Return a state or path constraint without the bounds that equations on an arc replace.
 
     Next to such an arc the bound holds with equality at the junction. It is loosened slightly:
@@ -237,7 +237,7 @@ def _freed(limited: Any, keeping: frozenset[Key], beside: frozenset[Key]) -> Any
     low, high = limited.lower.copy(), limited.upper.copy()
     for i in (i for name, i in beside if name == limited.name):
         range_ = high[i] - low[i]
-        margin = CUTTER.looser * (range_ if np.isfinite(range_) else limited.scale[i])
+        margin = CUTTER.bound_margin * (range_ if np.isfinite(range_) else limited.scale[i])
         low[i], high[i] = low[i] - margin, high[i] + margin
     rows = [i for name, i in keeping if name == limited.name]
     low[rows], high[rows] = -np.inf, np.inf

@@ -59,13 +59,13 @@ class ArcSolution:
         """Return the revised plans; vanished arcs are removed first, before signs are judged."""
         pairs = [(plan, piece) for k, plan in enumerate(self.plans) for piece in self.pieces(k)]
         # An arc at its least length distorts the multipliers of its neighbours: remove it first.
-        wrong = {} if any(_is_gone(*pair) for pair in pairs) else wrong_signs(self)
+        wrong = {} if any(_has_vanished(*pair) for pair in pairs) else wrong_signs(self)
         plans = []
         for index, (plan, solved) in enumerate(zip(self.plans, self.as_solved(), strict=True)):
             arcs: list[PlannedArc] = []
             signatures = [(), *plan.signatures, ()]
             for k, (arc, piece) in enumerate(zip(solved.arcs, self.pieces(index), strict=True)):
-                if _is_gone(plan, piece):
+                if _has_vanished(plan, piece):
                     continue
                 if plan.is_undetermined(arc):
                     arcs += _held_at_limits(plan, arc, piece)
@@ -86,8 +86,8 @@ def _laid_out(arcs: Sequence[PlannedArc], lengths: Sequence[float]) -> tuple[Pla
     return tuple(replace(arc, begin=a, end=b) for arc, (a, b) in zip(arcs, pairs, strict=True))
 
 
-def _is_gone(plan: ArcPlan, piece: PhaseSolution) -> bool:
-    return piece.duration <= CUTTER.gone * plan.duration and len(plan.arcs) > 1
+def _has_vanished(plan: ArcPlan, piece: PhaseSolution) -> bool:
+    return piece.duration <= CUTTER.vanished * plan.duration and len(plan.arcs) > 1
 
 
 def _held_at_limits(plan: ArcPlan, arc: PlannedArc, piece: PhaseSolution) -> list[PlannedArc]:

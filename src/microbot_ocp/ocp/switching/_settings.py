@@ -15,19 +15,20 @@ class CutterSettings:
     ----------
     most_arcs : largest number of arcs in a phase; a chattering solution is not divided
     shortest : least length of an arc, as a fraction of the phase
-    looser : widening of a bound next to an arc on which an equation holds it, relative to its range
+    bound_margin : widening of a bound next to an arc on which an equation holds it, relative to its
+        range
     highest_order : highest time derivative of a state limit that is searched for a control
     longest : largest length of an arc, as a multiple of the duration of the phase
     """
 
     most_arcs: int = 12
     shortest: float = 1e-4
-    looser: float = 1e-6
+    bound_margin: float = 1e-6
     highest_order: int = 3
     longest: float = 3.0
 
     @property
-    def gone(self) -> float:
+    def vanished(self) -> float:
         """Length, as a fraction of the phase, below which an arc counts as vanished."""
         return 2 * self.shortest
 

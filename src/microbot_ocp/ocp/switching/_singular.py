@@ -295,7 +295,7 @@ class _FirstOrderConditions:
             return np.zeros(state.size, dtype=bool), np.zeros(state.size)
         value = self.plan.sample(np.array([time]))[state.name][0]
         low, high = given
-        return _met(value, low, high, state.scale)
+        return _at_bound(value, low, high, state.scale)
 
     def _switch(self, phase: Phase, index: int, values: list[ca.MX], switching: ca.MX) -> None:
         """Add squares of the switching functions that must vanish where an arc ends to the cost.
@@ -337,7 +337,7 @@ class _FirstOrderConditions:
             expression = self.declared([constraint.expression], there, none, time)[0]
             run = ca.Function("end", [there, time], [expression])
             reached = np.array(run(value, near.duration)).ravel()
-            fixed, values = _met(reached, constraint.lower, constraint.upper, constraint.scale)
+            fixed, values = _at_bound(reached, constraint.lower, constraint.upper, constraint.scale)
             rows += [expression[i] - values[i] for i in np.flatnonzero(fixed).tolist()]
         prices = ca.MX.sym("prices", len(rows))
         worth = self.declared([sum(declared.end_costs, ca.MX(0.0))], there, none, time)[0]
@@ -356,7 +356,7 @@ class _FirstOrderConditions:
         # A fixed duration replaces the transversality condition of time.
         low, high = declared.duration_bounds
         bounds = np.array([low]), np.array([high])
-        fixed, values = _met(np.array([near.duration]), *bounds, np.array([near.duration]))
+        fixed, values = _at_bound(np.array([near.duration]), *bounds, np.array([near.duration]))
         if fixed[0]:
             phase.end_constraint("duration", clock - values[0], 0.0, 0.0)
         else:
@@ -412,7 +412,7 @@ class _FirstOrderConditions:
             raise NotPossibleError("an arc has no length")
         pairs = list(zip(solution.phases, self.laws, strict=True))
         tables = [
-            self._of(phase.sample(np.linspace(0.0, phase.duration, SINGULAR.checked)), law)
+            self._stacked(phase.sample(np.linspace(0.0, phase.duration, SINGULAR.checked)), law)
             for phase, law in pairs
         ]
         self._check_limits(tables)
@@ -456,7 +456,7 @@ class _FirstOrderConditions:
         samples = tuple(self._sample(*pair) for pair in pairs)
         return SingularArcs(solution, cost, lengths, kelley, float(vanishing), error, samples)
 
-    def _of(self, values: dict[str, FloatArray], law: _ArcLaw) -> list[FloatArray]:
+    def _stacked(self, values: dict[str, FloatArray], law: _ArcLaw) -> list[FloatArray]:
         """Return stacked states, costates, controls and times [*, M] of sampled values."""
         x = np.hstack([values[name] for name in self.state_parts]).T
         costate = np.hstack([values[COSTATE + name] for name in self.state_parts]).T
@@ -466,7 +466,7 @@ class _FirstOrderConditions:
     def _sample(self, phase: PhaseSolution, law: _ArcLaw) -> Sample:
         def sample(t: FloatArray) -> dict[str, FloatArray]:
             values = phase.sample(t)
-            u = self._of(values, law)[2].T
+            u = self._stacked(values, law)[2].T
             return values | {name: u[:, part] for name, part in self.control_parts.items()}
 
         return sample
@@ -511,7 +511,7 @@ def _along(places: FloatArray, table: FloatArray) -> Callable[[FloatArray], Floa
     return lambda s: np.stack([np.interp(s, places, column) for column in table.T], axis=1)
 
 
-def _met(
+def _at_bound(
     values: FloatArray, lower: FloatArray, upper: FloatArray, scale: FloatArray
 ) -> tuple[np.ndarray, FloatArray]:
     """Return a mask of the values that are at a bound, and those bounds."""

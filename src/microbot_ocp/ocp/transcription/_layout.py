@@ -230,7 +230,7 @@ class PhaseLayout(Portable):
 
     @property
     def data(self) -> FloatArray:
-        """Values of the parameters and then of the measurements of the phase, in one array."""
+        """Values of the parameters followed by the measurements of the phase, in one array."""
         return joined([self.parameters, *(m.value.ravel() for m in self.phase.measurements)])
 
     def point_places(self, group: PointGroup) -> IntArray:

@@ -113,7 +113,7 @@ class Label(TableEntry):
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """Rows or variables with the same entries in several intervals.
+    """Rows or variables with equal entries in several intervals.
 
     Attributes
     ----------
