@@ -2,10 +2,11 @@
 
 Every component of a control or limit is treated separately (:class:`Activity`): in each interval it
 is at its upper side, at its lower side or at neither. Two controls may switch within one interval
-of each other, so that no interval of a short arc has all sides decided; each component by itself
-does. If a component passes from one side to the other within a few intervals, its mean over them
-determines the switching time (:func:`find_switches`). Where one limit becomes inactive, another
-becomes active. The arcs are the time spans between these events (:func:`plan_of`).
+of each other: then no interval of the arc between them has all sides decided, but the sides of each
+single component are. If a component passes from one side to the other within a few intervals, its
+mean over them determines the switching time (:func:`find_switches`). Where one limit becomes
+inactive, another becomes active. The arcs are the time spans between these events
+(:func:`plan_of`).
 """
 
 from __future__ import annotations
@@ -33,13 +34,13 @@ class DetectorSettings:
 
     Attributes
     ----------
-    at_bound : distance to a bound below which a control is at it, relative to its range
-    at_end_of_ramp : distance to a bound below which a continuous control is at it, relative to its
-        range; larger, because near the end of a ramp the barrier outweighs the small gain
-    at_state_limit : distance to a limit below which a state at both ends of an interval makes the
-        limit active, relative to the state's range along the phase
-    at_mixed_limit : distance to a limit that depends on controls, below which the limit is active,
-        relative to its range
+    at_bound : largest distance of an active control from its bound, relative to its range
+    at_end_of_ramp : largest distance of an active continuous control from its bound, relative to
+        the control's range; near the end of a ramp the barrier outweighs the small gain
+    at_state_limit : largest distance of a state from an active limit, at both ends of an interval,
+        relative to the state's range along the phase
+    at_mixed_limit : largest distance from an active limit that depends on controls, relative to its
+        range
     smeared : number of intervals over which a mesh may smear one event
     negligible : length below which an arc is dropped, in intervals
     """
@@ -396,7 +397,7 @@ def merged(arcs: Sequence[PlannedArc]) -> list[PlannedArc]:
 
 @dataclass
 class _Event:
-    """A component begins to be at a side; ``place`` counts intervals."""
+    """Start of a side of one component; ``place`` is measured in intervals."""
 
     place: float
     column: int
@@ -469,14 +470,14 @@ def _sides_within(before: int, following: int, means: FloatArray) -> list[tuple[
 
 
 def _join_events(events: Sequence[_Event], columns: Sequence[Activity]) -> None:
-    """Move an end of activity and a nearby begin of another one to their common midpoint.
+    """Move the end of one activity and a nearby start of another to their common midpoint.
 
     Two limits of states are never paired: a control at its bound lies between them.
     """
     pairs = [(last, e) for last, e in itertools.pairwise(events) if last.column == e.column]
     ends = [e for last, e in pairs if last.side and not e.side]
     begins = [e for last, e in pairs if e.side and not last.side]
-    # Nearest pairs first; each end and each begin is used once.
+    # Nearest pairs first; each end and each start is used once.
     gaps = sorted(
         (abs(one.place - other.place), i, j)
         for i, one in enumerate(ends)

@@ -179,7 +179,7 @@ def _distinct(answers: list[Solution], here: Solution, worth: float) -> list[Sol
 
 
 def on_any_mesh(guess: Given, problem: OptimalControlProblem) -> Given:
-    """Return a guess with functions in place of tables over mesh points, taken as even."""
+    """Return a guess with functions in place of tables, assumed to be evenly spaced."""
     if not isinstance(guess, Mapping):
         return guess
     sizes = {p.name: {v.name: v.size for v in p.variables} for p in problem.phases}

@@ -238,7 +238,7 @@ class Solution(Hinting, Portable):
         return view_for(self, "table")(self)._repr_html_()
 
     def plot(self, axes: GivenAxes | None = None, **options: Any) -> DrawnAxes:
-        """Return states and controls over time: :func:`microbot_ocp.plots.solution`."""
+        """Plot states and controls over time: :func:`microbot_ocp.plots.solution`."""
         return view_for(self, "plot")(self, axes, **options)
 
     def __getitem__(self, name: str) -> PhaseSolution:

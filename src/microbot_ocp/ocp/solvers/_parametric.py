@@ -160,7 +160,7 @@ class ParametricSolver(Portable):
         self._cost_scale = with_cost_scale(self.program, start.x, self.settings).cost_scale
 
     def plot(self, axes: GivenAxes | None = None) -> DrawnAxes:
-        """Return a plot of the nonzeros of the program: :func:`microbot_ocp.plots.sparsity`."""
+        """Plot the nonzeros of the program: :func:`microbot_ocp.plots.sparsity`."""
         return view_for(self, "plot")(self, axes)
 
     def export_c(self, path: str | Path, *, solver: str = "sqp") -> Path:

@@ -36,7 +36,7 @@ class RunSettings:
     silence : processor time without an evaluation after which fatrop is killed, s: it loops if no
         regularisation makes its matrix definite. Iterations take far less; the counter includes
         the previous work of the process
-    most : limit of a solver that may not end by itself if no limit is set, s
+    most : time limit of a solver that may not end by itself, if no limit is set, s
     """
 
     large: int = 2000
@@ -63,7 +63,7 @@ Solvers = dict[tuple[str, bool, float, int], ca.Function]
 
 @dataclass(frozen=True, eq=False)
 class _Answer:
-    """Return values of a solver call as plain values; ``values`` is empty if it failed."""
+    """Result of a solver call as plain values; ``values`` is empty if it failed."""
 
     values: Mapping[str, FloatArray] = field(default_factory=dict)
     stats: Mapping[str, Any] = field(default_factory=dict)

@@ -53,7 +53,7 @@ class ScalingSettings:
         the phase, or to one
     peak : fraction of the largest rate that counts if most rates are smaller, as around a pulse
     band : factor around one within which sizes are not scaled
-    cost : change of the scaled cost that is aimed at
+    cost : target change of the scaled cost
     cost_band : factor around one within which changes of the cost are not scaled
     """
 
@@ -132,9 +132,9 @@ def scaled(problem: OptimalControlProblem, guess: Given = None) -> OptimalContro
 def driving_ranges(
     problem: OptimalControlProblem, solution: Solution
 ) -> dict[str, dict[str, Range]]:
-    """Return ranges of controls, free parameters and free initial states around a solution.
+    """Return ranges of controls, free parameters and free initial states by phase.
 
-    By phase. The range extends the values of the solution on both sides so far that a state can
+    The range extends the values of the solution on both sides so far that a state can
     move from its largest value to the opposite value during the phase. Sizes of states are their
     largest values, or the scale of a state that stays zero.
     """

@@ -1,8 +1,8 @@
 """Karush-Kuhn-Tucker conditions of first and second order.
 
 The Lagrangian of the scaled program is ``f + lam_g' g + lam_x' x``: multipliers are positive at
-upper bounds and negative at lower ones. Its derivatives are those of the undifferentiated kernels,
-not of the program that was solved.
+upper bounds and negative at lower ones. Its derivatives are formed here from the values of the
+kernels, not taken from the program that was solved.
 
 Second order: at a minimum the KKT matrix, with multiplier over distance on the diagonal of every
 inequality, has exactly one negative eigenvalue per row. Eliminating the rows leaves the condensed
@@ -197,8 +197,8 @@ def curvature_of(solution: Solution, point: Point, gap: float, size: float) -> C
     matrix = _CondensedMatrix(solution, point, least)
     if matrix.positive(least):
         return Curvature(0.0, None)
-    # Double the shift until K + shift M is positive definite: the least eigenvalue of K relative to
-    # M lies between -shift and -shift / 2.
+    # Double the shift until matrix + shift * mass is positive definite: the least generalised
+    # eigenvalue then lies between -shift and -shift / 2.
     high = least
     while not matrix.positive(high):
         high *= 2
@@ -249,7 +249,7 @@ class _CondensedMatrix:
         """
         moved = self.matrix + ca.diag(ca.DM(shift * self.mass))
         self.solver.nfact(moved)
-        # Inverse iteration d <- (K + shift M)^-1 M d converges to the eigenvalue nearest to -shift.
+        # Inverse iteration d <- (matrix + shift mass)^-1 mass d: the eigenvalue nearest to -shift.
         d = np.cos(np.arange(self.free.size) ** 1.5)  # deterministic, no symmetry
         values: list[float] = []
         while len(values) < 2 or values[-2] - values[-1] > DIGITS * abs(values[-1]):
