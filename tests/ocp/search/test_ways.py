@@ -317,13 +317,13 @@ def test_an_answer_far_smaller_than_its_scales_is_solved_again():
 
 def test_no_more_starts_are_tried_where_the_first_agree(monkeypatch):
     solved = []
-    inner = _other_starts._Coarse.solved
+    inner = _other_starts._CoarseSolver.solved
 
     def counted(coarse, guess):
         solved.append(guess)
         return inner(coarse, guess)
 
-    monkeypatch.setattr(_other_starts._Coarse, "solved", counted)
+    monkeypatch.setattr(_other_starts._CoarseSolver, "solved", counted)
     first = solve(double_integrator())
     assert first.status.solved
     count = len(solved)
@@ -392,7 +392,7 @@ def test_where_optima_are_near_the_best_of_several_is_kept_and_it_is_said():
     newton = BY_NAME["newton"].build()
     how = None, SolverSettings(), "radau", None, None
     task = _solve.SolveTask(newton, 20, *how)
-    (start,) = _solve._moved(task, [])
+    (start,) = _solve._displaced(task, [])
     first = start.context.solve(start.mesh, start.guess)
     solution, _ = _solve._finished(task, "", first, start)
     assert solution.cost == pytest.approx(1.49926395, rel=1e-3)  # 1.50668 from the guess
