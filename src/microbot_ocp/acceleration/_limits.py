@@ -173,6 +173,7 @@ def acceleration_limits(
     Returns
     -------
     AccelerationLimits
+        Largest box that was proved, with one that a known state breaks.
 
     Raises
     ------

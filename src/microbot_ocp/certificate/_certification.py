@@ -161,6 +161,7 @@ def certify(
     Returns
     -------
     Certificate
+        Verdict, with the figures of every check.
 
     Raises
     ------

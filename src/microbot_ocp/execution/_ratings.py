@@ -157,6 +157,7 @@ def ratings(
     Returns
     -------
     Ratings
+        Torques, speeds, powers and energy of every joint over the cycle.
 
     Raises
     ------

@@ -232,6 +232,7 @@ def smallest_reserve(
     Returns
     -------
     Reserve
+        Least reserve, the motion planned with it, and the trials.
 
     Raises
     ------

@@ -101,6 +101,7 @@ def solve_ik_each(
     Returns
     -------
     tuple of IKSolution, N
+        One solution per target, in the order of the targets.
 
     Raises
     ------

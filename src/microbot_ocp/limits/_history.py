@@ -229,6 +229,7 @@ def limit_history(
     Returns
     -------
     LimitHistory
+        Values, bounds and use of every limit over the time.
 
     Raises
     ------

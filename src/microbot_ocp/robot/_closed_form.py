@@ -201,6 +201,7 @@ def closed_form(robot: Robot) -> ClosedForm:
     Returns
     -------
     ClosedForm
+        Pose, mass matrix, Christoffel symbols and gravity torques as series.
 
     Raises
     ------

@@ -120,6 +120,7 @@ def clearance(robot: Robot, motion: Motion, scene: Scene) -> Clearance:
     Returns
     -------
     Clearance
+        Least distance found, and the distance that is proved, m.
 
     Raises
     ------

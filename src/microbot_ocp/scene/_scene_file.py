@@ -75,6 +75,7 @@ def load_scene(
     Returns
     -------
     Scene
+        Obstacles of the file, with the clearance to keep.
 
     Raises
     ------

@@ -227,6 +227,7 @@ def track(
     Returns
     -------
     Tracking
+        States, errors and torques over the time, with a status.
 
     Raises
     ------

@@ -140,6 +140,7 @@ def motion_from_formula(
     Returns
     -------
     Motion
+        Positions, exact derivatives and torques, sampled at the step.
 
     Examples
     --------

@@ -108,6 +108,7 @@ def sweep(
     Returns
     -------
     Sweep
+        Results of all cases, to read and to draw.
 
     Raises
     ------

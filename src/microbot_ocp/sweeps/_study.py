@@ -295,6 +295,7 @@ def read_study(path: str | Path) -> Study:
     Returns
     -------
     Study
+        Robot, cases, methods and settings of the file.
 
     Raises
     ------

@@ -106,6 +106,7 @@ def time_effort_front(
     Returns
     -------
     Front
+        Motions from the fastest to the calmest, with their efforts.
 
     Raises
     ------

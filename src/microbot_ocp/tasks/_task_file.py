@@ -141,6 +141,7 @@ def read_task(path: str | Path) -> TaskFile:
     Returns
     -------
     TaskFile
+        Checked task in SI units.
 
     Raises
     ------

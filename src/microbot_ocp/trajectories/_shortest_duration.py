@@ -140,6 +140,7 @@ def shortest_duration(
     Returns
     -------
     Scaled
+        Shortest motion of the shape, with the limit that it meets.
 
     Raises
     ------

@@ -119,6 +119,7 @@ def numeric_function(
     Returns
     -------
     casadi.Function
+        Function of the given sizes, with differences as derivatives.
 
     Raises
     ------

@@ -151,6 +151,7 @@ def time_path(
     Returns
     -------
     PathTiming
+        Speed and time at every grid point, with a status.
 
     Raises
     ------

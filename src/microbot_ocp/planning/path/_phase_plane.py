@@ -168,6 +168,7 @@ def phase_plane(
     Returns
     -------
     PhasePlane
+        Bounds of ds/dt along the path, and the best profile below them.
 
     Raises
     ------

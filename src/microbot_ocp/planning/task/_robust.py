@@ -114,6 +114,7 @@ def robust_limits(
     Returns
     -------
     JointLimits
+        Limits of the robot, with two further ones on the torques of the box.
 
     Raises
     ------

@@ -61,6 +61,7 @@ def load_robot(
     Returns
     -------
     Robot
+        Robot of the file or name, with its limits.
 
     Raises
     ------

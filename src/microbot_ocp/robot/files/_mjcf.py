@@ -57,6 +57,7 @@ def load_mjcf(
     Returns
     -------
     Robot
+        Chain from the base to the tip, with masses and limits.
 
     Raises
     ------
