@@ -2,7 +2,9 @@
 
     python docs/make_screenshots.py [NAME ...] [--keep FOLDER]
 
-It needs a Vulkan driver; without a graphics card that of the package mesa-vulkan-drivers.
+It needs a Vulkan driver; without a graphics card that of the package mesa-vulkan-drivers, or
+Chromium's, named by VK_ICD_FILENAMES=/usr/lib/chromium/vk_swiftshader_icd.json with its
+libvulkan.so.1 on LD_LIBRARY_PATH.
 """
 
 from __future__ import annotations
