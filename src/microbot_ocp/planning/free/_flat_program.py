@@ -90,9 +90,10 @@ class FlatTranscription:
             (*k, *(["tau"] if r and "tau" not in k else []))
             for k, r in zip(asked, rated, strict=True)
         ]
-        self.limits = tuple(
-            point_limits(f.robot, k, self.payload) for f, k in zip(self.families, keys, strict=True)
-        )
+        phases = [(f.robot, k) for f, k in zip(self.families, keys, strict=True)]
+        # Equal phases share one object; a cache that several threads fill may return two.
+        limits = {phase: point_limits(*phase, self.payload) for phase in dict.fromkeys(phases)}
+        self.limits = tuple(limits[phase] for phase in phases)
 
     def with_parameters(self, values: Mapping[str, Mapping[str, Any]]) -> FlatTranscription:
         """Return the same with other values of phase parameters, by phase and name."""
