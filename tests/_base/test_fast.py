@@ -362,3 +362,19 @@ def test_a_call_that_is_not_to_be_compiled_is_not(monkeypatch):
     x = ca.SX.sym("x")
     call = deferred_call(ca.Function("plain", [x], [2 * x]), compiled=False)
     assert call(np.ones((2, 1))).tolist() == [[2.0], [2.0]]
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+@pytest.mark.parametrize("rows", [1, 31, 32, 65])
+def test_rows_in_place_are_evaluated_again_where_they_stand(monkeypatch, rows, compiled):
+    if not compiled:
+        monkeypatch.setattr(fast_calls, "_table_in_place", lambda function: None)
+    x, y = ca.SX.sym("x", 3), ca.SX.sym("y")
+    memory = fast_calls.rows_in_place(ca.Function("f", [x, y], [ca.sin(x) * y, ca.sumsqr(x)]))(rows)
+    random = np.random.default_rng(rows)
+    for _ in range(3):
+        at, factor = random.normal(size=(rows, 3)), random.normal(size=(rows, 1))
+        memory.inputs[0][...], memory.inputs[1][...] = at, factor
+        memory.run()
+        np.testing.assert_allclose(memory.outputs[0], np.sin(at) * factor, atol=1e-14)
+        np.testing.assert_allclose(memory.outputs[1][:, 0], (at**2).sum(axis=1), atol=1e-13)

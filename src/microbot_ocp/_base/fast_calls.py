@@ -15,7 +15,8 @@ import sys
 import sysconfig
 import time
 from collections.abc import Callable, Sequence
-from functools import lru_cache
+from dataclasses import dataclass
+from functools import lru_cache, partial
 from importlib.machinery import EXTENSION_SUFFIXES, ExtensionFileLoader
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
@@ -38,6 +39,29 @@ from microbot_ocp._base.interpreter import (
 )
 
 FastCall = Callable[..., Any]
+
+
+@dataclass(frozen=True, eq=False)
+class RowsInPlace:
+    """Memory of a function for a number of rows.
+
+    Attributes
+    ----------
+    inputs : list of arrays [rows, size]
+        Arguments, to write to.
+    outputs : list of arrays [rows, size]
+        Values, until the next evaluation.
+    run : callable
+        Evaluation.
+    kept : tuple
+        Owners of the memory that the evaluation has addresses of.
+    """
+
+    inputs: list[FloatArray]
+    outputs: list[FloatArray]
+    run: Callable[[], None]
+    kept: tuple[Any, ...] = ()
+
 
 WORTH_COMPILING = 0.5  # s of uncompiled evaluation, about the compile time
 # Rows before a table is built: it costs 3.4 us an operation, the virtual machine 5 ns for each row.
@@ -199,6 +223,32 @@ def table_call(function: ca.Function) -> FastCall:
     """
     _check_vectors(function)
     return _stand_in(function)
+
+
+def rows_in_place(function: ca.Function) -> Callable[[int], RowsInPlace]:
+    """Return the maker of memory for a number of rows of a function as for :func:`table_call`,
+    whose outputs are vectors.
+    """
+    _check_vectors(function)
+    prepared = _table_in_place(function)
+    if prepared is not None:
+        return prepared
+    sizes, shapes = _sizes(function)
+
+    def mapped(rows: int) -> RowsInPlace:
+        inputs = [np.zeros((rows, size)) for size in sizes]
+        outputs = [np.zeros((rows, height)) for height, _ in shapes]
+        many = buffered_call(function.map(rows))
+
+        def run() -> None:
+            answers = many(*(array.T for array in inputs))
+            answers = answers if isinstance(answers, tuple) else (answers,)
+            for output, answer in zip(outputs, answers, strict=True):
+                output[...] = answer.T
+
+        return RowsInPlace(inputs, outputs, run)
+
+    return mapped
 
 
 def _check_vectors(function: ca.Function) -> None:
@@ -415,12 +465,33 @@ def _by_table(
 
     None if the function has no such table or there is no compiler.
     """
+    prepared = _table_in_place(function, alike)
+    if prepared is None:
+        return None
+
+    def call(rows: int, given: list[FloatArray]) -> tuple[FloatArray, ...]:
+        memory = prepared(rows)
+        for array, value in zip(memory.inputs, given, strict=True):
+            array[...] = value
+        memory.run()
+        return tuple(array.T for array in memory.outputs)
+
+    return call
+
+
+def _table_in_place(
+    function: ca.Function, alike: bool = True
+) -> Callable[[int], RowsInPlace] | None:
+    """Return the maker of memory for a number of rows, evaluated by an operation table.
+
+    None if the function has no such table or there is no compiler.
+    """
     table = table_of(function)
     if table is None:
         return None
     table = with_products(table)
     try:
-        run = _interpreter(alike)
+        interpret = _interpreter(alike)
     except (OSError, subprocess.SubprocessError, RuntimeError):
         return None  # the caller uses CasADi's virtual machine
     sizes, shapes = _sizes(function)
@@ -428,13 +499,11 @@ def _by_table(
     counts = [np.array(numbers, dtype=np.intc) for numbers in (sizes, numels)]
     code, constants = (array.ctypes.data for array in (table.code, table.constants))
 
-    def call(rows: int, given: list[FloatArray]) -> tuple[FloatArray, ...]:
+    def prepared(rows: int) -> RowsInPlace:
         # The interpreter takes whole blocks of columns, so rows are padded with zeros.
         height = -(-rows // COLUMNS) * COLUMNS
         inputs = [np.zeros((height, size)) for size in sizes]
         outputs = [np.empty((height, size)) for size in numels]
-        for array, value in zip(inputs, given, strict=True):
-            array[:rows] = value
         work = np.empty(COLUMNS * table.places + ALIGNMENT)
         places = [
             (ctypes.c_void_p * len(side))(*(array.ctypes.data for array in side))
@@ -442,10 +511,11 @@ def _by_table(
         ]
         sides = [(len(side), array.ctypes.data) for side, array in zip(places, counts, strict=True)]
         end = code + table.code.nbytes
-        run(height, code, end, constants, *sides[0], *sides[1], *places, work.ctypes.data)
-        return tuple(array[:rows].T for array in outputs)
+        given = height, code, end, constants, *sides[0], *sides[1], *places, work.ctypes.data
+        before, after = ([array[:rows] for array in side] for side in (inputs, outputs))
+        return RowsInPlace(before, after, partial(interpret, *given), (table, counts, work))
 
-    return call
+    return prepared
 
 
 @lru_cache(maxsize=2)

@@ -88,15 +88,18 @@ static inline __attribute__((always_inline)) void interpret(
 INTERPRETER(interpret_1, 1)
 INTERPRETER(interpret_block, COLUMNS)
 
-/* Evaluates rows of numpy arrays, a multiple of COLUMNS, block by block. */
+/* Evaluates rows of numpy arrays, a multiple of COLUMNS, block by block. The pointers end as they
+   began, so that the same memory is evaluated again. */
 void interpret_rows(
     long rows, const Operation* code, const Operation* end, const double* constants, long inputs,
     const int* in, long outputs, const int* out, const double** arg, double** res, double* work) {
-  for (; rows > 0; rows -= COLUMNS) {
+  for (long row = 0; row < rows; row += COLUMNS) {
     interpret_block(code, end, constants, in, out, arg, res, ALIGNED(work));
     for (long k = 0; k < inputs; k++) arg[k] += (long) COLUMNS * in[k];
     for (long k = 0; k < outputs; k++) res[k] += (long) COLUMNS * out[k];
   }
+  for (long k = 0; k < inputs; k++) arg[k] -= rows * in[k];
+  for (long k = 0; k < outputs; k++) res[k] -= rows * out[k];
 }
 
 #define FUNCTION(table, name, columns, inputs, outputs, places) \

@@ -16,6 +16,7 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.fast_calls import RowsInPlace
 from microbot_ocp.ocp.transcription import Label, Program
 from microbot_ocp.planning.free._flat_loops import Form, loops_of
 from microbot_ocp.planning.free._flat_rows import FlatRows, Scales, WindowPlaces
@@ -34,9 +35,11 @@ class FlatEvaluation:
         first, second = structure.of_hessian
         self._jacobian_scale = unknowns[structure.of_jacobian[1]]
         self._hessian_scale = unknowns[first] * unknowns[second]
-        self._payload = payloads[rows.phase][:, None]
         self._starts = form.starts[rows.phase]
-        self._groups = _phases_with(rows)
+        self._groups = [
+            _LimitsInPlace(points, limits, payloads[rows.phase[points]][:, None])
+            for points, limits in _phases_with(rows)
+        ]
         self._q = np.zeros((ORDERS, form.points, form.joints))
         self._at: bytes = b""
         self._known: dict[str, Any] = {}
@@ -62,22 +65,17 @@ class FlatEvaluation:
         self._q[0] += self._starts
         self._at, self._known = key, {}
 
-    def _called(self, name: str, *given: FloatArray) -> list[FloatArray]:
-        """Return outputs of functions of the limits at all points."""
-        if len(self._groups) == 1:
-            answer = getattr(self._groups[0][1], name)(*self._q, self._payload, *given)
-            given_back = answer if isinstance(answer, tuple) else (answer,)
-            return [np.ascontiguousarray(output) for output in given_back]
-        outputs: list[FloatArray] = []
-        for points, limits in self._groups:
-            size = limits.count
-            weights = [np.ascontiguousarray(w[points, :size]) for w in given]
-            moved = (np.ascontiguousarray(q) for q in self._q[:, points])
-            answer = getattr(limits, name)(*moved, self._payload[points], *weights)
-            for k, part in enumerate(answer if isinstance(answer, tuple) else (answer,)):
-                if len(outputs) <= k:
-                    outputs.append(np.zeros((self.form.points, part.shape[1])))
-                outputs[k][points] = part
+    def _called(self, name: str, weights: FloatArray | None = None) -> list[FloatArray]:
+        """Return outputs of functions of the limits at all points, until the next call."""
+        parts = [group.called(name, self._q, weights) for group in self._groups]
+        if len(parts) == 1:
+            return parts[0]
+        outputs = []
+        for each in zip(*parts, strict=True):
+            every = np.zeros((self.form.points, max(part.shape[1] for part in each)))
+            for group, part in zip(self._groups, each, strict=True):
+                every[group.points, : part.shape[1]] = part
+            outputs.append(every)
         return outputs
 
     def cost(self, x: FloatArray) -> float:
@@ -160,11 +158,34 @@ class FlatEvaluation:
         return entries * self._hessian_scale
 
 
+class _LimitsInPlace:
+    """Functions of the same limits at some points of a program."""
+
+    def __init__(self, points: Any, limits: PointLimits, payload: FloatArray) -> None:
+        self.points, self._limits = points, limits
+        self._memory: dict[str, RowsInPlace] = {}
+        self._payload = payload
+
+    def called(self, name: str, q: FloatArray, weights: FloatArray | None) -> list[FloatArray]:
+        memory = self._memory.get(name)
+        if memory is None:
+            memory = self._memory[name] = getattr(self._limits, name)(len(self._payload))
+            memory.inputs[ORDERS][...] = self._payload
+        for order in range(ORDERS):
+            memory.inputs[order][...] = q[order, self.points]
+        if weights is not None:
+            memory.inputs[-1][...] = weights[self.points, : self._limits.count]
+        memory.run()
+        return memory.outputs
+
+
 def _phases_with(rows: FlatRows) -> list[tuple[Any, PointLimits]]:
     """Return points of phases with the same limits, and these."""
     groups: dict[int, list[int]] = {}
     for k, limits in enumerate(rows.limits):
         groups.setdefault(id(limits), []).append(k)
+    if len(groups) == 1:
+        return [(slice(None), rows.limits[0])]
     return [
         (np.flatnonzero(np.isin(rows.phase, phases)), rows.limits[phases[0]])
         for phases in groups.values()

@@ -6,7 +6,7 @@ these are smaller than automatic ones.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache, reduce
 from operator import add
@@ -16,7 +16,7 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp._base.fast_calls import FastCall, table_call
+from microbot_ocp._base.fast_calls import RowsInPlace, rows_in_place
 from microbot_ocp.limits import LimitFamily, MotionSamples
 from microbot_ocp.planning.task import finite_scale, torques_of
 from microbot_ocp.robot import Robot, torque_derivatives
@@ -27,7 +27,7 @@ ORDERS = len(STATE)
 
 @dataclass(frozen=True, eq=False)
 class PointLimits:
-    """Functions of q, qd, qdd [P,n] and the mass at the tool [P,1] at all points.
+    """Functions of q, qd, qdd [n] and the mass at the tool [1], each for any number of points.
 
     Attributes
     ----------
@@ -39,12 +39,12 @@ class PointLimits:
     scale : array [R]
         Divides each row.
     values : callable
-        Rows [P,R].
+        Rows [R].
     slopes : callable
-        Rows [P,R], and their derivatives by q, qd and qdd [P,3*R*n] in this order.
+        Rows [R], and their derivatives by q, qd and qdd [3*R*n] in this order.
     curvature : callable
-        Of weights [P,R], too: gradient [P,3n] of the weighted sum, and its second derivatives
-        [P,B*n*n] by ``pairs``.
+        Of weights [R], too: gradient [3n] of the weighted sum, and its second derivatives [B*n*n]
+        by ``pairs``.
     pairs : tuple of (int, int), B
         Orders of the derivatives that the blocks of the curvature are by.
     """
@@ -52,9 +52,9 @@ class PointLimits:
     names: tuple[tuple[str, int, str], ...]
     labels: tuple[str, ...]
     scale: FloatArray
-    values: FastCall
-    slopes: FastCall
-    curvature: FastCall
+    values: Callable[[int], RowsInPlace]
+    slopes: Callable[[int], RowsInPlace]
+    curvature: Callable[[int], RowsInPlace]
     pairs: tuple[tuple[int, int], ...]
 
     @property
@@ -117,15 +117,15 @@ def point_limits(robot: Robot, keys: tuple[str, ...], payload: bool = False) -> 
         "slopes": ([], [value, slopes]),
         "curvature": ([weight], [gradient, curvature]),
     }
-    calls = [
-        table_call(ca.Function(name, [*state, mass, *more], ca.cse([*map(ca.densify, given)])))
+    functions = [
+        rows_in_place(ca.Function(name, [*state, mass, *more], ca.cse([*map(ca.densify, given)])))
         for name, (more, given) in outputs.items()
     ]
     names, labels = (
         tuple(k for part in parts for k in getattr(part, key)) for key in ("names", "labels")
     )
     scale = np.concatenate([np.zeros(0), *(part.scale for part in parts)])
-    values, slopes_of, curvature_of = calls
+    values, slopes_of, curvature_of = functions
     return PointLimits(names, labels, scale, values, slopes_of, curvature_of, tuple(blocks))
 
 
