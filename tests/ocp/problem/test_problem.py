@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from microbot_ocp import InputError
-from microbot_ocp.ocp.problem import OptimalControlProblem
+from microbot_ocp.ocp.problem import OptimalControlProblem, tied_controls
 from microbot_ocp.ocp.solvers import ParametricSolver, SolverSettings
 from microbot_ocp.ocp.starts import completed, default_guess
 from microbot_ocp.ocp.transcription import Guess, Transcription
@@ -339,3 +339,25 @@ def test_a_problem_and_its_program_say_their_sizes():
     said = repr(ParametricSolver(problem, mesh=4).program)
     assert "variables" in said
     assert len(said) < 200
+
+
+@pytest.mark.parametrize(
+    ("tie", "names"),
+    [
+        (lambda x, a, b, c: [a - x], {"a"}),
+        (lambda x, a, b, c: [a - b - x, b * b - c], 2),
+        (lambda x, a, b, c: [b - ca.sin(x), c - ca.exp(b)], {"b", "c"}),
+        (lambda x, a, b, c: [a**2 + b**2 - 1.0], set()),  # nothing that moves
+        (lambda x, a, b, c: [a - x, a - 2 * x], set()),  # one control for two equations
+        (lambda x, a, b, c: [x], set()),
+    ],
+)
+def test_controls_that_equations_determine_are_found_by_structural_rank(tie, names):
+    phase = OptimalControlProblem("tied").phase("only", 1.0)
+    x = phase.state("x")
+    controls = [phase.control(name) for name in "abc"]
+    for k, equation in enumerate(tie(x, *controls)):
+        phase.constraint(f"equation {k}", equation, 0.0, 0.0)
+    phase.constraint("range", controls[0] - x, -1.0, 1.0)
+    tied = tied_controls(phase)
+    assert len(tied) == names if isinstance(names, int) else tied == names

@@ -459,3 +459,31 @@ def test_of_what_did_not_converge_what_keeps_the_limits_is_returned():
     solution = solve(climb.build(), guess=climb.guess())
     assert not solution.solved
     assert climb.error(solution.cost) < 1e-3
+
+
+def fuller(tied: bool) -> OptimalControlProblem:
+    """Fuller's chattering problem with drag, whose force is a control of its own if tied."""
+    problem = OptimalControlProblem("Fuller with drag")
+    phase = problem.phase("damp", 4.0)
+    x = phase.state("x", initial=1.0, final=0.0)
+    v = phase.state("v", initial=0.0, final=0.0)
+    u = phase.control("u", lower=-1.0, upper=1.0)
+    force = u - 0.1 * v**3
+    if tied:
+        drag, total = phase.control("drag"), phase.control("force")
+        phase.constraint("drag", drag - 0.1 * v**3, 0.0, 0.0)
+        phase.constraint("force", total - (u - drag), 0.0, 0.0)
+        force = total
+    phase.derivative(x, v)
+    phase.derivative(v, force)
+    phase.running_cost(x**2)
+    return problem
+
+
+@pytest.mark.slow
+def test_controls_tied_by_equations_stay_free_where_others_become_constant():
+    free, tied = solve(fuller(tied=False)), solve(fuller(tied=True))
+    assert free.status.solved
+    assert tied.status.solved
+    assert tied.cost == pytest.approx(free.cost, rel=2e-4)
+    assert tied.phases[0].laid_out.phase.shaped("polynomial")

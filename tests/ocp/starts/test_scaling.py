@@ -316,3 +316,16 @@ def test_a_fit_in_phases_with_rates_as_states_stays_near_its_data():
 
 
 FITTED = 125.8143213  # by matrix exponentials and scipy.optimize.least_squares from 20 starts
+
+
+@pytest.mark.parametrize(
+    ("start", "scale"), [(1e-3, 100.0), (1e-4, 100.0), (3.0, 1.0), (0.0, 100.0)]
+)
+def test_an_end_that_is_small_beside_the_bounds_tells_no_size(start, scale):
+    problem = OptimalControlProblem("growth")
+    phase = problem.phase("grow", 10.0)
+    mass = phase.state("mass", initial=start, lower=0.0, upper=200.0)
+    feed = phase.control("feed", lower=0.0, upper=25.0)
+    phase.derivative(mass, feed)
+    phase.end_cost(-mass)
+    assert scaled(problem).phases[0].states[0].scale == pytest.approx(scale)

@@ -27,6 +27,7 @@ from ._problem import (
     OptimalControlProblem as OptimalControlProblem,
     node_variables as node_variables,
     parts_of as parts_of,
+    tied_controls as tied_controls,
     with_items as with_items,
     with_phases as with_phases,
     with_shapes as with_shapes,

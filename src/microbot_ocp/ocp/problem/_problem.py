@@ -445,14 +445,42 @@ def _check_symbols(phase: Phase, used: ca.MX) -> None:
                 )
 
 
-def with_shapes(problem: OptimalControlProblem, shape: str) -> OptimalControlProblem:
-    """Return the problem with ``shape`` for every control that was declared without a shape."""
+def with_shapes(
+    problem: OptimalControlProblem, shape: str, *, tied: bool = True
+) -> OptimalControlProblem:
+    """Return the problem with ``shape`` for every control that was declared without a shape.
 
-    def shaped(control: Variable) -> Variable:
-        return replace(control, shape=shape) if control.shape == "auto" else control
+    Without ``tied``, controls that equations tie to what moves keep theirs.
+    """
 
-    phases = (with_items(phase, shaped, ["controls"]) for phase in problem.phases)
-    return with_phases(problem, phases)
+    def shaped(phase: Phase) -> Phase:
+        kept = () if tied else tied_controls(phase)
+
+        def change(control: Variable) -> Variable:
+            free = control.shape == "auto" and control.name not in kept
+            return replace(control, shape=shape) if free else control
+
+        return with_items(phase, change, ["controls"])
+
+    return with_phases(problem, map(shaped, problem.phases))
+
+
+def tied_controls(phase: Phase) -> set[str]:
+    """Return controls that constraints with equal bounds determine, one for each equation.
+
+    Such a control follows states or time all along an interval. None are returned where the
+    equations do not have full structural rank by the controls.
+    """
+    moving = ca.vertcat(phase.time, *(v.symbol for v in (*phase.states, *phase.shaped("linear"))))
+    controls = ca.vertcat(*(c.symbol for c in phase.controls), ca.MX(0, 1))
+    parts = [c.expression for c in phase.constraints if (c.lower == c.upper).all()]
+    equations = ca.vertcat(*(k for k in parts if ca.depends_on(k, controls)), ca.MX(0, 1))
+    slopes = ca.jacobian_sparsity(equations, controls)
+    if not ca.depends_on(equations, moving) or ca.sprank(slopes) < slopes.size1():
+        return set()
+    _, _, columns, _, _, _, blocks = slopes.btf()  # columns without an equation are the last block
+    owners = [c.name for c in phase.controls for _ in range(c.size)]
+    return {owners[column] for column in columns[: blocks[-2]]}
 
 
 def with_phases(problem: OptimalControlProblem, phases: Iterable[Phase]) -> OptimalControlProblem:

@@ -22,7 +22,7 @@ from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import InputError
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.diagnosis import POOR, NotFinite, kinks, unheld
-from microbot_ocp.ocp.problem import OptimalControlProblem, with_shapes
+from microbot_ocp.ocp.problem import OptimalControlProblem, tied_controls, with_shapes
 from microbot_ocp.ocp.refinement import (
     CONVERGED,
     COST,
@@ -439,6 +439,7 @@ def _may_chatter(problem: OptimalControlProblem | Transcription, solution: Solut
     if isinstance(problem, Transcription) or improvable(solution) > COST.most_left:
         return False
     chosen = {(p.name, c.name) for p in problem.phases for c in p.controls if c.shape != "auto"}
+    chosen |= {(p.name, name) for p in problem.phases for name in tied_controls(p)}
     return any(
         control.shape == "polynomial" and (phase.name, control.name) not in chosen
         for phase in solution.phases
@@ -454,7 +455,7 @@ def _with_constant_controls(task: SolveTask, before: Solution) -> tuple[Solution
     """
     began = time.perf_counter()
     assert isinstance(task.problem, OptimalControlProblem)
-    problem = with_shapes(task.problem, "constant")
+    problem = with_shapes(task.problem, "constant", tied=False)
     guess, journal = guess_from(problem, before), Journal()
     restated = replace(task, problem=problem, guess=guess, given=None, journal=journal)
     settings = task.settings if task.alone else replace(task.settings, solver="ipopt")

@@ -383,7 +383,11 @@ def _size(
     if variable.shape not in ("state", "parameter"):  # controls often reach their bounds
         near = bounded & ((typical == 0) | (bounds <= SETTINGS.loose * typical))
         typical = np.where(near, bounds, typical)
-    typical = np.where(typical > 0, typical, bounds)
+    elif variable.shape == "state" and (variable.initial is None or variable.final is None):
+        # One end that is small beside the bounds, the other being free: the dynamics tell the size.
+        small = (typical > 0) & (bounds > SETTINGS.loose * typical)
+        typical = np.where(small, np.nan, typical)
+    typical = np.where(typical == 0, bounds, typical)
     return np.where(typical > 0, np.fmin(typical, np.where(bounded, bounds, np.inf)), np.nan)
 
 
