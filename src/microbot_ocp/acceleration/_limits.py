@@ -14,7 +14,8 @@ from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.status import Status
 from microbot_ocp._base.table import Column, Table
 from microbot_ocp.acceleration._demand import Demand
-from microbot_ocp.acceleration._forms import torque_terms
+from microbot_ocp.acceleration._forms import Terms, torque_terms
+from microbot_ocp.acceleration._rate import RateDemand
 from microbot_ocp.acceleration._region import Places, places
 from microbot_ocp.acceleration._search import (
     Pool,
@@ -25,6 +26,7 @@ from microbot_ocp.acceleration._search import (
     of_largest_product,
     proved,
 )
+from microbot_ocp.limits import quantity_name
 from microbot_ocp.motion import Motion
 from microbot_ocp.robot import Robot
 from microbot_ocp.scene import Box
@@ -81,6 +83,8 @@ class AccelerationLimits:
     boxes : int
         Parts of the region and of the speeds that the proof looked at.
     advice : str
+    qddd_max, jerk_broken : array [n], optional
+        Jerks that are proved, and such that a state breaks, rad/s^3 (m/s^3).
     """
 
     robot: Robot
@@ -93,6 +97,8 @@ class AccelerationLimits:
     region: str
     boxes: int
     advice: str = ""
+    qddd_max: FloatArray | None = None
+    jerk_broken: FloatArray | None = None
 
     @property
     def solved(self) -> bool:
@@ -102,7 +108,12 @@ class AccelerationLimits:
     @property
     def gap(self) -> float:
         """Share by which the proved box is smaller than one that is known to break torques."""
-        return 1.0 - float(self.qdd_max[0] / self.broken[0]) if self.broken[0] > 0 else np.nan
+        return _gap(self.qdd_max, self.broken)
+
+    @property
+    def jerk_gap(self) -> float:
+        """The same of jerks and torque rates; NaN without."""
+        return _gap(self.qddd_max, self.jerk_broken)
 
     def table(self) -> Table:
         """Return proved and breaking accelerations of every joint."""
@@ -127,6 +138,7 @@ def acceleration_limits(
     *,
     region: Box | Motion | ArrayLike | tuple[ArrayLike, ArrayLike] | None = None,
     speed: ArrayLike = 1.0,
+    jerk: bool = False,
     equal: bool = False,
     ratios: ArrayLike | None = None,
     payload_center: ArrayLike = (0.0, 0.0, 0.0),
@@ -157,6 +169,9 @@ def acceleration_limits(
     speed : float or array_like [n]
         Largest speeds either way: a share of the velocity limits, above 0 to 1 or 0 for rest, or
         one number a joint, rad/s (m/s).
+    jerk : bool
+        Find limits of the jerks as well, from those of the torque rates, for the accelerations that
+        are proved. Coulomb friction, which steps at speed zero, has no rate here.
     equal : bool
         One acceleration for all joints, in place of the largest product.
     ratios : array_like [n], optional
@@ -178,8 +193,8 @@ def acceleration_limits(
     Raises
     ------
     InputError
-        A robot without masses or with a joint without limits of torque or, where shares of it are
-        asked for, of velocity; a negative payload; a region outside of the joint limits.
+        A robot without masses or with a joint without limits of torque, or of torque rate or
+        velocity where these are needed; a negative payload; a region outside of the joint limits.
 
     Examples
     --------
@@ -194,30 +209,41 @@ def acceleration_limits(
     checks.number("work", work, "s", above=0.0)
     where = places(robot, region)
     arms = _ends(robot, loads, payload_center)
-    demands = demands_of(arms, where, speeds)
-    rng = np.random.default_rng(seed)
-    with deadline.within(np.inf, work):
-        pool = drawn(demands, where, rng)
-        box, pool = _box(pool, where, shape, rng)
-        proof = Proof(0.0, pool, 0, False)
-        if pool.worst(box).scale > 0.0:
-            proof = proved(pool, box, where, gap, MOST_BOXES)
+    for key in ("tau", "taud")[: 1 + jerk]:
+        _bounds(robot, key)
+    terms = _terms(arms, where)
+    box, proof = _largest(_demands(arms, terms, speeds), where, shape, gap, work, seed)
     worst = proof.pool.worst(box)
-    possible = worst.scale > 0.0
     status, advice = Status.SOLVED, ""
-    if not possible:
+    if worst.scale <= 0.0:
         status, advice = Status.INFEASIBLE, _why_none(arms, worst)
     elif not proof.done:
-        left = 100 * (1 - max(proof.scale, 0.0) / worst.scale)
-        status = Status.TIME_LIMIT
-        advice = (
-            f"the work ended at a gap of {left:.3g} %: give more, a smaller region or less speed"
-        )
-    broken = max(worst.scale, 0.0) * box
+        status, advice = Status.TIME_LIMIT, _unfinished(proof, worst)
+    qdd_max, broken = max(proof.scale, 0.0) * box, max(worst.scale, 0.0) * box
+    rates: dict[str, FloatArray] = {}
+    if jerk and qdd_max.any():
+        demands = _rate_demands(arms, terms, speeds, qdd_max)
+        box, rate_proof = _largest(demands, where, shape, gap, work, seed)
+        worst_rate = rate_proof.pool.worst(box)
+        rates = {
+            "qddd_max": max(rate_proof.scale, 0.0) * box,
+            "jerk_broken": max(worst_rate.scale, 0.0) * box,
+        }
+        if worst_rate.scale <= 0.0:
+            name = robot.joint_names[worst_rate.demand.joint]
+            status, advice = (
+                Status.INFEASIBLE,
+                (
+                    f"{name}: speeds and accelerations alone need more than its torque rate: give "
+                    "less speed or a smaller region"
+                ),
+            )
+        elif not rate_proof.done and status.solved:
+            status, advice = Status.TIME_LIMIT, f"jerk: {_unfinished(rate_proof, worst_rate)}"
     return AccelerationLimits(
         robot=robot,
         status=status,
-        qdd_max=max(proof.scale, 0.0) * box if possible else 0.0 * box,
+        qdd_max=qdd_max,
         broken=broken,
         state=_state(arms, worst, broken),
         payload=loads,
@@ -225,7 +251,39 @@ def acceleration_limits(
         region=where.words,
         boxes=proof.count,
         advice=advice,
+        **rates,
     )
+
+
+def _unfinished(proof: Proof, worst: Worst) -> str:
+    left = 100 * (1 - max(proof.scale, 0.0) / worst.scale)
+    return f"the work ended at a gap of {left:.3g} %: give more, a smaller region or less speed"
+
+
+def _largest(
+    demands: list[Demand],
+    where: Places,
+    shape: FloatArray | None,
+    gap: float,
+    work: float,
+    seed: int,
+) -> tuple[FloatArray, Proof]:
+    """Return the largest box that no known state breaks, and how far it is proved."""
+    rng = np.random.default_rng(seed)
+    with deadline.within(np.inf, work):
+        pool = drawn(demands, where, rng)
+        box, pool = _box(pool, where, shape, rng)
+        if pool.worst(box).scale <= 0.0:
+            return box, Proof(0.0, pool, 0, False)
+        proof = proved(pool, box, where, gap, MOST_BOXES)
+    if proof.pool.worst(box).scale <= 0.0:  # a state that was met on the way
+        proof = proof._replace(scale=0.0)
+    return box, proof
+
+
+def _gap(proved: FloatArray | None, broken: FloatArray | None) -> float:
+    known = proved is not None and broken is not None and broken[0] > 0.0
+    return 1.0 - float(proved[0] / broken[0]) if known else np.nan
 
 
 def _loads(payload: Any) -> tuple[float, float]:
@@ -286,23 +344,52 @@ def _speeds(robot: Robot, speed: ArrayLike) -> FloatArray:
     return values
 
 
-def demands_of(arms: dict[float, Robot], where: Places, speeds: FloatArray) -> list[Demand]:
-    """Return the torques of every joint, on both sides, of arms by their payload."""
+def _terms(arms: dict[float, Robot], where: Places) -> dict[float, list[Terms]]:
+    """Return the terms of the torques of every joint in a region, by payload."""
     ends = (where.boxes.low.min(axis=0), where.boxes.high.max(axis=0))
     low, high = (tuple(end.tolist()) for end in ends)
+    return {load: torque_terms(arm, low, high) for load, arm in arms.items()}
+
+
+def _bounds(robot: Robot, key: str) -> tuple[FloatArray, FloatArray]:
+    lower, upper = robot.limits.bounds(key)
+    for k in np.flatnonzero(~np.isfinite(upper - lower)):
+        raise InputError(
+            f"{robot.joint_names[k]} must have limits of {quantity_name(key)} on both sides, not "
+            f"[{lower[k]:g}, {upper[k]:g}] {robot.unit(key, int(k))}"
+        )
+    return lower, upper
+
+
+def _demands(
+    arms: dict[float, Robot], terms: dict[float, list[Terms]], speeds: FloatArray
+) -> list[Demand]:
+    """Return the torques of every joint, on both sides, of arms by their payload."""
     demands = []
     for load, arm in arms.items():
-        lower, upper = arm.limits.bounds("tau")
-        for k in np.flatnonzero(~np.isfinite(upper - lower)):
-            raise InputError(
-                f"{arm.joint_names[k]} must have limits of torque on both sides, not "
-                f"[{lower[k]:g}, {upper[k]:g}] {arm.unit('tau', int(k))}"
-            )
+        lower, upper = _bounds(arm, "tau")
         viscous, coulomb = (arm.friction_of(f"{kind}_friction") for kind in ("viscous", "coulomb"))
-        for joint, terms in enumerate(torque_terms(arm, low, high)):
-            for side, limit in ((1.0, upper[joint]), (-1.0, -lower[joint])):
-                friction = viscous[joint], coulomb[joint]
-                demands.append(Demand(terms, joint, side, limit, speeds, *friction, load))
+        for k, of_joint in enumerate(terms[load]):
+            for side, limit in ((1.0, upper[k]), (-1.0, -lower[k])):
+                friction = viscous[k], coulomb[k]
+                demands.append(Demand(of_joint, k, side, limit, speeds, *friction, load))
+    return demands
+
+
+def _rate_demands(
+    arms: dict[float, Robot],
+    terms: dict[float, list[Terms]],
+    speeds: FloatArray,
+    accelerations: FloatArray,
+) -> list[Demand]:
+    """Return the torque rates of every joint of arms by their payload."""
+    demands = []
+    for load, arm in arms.items():
+        limit = np.minimum(*np.abs(_bounds(arm, "taud")))
+        viscous = arm.friction_of("viscous_friction")
+        for k, of_joint in enumerate(terms[load]):
+            demand = of_joint, k, 1.0, limit[k], speeds, viscous[k], 0.0, load, accelerations
+            demands.append(RateDemand(*demand))
     return demands
 
 
