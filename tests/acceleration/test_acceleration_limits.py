@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from itertools import product
+from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import casadi as ca
 import numpy as np
 import pytest
+import ruckig
+import yaml
 from scipy.optimize import minimize
 
 import microbot_ocp as mo
 from microbot_ocp.acceleration._forms import torque_terms
+from microbot_ocp.cli import main
 
 RNG = np.random.default_rng(3)
 
@@ -201,6 +206,29 @@ def test_no_state_of_very_many_breaks_a_proved_box(name: str, load: Any, speed: 
     assert max(climbed(found, end, 500) for end in load) <= 1.0
 
 
+@pytest.mark.parametrize(
+    ("robot", "load", "speed"),
+    [
+        (mo.load_robot("planar_3r").with_limits(taud_max=[800.0, 400.0, 200.0]), 1.0, 0.4),
+        (telescope().with_limits(taud_max=[900.0, 2000.0, 300.0]), 0.5, 0.5),
+        (turned("planar_3r").with_limits(taud_max=500.0), 0.2, [1.0, 2.0, 0.0]),
+    ],
+)
+def test_no_state_breaks_a_proved_box_of_jerks(robot: mo.Robot, load: float, speed: Any) -> None:
+    found = mo.acceleration_limits(robot, load, speed=speed, jerk=True)
+    assert found.solved
+    assert 0.0 < found.jerk_gap <= 0.1
+    n, count = robot.joint_count, 5000
+    arm = robot.with_payload(load)
+    q = RNG.uniform(*robot.limits.bounds("q"), (count, n))
+    parts = [found.speed, found.qdd_max, found.qddd_max]
+    shares = np.sign(RNG.uniform(-1, 1, (3, count, n)))
+    shares[0, : count // 2] = RNG.uniform(-1, 1, (count // 2, n))
+    rates = arm.torques_along(q, *(p * s for p, s in zip(parts, shares, strict=True)))["taud"]
+    use = np.abs(rates / arm.limits.taud_max).max()
+    assert 0.5 < use <= 1.0
+
+
 def test_product_is_larger_than_with_equal_accelerations() -> None:
     robot = mo.load_robot("puma560")
     equal, best = (mo.acceleration_limits(robot, 1.0, speed=0.3, equal=e) for e in (True, False))
@@ -264,3 +292,82 @@ def test_robots_that_lack_limits() -> None:
         mo.acceleration_limits(robot.with_limits(tau_max=np.inf))
     with pytest.raises(mo.InputError, match="no limit of velocity"):
         mo.acceleration_limits(robot.with_limits(qd_max=np.inf))
+
+
+def test_jerks_need_limits_of_torque_rates() -> None:
+    with pytest.raises(mo.InputError, match="limits of torque rate on both sides"):
+        mo.acceleration_limits(mo.load_robot("planar_3r"), jerk=True)
+
+
+def test_files_hold_the_limits_as_other_planners_read_them(tmp_path: Path) -> None:
+    robot = mo.load_robot("planar_3r").with_limits(taud_max=500.0)
+    found = mo.acceleration_limits(robot, 0.3, speed=0.3, jerk=True)
+    limits = yaml.safe_load(found.export(tmp_path / "joint_limits.yaml").read_text())
+    for k, name in enumerate(robot.joint_names):
+        assert limits["joint_limits"][name] == {
+            "has_velocity_limits": True,
+            "max_velocity": found.speed[k],
+            "has_acceleration_limits": True,
+            "max_acceleration": found.qdd_max[k],
+            "has_jerk_limits": True,
+            "max_jerk": found.qddd_max[k],
+        }
+    part = yaml.safe_load(found.export(tmp_path / "arm.yml", "curobo").read_text())
+    space = part["robot_cfg"]["kinematics"]["cspace"]
+    assert space["joint_names"] == list(robot.joint_names)
+    assert space["max_acceleration"] == found.qdd_max.tolist()
+    assert space["max_jerk"] == found.qddd_max.tolist()
+    again = mo.load_robot(found.export(tmp_path / "arm.urdf"))
+    assert ElementTree.parse(tmp_path / "arm.urdf").getroot().get("version") == "1.2"
+    for key in ("qdd_max", "qddd_max"):
+        np.testing.assert_array_equal(getattr(again.limits, key), getattr(found, key))
+    np.testing.assert_array_equal(again.limits.qd_max, found.speed)
+    np.testing.assert_array_equal(found.limited.limits.qddd_max, found.qddd_max)
+    for name, form, words in (("a.yaml", "urdf", "must end"), ("a.yaml", "toppra", "form")):
+        with pytest.raises(mo.InputError, match=words):
+            found.export(tmp_path / name, form)
+    with pytest.raises(mo.InputError, match="at rest"):
+        mo.acceleration_limits(robot, speed=0.0).export(tmp_path / "none.yaml")
+    assert not (tmp_path / "none.yaml").exists()
+
+
+def test_what_ruckig_makes_of_the_limits_keeps_the_torques() -> None:
+    robot = mo.load_robot("planar_3r")
+    found = mo.acceleration_limits(robot, (0.0, 0.5), speed=0.5)
+    given = found.ruckig()
+    given.max_jerk = [1e4] * 3
+    given.current_position, given.target_position = [-1.0, 0.5, -1.0], [1.5, -1.0, 1.0]
+    path = ruckig.Trajectory(3)
+    assert ruckig.Ruckig(3).calculate(given, path) == ruckig.Result.Working
+    samples = np.array([path.at_time(t) for t in np.linspace(0.0, path.duration, 500)])
+    q, qd, qdd = samples[:, 0], samples[:, 1], samples[:, 2]
+    for load in (0.0, 0.5):
+        tau = robot.with_payload(load).torques_along(q, qd, qdd)["tau"]
+        assert (np.abs(tau) <= robot.limits.tau_max).all()
+
+
+def test_map_of_payload_and_speed() -> None:
+    robot = mo.load_robot("planar_2r")
+    found = mo.acceleration.acceleration_map(robot, [0.0, 2.0, 50.0], [0.0, 0.3, 1.0])
+    assert (np.diff(found.broken, axis=0) <= 0.0).all()
+    assert (np.diff(found.broken, axis=1) <= 1e-9).all()
+    assert not found.qdd_max[2].any()
+    assert [row[0] for row in found.table().rows] == [0.0, 2.0, 50.0]
+    axes = found.plot(guess=5.0)[0]
+    np.testing.assert_array_equal(axes.lines[1].get_ydata(), found.qdd_max[1])
+    assert axes.lines[3].get_ydata()[0] == 5.0
+    with pytest.raises(mo.InputError, match="rising"):
+        mo.acceleration.acceleration_map(robot, [1.0, 0.0])
+
+
+def test_command(tmp_path: Path) -> None:
+    path = tmp_path / "joint_limits.yaml"
+    asked = ("limits", "planar_2r", "--payload", "0,1", "--equal")
+    assert main([*asked, "--speed", "0.2", "--out", str(path)]) == 0
+    expected = mo.acceleration_limits(mo.load_robot("planar_2r"), (0.0, 1.0), speed=0.2, equal=True)
+    limits = yaml.safe_load(path.read_text())["joint_limits"]
+    assert limits["elbow"]["max_acceleration"] == expected.qdd_max[1]
+    none = tmp_path / "none.yaml"
+    assert main(["limits", "planar_2r", "--payload", "50", "--out", str(none)]) == 1
+    assert not none.exists()
+    assert main(["limits", "planar_2r", "--payload", "1,2,3"]) == 2

@@ -32,6 +32,7 @@ COMMANDS = [
     "demo",
     "robots",
     "show",
+    "limits",
     "fk",
     "ik",
     "simulate",

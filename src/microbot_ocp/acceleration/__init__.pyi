@@ -5,3 +5,7 @@ from ._limits import (
     BreakingState as BreakingState,
     acceleration_limits as acceleration_limits,
 )
+from ._map import (
+    AccelerationMap as AccelerationMap,
+    acceleration_map as acceleration_map,
+)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,9 +12,11 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.needed import needed
 from microbot_ocp._base.status import Status
 from microbot_ocp._base.table import Column, Table
 from microbot_ocp.acceleration._demand import Demand
+from microbot_ocp.acceleration._files import form_of, write
 from microbot_ocp.acceleration._forms import Terms, torque_terms
 from microbot_ocp.acceleration._rate import RateDemand
 from microbot_ocp.acceleration._region import Places, places
@@ -116,20 +119,76 @@ class AccelerationLimits:
         return _gap(self.qddd_max, self.jerk_broken)
 
     def table(self) -> Table:
-        """Return proved and breaking accelerations of every joint."""
-        columns = [
-            Column("joint", left=True),
-            Column("speed", "SI", ".4g"),
-            Column("proved", "SI", ".4g"),
-            Column("breaks", "SI", ".4g"),
-        ]
-        rows = [
-            [name, *values]
-            for name, *values in zip(
-                self.robot.joint_names, self.speed, self.qdd_max, self.broken, strict=True
-            )
-        ]
-        return Table(columns, rows)
+        """Return speeds, and proved and breaking accelerations and jerks of every joint, SI."""
+        values = {"speed": self.speed, "acceleration": self.qdd_max, "breaks": self.broken}
+        if self.qddd_max is not None and self.jerk_broken is not None:
+            values |= {"jerk": self.qddd_max, "jerk breaks": self.jerk_broken}
+        columns = [Column("joint", left=True), *(Column(head, "SI", ".4g") for head in values)]
+        rows = [*zip(self.robot.joint_names, *values.values(), strict=True)]
+        return Table(columns, [[*row] for row in rows])
+
+    @property
+    def limited(self) -> Robot:
+        """The robot with these limits of speed, acceleration and jerk, for planners of ours."""
+        changes = {"qd_max": self._usable.speed, "qdd_max": self.qdd_max, "qddd_max": self.qddd_max}
+        return self.robot.with_limits(None, **changes)
+
+    def export(self, path: str | Path, form: str | None = None) -> Path:
+        """Write the limits for another planner; return the path.
+
+        Parameters
+        ----------
+        path : str or Path
+        form : {"moveit", "curobo", "urdf"}, optional
+            MoveIt's ``joint_limits.yaml``; the part of a cuRobo robot file that holds them; URDF
+            1.2, whose limits have attributes of acceleration and jerk. Default by the ending: a
+            .urdf file, or MoveIt's. Speeds are those that the limits are proved for.
+
+        Raises
+        ------
+        InputError
+            Another form or ending; limits that allow no motion: none is proved, or only for rest.
+
+        Examples
+        --------
+        >>> import tempfile
+        >>> import microbot_ocp as mo
+        >>> found = mo.acceleration_limits(mo.load_robot("planar_2r"), speed=0.2)
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     text = found.export(f"{folder}/joint_limits.yaml").read_text()
+        >>> text.splitlines()[1:4]
+        ['joint_limits:', '  "shoulder":', '    has_velocity_limits: true']
+        """
+        form, usable = form_of(path, form), self._usable
+        load = " to ".join(f"{mass:g}" for mass in dict.fromkeys(self.payload))
+        remark = f"proved for payloads of {load} kg and these speeds, {self.region}"
+        return write(path, form, self.robot, usable.speed, self.qdd_max, self.qddd_max, remark)
+
+    def ruckig(self) -> Any:
+        """Return ``ruckig.InputParameter`` with these limits, for start and target to be filled in.
+
+        Raises
+        ------
+        InputError
+            ruckig is not installed, or as :meth:`export`.
+        """
+        given = needed("ruckig", "an input of ruckig needs").InputParameter(self.robot.joint_count)
+        given.max_velocity = self._usable.speed.tolist()
+        given.max_acceleration = self.qdd_max.tolist()
+        if self.qddd_max is not None:
+            given.max_jerk = self.qddd_max.tolist()
+        return given
+
+    @property
+    def _usable(self) -> AccelerationLimits:
+        """Itself; refused where no motion is allowed."""
+        if not self.qdd_max.all():
+            raise InputError(f"no box of accelerations is proved: {self.advice}")
+        if self.qddd_max is not None and not self.qddd_max.all():
+            raise InputError(f"no box of jerks is proved: {self.advice}")
+        if not self.speed.any():
+            raise InputError("these limits are for an arm at rest: give speed above 0")
+        return self
 
 
 def acceleration_limits(
@@ -282,8 +341,9 @@ def _largest(
 
 
 def _gap(proved: FloatArray | None, broken: FloatArray | None) -> float:
-    known = proved is not None and broken is not None and broken[0] > 0.0
-    return 1.0 - float(proved[0] / broken[0]) if known else np.nan
+    if proved is None or broken is None or broken[0] <= 0.0:
+        return np.nan
+    return 1.0 - float(proved[0] / broken[0])
 
 
 def _loads(payload: Any) -> tuple[float, float]:

@@ -33,7 +33,7 @@ from microbot_ocp.cli import _process as process
 PROGRAM = "microbot-ocp"
 COMMANDS = {  # module of each command
     "demo": "_motions",
-    **dict.fromkeys(("robots", "show", "fk", "ik"), "_robots"),
+    **dict.fromkeys(("robots", "show", "limits", "fk", "ik"), "_robots"),
     **dict.fromkeys(("simulate", "compare", "time-optimal", "solve"), "_motions"),
     **dict.fromkeys(("check", "studio"), "_motions"),
     **dict.fromkeys(("sweep", "replay", "export"), "_files"),

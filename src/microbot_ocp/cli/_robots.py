@@ -108,6 +108,58 @@ def show(
     return Answer(document, blocks, save=save, record=record)
 
 
+@command({"acceleration_limits": "jerk equal gap work"}, writes=(".yaml", ".yml", ".urdf"))
+def limits(
+    robot: Annotated[Robot, ARM],
+    payload: Annotated[FloatArray | None, Numbers(labels=None)] = None,
+    speed: Annotated[FloatArray | None, Numbers(labels=None)] = None,
+    form: str | None = None,
+    **settings: Any,
+) -> Answer:
+    """Prove limits of acceleration that torque allows, for other planners.
+
+    Exit code 1 if there are none: gravity or speed alone need more than the torques.
+
+    Parameters
+    ----------
+    payload : LIST
+        Mass at the tool, kg, or the least and the largest one.
+    speed : LIST
+        Share of the velocity limits, or one speed a joint, rad/s (prismatic: m/s); default all of
+        them.
+    form : NAME
+        moveit, curobo or urdf (1.2); default by the ending of --out.
+    out : FILE
+        Write the limits to this .yaml or .urdf file.
+
+    Examples
+    --------
+    $ microbot-ocp limits ur5e --payload 0,5 --speed 0.5 --out joint_limits.yaml
+    """
+    loads = [0.0] if payload is None else [*payload]
+    if len(loads) > 2:
+        raise InputError(f"--payload must be one mass or two, kg, not {len(loads)}")
+    shares = [1.0] if speed is None else [*speed]
+    found = mo.acceleration_limits(
+        robot,
+        loads[0] if len(loads) == 1 else loads,
+        speed=shares[0] if len(shares) == 1 else shares,
+        **settings,
+    )
+    keys = "status", "qdd_max", "broken", "gap", "qddd_max", "jerk_broken", "speed", "payload"
+    document = {"robot": robot.name, **{key: getattr(found, key) for key in (*keys, "advice")}}
+    document["breaking_state"] = vars(found.state)
+    solved = bool(found.qdd_max.all())
+    blocks = [
+        f"{robot.name}, {found.region}, payload {' to '.join(f'{m:g}' for m in loads)} kg: "
+        f"{found.status}",
+        *([f"Gap to what breaks: {100 * found.gap:.3g} %\n", found.table()] if solved else []),
+        *([found.advice] if found.advice else []),
+    ]
+    save = (lambda path: found.export(path, form)) if solved else None
+    return Answer(document, blocks, solved=solved, save=save)
+
+
 @command()
 def fk(
     robot: Annotated[Robot, ARM], q: Annotated[FloatArray, JOINTS], frame: int | None = None

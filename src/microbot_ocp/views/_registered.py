@@ -10,6 +10,7 @@ VIEWS = {  # public name of the class: kind of view = face or module of this fol
     "robot.Robot": "table=tables._results:robot",
     "motion.Motion": "table=tables._results:motion plot=plots:motion rerun=recording:of_motion "
     "animation=animation:animate_motion",
+    "acceleration.AccelerationMap": "plot=plots:acceleration_map",
     "motion.DurationLine": "plot=plots:duration_line",
     "motion.Sensitivities": "plot=plots:prices",
     "execution.Reserve": "plot=plots:reserve",

@@ -1,6 +1,7 @@
 """Public names, loaded on first use."""
 
 from ._charts import (
+    acceleration_map as acceleration_map,
     duration_line as duration_line,
     front as front,
     prices as prices,

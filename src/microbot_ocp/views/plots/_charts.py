@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from microbot_ocp._base.showing import GivenAxes
+from microbot_ocp.acceleration import AccelerationMap
 from microbot_ocp.execution import Reserve
 from microbot_ocp.motion import DurationLine, Sensitivities
 from microbot_ocp.ocp import ParametricSolver
@@ -46,6 +47,39 @@ def front(front: Front, axes: GivenAxes | None = None) -> AxesGrid:
         panel.scatter(time, values, facecolors=faces, edgecolors=line.get_color())
         panel.locator_params(axis="x", nbins=5)
         panel.set(xlabel="duration [s]", ylabel=label, ylim=(0.0, 1.08 * max(values)))
+    return panels
+
+
+@styled()
+def acceleration_map(
+    found: AccelerationMap, guess: float | None = None, axes: GivenAxes | None = None
+) -> AxesGrid:
+    """Draw accelerations that torque allows over the speed, a line for each payload.
+
+    Parameters
+    ----------
+    found : AccelerationMap
+    guess : float, optional
+        Acceleration that a driver or planner takes, rad/s^2 (m/s^2): a dashed line.
+    axes : Axes, optional
+        Default a new figure.
+
+    Returns
+    -------
+    AxesGrid [1]
+        Open circles are accelerations that a known state breaks; zero is where gravity or speed
+        alone need more than the torques.
+    """
+    panels = _row(axes, 1, 1.5 * STYLE.row, "accelerations that torque allows")
+    share = 100.0 * found.speeds
+    for load, proved, broken in zip(found.payloads, found.qdd_max, found.broken, strict=True):
+        (line,) = panels[0].plot(share, proved, marker=".", label=f"{load:g} kg")
+        panels[0].scatter(share, broken, facecolors="none", edgecolors=line.get_color())
+    if guess is not None:
+        panels[0].axhline(guess, color="0.4", linestyle="--", label=f"guess, {guess:g}")
+    panels[0].set(xlabel="speed [% of its limit]", ylabel="acceleration [rad/s²]")
+    panels[0].set_ylim(bottom=0.0)
+    panels[0].legend(title="payload up to", loc="upper left", bbox_to_anchor=(1.01, 1.0))
     return panels
 
 
