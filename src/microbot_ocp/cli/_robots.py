@@ -116,9 +116,9 @@ def limits(
     form: str | None = None,
     **settings: Any,
 ) -> Answer:
-    """Prove limits of acceleration that torque allows, for other planners.
+    """Prove accelerations that torque allows.
 
-    Exit code 1 if there are none: gravity or speed alone need more than the torques.
+    They are limits for planners that know no torque. Exit code 1 if there are none: gravity or speed alone need more than the torques.
 
     Parameters
     ----------
