@@ -118,7 +118,8 @@ def limits(
 ) -> Answer:
     """Prove accelerations that torque allows.
 
-    They are limits for planners that know no torque. Exit code 1 if there are none: gravity or speed alone need more than the torques.
+    They are limits for planners that know no torque. Exit code 1 if there are none: gravity or
+    speed alone need more than the torques.
 
     Parameters
     ----------
