@@ -1,13 +1,12 @@
 """The fastest motion through via points or stops, with or without obstacles.
 
-Comes in: a task. Goes out: a motion with what was tried. Begin with :func:`time_optimal` in
-``_time_optimal.py`` and :func:`fastest_through` in ``_through_stops.py``; ``_strategies.py`` is the
-table of what is tried and ``_search.py`` its loop, which says which answer is better, too.
-``_problem.py`` is a task as the search sees it, ``_starts.py`` says what it starts from,
-``_branches.py`` has ways through stops. ``_among_obstacles.py`` and ``_stops_among.py`` give it
-ways around obstacles, from which ``_guided.py`` goes on; ``_result.py`` makes the motion of its
-answer, also the one of least effort, ``_orders.py`` compares orders of stops, ``_prepared.py``
-solves again with other numbers.
+Input: a task. Output: a motion with the record of its search. Entry points:
+:func:`time_optimal` in ``_time_optimal.py`` and :func:`fastest_through` in ``_through_stops.py``.
+``_strategies.py`` is the table of strategies, ``_search.py`` its loop and the ranking of answers.
+``_problem.py`` states a task as a program, ``_starts.py`` makes initial guesses, ``_branches.py``
+finds ways through stops. ``_among_obstacles.py`` and ``_stops_among.py`` plan paths around
+obstacles, ``_guided.py`` searches from them. ``_result.py`` returns the motion, also that of least
+effort; ``_orders.py`` compares orders of stops; ``_prepared.py`` solves again with other numbers.
 """
 
 import lazy_loader

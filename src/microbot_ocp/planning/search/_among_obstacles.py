@@ -1,14 +1,14 @@
 """Free time-optimal motions among obstacles.
 
-Ways around the obstacles come from planners of joint paths; each, with a timing that keeps every
-limit, is a motion that is proved to keep clear. The search for the fastest motion starts from one
-of them after another, timed by reachability, until one leads on. What is returned is the fastest of
-what the search made of its path and the others with their best timings; one of these where it found
-nothing or the time was over.
+A planner finds joint paths around the obstacles. Each path, with a timing that keeps every limit,
+is a motion that is proved to keep clear. The search for the fastest motion starts from these paths,
+timed by reachability, one after another until one converges. The result is the fastest of the
+search's motion and the other paths with their best timings; one of the paths if the search failed
+or ran out of time.
 
-Surfaces judge, capsules guide: where a link's geometry is known, paths and proofs go by that. The
-problem has capsules around it, which may overlap as far as they must on the path. Where links come
-too near on what was found, the least of their capsules' distances that this shows is asked for.
+Exact geometry decides: where it is known, paths and proofs use it. Capsules are the smooth
+approximation in the nonlinear program, and may overlap as far as they do on the path. If the exact
+check fails, the required capsule distance of that pair is raised and the program is solved again.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ from microbot_ocp.planning.path import LATER, PathTiming, check_path, time_path
 from microbot_ocp.planning.search._branches import straight_way
 from microbot_ocp.planning.search._guided import GuidedSearch, poses_along
 from microbot_ocp.planning.search._result import NONE_WITHIN, returned
-from microbot_ocp.planning.search._settings import TimeOptimalSettings, sparing
-from microbot_ocp.planning.search._through_stops import Asked
+from microbot_ocp.planning.search._settings import TimeOptimalSettings, reserving
+from microbot_ocp.planning.search._through_stops import SolveRequest
 from microbot_ocp.planning.task import Task, TaskScale, length_text
 from microbot_ocp.planning.timing import PathTimingSettings, best_timing
 from microbot_ocp.robot import Robot
@@ -53,7 +53,7 @@ from microbot_ocp.scene import (
 )
 from microbot_ocp.trajectories import quintic, shortest_duration
 
-DIFFERENT = 0.02  # share of the duration by which timed paths must differ to count as two
+DIFFERENT = 0.02  # relative difference of durations from which timed paths count as two
 NOTHING_FASTER = "the search found nothing faster"
 THE_MOTION = "the motion found"
 AT_CORNERS = "path around obstacles, at rest at its corners"
@@ -69,13 +69,13 @@ class TimedPath:
 
 @dataclass(frozen=True, eq=False)
 class ProvedPath(TimedPath):
-    """One with a timing that keeps all limits, and the proof that it keeps clear."""
+    """A timed path within all limits, with the proof that it keeps clear."""
 
     clearance: Clearance
 
     @property
     def made_from(self) -> str:
-        """What the motion is."""
+        """Origin of the motion, for messages."""
         how = self.motion.provenance
         if how.get("method") == AT_CORNERS:
             return f"a {AT_CORNERS}"
@@ -92,8 +92,8 @@ class WayAround:
 
     @cached_property
     def reached(self) -> PathTiming | None:
-        """As fast as the limits that reachability keeps allow; None where it cannot be travelled:
-        it leaves the position limits, or cannot be held somewhere.
+        """Best timing under the limits of reachability; None if the path leaves the position
+        limits or cannot be held somewhere.
         """
         path = self.detour.path
         assert path is not None
@@ -104,12 +104,12 @@ class WayAround:
 
     @property
     def bound(self) -> float:
-        """What it takes without limits of rates and others that reachability cannot keep, s."""
+        """Lower bound on the duration, s: limits of rates and others are left out."""
         return np.inf if self.reached is None else self.reached.duration
 
     @property
     def kept(self) -> Motion | None:
-        """It with its best timing where reachability keeps every limit."""
+        """Motion of the best timing, if reachability covers every limit; None otherwise."""
         timing = self.reached
         if timing is None or self.family.jerk_matters or timing.limits_kept_by[LATER]:
             return None
@@ -117,7 +117,7 @@ class WayAround:
 
     @cached_property
     def motion(self) -> Motion | None:
-        """It with its best timing that keeps all limits; None where none is found in time."""
+        """Motion of the best timing within all limits; None if none is found in time."""
         best = self.kept
         if best is not None or deadline.over():
             return best
@@ -125,10 +125,10 @@ class WayAround:
         assert path is not None
         with suppress(InputError):
             check_path(self.family, path)
-            asked = PathTimingSettings(
+            request = PathTimingSettings(
                 limit_tolerance=self.settings.limit_tolerance, compiled=self.settings.compiled
             )
-            motion = best_timing(self.family, path, asked, "timed path", quiet)
+            motion = best_timing(self.family, path, request, "timed path", quiet)
             if motion.solved and _keeps_limits(self.family, motion):
                 return motion
         return None if deadline.over() else _resting_at_corners(self.family, self.detour)
@@ -136,23 +136,23 @@ class WayAround:
 
 @dataclass(eq=False)
 class Leg:
-    """The ways from one pose [n] to another that searches lead to.
+    """Ways from one pose [n] to another, found by numbered searches.
 
     Attributes
     ----------
     ways : list of WayAround
-        The first of them can be travelled.
+        Ways; the first is feasible within the limits.
     failed : list of Detour
-        Searches that led to no way.
+        Searches without a feasible way.
     first_motion : Motion or None
-        The first way with a timing that keeps all limits, there from the moment on at which the
-        way is: its best one, or where that takes long one that rests at every corner.
+        First way with a timing within all limits, available at once: the best timing, or one that
+        rests at every corner if the best takes long to compute.
     certified : float
-        Processor time, s, at which a motion along this leg and its neighbours was first proved.
+        Processor time, s, of the first proof of a motion along this leg and its neighbours.
     refused : bool
-        Whether there was a way that cannot be travelled.
+        True if a way was infeasible within the limits.
     searches : int
-        That were made.
+        Number of searches made.
     """
 
     around: Surroundings
@@ -167,7 +167,7 @@ class Leg:
     searches: int = 0
 
     def search(self, number: int, progress: StepProgress) -> None:
-        """Make the search of a number, unless it was made or there is no need of it."""
+        """Make the search of a number, unless it was made before or is needless."""
         routes = [*(way.detour for way in self.ways), *self.failed]
         straight = any(candidate.name == "straight" for candidate in routes)
         if number < self.searches or straight or (number >= FIRST_SEARCHES and self.first_motion):
@@ -189,37 +189,33 @@ class Leg:
             self.ways.append(way)
 
     def way(self, choice: int) -> WayAround:
-        """Return the way of a number; the last one where there are fewer."""
+        """Return the way of a number; the last one if there are fewer."""
         return self.ways[min(choice, len(self.ways) - 1)]
 
     def bound(self, choice: int) -> float:
-        """Return what a way takes at least, s."""
+        """Return a lower bound on the duration of a way, s."""
         return self.way(choice).bound
 
     def guess(self, choice: int) -> Motion | None:
-        """Return what a search starts from: a way as fast as the limits that reachability keeps
-        allow.
-        """
+        """Return the start of a search: a way timed under the limits of reachability."""
         timing = self.way(choice).reached
         return self.motion(choice) if timing is None else timing.motion("timed path")
 
     def motion(self, choice: int) -> Motion | None:
-        """Return a way with its best timing that keeps all limits; None where none is found in
-        time.
-        """
+        """Return a way with its best timing within all limits; None if none is found in time."""
         way = self.way(choice)
         return way.motion or (self.first_motion if way is self.ways[0] else None)
 
 
 def _resting_at_corners(family: LimitFamily, way: Detour) -> Motion | None:
-    """Return a motion along a polyline that rests at its corners; None where limits allow none."""
+    """Return a motion along a polyline that rests at its corners; None if limits forbid it."""
     robot: Robot = family.robot
     assert way.corners is not None
     ends = itertools.pairwise(way.corners)
     shapes = [quintic(pair, [0.0, 1.0], np.zeros((2, robot.joint_count))) for pair in ends]
-    try:  # as short as tells: it only has to be there
+    try:  # a loose tolerance suffices: the motion is only a fallback
         scaled = [shortest_duration(robot, path, tolerance=1e-3).polynomial for path in shapes]
-    except InputError:  # it leaves the position limits, or cannot be held somewhere
+    except InputError:  # the path leaves the position limits, or cannot be held somewhere
         return None
     how = {"method": AT_CORNERS}
     motion = Motion.from_polynomial(robot, joined(scaled), label="timed path", provenance=how)
@@ -234,12 +230,12 @@ def _keeps_limits(family: LimitFamily, motion: Motion) -> bool:
 def search_legs(
     ways: Sequence[Sequence[Leg]], progress: StepProgress, searches: int = FIRST_SEARCHES
 ) -> None:
-    """Search for paths on the legs of several ways, each a path for all of its legs.
+    """Search for paths on the legs of several ways.
 
-    So many ``searches`` are made of each leg. Where they lead to none that can be travelled all
-    along, further ones follow until one does or the time is over.
+    Each leg gets at least ``searches`` searches. If no way is feasible on all of its legs, further
+    searches follow until one is or the time is over.
     """
-    with sparing():
+    with reserving():
         for number in itertools.count():
             for leg in itertools.chain(*ways):
                 leg.search(number, progress)
@@ -251,30 +247,30 @@ def search_legs(
 
 
 def choices_of(legs: Sequence[Leg]) -> range:
-    """Return numbers of the ways that there are along legs; none where a leg has no way."""
+    """Return the numbers of the ways along all legs; empty if a leg has no way."""
     there = all(leg.first_motion for leg in legs)
     return range(max((len(leg.ways) for leg in legs), default=1) if there else 0)
 
 
 def differs(duration: float, others: Iterable[float]) -> bool:
-    """Return whether a timed path is another one than those of other durations, s."""
+    """Return True if a duration differs from all others, s, so that its path is a new one."""
     return all(abs(duration - other) > DIFFERENT * other for other in others)
 
 
 def fastest_among(
-    asked: Asked, family: LimitFamily, via: FloatArray, names: Sequence[str] = ()
+    request: SolveRequest, family: LimitFamily, via: FloatArray, names: Sequence[str] = ()
 ) -> Motion:
-    """Return the fastest motion through via points [m,n] that keeps clear of a scene.
+    """Return the fastest motion through via points [m,n], rad (m), that keeps clear of a scene.
 
-    In messages these have ``names``.
+    ``names`` are the names of the via points in messages.
 
     Raises
     ------
     InputError
-        A via point in collision; OMPL or coal is not installed.
+        A via point is in collision, or OMPL or coal is not installed.
     """
     begin, begin_processor = time.perf_counter(), deadline.processor_time()
-    settings, progress, scene = asked.settings, asked.progress, asked.scene
+    settings, progress, scene = request.settings, request.progress, request.scene
     assert scene is not None
     robot: Robot = with_arm_capsules(family.robot)
     family = LimitFamily.of(robot)
@@ -288,11 +284,11 @@ def fastest_among(
     for start in starts_of(legs):
         starts.append(start)
         progress(f"{start.name}: {start.motion.duration:.4f} s by reachability")
-        (front, _), proofs = _guided(asked, task, scene, start).motions()
+        (front, _), proofs = _guided(request, task, scene, start).motions()
         search, proof = (front[0][1], proofs[0]) if front else (None, None)
         if search is not None and proof is not None and proof.proved:
             if search.solved:
-                below = search.duration  # what a path must be able to beat
+                below = search.duration  # upper bound on the duration of further paths
             else:
                 origin = {"made_from": THE_MOTION, **search.provenance}
                 search = replace(search, provenance=origin)
@@ -312,7 +308,7 @@ def fastest_among(
         fallback = min(paths, key=lambda path: path.motion.duration, default=None)
         best = at_least(fallback, search, proof)
     else:
-        with interpreted():  # made once, and often when the time to compile is over
+        with interpreted():  # compilation does not pay for one motion, often after the deadline
             motion = _ignoring(family, via, settings)
         proof = clearance(robot, motion, scene)
         best = not_found(motion, nothing_found(legs, names), proof)
@@ -321,10 +317,9 @@ def fastest_among(
 
 
 def at_least(fallback: ProvedPath | None, motion: Motion | None, proof: Clearance | None) -> Motion:
-    """Give what a search found; what is known at least where that is not solved, not proved clear
-    or slower: a timed path, or a motion of the search slowed down at limits.
+    """Return the motion of a search if it is proved clear, and solved or faster than the fallback.
 
-    What is solved and proved needs no path beside it that it is known to be faster than.
+    Otherwise return the fallback: a timed path, or a motion of the search slowed down at limits.
     """
     if motion is not None:
         faster = fallback is None or motion.duration < fallback.motion.duration
@@ -343,13 +338,13 @@ def at_least(fallback: ProvedPath | None, motion: Motion | None, proof: Clearanc
 
 
 def _outcome_of(fallback: ProvedPath, motion: Motion | None, proof: Clearance | None) -> Outcome:
-    """Return how a search ended in whose place, or as whose motion, a fallback is returned."""
+    """Return the outcome of a search whose motion is replaced by a fallback."""
     if motion is None:
         return Outcome.of(deadline.status())
     outcome, ledger = motion.outcome, motion.outcome.ledger.discarded()
     is_timed_path = "made_from" not in fallback.motion.provenance
     slower = is_timed_path and motion.duration >= fallback.motion.duration
-    if slower and outcome.status is Status.LIMITS_EXCEEDED:  # even with limits at mesh points only
+    if slower and outcome.status is Status.LIMITS_EXCEEDED:  # fewer limits make no slower motion
         outcome = Outcome.of(Status.SOLVED, NOTHING_FASTER)
     if proof is not None and proof.proved:
         outcome = Outcome.of(outcome.status, NOTHING_FASTER)
@@ -357,20 +352,18 @@ def _outcome_of(fallback: ProvedPath, motion: Motion | None, proof: Clearance | 
             outcome = Outcome.of(deadline.status())
     elif proof is not None:
         outcome = Outcome.of(Status.NOT_ACCEPTED, proof.sentence)
-    elif outcome.status in (Status.INFEASIBLE, Status.LIMITS_EXCEEDED):  # there is a motion
+    elif outcome.status in (Status.INFEASIBLE, Status.LIMITS_EXCEEDED):  # a motion is known
         outcome = Outcome.of(Status.FAILED, NONE_WITHIN)
     if motion is fallback.motion:
         ledger = motion.outcome.ledger
         if motion.status in (Status.INFEASIBLE, Status.LIMITS_EXCEEDED):
-            outcome = Outcome.of(Status.NOT_ACCEPTED)  # it is within what a certificate lets pass
+            outcome = Outcome.of(Status.NOT_ACCEPTED)  # within the tolerance of a certificate
     advice = tuple(row for row in outcome.advice if row.kind != "returned")
     return replace(outcome, advice=advice, ledger=ledger)
 
 
 def not_found(motion: Motion, why: str, hit: Clearance) -> Motion:
-    """Return what is returned where no way was found: a motion as without obstacles, and what
-    it hits.
-    """
+    """Return a motion that ignores the obstacles, with its contact and the status "not found"."""
     advice = f"{why}. {Status.NOT_FOUND.sentence}\nReturned is a motion that ignores the obstacles."
     provenance = {"method": "free time-optimal motion among obstacles", **motion.provenance}
     outcome = Outcome.of(Status.NOT_FOUND, advice, Advice("contact", hit.sentence))
@@ -379,7 +372,7 @@ def not_found(motion: Motion, why: str, hit: Clearance) -> Motion:
 
 
 def check_apart(around: Surroundings, via: FloatArray, names: Sequence[str]) -> None:
-    """Raise InputError where the arm touches something at a via point [m,n] of these names."""
+    """Raise InputError if the arm touches something at a via point [m,n], rad (m)."""
     for name, q in zip(names, via, strict=True):
         contact = around.collision(q)
         if contact is not None:
@@ -408,9 +401,9 @@ def touching(hit: Any, wanted: float) -> str:
 def legs_between(
     around: Surroundings, via: FloatArray, settings: TimeOptimalSettings, progress: StepProgress
 ) -> list[Leg]:
-    """Return the legs from each via point [m,n] to the next, with the ways that searches lead to.
+    """Return the legs from each via point [m,n] to the next, with their ways.
 
-    The first way through all of them is timed and proved before others are looked for.
+    The first way through all legs is timed and proved before others are searched for.
     """
     legs = [Leg(around, start, end, settings) for start, end in itertools.pairwise(via)]
     search_legs([legs], progress, searches=1)
@@ -422,7 +415,7 @@ def legs_between(
 
 
 def starts_of(legs: Sequence[Leg]) -> Iterator[TimedPath]:
-    """Yield different ways through via points for a search to start from, the fastest first."""
+    """Yield different ways through via points as starts of a search, the fastest first."""
     durations: list[float] = []
     for choice in _by_bound(legs):
         path = _joined(legs, choice, (leg.guess(choice) for leg in legs))
@@ -438,11 +431,10 @@ def timed_paths(
     below: float | None = None,
     tried: Sequence[str] = (),
 ) -> Iterator[ProvedPath]:
-    """Yield different ways through via points with a timing that keeps all limits, the fastest
-    first.
+    """Yield different ways through via points with a timing within all limits, and proofs.
 
-    In the order of what they take without limits of rates; with ``below``, s, only those that may
-    take less, and none of the names that were ``tried``. At the time limit one alone.
+    Ways come in the order of their lower bounds. With ``below``, s, only ways with a smaller bound
+    are timed, and none of the names in ``tried``. At the time limit one way is yielded.
     """
     durations: list[float] = []
     for choice in _by_bound(legs):
@@ -466,7 +458,7 @@ def _by_bound(legs: Sequence[Leg]) -> list[int]:
 def _proved(
     around: Surroundings, legs: Sequence[Leg], choice: int, timed: Iterable[Motion | None]
 ) -> ProvedPath | None:
-    """Give a way with a timing of each leg, at rest at every via point; None where it may touch."""
+    """Return a way with a timing of each leg, at rest at via points; None if it is not proved."""
     path = _joined(legs, choice, timed)
     proof = None if path is None else clearance(around.robot, path.motion, around.scene)
     if path is None or proof is None or not proof.proved:
@@ -477,7 +469,10 @@ def _proved(
 
 
 def _joined(legs: Sequence[Leg], choice: int, timed: Iterable[Motion | None]) -> TimedPath | None:
-    """Return the motions of all legs, one after another; None from the first missing one on."""
+    """Return the motions of all legs one after another; None if one is missing.
+
+    The timings are lazy: none is computed after a missing one.
+    """
     motions = list[Motion]()
     for motion in timed:
         if motion is None:
@@ -496,14 +491,14 @@ def _name(legs: Sequence[Leg], choice: int) -> str:
     return "path " + ", ".join(leg.way(choice).detour.name for leg in legs)
 
 
-def _guided(asked: Asked, task: Task, scene: Scene, path: TimedPath) -> GuidedSearch:
-    """Return the search from a timed path."""
+def _guided(request: SolveRequest, task: Task, scene: Scene, path: TimedPath) -> GuidedSearch:
+    """Return the search that starts from a timed path."""
     via = np.array([stop.q for stop in task.stops])
     shape = polynomial_of(path.motion)
     times = np.array([mark.time for mark in path.motion.marks])
     start = InitialGuess(path.name, guesses_along(phase_names(len(via) - 1), shape, times))
     poses = tuple(poses_along(shape, *pair) for pair in itertools.pairwise(times))
-    return GuidedSearch(asked, task, scene, straight_way(via), start, poses)
+    return GuidedSearch(request, task, scene, straight_way(via), start, poses)
 
 
 def as_plain(clearance: Clearance) -> dict[str, Any]:
@@ -512,9 +507,7 @@ def as_plain(clearance: Clearance) -> dict[str, Any]:
 
 
 def nothing_found(legs: Sequence[Leg | None], names: Sequence[str]) -> str:
-    """Return why there is no timed path along legs, where they are free, between poses of these
-    names.
-    """
+    """Return the reason why no free leg between poses of these names has a timed path."""
     missing = next((k for k, leg in enumerate(legs) if leg and leg.first_motion is None), 0)
     leg = legs[missing]
     if leg is None or leg.first_motion is not None or leg.refused:

@@ -1,8 +1,8 @@
-"""Which branches of the inverse kinematics a task may go through: joint poses to start from.
+"""Ways of a task through the branches of the inverse kinematics.
 
-Every stop has the branches that reach it, every tool line and circle joins a branch at its start to
-the one that it leads to. The ways through them are put in order by a rough estimate of their time;
-the solver is started from the best way through each branch.
+Every stop has the branches that reach it. A tool line or circle connects a branch at its start to
+the branch at its end. Ways through all stops are sorted by a rough estimate of their duration, and
+the solver starts from the best way through each branch.
 """
 
 from __future__ import annotations
@@ -39,16 +39,16 @@ from microbot_ocp.trajectories import spline
 
 @dataclass(frozen=True)
 class BranchSettings:
-    """Settings by which branches of the inverse kinematics are told apart.
+    """Settings of the branches of the inverse kinematics.
 
     Attributes
     ----------
-    turns : of a free turn, from which branches are looked for
-    rows : places along a tool line at which the arm is followed
-    same_branch : rad (m): poses that are nearer are one
-    apart : rad (m): ways that are nearer at every stop lead to the same optimum
-    most_ways : through the branches of all stops
-    redundant : of the reach: smallest slope of the tool by the joints that counts
+    turns : number of tool orientations tried about a free axis
+    rows : number of poses at which a tool line is followed
+    same_branch : largest joint difference of two poses on one branch, rad (m)
+    apart : largest joint difference at the stops of two ways to one optimum, rad (m)
+    most_ways : largest number of ways
+    redundant : singular value of the tool Jacobian below which a direction is redundant, per reach
     """
 
     turns: int = 8
@@ -60,26 +60,27 @@ class BranchSettings:
 
 
 BRANCHES = BranchSettings()
-Poses = list[FloatArray]  # one [n] a branch
-Picks = tuple[int, ...]  # one branch a stop
-Joined = dict[tuple[int, int], FloatArray | None]  # branches at both ends: the joint path, if known
+Poses = list[FloatArray]  # one joint pose [n] per branch
+Picks = tuple[int, ...]  # number of the branch at each stop
+Joined = dict[tuple[int, int], FloatArray | None]  # branches at both ends: joint path, if known
 
 _even = np.linspace(0.0, 1.0, BRANCHES.rows)
-EASED = _even**3 * (10.0 - 15.0 * _even + 6.0 * _even**2)  # shares of a way at even times
-WEIGHTS = np.geomspace(100.0, 1.0, 5)  # tolerances a rad (m), so that first steps are short
+EASED = _even**3 * (10.0 - 15.0 * _even + 6.0 * _even**2)  # quintic from rest to rest
+WEIGHTS = np.geomspace(100.0, 1.0, 5)  # damping, tolerances per rad (m): decreasing, as in LM
 
 
 @dataclass(frozen=True, eq=False)
 class Way:
-    """One branch a stop, and the joint paths of the tool lines between them.
+    """Branches at the stops, and the joint paths between them.
 
     Attributes
     ----------
     via : array [m,n], rad (m)
+        Joint poses at the stops.
     paths : tuple of array [N,n]
-        Joint positions along every segment from rest to rest, at even times.
+        Joint positions along every segment from rest to rest, at even times, rad (m).
     branches : tuple of int
-        Number of the branch at each stop, from 1; 1 where the joint pose is given.
+        Number of the branch at each stop, from 1; 1 for a given joint pose.
     """
 
     via: FloatArray
@@ -88,23 +89,23 @@ class Way:
 
     @property
     def name(self) -> str:
-        """Such as "branches 1-3-3-1"."""
+        """Name with the branch at each stop, such as "branches 1-3-3-1"."""
         return "branches " + "-".join(map(str, self.branches))
 
 
 def straight_way(via: FloatArray) -> Way:
-    """Return the way through joint poses [m,n], straight from each to the next."""
+    """Return the way along straight joint segments between poses [m,n], rad (m)."""
     paths = (a + EASED[:, None] * (b - a) for a, b in itertools.pairwise(via))
     return Way(via, tuple(paths), (1,) * len(via))
 
 
 def ways_through(task: Task) -> list[Way]:
-    """Return ways through every branch of every stop, the most promising first.
+    """Return ways through every branch of every stop, the shortest estimated duration first.
 
     Raises
     ------
     InputError
-        A stop out of reach, a tool line that no branch follows.
+        A stop is out of reach, or no branch follows a tool line.
     """
     nodes = [list(_branches(task.robot, stop)) for stop in task.stops]
     nodes = [_held_at_rest(task, index, poses) for index, poses in enumerate(nodes)]
@@ -118,14 +119,14 @@ def ways_through(task: Task) -> list[Way]:
         else:
             edges.append(_free(nodes[index], nodes[index + 1]))
     if task.cycle and len(nodes[-1]) != len(nodes[0]):
-        nodes[0] = nodes[-1]  # a line may have led to further branches of the first stop
+        nodes[0] = nodes[-1]  # a line may have added branches of the first stop
     candidates = [_realised(task, nodes, edges, picks) for picks in _picks(task, nodes, edges)]
     ways = [way for way in candidates if way is not None]
     ways.sort(key=lambda way: _time(way, _speeds(task.robot)))
     if not ways:
         raise InputError(
-            "no branch of the arm leads through all stops: the tool lines end on other branches "
-            "than the next ones begin"
+            "no branch of the arm leads through all stops: a tool line ends on a branch "
+            "on which the next one cannot begin"
         )
     chosen: list[Way] = []
     for way in ways:
@@ -135,7 +136,7 @@ def ways_through(task: Task) -> list[Way]:
 
 
 def _free(starts: Poses, ends: Poses) -> Joined:
-    """Return all pairs of branches at two stops, of which no joint path is known."""
+    """Return all pairs of branches at two stops, without joint paths."""
     return dict.fromkeys(itertools.product(range(len(starts)), range(len(ends))))
 
 
@@ -143,10 +144,10 @@ def _free(starts: Poses, ends: Poses) -> Joined:
 
 
 def few_poses(robot: Robot, stop: Stop) -> FloatArray | None:
-    """Return the joint poses [k,n] of a stop, or the middles of their tolerance; None of infinitely
-    many.
+    """Return the joint poses [k,n] of a stop, rad (m); None if there are infinitely many.
 
-    Of a tool position these are the branches, where the arm has no joint to spare for it.
+    A joint pose with a tolerance counts as its middle. A tool pose has finitely many poses if the
+    Jacobian of the given components has full column rank in each of them.
     """
     if stop.q is not None:
         return np.array([stop.q])
@@ -186,13 +187,12 @@ def _branches(robot: Robot, stop: Stop) -> tuple[FloatArray, ...]:
 
 
 def _held_at_rest(task: Task, index: int, poses: Poses) -> Poses:
-    """Return those of all poses of a stop in which the torques hold the arm; all where there are
-    more.
+    """Return the poses of a stop in which the torques hold the arm; all if the stop is not exact.
 
     Raises
     ------
     InputError
-        There is none.
+        The torques hold none of the poses.
     """
     stop = task.stops[index]
     given = 3 if stop.orientation is None else 6 - (stop.free_turn is not None)
@@ -213,7 +213,7 @@ def _held_at_rest(task: Task, index: int, poses: Poses) -> Poses:
 
 
 def _turned(turned: FloatArray | None, axis: int | None) -> list[FloatArray | None]:
-    """Return an orientation, or several where a turn about an axis of the tool is free."""
+    """Return the orientation, or several about a free axis of the tool."""
     if turned is None or axis is None:
         return [turned]
     angles = 2 * np.pi * np.arange(BRANCHES.turns) / BRANCHES.turns
@@ -221,7 +221,7 @@ def _turned(turned: FloatArray | None, axis: int | None) -> list[FloatArray | No
 
 
 def _about(axis: int, angle: float) -> FloatArray:
-    """Return the rotation about a coordinate axis."""
+    """Return the rotation [3,3] by an angle, rad, about a coordinate axis."""
     rotation = np.eye(3)
     i, j = (axis + 1) % 3, (axis + 2) % 3
     rotation[[i, j], [i, j]] = np.cos(angle)
@@ -230,7 +230,7 @@ def _about(axis: int, angle: float) -> FloatArray:
 
 
 def _within(stop: Stop, solution: IKSolution) -> bool:
-    """Return whether a pose that misses the middle of a stop is within its tolerance."""
+    """Return True if the pose of a failed solution is within the tolerance of its stop."""
     reach = float(np.min(stop.tolerance))
     return (
         solution.position_error <= reach + STOP_SIZES.exact
@@ -263,9 +263,9 @@ def _held(robot: Robot, q: FloatArray) -> list[str]:
 
 
 def _followed(task: Task, index: int, nodes: list[Poses]) -> tuple[Poses, Poses, Joined]:
-    """Return branches at both ends of a tool line, and the joint paths that join them.
+    """Return the branches at both ends of a tool line, and the joint paths between them.
 
-    Followed from its start, or from its end where only that is a joint pose.
+    The line is followed from its end if only the end is a joint pose.
     """
     starts, ends = list(nodes[index]), list(nodes[index + 1])
     backwards = task.stops[index + 1].q is not None and task.stops[index].q is None
@@ -302,24 +302,26 @@ def _followed(task: Task, index: int, nodes: list[Poses]) -> tuple[Poses, Poses,
         raise InputError(
             f"{task.name_of(index)} not reachable from {share:.2f} of its length: {reason}"
         )
-    return starts, ends, _free(starts, ends)  # a turn is free on the way: the solver may find one
+    return starts, ends, _free(starts, ends)  # the solver may find a path by turning the free axis
 
 
-Places = tuple[FloatArray, FloatArray | None]  # positions [N,3], orientations [N,3,3] of the tool
+Places = tuple[FloatArray, FloatArray | None]  # tool positions [N,3], m, and rotations [N,3,3]
 
 
 def _places(task: Task, index: int, q: FloatArray, backwards: bool) -> Places:
-    """Return places along a tool line from a branch at its start, or from its end on."""
+    """Return tool poses along a line that is followed from a joint pose at its start or end."""
     curve = task.curves[index]
     assert curve is not None
     way, turning = curve
     positions, orientations = way.points(EASED), None
     if turning is not None:
         orientations = np.array([np.array(turning.rotation(s)) for s in EASED])
-        if turning.free is not None:  # as the arm turns the tool at the end that it starts from
+        if turning.free is not None:  # keep the turn that the arm has at the first pose
             tool = np.array(forward_kinematics(task.robot)(q))[:3, :3]
             turn = orientations[-1 if backwards else 0].T @ tool
             i, j = (turning.free + 1) % 3, (turning.free + 2) % 3
+            # The rotation about the free axis nearest to R = turn maximises the trace:
+            # tan(angle) = (R_ji - R_ij) / (R_ii + R_jj).
             angle = np.arctan2(turn[j, i] - turn[i, j], turn[i, i] + turn[j, j])
             orientations = orientations @ _about(turning.free, angle)
     if backwards:
@@ -329,12 +331,12 @@ def _places(task: Task, index: int, q: FloatArray, backwards: bool) -> Places:
 
 
 def _near_line(task: Task, index: int, places: Places, q: FloatArray) -> FloatArray | None:
-    """Return joint poses [N,n] along a tool line from q on, within its tolerances and with little
-    motion from each to the next; None where they do not lead to its end.
+    """Return joint poses [N,n] near a tool line from q on; None if they do not reach its end.
 
-    A place that is singular, or nearly, within the tolerances is passed so, where the line itself
-    asks a joint to turn about it in no time, or ends. Damped least squares: Buss, "Introduction to
-    inverse kinematics with Jacobian transpose, pseudoinverse and damped least squares methods".
+    Damped least squares within the tolerances, with small steps between poses. The path passes a
+    singular pose on which the exact line would end or turn a joint at once. Source: Buss,
+    "Introduction to inverse kinematics with Jacobian transpose, pseudoinverse and damped least
+    squares methods".
     """
     kind, robot, (positions, orientations) = task.segments[index], task.robot, places
     assert isinstance(kind, Line | Circle)
@@ -344,6 +346,8 @@ def _near_line(task: Task, index: int, places: Places, q: FloatArray) -> FloatAr
     for k in range(1, last):
         here = path[-1]
         for weight in WEIGHTS:
+            # Minimise |J step - missed|^2 / tolerance^2 + weight^2 |q - q_previous|^2, by
+            # Gauss-Newton: the second term keeps joints near the previous pose.
             pose = np.array(forward_kinematics(robot)(here))
             missed = positions[k] - pose[:3, 3]
             if orientations is not None:
@@ -385,7 +389,7 @@ def _why(robot: Robot, poses: IKPath) -> tuple[float, str]:
 
 
 def _apart(robot: Robot, q: FloatArray, other: FloatArray) -> float:
-    """Return the largest difference of two poses, whole turns aside."""
+    """Return the largest joint difference of two poses modulo full turns, rad (m)."""
     step = q - other
     step = np.where(robot.whole_turns, (step + np.pi) % (2 * np.pi) - np.pi, step)
     return float(np.abs(step).max())
@@ -400,7 +404,7 @@ def _speeds(robot: Robot) -> FloatArray:
 
 
 def _near(robot: Robot, q: FloatArray, other: FloatArray) -> FloatArray:
-    """Give a pose [n] moved by whole turns to where it is nearest to another, within the limits."""
+    """Return a pose [n] moved by full turns to be nearest to another, within the limits."""
     turn = 2 * np.pi * robot.whole_turns
     low, high = robot.limits.q_min - 1e-9, robot.limits.q_max + 1e-9
     nearest = q + turn * np.round((other - q) / (2 * np.pi))
@@ -415,9 +419,7 @@ def _cost(task: Task, a: FloatArray, b: FloatArray) -> float:
 
 
 def _picks(task: Task, nodes: list[Poses], edges: list[Joined]) -> list[Picks]:
-    """Return the cheapest way through every branch of every stop: the number of the branch at
-    each.
-    """
+    """Return the cheapest way through every branch of every stop, as numbers of branches."""
     costs = [
         {(a, b): _cost(task, nodes[k][a], nodes[k + 1][b]) for a, b in joint_paths}
         for k, joint_paths in enumerate(edges)
@@ -430,7 +432,11 @@ def _picks(task: Task, nodes: list[Poses], edges: list[Joined]) -> list[Picks]:
 def _through(
     costs: list[dict[tuple[int, int], float]], starts: Iterable[int], ends: Iterable[int]
 ) -> set[Picks]:
-    """Do as :func:`_picks`, of ways that begin and end at one of some branches."""
+    """Return the cheapest ways through each branch between given first and last branches.
+
+    Forward and backward dynamic programming: the cheapest way through a branch joins the cheapest
+    ways to it from both ends.
+    """
     back = [{(b, a): cost for (a, b), cost in row.items()} for row in reversed(costs)]
     forward = _cheapest(costs, starts, lambda way, to: (*way, to))
     backward = _cheapest(back, ends, lambda way, to: (to, *way))[::-1]
@@ -446,7 +452,7 @@ def _cheapest(
     starts: Iterable[int],
     longer: Callable[[Picks, int], Picks],
 ) -> list[dict[int, tuple[float, Picks]]]:
-    """Return the cost of the cheapest way to every branch of each stop, and the way."""
+    """Return the cost and the picks of the cheapest way to every branch of each stop."""
     ways: list[dict[int, tuple[float, Picks]]] = [{a: (0.0, (a,)) for a in starts}]
     for row in costs:
         best: dict[int, tuple[float, Picks]] = {}
@@ -459,7 +465,7 @@ def _cheapest(
 
 
 def _realised(task: Task, nodes: list[Poses], edges: list[Joined], picks: Picks) -> Way | None:
-    """Return joint poses of a way, each moved by whole turns to be near to the one before."""
+    """Return a way with each pose moved by full turns to be near the one before; None if open."""
     robot = task.robot
     q = [nodes[k][pick] for k, pick in enumerate(picks)]
     fixed = [k for k, stop in enumerate(task.stops) if stop.q is not None]
@@ -487,7 +493,7 @@ def _realised(task: Task, nodes: list[Poses], edges: list[Joined], picks: Picks)
 
 
 def least_time(task: Task, way: Way) -> float:
-    """Give time between the poses of a way by the velocity limits alone, s, dwells not included."""
+    """Return the duration of a way at the velocity limits, s, without dwells."""
     return _time(way, np.maximum(-task.robot.limits.qd_min, task.robot.limits.qd_max))
 
 
@@ -498,17 +504,17 @@ def _time(way: Way, speeds: FloatArray) -> float:
 
 
 def least_duration(task: Task) -> float:
-    """Return what no motion of the task can fall below by the velocity limits, s.
+    """Return a lower bound on the duration of every motion of the task, s.
 
-    Between poses of the joints the slowest joint at its highest velocity, by the branches that take
-    least; of a stop whose poses are not a few, the way of the tool at a speed that the joints
-    cannot exceed together.
+    Between joint poses the slowest joint moves at its highest velocity; the cheapest branches
+    count. At a stop with infinitely many poses the tool covers its distance at a speed that the
+    joints cannot exceed together.
     """
     robot = task.robot
     speeds = np.maximum(-robot.limits.qd_min, robot.limits.qd_max)
     fastest = fastest_tool(robot)
     poses = [few_poses(robot, stop) for stop in task.stops]
-    least = np.zeros(1)  # by the branch at a stop, or one number where there are many
+    least = np.zeros(1)  # one entry per branch at the stop, or one for infinitely many poses
     for k, (a, b) in enumerate(itertools.pairwise(task.stops)):
         before, after = poses[k], poses[k + 1]
         if before is None or after is None:
@@ -523,18 +529,14 @@ def least_duration(task: Task) -> float:
 
 
 def _joint_distances(robot: Robot, before: FloatArray, after: FloatArray) -> FloatArray:
-    """Return distances [k,l,n] of joint poses [k,n] from others [l,n], whole turns aside where
-    allowed.
-    """
+    """Return distances [k,l,n] of joint poses [k,n] from others [l,n], up to allowed turns."""
     apart = np.abs(after[None] - before[:, None])
     turns = (robot.limits.q_max - robot.limits.q_min >= 2 * np.pi) & robot.whole_turns
     return np.where(turns, np.abs((apart + np.pi) % (2 * np.pi) - np.pi), apart)
 
 
 def _tool_distance(robot: Robot, before: Stop, after: Stop) -> float:
-    """Return what the tool has to travel at least from one stop to another, m; 0 where that is
-    open.
-    """
+    """Return the least distance of the tool between two stops, m; 0 if a joint pose is tolerant."""
     if any(stop.q is not None and np.any(stop.slack) for stop in (before, after)):
         return 0.0
     apart = np.abs(before.pose(robot)[0] - after.pose(robot)[0])
@@ -544,8 +546,8 @@ def _tool_distance(robot: Robot, before: Stop, after: Stop) -> float:
 
 
 def segment_timings(task: Task, way: Way, compiled: bool) -> tuple[PiecewisePolynomial | None, ...]:
-    """Return the best timing from rest to rest of every segment of a way; None where there is
-    none.
+    """Return the best timing from rest to rest of every segment of a way; None for an infeasible
+    one.
     """
     rows = zip(way.paths, task.payloads, strict=True)
     return tuple(
@@ -558,7 +560,7 @@ def segment_timings(task: Task, way: Way, compiled: bool) -> tuple[PiecewisePoly
 def _best_timing(
     robot: Robot, path_bytes: bytes, count: int, compiled: bool
 ) -> PiecewisePolynomial | None:
-    """Do as :func:`segment_timings`, of one path [count,n]; other orders of stops have it, too."""
+    """Return the best timing of one path [count,n]; cached, as orders of stops share segments."""
     shape = spline(np.frombuffer(path_bytes).reshape(count, -1), np.linspace(0.0, 1.0, count))
     with contextlib.suppress(InputError):
         timing = time_path(robot, shape, compiled=compiled)

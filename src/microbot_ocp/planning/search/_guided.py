@@ -1,9 +1,10 @@
-"""The search for the fastest motion from a way around obstacles that is known.
+"""The search for the fastest motion from a known way around obstacles.
 
-Only pairs that can come close are in the problem. Where one that was left out comes too near on
-what was found it is put in, on the coarse mesh before anything is refined, and the problem is
-solved again from the way; where a pair of the problem does, from where the motion is. Via points
-and stops are the same here: what differs is the robot on each segment, and what lies around it.
+The problem contains only pairs that can come close. If a pair outside of the problem comes too
+near, it is added on the coarse mesh, before refinement, and the problem is solved again from the
+way. If a pair of the problem comes too near, its required distance is raised and the problem is
+solved from the current motion. Via points and stops differ only in the robot and the obstacles of
+each segment.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ from microbot_ocp.planning.search._stop_motion import (
     tool_poses,
 )
 from microbot_ocp.planning.search._strategies import best_of, resumed, search_of
-from microbot_ocp.planning.search._through_stops import Asked, Front, problem_of
+from microbot_ocp.planning.search._through_stops import Front, SolveRequest, problem_of
 from microbot_ocp.planning.task import Task, reach_of
 from microbot_ocp.robot import Robot
 from microbot_ocp.scene import (
@@ -52,12 +53,9 @@ class GuidedSettings:
 
     Attributes
     ----------
-    near : of the arm's reach, beyond the clearance: pairs that come so near are in the problem.
-        With three times as much 30 to 100 pairs of a UR5 are, and an iteration takes two to four
-        times as long; with a third too few come in at a time, and ``again`` is not enough
-    again : times that a motion may be solved for anew with more pairs, or more asked of them: on
-        the coarse mesh, and where its refined motion is not proved to keep clear
-    samples : poses along a segment at which pairs are looked at
+    near : distance beyond the clearance from which a pair enters the problem, share of the reach
+    again : largest number of repeated solves with more pairs or larger distances
+    samples : number of poses along a segment at which pairs are evaluated
     """
 
     near: float = 0.01
@@ -66,30 +64,32 @@ class GuidedSettings:
 
 
 GUIDED = GuidedSettings()
-ASKED_MORE = "links come too near: solved again with more asked of them"
-Ask = Callable[[MotionSearch, SearchState | None], Front]
+LARGER_DISTANCES = "links come too near: solved again with larger required distances"
+FrontFunction = Callable[[MotionSearch, SearchState | None], Front]
 
 
-# pairs that are in the problem, and the distances that are asked of them --------------------------
+# pairs in the problem, and their required distances ----------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
-class PairsAsked:
-    """Pairs of capsules around a path through a scene.
+class PairDistances:
+    """Pairs of capsules around a path through a scene, and their required distances.
 
     Attributes
     ----------
-    robot, scene
-    tolerance : of limits
+    robot : Robot
+    scene : Scene
+    tolerance : float
+        Relative tolerance of limits.
     pairs : tuple of Pair
-        All whose links may not touch.
+        All k pairs that must not touch.
     most : array [k]
-        What they have beyond the clearance at the via points, m: the path may be left where more is
-        asked of them, but not these.
+        Distances beyond the clearance at the via points, m: upper bounds of ``room``, because the
+        motion may leave the path but not the via points.
     near : array of bool [k]
-        Which are in the problem.
+        Mask of the pairs in the problem.
     room : array [k]
-        What is asked of each beyond the clearance, m.
+        Required distances beyond the clearance, m; negative where capsules overlap on the path.
     """
 
     robot: Robot
@@ -103,10 +103,10 @@ class PairsAsked:
     @classmethod
     def along(
         cls, robot: Robot, scene: Scene, tolerance: float, poses: FloatArray, via: FloatArray
-    ) -> PairsAsked:
-        """Return those that come near on a path, poses [N,n] through via points [m,n].
+    ) -> PairDistances:
+        """Return the pairs around a path with poses [N,n] through via points [m,n].
 
-        Near is what comes within the clearance and a share of the arm's reach.
+        A pair is near within the clearance and a share of the arm's reach.
         """
         pairs = facing(robot, guiding_pairs(robot, scene), poses)
         room, room_left, apart = room_along(robot, scene, pairs, poses, tolerance)
@@ -117,19 +117,19 @@ class PairsAsked:
 
     @property
     def limits(self) -> tuple[Limit, ...]:
-        """The distances that are asked."""
+        """Limits of the required distances."""
         if not self.near.any():
             return ()
         chosen = [pair for pair, near in zip(self.pairs, self.near, strict=True) if near]
         room = self.room[self.near].tolist()
         return (self.scene.limit(self.robot, chosen, tolerance=self.tolerance, room=room),)
 
-    def after(self, poses: FloatArray, near: float = 0.0) -> tuple[PairsAsked, np.ndarray]:
-        """Return what is asked once a motion with these poses [N,n] is known, and which pairs [k]
-        have their links too near on it.
+    def after(self, poses: FloatArray, near: float = 0.0) -> tuple[PairDistances, np.ndarray]:
+        """Return the requirements after a motion with poses [N,n], and a mask [k] of close pairs.
 
-        These are in the problem, and asked for more, as far as via points allow. With them what is
-        ``near`` as for :meth:`along`: on a motion that passes through things that is nearly all.
+        Pairs whose links are too near enter the problem, with a larger distance as far as via
+        points allow. Pairs within ``near``, a share of the reach, enter with them: a motion that
+        passes through a body is too near to almost all of its parts.
         """
         come, _, apart = room_along(self.robot, self.scene, self.pairs, poses, self.tolerance)
         touching = apart <= self.scene.clearance
@@ -139,61 +139,70 @@ class PairsAsked:
         is_near = self.near | (apart <= within) if touching.any() else self.near
         return replace(self, near=is_near, room=room), touching
 
-    def asks_more_than(self, before: PairsAsked) -> bool:
-        """Return whether anything is asked that was not."""
+    def exceeds(self, before: PairDistances) -> bool:
+        """Return True if a pair is new or its required distance is larger."""
         more = self.near & (~before.near | (self.room > before.room))
         return bool(more.any())
 
 
 @dataclass(frozen=True, eq=False)
-class Around:
-    """What is around the arm on every segment of a task, and what is asked of it.
+class RequiredDistances:
+    """Obstacles of every segment of a task, and the required distances.
 
     Attributes
     ----------
     scenes : tuple of Scene
-        On every segment.
-    asked : tuple of PairsAsked
-        Of the segments on which the arm is the same in the same scene.
+        Scene of every segment.
+    distances : tuple of PairDistances
+        Requirements of every distinct combination of arm and scene.
     places : tuple of int
-        Which of these it is on every segment.
+        Index into ``distances`` for every segment.
     """
 
     scenes: tuple[Scene, ...]
-    asked: tuple[PairsAsked, ...]
+    distances: tuple[PairDistances, ...]
     places: tuple[int, ...]
 
     def on(self, task: Task) -> Task:
-        """Return a task with what is asked."""
+        """Return the task with the required distances."""
         if not task.is_plain:
             return replace(task, around=self)
-        (asked,) = self.asked
-        also = (*asked.robot.limits.also, *asked.limits)
-        return replace(task, family=LimitFamily.of(asked.robot.with_limits(also=also)))
+        (distances,) = self.distances
+        also = (*distances.robot.limits.also, *distances.limits)
+        return replace(task, family=LimitFamily.of(distances.robot.with_limits(also=also)))
 
     def limits(self, index: int) -> tuple[Limit, ...]:
-        """Return the distances that are asked on a segment."""
-        return self.asked[self.places[index]].limits
+        """Return the limits of the distances on a segment."""
+        return self.distances[self.places[index]].limits
 
-    def after(self, poses: Sequence[FloatArray], near: float = 0.0) -> tuple[Around, bool, bool]:
-        """Return what is asked once a motion with these poses [N,n] on every segment is known, as
-        :meth:`PairsAsked.after`; whether links come too near on it, and whether any that were left
-        out do.
+    def after(
+        self, poses: Sequence[FloatArray], near: float = 0.0
+    ) -> tuple[RequiredDistances, bool, bool]:
+        """Return the requirements after a motion with poses [N,n] on every segment.
+
+        Returns
+        -------
+        around : Around
+            Requirements, as in :meth:`PairDistances.after`.
+        touch : bool
+            Links come too near on the motion.
+        left_out : bool
+            Links of a pair outside of the problem come too near.
         """
-        asked, touch, left_out = [], False, False
-        for k, before in enumerate(self.asked):
+        distances, touch, left_out = [], False, False
+        for k, before in enumerate(self.distances):
             more, touching = before.after(_of_place(poses, self.places, k), near)
-            asked.append(more)
+            distances.append(more)
             touch = touch or bool(touching.any())
             left_out = left_out or bool((touching & ~before.near).any())
-        return replace(self, asked=tuple(asked)), touch, left_out
+        return replace(self, distances=tuple(distances)), touch, left_out
 
-    def asks_more_than(self, before: Around) -> bool:
-        """Return whether anything is asked that was not."""
+    def exceeds(self, before: RequiredDistances) -> bool:
+        """Return True if a scene, a pair or a required distance is new."""
         if self.scenes != before.scenes:
             return True
-        pairs = zip(self.asked, before.asked, strict=True)
-        return any(now.asks_more_than(then) for now, then in pairs)
+        pairs = zip(self.distances, before.distances, strict=True)
+        return any(now.exceeds(then) for now, then in pairs)
 
 
 def _of_place(rows: Sequence[FloatArray], places: Sequence[int], place: int) -> FloatArray:
@@ -204,74 +213,76 @@ def _of_place(rows: Sequence[FloatArray], places: Sequence[int], place: int) -> 
 
 
 @dataclass(frozen=True, eq=False)
-class Explored:
-    """Coarse answers, with all pairs in the problem that come too near on the best of them."""
+class CoarseResult:
+    """Coarse answers of a problem that contains all pairs too near on the best of them."""
 
     search: MotionSearch
     state: SearchState
-    around: Around
+    around: RequiredDistances
     finer: int
 
     @property
     def duration(self) -> float:
-        """What the best of them takes, dwells not included, s; infinite where none is solved."""
+        """Duration of the best answer without dwells, s; infinite if none is solved."""
         answer = best_of(self.search, self.state)
         return answer.solution.duration if answer.solved else np.inf
 
 
 @dataclass(frozen=True, eq=False)
 class GuidedSearch:
-    """A task among obstacles, and a way through it from which the search goes on.
+    """A task among obstacles, and the way from which its search starts.
 
     Attributes
     ----------
-    asked : Asked
+    request : SolveRequest
     task : Task
-        Of an arm with capsules.
+        Task of an arm with capsules.
     scene : Scene
     way : Way
     start : InitialGuess
-        The way with a timing.
+        Timed way.
     poses : tuple of array [N,n]
-        Along the way on every segment, rad (m).
+        Joint poses along the way on every segment, rad (m).
     """
 
-    asked: Asked
+    request: SolveRequest
     task: Task
     scene: Scene
     way: Way
     start: InitialGuess
     poses: tuple[FloatArray, ...]
 
-    def around(self, tool: FloatArray) -> Around:
-        """Return what is asked along the way, with the tool in poses [m,4,4] at the stops."""
+    def around(self, tool: FloatArray) -> RequiredDistances:
+        """Return the requirements along the way, with the tool in poses [m,4,4] at the stops."""
         scenes = scenes_of(self.task, self.scene, tool)
         kinds = list(zip(self.task.robots, scenes, strict=True))
         different = list(dict.fromkeys(kinds))
         places = tuple(map(different.index, kinds))
-        ends, asked = [self.way.via[k : k + 2] for k in range(len(places))], []
-        tolerance = self.asked.settings.limit_tolerance
+        ends, distances = [self.way.via[k : k + 2] for k in range(len(places))], []
+        tolerance = self.request.settings.limit_tolerance
         for k, (robot, scene) in enumerate(different):
             held = scene.without_parts_of(robot)
             way, via = (_of_place(rows, places, k) for rows in (self.poses, ends))
-            asked.append(PairsAsked.along(robot, held, tolerance, way, via))
-        return Around(scenes, tuple(asked), places)
+            distances.append(PairDistances.along(robot, held, tolerance, way, via))
+        return RequiredDistances(scenes, tuple(distances), places)
 
-    def explored(self, around: Around | None = None, finer: int = 1) -> Explored:
-        """Return the coarse answer of a problem in which all pairs are that come too near on it.
+    def coarse_result(
+        self, around: RequiredDistances | None = None, finer: int = 1
+    ) -> CoarseResult:
+        """Return the coarse answer of a problem that contains all pairs too near on it.
 
-        Where a pair of the problem does, between mesh points, these are twice as many: links pass
-        through bars from one point to the next.
+        If a pair of the problem comes too near between mesh points, the number of intervals is
+        doubled: constraints at points alone let links pass through thin bars.
 
         Raises
         ------
         deadline.Over
-            The time was over before a search began.
+            The time limit was reached before a search began.
         """
         around = around or self.around(tool_poses(self.task.robot, self.way.via))
         while True:
             search = self._search(around, finer)
-            result = Explored(search, search.run(FROM_PATHS), around, finer)
+            result = CoarseResult(search, search.run(FROM_PATHS), around, finer)
             answer = best_of(search, result.state)
             if not answer.solved:
                 return result
@@ -281,46 +292,47 @@ class GuidedSearch:
                 if not touch or explore_mesh(search) == full_mesh(search):
                     return result
                 finer *= 2
-            self.asked.progress(ASKED_MORE)
+            self.request.progress(LARGER_DISTANCES)
 
     def motions(
-        self, ask: Ask | None = None, explored: Explored | None = None
+        self, front_of: FrontFunction | None = None, coarse_result: CoarseResult | None = None
     ) -> tuple[Front, list[Clearance | None]]:
-        """Return the motions that a search is asked for, by default the fastest one or that of
-        least effort, and whether each is proved to keep clear.
+        """Return the requested motions with proofs, by default the fastest or of least effort.
 
-        Of those alone that are solved, or within the limits though they are not, if so. Nothing
-        where the time was over before the search began.
+        A proof exists only for a motion that is solved or within the limits. The lists are empty if
+        the time limit was reached before the search began.
         """
         front: Front = [], ""
         proofs = list[Clearance | None]()
         with suppress(deadline.Over):
-            now = explored or self.explored()
+            now = coarse_result or self.coarse_result()
             for _ in range(GUIDED.again + 1):
                 answer: MotionAnswer | None = None
-                if ask is None:
+                if front_of is None:
                     motion, proof, answer = self._fastest(now)
                     front, proofs = ([(0.0, motion)], ""), [proof]
                 else:
-                    front = ask(now.search, now.state)
+                    front = front_of(now.search, now.state)
                     proofs = [self._proof(motion) for _, motion in front[0]]
                 rows = zip(front[0], proofs, strict=True)
                 pairs = [(m, proof) for (_, m), proof in rows if proof and not proof.proved]
                 if not pairs:
                     break
-                more, left_out = self._asked_after(now.around, pairs)
-                if not more.asks_more_than(now.around):
+                more, left_out = self._required_after(now.around, pairs)
+                if not more.exceeds(now.around):
                     break
-                self.asked.progress(ASKED_MORE)
-                # where a pair was left out the motion passed through it: from the way again
+                self.request.progress(LARGER_DISTANCES)
+                # A missing pair let the motion pass through a body: its neighbourhood is useless.
                 now = self._again(more, now.finer, None if left_out else answer)
         return front, proofs
 
-    def _fastest(self, now: Explored) -> tuple[Motion, Clearance | None, MotionAnswer]:
-        """Return the fastest motion or the one of least effort, and whether it is proved to keep
-        clear; without the last digits where only that is: they take it nearer to what is around.
+    def _fastest(self, now: CoarseResult) -> tuple[Motion, Clearance | None, MotionAnswer]:
+        """Return the fastest motion or that of least effort, with the proof that it keeps clear.
+
+        If only the answer before the last digits is proved, that one is returned: the last digits
+        move the arm nearer to the obstacles.
         """
-        best = fastest(now.search, now.state, duration=self.asked.duration)
+        best = fastest(now.search, now.state, duration=self.request.duration)
         answers, before = [best.answer], best.answer.before
         if best.answer.strategy == "last digits" and before is not None:
             answers += [before] if before.solution is not best.answer.solution else []
@@ -331,33 +343,36 @@ class GuidedSearch:
                 break
         return motion, proof, answer
 
-    def _again(self, around: Around, finer: int, refused: MotionAnswer | None) -> Explored:
-        """Return where it goes on with more asked: from a refined answer, or the way."""
+    def _again(
+        self, around: RequiredDistances, finer: int, refused: MotionAnswer | None
+    ) -> CoarseResult:
+        """Return coarse answers under larger distances, from a refined answer or from the way."""
         if refused is not None:
             search = self._search(around, finer)
             state = resumed(search, refused)
             if state.answers[0].solved:
-                return Explored(search, state, around, finer)
-        return self.explored(around, finer)
+                return CoarseResult(search, state, around, finer)
+        return self.coarse_result(around, finer)
 
-    def _search(self, around: Around, finer: int) -> MotionSearch:
+    def _search(self, around: RequiredDistances, finer: int) -> MotionSearch:
         with deadline.given_up():
-            asked = self.asked
-            given = asked.settings, asked.duration, (self.way,), self.start, finer
-            return search_of(problem_of(around.on(self.task), *given), asked.progress)
+            request = self.request
+            given = request.settings, request.duration, (self.way,), self.start, finer
+            return search_of(problem_of(around.on(self.task), *given), request.progress)
 
     def _proof(self, motion: Motion) -> Clearance | None:
-        """Return how a motion keeps clear, where that matters."""
+        """Return the clearance of a motion that is solved or within the limits, None otherwise."""
         if not (motion.solved or motion.provenance["excess"] <= LIMIT_TOLERANCE):
             return None
         proof = clearance_along(places_along(self.task, motion, self.scene), motion)
         return proof if motion.solved or proof.proved else None
 
-    def _asked_after(
-        self, around: Around, pairs: Sequence[tuple[Motion, Clearance]]
-    ) -> tuple[Around, bool]:
-        """Return what is asked once motions are known on which links come too near, and whether
-        that is of pairs that were left out, or of parts that lie elsewhere.
+    def _required_after(
+        self, around: RequiredDistances, pairs: Sequence[tuple[Motion, Clearance]]
+    ) -> tuple[RequiredDistances, bool]:
+        """Return the requirements after motions with links too near, and the need of a new start.
+
+        A new start is needed if a pair outside of the problem is too near, or parts have moved.
         """
         tool = poses_at_stops(self.task, pairs[0][0])
         left_out = scenes_of(self.task, self.scene, tool) != around.scenes
@@ -376,9 +391,7 @@ class GuidedSearch:
 def poses_along(
     shape: PiecewisePolynomial, start: float = 0.0, end: float | None = None, also: float = 0.0
 ) -> FloatArray:
-    """Return poses [N,n] along a motion from start to end, s, at a further time, too, if that is
-    between them.
-    """
+    """Return poses [N,n] along a motion from start to end, s, and at a further time within them."""
     end = shape.duration if end is None else end
     times = np.linspace(start, end, GUIDED.samples)
     return shape(np.append(times, np.clip(also, start, end)))

@@ -1,9 +1,9 @@
-"""The best of all orders of a few stops, decided by coarse answers.
+"""The best of all orders of a few stops, compared on a coarse mesh.
 
-Every order is timed from rest to rest first, along the straight joint paths between its stops or
-those around the obstacles. From the fastest of these on, orders are solved on a coarse mesh, unless
-a bound or what their timed paths could save at most says that they are slower. Only orders
-whose coarse answers differ from the best by less than coarse answers are off are refined.
+Every order is first timed from rest to rest, along straight joint paths between its stops or along
+paths around the obstacles. Orders are then solved on a coarse mesh, the fastest timing first,
+unless a lower bound or an optimistic estimate from the timed paths excludes them. Orders within the
+error of coarse answers of the best one are refined.
 """
 
 from __future__ import annotations
@@ -24,34 +24,37 @@ from microbot_ocp.planning.search._result import LEFT_OUT, fastest, motion_from
 from microbot_ocp.planning.search._settings import SEARCH
 from microbot_ocp.planning.search._starts import segment_timings
 from microbot_ocp.planning.search._strategies import STRATEGIES, search_of
-from microbot_ocp.planning.search._through_stops import Asked, fastest_through, problem_of
+from microbot_ocp.planning.search._through_stops import SolveRequest, fastest_through, problem_of
 from microbot_ocp.planning.task import CELL_TIME_LIMIT, Segment, Task, one_remark
 
-MOST_ORDERED = 7  # stops of which every order is looked at
-# Coarse answers of one task differ from the refined ones by much the same share (0.9 to 1.3 % for
-# six orders of a Puma among obstacles, 0.2 to 0.5 % for six of a Microbot): orders farther apart
-# than this are told apart by them
-ACCURACY = 0.01  # of the usual coarse mesh
-FASTER = 0.5  # of timed paths, what the fastest motion from rest to rest is hoped to take at least
+MOST_ORDERED = 7  # largest number of stops in free order: 5040 orders
+# Coarse and refined durations of one task differ by a common share (0.9 to 1.3 % for six orders of
+# a Puma among obstacles, 0.2 to 0.5 % for six of a Microbot), so a larger difference between coarse
+# durations decides between two orders.
+ACCURACY = 0.01  # relative, on the usual coarse mesh
+OPTIMISTIC_SHARE = (
+    0.5  # assumed lower bound on the optimum, as a fraction of the rest-to-rest timing
+)
 
 Places = tuple[int, ...]
 
 
 class Candidate(Protocol):
-    """One order of the stops, with what it takes to better and better accuracy, s.
+    """One order of the stops, with durations of increasing accuracy.
 
     Attributes
     ----------
-    rested, hoped : float
-        The best timing from rest to rest, and what it is hoped that a motion takes at least;
-        infinite where no way was found.
+    rest_duration : float
+        Best timing from rest to rest, s; infinite if no way was found.
+    optimistic_duration : float
+        Assumed lower bound on the duration of a motion, s; infinite if no way was found.
     """
 
-    rested: float
-    hoped: float
+    rest_duration: float
+    optimistic_duration: float
 
-    def coarse_duration(self, beaten: float) -> float:
-        """Give that of the best coarse answer; ways not faster than ``beaten`` are left out."""
+    def coarse_duration(self, duration_to_beat: float) -> float:
+        """Return the best coarse duration, s; ways above ``duration_to_beat``, s, are skipped."""
         ...
 
     def motion(self) -> Motion:
@@ -59,37 +62,37 @@ class Candidate(Protocol):
         ...
 
 
-def solve_stops(asked: Asked) -> Motion:
-    """Do as :func:`microbot_ocp.time_optimal`, of stops."""
-    if asked.order == "given":
-        return fastest_through(asked.task(), asked.settings, asked.progress, asked.duration)
-    tasks = tasks_in_orders(asked)
-    with asked.settings.within(CELL_TIME_LIMIT):
-        return best_order(asked, tasks, partial(_Alone, asked))
+def solve_stops(request: SolveRequest) -> Motion:
+    """Solve a task with stops, as :func:`microbot_ocp.time_optimal` does."""
+    if request.order == "given":
+        return fastest_through(request.task(), request.settings, request.progress, request.duration)
+    tasks = tasks_in_orders(request)
+    with request.settings.within(CELL_TIME_LIMIT):
+        return best_order(request, tasks, partial(_OrderWithoutObstacles, request))
 
 
-def tasks_in_orders(asked: Asked) -> dict[Places, Task]:
-    """Return the tasks of all orders of some stops, by the places that stops had.
+def tasks_in_orders(request: SolveRequest) -> dict[Places, Task]:
+    """Return the tasks of all orders of some stops, by the original places of the stops.
 
     Raises
     ------
     InputError
-        As of :func:`task_of`; more stops than all orders are looked at of.
+        More stops than all orders allow, and errors of :func:`task_of`.
     """
-    asked.task()  # before any order of it is looked at
-    orders = _orders(len(asked.stops), asked.cycle, asked.segments)
-    return {places: asked.task(places) for places in orders}
+    request.task()  # checks the input before any order is tried
+    orders = _orders(len(request.stops), request.cycle, request.segments)
+    return {places: request.task(places) for places in orders}
 
 
 def _orders(count: int, cycle: bool, segments: Sequence[Segment] | None) -> list[Places]:
-    """Return orders of stops: a cycle begins with its first, another task keeps its first and last.
+    """Return orders of stops: a cycle keeps its first stop, another task its first and last.
 
-    Two stops with a line, circle or joint line between them follow one another in every order.
+    Two stops with a line, circle or joint line between them stay neighbours in every order.
 
     Raises
     ------
     InputError
-        More stops than all orders are looked at of.
+        More stops than all orders allow.
     """
     if count > MOST_ORDERED:
         raise InputError(f"order is free for at most {MOST_ORDERED} stops, not {count}")
@@ -100,17 +103,17 @@ def _orders(count: int, cycle: bool, segments: Sequence[Segment] | None) -> list
 
 
 def best_order(
-    asked: Asked, tasks: Mapping[Places, Task], candidate: Callable[[Task], Candidate]
+    request: SolveRequest, tasks: Mapping[Places, Task], candidate: Callable[[Task], Candidate]
 ) -> Motion:
     """Return the best of several orders of the stops.
 
-    Where a duration is given the orders that can be done in it are all refined: the best is
-    the one of least effort. An order that no branch of the arm can follow is not one of them.
+    With a given duration all orders that meet it are refined, and the best is the one of least
+    effort. An order that no branch of the arm can follow is excluded.
 
     Raises
     ------
     InputError
-        No order can be done.
+        No order is feasible.
     """
     rows: dict[Places, dict[str, Any]] = {}
     there: dict[Places, Candidate] = {}
@@ -122,20 +125,23 @@ def best_order(
             continue
         try:
             there[places] = candidate(task)
-            row["rested"] = there[places].rested
+            row["rested"] = there[places].rest_duration
         except InputError as problem:
             refused, row["status"] = problem, str(problem)
     if not there:
         assert refused is not None
         raise refused
-    ranked = sorted(there, key=lambda p: (there[p].rested, rows[p]["bound"], p))
+    ranked = sorted(there, key=lambda p: (there[p].rest_duration, rows[p]["bound"], p))
     coarse: dict[Places, float] = {}
-    usual, duration = SEARCH.explore_mesh, asked.duration
-    accurate = 1.0 + ACCURACY * max(1.0, usual / (asked.settings.mesh or usual)) ** 2
+    usual, duration = SEARCH.explore_mesh, request.duration
+    # The error of a coarse mesh of N intervals is proportional to 1 / N^2.
+    accurate = 1.0 + ACCURACY * max(1.0, usual / (request.settings.mesh or usual)) ** 2
     for places in ranked:
         best = min(coarse.values(), default=np.inf)
         most = best if duration is None else duration
-        least = max(rows[places]["bound"], there[places].hoped if np.isfinite(best) else 0.0)
+        least = max(
+            rows[places]["bound"], there[places].optimistic_duration if np.isfinite(best) else 0.0
+        )
         if coarse and (least >= accurate * most or deadline.over()):
             continue
         try:
@@ -145,28 +151,28 @@ def best_order(
             continue
         if np.isfinite(coarse[places]):
             rows[places] |= {"coarse": coarse[places], "status": "coarse"}
-        asked.progress(f"order {_named(places)}: {coarse[places]:.4f} s on the coarse mesh")
+        request.progress(f"order {_named(places)}: {coarse[places]:.4f} s on the coarse mesh")
     if not coarse:
         assert refused is not None
         raise refused
     most = accurate * (min(coarse.values()) if duration is None else duration)
-    return _refined(asked, rows, there, coarse, most)
+    return _refined(request, rows, there, coarse, most)
 
 
 def _refined(
-    asked: Asked,
+    request: SolveRequest,
     orders: dict[Places, dict[str, Any]],
     there: Mapping[Places, Candidate],
     coarse: Mapping[Places, float],
     most: float,
 ) -> Motion:
-    """Return the best of the orders whose coarse answers take at most so long, s."""
-    near = sorted(coarse, key=lambda p: (coarse[p], there[p].rested, p))
+    """Return the best of the orders whose coarse duration is at most ``most``, s."""
+    near = sorted(coarse, key=lambda p: (coarse[p], there[p].rest_duration, p))
     near = [places for places in near if coarse[places] <= most] or near[:1]
     best: Motion | None = None
 
     def rank(motion: Motion) -> tuple[bool, float, float]:
-        calmed = {} if asked.duration is None else motion.provenance.get("least_effort", {})
+        calmed = {} if request.duration is None else motion.provenance.get("least_effort", {})
         return not motion.solved, calmed.get("effort", np.inf), motion.duration
 
     for places in near:
@@ -174,7 +180,7 @@ def _refined(
             break
         motion = there[places].motion()
         orders[places] |= {"duration": motion.duration, "status": str(motion.status)}
-        asked.progress(f"order {_named(places)}: {motion.duration:.4f} s, {motion.status}")
+        request.progress(f"order {_named(places)}: {motion.duration:.4f} s, {motion.status}")
         if best is None or rank(motion) < rank(best):
             best = replace(motion, provenance={**motion.provenance, "order": list(places)})
     assert best is not None
@@ -192,22 +198,21 @@ def _named(places: Sequence[int]) -> str:
     return "-".join(str(k + 1) for k in places)
 
 
-def rested_of(task: Task, durations: Sequence[float | None]) -> float:
-    """Return what segments take from rest to rest together, s; those that are not known take
-    nothing.
-    """
+def rest_duration_of(task: Task, durations: Sequence[float | None]) -> float:
+    """Return the time of segments from rest to rest, s, with dwells; an unknown one counts zero."""
     return sum(duration or 0.0 for duration in durations) + float(task.dwells.sum())
 
 
-def hoped_of(task: Task, durations: Sequence[float | None]) -> float:
-    """Return what a motion may take at least, s, whose segments take so long from rest to rest.
+def optimistic_duration_of(task: Task, durations: Sequence[float | None]) -> float:
+    """Return an estimate from below of a motion's duration, s, from its rest-to-rest timings.
 
-    Where the arm does not rest between segments it takes at least the root of the sum of their
-    squares, as at constant accelerations along one straight line.
+    Segments without rest between them take at least the root of the sum of their squares: at a
+    constant acceleration along a straight line the squares of durations are proportional to
+    lengths, which add.
     """
     runs: list[list[float]] = [[]]
     for k, duration in enumerate(durations):
-        runs[-1].append(FASTER * (duration or 0.0))
+        runs[-1].append(OPTIMISTIC_SHARE * (duration or 0.0))
         if task.at_rest(k + 1):
             runs.append([])
     if task.cycle and not task.at_rest(0) and len(runs) > 1:
@@ -215,28 +220,35 @@ def hoped_of(task: Task, durations: Sequence[float | None]) -> float:
     return sum(float(np.linalg.norm(run)) for run in runs) + float(task.dwells.sum())
 
 
-class _Alone:
-    """An order of stops without obstacles."""
+class _OrderWithoutObstacles:
+    """One order of stops without obstacles."""
 
-    def __init__(self, asked: Asked, task: Task) -> None:
-        self._asked, self._task = asked, task
+    def __init__(self, request: SolveRequest, task: Task) -> None:
+        self._request, self._task = request, task
         estimates: list[tuple[float, float, Way]] = []
         for way in ways_through(task):
-            timings = segment_timings(task, way, asked.settings.compiled)
+            timings = segment_timings(task, way, request.settings.compiled)
             times = [None if shape is None else shape.duration for shape in timings]
-            estimates.append((rested_of(task, times), hoped_of(task, times), way))
+            estimates.append(
+                (rest_duration_of(task, times), optimistic_duration_of(task, times), way)
+            )
         estimates.sort(key=lambda entry: entry[0])
         self._ways = [way for _, _, way in estimates]
-        self.rested, self.hoped = estimates[0][0], min(hoped for _, hoped, _ in estimates)
+        self.rest_duration, self.optimistic_duration = (
+            estimates[0][0],
+            min(optimistic for _, optimistic, _ in estimates),
+        )
 
-    def coarse_duration(self, beaten: float) -> float:
-        asked = self._asked
-        problem = problem_of(self._task, asked.settings, asked.duration, self._ways)
-        self._search = search_of(problem, asked.progress)
-        least = replace(problem, beaten=beaten - problem.rested, briefly=True)
+    def coarse_duration(self, duration_to_beat: float) -> float:
+        request = self._request
+        problem = problem_of(self._task, request.settings, request.duration, self._ways)
+        self._search = search_of(problem, request.progress)
+        least = replace(
+            problem, duration_to_beat=duration_to_beat - problem.dwell_time, for_comparison=True
+        )
         self._state = replace(self._search, problem=least).run(STRATEGIES[:1])
         solved = [a.solution.duration for a in self._state.of("start") if a.solved]
-        return min(solved, default=np.inf) + problem.rested
+        return min(solved, default=np.inf) + problem.dwell_time
 
     def motion(self) -> Motion:
-        return motion_from(fastest(self._search, self._state, duration=self._asked.duration))
+        return motion_from(fastest(self._search, self._state, duration=self._request.duration))

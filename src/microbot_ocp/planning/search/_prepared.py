@@ -1,4 +1,4 @@
-"""One task made ready and solved again and again, with limits and payload as numbers in it."""
+"""One task solved again and again, with limits and payload as numeric parameters."""
 
 from __future__ import annotations
 
@@ -74,12 +74,13 @@ from microbot_ocp.planning.task import (
 )
 from microbot_ocp.robot import Robot
 
-# share of the duration, or of typical ones, up to which a motion leads to the best of another task
+# Relative difference of durations up to which a known motion counts as near the new optimum.
 NEAR = 0.1
-REFERENCE_TOLERANCE = 2e-3  # excess of a limit of the prepared motion between mesh points
+REFERENCE_TOLERANCE = 2e-3  # relative excess of limits of the prepared motion between mesh points
 
-FLAT_RATIO = 0.1  # of the tolerance: iterations of the flat program are cheap
-# of a prepared solver, which a user waits for; without a time limit even a small solve would fork
+FLAT_RATIO = 0.1  # factor on the tolerance: iterations of the flat program are cheap
+# A user waits for each solve. The time limit matters: without one even a small solve would start a
+# child process.
 PREPARED = SolverSettings(
     "ipopt", tolerance=1e-6, gap=np.inf, max_iterations=150, options=LDL, time_limit=TIME_LIMIT
 )
@@ -88,7 +89,7 @@ PREPARED = SolverSettings(
 def _solved_near(
     solver: ParametricSolver, start: Solution | Mapping[str, Guess], changes: Mapping[str, Any]
 ) -> Solution:
-    """Return a solve with other numbers; from afar with friction rounded off at first."""
+    """Return a solve with other numbers; from a far guess friction is rounded off at first."""
     parameters = changes["parameters"]
     declared = {p.name for p in solver.transcription.problem.phases[0].parameters}
     if not isinstance(start, Solution) and FRICTION_SMOOTHING in declared:
@@ -106,10 +107,10 @@ def _tried(
     solve: Callable[[Solution | Mapping[str, Guess]], Solution],
     search: bool,
 ) -> tuple[list[tuple[str, Solution]], str, Solution]:
-    """Return the solves from the starts, each with its name, and the best of them.
+    """Return the solves from the starts by name, the name of the best, and the best solution.
 
-    The first that is solved ends them, unless all are to be searched: from a known motion where it
-    leads to one that takes about as long.
+    The first converged solve ends the list, unless all starts are to be searched. A solve from a
+    known motion counts only if its duration is near that motion's.
     """
     tried: list[tuple[str, Solution]] = []
     for name, first in starts:
@@ -125,9 +126,16 @@ def _tried(
 
 
 class _Start(NamedTuple):
-    """What the arm does when a motion begins, [1,n] each, and the bounds that it widens by key.
+    """State [1,n] of the arm at the start of a motion, and the bounds that it widens.
 
-    With the excess over limits that is let pass: what it begins with, and what any motion may.
+    Attributes
+    ----------
+    state : State
+    acceleration_given : bool
+    bounds : dict
+        Lower and upper bounds by key, widened to contain the state.
+    tolerance : float
+        Accepted relative excess over limits: that of the state, plus that of any motion.
     """
 
     state: State
@@ -147,7 +155,7 @@ def _start_of(family: LimitFamily, given: Sequence[ArrayLike]) -> _Start:
     ]
     complete = len(rows) == 3
     state = State(rows[0], rows[1], rows[2] if complete else np.zeros((1, count)))
-    # an acceleration that may jump is bounded from there on
+    # A jump of the acceleration at the start makes its initial value irrelevant.
     orders = (0, 1, 2) if complete and family.jerk_matters else (0, 1)
     samples, bounds, excess = MotionSamples(*state, np.zeros((1, count))), {}, 0.0
     for key, values in family.values(samples, family.of_order(*orders)).items():
@@ -167,7 +175,7 @@ def _start_of(family: LimitFamily, given: Sequence[ArrayLike]) -> _Start:
 
 
 class _Prepared(NamedTuple):
-    """What the motion under the robot's own limits leaves for other solves."""
+    """Result of the solve under the robot's own limits, kept for other solves."""
 
     reference: Solution
     kernels: Transcription
@@ -175,39 +183,40 @@ class _Prepared(NamedTuple):
 
 
 class TimeOptimalSolver:
-    """The fastest motion through via points, for one set of limits and payload after another.
+    """Solver for the fastest motion through via points, for changing limits and payloads.
 
-    The program, its compiled kernels and the solver are made once; limits and the payload are
-    numbers in it. The first call solves the task with the robot's own limits as
-    :func:`microbot_ocp.time_optimal` does, but refines less. Every solve starts from that
-    motion with its multipliers, not from the solution before, so the answer does not depend on
-    what was asked before; from the scaled cubic where the numbers are far from the robot's own. It
-    is refined where a limit is exceeded between mesh points by more than a certificate lets pass,
-    and slowed down where it is by more than :class:`TimeOptimalSettings` tolerate by default.
-    Other via points are numbers, too: such a solve starts from their own scaled cubic.
+    The program, its compiled kernels and the solver are built once; limits and payload are numeric
+    parameters. The first call solves the task with the robot's own limits as
+    :func:`microbot_ocp.time_optimal` does, with fewer refinements. Every later solve starts from
+    that motion and its multipliers, so that results do not depend on the order of calls; if the
+    numbers are far from the robot's own, it starts from a scaled cubic. The mesh is refined if a
+    limit is exceeded between mesh points by more than a certificate tolerates, and the motion is
+    slowed down if the excess is above the default ``limit_tolerance`` of
+    :class:`TimeOptimalSettings`. Other via points are parameters, too: their solves start from
+    their own scaled cubic.
 
-    Several threads may call it at once. It can be copied and pickled, for other processes, with the
-    motion that it has found; what is not plain data is made again there.
+    Threads may call one solver concurrently. Copies and pickles, for other processes, contain the
+    motion under the robot's own limits; kernels are rebuilt.
 
     Parameters
     ----------
     robot : Robot
-        With limits. A kind of limit that it does not have at all (say, torque rates)
-        cannot be added later.
+        Robot with limits. A kind of limit that it lacks (say, torque rates) cannot be added
+        later.
     via_q : array_like [m,n]
         Via points, rad (prismatic: m).
     mesh : int
-        Intervals of each phase, before they are refined.
+        Intervals of each phase before refinement.
     starts : int
-        How many starting motions a search tries.
+        Number of initial guesses of a search.
     rounds : int
         Largest number of refinements.
     compiled : bool
-        Compile the kernels to C where there is a compiler.
+        Compile the kernels to C if there is a compiler.
     seed : int
-        Of the random starts.
+        Seed of the random starts.
     tolerance : float
-        Of the solves with other numbers. Below the default the jerk is smoothed less in the same
+        Solver tolerance, relative. Below the default, the weight of the squared jerk decreases in
         proportion. The default leaves some 1e-4 of the duration, and slopes right to some percent;
         1e-8 leaves 1e-6 for a fifth more iterations.
 
@@ -249,7 +258,7 @@ class TimeOptimalSolver:
         self._own: _Prepared | None = None
         self._phases = phase_names(len(self.via_q) - 1)
         self._kernels = self._transcribed()
-        # for its own via points, and for others
+        # The key is True for the solver's own via points, False for others.
         self._solvers: dict[bool, ParametricSolver] = {}
 
     def _transcribed(self) -> Any:
@@ -276,36 +285,36 @@ class TimeOptimalSolver:
         Parameters
         ----------
         limits : Limits, optional
-            Default the robot's own.
+            Default: the robot's own.
         payload : float
             Point mass at the tool, kg; the motion is one of ``robot.with_payload(payload)``.
         reserve : float or array_like [n]
-            Share of the torque limits that is kept back for feedback, of all joints or one a joint.
+            Share of the torque limits reserved for feedback, for all joints or per joint.
         via_q : array_like [m,n], optional
             Other via points, as many as the solver was made with, rad (prismatic: m).
         start : (q, qd) or (q, qd, qdd), each array_like [n], optional
-            What the arm does when the motion begins, such as ``other.sample([t])``; its pose takes
-            the place of the first via point. The acceleration counts under limits of the jerk or
-            the torque rate, and is free there where it is not given; without these it may jump.
-            What exceeds a limit by no more than a certificate lets pass may begin so.
+            State of the arm at the start, such as ``other.sample([t])``; its pose replaces the
+            first via point. The acceleration applies under limits of jerks or torque rates, and is
+            free if it is omitted; without such limits accelerations may jump. The state may exceed
+            a limit by as much as a certificate tolerates.
         search : bool
-            Try every start, not only the motion under the robot's own limits: local optima are
-            real. The others are tried anyway where that one leads nowhere.
+            Try every initial guess, to find other local optima. By default the others are tried
+            only if the motion under the robot's own limits leads to no solution.
         time_limit : float
-            Wall time, s, after which the best so far is returned with the status "time limit";
-            infinite is none.
+            Wall time, s, after which the best motion so far is returned with the status
+            "time limit"; infinite means no limit.
 
         Returns
         -------
         Motion
-            ``motion.solved`` tells whether the solver converged, ``motion.provenance`` how it
-            went.
+            ``motion.solved`` is True if the solver converged; ``motion.provenance`` is the record
+            of the solve.
 
         Raises
         ------
         InputError
-            Bad limits or payload, a via point that cannot be held, a start beyond the limits:
-            before any solver starts.
+            Invalid limits or payload, a via point that cannot be held, or a start beyond the
+            limits; raised before any solver starts.
         """
         with deadline.within(time_limit):
             limits = with_reserve(self.robot.limits, limits, reserve)
@@ -328,7 +337,7 @@ class TimeOptimalSolver:
             if via_q is None and moving is None:
                 prepared = self._own or self._under_own_limits()
             usual = prepared.smoothing if prepared else SMOOTHING
-            # where more digits are asked for the smoothing costs fewer of them
+            # The cost of smoothing must stay below the solver tolerance.
             smoothing = usual * min(1.0, self._solver_settings.tolerance / PREPARED.tolerance)
             near = prepared if self._slower(family) <= NEAR else None
             how = problem, float(payload), smoothing, moving, near, search
@@ -336,7 +345,7 @@ class TimeOptimalSolver:
                 tried, name, solution = self._solved_flat(*how)
             else:
                 tried, name, solution = self._solved_stated(*how, prepared)
-            # an arm with a payload is met once: nothing is compiled for it
+            # Compilation does not pay: an arm with this payload is evaluated once.
             with interpreted() if payload else nullcontext():
                 slowed, outcome, worst = _slowed_down(problem, solution, moving)
                 starts = [
@@ -357,8 +366,8 @@ class TimeOptimalSolver:
                 motion = replace(slowed, provenance=about, remark="slowed down at limits")
             if outcome.solved:
                 swings = chatter(family.robot, motion)
-                told = one_remark(motion.remark, *(row.sentence for row in swings))
-                motion, outcome = replace(motion, remark=told), outcome.and_(*swings)
+                remarks = one_remark(motion.remark, *(row.sentence for row in swings))
+                motion, outcome = replace(motion, remark=remarks), outcome.and_(*swings)
             return with_drives_noted(family.robot, motion.ended(outcome))
 
     def _solved_flat(
@@ -370,9 +379,7 @@ class TimeOptimalSolver:
         near: _Prepared | None,
         search: bool,
     ) -> tuple[list[tuple[str, Solution]], str, Solution]:
-        """Return what was tried on a first mesh, the name of the start that led to the best, and
-        that refined.
-        """
+        """Return the solves on the first mesh, the name of the best start, and its refinement."""
         kernels = self._numbered(problem, payload, smoothing, moving)
         allowed = TimeOptimalSettings.limit_tolerance if moving is None else moving.tolerance
         refiner = Refiner(
@@ -398,19 +405,19 @@ class TimeOptimalSolver:
             mesh, jumps = self._settings.mesh or SEARCH.full_mesh, not problem.family.jerk_matters
             meshes = [graded(phase, mesh) if jumps else mesh for phase in best.phases]
             best = refiner.finer(best, meshes)
-            if best.cost - best.duration > SEARCH.smoothing_told * best.duration:
-                weight = SEARCH.less_smoothing * smoothing
+            if best.cost - best.duration > SEARCH.smoothing_cost_limit * best.duration:
+                weight = SEARCH.reduced_smoothing * smoothing
                 less = {name: {JERK_WEIGHT: weight} for name in self._phases}
                 refiner = replace(refiner, transcription=kernels.with_parameters(less))
                 best = refiner.finer(best, [phase.mesh for phase in best.phases])
-        # under rates a mesh that is refined last gains next to nothing
+        # Under limits of rates the last refinement of a mesh gains almost nothing.
         refiner = replace(refiner, once=problem.family.jerk_matters)
-        return tried, name, refiner.refine(best, marks, worth=SEARCH.worth)
+        return tried, name, refiner.refine(best, marks, worth=SEARCH.least_gain)
 
     def _numbered(
         self, problem: MotionProblem, payload: float, smoothing: float, moving: _Start | None
     ) -> FlatTranscription:
-        """Return the program with the numbers of a call."""
+        """Return the program with the numbers of one call."""
         assert isinstance(self._kernels, FlatTranscription)
         family = with_locked_joints_held(problem.family)
         conditions, widened = passing(family.robot, problem.via), {}
@@ -434,7 +441,7 @@ class TimeOptimalSolver:
         search: bool,
         prepared: _Prepared | None,
     ) -> tuple[list[tuple[str, Solution]], str, Solution]:
-        """Return the same of a program with states."""
+        """Return the solves, the best start and its refinement, by the program with states."""
         solver = self._solver(prepared)
         changes = self._changes(problem, payload, smoothing, moving)
         solve = partial(_solved_near, solver, changes=changes)
@@ -451,16 +458,16 @@ class TimeOptimalSolver:
         joint: int | None = None,
         time_limit: float = TIME_LIMIT,
     ) -> DurationLine:
-        """Return the shortest duration over one datum, with slopes and the limits that bind.
+        """Return the shortest duration over one parameter, with slopes and binding limits.
 
         Parameters
         ----------
         name : str
             "payload", "reserve", or a limit that means plus and minus, such as "tau_max".
         values : array_like [K]
-            In the unit of the datum, SI.
+            Values in the parameter's SI unit.
         joint : int, optional
-            Whose limit or reserve it is, from 0; default every joint's.
+            Index of the joint of the limit or reserve, from 0; default all joints.
         time_limit : float
             Wall time of each solve, s.
 
@@ -471,7 +478,7 @@ class TimeOptimalSolver:
         Raises
         ------
         InputError
-            Another name, a joint that the robot does not have, and as of a call.
+            Unknown name or joint, and errors of a call.
 
         Examples
         --------
@@ -519,23 +526,20 @@ class TimeOptimalSolver:
         return DurationLine(name, unit, given, T, slopes, tuple(binding))
 
     def _slower(self, family: LimitFamily) -> float:
-        """Return the share by which the typical durations differ from those under the robot's own
-        limits.
-        """
+        """Return the relative change of the typical durations by the limits of a family."""
         usual, asked = (
             TaskScale.of(limits_family, self.via_q).durations.sum()
             for limits_family in (LimitFamily.of(self.robot), family)
         )
         return abs(asked - usual) / usual
 
-    # Threads that come first at the same time make the same, each for itself, and any of it stays:
-    # so none waits for the work of another beyond its own time.
+    # Concurrent first calls each build their own solver or motion, and the last one is kept: no
+    # call waits for another beyond its own time limit.
 
     def _solver(self, prepared: _Prepared | None) -> ParametricSolver:
-        """Return the solver on the mesh of the motion under the robot's own limits, made once; on
-        an even one for any via points.
+        """Return the solver on the mesh of the prepared motion, or on an even mesh; cached.
 
-        Its cost is scaled at that motion, or at the solver's own via points.
+        Its cost is scaled at the prepared motion, or at the cubic of the solver's own via points.
         """
         key, settings = prepared is not None, self._solver_settings
         if key in self._solvers:
@@ -561,11 +565,11 @@ class TimeOptimalSolver:
         family = LimitFamily.of(self.robot)
         problem = MotionProblem.through(family, self.via_q, self._settings, given=self._kernels)
         search = search_of(problem, quiet)
-        # as near the optimum as every later solve: to the barrier parameter that it starts with
+        # A gap of infinity ends at the barrier parameter from which later solves start.
         settings = replace(search.refiner.settings, gap=np.inf)
         search = replace(search, refiner=replace(search.refiner, settings=settings))
         answer = fastest(search).answer
-        # what follows is smoothed as the motion that it starts from
+        # Later solves keep the smoothing of this motion, or their optimum would differ from it.
         prepared = _Prepared(answer.solution, answer.refiner.transcription, answer.smoothing)
         if answer.solved and not deadline.over():
             self._own = prepared
@@ -595,18 +599,17 @@ class TimeOptimalSolver:
         kernels: Transcription,
         allowed: float,
     ) -> Solution:
-        """Split intervals inside which a limit is exceeded, or something switches while that gains
-        more than it is worth; keep the last answer that is no worse.
+        """Split intervals with an exceeded limit or a worthwhile switch; keep the best answer.
 
-        The mesh was made for another motion: where accelerations jump, one that is finer where
-        they do comes first.
+        The first mesh was made for another motion: if accelerations jump, a denser one that follows
+        them comes first. An answer is kept if it is no worse than the one before.
         """
         gained, dry = np.inf, dry_friction(self.robot) > 0.0
         fine = 0 if problem.family.jerk_matters else 2 * (self._settings.mesh or SEARCH.full_mesh)
         for _ in range(self._rounds if solution.status.solved else 0):
             excess = problem.excess(solution)
             bad = [e > allowed for e in excess]
-            if gained > SEARCH.worth * solution.duration:
+            if gained > SEARCH.least_gain * solution.duration:
                 switches = switch_marks(problem.family, solution)
                 turns = (reversals(phase["qd"], dry) for phase in solution.phases)
                 marks = zip(bad, switches, turns, strict=True)
@@ -623,7 +626,7 @@ class TimeOptimalSolver:
             fitted = self._fitted(kernels, meshes, solution)
             solver = ParametricSolver(fitted, meshes, self._solver_settings)
             finer = solver.solve(guess=solution, **changes)
-            # what exceeds limits is faster for that: cost decides where the finer exceeds no less
+            # An excess over limits shortens a motion, so costs compare only at equal excess.
             better = largest(problem.excess(finer)) < largest(excess)
             if not finer.status.solved or not (better or finer.cost <= solution.cost * (1 + WORSE)):
                 break
@@ -641,7 +644,8 @@ class TimeOptimalSolver:
         for member in family:
             if member.name in declared:
                 pairs[member.name] = (member.lower, member.upper)
-        # a locked joint stays where it starts: the program has no other condition for it
+        # Released bounds at the start imply that a locked joint keeps its given position: the
+        # program has no other condition for it.
         free = np.where(locked_joints(LimitFamily.of(self.robot)), np.inf, 0.0)
 
         def at(point: FloatArray) -> dict[str, Any]:
@@ -670,7 +674,7 @@ class TimeOptimalSolver:
         }
 
     def _check_kinds(self, family: LimitFamily) -> None:
-        """Let only the numbers of limits change: their expressions are built in."""
+        """Raise InputError if more than the numbers of limits change: expressions are built in."""
         declared = LimitFamily.of(self.robot)
         freed = np.flatnonzero(locked_joints(declared) & ~locked_joints(family))
         if freed.size:
@@ -679,7 +683,7 @@ class TimeOptimalSolver:
                 "made for a robot that locks it"
             )
         for member in family:
-            if member.key in ("q", "qdd"):  # bounds of variables, which are always there
+            if member.key in ("q", "qdd"):  # bounds of variables exist in every program
                 continue
             if member.key not in declared:
                 raise InputError(
@@ -714,8 +718,10 @@ class TimeOptimalSolver:
 def _slowed_down(
     problem: MotionProblem, solution: Solution, moving: _Start | None
 ) -> tuple[Motion | None, Outcome, float]:
-    """Return a motion that is slowed down, where limits ask for that and it is no more than two
-    meshes may differ; how the solve ended with it, and the excess that is left.
+    """Return the slowed motion if limits need it, the outcome, and the remaining excess.
+
+    The slowdown is accepted up to the usual difference of two meshes; otherwise the first entry is
+    None.
     """
     family, excess = problem.family, problem.excess(solution)
     tolerance = moving.tolerance if moving else TimeOptimalSettings.limit_tolerance

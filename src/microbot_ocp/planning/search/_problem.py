@@ -1,7 +1,7 @@
-"""A task as the search sees it: its program, and what its solutions are as motions.
+"""A planning task as the search sees it: its program, and its solutions as motions.
 
-Via points are stops that are passed at any velocity. Of a task of nothing else more is known: its
-motions may be slowed down until they keep all limits.
+Via points are stops that are passed at any velocity. For a task of via points alone, a solution
+that exceeds limits may be slowed down until it keeps them.
 """
 
 from __future__ import annotations
@@ -49,15 +49,17 @@ from microbot_ocp.robot import Robot
 
 @dataclass(frozen=True, eq=False)
 class TrialStart:
-    """What a solve on a coarse mesh starts from.
+    """Initial guess of a solve on a coarse mesh, with its solver.
 
     Attributes
     ----------
     guess : InitialGuess
     solver : str or tuple of str
+        Solver, or solvers tried one after another.
     way : Way
-        Whose poses at the stops it has.
-    settings : of the solvers, by name, in the place of the usual ones
+        Way with the poses of the guess at the stops.
+    settings : mapping
+        Solver settings by name that replace the usual ones.
     """
 
     guess: InitialGuess
@@ -68,19 +70,25 @@ class TrialStart:
 
 @dataclass(frozen=True, eq=False)
 class MotionProblem:
-    """Stops, what lies between them, and the ways through them.
+    """Stops, the segments between them, and the ways through them.
 
     Attributes
     ----------
     task : Task
     ways : tuple of Way
     settings : TimeOptimalSettings
-    given : kernels, where they are there already
-    way : the fastest motion that needs no search, where it was looked for
-    timed_path : among obstacles, that the search starts from: it is not far to the answer
-    finer : times as many intervals as usual for the first look
-    beaten : s, dwells not included: another order of the stops takes so long
-    briefly : whether only what is needed to compare orders is tried
+    given : Transcription, optional
+        Kernels built before.
+    way : Slowed, optional
+        Fastest motion known without a search.
+    timed_path : InitialGuess, optional
+        Start of a search among obstacles.
+    finer : int
+        Factor on the number of intervals of the coarse mesh.
+    duration_to_beat : float
+        Duration of another order of the stops, s, without dwells.
+    for_comparison : bool
+        Search only as far as needed to compare orders.
     """
 
     task: Task
@@ -90,8 +98,8 @@ class MotionProblem:
     way: Slowed | None = None
     timed_path: InitialGuess | None = None
     finer: int = 1
-    beaten: float = np.inf
-    briefly: bool = False
+    duration_to_beat: float = np.inf
+    for_comparison: bool = False
     _excess: dict[Solution, list[FloatArray]] = field(default_factory=dict)
     _slowed: dict[Solution, Motion | None] = field(default_factory=dict)
 
@@ -99,12 +107,12 @@ class MotionProblem:
     def through(
         cls, family: LimitFamily, via: FloatArray, settings: TimeOptimalSettings, **more: Any
     ) -> MotionProblem:
-        """Return the problem of via points [m,n] that are checked, passed at any velocity."""
+        """Return the problem of checked via points [m,n], rad (m), passed at any velocity."""
         return cls(Task.through(family, via), (straight_way(via),), settings, **more)
 
     @property
     def family(self) -> LimitFamily:
-        """Limits that hold everywhere."""
+        """Limits of all segments."""
         return self.task.family
 
     @property
@@ -114,48 +122,47 @@ class MotionProblem:
 
     @cached_property
     def names(self) -> list[str]:
-        """Of the phases, one from each stop to the next."""
+        """Names of the phases, one from each stop to the next."""
         return phase_names(len(self.task.segments))
 
     @cached_property
     def scale(self) -> TaskScale:
-        """Typical sizes of the task."""
+        """Typical magnitudes of the task's variables."""
         return TaskScale.of(self.family, self.via, self.task.conditions.velocities)
 
     @property
-    def rested(self) -> float:
-        """All dwells together, s."""
+    def dwell_time(self) -> float:
+        """Sum of all dwells, s."""
         return float(self.task.dwells.sum())
 
     @property
     def is_free(self) -> bool:
-        """Whether a motion may be slowed down where it exceeds limits, and starts go on until they
-        agree.
+        """True if a motion may be slowed down at limits, and starts are added until they agree.
 
-        Not where it starts from a path around obstacles, which is also there if limits are
-        exceeded.
+        False for a search from a path around obstacles: that path is the fallback.
         """
         return self.task.is_plain and self.timed_path is None
 
     @property
     def fast(self) -> bool:
-        """Whether functions are compiled."""
+        """True if functions are compiled."""
         return compiles(self.settings.compiled)
 
     @cached_property
     def is_flat(self) -> bool:
-        """Whether the states are left out."""
+        """True if the program has no states (docs/theory/flat.md)."""
         return isinstance(self._usual_kernels, FlatTranscription)
 
     @property
     def is_rated(self) -> bool:
-        """Whether the states are left out under limits of jerks or torque rates."""
+        """True if the program has no states and jerks or torque rates are limited."""
         return self.is_flat and self.family.jerk_matters
 
     def kernels(self, *, budgeted: bool = False, stated: bool = False) -> Any:
-        """Return the program with the limits and payloads of every segment, built once.
+        """Return the program with the limits and payloads of every segment, cached.
 
-        ``budgeted`` that of the least effort in a time that is given.
+        ``budgeted`` selects the program of least effort in a given time, ``stated`` the one with
+        states.
         """
         if budgeted or stated:
             return self._built(budgeted=budgeted, stated=True)
@@ -183,19 +190,19 @@ class MotionProblem:
     # initial guesses --------------------------------------------------------------------------
 
     def drawn(self, index: int) -> InitialGuess | None:
-        """Return the initial guess of a number, of those drawn at random; None after the last."""
+        """Return the random initial guess of an index; None after the last."""
         guesses, further = self._drawn
         guesses.extend(itertools.islice(further, max(index + 1 - len(guesses), 0)))
         return guesses[index] if index < len(guesses) else None
 
     @cached_property
     def _drawn(self) -> tuple[list[InitialGuess], Iterator[InitialGuess]]:
-        """Those that were asked for, and the others."""
+        """Guesses drawn so far, and the iterator of further ones."""
         most, seed = max(self.settings.starts, self.settings.tries), self.settings.seed
         return [], initial_guesses(self.family, self.via, self.names, most, seed)
 
     def guesses(self, solution: Solution, slower: float = 1.0) -> dict[str, Guess]:
-        """Return a guess for every phase from a solution, slowed down evenly by a factor."""
+        """Return a guess for every phase from a solution, slowed down by a factor."""
         shapes = zip(self.names, phase_shapes(solution), strict=True)
         return self.with_closed(
             {name: guess_along(shape.stretched(slower)) for name, shape in shapes}
@@ -207,7 +214,7 @@ class MotionProblem:
         return guesses_along(self.names, shape, np.array([mark.time for mark in motion.marks]))
 
     def with_closed(self, guesses: Mapping[str, Guess]) -> dict[str, Guess]:
-        """Return guesses of a cycle, the first with the values that the last returns to."""
+        """Return guesses of a cycle; the first phase holds the values to which the last returns."""
         first, start = self.names[0], np.zeros(1)
         added = {}
         for key in self.task.conditions.closed:
@@ -221,15 +228,14 @@ class MotionProblem:
     # solutions --------------------------------------------------------------------------------
 
     def excess(self, solution: Solution) -> list[FloatArray]:
-        """Return the largest relative excess of any limit along every interval [N, K] of every
-        phase, asked for again and again.
+        """Return the largest relative excess of any limit in every interval [N,K] of every phase.
 
-        Without states K is one: intervals are halved as wholes then, for a spline loses digits
-        where neighbours differ in length by more.
+        The result is cached. Without states K is one, so that whole intervals are halved: a spline
+        whose neighbouring intervals differ more in length loses digits.
         """
         if solution not in self._excess:
             families = self.task.families
-            if families.count(families[0]) == len(families):  # in one call
+            if families.count(families[0]) == len(families):  # one batched call is faster
                 excess = excess_between(families[0], solution)
             else:
                 pairs = zip(families, phase_shapes(solution), strict=True)
@@ -240,14 +246,14 @@ class MotionProblem:
         return self._excess[solution]
 
     def motion(self, solution: Solution, provenance: dict[str, Any]) -> Motion:
-        """Return a solution as a motion with the stops marked."""
+        """Return a solution as a motion with marks at the stops."""
         return motion_of(self.task, phase_shapes(solution), provenance)
 
-    # motions that need no solver ----------------------------------------------------------------
+    # motions without a solver ----------------------------------------------------------------
 
     @cached_property
     def fallback(self) -> Slowed | None:
-        """The fastest motion that is known without a search."""
+        """Fastest motion known without a search."""
         if self.way is not None or self.timed_path is not None:
             return self.way
         if self.is_free:
@@ -255,7 +261,7 @@ class MotionProblem:
         return self._at_rest()
 
     def _at_rest(self) -> Slowed | None:
-        """Return what rests at every stop, where stops and segments allow it."""
+        """Return a motion that rests at every stop; None if a stop or segment does not allow it."""
         task, tolerance = self.task, self.settings.limit_tolerance
         if self._moves or task.around is not None:
             return None
@@ -275,19 +281,19 @@ class MotionProblem:
         return Slowed(motion_of(task, shapes, {}), "a way that rests at every stop")
 
     def slowed(self, solution: Solution) -> Motion | None:
-        """Return a solution slowed down until it keeps the limits; None where it is none."""
+        """Return a solution slowed down until it keeps the limits; None if that fails."""
         if solution not in self._slowed and self.timed_path is None:
             anew = self._slowed_anew if self.is_free else self._slowed_with_stops
             self._slowed[solution] = anew(solution)
         return self.slowed_before(solution)
 
     def slowed_before(self, solution: Solution) -> Motion | None:
-        """Return the same where it was asked for before."""
+        """Return the slowed solution if it was computed before."""
         return self._slowed.get(solution)
 
     @property
     def _moves(self) -> bool:
-        """Whether a velocity is asked for, which another pace would not have."""
+        """True if a stop has a velocity, which a slower motion would not keep."""
         return any(stop.velocity not in (None, "any", "rest") for stop in self.task.stops)
 
     def _slowed_with_stops(self, solution: Solution) -> Motion | None:
@@ -301,11 +307,12 @@ class MotionProblem:
         if not solution.phases or not np.isfinite(solution.duration):
             return None
         shape, times = polynomial(solution), via_times(solution)
+        # An interrupted solve may miss via points or jump in velocity: slowing down mends neither.
         missed = np.abs(shape(times) - self.via).max()
-        if not missed <= SEARCH.missed * np.abs(np.diff(self.via, axis=0)).max():
+        if not missed <= SEARCH.via_tolerance * np.abs(np.diff(self.via, axis=0)).max():
             return None
         velocity, inner = shape.derivative(), times[1:-1]
         jump = np.abs(velocity(inner) - velocity(inner, from_left=True)).max(initial=0.0)
-        if not jump <= SEARCH.missed * np.abs(velocity(shape.breaks)).max():
-            return None  # where a solve was stopped
+        if not jump <= SEARCH.via_tolerance * np.abs(velocity(shape.breaks)).max():
+            return None
         return within_limits(self.family, shape, times, self.settings.limit_tolerance, self.fast)

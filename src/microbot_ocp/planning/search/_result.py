@@ -1,4 +1,4 @@
-"""The motion that a search returns, with what is known of it."""
+"""The motion that a search returns, with its provenance and remarks."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ from microbot_ocp.planning.search._search import (
     rank,
     settled,
 )
-from microbot_ocp.planning.search._settings import SEARCH, sparing
+from microbot_ocp.planning.search._settings import SEARCH, reserving
 from microbot_ocp.planning.search._starts import least_of_slower, sample
 from microbot_ocp.planning.search._strategies import STRATEGIES, best_of
 from microbot_ocp.planning.task import (
@@ -52,29 +52,30 @@ from microbot_ocp.planning.task import (
     with_locked_joints_held,
 )
 
-LEFT_OUT = "left out"  # status of a way that was not tried
+LEFT_OUT = "left out"  # status of an untried way
 NONE_WITHIN = "The search found no motion within the limits."
 
-FREE = "free time-optimal motion, multiple shooting on the inverse dynamics"  # its method
+FREE = "free time-optimal motion, multiple shooting on the inverse dynamics"  # method
 
 
 def returned(made_from: str) -> Advice:
-    """Return advice on a motion that is returned in the place of a solution."""
+    """Return advice on a motion that replaces a solution."""
     sentence = f"Returned is {made_from}: it keeps every limit, but others may be faster."
     return Advice("returned", sentence, made_from)
 
 
 @dataclass(frozen=True, eq=False)
 class LeastEffort:
-    """What less effort than that of the fastest motion came to.
+    """Result of the search for less effort than that of the fastest motion.
 
     Attributes
     ----------
-    answer : the motion of least effort; the fastest where none was solved
-    slack : share of the duration that was allowed
-    fastest : duration of the fastest, s
-    effort, effort_of_the_fastest : time integral of the squared relative torques, s
-    status : of the solve
+    answer : motion of least effort, or the fastest if none was solved
+    slack : allowed share of the duration
+    fastest : duration of the fastest motion, s
+    effort : time integral of the squared relative torques, s
+    effort_of_the_fastest : effort of the fastest motion, s
+    status : status of the solve
     """
 
     answer: MotionAnswer
@@ -90,7 +91,7 @@ class LeastEffort:
 
     @property
     def remark(self) -> str:
-        """What it saves, for a remark."""
+        """Saved effort and its price, for a remark."""
         duration = self.answer.solution.duration
         if duration == self.fastest:
             return f"no motion of less effort was found ({self.status})"
@@ -101,13 +102,13 @@ class LeastEffort:
 
 @dataclass(frozen=True, eq=False)
 class Fastest:
-    """The end of a search: its state, the best answer, and what less effort came to.
+    """End of a search: its state, the best answer, and the motion of less effort.
 
     Attributes
     ----------
-    cut : whether the search ended with its time
-    duration : s, in which the motion of least effort was wanted
-    shortest : s, what the fastest takes, with its dwells
+    cut : True if the time limit ended the search
+    duration : duration asked for least effort, s
+    shortest : duration of the fastest motion with dwells, s
     """
 
     search: MotionSearch
@@ -121,14 +122,16 @@ class Fastest:
 
     @property
     def smoothing_cost(self) -> float:
-        """What the smoothing of the jerk adds to the cost, s."""
+        """Increase of the cost by the smoothing of the jerk, s."""
         solution = self.answer.solution
         return 0.0 if self.calmer else max(0.0, solution.cost - solution.duration)
 
     @property
     def late(self) -> bool:
-        """Whether the fastest motion takes longer than the time that was given."""
-        return self.duration is not None and self.duration < self.shortest * (1 - SEARCH.same)
+        """True if the fastest motion takes longer than the given duration."""
+        return self.duration is not None and self.duration < self.shortest * (
+            1 - SEARCH.same_optimum
+        )
 
 
 def fastest(
@@ -137,16 +140,16 @@ def fastest(
     slack: float | None = None,
     duration: float | None = None,
 ) -> Fastest:
-    """Run the whole table, and look for less effort where some slack or a duration, s, is given."""
+    """Run all strategies; search for less effort if a slack or a duration, s, is given."""
     begin, problem = time.perf_counter(), search.problem
-    with sparing() if problem.timed_path is None else nullcontext():
+    with reserving() if problem.timed_path is None else nullcontext():
         state = search.run(STRATEGIES, state)
         answer, calmer = best_of(search, state), None
-        shortest = answer.solution.duration + problem.rested
+        shortest = answer.solution.duration + problem.dwell_time
         slack = search.settings.slack if slack is None else slack
         if duration is not None:
             slack = (duration - shortest) / answer.solution.duration if answer.solved else 0.0
-            slack = min(slack, SEARCH.slowest)
+            slack = min(slack, SEARCH.largest_slack)
         if slack > 0.0 and rank(search, answer.solution)[0] is False and not search.over:
             calmer = least_effort(search, answer, slack)
             state, answer = state.and_(calmer.answer), calmer.answer
@@ -156,15 +159,15 @@ def fastest(
 
 
 def motion_from(best: Fastest) -> Motion:
-    """Return the fastest motion of a task, or what is known at least."""
+    """Return the fastest motion of a task, or a known one if that is better."""
     search, begin, solution = best.search, time.perf_counter(), best.answer.solution
     problem, motion = search.problem, motion_of_answer(best)
     if solution.status is not Status.INTERRUPTED and best.duration is None:
         motion = _known_if_better(best, motion)
     if problem.is_free and motion.solved and not settled(sample(best.state), search.settings):
         advice = (
-            f"Of {len(motion.provenance['starts'])} starts nearly every one led to another "
-            "optimum, so that others may well be faster: allow more tries, or take another seed."
+            f"{len(motion.provenance['starts'])} starts led to almost as many different optima, so "
+            "a faster one may exist: allow more tries, or take another seed."
         )
         outcome = Outcome.of(Status.LOCAL_OPTIMUM, advice)
         motion = motion.ended(replace(outcome, ledger=motion.outcome.ledger))
@@ -177,7 +180,7 @@ def motion_from(best: Fastest) -> Motion:
 
 
 def motion_of_answer(best: Fastest) -> Motion:
-    """Return the best answer as a motion, with the whole search in its provenance."""
+    """Return the best answer as a motion, with the record of the search in its provenance."""
     search, state, solution = best.search, best.state, best.answer.solution
     problem, excess = search.problem, search.problem.excess(solution)
     outcome = verdict(problem.family, solution, excess, search.settings.limit_tolerance).and_(
@@ -196,7 +199,7 @@ def motion_of_answer(best: Fastest) -> Motion:
         )
         outcome = Outcome.of(Status.INFEASIBLE, advice)
     outcome = replace(outcome, ledger=ledger_of(state, best.answer))
-    starts = starts_of(state, problem.rested)
+    starts = starts_of(state, problem.dwell_time)
     optima = sorted({round(s["duration"], 3) for s in starts if s["status"] == "solved"})
     method = FREE
     remark = _remark(problem, len(starts), optima)
@@ -204,7 +207,7 @@ def motion_of_answer(best: Fastest) -> Motion:
         method = "time-optimal motion through stops"
         more["branches"] = branches_of(problem, state, solution)
         more["segments"] = [type(k).__name__ if k else "free" for k in problem.task.segments]
-        # among obstacles other ways have searches of their own
+        # Among obstacles every way has its own search, whose remark is made elsewhere.
         remark = "" if problem.timed_path else remark_of_branches(more["branches"])
     provenance = provenance_of(
         method,
@@ -223,17 +226,17 @@ def motion_of_answer(best: Fastest) -> Motion:
     motion = problem.motion(solution, provenance)
     robot, calmer = problem.family.robot, best.calmer is not None
     swings = chatter(robot, motion, calmer=calmer) if outcome.solved else ()
-    told = one_remark(remark, *_further_remarks(best), *(row.sentence for row in swings))
-    return replace(motion, remark=told, outcome=outcome.and_(*swings))
+    remarks = one_remark(remark, *_further_remarks(best), *(row.sentence for row in swings))
+    return replace(motion, remark=remarks, outcome=outcome.and_(*swings))
 
 
-def starts_of(state: SearchState, rested: float = 0.0) -> list[dict[str, Any]]:
-    """Return what every initial guess led to, for the provenance; dwells last ``rested`` s."""
+def starts_of(state: SearchState, dwell_time: float = 0.0) -> list[dict[str, Any]]:
+    """Return the result of every initial guess, for the provenance; dwells add ``dwell_time`` s."""
     return [
         {
             "start": answer.start,
             "status": str(answer.solution.status),
-            "duration": answer.solution.duration + rested,
+            "duration": answer.solution.duration + dwell_time,
         }
         for answer in state.of("start", "known way", "timed path")
         if answer.before is None or answer.strategy != "start"
@@ -241,23 +244,23 @@ def starts_of(state: SearchState, rested: float = 0.0) -> list[dict[str, Any]]:
 
 
 def _further_remarks(best: Fastest) -> Iterator[str]:
-    """Yield what less effort saves, and what the smoothing costs where it is much."""
+    """Yield remarks on saved effort, and on smoothing if it costs much."""
     if best.calmer:
         yield best.calmer.remark
     share = best.smoothing_cost / best.answer.solution.duration
-    if best.answer.solution.status.solved and share >= SEARCH.smoothing_told:
+    if best.answer.solution.status.solved and share >= SEARCH.smoothing_cost_limit:
         yield f"without smoothing of the jerk it could be about {100 * share:.1g} % faster"
 
 
 def _known_if_better(best: Fastest, motion: Motion) -> Motion:
-    """Return a motion that keeps the limits in the place of one that does not, or that is slower.
+    """Return a known motion within the limits if the motion found exceeds them or is slower.
 
-    A solution slowed down by no more than two meshes may differ counts as solved.
+    A solution slowed down by no more than the usual difference of two meshes counts as solved.
     """
     search, solution = best.search, best.answer.solution
     problem = search.problem
     fast_enough = motion.solved and not is_enough(problem, solution)
-    # not even time may be left to slow a free one down
+    # After the deadline a free solution is not slowed down if a known motion exists.
     if not fast_enough and not (problem.is_free and problem.way and deadline.over()):
         problem.slowed(solution)
     slower = [problem.way] if problem.way else []
@@ -271,7 +274,7 @@ def _known_if_better(best: Fastest, motion: Motion) -> Motion:
     if not slower:
         return motion
     chosen = min(slower, key=lambda slowed: slowed.motion.duration)
-    more = chosen.motion.duration / (solution.duration + problem.rested) - 1.0
+    more = chosen.motion.duration / (solution.duration + problem.dwell_time) - 1.0
     if fast_enough and (best.calmer or more >= -WORSE):
         return motion
     outcome = motion.outcome
@@ -280,7 +283,7 @@ def _known_if_better(best: Fastest, motion: Motion) -> Motion:
         outcome = Outcome.of(Status.SOLVED)
     elif motion.status in (Status.LIMITS_EXCEEDED, Status.SOLVED):
         outcome = Outcome.of(deadline.status() if best.cut else Status.NOT_ACCEPTED)
-    elif motion.status is Status.INFEASIBLE:  # there is a motion
+    elif motion.status is Status.INFEASIBLE:  # disproved by the known motion
         outcome = Outcome.of(Status.FAILED, NONE_WITHIN)
     outcome = replace(outcome, ledger=motion.outcome.ledger)
     if not outcome.solved:
@@ -298,7 +301,7 @@ def _known_if_better(best: Fastest, motion: Motion) -> Motion:
 def _remark(problem: MotionProblem, start_count: int, optima: Sequence[float]) -> str:
     passed = {2: "", 3: "via point passed at any velocity"}
     via = passed.get(len(problem.via), "via points passed at any velocity")
-    if problem.timed_path is not None:  # which is all that it starts from
+    if problem.timed_path is not None:  # the only start
         return via
     if not optima:
         return f"none of {start_count} starts led to a motion"
@@ -311,13 +314,13 @@ def _remark(problem: MotionProblem, start_count: int, optima: Sequence[float]) -
 def branches_of(
     problem: MotionProblem, state: SearchState, solution: Solution
 ) -> list[dict[str, Any]]:
-    """Return what every way through the branches took on the coarse mesh, the one taken first."""
+    """Return the coarse duration of every way through the branches, the taken one first."""
     via = _poses(solution)
     best: dict[str, dict[str, Any]] = {}
     for answer in state.of("start", "timed path"):
         way, coarse = answer.way, answer.solution
         assert way is not None
-        duration = coarse.duration + problem.rested if answer.solved else None
+        duration = coarse.duration + problem.dwell_time if answer.solved else None
         apart = float(np.abs(_poses(coarse) - via).max())
         keep_faster(best, way, row_of_way(way, duration, str(coarse.status), apart=apart))
     rows = sorted(best.values(), key=lambda row: row.pop("apart"))
@@ -326,32 +329,32 @@ def branches_of(
     for way in problem.ways:
         least = least_of_slower(problem, state, way)
         if way.name not in best and least is not None:
-            rows.append(row_of_way(way, None, LEFT_OUT, at_least=least + problem.rested))
+            rows.append(row_of_way(way, None, LEFT_OUT, at_least=least + problem.dwell_time))
     return rows
 
 
 def row_of_way(
     way: Way, duration: float | None, status: str, taken: bool = False, **more: float
 ) -> dict[str, Any]:
-    """Return what a way through the branches took, s, where it led to a motion."""
+    """Return the row of a way in the provenance, with its duration, s, if it was solved."""
     row = {"branches": list(way.branches), "q": way.via.tolist(), "duration": duration}
     return row | {"status": status, "taken": taken, **more}
 
 
 def keep_faster(rows: dict[str, dict[str, Any]], way: Way, row: dict[str, Any]) -> None:
-    """Keep the row of a way, unless there is one that is as fast."""
+    """Store the row of a way unless a stored one is as fast."""
     before = rows.get(way.name)
     if before is None or (before["duration"] or np.inf) > (row["duration"] or np.inf):
         rows[way.name] = row
 
 
 def taken_first(row: dict[str, Any]) -> tuple[bool, float]:
-    """Return what rows of ways are sorted by: the fastest follow the one that is taken."""
+    """Return the sort key of a row: the taken way first, then by duration."""
     return not row["taken"], row["duration"] or np.inf
 
 
 def remark_of_branches(branches: Sequence[dict[str, Any]]) -> str:
-    """Say what other ways of reaching the stops would take; both on the same coarse mesh."""
+    """Return a remark that compares the taken way with the others on the same coarse mesh."""
     taken, *others = branches
     if not others:
         return "the arm reaches the stops in one way only"
@@ -370,7 +373,7 @@ def remark_of_branches(branches: Sequence[dict[str, Any]]) -> str:
 
 
 def _poses(solution: Solution) -> FloatArray:
-    """Return joint poses [m,n] at the stops."""
+    """Return joint poses [m,n] at the stops, rad (m)."""
     ends = [phase["q"][-1] for phase in solution.phases]
     return np.array([solution.phases[0]["q"][0], *ends])
 
@@ -379,14 +382,14 @@ def _poses(solution: Solution) -> FloatArray:
 
 
 def least_effort(search: MotionSearch, fastest: MotionAnswer, slack: float) -> LeastEffort:
-    """Give the motion of least effort that takes at most the slack longer; the fastest if none."""
+    """Return the motion of least effort that is at most ``slack`` slower; the fastest if none."""
     problem, solution, slower = search.problem, fastest.solution, 1.0 + slack
     kernels = problem.kernels(budgeted=True)
     allowed = {problem.names[-1]: {BUDGET: slower * solution.duration}}
     kernels, guess = kernels.with_parameters(allowed), partial(_with_clock, search)
     refiner = replace(fastest.refiner, transcription=kernels, guess_from=guess)
     refiner = replace(refiner, rough=None, history=[])
-    # on its own mesh alone the fastest is known to keep to the time that is allowed
+    # The fastest motion is a feasible guess of the new problem only on its own mesh.
     meshes = [phase.mesh for phase in solution.phases]
     guesses = guess(solution, slower)
     calmer = refiner.refine(refiner.solve(meshes, guesses, barrier=SEARCH.near_way_barrier))
@@ -400,8 +403,10 @@ def least_effort(search: MotionSearch, fastest: MotionAnswer, slack: float) -> L
 
 
 def effort_of(search: MotionSearch, solution: Solution) -> float:
-    """Return the time integral of the squared torques (accelerations without masses), each
-    relative, s.
+    """Return the effort of a solution, s.
+
+    Effort is the integral of ``sum((tau / scale)**2)`` over time; without masses accelerations
+    replace the torques.
     """
     problem = search.problem
     motion = problem.motion(solution, {})
@@ -411,7 +416,10 @@ def effort_of(search: MotionSearch, solution: Solution) -> float:
 
 
 def _with_clock(search: MotionSearch, solution: Solution, slower: float = 1.0) -> dict[str, Guess]:
-    """Return guesses from a solution, with the time that has passed, slowed down evenly."""
+    """Return guesses from a solution slowed down by a factor, with the elapsed time as a state.
+
+    The k-th time derivative of q is divided by the k-th power of the factor.
+    """
     edges, with_clock = itertools.pairwise(slower * via_times(solution)), {}
     guesses = search.problem.guesses(solution).items()
     for (name, guess), (start, end) in zip(guesses, edges, strict=True):

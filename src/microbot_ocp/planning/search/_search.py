@@ -1,9 +1,8 @@
 """The search for the fastest motion: a table of strategies, run by one loop.
 
-A strategy is a row: the answer that it works on next, and what it makes of it. The loop runs the
-first row that has something to work on, until none has; what has come of it is a
-:class:`SearchState`, and the ledger has a row for every strategy. Which answer is better, and which
-is enough, is said here, too.
+A strategy is a row of the table: it selects an answer and improves it. The loop runs the first row
+that finds an answer to improve, until none does. The answers form a :class:`SearchState`, and the
+ledger has a row for every step. This module also ranks answers and decides that one is enough.
 """
 
 from __future__ import annotations
@@ -30,20 +29,20 @@ from microbot_ocp.planning.task import largest
 
 @dataclass(frozen=True, eq=False)
 class MotionAnswer:
-    """What a strategy made of another answer, or of nothing.
+    """Result of a strategy, from an earlier answer or from an initial guess.
 
     Attributes
     ----------
-    start : name of the initial guess that it goes back to
-    solution : solved or not
-    refiner : what refines it further
+    start : name of the initial guess
+    solution : solution, solved or not
+    refiner : refiner that continues it
     smoothing : weight of the squared jerk
-    before : the answer that it was made of
-    solves : records of all solves that it took
-    seconds : wall time that it took
-    way : through the stops, that the initial guess goes along
-    relaxed : what limits have to give, where that was asked
-    strategy : name of the strategy, which the loop knows
+    before : answer that the strategy improved
+    solves : records of all its solves
+    seconds : wall time, s
+    way : way of the initial guess through the stops
+    relaxed : least violation of the limits, if it was solved for
+    strategy : name of the strategy, set by the loop
     """
 
     start: str
@@ -59,12 +58,12 @@ class MotionAnswer:
 
     @property
     def solved(self) -> bool:
-        """Whether it was solved on its mesh."""
+        """True if the solution converged on its mesh."""
         return self.solution.status.solved
 
     @property
     def lineage(self) -> Iterator[MotionAnswer]:
-        """This answer, the one that it was made of, and so on to the first."""
+        """Answers from this one back to the first."""
         answer: MotionAnswer | None = self
         while answer is not None:
             yield answer
@@ -72,13 +71,13 @@ class MotionAnswer:
 
     @property
     def intervals(self) -> int:
-        """Of the first phase."""
+        """Number of intervals of the first phase."""
         return self.solution.phases[0].mesh.size - 1 if self.solution.phases else 0
 
 
 @dataclass(frozen=True, eq=False)
 class SearchState:
-    """What a search has come to: its answers in their order, solved or not."""
+    """Answers of a search in their order, solved or not."""
 
     answers: tuple[MotionAnswer, ...] = ()
 
@@ -87,17 +86,17 @@ class SearchState:
         return [answer for answer in self.answers if answer.strategy in strategies]
 
     def made_of(self, subject: MotionAnswer | None, strategy: str) -> MotionAnswer | None:
-        """Return what a strategy made of an answer; None where it was not run on it."""
+        """Return the result of a strategy on an answer; None if it was not run on it."""
         rows = (a for a in self.answers if a.before is subject and a.strategy == strategy)
         return next(rows, None)
 
     def and_(self, answer: MotionAnswer) -> SearchState:
-        """Return the same with one answer more."""
+        """Return the state with one more answer."""
         return SearchState((*self.answers, answer))
 
     @property
     def interrupted(self) -> bool:
-        """Whether the last solve was interrupted by the user."""
+        """True if the user interrupted the last solve."""
         return bool(self.answers) and self.answers[-1].solution.status is Status.INTERRUPTED
 
 
@@ -107,13 +106,13 @@ Run = Callable[["MotionSearch", "NextStep"], MotionAnswer]
 
 @dataclass(frozen=True, eq=False)
 class NextStep:
-    """What a strategy works on next.
+    """Next input of a strategy.
 
     Attributes
     ----------
-    subject : an answer; None where the strategy makes the first ones
-    start : what is tried then
-    intervals : a phase, on which it is tried
+    subject : answer to improve; None for a first answer
+    start : initial guess
+    intervals : intervals per phase
     """
 
     subject: MotionAnswer | None = None
@@ -122,22 +121,22 @@ class NextStep:
 
     @property
     def answer(self) -> MotionAnswer:
-        """The answer that is worked on, by strategies that always have one."""
+        """Answer to improve, for strategies that always have one."""
         assert self.subject is not None
         return self.subject
 
 
 @dataclass(frozen=True)
 class MotionStrategy:
-    """A row of the table.
+    """A row of the table of strategies.
 
     Attributes
     ----------
-    name : the word in the ledger
-    next_step : what it works on next; None where it has nothing to do
-    run : what it makes of that
-    why : the kind of problem that needs it
-    share : of the time after which it is not run again
+    name : name in the ledger
+    next_step : function that selects the next input, or None
+    run : function that makes an answer of it
+    why : kind of problem that needs the strategy
+    share : share of the time limit after which the strategy is skipped
     """
 
     name: str
@@ -149,16 +148,20 @@ class MotionStrategy:
 
 @dataclass(frozen=True, eq=False)
 class MotionSearch:
-    """What strategies work with; none of it changes while the search goes on.
+    """Constants of a search, shared by all strategies.
 
     Attributes
     ----------
     problem : MotionProblem
     refiner : Refiner
-        With the kernels and settings of every solve.
+        Kernels and settings of every solve.
     progress : callable
-    kernel_time : s, that the program took to be made
-    begin : when it began, s of ``time.perf_counter``
+    kernel_time : float
+        Time to build the program, s.
+    begin : float
+        Start of the search, s, by ``time.perf_counter``.
+    memory : dict
+        Results of steps that were run early, by strategy and subject.
     """
 
     problem: MotionProblem
@@ -166,21 +169,21 @@ class MotionSearch:
     progress: StepProgress
     kernel_time: float = 0.0
     begin: float = field(default_factory=time.perf_counter)
-    memory: dict[Any, MotionAnswer] = field(default_factory=dict)  # of what was run early
+    memory: dict[Any, MotionAnswer] = field(default_factory=dict)
 
     @property
     def settings(self) -> TimeOptimalSettings:
-        """How hard to look."""
+        """Settings of the search."""
         return self.problem.settings
 
     @property
     def over(self) -> bool:
-        """Whether the time is over."""
+        """True if the time limit is reached."""
         return deadline.over()
 
     @property
     def spent(self) -> float:
-        """Share of the time that was there for the search."""
+        """Used share of the time available to the search."""
         passed = time.perf_counter() - self.begin
         return passed / (passed + max(deadline.left(), 0.0))
 
@@ -191,7 +194,7 @@ class MotionSearch:
     def run(
         self, strategies: Sequence[MotionStrategy], state: SearchState | None = None
     ) -> SearchState:
-        """Run strategies from a state on until none has anything to do, or the time is over."""
+        """Run strategies from a state until none finds an answer to improve, or time is over."""
         state = state or SearchState()
         while not state.interrupted:
             pair = _first(self, strategies, state)
@@ -213,7 +216,7 @@ class MotionSearch:
         return state
 
     def _may_fork(self, strategies: Sequence[MotionStrategy], state: SearchState) -> bool:
-        """Return whether further starts are tried in another process from here on."""
+        """Return True if further starts may run in another process from now on."""
         return (
             len(state.answers) == 1
             and state.answers[0].solved
@@ -230,11 +233,11 @@ class MotionSearch:
     def _with_starts_beside(
         self, strategies: Sequence[MotionStrategy], state: SearchState
     ) -> SearchState:
-        """Try further starts in a process of their own while the first of them is refined.
+        """Try further starts in a child process while the first answer is refined.
 
-        What is found does not depend on it: what is refined early counts only where it would have
-        been refined. Not where no motion within the limits comes of the first, whose refinement may
-        take all the time.
+        The result does not depend on the child: a refinement made early counts only if the
+        sequential order would have made it. The first answer must lead to a motion within the
+        limits, because its refinement may take all the time.
         """
         starts, *others, _ = strategies
         with closing(Child(lambda _: self._plain(self.run([starts], state), state))) as child:
@@ -245,7 +248,7 @@ class MotionSearch:
                 return state
 
     def _plain(self, state: SearchState, before: SearchState) -> list[dict[str, Any]]:
-        """Return the new answers of a state as plain data: values without kernels."""
+        """Return the new answers of a state as plain data, without kernels."""
         rows = []
         for answer in state.answers[len(before.answers) :]:
             subject = None if answer.before is None else state.answers.index(answer.before)
@@ -256,7 +259,7 @@ class MotionSearch:
         return rows
 
     def _with_plain(self, state: SearchState, rows: Sequence[dict[str, Any]]) -> SearchState:
-        """Return the state with answers of another process."""
+        """Return the state with the answers of another process added."""
         for row in rows:
             solution, _ = from_plain(self.refiner.transcription, row["solution"])
             before = None if row["before"] is None else state.answers[row["before"]]
@@ -266,14 +269,14 @@ class MotionSearch:
 
 
 def plain_of(solution: Solution, phases: Iterable[Phase]) -> tuple[Any, ...]:
-    """Return a solution as plain data, without the kernels of these phases."""
+    """Return a solution as plain data, without the kernels of the phases."""
     parameters = {phase.name: {p.name: p.value for p in phase.parameters} for phase in phases}
     meshes = [phase.mesh for phase in solution.phases]
     return replace(solution, phases=()), meshes, parameters
 
 
 def from_plain(kernels: Transcription, plain: tuple[Any, ...]) -> tuple[Solution, Transcription]:
-    """Return the solution again, and the kernels with the values that their parameters had."""
+    """Return the solution of plain data, and the kernels with its parameter values."""
     solution, meshes, parameters = plain
     if any(parameters.values()):
         kernels = kernels.with_parameters(parameters)
@@ -284,7 +287,7 @@ def from_plain(kernels: Transcription, plain: tuple[Any, ...]) -> tuple[Solution
 def _first(
     search: MotionSearch, strategies: Sequence[MotionStrategy], state: SearchState
 ) -> tuple[MotionStrategy, NextStep] | None:
-    """Return the first strategy that has something to do."""
+    """Return the first strategy with an answer to improve, and its input."""
     for strategy in strategies:
         if state.answers and search.spent > strategy.share:
             continue
@@ -295,7 +298,7 @@ def _first(
 
 
 def ledger_of(state: SearchState, last: MotionAnswer) -> Ledger:
-    """Return what every strategy did, and which of them the answer comes from."""
+    """Return the ledger: one row per answer, with a mark on the lineage of the last one."""
     lineage = set(map(id, last.lineage))
     rows, best = [], None
     for answer in state.answers:
@@ -307,22 +310,25 @@ def ledger_of(state: SearchState, last: MotionAnswer) -> Ledger:
     return Ledger.of(rows)
 
 
-# what answers are worth -----------------------------------------------------------------------
+# ranking of answers -----------------------------------------------------------------------
 
 
 def is_enough(problem: MotionProblem, solution: Solution) -> bool:
-    """Return whether a motion on a large mesh is slowed down, by next to nothing, not refined."""
+    """Return True if a motion on a large mesh is to be slowed down slightly, not refined."""
     size = sum(phase.mesh.size - 1 for phase in solution.phases) * problem.family.robot.joint_count
-    if size < SEARCH.large or not solution.status.solved or problem.settings.slack:
+    if size < SEARCH.large_mesh or not solution.status.solved or problem.settings.slack:
         return False
     if largest(problem.excess(solution)) <= problem.settings.limit_tolerance:
         return False
     slower = problem.slowed(solution)
-    return slower is not None and slower.duration <= (1.0 + SEARCH.enough) * solution.duration
+    return (
+        slower is not None
+        and slower.duration <= (1.0 + SEARCH.largest_slowdown) * solution.duration
+    )
 
 
 def rank(search: MotionSearch, solution: Solution) -> tuple[bool, float]:
-    """Return what keeps its limits first, then what is faster."""
+    """Return a sort key: motions within the limits first, then the fastest."""
     valid = solution.status.solved and (
         search.worst(solution) <= search.settings.limit_tolerance
         or (search.problem.is_free and is_enough(search.problem, solution))
@@ -331,12 +337,12 @@ def rank(search: MotionSearch, solution: Solution) -> tuple[bool, float]:
 
 
 def by_promise(answers: Sequence[MotionAnswer]) -> list[MotionAnswer]:
-    """Give the different optima among coarse answers, the fastest first; of the same the first."""
+    """Return the distinct optima of coarse answers, the fastest first, each by its first answer."""
     different = list[MotionAnswer]()
     for coarse in answers:
         if coarse.solved and not any(
             abs(coarse.solution.duration - other.solution.duration)
-            <= SEARCH.same * other.solution.duration
+            <= SEARCH.same_optimum * other.solution.duration
             for other in different
         ):
             different.append(coarse)
@@ -344,14 +350,14 @@ def by_promise(answers: Sequence[MotionAnswer]) -> list[MotionAnswer]:
 
 
 def settled(answers: Sequence[MotionAnswer], settings: TimeOptimalSettings) -> bool:
-    """Return whether another start would more likely than not lead to what has been seen before.
+    """Return True if another start would more likely than not lead to a known optimum.
 
-    After w different outcomes of N starts it leads to a new one with the probability
-    w (w + 1) / (N (N - 1)) (Boender and Rinnooy Kan, Math. Programming 37, 1987, 59-80). What was
-    carried on from a coarser mesh is an outcome, but no start.
+    After w different outcomes of N starts, the next start leads to a new one with probability
+    w (w + 1) / (N (N - 1)) (Boender and Rinnooy Kan, Math. Programming 37, 1987, 59-80). An answer
+    continued from a coarser mesh is an outcome but no start.
     """
     solved, count = sum(answer.solved for answer in answers), len(answers)
-    if solved == 0 or settings.starts == 1:  # of a single start nothing is asked
+    if solved == 0 or settings.starts == 1:  # the estimate needs two starts
         return solved > 0
     different = len(by_promise(answers)) + (solved < count)
     count = sum(answer.before is None for answer in answers)

@@ -1,8 +1,8 @@
-"""Coarse answers of a search: what it starts from, and what that leads to on a coarse mesh.
+"""Initial guesses of a search, and their answers on a coarse mesh.
 
-Starts are drawn at random, or go along ways through the stops, every segment from rest to rest with
-its best timing. Where none leads anywhere there are a known way and a relaxed problem; among
-obstacles the only start is a timed path.
+Guesses are drawn at random, or follow ways through the stops with every segment timed from rest to
+rest. If none converges, a known way and a relaxed problem follow. Among obstacles the only guess is
+a timed path.
 """
 
 from __future__ import annotations
@@ -41,13 +41,13 @@ from microbot_ocp.trajectories import cubic, spline
 
 
 def explore_mesh(search: MotionSearch) -> int:
-    """Return intervals a phase of the first look."""
+    """Return the number of intervals per phase of the coarse mesh."""
     fewest = max(SEARCH.explore_sum // len(search.problem.names), SEARCH.least_explore_mesh)
     return min(full_mesh(search), search.problem.finer * min(fewest, SEARCH.explore_mesh))
 
 
 def full_mesh(search: MotionSearch) -> int:
-    """Return intervals a phase of the first full mesh."""
+    """Return the number of intervals per phase of the first full mesh."""
     if search.settings.mesh is not None:
         return search.settings.mesh
     family = search.problem.family
@@ -57,7 +57,7 @@ def full_mesh(search: MotionSearch) -> int:
 
 
 def coarse(search: MotionSearch) -> Refiner:
-    """Return how coarse answers are solved for: with dry friction rounded off."""
+    """Return the refiner of coarse answers, with dry friction rounded off."""
     refiner = replace(search.refiner, history=[])
     if refiner.fitted is None:
         return refiner
@@ -66,19 +66,17 @@ def coarse(search: MotionSearch) -> Refiner:
 
 
 def sample(state: SearchState) -> list[MotionAnswer]:
-    """Return the starts that are compared: those on the finest mesh that any of them was solved
-    on.
-    """
+    """Return the starts that are compared: all that were solved on the finest mesh of any start."""
     tried = state.of("start")
     finest = max((answer.intervals for answer in tried if answer.solved), default=0)
     return [answer for answer in tried if answer.intervals == finest or not finest]
 
 
 def next_start(search: MotionSearch, state: SearchState) -> NextStep | None:
-    """Return a fresh start while another is likely to lead elsewhere.
+    """Return a fresh start while another one is likely to lead to a new optimum.
 
-    Where the first starts do not agree they are compared on a mesh twice as fine, as are all that
-    follow: optima of a coarse mesh are not those of a fine one. Among obstacles there are none.
+    If the first starts disagree, they and all later ones are compared on a mesh twice as fine:
+    optima of a coarse mesh are not those of a fine one. Among obstacles there are no such starts.
     """
     tried, settings = state.of("start"), search.settings
     if search.problem.timed_path or (tried and search.over):
@@ -98,8 +96,8 @@ def next_start(search: MotionSearch, state: SearchState) -> NextStep | None:
 
 
 def _fresh(search: MotionSearch, state: SearchState) -> NextStep | None:
-    """Return the next initial guess, on the mesh that answers are compared on."""
-    drawn = search.problem.is_free and not search.problem.briefly
+    """Return the next initial guess, on the mesh on which answers are compared."""
+    drawn = search.problem.is_free and not search.problem.for_comparison
     start = (_next_drawn if drawn else _next_through_ways)(search.problem, state)
     carried = any(answer.before is not None for answer in state.of("start"))
     return start and NextStep(start=start, intervals=_start_meshes(search)[carried])
@@ -111,7 +109,7 @@ def _start_meshes(search: MotionSearch) -> tuple[int, int]:
 
 
 def try_start(search: MotionSearch, step: NextStep) -> MotionAnswer:
-    """Solve from an initial guess, or what it led to on a finer mesh."""
+    """Solve from an initial guess, or continue an answer on a finer mesh."""
     refiner, start, tolerance = coarse(search), step.start, SEARCH.explore_tolerance
     if start is None:
         name, way = step.answer.start, step.answer.way
@@ -123,18 +121,18 @@ def try_start(search: MotionSearch, step: NextStep) -> MotionAnswer:
         refiner = replace(refiner, settings=replace(refiner.settings, **start.settings))
         guesses, solver = start.guess.guesses, start.solver
         solution = refiner.solve(step.intervals, guesses, tolerance=tolerance, solver=solver)
-    _tell(search, name, solution, f" on {step.intervals} intervals a phase")
+    _report(search, name, solution, f" on {step.intervals} intervals a phase")
     return _answer(search, name, solution, refiner, way)
 
 
-def _tell(search: MotionSearch, start: str, solution: Solution, where: str = "") -> None:
+def _report(search: MotionSearch, start: str, solution: Solution, where: str = "") -> None:
     search.progress(f"start {start}: {solution.duration:.4f} s{where}, {solution.status}")
 
 
 def _answer(
     search: MotionSearch, start: str, solution: Solution, by: Refiner, way: Way | None = None
 ) -> MotionAnswer:
-    """Return a coarse answer, which the usual kernels refine."""
+    """Return a coarse answer with the refiner that continues it on the usual kernels."""
     solves = tuple(by.history)
     return MotionAnswer(start, solution, search.refiner, SMOOTHING, solves=solves, way=way)
 
@@ -148,7 +146,7 @@ def _nothing_solved(search: MotionSearch, state: SearchState, strategy: str) -> 
 
 
 def nearest(state: SearchState) -> MotionAnswer:
-    """Return the start whose answer breaks constraints least."""
+    """Return the start whose answer violates the constraints least."""
     return min(
         state.of("start", "timed path"),
         key=lambda a: (not a.solution.attempts, a.solution.attempts[-1].infeasibility),
@@ -156,13 +154,13 @@ def nearest(state: SearchState) -> MotionAnswer:
 
 
 def next_from_known(search: MotionSearch, state: SearchState) -> NextStep | None:
-    """Return a known way where no start led anywhere."""
+    """Return a step from a known way, if no start was solved."""
     step = _nothing_solved(search, state, "known way")
     return step if step is not None and search.problem.fallback is not None else None
 
 
 def from_known(search: MotionSearch, step: NextStep) -> MotionAnswer:
-    """Solve from a way with its best timing."""
+    """Solve from a known way with its best timing."""
     way, refiner = search.problem.fallback, coarse(search)
     assert way is not None
     solution = refiner.solve(
@@ -171,17 +169,17 @@ def from_known(search: MotionSearch, step: NextStep) -> MotionAnswer:
         tolerance=SEARCH.explore_tolerance,
         barrier=SEARCH.near_way_barrier,
     )
-    _tell(search, way.made_from, solution)
+    _report(search, way.made_from, solution)
     return _answer(search, way.made_from, solution, refiner)
 
 
 def next_relaxed(search: MotionSearch, state: SearchState) -> NextStep | None:
-    """Return the relaxed problem where nothing is solved."""
+    """Return a step to the relaxed problem, if nothing was solved."""
     return _nothing_solved(search, state, "relaxed problem")
 
 
 def from_relaxed(search: MotionSearch, step: NextStep) -> MotionAnswer:
-    """Look at what limits have to give; solve from there where they have to give nothing."""
+    """Solve for the least violation of the limits; if it is zero, solve from there."""
     subject, refiner, problem = step.answer, coarse(search), search.problem
     meshes = [phase.mesh for phase in subject.solution.phases]
     first = problem.drawn(0)
@@ -198,17 +196,17 @@ def from_relaxed(search: MotionSearch, step: NextStep) -> MotionAnswer:
 
 
 def next_timed_path(search: MotionSearch, state: SearchState) -> NextStep | None:
-    """Return the timed path among obstacles, once."""
+    """Return a step from the timed path among obstacles, once."""
     return NextStep() if search.problem.timed_path and not state.answers else None
 
 
 def from_timed_path(search: MotionSearch, step: NextStep) -> MotionAnswer:
-    """Solve on a coarse mesh, near a timed path: farther off lies another way, or none."""
+    """Solve on a coarse mesh near a timed path; motions far from it may collide."""
     problem, path, refiner = search.problem, search.problem.timed_path, coarse(search)
     assert path is not None
     refiner, guesses = replace(refiner, once=False), problem.with_closed(path.guesses)
     solution = refiner.solve(explore_mesh(search), guesses, barrier=SEARCH.timed_path_barrier)
-    _tell(search, path.name, solution)
+    _report(search, path.name, solution)
     return _answer(search, path.name, solution, refiner, problem.ways[0])
 
 
@@ -234,14 +232,14 @@ FROM_PATHS = (
 
 
 def _next_drawn(problem: MotionProblem, state: SearchState) -> TrialStart | None:
-    """Return the guess after those that were tried."""
+    """Return the first guess that was not tried."""
     tried = [answer for answer in state.of("start") if answer.before is None]
     settings, index = problem.settings, len(tried)
     guess = problem.drawn(index)
     if guess is None:
         return None
     both: str | tuple[str, ...] = ("fatrop", "ipopt")
-    if index >= settings.starts:  # what one misses the other may find
+    if index >= settings.starts:  # the two solvers converge from different guesses
         both = "ipopt" if index % 3 == 2 else "fatrop"
     both = "ipopt" if problem.is_flat else both
     solver = both if settings.solver == "auto" else settings.solver
@@ -249,12 +247,12 @@ def _next_drawn(problem: MotionProblem, state: SearchState) -> TrialStart | None
     if not solved:
         return TrialStart(guess, solver, problem.ways[0])
     solver = solver if isinstance(solver, str) else solver[0]
-    most = SEARCH.most_iterations  # what takes more is given up: another one is solved
+    most = SEARCH.most_iterations  # another guess is cheaper than a slow solve
     return TrialStart(guess, solver, problem.ways[0], {"max_iterations": most})
 
 
 def _next_through_ways(problem: MotionProblem, state: SearchState) -> TrialStart | None:
-    """Return the next way that may be the fastest; bows beside the best of them at last."""
+    """Return the next way that may be the fastest; curved guesses along the best way come last."""
     pair = next(_guesses(problem, state), None)
     if pair is None:
         return None
@@ -265,24 +263,24 @@ def _next_through_ways(problem: MotionProblem, state: SearchState) -> TrialStart
         replace(guess, guesses=problem.with_closed(guess.guesses)),
         both if problem.settings.solver == "auto" else problem.settings.solver,
         way,
-        # IPOPT solves what takes it more
+        # IPOPT takes over when fatrop reaches its own, lower limit
         {"max_iterations": SEARCH.most_iterations, "options": {**LDL, "fatrop": fatrop}},
     )
 
 
 def _guesses(problem: MotionProblem, state: SearchState) -> Iterator[tuple[Way, InitialGuess]]:
-    """Yield what was not tried yet: ways, and then bows beside the best of them."""
+    """Yield guesses that were not tried: ways first, then curved ones along the best way."""
     tried, task, settings = {a.start for a in state.of("start")}, problem.task, problem.settings
     for way in problem.ways if settings.starts > 1 else problem.ways[:1]:
         if way.name not in tried and least_of_slower(problem, state, way) is None:
             yield way, rest_to_rest(task, way, problem.names, settings.compiled)
     single = settings.starts == 1 or any(kind is not None for kind in task.segments)
-    if problem.briefly or single or not tried:
+    if problem.for_comparison or single or not tried:
         return
     of_ways = [a for a in state.of("start") if a.way is not None and a.start == a.way.name]
     best = min(of_ways, key=lambda a: (not a.solved, a.solution.duration)).way
     assert best is not None
-    further = min(SEARCH.bows, settings.starts - 1) + 1
+    further = min(SEARCH.curved_guesses, settings.starts - 1) + 1
     given = task.conditions.velocities
     drawn = problem.family, best.via, problem.names, further, settings.seed
     for g in initial_guesses(*drawn, moving=bool(given.any()), velocities=given):
@@ -292,17 +290,24 @@ def _guesses(problem: MotionProblem, state: SearchState) -> Iterator[tuple[Way, 
 
 
 def least_of_slower(problem: MotionProblem, state: SearchState, way: Way) -> float | None:
-    """Return what a way takes at the highest velocities, s; None where no other one takes less."""
+    """Return the duration of a way at the highest velocities, s; None unless another is faster.
+
+    Lower bound: no motion on the way is faster. A redundant or tolerant stop may move its pose, so
+    there the bound must exceed the best duration by a factor.
+    """
     durations = [a.solution.duration for a in state.of("start") if a.solved]
     exact = all(few_poses(problem.task.robot, stop) is not None for stop in problem.task.stops)
     least = least_time(problem.task, way)
-    slower = least > (1.0 if exact else SEARCH.spare) * min([*durations, problem.beaten])
+    slower = least > (1.0 if exact else SEARCH.prune_factor) * min(
+        [*durations, problem.duration_to_beat]
+    )
     return least if slower else None
 
 
 def rest_to_rest(task: Task, way: Way, names: Sequence[str], compiled: bool) -> InitialGuess:
-    """Return every segment from rest to rest, with its best timing where its path can be
-    travelled; the free ones that begin or end in motion as cubics.
+    """Return every segment from rest to rest, with its best timing if its path can be travelled.
+
+    A free segment that begins or ends in motion is a cubic.
     """
     guesses, given = {}, task.conditions.velocities
     durations = TaskScale.of(task.family, way.via, given).durations

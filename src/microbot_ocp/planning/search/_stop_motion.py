@@ -1,5 +1,6 @@
-"""A motion through stops: its segments and dwells one after the other, with what the tool holds,
-and parts on their way: where each lies before it is picked and after it is put down.
+"""A motion through stops: segments, dwells and payloads, and the parts that it moves.
+
+A part is an obstacle before it is picked and after it is placed.
 """
 
 from __future__ import annotations
@@ -30,9 +31,7 @@ from microbot_ocp.scene import Scene
 def motion_of(
     task: Task, shapes: Sequence[PiecewisePolynomial], provenance: dict[str, Any]
 ) -> Motion:
-    """Return the segments one after the other, with the dwells; torques with what the tool
-    holds then.
-    """
+    """Return the segments one after another, with dwells and with the torques of the payloads."""
     moves, marks, now = list[PiecewisePolynomial](), list[Mark](), 0.0
     for k, stop in enumerate(task.stops):
         marks.append(Mark(now, stop.name))
@@ -52,13 +51,14 @@ def motion_of(
 def motion_along(
     task: Task, curve: PiecewisePolynomial, marks: Sequence[Mark], **about: Any
 ) -> Motion:
-    """Return a curve as a motion that reaches the stops at these marks; torques with what the tool
-    holds then, ``about`` as of :meth:`Motion.from_polynomial`.
+    """Return a curve as a motion that reaches the stops at the marks, with torques of the payloads.
+
+    ``about`` holds further arguments of :meth:`Motion.from_polynomial`.
 
     Raises
     ------
     InputError
-        Not one mark a stop.
+        The number of marks differs from the number of stops.
     """
     parts = _stretches(task, marks, float(curve.breaks[-1]), about["label"])
     starts = np.array([part.start for part in parts[1:]])
@@ -75,8 +75,14 @@ def motion_along(
 
 
 class Stretch(NamedTuple):
-    """A segment or a dwell of a motion: start and end, s, the robot that moves, with what it holds,
-    and the segment, of a dwell the one before it.
+    """A segment or dwell of a motion.
+
+    Attributes
+    ----------
+    start : start time, s
+    end : end time, s
+    robot : robot with its payload
+    segment : index of the segment; a dwell has the index of the segment before it
     """
 
     start: float
@@ -86,15 +92,15 @@ class Stretch(NamedTuple):
 
 
 def stretches(task: Task, motion: Any) -> list[Stretch]:
-    """Return every segment and dwell of a motion, or of the rows of one.
+    """Return every segment and dwell of a motion, or of the rows of a recording.
 
-    The marks of the motion say when its stops are reached; what is before the first one and after
-    the last belongs to the first stretch and to the last.
+    The marks are the arrival times at the stops. Times before the first mark belong to the first
+    stretch, times after the last mark to the last.
 
     Raises
     ------
     InputError
-        A motion that has not one mark a stop.
+        The number of marks differs from the number of stops.
     """
     return _stretches(task, motion.marks, float(motion.t[-1]), motion.label)
 
@@ -111,9 +117,9 @@ def _stretches(task: Task, marks: Sequence[Mark], duration: float, label: str) -
     for k, arrives in enumerate(times):
         leaves = arrives + float(task.dwells[k])
         if leaves > arrives:
-            rested: Robot = loads[k].on(task.robot)
+            resting: Robot = loads[k].on(task.robot)
             before = (k - 1) % len(task.segments) if task.cycle else max(k - 1, 0)
-            parts.append(Stretch(arrives, leaves, rested, before))
+            parts.append(Stretch(arrives, leaves, resting, before))
         if k < len(task.segments):
             parts.append(Stretch(leaves, times[k + 1], task.robots[k], k))
     parts[0] = parts[0]._replace(start=0.0)
@@ -127,7 +133,7 @@ def over_stretches(
     state: State,
     torque: Callable[[Robot, State], FloatArray] = torque_along,
 ) -> FloatArray:
-    """Return torques [N,n] of states at times t [N], each of the robot that moves there."""
+    """Return torques [N,n], N m (N), of states at times t [N], each of the stretch's own robot."""
     starts = [part.start for part in parts[1:]]
     which = np.searchsorted(starts, t + 0.1 * JUMP_GAP, side="right")
     tau = np.empty_like(state.q)
@@ -137,36 +143,36 @@ def over_stretches(
     return tau
 
 
-# parts on their way -----------------------------------------------------------------------------
+# parts ------------------------------------------------------------------------------------------
 #
-# A part is what stops pick and put down: one shape, held over some segments, perhaps taken up again
-# where it was left. Where it lies it is an obstacle. Links that may touch it in the tool (those
-# whose distance from it is not looked at while it is held) may touch it where it lies, too, but
-# only on the segments that lead to the pick and away from the place.
+# Stops pick and place a part: one shape, carried over some segments, perhaps several times. A lying
+# part is an obstacle. Links whose distance from the part is ignored while it is held may also touch
+# it as it lies, but only on the segment to the pick and on the segment from the place: there the
+# gripper closes and opens.
 
-# what is picked up is a part that was put down, so near to where that lies: as a share of its
-# smallest radius, in m of a part without a shape
+# A picked part is identified with a placed one if it is at most this far from it: share of its
+# smallest radius, or m for a part without a shape.
 SAME_PLACE, SAME_POINT = 0.5, 0.01
 
 
 @dataclass(frozen=True)
 class Part:
-    """What is picked and put down.
+    """A part that is picked and placed.
 
     Attributes
     ----------
     payload : Payload
-        As it is picked first.
+        Payload at the first pick.
     carries : tuple of (first, end)
-        Segments on which it is held, from ``first`` up to but without ``end``; these are also the
-        indices of the stops at which it is picked and put down.
+        Half-open ranges of segments on which it is held; also the indices of the stops that pick
+        and place it.
     """
 
     payload: Payload
     carries: tuple[tuple[int, int], ...]
 
     def rests(self, count: int) -> list[tuple[int, range]]:
-        """Tell at which stop the part lies, on which of ``count`` segments."""
+        """Return each stop at which the part lies, with its segments out of ``count``."""
         edges = [0, *sum(self.carries, ()), count]
         places = [self.carries[0][0], *(end for _, end in self.carries)]
         waits = [range(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True)]
@@ -174,7 +180,7 @@ class Part:
 
 
 class Place(NamedTuple):
-    """A stretch of a motion: start and end, s, the robot that moves, and what is around it."""
+    """A stretch of a motion: start and end, s, the robot with its payload, and its scene."""
 
     start: float
     end: float
@@ -183,7 +189,7 @@ class Place(NamedTuple):
 
 
 def tool_poses(robot: Robot, q: FloatArray) -> FloatArray:
-    """Return poses [N,4,4] of the tool in the base frame for q [N,n]."""
+    """Return poses [N,4,4] of the tool in the base frame for q [N,n], rad (m)."""
     poses = np.array(forward_kinematics(robot).map(len(q))(q.T))
     return poses.reshape(4, len(q), 4).transpose(1, 0, 2)
 
@@ -198,13 +204,13 @@ def parts_of(task: Task, tool: FloatArray) -> tuple[Part, ...]:
     held = [payload.shape or payload for payload in task.payloads]
     parts: list[Part] = []
     end = 0
-    for what, carried in itertools.groupby(held):
+    for held_payload, carried in itertools.groupby(held):
         first, end = end, end + len(list(carried))
         payload = task.payloads[first]
         if payload == EMPTY:
             continue
         for k, part in enumerate(parts):
-            same = (part.payload.shape or part.payload) == what
+            same = (part.payload.shape or part.payload) == held_payload
             if same and _same_place(payload, tool[part.carries[-1][1]], tool[first]):
                 parts[k] = replace(part, carries=(*part.carries, (first, end)))
                 break
@@ -223,15 +229,15 @@ def _same_place(payload: Payload, before: FloatArray, after: FloatArray) -> bool
 
 
 def scenes_of(task: Task, scene: Scene, tool: FloatArray) -> tuple[Scene, ...]:
-    """Return the scene on every segment, with the parts that lie in it.
+    """Return the scene on every segment, with the lying parts as obstacles.
 
     Parameters
     ----------
     task : Task
-        Of a robot with capsules.
+        Task of a robot with capsules.
     scene : Scene
     tool : array [m,4,4]
-        Poses of the tool at the stops, m.
+        Poses of the tool in the base frame at the stops, m.
     """
     count = len(task.segments)
     lying: list[list[Capsule]] = [[] for _ in range(count)]
@@ -254,7 +260,7 @@ def scenes_of(task: Task, scene: Scene, tool: FloatArray) -> tuple[Scene, ...]:
 
 
 def _placed(shape: Sequence[Capsule], pose: FloatArray, where: str) -> list[Capsule]:
-    """Return capsules of a part where the tool [4,4] left it, named by the stop."""
+    """Return the capsules of a part in the base frame for a tool pose [4,4], named by the stop."""
     turn, origin = pose[:3, :3], pose[:3, 3]
     capsules = []
     for number, capsule in enumerate(shape, start=1):
@@ -265,13 +271,13 @@ def _placed(shape: Sequence[Capsule], pose: FloatArray, where: str) -> list[Caps
 
 
 def _ignored_with(scene: Scene, shape: Sequence[Capsule]) -> set[str]:
-    """Return what the scene lets touch a part."""
+    """Return the names that the scene allows to touch a part."""
     names = {capsule.name for capsule in shape}
     return {b if a in names else a for a, b in scene.ignore if {a, b} & names}
 
 
 def _touching_in_the_tool(scene: Scene, robot: Robot, payload: Payload) -> set[str]:
-    """Return links whose distance from a part is not looked at while it is held."""
+    """Return the links whose distance from a held part is ignored."""
     held = payload.on(robot)
     carried = held.capsules[len(robot.capsules) :]
     looked_at = {
@@ -289,13 +295,11 @@ def _touching_in_the_tool(scene: Scene, robot: Robot, payload: Payload) -> set[s
 
 
 def _key(frame: int, capsule: Capsule) -> tuple[int, bytes]:
-    """Return what tells capsules apart, also of two robots that are equal."""
+    """Return a value that identifies a capsule, also across equal robots."""
     return frame, np.concatenate([capsule.start, capsule.end, [capsule.radius]]).tobytes()
 
 
 def places_along(task: Task, motion: Motion, scene: Scene) -> list[Place]:
-    """Return the stretches of a motion, each with the robot that moves there and what is around
-    it.
-    """
+    """Return the stretches of a motion, each with its robot and its scene."""
     scenes = scenes_of(task, scene, poses_at_stops(task, motion))
     return [Place(s.start, s.end, s.robot, scenes[s.segment]) for s in stretches(task, motion)]

@@ -1,8 +1,7 @@
-"""Motions through stops among obstacles, with the parts that the arm carries from a stop on.
+"""Motions through stops among obstacles, with the parts that the arm carries between stops.
 
-Every way through the branches is led around the obstacles by the planner where its free segments
-are blocked; the fastest of these, each timed, are what the search starts from. Every segment keeps
-the distances of the arm with what it carries there.
+A planner leads the blocked free segments of every way around the obstacles. The search starts from
+the fastest of these timed ways. Every segment keeps the distances of the arm with its payload.
 """
 
 from __future__ import annotations
@@ -37,8 +36,18 @@ from microbot_ocp.planning.search._among_obstacles import (
     touching,
 )
 from microbot_ocp.planning.search._branches import Way, least_time, ways_through
-from microbot_ocp.planning.search._guided import Ask, Explored, GuidedSearch, poses_along
-from microbot_ocp.planning.search._orders import best_order, hoped_of, rested_of, tasks_in_orders
+from microbot_ocp.planning.search._guided import (
+    CoarseResult,
+    FrontFunction,
+    GuidedSearch,
+    poses_along,
+)
+from microbot_ocp.planning.search._orders import (
+    best_order,
+    optimistic_duration_of,
+    rest_duration_of,
+    tasks_in_orders,
+)
 from microbot_ocp.planning.search._result import (
     LEFT_OUT,
     keep_faster,
@@ -48,68 +57,68 @@ from microbot_ocp.planning.search._result import (
 )
 from microbot_ocp.planning.search._starts import rest_to_rest, segment_timings
 from microbot_ocp.planning.search._stop_motion import motion_of, places_along, scenes_of, tool_poses
-from microbot_ocp.planning.search._through_stops import Asked, Front
+from microbot_ocp.planning.search._through_stops import Front, SolveRequest
 from microbot_ocp.planning.task import Stop, Task, TaskScale, one_remark
 from microbot_ocp.robot import Capsule, Robot
 from microbot_ocp.scene import Clearance, Surroundings, clearance_along, with_arm_capsules
 from microbot_ocp.trajectories import quintic, shortest_duration
 
-MOST_GUESSES = 4  # ways that the search starts from
+MOST_GUESSES = 4  # largest number of initial ways of a search
 
 
-def stops_among(asked: Asked) -> Motion:
+def stops_among(request: SolveRequest) -> Motion:
     """Return the fastest motion through stops that keeps clear of a scene.
 
-    Of a free order of the stops all orders are compared among the obstacles.
+    A free order of the stops is decided among the obstacles.
 
     Raises
     ------
     InputError
-        A stop at which every branch of the arm touches something.
+        At some stop every branch of the arm touches an obstacle.
     """
-    asked = replace(asked, robot=with_arm_capsules(asked.robot))
-    if asked.order == "given":
-        task = asked.task()
-        if asked.duration is not None or not task.is_plain:
-            (fastest, *_), _ = motions_among(asked)
+    request = replace(request, robot=with_arm_capsules(request.robot))
+    if request.order == "given":
+        task = request.task()
+        if request.duration is not None or not task.is_plain:
+            (fastest, *_), _ = motions_among(request)
             return fastest[1]
         via = np.array([stop.q for stop in task.stops])  # via points
         names = [f"stop {stop.name!r}" for stop in task.stops]
-        motion = fastest_among(asked, task.family, via, names)
+        motion = fastest_among(request, task.family, via, names)
         named = zip(motion.marks, task.stops, strict=True)
         return replace(motion, marks=tuple(Mark(m.time, stop.name) for m, stop in named))
-    legs = Legs(asked)
-    bare = [replace(s, payload=None) if isinstance(s, Stop) else s for s in asked.stops]
-    legs.clear_ways(replace(asked, stops=bare).task())
-    tasks = tasks_in_orders(asked)
+    legs = LegPlanner(request)
+    bare = [replace(s, payload=None) if isinstance(s, Stop) else s for s in request.stops]
+    legs.clear_ways(replace(request, stops=bare).task())
+    tasks = tasks_in_orders(request)
     legs.search(list(tasks.values()))
-    return best_order(asked, tasks, partial(_Among, asked, legs))
+    return best_order(request, tasks, partial(_OrderAmongObstacles, request, legs))
 
 
-def motions_among(asked: Asked, ask: Ask | None = None) -> Front:
-    """Return the motions that a search is asked for, in a scene; by default the fastest one.
+def motions_among(request: SolveRequest, front_of: FrontFunction | None = None) -> Front:
+    """Return the requested motions in a scene, by default the fastest one.
 
     Raises
     ------
     InputError
         As :func:`stops_among`.
     """
-    asked = replace(asked, robot=with_arm_capsules(asked.robot))
-    task, legs = asked.task(), Legs(asked)
+    request = replace(request, robot=with_arm_capsules(request.robot))
+    task, legs = request.task(), LegPlanner(request)
     legs.search([task])
-    return _Among(asked, legs, task).motions(ask)
+    return _OrderAmongObstacles(request, legs, task).motions(front_of)
 
 
-class Guide(NamedTuple):
+class GuidedWay(NamedTuple):
     """A way whose free segments lead around obstacles.
 
     Attributes
     ----------
     way : Way
     shapes : dict of str to PiecewisePolynomial
-        The timed path of every free segment, from rest to rest.
+        Timed path of every free segment, from rest to rest.
     durations : list of float or None
-        What every segment takes so, s; None of one that could not be timed.
+        Duration of every segment, s; None if its timing failed.
     name : str
     """
 
@@ -119,22 +128,24 @@ class Guide(NamedTuple):
     name: str
 
 
-class _Among:
-    """Stops in one order among obstacles."""
+class _OrderAmongObstacles:
+    """One order of stops among obstacles."""
 
-    def __init__(self, asked: Asked, legs: Legs, task: Task) -> None:
-        self._asked, self.task, self._scene, self._legs = asked, task, legs.scene, legs
+    def __init__(self, request: SolveRequest, legs: LegPlanner, task: Task) -> None:
+        self._request, self.task, self._scene, self._legs = request, task, legs.scene, legs
         self._guided = legs.guides(task)
         times = [guide.durations for guide in self._guided]
-        self.rested = min((rested_of(task, durations) for durations in times), default=np.inf)
-        self.hoped = min((hoped_of(task, durations) for durations in times), default=np.inf)
-        self._explored: dict[str, Explored] = {}
+        self.rest_duration = min(
+            (rest_duration_of(task, durations) for durations in times), default=np.inf
+        )
+        self.optimistic_duration = min(
+            (optimistic_duration_of(task, durations) for durations in times), default=np.inf
+        )
+        self._coarse_results: dict[str, CoarseResult] = {}
 
     @cached_property
     def _fallback(self) -> ProvedPath | None:
-        """The fastest way that rests at every stop, keeps all limits and is proved to keep clear;
-        None where there is none.
-        """
+        """Fastest way that rests at every stop, within all limits and proved clear, or None."""
         task = self.task
         if not all(map(_may_rest, task.stops)):
             return None
@@ -149,52 +160,54 @@ class _Among:
                 return ProvedPath(guide.name, motion, proof)
         return None
 
-    def _search(self, guide: Guide) -> GuidedSearch:
+    def _search(self, guide: GuidedWay) -> GuidedSearch:
         task, way = self.task, guide.way
         names = phase_names(len(task.segments))
-        usual = rest_to_rest(task, way, names, self._asked.settings.compiled)
+        usual = rest_to_rest(task, way, names, self._request.settings.compiled)
         around = {name: guess_along(shape) for name, shape in guide.shapes.items()}
         start = InitialGuess(guide.name, {**usual.guesses, **around})
         poses = tuple(
             poses_along(guide.shapes[name]) if name in guide.shapes else path
             for name, path in zip(names, way.paths, strict=True)
         )
-        return GuidedSearch(self._asked, task, self._scene, way, start, poses)
+        return GuidedSearch(self._request, task, self._scene, way, start, poses)
 
-    def _explore(self, guides: Sequence[Guide], beaten: float = np.inf) -> None:
-        """Solve for coarse answers from ways that may take less than ``beaten``, s, and less than
-        the best so far.
-        """
+    def _explore(self, guides: Sequence[GuidedWay], duration_to_beat: float = np.inf) -> None:
+        """Solve coarsely for ways that may beat ``duration_to_beat``, s, and the best so far."""
         for guide in guides:
-            best = min([beaten, *(explored.duration for explored in self._explored.values())])
-            if guide.name in self._explored or least_time(self.task, guide.way) > best:
+            best = min(
+                [
+                    duration_to_beat,
+                    *(coarse_result.duration for coarse_result in self._coarse_results.values()),
+                ]
+            )
+            if guide.name in self._coarse_results or least_time(self.task, guide.way) > best:
                 continue
             if np.isfinite(best) and deadline.over():
                 return
             with suppress(deadline.Over):
-                self._explored[guide.name] = self._search(guide).explored()
+                self._coarse_results[guide.name] = self._search(guide).coarse_result()
 
-    def coarse_duration(self, beaten: float) -> float:
-        rested = float(self.task.dwells.sum())
-        fastest: dict[Way, Guide] = {}
+    def coarse_duration(self, duration_to_beat: float) -> float:
+        dwell_time = float(self.task.dwells.sum())
+        fastest: dict[Way, GuidedWay] = {}
         for guide in self._guided:
             fastest.setdefault(guide.way, guide)
-        self._explore(list(fastest.values()), beaten - rested)
-        durations = (explored.duration for explored in self._explored.values())
-        return min(durations, default=np.inf) + rested
+        self._explore(list(fastest.values()), duration_to_beat - dwell_time)
+        durations = (coarse_result.duration for coarse_result in self._coarse_results.values())
+        return min(durations, default=np.inf) + dwell_time
 
     def motion(self) -> Motion:
         return self.motions()[0][0][1]
 
-    def motions(self, ask: Ask | None = None) -> Front:
-        """Return the motions that a search is asked for, what is known at least in the place of the
-        first.
+    def motions(self, front_of: FrontFunction | None = None) -> Front:
+        """Return the requested motions; a known one replaces the first if that is worse.
 
-        It goes on from the best of the coarse answers; from the next one where that leads to none
-        that is proved to keep clear.
+        The best coarse answer is refined; if it leads to no motion that is proved to keep clear,
+        the next one follows.
         """
         fallback = self._fallback if self._guided else None
-        front, proofs, taken = self._found(ask)
+        front, proofs, taken = self._found(front_of)
         branches = [] if taken is None else self._branches(taken)
         judged: list[tuple[float, Motion]] = []
         for place, ((effort, motion), proof) in enumerate(zip(front[0], proofs, strict=True)):
@@ -215,17 +228,17 @@ class _Among:
         names = list(self._scene.names)
         return [(effort, _with(motion, scene=names)) for effort, motion in judged], front[1]
 
-    def _found(self, ask: Ask | None) -> tuple[Front, list[Clearance | None], Way | None]:
-        """Give the motions that a search is asked for, with the proofs that they keep clear, and
-        the way that they come from.
-        """
+    def _found(
+        self, front_of: FrontFunction | None
+    ) -> tuple[Front, list[Clearance | None], Way | None]:
+        """Return the requested motions, the proofs that they keep clear, and their way."""
         self._explore(self._guided)
         front: Front = [], ""
         proofs: list[Clearance | None] = []
         taken: Way | None = None
-        guides = [guide for guide in self._guided if guide.name in self._explored]
-        for guide in sorted(guides, key=lambda guide: self._explored[guide.name].duration):
-            there, proved = self._search(guide).motions(ask, self._explored[guide.name])
+        guides = [guide for guide in self._guided if guide.name in self._coarse_results]
+        for guide in sorted(guides, key=lambda guide: self._coarse_results[guide.name].duration):
+            there, proved = self._search(guide).motions(front_of, self._coarse_results[guide.name])
             clear = any(proof is not None and proof.proved for proof in proved[:1])
             if clear or not front[0]:
                 front, proofs, taken = there, proved, guide.way
@@ -234,26 +247,24 @@ class _Among:
         return front, proofs, taken
 
     def _branches(self, taken: Way) -> list[dict[str, Any]]:
-        """Return what every way through the branches took on the coarse mesh, the one taken
-        first.
-        """
+        """Return the coarse duration of every way through the branches, the taken one first."""
         rows: dict[str, dict[str, Any]] = {}
-        rested = float(self.task.dwells.sum())
+        dwell_time = float(self.task.dwells.sum())
         for guide in self._guided:
-            way, explored = guide.way, self._explored.get(guide.name)
-            if explored is None:
-                least = least_time(self.task, way) + rested
+            way, coarse_result = guide.way, self._coarse_results.get(guide.name)
+            if coarse_result is None:
+                least = least_time(self.task, way) + dwell_time
                 row = row_of_way(way, None, LEFT_OUT, way is taken, at_least=least)
             else:
-                solved = bool(np.isfinite(explored.duration))
+                solved = bool(np.isfinite(coarse_result.duration))
                 status = str(Status.SOLVED if solved else Status.FAILED)
-                duration = explored.duration + rested if solved else None
+                duration = coarse_result.duration + dwell_time if solved else None
                 row = row_of_way(way, duration, status, way is taken)
             keep_faster(rows, way, row)
         return sorted(rows.values(), key=taken_first)
 
     def _not_found(self, attempt: Motion | None, proof: Clearance | None) -> Motion:
-        """Return what is returned where nothing is known: a motion that ignores the obstacles."""
+        """Return a motion that ignores the obstacles, with the status "not found"."""
         task, legs = self.task, self._legs
         way, parts = legs.ways(task)[0]
         if attempt is None:
@@ -262,7 +273,7 @@ class _Among:
             why = nothing_found(free, names)
         else:
             why = attempt.advice if proof is None else proof.sentence
-        with interpreted():  # made once, and often when the time to compile is over
+        with interpreted():  # compilation does not pay for one motion, often after the deadline
             shapes = [_unhindered(task, way, k) for k in range(len(task.segments))]
         motion = _joined(task, way, shapes)
         hit = clearance_along(places_along(task, motion, self._scene), motion)
@@ -274,7 +285,7 @@ def _with(motion: Motion, **more: Any) -> Motion:
 
 
 def _joined(task: Task, way: Way, shapes: Sequence[PiecewisePolynomial]) -> Motion:
-    """Return segments one after the other, as a motion through the stops."""
+    """Return segments one after another as a motion through the stops."""
     provenance = {
         "method": "path through stops, at rest at each of them",
         "branches": [{"branches": list(way.branches), "q": way.via.tolist(), "taken": True}],
@@ -284,7 +295,7 @@ def _joined(task: Task, way: Way, shapes: Sequence[PiecewisePolynomial]) -> Moti
 
 
 def _may_rest(stop: Stop) -> bool:
-    """Return whether the arm may be at rest at a stop."""
+    """Return True if the arm may be at rest at a stop."""
     return stop.velocity is None or isinstance(stop.velocity, str) or not np.any(stop.velocity)
 
 
@@ -293,9 +304,7 @@ def _keeps_limits(robot: Robot, shape: PiecewisePolynomial) -> bool:
 
 
 def _unhindered(task: Task, way: Way, index: int) -> PiecewisePolynomial:
-    """Return a segment from rest to rest along its own path, as slow as its limits ask for if
-    they do.
-    """
+    """Return a segment from rest to rest along its own path, within the limits if possible."""
     path = way.paths[index]
     shape = quintic(path, np.linspace(0.0, 1.0, len(path)))
     try:
@@ -305,23 +314,27 @@ def _unhindered(task: Task, way: Way, index: int) -> PiecewisePolynomial:
         return shape.stretched(float(typical.durations.sum()))
 
 
-class Legs:
-    """What was planned around the obstacles of a scene between two poses, for all orders of stops.
+class LegPlanner:
+    """Planned paths around the obstacles of a scene between two poses, for all orders of stops.
 
     Attributes
     ----------
     scene : Scene
     """
 
-    def __init__(self, asked: Asked) -> None:
-        assert asked.scene is not None
-        self.scene, self._settings, self._progress = asked.scene, asked.settings, asked.progress
+    def __init__(self, request: SolveRequest) -> None:
+        assert request.scene is not None
+        self.scene, self._settings, self._progress = (
+            request.scene,
+            request.settings,
+            request.progress,
+        )
         self._surroundings: dict[Any, Surroundings] = {}
         self._legs: dict[Any, Leg] = {}
         self._ways: dict[Task, list[tuple[Way, list[Leg | None]]]] = {}
 
     def search(self, tasks: Sequence[Task]) -> None:
-        """Search for paths between the stops of several tasks until one has a way through."""
+        """Search for paths between the stops of several tasks until one has a complete way."""
         for task in tasks:
             carried = [capsule.name for held in task.robots for _, capsule in held.capsules]
             for name in sum(self.scene.ignore, ()):
@@ -330,7 +343,7 @@ class Legs:
         for task in tasks:
             try:
                 ways += [list(filter(None, legs)) for _, legs in self.ways(task)]
-            except InputError as problem:  # other orders may do
+            except InputError as problem:  # another order may be feasible
                 refused = refused or problem
         if refused is not None and not ways:
             raise refused
@@ -342,7 +355,7 @@ class Legs:
         Raises
         ------
         InputError
-            There is none.
+            Every way touches something.
         """
         if task not in self._ways:
             clear = self.clear_ways(task)
@@ -350,7 +363,7 @@ class Legs:
         return self._ways[task]
 
     def clear_ways(self, task: Task) -> list[tuple[Way, list[Surroundings]]]:
-        """Return the same, with what is around each segment."""
+        """Return ways without contact at the stops, with the obstacles of each segment."""
         clear, refused = [], []
         for way in ways_through(task):
             places = self._places(task, way)
@@ -364,8 +377,9 @@ class Legs:
         return clear
 
     def _places(self, task: Task, way: Way) -> list[Surroundings]:
-        """Return what is around the arm on every segment of a way: the same object where it is the
-        same.
+        """Return the obstacles of every segment of a way; equal surroundings are one object.
+
+        Collision models are expensive to build, and legs are cached by the identity of theirs.
         """
         places = []
         scenes = scenes_of(task, self.scene, tool_poses(task.robot, way.via))
@@ -389,10 +403,10 @@ class Legs:
             legs.append(self._legs[key] if kind is None else None)
         return legs
 
-    def guides(self, task: Task) -> list[Guide]:
+    def guides(self, task: Task) -> list[GuidedWay]:
         """Return ways with their free segments around the obstacles, the fastest first.
 
-        None where the searches led to no way between the poses at the stops.
+        The list is empty if some leg of every way has no path.
         """
         names = phase_names(len(task.segments))
         choices: list[tuple[float, int, Way, list[Leg | None], int]] = []
@@ -401,8 +415,8 @@ class Legs:
             for choice in choices_of(list(filter(None, legs))):
                 rows = zip(legs, usual, strict=True)
                 bounds = [leg.bound(choice) if leg else s and s.duration for leg, s in rows]
-                choices.append((rested_of(task, bounds), number, way, legs, choice))
-        guides: list[Guide] = []
+                choices.append((rest_duration_of(task, bounds), number, way, legs, choice))
+        guides: list[GuidedWay] = []
         for _, _, way, legs, choice in sorted(choices, key=lambda entry: entry[:2]):
             if guides and (deadline.over() or len(guides) == MOST_GUESSES):
                 break
@@ -417,23 +431,23 @@ class Legs:
             }
             moves = [shapes.get(name, line) for name, line in zip(names, usual, strict=True)]
             durations = [None if shape is None else shape.duration for shape in moves]
-            total = rested_of(task, durations)
-            if differs(total, (rested_of(task, g.durations) for g in guides if g.way is way)):
+            total = rest_duration_of(task, durations)
+            if differs(
+                total, (rest_duration_of(task, g.durations) for g in guides if g.way is way)
+            ):
                 name = f"{way.name}, around {len(guides) + 1}"
-                guides.append(Guide(way, shapes, durations, name))
+                guides.append(GuidedWay(way, shapes, durations, name))
                 self._progress(f"{way.name}: {total:.4f} s around the obstacles from rest to rest")
-        return sorted(guides, key=lambda guide: rested_of(task, guide.durations))
+        return sorted(guides, key=lambda guide: rest_duration_of(task, guide.durations))
 
     def _usual(self, task: Task, way: Way) -> tuple[PiecewisePolynomial | None, ...]:
-        """Give the best timing of every segment along its own path; of free ones it may be None."""
+        """Return the best timing of every segment along its own path, or None."""
         if not any(task.segments):
             return (None,) * len(task.segments)
         return segment_timings(task, way, self._settings.compiled)
 
-    def at_rest(self, task: Task, guide: Guide) -> list[PiecewisePolynomial]:
-        """Return every segment of a guide from rest to rest, those that are not free along
-        their paths.
-        """
+    def at_rest(self, task: Task, guide: GuidedWay) -> list[PiecewisePolynomial]:
+        """Return every segment of a guide from rest to rest; tool lines keep their own paths."""
         names, shapes = phase_names(len(task.segments)), []
         for k, (name, usual) in enumerate(zip(names, self._usual(task, guide.way), strict=True)):
             shape = guide.shapes.get(name, usual)
@@ -444,7 +458,7 @@ class Legs:
 
 
 def _blocked(task: Task, places: Sequence[Surroundings], way: Way) -> str:
-    """Return which stop of a way touches what; empty where none does."""
+    """Return a sentence on the first stop of a way in collision; empty if there is none."""
     for k, q in enumerate(way.via):
         for place in {max(k - 1, 0), min(k, len(places) - 1)}:
             contact = places[place].collision(q)

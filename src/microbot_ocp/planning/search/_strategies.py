@@ -1,8 +1,8 @@
-"""The table of strategies by which free motions and motions through stops are found.
+"""The table of strategies that find free motions and motions through stops.
 
-The fastest of several local optima on a coarse mesh is solved on a finer one, whose intervals are
-split until limits hold between its points. A row is run wherever it has something to work on, the
-first of them first.
+The fastest of several local optima on a coarse mesh is solved on a finer mesh, whose intervals are
+split until limits hold between mesh points. In each step the first row that has an answer to work
+on is run.
 """
 
 from __future__ import annotations
@@ -56,15 +56,15 @@ from microbot_ocp.planning.task import (
 
 
 def search_of(problem: MotionProblem, progress: StepProgress) -> MotionSearch:
-    """Return the search of a problem: with its program, and how every solve of it is done."""
+    """Return the search of a problem, with its compiled program and the settings of its solves."""
     begin, settings = time.perf_counter(), problem.settings
     kernels = problem.kernels()
-    if deadline.over():  # they may not be compiled: made again the next time
+    if deadline.over():  # the deadline may have prevented compilation: do not keep these kernels
         transcription.cache_clear()
     kernel_time = time.perf_counter() - begin
     windows, rated = has_windows(problem.family), problem.is_rated
     is_guided = problem.timed_path is not None  # a motion within limits is known
-    # rounding takes the last digits of rates
+    # Jerks and torque rates are third derivatives of the spline: rounding hides their last digits.
     is_rough = not is_guided and (windows or rated or len(problem.names) > SEARCH.most_polished)
     refiner = Refiner(
         kernels,
@@ -82,8 +82,12 @@ def search_of(problem: MotionProblem, progress: StepProgress) -> MotionSearch:
     )
     if is_guided:
         tolerance, most = SEARCH.timed_path_tolerance, SEARCH.most_iterations
-        # where a link is as near to two faces of a thing steps go to and fro between them
-        still = {"acceptable_iter": SEARCH.guided_still, "acceptable_tol": 10.0 * tolerance}
+        # A link equally near to two faces of a body makes iterates alternate between the two
+        # constraints: accept the point after a few acceptable iterations.
+        still = {
+            "acceptable_iter": SEARCH.acceptable_iterations,
+            "acceptable_tol": 10.0 * tolerance,
+        }
         options = {"ipopt": {**LDL["ipopt"], **still}}
         rough = SolverSettings(gap=np.inf, options=options, max_iterations=most)
         refiner = replace(refiner, tolerance=tolerance, rough=None, settings=rough, once=True)
@@ -93,14 +97,14 @@ def search_of(problem: MotionProblem, progress: StepProgress) -> MotionSearch:
 # finer meshes ---------------------------------------------------------------------------------
 
 TINY = 1e-12
-RATED = 0.1  # of the rough tolerance: with it rates of torques and jerks are done
-SHORTEST = 0.05  # of the longest interval of a phase: shorter ones are not split at switches
+RATED = 0.1  # factor on the rough tolerance under limits of jerks and torque rates
+SHORTEST = 0.05  # share of a phase's longest interval: shorter ones are not split at switches
 COARSE = ("start", "known way", "relaxed problem", "timed path")
 ON_FULL_MESH = ("full mesh", "less and less smoothing")
 
 
 def best_of(search: MotionSearch, state: SearchState) -> MotionAnswer:
-    """Return the best answer: of those that were refined, else the nearest that there is."""
+    """Return the best refined answer; the nearest coarse one if there is none."""
     answers = state.of("last digits") or state.of("splitting")
     if answers:
         return min(answers, key=lambda answer: rank(search, answer.solution))
@@ -111,7 +115,7 @@ def best_of(search: MotionSearch, state: SearchState) -> MotionAnswer:
 def promising(state: SearchState) -> list[MotionAnswer]:
     """Return the coarse answers that the best motion may come from, the fastest first.
 
-    One that was solved on a finer mesh, too, is among them where that led to a slower optimum.
+    An answer that was continued on a finer mesh stays in the list if it led to a slower optimum.
     """
     compared = [a for a in state.of("start") if not _superseded(state, a)]
     others = [a for a in state.of("known way", "relaxed problem", "timed path") if a.solved]
@@ -122,11 +126,11 @@ def _superseded(state: SearchState, answer: MotionAnswer) -> bool:
     finer = state.made_of(answer, "start")
     if finer is None or not finer.solved:
         return False
-    return finer.solution.duration <= (1.0 + SEARCH.same) * answer.solution.duration
+    return finer.solution.duration <= (1.0 + SEARCH.same_optimum) * answer.solution.duration
 
 
 def resumed(search: MotionSearch, answer: MotionAnswer) -> SearchState:
-    """Return a state in which an answer that was refined under fewer limits is solved again."""
+    """Return a state in which a refined answer is solved again under more limits."""
     begin, weight = time.perf_counter(), answer.smoothing
     kernels = _smoothed(search, search.refiner.transcription, weight)
     refiner = replace(search.refiner, transcription=kernels, history=[])
@@ -153,10 +157,10 @@ def _smoothed(search: MotionSearch, kernels: Transcription, weight: float) -> Tr
 
 
 def next_full_mesh(search: MotionSearch, state: SearchState) -> NextStep | None:
-    """Return the most promising coarse answer that may be better than all that were refined.
+    """Return the most promising coarse answer that may beat all refined ones.
 
-    A refined answer is faster than its coarse one by what the coarse mesh costs; the others may
-    gain as much.
+    Refinement gains the discretisation error of the coarse mesh. Other answers are assumed to gain
+    at most as much.
     """
     answers = promising(state)
     done = state.of("splitting")
@@ -176,26 +180,28 @@ def _coarse_of(answer: MotionAnswer) -> MotionAnswer:
 
 
 def to_full_mesh(search: MotionSearch, step: NextStep) -> MotionAnswer:
-    """Solve on a finer mesh, finer still where the coarse accelerations change."""
+    """Solve on a full mesh, denser where the coarse accelerations change."""
     subject = step.answer
     refiner, before = _going_on(subject), subject.solution
     jumps, mesh = accelerations_jump(search.problem.family), full_mesh(search)
     meshes = [graded(phase, mesh) if jumps else mesh for phase in before.phases]
     is_guided = search.problem.timed_path is not None
-    if is_guided:  # near many distances the steps of a small barrier are short
+    if is_guided:  # a small barrier parameter shortens steps near many distance constraints
         refiner = replace(refiner, settings=_from_barrier(refiner, SEARCH.timed_path_barrier))
     if is_guided or not jumps:
         solution = refiner.finer(before, meshes)
         if refiner.fitted is not None and solution is not before:
             marks = partial(friction_marks, search)
-            solution = refiner.sharpen(solution, marks, worth=SEARCH.worth)
+            solution = refiner.sharpen(solution, marks, worth=SEARCH.least_gain)
         return _finer(subject, solution, refiner)
     if len(before.phases) > SEARCH.many_phases:
-        # multipliers of so coarse a mesh mislead: 87 iterations, 65 without
+        # Multipliers of a coarse mesh of many phases mislead the solver: start without them.
         guesses, barrier = search.problem.guesses(before), RefinerSettings.warm_barrier
         solution = refiner.solve(meshes, guesses, barrier=barrier)
         if solution.status.solved and solution.cost <= (1 + WORSE) * before.cost:
             return _finer(subject, solution, refiner)
+    # A warm start with multipliers needs a barrier parameter that matches the mesh error: from a
+    # smaller one the iterates are too near to bounds that are active on the coarse mesh only.
     settings, once = _from_barrier(refiner, SEARCH.far_barrier), False
     if len(before.phases) <= SEARCH.many_phases and _within_limits(search, subject) is not None:
         settings, once = _at_most(settings, SEARCH.usual_iterations), True
@@ -204,7 +210,7 @@ def to_full_mesh(search: MotionSearch, step: NextStep) -> MotionAnswer:
 
 
 def _from_barrier(refiner: Refiner, barrier: float) -> SolverSettings:
-    """Return settings of a solve with multipliers that begins at a barrier parameter."""
+    """Return settings of a warm start that begins at a barrier parameter."""
     options = {**refiner.settings.options.get("ipopt", {}), "mu_init": barrier}
     return replace(refiner.settings, options={"ipopt": options})
 
@@ -214,21 +220,19 @@ def _at_most(settings: SolverSettings, iterations: int) -> SolverSettings:
 
 
 def _going_on(subject: MotionAnswer) -> Refiner:
-    """Return what refines an answer, with the record of the solve that it comes from."""
+    """Return the refiner that continues an answer, with the record of its last solve."""
     last = next((answer.solves[-1:] for answer in subject.lineage if answer.solves), ())
     return replace(subject.refiner, history=[*last])
 
 
 def _finer(subject: MotionAnswer, solution: Solution, by: Refiner, **other: Any) -> MotionAnswer:
-    """Return what came of an answer; what refines it goes on, unless there is ``other``."""
+    """Return the continued answer; ``other`` fields replace those of the subject."""
     fields = {"refiner": replace(subject.refiner, history=[]), "solves": tuple(by.history[1:])}
     return replace(subject, solution=solution, relaxed=None, **(fields | other))
 
 
 def next_smoother(search: MotionSearch, state: SearchState) -> NextStep | None:
-    """Return a coarse answer that no full mesh was solved from, where a motion within limits is
-    known.
-    """
+    """Return a coarse answer whose full mesh failed, if a motion within limits is known."""
     if search.over or not accelerations_jump(search.problem.family):
         return None
     for answer in state.of("full mesh"):
@@ -243,25 +247,26 @@ def next_smoother(search: MotionSearch, state: SearchState) -> NextStep | None:
 
 
 def _within_limits(search: MotionSearch, answer: MotionAnswer) -> Any:
-    """Return a motion within the limits from a coarse answer, or any."""
+    """Return a motion within the limits from a coarse answer, or the known one, or None."""
     slowed = search.problem.slowed(answer.solution) if search.problem.is_free else None
     return slowed or getattr(search.problem.fallback, "motion", None)
 
 
 def less_and_less_smoothing(search: MotionSearch, step: NextStep) -> MotionAnswer:
-    """Solve on the full mesh from a motion within the limits, smoothed ever less.
+    """Solve on the full mesh from a motion within the limits, with decreasing smoothing.
 
-    For arms so light or fast that torques change more between the points of a coarse mesh than it
-    can tell: what it calls an optimum is none, and finer meshes do not find one from there.
+    Homotopy in the weight of the squared jerk. For light or fast arms torques change between coarse
+    mesh points by more than the mesh resolves: a coarse optimum is spurious, and a fine mesh does
+    not converge from it.
     """
     subject = step.answer
     refiner = _going_on(subject)
-    limited = _at_most(refiner.settings, SEARCH.smoother_iterations)
+    limited = _at_most(refiner.settings, SEARCH.smoothing_iterations)
     meshes = [full_mesh(search)] * len(search.problem.names)
     start: Any = search.problem.guesses_along(_within_limits(search, subject))
     last: Solution | None = None
-    barrier: float | None = SEARCH.smoother_barrier
-    for times in SEARCH.smoother:
+    barrier: float | None = SEARCH.smoothing_barrier
+    for times in SEARCH.smoothing_factors:
         weight = times * subject.smoothing
         kernels = _smoothed(search, search.refiner.transcription, weight)
         finer = replace(refiner, transcription=kernels)
@@ -271,26 +276,26 @@ def less_and_less_smoothing(search: MotionSearch, step: NextStep) -> MotionAnswe
             break
         worth = np.inf if last is None else last.duration / solution.duration - 1.0
         start, last, barrier = solution, solution, None
-        if times == SEARCH.smoother[-1] or worth < SEARCH.same:
+        if times == SEARCH.smoothing_factors[-1] or worth < SEARCH.same_optimum:
             finer = replace(finer, history=[])
             return _finer(subject, solution, refiner, refiner=finer, smoothing=weight)
         if search.over:
             break
     failed = solution if last is None else replace(last, status=Status.FAILED)
     if last is not None:
-        search.problem.slowed(failed)  # the motion of this answer that is returned at least
+        search.problem.slowed(failed)  # stored: the result falls back to this motion
     return _finer(subject, failed, refiner)
 
 
 def next_less_smoothing(search: MotionSearch, state: SearchState) -> NextStep | None:
-    """Return what was solved on a full mesh, where its smoothing costs much."""
+    """Return an answer on a full mesh whose smoothing costs too much."""
     if search.over or not accelerations_jump(search.problem.family):
         return None
     for answer in state.of("full mesh"):
         assert answer.before is not None
         duration = answer.solution.duration
-        is_usual = answer.smoothing > SEARCH.less_smoothing * SMOOTHING
-        costly = answer.solution.cost - duration > SEARCH.smoothing_told * duration
+        is_usual = answer.smoothing > SEARCH.reduced_smoothing * SMOOTHING
+        costly = answer.solution.cost - duration > SEARCH.smoothing_cost_limit * duration
         is_full = answer.solved and answer.solution is not answer.before.solution
         untried = state.made_of(answer, "less smoothing") is None
         if is_full and is_usual and costly and untried:
@@ -299,14 +304,15 @@ def next_less_smoothing(search: MotionSearch, state: SearchState) -> NextStep | 
 
 
 def less_smoothing(search: MotionSearch, step: NextStep) -> MotionAnswer:
-    """Solve on the same mesh with less smoothing, as on all that follow."""
+    """Solve with less smoothing on the same mesh; later solves keep the weight."""
     subject = step.answer
-    refiner, weight = _going_on(subject), SEARCH.less_smoothing * SMOOTHING
-    # without pivots so little curvature is lost in rounding: 40 iterations in place of 21
+    refiner, weight = _going_on(subject), SEARCH.reduced_smoothing * SMOOTHING
+    # The LDL factorisation without pivots loses the small curvature of a weak jerk term in
+    # rounding: 40 iterations instead of 21.
     usual = replace(refiner.settings, options={})
     kernels = _smoothed(search, refiner.transcription, weight)
     finer = replace(refiner, transcription=kernels, settings=usual)
-    options = {"ipopt": {"mu_init": SEARCH.less_smoothing_barrier}}
+    options = {"ipopt": {"mu_init": SEARCH.reduced_smoothing_barrier}}
     settings = replace(usual, options=options, max_iterations=SEARCH.usual_iterations)
     meshes = [phase.mesh for phase in subject.solution.phases]
     solution = replace(finer, settings=settings).solve(meshes, subject.solution)
@@ -318,7 +324,7 @@ def less_smoothing(search: MotionSearch, step: NextStep) -> MotionAnswer:
 
 
 def next_splitting(search: MotionSearch, state: SearchState) -> NextStep | None:
-    """Return what was solved on a full mesh, or where none was the coarse answer itself."""
+    """Return an answer on a full mesh that was not split, or its coarse one if no full one is."""
     for coarser in (*state.of("full mesh"), *state.of("less and less smoothing")):
         before = coarser.before
         assert before is not None
@@ -328,30 +334,33 @@ def next_splitting(search: MotionSearch, state: SearchState) -> NextStep | None:
         if smoothed_less is not None and smoothed_less.solved:
             chosen = smoothed_less
         if chosen is before and search.problem.timed_path is not None:
-            continue  # it passes through something between the points of its coarse mesh
+            continue  # between coarse mesh points it passes through bodies
         if state.made_of(chosen, "splitting") is None:
             return NextStep(chosen)
     return None
 
 
 def split_where_exceeded(search: MotionSearch, step: NextStep) -> MotionAnswer:
-    """Split intervals until limits hold between mesh points, and where something switches."""
+    """Split intervals at switches, and until limits hold between mesh points."""
     subject = step.answer
     refiner, best = _going_on(subject), subject.solution
-    marks: Any = {"switching": partial(switch_marks, search.problem.family), "worth": SEARCH.worth}
+    marks: Any = {
+        "switching": partial(switch_marks, search.problem.family),
+        "worth": SEARCH.least_gain,
+    }
     if accelerations_jump(search.problem.family):
-        usual = _at_most(refiner.settings, SEARCH.smoother_iterations)
+        usual = _at_most(refiner.settings, SEARCH.smoothing_iterations)
         refiner = replace(refiner, foresight=SEARCH.foresight, settings=usual)
         if len(search.problem.names) <= SEARCH.many_phases:
-            # a refined mesh is seldom refined again: to the last digits at once
+            # The full tolerance at once: a second refinement of the mesh is rare.
             least = _at_most(usual, SEARCH.usual_iterations)
             best = replace(refiner, settings=least, rough=None, once=True).refine(best, **marks)
     if search.problem.is_rated:
-        # a mesh that is refined last gains next to nothing, and may take a thousand iterations
+        # The last refinement of a mesh gains almost nothing and may take a thousand iterations.
         refiner = replace(
             refiner, once=True, settings=_at_most(refiner.settings, SEARCH.usual_iterations)
         )
-    if search.problem.timed_path is not None:  # what did not converge is tried from farther inside
+    if search.problem.timed_path is not None:  # a failed solve is repeated from a larger barrier
         farther = _from_barrier(refiner, SEARCH.timed_path_barrier)
         refiner = replace(refiner, settings=farther)
     return _finer(subject, refiner.refine(best, **marks), refiner)
@@ -368,12 +377,12 @@ def next_last_digits(search: MotionSearch, state: SearchState) -> NextStep | Non
 def last_digits(search: MotionSearch, step: NextStep) -> MotionAnswer:
     """Solve to the full tolerance.
 
-    A rough solve from a timed path ends while limits keep their distances still: from its own
-    multipliers it takes some iterations more until these cost next to nothing.
+    A rough solve from a timed path ends with a positive barrier parameter, so that limits keep a
+    distance. A few iterations from its multipliers reduce the cost of this distance to almost zero.
     """
     subject, solution = step.answer, step.answer.solution
     refiner = _going_on(subject)
-    loose = not solution.gap.total <= SEARCH.enough * abs(solution.cost)
+    loose = not solution.gap.total <= SEARCH.largest_slowdown * abs(solution.cost)
     if search.problem.timed_path is None:
         solution = refiner.finished(solution)
     elif loose and search.worst(solution) <= search.settings.limit_tolerance:
@@ -381,16 +390,16 @@ def last_digits(search: MotionSearch, step: NextStep) -> MotionAnswer:
     return _finer(subject, solution, refiner)
 
 
-# where meshes are split, and where a finer one is dense -------------------------------------------
+# mesh density ------------------------------------------------------------------------------------
 
 
 def switch_marks(family: LimitFamily, solution: Solution) -> list[np.ndarray]:
-    """Return intervals in which a velocity goes through more than half of its limit at once, or a
-    limited jerk or torque rate switches.
+    """Return masks of intervals in which a limited quantity switches.
 
-    The arm could reach the velocity in far less time than the mesh lets it. With limits of a rate
-    so it is with accelerations and torques: half an interval is lost at rest and at every switch,
-    1 % of the motions of a Panda on 60 even intervals. Far shorter ones gain nothing.
+    A velocity that changes by more than half of its limit in one interval could change far sooner
+    than the mesh allows. Under limits of jerks or torque rates the same holds for accelerations and
+    torques, and a rate that switches loses half an interval: 1 % of the motions of a Panda on 60
+    even intervals. Intervals below ``SHORTEST`` are not marked.
     """
     robot, rated = family.robot, limited_rates(family)
     marks = []
@@ -418,25 +427,32 @@ def switch_marks(family: LimitFamily, solution: Solution) -> list[np.ndarray]:
 
 
 def friction_marks(search: MotionSearch, solution: Solution) -> list[np.ndarray]:
-    """Give intervals inside which a joint with dry friction turns back, or a limit is exceeded."""
+    """Return masks of intervals in which a joint with dry friction reverses or a limit fails."""
     marked, dry = [], dry_friction(search.problem.family.robot) > 0.0
     for phase, excess in zip(solution.phases, search.problem.excess(solution), strict=True):
         turns = reversals(phase["qd"], dry)
         steps = np.diff(phase.mesh)
-        # the window is as long as the longest of them
+        # A friction window is as long as the longest interval with a reversal.
         turns &= steps > 0.6 * steps[turns].max(initial=0.0)
         marked.append(turns[:, None] | (excess > search.settings.limit_tolerance))
     return marked
 
 
 def graded(phase: PhaseSolution, count: int) -> FloatArray:
-    """Give mesh [count+1] of a phase: evenly spread, and with it where its accelerations change."""
+    """Return a mesh [count+1] of a phase, denser where its accelerations change.
+
+    The density is ``(1 - g) + g w / sum(w)`` with the share g = ``graded_share`` and the weight w
+    of an interval: its length times the largest relative slope of the accelerations.
+    Equidistribution: mesh points lie at equal steps of the cumulated density.
+    """
     steps, change = np.diff(phase.mesh), np.abs(np.diff(phase["qdd"], axis=0))
     change = (change / np.maximum(np.abs(phase["qdd"]).max(axis=0), TINY)).max(axis=1)
     slope = np.pad(change / steps, 1)
-    # a change may be anywhere in the interval, or begin in the one beside it
+    # A change may begin anywhere in the interval or in a neighbour, which counts half.
     weight = steps * np.maximum(slope[1:-1], 0.5 * np.maximum(slope[:-2], slope[2:]))
-    density = (1.0 - SEARCH.graded) * steps + SEARCH.graded * weight / max(weight.sum(), TINY)
+    density = (1.0 - SEARCH.graded_share) * steps + SEARCH.graded_share * weight / max(
+        weight.sum(), TINY
+    )
     reached = np.concatenate([[0.0], np.cumsum(density)])
     mesh = np.interp(np.linspace(0.0, reached[-1], count + 1), reached, phase.mesh)
     mesh[[0, -1]] = 0.0, 1.0
@@ -449,13 +465,13 @@ STRATEGIES = (
         "less and less smoothing",
         next_smoother,
         less_and_less_smoothing,
-        "arms so light that torques change more between coarse mesh points than they tell",
+        "light arms: torques change between coarse mesh points by more than the mesh resolves",
     ),
     MotionStrategy(
         "less smoothing",
         next_less_smoothing,
         less_smoothing,
-        "light arms, whose jerk is large where nothing is smoothed",
+        "light arms, whose jerk is large without smoothing",
     ),
     MotionStrategy(
         "splitting", next_splitting, split_where_exceeded, "limits hold at mesh points only"

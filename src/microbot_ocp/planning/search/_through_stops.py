@@ -1,7 +1,7 @@
-"""The fastest motion of a task, or the one of least effort in a given time.
+"""The fastest motion of a task, or the one of least effort in a given time, and fronts of motions.
 
-Via points are stops that are passed at any velocity. Fronts of motions follow: each of their
-motions starts from the one before it.
+Via points are stops that are passed at any velocity. Each motion of a front starts from the one
+before it.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from microbot_ocp.planning.search._result import (
     returned,
 )
 from microbot_ocp.planning.search._search import MotionSearch, SearchState, rank
-from microbot_ocp.planning.search._settings import SEARCH, TimeOptimalSettings, sparing
+from microbot_ocp.planning.search._settings import SEARCH, TimeOptimalSettings, reserving
 from microbot_ocp.planning.search._strategies import search_of
 from microbot_ocp.planning.task import (
     CELL_TIME_LIMIT,
@@ -54,13 +54,13 @@ from microbot_ocp.planning.task import (
 from microbot_ocp.robot import Robot, jacobian
 from microbot_ocp.scene import Scene
 
-Front = tuple[list[tuple[float, Motion]], str]  # effort and motion of each, why there are no more
-LEAST_WAY = 1e-6  # rad (m) between via points: shorter ones are near the tolerance of the solvers
+Front = tuple[list[tuple[float, Motion]], str]  # effort and motion each; reason of an early end
+LEAST_WAY = 1e-6  # rad (m) between via points: shorter steps are near the solvers' tolerance
 
 
 @dataclass(frozen=True, eq=False)
-class Asked:
-    """What a motion through stops is asked for, as by :func:`microbot_ocp.time_optimal`."""
+class SolveRequest:
+    """A request for a motion through stops: the arguments of :func:`microbot_ocp.time_optimal`."""
 
     robot: Robot
     limits: Limits | JointLimits | None
@@ -74,12 +74,12 @@ class Asked:
     scene: Scene | None = None
 
     def task(self, places: Sequence[int] | None = None) -> Task:
-        """Return the task, of the stops at other ``places`` where these are given.
+        """Return the task, with the stops in another order if ``places`` are given.
 
         Raises
         ------
         InputError
-            As of :func:`task_of`.
+            As :func:`task_of`.
         """
         stops, segments = self.stops, self.segments
         if places is not None:
@@ -92,9 +92,7 @@ class Asked:
 def in_order(
     segments: Sequence[Segment] | None, order: Sequence[int]
 ) -> tuple[Segment, ...] | None:
-    """Return the segments between stops in another order: each stays with the stop where it
-    begins.
-    """
+    """Return the segments for another order of the stops: each stays with its first stop."""
     if segments is None:
         return None
     return tuple(segments[k] if k < len(segments) else None for k in order)[: len(segments)]
@@ -107,14 +105,14 @@ def fastest_through(
     duration: float | None = None,
     usual: float = CELL_TIME_LIMIT,
 ) -> Motion:
-    """Return the fastest motion of a task, or the one of least effort in ``duration`` s.
+    """Return the fastest motion of a task, or the one of least effort in ``duration``, s.
 
-    Its time limit is the ``usual`` one, s, where the settings have none.
+    ``usual`` is the default time limit, s.
 
     Raises
     ------
     InputError
-        Ways too short for a solver, switching times of stops, and as of :func:`problem_of`.
+        Via points too close for a solver, switching times of stops, and as :func:`problem_of`.
     """
     if settings.switching_times and not task.is_plain:
         raise InputError("switching_times are found for joint poses alone, not for stops")
@@ -126,10 +124,10 @@ def fastest_through(
     problem = problem_of(task, settings, duration)
     given = min(usual if settings.time_limit is None else settings.time_limit, deadline.left())
     with settings.within(usual):
-        if given < usual and duration is None:  # there may be no time for it later
+        if given < usual and duration is None:  # compute the fallback before time runs out
             problem = replace(problem, way=problem.fallback)
         try:
-            with sparing(), deadline.given_up(problem.way is not None):
+            with reserving(), deadline.given_up(problem.way is not None):
                 search = search_of(problem, progress)
         except deadline.Over:
             assert problem.way is not None
@@ -146,13 +144,12 @@ def problem_of(
     timed_path: InitialGuess | None = None,
     finer: int = 1,
 ) -> MotionProblem:
-    """Return the problem of a task, by default with all ways through it; among obstacles from a
-    timed path.
+    """Return the problem of a task, with all its ways by default, or with a timed path.
 
     Raises
     ------
     InputError
-        A velocity that no branch allows, a duration below what velocities ask for.
+        A velocity that no branch allows, or a duration below the bound of the velocity limits.
     """
     _check_velocities(task)
     if duration is not None and (least := least_duration(task)) > duration:
@@ -172,7 +169,7 @@ def problem_of(
 
 
 def _without_search(way: Slowed, wall: float) -> Motion:
-    """Return what needs no search, where there was no time to prepare one."""
+    """Return a known motion if there was no time to prepare a search."""
     provenance = {
         "method": "free motion without a search",
         "made_from": way.made_from,
@@ -183,7 +180,10 @@ def _without_search(way: Slowed, wall: float) -> Motion:
 
 
 def _check_velocities(task: Task) -> None:
-    """Raise InputError where no branch at a stop gives the tool the velocity that is asked for."""
+    """Raise InputError if no branch at a stop allows the tool's required velocity.
+
+    The velocity of the tool along a unit vector e is at most ``sum_i |(J^T e)_i| qd_max_i``.
+    """
     robot = task.robot
     fastest = np.maximum(-robot.limits.qd_min, robot.limits.qd_max)
     for stop in task.stops:
@@ -220,26 +220,29 @@ def motions_of_front(
     slacks: Sequence[float] = (),
     shares: Sequence[float] = (),
 ) -> Front:
-    """Return the effort and motion of the fastest, and of calmer ones; why there are no more.
+    """Return the efforts and motions of a front, and the reason if it ends early.
 
-    By ``slacks`` of the duration those of least effort, else the fastest by ``shares`` of the
-    torques.
+    The first motion is the fastest. With ``slacks`` of the duration those of least effort follow,
+    with ``shares`` of the torque limits the fastest under them.
     """
-    ask = partial(effort_front, slacks=slacks) if slacks else partial(torque_front, shares=shares)
-    asked = Asked(robot, limits, list(stops), segments, cycle, settings, progress, scene=scene)
+    front_of = (
+        partial(effort_front, slacks=slacks) if slacks else partial(torque_front, shares=shares)
+    )
+    request = SolveRequest(
+        robot, limits, list(stops), segments, cycle, settings, progress, scene=scene
+    )
     with settings.within(CELL_TIME_LIMIT):
         if scene is None:
-            return ask(search_of(problem_of(asked.task(), settings), progress), None)
+            return front_of(search_of(problem_of(request.task(), settings), progress), None)
         from microbot_ocp.planning.search._stops_among import motions_among
 
-        return motions_among(asked, ask)
+        return motions_among(request, front_of)
 
 
 def effort_front(search: MotionSearch, state: SearchState | None, slacks: Sequence[float]) -> Front:
-    """Return the effort and motion of the fastest, and of those of least effort that are slower by
-    shares.
+    """Return effort and motion of the fastest, and of least effort for each slack.
 
-    Each starts from the one before it.
+    Each motion starts from the one before it.
     """
     best = fastest(search, state, slack=0.0)
     first = best.answer.solution.duration
@@ -255,9 +258,9 @@ def effort_front(search: MotionSearch, state: SearchState | None, slacks: Sequen
 
 
 def torque_front(search: MotionSearch, state: SearchState | None, shares: Sequence[float]) -> Front:
-    """Return the effort and motion of the fastest, and of the fastest with shares of the torques.
+    """Return effort and motion of the fastest, and of the fastest with shares of the torque limits.
 
-    Each starts from the one before it. The text says why the last shares have no motion.
+    Each motion starts from the one before it. The text is the reason why the last shares failed.
     """
     problem, best = search.problem, fastest(search, state, slack=0.0)
     points, before = [(effort_of(search, best.answer.solution), motion_of_answer(best))], 1.0
@@ -270,6 +273,8 @@ def torque_front(search: MotionSearch, state: SearchState | None, shares: Sequen
             return points, f"With {100 * share:.3g} % of the torques {refused}."
         again = problem_of(weaker, problem.settings, None, problem.ways, problem.timed_path)
         search = search_of(again, search.progress)
+        # Inertial torques scale with 1 / T^2 (Hollerbach's time scaling), so the duration grows
+        # like the root of the torque ratio.
         best = _slower(search, best, float(np.sqrt(before / share)))
         before, motion = share, motion_of_answer(best)
         if not motion.solved:
@@ -280,7 +285,7 @@ def torque_front(search: MotionSearch, state: SearchState | None, shares: Sequen
 
 
 def _slower(search: MotionSearch, before: Fastest, factor: float) -> Fastest:
-    """Return the fastest motion, from another one slowed down; by a new search if that fails."""
+    """Return the fastest motion, from another one slowed down, or by a new search if that fails."""
     solution = before.answer.solution
     refiner = replace(search.refiner, history=[])
     meshes = [phase.mesh for phase in solution.phases]

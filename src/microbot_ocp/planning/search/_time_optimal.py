@@ -1,4 +1,4 @@
-"""Free time-optimal motions through via points: path and timing are both found."""
+"""Free time-optimal motions through via points: both path and timing are optimised."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from microbot_ocp.motion import Motion
 from microbot_ocp.ocp.solution import StepProgress, quiet
 from microbot_ocp.planning.search._orders import solve_stops
 from microbot_ocp.planning.search._settings import TimeOptimalSettings
-from microbot_ocp.planning.search._through_stops import Asked, fastest_through
+from microbot_ocp.planning.search._through_stops import SolveRequest, fastest_through
 from microbot_ocp.planning.task import (
     CELL_TIME_LIMIT,
     TIME_LIMIT,
@@ -52,8 +52,9 @@ def time_optimal(
     progress: StepProgress | None = None,
     **changes: Any,
 ) -> Motion:
-    """Return the fastest motion through via points: at rest at both ends, passing the others at any
-    speed.
+    """Return the fastest motion through via points, at rest at both ends.
+
+    The other via points are passed at any velocity.
 
     Minimises the sum of the phase durations subject to every limit: of positions, velocities,
     accelerations, jerk, torques, their rates, and those of ``limits.also``.
@@ -61,56 +62,56 @@ def time_optimal(
     Parameters
     ----------
     robot : Robot
-        Without masses only limits of its motion count, none of torques.
+        Robot; without masses only limits of the motion apply, none of torques.
     via_q : array_like [m,n], or sequence of Stop
-        Via points, rad (m for prismatic joints). Among them may be stops: tool poses, tolerances,
-        velocities, dwells and payloads (:class:`~microbot_ocp.Stop`).
+        Via points, rad (m for prismatic joints), or stops: tool poses, tolerances, velocities,
+        dwells and payloads (:class:`~microbot_ocp.Stop`).
     limits : Limits, optional
-        Default the robot's own.
+        Default: the robot's own.
     reserve : float or array_like [n]
-        Share of the torque limits that is kept back for feedback, of all joints or one a joint.
+        Share of the torque limits reserved for feedback, for all joints or per joint.
     payload : (float, float)
-        Least and largest point mass at the tool, kg: torques are kept for every one between them.
+        Least and largest point mass at the tool, kg: torque limits hold for every mass between.
     uncertain : mapping, optional
-        Shares by which every "mass" and "friction" may be off: ``{"mass": 0.05}``. Torques are kept
-        for every such arm: certificates and other planners take what
-        ``mo.execution.robust_limits`` gives.
+        Largest relative errors of every "mass" and "friction", such as ``{"mass": 0.05}``. Torque
+        limits hold for every such arm; pass ``mo.execution.robust_limits`` to certificates and
+        other planners.
     segments : sequence, optional
-        What lies between two stops: a :class:`~microbot_ocp.Line`, :class:`~microbot_ocp.Circle` or
-        :class:`~microbot_ocp.JointLine`, or None where the way is free.
+        Segment between each stop and the next: a :class:`~microbot_ocp.Line`,
+        :class:`~microbot_ocp.Circle` or :class:`~microbot_ocp.JointLine`, or None for a free one.
     cycle : bool
-        Whether the motion returns to its first stop, with the velocity that it has there: the
-        shortest period. ``segments`` has one more then.
+        Return to the first stop with its velocity, in the shortest period; ``segments`` has one
+        more entry.
     order : str
-        "free" looks at every order of the stops (of at most 7; the first, and the last unless it is
-        a cycle, keep their places). Orders are compared by coarse answers, with the ``scene``
-        where one is given, and those within 1 % of the best are refined; others are left out by
-        bounds, and by what their timed paths could save at most. Two stops with a segment between
-        them follow one another in every order. ``orders`` in the provenance says what each led to.
+        "free" searches all orders of at most 7 stops; the first stop keeps its place, and so does
+        the last unless the motion is a cycle. Orders are compared by coarse answers, in the
+        ``scene`` if there is one, and those within 1 % of the best are refined; lower bounds and
+        estimates from timed paths exclude others. Two stops with a segment between them stay
+        neighbours. The provenance lists the result of every order as ``orders``.
     duration : float, optional
-        Time that may be taken, s: of all motions that take no longer the one of least effort, as
-        with ``slack``.
+        Available time, s: the motion of least effort that takes no longer is returned, as with
+        ``slack``.
     scene : Scene, optional
-        Obstacles that the arm keeps clear of, its links among each other besides; needs the extra
-        ``cell``. The provenance holds the proved clearance and the paths that it started from.
+        Obstacles from which the arm keeps clear, as its links do from each other; needs the extra
+        ``cell``. The provenance holds the proved clearance and the initial paths.
     settings : TimeOptimalSettings, optional
-        Single settings may be given as keywords instead: ``mesh``, ``starts``, ``tries``,
-        ``slack``, ``limit_tolerance``, ``switching_times``, ``solver``, ``compiled``, ``seed``,
-        ``time_limit``: by default 120 s, and 600 s with stops, a free order or a scene.
+        Single settings may be keywords instead: ``mesh``, ``starts``, ``tries``, ``slack``,
+        ``limit_tolerance``, ``switching_times``, ``solver``, ``compiled``, ``seed``,
+        ``time_limit`` (default 120 s, and 600 s with stops, a free order or a scene).
     progress : callable, optional
-        Called with a line of text at every step, and at every iteration of a solver with a
-        :class:`~microbot_ocp.planning.MotionIteration`.
+        Function called with a line of text at every step, and with a
+        :class:`~microbot_ocp.planning.MotionIteration` at every iteration of a solver.
 
     Returns
     -------
     Motion
-        ``motion.solved`` tells whether the solver converged, ``motion.provenance`` how it went:
-        status, advice, every start with its duration, every mesh.
+        ``motion.solved`` is True if the solver converged; ``motion.provenance`` holds status,
+        advice, every start with its duration, and every mesh.
 
     Raises
     ------
     InputError
-        Bad via points or limits, before any solver starts.
+        Invalid via points or limits; raised before any solver starts.
 
     Examples
     --------
@@ -146,18 +147,20 @@ def time_optimal(
         if scene is None:
             task = Task.through(family, via)
             return fastest_through(task, chosen, report, usual=TIME_LIMIT)
-        asked = Asked(robot, limits, list(via), None, False, chosen, report, scene=scene)
+        request = SolveRequest(robot, limits, list(via), None, False, chosen, report, scene=scene)
         with chosen.within(CELL_TIME_LIMIT):
             from microbot_ocp.planning.search._among_obstacles import fastest_among
 
-            return with_drives_noted(robot, fastest_among(asked, family, via), limits)
+            return with_drives_noted(robot, fastest_among(request, family, via), limits)
     if not isinstance(via_q, Sequence) and np.ndim(cast("Any", via_q)) == 0:
         raise InputError(f"via_q must be stops or poses, not {checks.shown(via_q)}")
     stops = list(cast("Sequence[Any]", via_q))
-    asked = Asked(robot, limits, stops, segments, cycle, chosen, report, order, duration, scene)
+    request = SolveRequest(
+        robot, limits, stops, segments, cycle, chosen, report, order, duration, scene
+    )
     if scene is None:
-        return with_drives_noted(robot, solve_stops(asked), limits)
+        return with_drives_noted(robot, solve_stops(request), limits)
     with chosen.within(CELL_TIME_LIMIT):
         from microbot_ocp.planning.search._stops_among import stops_among
 
-        return with_drives_noted(robot, stops_among(asked), limits)
+        return with_drives_noted(robot, stops_among(request), limits)
